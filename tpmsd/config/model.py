@@ -1,0 +1,148 @@
+"""The configuration as typed records, with the defaults in one place.
+
+In: nothing. Out: `Config` and its tables. `tpmsd.config.load` fills them from TOML and says what is wrong.
+Units are SI; keys carry them. CONTRACT: tables [vehicle], [can], [can.signals], [gnss]; ours: the others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+WHEEL_COUNT_ROLES = ("wheel_count_fl", "wheel_count_fr", "wheel_count_rl", "wheel_count_rr")
+WHEEL_SPEED_ROLES = ("wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr")
+OPTIONAL_ROLES = (
+    "yaw_rate",
+    "accel_long",
+    "accel_lat",
+    "steering_wheel_angle",
+    "brake_pressure",
+    "drive_torque",
+    "ambient_temp",
+)
+ROLES = WHEEL_COUNT_ROLES + WHEEL_SPEED_ROLES + OPTIONAL_ROLES
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleConfig:
+    """What the operator knows about the car."""
+
+    wheel_radius_m: tuple[float, float, float, float]
+    """Nominal effective rolling radius of fl, fr, rl, rr."""
+    track_rear_m: float
+    track_front_m: float
+    wheelbase_m: float
+    driven_axle: str = "front"
+    """front | rear | all"""
+    steering_ratio: float | None = None
+    """Steering-wheel angle over road-wheel angle; None if unknown."""
+    teeth_per_rev: float = 48.0
+    """Counts per wheel revolution."""
+
+
+@dataclass(frozen=True, slots=True)
+class CanConfig:
+    """The bus and where on it the signals are."""
+
+    signals: dict[str, str]
+    """Role -> 'Message.Signal'."""
+    dbc: Path
+    interface: str = "socketcan"
+    channel: str = "can0"
+    fd: bool = False
+    bitrate: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class GnssConfig:
+    """The receiver."""
+
+    device: str | None = None
+    baud: int = 115200
+    antenna_forward_m: float = 0.0
+    antenna_left_m: float = 0.0
+    latency_s: float = 0.0
+    """Known age of a fix on its fastest arrival; 0 where it is not known."""
+
+
+@dataclass(frozen=True, slots=True)
+class FilterConfig:
+    """The estimator."""
+
+    method: str = "mpf-pn"
+    rate_hz: float = 10.0
+    """Ticks per second, 1 to 100."""
+    particles: int = 500
+    window_s: float = 60.0
+    """Memory of the forgetting factor: lambda = 1 - 1/(window_s * rate_hz), paper 000 eq. (20)."""
+    seed: int = 1
+    min_speed_mps: float = 4.0
+    """Below this the ticks do not teach a radius and the heading may come from the steering, eq. (38)."""
+    max_accel_long_mps2: float = 2.0
+    max_accel_lat_mps2: float = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorConfig:
+    """When a deviation is an alarm."""
+
+    learn_s: float = 60.0
+    """Informative driving before the baseline is frozen."""
+    deflation_percent: float = 0.35
+    """Loss of radius, in per cent of nominal, from which a wheel counts as deflated."""
+    deviation_percent: float = 0.8
+    """Change of radius of either sign, in per cent of nominal, from which radius_deviation is raised."""
+    raise_probability: float = 0.99
+    clear_probability: float = 0.2
+    raise_hold_s: float = 5.0
+    """Driving time for which the probability must stay above before an alarm is raised."""
+    clear_hold_s: float = 60.0
+    malfunction_s: float = 30.0
+    """Time without usable wheels (or, moving, without fixes) before malfunction is raised."""
+    gnss_malfunction_s: float = 300.0
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmsConfig:
+    """What is put back on the bus, as dbc/tpmsd.dbc describes it."""
+
+    can: bool = True
+    channel: str | None = None
+    """None: the channel that is read."""
+    status_id: int = 0x6F0
+    alarm_id: int = 0x6F1
+    extended_ids: bool = False
+    status_period_s: float = 1.0
+    alarm_period_s: float = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class StatusConfig:
+    """The Unix socket that `tpmsd status` asks."""
+
+    socket: Path = Path("/run/tpmsd/status.sock")
+    mode: int = 0o660
+
+
+@dataclass(frozen=True, slots=True)
+class StateConfig:
+    """What is kept over restarts."""
+
+    file: Path | None = Path("/var/lib/tpmsd/state.json")
+    interval_s: float = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Config:
+    """Everything the daemon knows before it starts."""
+
+    vehicle: VehicleConfig
+    can: CanConfig
+    gnss: GnssConfig = field(default_factory=GnssConfig)
+    filter: FilterConfig = field(default_factory=FilterConfig)
+    monitor: MonitorConfig = field(default_factory=MonitorConfig)
+    alarms: AlarmsConfig = field(default_factory=AlarmsConfig)
+    status: StatusConfig = field(default_factory=StatusConfig)
+    state: StateConfig = field(default_factory=StateConfig)
+    file: Path | None = None
+    """Where it was read from."""

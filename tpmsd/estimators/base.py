@@ -1,0 +1,56 @@
+"""What every estimator of tyre radii takes and gives.
+
+In: `Tick`s. Out: a `RadiusEstimate` per tick. An estimator does no I/O, reads no clock and draws from the
+`numpy.random.Generator` it was given.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from tpmsd.timeline.tick import Tick
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class RadiusEstimate:
+    """Joint posterior of the four radii, and the pose that came with it, at the end of one tick."""
+
+    time_s: float
+    deviation_m: FloatArray
+    """(4,) posterior mean of radius minus nominal; NaN for a wheel that is not estimated."""
+    covariance_m2: FloatArray
+    """(4, 4) its covariance; rows and columns of unestimated wheels are NaN."""
+    noise_std_m: FloatArray
+    """(4,) standard deviation of one tick's radius error (the paper's sqrt(Sigma))."""
+    informative: bool
+    """Whether this tick taught the radii anything (moving, gentle, wheels valid)."""
+    informative_s: float
+    """Driving time that has taught the radii so far."""
+    speed_mps: float
+    yaw_rate_radps: float
+    east_m: float
+    north_m: float
+    heading_rad: float
+    position_std_m: float
+    heading_std_rad: float
+    gnss_age_s: float
+    """Time since the last fix that was used; infinite before the first."""
+    effective_particles: float
+
+
+class Estimator(Protocol):
+    """A filter that turns ticks into radius estimates."""
+
+    def step(self, tick: Tick) -> RadiusEstimate:
+        """Advance by one tick. Never raises on odd input: what cannot be used is left out."""
+        ...
+
+    def snapshot(self) -> dict[str, Any]:
+        """JSON-serialisable summary of what was learned, enough for `restore` on another start."""
+        ...
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Take up a snapshot; ValueError if it does not fit."""
+        ...

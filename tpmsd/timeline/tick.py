@@ -1,0 +1,60 @@
+"""What the timeline hands to the estimator: one record per fixed-rate tick.
+
+In: nothing (plain records). Out: `Tick`, `Fix`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from tpmsd.sources.events import SourceFault
+from tpmsd.wheels import FloatArray
+
+NAN = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Fix:
+    """A GNSS fix in the local plane, placed at the time it was valid. NaN where the receiver was silent."""
+
+    time_s: float
+    """Host time at which the fix was valid (its own UTC plus the tracked clock offset)."""
+    fraction: float
+    """Where in its tick that is: 0 at the tick's start, 1 at its end."""
+    east_m: float
+    north_m: float
+    position_std_m: float
+    up_m: float = NAN
+    """Height, for the grade; the estimate of radii does not need it."""
+    speed_mps: float = NAN
+    heading_rad: float = NAN
+    """Course over ground as a mathematical angle: counter-clockwise from east."""
+    quality: int = 1
+    arrival_lag_s: float = NAN
+    """Arrival minus validity."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """What happened in one interval (time_s - dt_s, time_s]."""
+
+    index: int
+    time_s: float
+    """End of the interval on the host clock."""
+    dt_s: float
+    rotation_rad: FloatArray
+    """(4,) angle turned by each wheel in the interval; NaN where it is not known."""
+    rotation_std_rad: FloatArray
+    """(4,) standard deviation of that reading from the counts' quantisation."""
+    fixes: tuple[Fix, ...] = ()
+    yaw_rate_radps: float = NAN
+    accel_long_mps2: float = NAN
+    accel_lat_mps2: float = NAN
+    steering_wheel_angle_rad: float = NAN
+    brake_pressure_pa: float = NAN
+    drive_torque_nm: float = NAN
+    ambient_temp_k: float = NAN
+    gap_s: float = 0.0
+    """Time before this interval for which there are no ticks (a pause of the bus, a step of the clock)."""
+    faults: tuple[SourceFault, ...] = field(default=())
