@@ -1,0 +1,81 @@
+"""What the monitor hands to the sinks: one `MonitorReport` per tick.
+
+In: nothing (plain records). Out: `WheelState`, `AlarmKind`, `WheelReport`, `AlarmEvent`, `MonitorReport`.
+Times are seconds of the host clock, as in `tpmsd.timeline.tick.Tick`; NaN stands for a number nobody knows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Literal
+
+
+class WheelState(StrEnum):
+    """What is being done for one wheel."""
+
+    UNAVAILABLE = "unavailable"
+    """Nothing is known of this wheel: not on the bus, or its signals are not usable."""
+    LEARNING = "learning"
+    """Its own normal radius is still being learned; it cannot alarm on a deflation yet."""
+    MONITORING = "monitoring"
+    ALARM = "alarm"
+
+
+class AlarmKind(StrEnum):
+    """What an alarm says."""
+
+    RADIUS_DEVIATION = "radius_deviation"
+    """The rolling radius has changed against the learned baseline, in either direction."""
+    DEFLATION = "deflation"
+    """The rolling radius has become smaller as that of a tyre that loses air."""
+    MALFUNCTION = "malfunction"
+    """The system cannot do its work (no usable wheels, or moving without fixes)."""
+
+
+@dataclass(frozen=True, slots=True)
+class WheelReport:
+    """One wheel at the end of one tick."""
+
+    wheel: str
+    """fl | fr | rl | rr"""
+    state: WheelState
+    deviation_m: float
+    """Radius minus nominal; NaN while unknown."""
+    std_m: float
+    change_m: float
+    """Radius minus the learned baseline; NaN while learning."""
+    change_std_m: float
+    deflation_probability: float
+    deviation_probability: float
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmEvent:
+    """An alarm that was raised or cleared."""
+
+    time_s: float
+    kind: AlarmKind
+    wheel: str | None
+    """fl | fr | rl | rr; None where it speaks of no single wheel."""
+    state: Literal["raised", "cleared"]
+    deviation_m: float
+    """Radius minus nominal at that moment; NaN while unknown."""
+    std_m: float
+    probability: float
+    reason: str
+    """One sentence for the driver or the journal."""
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorReport:
+    """What the monitor knows at the end of one tick."""
+
+    time_s: float
+    wheels: tuple[WheelReport, ...]
+    active: tuple[AlarmEvent, ...]
+    """The alarms that stand now, each as it was raised."""
+    events: tuple[AlarmEvent, ...]
+    """The alarms raised or cleared in this very tick."""
+    learning_fraction: float
+    """How much of the baseline is learned, 0 to 1."""
