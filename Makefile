@@ -1,0 +1,66 @@
+# tpmsd: what one types. Every target sets up its own environment in .venv when that is missing or out of date;
+# once set up, nothing here needs the network.
+
+VENV ?= .venv
+export PYTHON
+PY := $(VENV)/bin/python
+PIP := $(PY) -m pip --disable-pip-version-check -q
+
+# The stamps' names hold a checksum of what was installed and of where the clone lies, so that a new dependency or
+# a moved clone sets the environment up again, while a mere `git checkout` (new file times) does not.
+SETUP_ID := $(shell { cat pyproject.toml; pwd; } | cksum | cut -d' ' -f1)
+RUNTIME := $(VENV)/.runtime-$(SETUP_ID)
+DEV := $(VENV)/.dev-$(SETUP_ID)
+
+# Tests run on all cores, one per process: numpy's own threads would only fight for the same cores.
+PYTEST_JOBS ?= auto
+PYTEST_ARGS ?=
+DEMO_ARGS ?=
+BENCH_ARGS ?=
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint format bench clean
+
+help:  ## this list
+	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | awk -F'\t' '{printf "  make %-8s %s\n", $$1, $$2}'
+
+demo: $(RUNTIME)  ## a simulated slow puncture, found and announced on a virtual CAN bus (DEMO_ARGS=...)
+	@$(PY) -m tpmsd.cli.demo $(DEMO_ARGS)
+
+test: lint  ## style, types and all tests (PYTEST_ARGS=..., PYTEST_JOBS=...)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m pytest -n $(PYTEST_JOBS) $(PYTEST_ARGS)
+
+lint: $(DEV)  ## style and types only
+	$(PY) -m ruff check .
+	$(PY) -m ruff format --check .
+	$(PY) -m mypy
+
+format: $(DEV)  ## put the sources into the house style
+	$(PY) -m ruff check --fix .
+	$(PY) -m ruff format .
+
+bench: $(RUNTIME)  ## the figures of the README, measured on this machine (BENCH_ARGS=...)
+	@$(PY) -m tpmsd.cli.bench $(BENCH_ARGS)
+
+clean:  ## remove the environment and everything that was made
+	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .coverage demo-out bench-out
+	find tpmsd tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+define make_venv
+@if ! $(PY) -m pip --version >/dev/null 2>&1; then \
+	python=$$(sh tools/find_python.sh) && echo "Setting up $(VENV) with $$python" >&2 && \
+	"$$python" -m venv --clear $(VENV); \
+fi
+endef
+
+$(RUNTIME):
+	$(make_venv)
+	@echo "Installing the run-time dependencies (once)" >&2
+	@$(PIP) install -e .
+	@rm -f $(VENV)/.runtime-* && touch $@
+
+$(DEV):
+	$(make_venv)
+	@echo "Installing the development dependencies (once)" >&2
+	@$(PIP) install -e '.[dev]'
+	@rm -f $(VENV)/.runtime-* $(VENV)/.dev-* && touch $(RUNTIME) $@
