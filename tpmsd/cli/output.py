@@ -1,0 +1,150 @@
+"""What commands share for their output: JSON to a file or standard output, and a progress bar.
+
+In: plain objects, records and numpy values; how much is done. Out: text. Numbers that JSON does not have
+(NaN, infinities) become null. The bar is drawn on a terminal only, so that logs and pipes stay clean.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import enum
+import json
+import math
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import IO, TYPE_CHECKING, Any
+
+from tpmsd.errors import TpmsdError
+
+if TYPE_CHECKING:
+    # Generic for type checkers alone; every command's `add_parser(subparsers: Subparsers)` takes it.
+    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
+else:
+    Subparsers = argparse._SubParsersAction
+
+_BAR_WIDTH = 28
+_REDRAW_S = 0.1
+
+
+def add_json_option(parser: argparse.ArgumentParser) -> None:
+    """Give a command its `--json FILE`."""
+    parser.add_argument(
+        "--json", metavar="FILE", help="write the report as JSON to FILE ('-' is standard output)"
+    )
+
+
+def to_jsonable(obj: Any) -> Any:
+    """`obj` in the types of JSON: records become objects, arrays lists, NaN and infinities None."""
+    if obj is None or (isinstance(obj, bool | str) and not isinstance(obj, enum.Enum)):
+        return obj
+    if isinstance(obj, enum.Enum):
+        return to_jsonable(obj.value)
+    if isinstance(obj, int):
+        return int(obj)
+    if isinstance(obj, float):
+        return float(obj) if math.isfinite(obj) else None
+    if dataclasses.is_dataclass(obj) and not isinstance(obj, type):
+        return {f.name: to_jsonable(getattr(obj, f.name)) for f in dataclasses.fields(obj)}
+    if isinstance(obj, dict):
+        return {str(key): to_jsonable(value) for key, value in obj.items()}
+    if isinstance(obj, list | tuple | set | frozenset):
+        return [to_jsonable(value) for value in obj]
+    if isinstance(obj, Path):
+        return str(obj)
+    if hasattr(obj, "tolist"):  # numpy arrays and scalars, without importing numpy here
+        return to_jsonable(obj.tolist())
+    raise TypeError(f"cannot be written as JSON: {type(obj).__name__}")
+
+
+def dumps(obj: Any, indent: int | None = 2) -> str:
+    """`obj` as JSON text."""
+    return json.dumps(to_jsonable(obj), indent=indent, allow_nan=False, ensure_ascii=False)
+
+
+def write_json(obj: Any, target: str, stdout: IO[str] | None = None) -> None:
+    """Write `obj` as JSON to the file `target`, or to standard output where it is '-'.
+
+    Raises `TpmsdError` with one line where the file cannot be written.
+    """
+    text = dumps(obj) + "\n"  # all of it before the file is touched: a half-written report helps nobody
+    if target == "-":
+        out = stdout or sys.stdout
+        out.write(text)
+        out.flush()
+        return
+    try:
+        Path(target).write_text(text, encoding="utf-8")
+    except (OSError, ValueError) as error:
+        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
+        raise TpmsdError(f"{target}: cannot write: {reason}") from None
+
+
+class Progress:
+    """A progress bar over `total_s` seconds of drive, on a terminal only.
+
+    `update(done_s)` may be called as often as one likes: it redraws ten times a second at most.
+    """
+
+    def __init__(
+        self,
+        total_s: float,
+        label: str,
+        stream: IO[str] | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._total_s = total_s
+        self._label = label
+        self._stream = stream if stream is not None else sys.stderr
+        self._clock = clock
+        self._start = clock()
+        self._drawn_at = -math.inf
+        self._width = 0
+        self._shown = bool(getattr(self._stream, "isatty", lambda: False)())
+
+    def update(self, done_s: float) -> None:
+        """Show that `done_s` of the total are done."""
+        if not self._shown:
+            return
+        now = self._clock()
+        if now - self._drawn_at < _REDRAW_S:
+            return
+        self._drawn_at = now
+        self._draw(self.text(done_s, now - self._start))
+
+    def text(self, done_s: float, elapsed_s: float) -> str:
+        """The line for `done_s` of drive after `elapsed_s` of work."""
+        known = math.isfinite(self._total_s) and self._total_s > 0 and math.isfinite(done_s)
+        share = min(max(done_s / self._total_s, 0.0), 1.0) if known else 0.0
+        filled = round(share * _BAR_WIDTH)
+        bar = "#" * filled + "." * (_BAR_WIDTH - filled)
+        speed = f"  {done_s / elapsed_s:.0f}x real time" if elapsed_s > 0.5 and known and done_s > 0 else ""
+        return f"{self._label} [{bar}] {share:4.0%}{speed}"
+
+    def close(self) -> None:
+        """Take the bar away, so that the next line starts on clean ground."""
+        if self._shown and self._width:
+            self._draw("")
+        self._shown = False
+
+    def _draw(self, line: str) -> None:
+        try:
+            self._stream.write("\r" + line.ljust(self._width) + ("\r" if not line else ""))
+            self._stream.flush()
+        except (OSError, ValueError):
+            self._shown = False  # a terminal that went away must not end the work
+        self._width = len(line)
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
