@@ -1,0 +1,1 @@
+"""The physics: kinematics, the catalogue of effects, and the forward model made of both."""

@@ -1,0 +1,1 @@
+"""One file per effect; `tpmsd.physics.catalogue` lists them."""

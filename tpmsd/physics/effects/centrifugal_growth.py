@@ -1,0 +1,32 @@
+"""Tyres grow with speed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect, Parameter
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True)
+class CentrifugalGrowth(Effect):
+    """The belt's own mass pulls it outwards: delta_r = k * v^2 on all wheels.
+
+    Source: Pacejka, Tire and Vehicle Dynamics (3rd ed.), eq. (4.E7) with q_V1: the free radius grows with
+    (omega * r0 / v0)^2. A 205/60R15 gains 1.1 mm from 10 to 36 m/s, so k is about 1e-6 s2/m.
+    """
+
+    name: ClassVar[str] = "centrifugal_growth"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("coefficient", "s2/m", 1e-6, -2e-5, 2e-5, "k in delta_r = k * v^2"),
+    )
+    coefficient: float
+
+    def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
+        """(n, 4) k * v^2 on every wheel."""
+        growth = self.coefficient * motion.speed_mps**2
+        return np.repeat(growth[:, None], 4, axis=1)

@@ -1,0 +1,28 @@
+"""A fix is old when it arrives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from tpmsd.physics.effect import Effect, Parameter
+
+
+@dataclass(frozen=True)
+class GnssLatency(Effect):
+    """Position, speed and course are `latency_s` older than their arrival (beyond what is configured).
+
+    The sentence's own UTC does not show it, since the host clock's offset from UTC is unknown: it is what
+    stands between a fix and the CAN frames of the same instant. Source: receivers compute and transmit after
+    the epoch, 30 to 300 ms by make, rate and baud.
+    """
+
+    name: ClassVar[str] = "gnss_latency"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("latency_s", "s", 0.1, -2.0, 5.0, "age of a fix on arrival"),
+    )
+    latency_s: float
+
+    def fix_age_s(self) -> float:
+        """The latency."""
+        return self.latency_s

@@ -1,0 +1,30 @@
+"""In a bend the rear axle drifts outwards."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from tpmsd.physics.effect import Effect, Parameter
+from tpmsd.physics.motion import Motion
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True)
+class LateralSlip(Effect):
+    """Cornering force needs a slip angle: the rear axle's course leaves its heading by beta = -c * a_y.
+
+    In a left turn (a_y > 0) the axle moves to the right of where the body points.
+    Source: linear cornering stiffness at the rear axle, beta = -m_r * a_y / C_r (paper 002 calls it
+    side-slip; Gillespie, ch. 6). 650 kg on 1e5 N/rad give c of about 6e-3 rad per m/s2.
+    """
+
+    name: ClassVar[str] = "lateral_slip"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("coefficient", "rad.s2/m", 5e-3, -0.1, 0.1, "c, radians per m/s2"),
+    )
+    coefficient: float
+
+    def axle_course_rad(self, motion: Motion) -> FloatArray:
+        """(n,) -c * a_y."""
+        return -self.coefficient * motion.accel_lat_mps2

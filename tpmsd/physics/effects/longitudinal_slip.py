@@ -1,0 +1,40 @@
+"""Driven wheels slip under drive force."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect, Parameter
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True)
+class LongitudinalSlip(Effect):
+    """A tyre that pushes turns faster than it rolls: omega * r = v * (1 + c * a_x + d * v^2), driven wheels
+    only.
+
+    a_x is the specific force (kinematic acceleration plus g*sin(grade)), that is, the drive force per mass
+    less drag; the drag itself is the term in v^2. Both signs of a_x act: under engine braking the wheel turns
+    slower. Source: linear slip stiffness, F_x = C * s (Gustafsson, Automatica 33(6), 1997, eq. 3). F_x/F_z =
+    0.05 is a slip of 0.23 %: c from 1e-3 to 8e-3 s2/m by tyre and axle; half a rho c_d A over m makes d about
+    c * 2.7e-4 /m.
+    """
+
+    name: ClassVar[str] = "longitudinal_slip"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("slip_per_accel", "s2/m", 2e-3, -0.1, 0.1, "c, slip per m/s2"),
+        Parameter("slip_per_speed2", "s2/m2", 5e-7, -1e-4, 1e-4, "d, slip per speed squared, from drag"),
+    )
+    slip_per_accel: float
+    slip_per_speed2: float = 0.0
+
+    def slip(self, motion: Motion, car: Car) -> FloatArray:
+        """(n, 4) c*a_x + d*v^2 on the driven wheels, zero on the others."""
+        slip = (
+            self.slip_per_accel * motion.specific_force_long_mps2 + self.slip_per_speed2 * motion.speed_mps**2
+        )
+        return slip[:, None] * car.driven.astype(np.float64)

@@ -1,0 +1,46 @@
+"""One wheel's radius steps or ramps: the fault that tpmsd exists for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect, Parameter, WheelParameter
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import WHEELS, FloatArray
+
+
+@dataclass(frozen=True)
+class RadiusChange(Effect):
+    """A soft (or freshly inflated) tyre: 0 until the onset, then a linear ramp to `deviation_m`, then
+    constant.
+
+    delta_r(t) = deviation_m * clip((t - onset_s) / duration_s, 0, 1); a step where duration_s = 0.
+    Source: the artificial slow puncture of paper 000, eqs (39)-(41) (2.5 mm over ten minutes); -20 % pressure
+    is about -1.4 mm (`tpmsd.physics.tyre`).
+    """
+
+    name: ClassVar[str] = "radius_change"
+    parameters: ClassVar[tuple[Parameter | WheelParameter, ...]] = (
+        WheelParameter(),
+        Parameter("deviation_m", "m", -2e-3, -0.05, 0.05, "final change of the effective radius"),
+        Parameter("onset_s", "s", 300.0, -1e6, 1e6, "when it begins, from the drive's start"),
+        Parameter("duration_s", "s", 30.0, 0.0, 1e7, "how long it takes; 0 for a step"),
+    )
+    wheel: str
+    deviation_m: float
+    onset_s: float = 0.0
+    duration_s: float = 0.0
+
+    def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
+        """(n, 4) the ramp on its wheel, zero elsewhere."""
+        out = np.zeros((len(motion), 4))
+        since = motion.time_s - self.onset_s
+        if self.duration_s > 0:
+            share = np.clip(since / self.duration_s, 0.0, 1.0)
+        else:
+            share = (since >= 0).astype(np.float64)
+        out[:, WHEELS.index(self.wheel)] = self.deviation_m * share
+        return out

@@ -1,0 +1,35 @@
+"""Tyres grow as they warm up."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect, Parameter
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True)
+class ThermalGrowth(Effect):
+    """Rolling warms the tyre and the air in it: delta_r = A * (1 - exp(-t / tau)), t since the drive's start.
+
+    Source: first-order warm-up of the tyre's air (gas law at constant volume: 20 K is 7 % of absolute
+    pressure), turned into radius by the tyre's stiffness: about 0.56 mm for 20 K on a 205/60R15; time
+    constants of ten minutes, give or take a factor of two. Negative A is a tyre that cools.
+    """
+
+    name: ClassVar[str] = "thermal_growth"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("amplitude_m", "m", 6e-4, -1e-2, 1e-2, "A, reached after several time constants"),
+        Parameter("time_constant_s", "s", 600.0, 1.0, 1e5, "tau"),
+    )
+    amplitude_m: float
+    time_constant_s: float = 600.0
+
+    def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
+        """(n, 4) the same warm-up curve on every wheel."""
+        growth = -self.amplitude_m * np.expm1(-motion.time_s / self.time_constant_s)
+        return np.repeat(growth[:, None], 4, axis=1)

@@ -1,0 +1,46 @@
+"""A wheel's teeth are unevenly spaced, or their number is wrong."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect, Parameter, WheelParameter
+from tpmsd.wheels import WHEELS, FloatArray
+
+
+@dataclass(frozen=True)
+class ToneRingError(Effect):
+    """Either a once-per-revolution error of `amplitude_rad`, or another number of teeth, or both.
+
+    The counter shows theta + amplitude_rad * sin(theta + phase_rad): amplitude and phase are those of the
+    first harmonic of the tooth pattern, which an eccentric ring makes (its higher harmonics average out
+    between teeth). theta is the wheel's own angle since the counter began. A tooth that is missing or doubled
+    makes `teeth_per_rev` differ from the configured number by one; on fine encoders the number may be a
+    fraction. Source: Persson and Gustafsson, SAE 2001-01-0796 (tooth error estimation for wheel-speed
+    sensors); an eccentricity of 0.1 mm on a ring of 50 mm radius is 2e-3 rad.
+    """
+
+    name: ClassVar[str] = "tone_ring_error"
+    parameters: ClassVar[tuple[Parameter | WheelParameter, ...]] = (
+        WheelParameter(),
+        Parameter("amplitude_rad", "rad", 5e-3, -0.5, 0.5, "amplitude of the once-per-revolution error"),
+        Parameter("teeth_per_rev", "1", 47.0, 1.0, 1e6, "the wheel's true counts per revolution"),
+        Parameter("phase_rad", "rad", 0.0, -2 * np.pi, 2 * np.pi, "phase of the once-per-revolution error"),
+    )
+    wheel: str
+    amplitude_rad: float = 0.0
+    teeth_per_rev: float | None = None
+    phase_rad: float = 0.0
+
+    def tooth_angle_error_rad(self, angle_rad: FloatArray, wheel: int) -> FloatArray:
+        """The first harmonic on its wheel, zero on the others."""
+        if wheel != WHEELS.index(self.wheel):
+            return np.zeros_like(angle_rad)
+        return self.amplitude_rad * np.sin(angle_rad + self.phase_rad)
+
+    def true_teeth_per_rev(self, wheel: int) -> float | None:
+        """The wrong wheel's number of teeth, None for the others."""
+        return self.teeth_per_rev if wheel == WHEELS.index(self.wheel) else None

@@ -1,0 +1,27 @@
+"""The gyro's scale is off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from tpmsd.physics.effect import Effect, Parameter
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True)
+class YawRateScale(Effect):
+    """reading = scale * truth; 1 is a perfect gyro.
+
+    Source: data sheets of automotive gyros, 1 to 3 % over temperature.
+    """
+
+    name: ClassVar[str] = "yaw_rate_scale"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter("scale", "1", 1.01, 0.5, 2.0, "reading divided by truth"),
+    )
+    scale: float
+
+    def read_yaw_rate(self, true_radps: FloatArray) -> FloatArray:
+        """Truth times scale."""
+        return true_radps * self.scale

@@ -1,0 +1,86 @@
+"""The forward model: what wheels, counters and antenna do when the car moves so and these effects act.
+
+In: `Motion`, `Car`, `ExtendedModel`. Out: wheel rates and angles, counter angles, and the antenna's position
+and velocity. Pure; used by the simulator as its world and by the diagnosis as its prediction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.physics.kinematics import wheel_speeds
+from tpmsd.physics.model import ExtendedModel
+from tpmsd.physics.motion import Car, Motion, integrate
+from tpmsd.wheels import FloatArray
+
+
+def wheel_radii(motion: Motion, car: Car, model: ExtendedModel) -> FloatArray:
+    """(n, 4) effective rolling radii in metres: nominal plus all radius changes."""
+    return car.radius_m + model.radius_change_m(motion, car)
+
+
+def wheel_rates(
+    motion: Motion, car: Car, model: ExtendedModel, radii_m: FloatArray | None = None
+) -> FloatArray:
+    """(n, 4) turning rates in rad/s: omega = hub speed along the rolling direction * (1 + slip) / radius.
+
+    `radii_m` (n, 4) takes the place of the modelled radii (where the world adds roughness or offsets).
+    """
+    lateral = motion.speed_mps * np.tan(model.axle_course_rad(motion))
+    geometry = car.with_tracks(*model.track_error_m())
+    speeds = wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, geometry, lateral)
+    radii = wheel_radii(motion, car, model) if radii_m is None else radii_m
+    return np.asarray(speeds * (1.0 + model.slip(motion, car)) / radii)
+
+
+def wheel_angles(
+    motion: Motion, car: Car, model: ExtendedModel, radii_m: FloatArray | None = None
+) -> FloatArray:
+    """(n, 4) angles in rad that the wheels have turned since the motion began."""
+    return integrate(wheel_rates(motion, car, model, radii_m), motion.time_s)
+
+
+def counted_revolutions(angle_rad: FloatArray, wheel: int, car: Car, model: ExtendedModel) -> FloatArray:
+    """Counts, not yet rounded down, that the wheel's ring shows at these true angles; same shape."""
+    shown = angle_rad + model.tooth_angle_error_rad(angle_rad, wheel)
+    return shown * (model.true_teeth_per_rev(wheel, car.teeth_per_rev) / (2 * np.pi))
+
+
+@dataclass(frozen=True, slots=True)
+class AntennaTruth:
+    """What a perfect receiver would report; arrays (n,)."""
+
+    east_m: FloatArray
+    """From where the middle of the rear axle was at the motion's start."""
+    north_m: FloatArray
+    east_mps: FloatArray
+    north_mps: FloatArray
+    up_m: FloatArray
+
+
+def antenna_truth(motion: Motion, car: Car, model: ExtendedModel) -> AntennaTruth:
+    """Horizontal position and velocity of the antenna in the plane.
+
+    The rear axle's middle moves along heading + beta at v / cos(beta), shortened to the horizontal; the
+    antenna adds its lever arm (configured plus error) turned by the heading.
+    """
+    beta = model.axle_course_rad(motion)
+    factor = model.horizontal_factor(motion)
+    forward = motion.speed_mps * factor
+    left = forward * np.tan(beta)
+    cos, sin = np.cos(motion.heading_rad), np.sin(motion.heading_rad)
+    axle_east = integrate(forward * cos - left * sin, motion.time_s)
+    axle_north = integrate(forward * sin + left * cos, motion.time_s)
+    more_forward, more_left = model.antenna_offset_m()
+    arm_x, arm_y = car.antenna_forward_m + more_forward, car.antenna_left_m + more_left
+    vx = forward - motion.yaw_rate_radps * arm_y
+    vy = left + motion.yaw_rate_radps * arm_x
+    return AntennaTruth(
+        east_m=axle_east + arm_x * cos - arm_y * sin,
+        north_m=axle_north + arm_x * sin + arm_y * cos,
+        east_mps=vx * cos - vy * sin,
+        north_mps=vx * sin + vy * cos,
+        up_m=integrate(motion.speed_mps * np.sin(motion.grade_rad), motion.time_s),
+    )

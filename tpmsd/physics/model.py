@@ -1,0 +1,105 @@
+"""The extended model: the rolling model plus a list of effects, acting together.
+
+In: effects. Out: `ExtendedModel`, whose hooks are the effects' hooks combined: additive changes are summed,
+factors multiplied, so that the order of the effects does not matter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True)
+class ExtendedModel:
+    """Effects, and for each the standard deviations of its fitted parameters where they are known."""
+
+    effects: tuple[Effect, ...] = ()
+    stds: tuple[Mapping[str, float], ...] = field(default=())
+    """One mapping per effect (may be empty), or none at all."""
+
+    def __post_init__(self) -> None:
+        if not self.stds:
+            object.__setattr__(self, "stds", tuple({} for _ in self.effects))
+        if len(self.stds) != len(self.effects):
+            raise ValueError(f"{len(self.stds)} sets of standard deviations for {len(self.effects)} effects")
+
+    def __iter__(self) -> Iterator[Effect]:
+        return iter(self.effects)
+
+    def __len__(self) -> int:
+        return len(self.effects)
+
+    def plus(self, *effects: Effect) -> ExtendedModel:
+        """This model with more effects."""
+        return ExtendedModel(self.effects + effects, self.stds + tuple({} for _ in effects))
+
+    def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
+        """(n, 4) sum of the radius changes."""
+        out = np.zeros((len(motion), 4))
+        for effect in self.effects:
+            out += effect.radius_change_m(motion, car)
+        return out
+
+    def slip(self, motion: Motion, car: Car) -> FloatArray:
+        """(n, 4) sum of the slips."""
+        out = np.zeros((len(motion), 4))
+        for effect in self.effects:
+            out += effect.slip(motion, car)
+        return out
+
+    def axle_course_rad(self, motion: Motion) -> FloatArray:
+        """(n,) sum of the rear axle's course angles."""
+        out = np.zeros(len(motion))
+        for effect in self.effects:
+            out += effect.axle_course_rad(motion)
+        return out
+
+    def horizontal_factor(self, motion: Motion) -> FloatArray:
+        """(n,) product of the horizontal factors."""
+        out = np.ones(len(motion))
+        for effect in self.effects:
+            out *= effect.horizontal_factor(motion)
+        return out
+
+    def fix_age_s(self) -> float:
+        """Sum of the latencies."""
+        return sum(effect.fix_age_s() for effect in self.effects)
+
+    def antenna_offset_m(self) -> tuple[float, float]:
+        """(forward, left), summed."""
+        offsets = [effect.antenna_offset_m() for effect in self.effects]
+        return sum(f for f, _ in offsets), sum(left for _, left in offsets)
+
+    def track_error_m(self) -> tuple[float, float]:
+        """(front, rear), summed."""
+        errors = [effect.track_error_m() for effect in self.effects]
+        return sum(front for front, _ in errors), sum(rear for _, rear in errors)
+
+    def read_yaw_rate(self, true_radps: FloatArray) -> FloatArray:
+        """Truth plus each effect's own error, so that a bias is not scaled."""
+        out = true_radps.copy()
+        for effect in self.effects:
+            out += effect.read_yaw_rate(true_radps) - true_radps
+        return out
+
+    def tooth_angle_error_rad(self, angle_rad: FloatArray, wheel: int) -> FloatArray:
+        """Sum of the tooth errors of one wheel; same shape as `angle_rad`."""
+        out = np.zeros_like(angle_rad)
+        for effect in self.effects:
+            out += effect.tooth_angle_error_rad(angle_rad, wheel)
+        return out
+
+    def true_teeth_per_rev(self, wheel: int, configured: float) -> float:
+        """True counts per revolution: those of the last effect that changes them, else as configured."""
+        teeth = configured
+        for effect in self.effects:
+            changed = effect.true_teeth_per_rev(wheel)
+            teeth = teeth if changed is None else changed
+        return teeth

@@ -1,0 +1,98 @@
+"""Model files: an `ExtendedModel` as TOML.
+
+In: a path. Out: the model, or a file that holds it:
+
+    # found on drive 7
+    [[effect]]
+    name = "centrifugal_growth"
+    coefficient = 2.1e-06
+    [effect.std]
+    coefficient = 1e-07
+"""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from tpmsd.errors import ConfigError
+from tpmsd.physics.catalogue import make_effect
+from tpmsd.physics.effect import Effect
+from tpmsd.physics.model import ExtendedModel
+
+
+def load_model(path: str | Path) -> ExtendedModel:
+    """Read a model file; ConfigError with one line that names the file and the reason if it is none."""
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise ConfigError(f"{path}: is not UTF-8 text") from None
+    try:
+        return parse_model(text)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None
+
+
+def parse_model(text: str) -> ExtendedModel:
+    """The model that a file's text describes; ConfigError with the reason if it describes none."""
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"not TOML: {error}") from None
+    for key in document:
+        if key != "effect":
+            raise ConfigError(f"unknown key {key!r}: a model file holds [[effect]] tables only")
+    tables = document.get("effect", [])
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
+        raise ConfigError("'effect' must be written as [[effect]] tables")
+    effects: list[Effect] = []
+    stds: list[dict[str, float]] = []
+    for number, table in enumerate(tables, start=1):
+        effect, std = _effect_of(dict(table), number)
+        effects.append(effect)
+        stds.append(std)
+    return ExtendedModel(tuple(effects), tuple(stds))
+
+
+def _effect_of(table: dict[str, Any], number: int) -> tuple[Effect, dict[str, float]]:
+    name = table.pop("name", None)
+    if not isinstance(name, str):
+        raise ConfigError(f"effect {number} has no name")
+    std = table.pop("std", {})
+    effect = make_effect(name, **table)
+    if not isinstance(std, dict):
+        raise ConfigError(f"effect {name}: std must be a table")
+    known = effect.values()
+    for key, value in std.items():
+        if key not in known:
+            raise ConfigError(f"effect {name}: std of {key!r}, which it does not have")
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value < math.inf:
+            raise ConfigError(f"effect {name}: std.{key} = {value!r} is not a number of at least 0")
+    return effect, {key: float(value) for key, value in std.items()}
+
+
+def format_model(model: ExtendedModel, comment: str = "") -> str:
+    """The model as TOML that `parse_model` reads back exactly."""
+    lines = [f"# {line}".rstrip() for line in comment.splitlines()]
+    for effect, std in zip(model.effects, model.stds, strict=True):
+        lines += ["", "[[effect]]", f'name = "{effect.name}"']
+        for key, value in effect.values().items():
+            unit = next(p.unit for p in effect.parameters if p.name == key)
+            note = f"  # {unit}" if unit else ""
+            lines.append(f'{key} = "{value}"' if isinstance(value, str) else f"{key} = {value!r}{note}")
+        if std:
+            lines.append("[effect.std]")
+            lines += [f"{key} = {float(value)!r}" for key, value in std.items()]
+    return "\n".join(lines).lstrip("\n") + "\n"
+
+
+def save_model(path: str | Path, model: ExtendedModel, comment: str = "") -> None:
+    """Write a model file; ConfigError if it cannot be written."""
+    try:
+        Path(path).write_text(format_model(model, comment), encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror}") from None
