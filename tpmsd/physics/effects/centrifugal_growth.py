@@ -16,8 +16,9 @@ from tpmsd.wheels import FloatArray
 class CentrifugalGrowth(Effect):
     """The belt's own mass pulls it outwards: delta_r = k * v^2 on all wheels.
 
-    Source: Pacejka, Tire and Vehicle Dynamics (3rd ed.), eq. (4.E7) with q_V1: the free radius grows with
-    (omega * r0 / v0)^2. A 205/60R15 gains 1.1 mm from 10 to 36 m/s, so k is about 1e-6 s2/m.
+    Source: the free radius r0 * (1 + q_V1 * (omega * r0 / v0)^2) of the Magic Formula 6.1 (Besselink,
+    Schmeitz, Pacejka, Vehicle System Dynamics 48, 2010). A 205/60R15 gains 1.1 mm from 10 to 36 m/s: k is
+    about 1e-6 s2/m.
     """
 
     name: ClassVar[str] = "centrifugal_growth"

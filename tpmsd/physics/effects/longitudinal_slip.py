@@ -19,7 +19,7 @@ class LongitudinalSlip(Effect):
 
     a_x is the specific force (kinematic acceleration plus g*sin(grade)), that is, the drive force per mass
     less drag; the drag itself is the term in v^2. Both signs of a_x act: under engine braking the wheel turns
-    slower. Source: linear slip stiffness, F_x = C * s (Gustafsson, Automatica 33(6), 1997, eq. 3). F_x/F_z =
+    slower. Source: linear slip stiffness, F_x = C * s (Gustafsson, Automatica 33(6), 1997). F_x/F_z =
     0.05 is a slip of 0.23 %: c from 1e-3 to 8e-3 s2/m by tyre and axle; half a rho c_d A over m makes d about
     c * 2.7e-4 /m.
     """

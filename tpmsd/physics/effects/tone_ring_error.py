@@ -19,8 +19,9 @@ class ToneRingError(Effect):
     first harmonic of the tooth pattern, which an eccentric ring makes (its higher harmonics average out
     between teeth). theta is the wheel's own angle since the counter began. A tooth that is missing or doubled
     makes `teeth_per_rev` differ from the configured number by one; on fine encoders the number may be a
-    fraction. Source: Persson and Gustafsson, SAE 2001-01-0796 (tooth error estimation for wheel-speed
-    sensors); an eccentricity of 0.1 mm on a ring of 50 mm radius is 2e-3 rad.
+    fraction.
+    Source: geometry of an eccentric ring, whose teeth come early on one side and late on the other: 0.1 mm on
+    a ring of 50 mm radius is 2e-3 rad.
     """
 
     name: ClassVar[str] = "tone_ring_error"
