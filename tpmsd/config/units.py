@@ -1,8 +1,8 @@
 """Units of CAN signals: from the spelling in a DBC to a factor and an offset to SI.
 
 In: a role (`yaw_rate`, `wheel_speed_fl`, ...) and the unit text of its signal. Out: `(factor, offset)` with
-SI value = factor * value + offset, or a `ConfigError` that names what is allowed. The SI value of a wheel speed
-is m/s for a speed over the road and rad/s for a speed of the wheel; `wheel_speed_kind` tells which.
+SI value = factor * value + offset, or a `ConfigError` that names what is allowed. A wheel speed becomes m/s
+if its unit is one of the road and rad/s if it is one of rotation; `wheel_speed_kind` tells which.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def canonical_unit(unit: str | None) -> str | None:
 
 
 def stated_unit(unit: str | None) -> str:
-    """What the DBC says, without blanks around it; '' where it says nothing ('-', 'none', '1' are nothing)."""
+    """What the DBC says, without blanks around it; '' where it says nothing (and '-', 'none', '1' do)."""
     text = (unit or "").strip()
     return "" if text.casefold() in ("-", "--", "1", "none", "n/a", "na", "unitless", "[]", "[-]") else text
 
@@ -145,7 +145,7 @@ def to_si(role: str, unit: str | None) -> tuple[float, float]:
     """Factor and offset that turn a value in `unit` into the SI unit of `role`.
 
     An empty unit stands for `assumed_unit(role)`. Counters stay counts: (1.0, 0.0), unless their unit says
-    that they are no counters. Raises `ConfigError` for a unit of the wrong kind and for one that is not known.
+    that they are no counters. Raises `ConfigError` for a unit of the wrong kind or one that is not known.
     """
     kinds = role_kinds(role)
     canonical = canonical_unit(unit)

@@ -1,0 +1,170 @@
+"""What settings must agree with each other, beyond each value's own rule.
+
+In: the values that passed their rules. Out: problems, handed to a `Reporter`, and the vehicle's record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from typing import Any, Protocol
+
+from tpmsd.config.model import AlarmsConfig, MonitorConfig, VehicleConfig
+from tpmsd.config.problems import BadValueError, show
+from tpmsd.config.schema import RADIUS
+from tpmsd.config.suggest import nearest
+from tpmsd.wheels import WHEELS
+
+FRONT, REAR = WHEELS[:2], WHEELS[2:]
+_STANDARD_ID_LIMIT = 0x7FF
+# Rear wheels alone need no wheelbase; the record holds a usual one, so that no arithmetic meets a NaN.
+_WHEELBASE_UNUSED_M = 2.7
+
+
+class Reporter(Protocol):
+    """Takes a problem of a key in a table; `inside` are steps from the key to a place within its value."""
+
+    def __call__(self, bad: BadValueError, table: str, key: str = "", *inside: str) -> None:
+        """Note the problem at the key's line, or at the table's where there is no such key."""
+
+
+def monitored_wheels(roles: Collection[str], report: Reporter) -> tuple[str, ...]:
+    """The wheels that have a signal; reports where they are neither all four nor the rear pair."""
+    table = "can.signals"
+    sources: dict[str, list[str]] = {
+        wheel: [role for role in (f"wheel_count_{wheel}", f"wheel_speed_{wheel}") if role in roles]
+        for wheel in WHEELS
+    }
+    for found in sources.values():
+        if len(found) == 2:
+            report(
+                BadValueError(f"the wheel has {found[0]} already", allowed="one of the two"), table, found[1]
+            )
+    wheels = tuple(wheel for wheel in WHEELS if sources[wheel])
+    if not wheels:
+        needed = "wheel_count_* or wheel_speed_* of all four wheels, or of rl and rr alone"
+        report(BadValueError("no wheel signals", allowed=needed), table)
+        return ()
+    family = sources[wheels[0]][0].removesuffix(wheels[0])
+    for wheel in WHEELS:
+        if not sources[wheel] and (wheel in REAR or any(front in wheels for front in FRONT)):
+            missing = BadValueError(
+                "missing", f"signals of {' '.join(wheels)}", "all four wheels, or rl and rr alone"
+            )
+            report(missing, table, f"{family}{wheel}")
+    return wheels
+
+
+def vehicle(
+    raw: Mapping[str, Any],
+    good: Mapping[str, Any],
+    given: Collection[str],
+    wheels: tuple[str, ...],
+    steered: bool,
+    report: Reporter,
+) -> VehicleConfig | None:
+    """The vehicle's record; None if something was reported.
+
+    `good` are the values that passed their rules, `given` the keys that are there at all, `wheels` those that
+    have a signal and `steered` tells that the steering wheel's angle has one.
+    """
+    radii = _radii(raw, given, wheels, report)
+    values = {key: value for key, value in good.items() if key != "wheel_radius_m"}
+    tracks = {"track_front_m", "track_rear_m"}
+    if not tracks & set(given):
+        report(
+            BadValueError("missing", allowed="metres; track_front_m alone will do"), "vehicle", "track_rear_m"
+        )
+    for one, other in (("track_front_m", "track_rear_m"), ("track_rear_m", "track_front_m")):
+        if one not in given and other in values:
+            values[one] = values[other]
+    if "wheelbase_m" not in given:
+        if steered or any(wheel in FRONT for wheel in wheels):
+            reason = "the front wheels are monitored" if not steered else "the steering wheel's angle is used"
+            report(BadValueError(f"missing, and {reason}", allowed="metres"), "vehicle", "wheelbase_m")
+        values["wheelbase_m"] = _WHEELBASE_UNUSED_M
+    if radii is None or not (tracks | {"wheelbase_m"} <= values.keys()):
+        return None
+    return VehicleConfig(wheel_radius_m=radii, **values)
+
+
+def _radii(
+    raw: Mapping[str, Any], given: Collection[str], wheels: tuple[str, ...], report: Reporter
+) -> tuple[float, float, float, float] | None:
+    key = "wheel_radius_m"
+    if key not in raw:
+        if key not in given:
+            report(
+                BadValueError("missing", allowed=f"{RADIUS.allowed}, or {{ fl, fr, rl, rr }}"), "vehicle", key
+            )
+        return None
+    value = raw[key]
+    if not isinstance(value, dict):
+        radius = _attempt(lambda: _one_radius(value), report, key)
+        return None if radius is None else (radius, radius, radius, radius)
+    for wheel in value:
+        if wheel not in WHEELS:
+            bad = BadValueError("no such wheel", show(wheel), " ".join(WHEELS), nearest(wheel, WHEELS))
+            report(bad, "vehicle", key, wheel)
+    needed = [wheel for wheel in WHEELS if wheel in REAR or wheel in wheels]
+    if missing := [wheel for wheel in needed if wheel not in value]:
+        report(
+            BadValueError(f"no radius of {' '.join(missing)}", allowed="all wheels that have a signal"),
+            "vehicle",
+            key,
+        )
+    radii = {
+        wheel: _attempt(lambda wheel=wheel: RADIUS.read(value[wheel]), report, key, wheel)  # type: ignore[misc]
+        for wheel in WHEELS
+        if wheel in value
+    }
+    read = [radius for radius in radii.values() if radius is not None]
+    if missing or len(read) != len(radii):
+        return None
+    # A wheel that nobody monitors gets the mean of the others: a number that never matters.
+    filled = [radii.get(wheel) or sum(read) / len(read) for wheel in WHEELS]
+    return filled[0], filled[1], filled[2], filled[3]
+
+
+def _one_radius(value: object) -> float:
+    if isinstance(value, list):
+        raise BadValueError(
+            "not a number", show(value), f"{RADIUS.allowed}, or {{ fl = , fr = , rl = , rr = }}"
+        )
+    return RADIUS.read(value)
+
+
+def _attempt(read: Callable[[], float], report: Reporter, key: str, *inside: str) -> float | None:
+    try:
+        return read()
+    except BadValueError as bad:
+        report(bad, "vehicle", key, *inside)
+        return None
+
+
+def monitor(settings: MonitorConfig, given: Collection[str], report: Reporter) -> None:
+    """Alarms must clear below the probability at which they are raised."""
+    if settings.clear_probability >= settings.raise_probability:
+        key = "clear_probability" if "clear_probability" in given else "raise_probability"
+        found = f"clear {settings.clear_probability:g}, raise {settings.raise_probability:g}"
+        report(
+            BadValueError("alarms would flicker", found, "clear_probability below raise_probability"),
+            "monitor",
+            key,
+        )
+
+
+def alarms(settings: AlarmsConfig, given: Collection[str], report: Reporter) -> None:
+    """The two identifiers must differ and fit their format."""
+    limit = 0x1FFF_FFFF if settings.extended_ids else _STANDARD_ID_LIMIT
+    for key in ("status_id", "alarm_id"):
+        value: int = getattr(settings, key)
+        if value > limit:
+            allowed = f"0x0 to 0x{limit:X}, or extended_ids = true"
+            report(
+                BadValueError("out of range of 11-bit identifiers", f"0x{value:X}", allowed), "alarms", key
+            )
+    if settings.status_id == settings.alarm_id:
+        key = "alarm_id" if "alarm_id" in given else "status_id"
+        report(
+            BadValueError("status_id and alarm_id are the same", f"0x{settings.alarm_id:X}"), "alarms", key
+        )

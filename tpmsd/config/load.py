@@ -1,0 +1,207 @@
+"""From a TOML file to `Config`, or to everything that is wrong with it at once.
+
+In: the path of a file or of a drive folder. Out: `Config`, or `ConfigProblems` (exit code 2), a line each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tpmsd.config import agree
+from tpmsd.config.document import Document, read_document
+from tpmsd.config.model import (
+    AlarmsConfig,
+    CanConfig,
+    Config,
+    FilterConfig,
+    GnssConfig,
+    MonitorConfig,
+    StateConfig,
+    StatusConfig,
+)
+from tpmsd.config.problems import BadValueError, ConfigProblems, Problem, show, show_key
+from tpmsd.config.rules import Rule
+from tpmsd.config.schema import tables
+from tpmsd.config.suggest import nearest
+
+DBC_FILE = "bus.dbc"
+
+__all__ = ["ConfigProblems", "Parsed", "Problem", "load_config", "parse"]
+
+
+@dataclass(frozen=True, slots=True)
+class Parsed:
+    """What could be read, so that the signals can be checked even where the rest has problems."""
+
+    document: Document
+    config: Config | None
+    """None if there are problems."""
+    problems: tuple[Problem, ...]
+    signals: dict[str, str]
+    dbc: Path | None
+    alarms: AlarmsConfig | None
+    channel: str | None
+
+
+def load_config(path: Path, dbc: Path | None = None) -> Config:
+    """The configuration in the file `path`, or in the `vehicle.toml` of the drive folder `path`.
+
+    `dbc` takes the place of the file's own `can.dbc`. Raises `ConfigProblems` with all that is wrong.
+    """
+    parsed = parse(read_document(path), dbc)
+    if parsed.config is None:
+        raise ConfigProblems(parsed.problems)
+    return parsed.config
+
+
+def parse(document: Document, dbc: Path | None = None) -> Parsed:
+    """Check `document` against the schema and make the records."""
+    return _Parser(document).parse(dbc)
+
+
+class _Parser:
+    def __init__(self, document: Document) -> None:
+        self._document = document
+        self._tables = tables(document.file.parent)
+        self._problems: list[Problem] = []
+        self._given: dict[str, set[str]] = {table: set() for table in self._tables}
+
+    def parse(self, dbc: Path | None) -> Parsed:
+        self._refuse_unknown_tables()
+        given = self._given
+        good = {table: self._read_table(table, rules) for table, rules in self._tables.items()}
+        signals = self._distinct(good["can.signals"])
+        wheels = agree.monitored_wheels(given["can.signals"], self._report)
+        steered = "steering_wheel_angle" in given["can.signals"]
+        raw_vehicle = self._raw("vehicle")
+        vehicle = agree.vehicle(raw_vehicle, good["vehicle"], given["vehicle"], wheels, steered, self._report)
+        monitor = MonitorConfig(**good["monitor"])
+        agree.monitor(monitor, given["monitor"], self._report)
+        alarms = AlarmsConfig(**good["alarms"])
+        agree.alarms(alarms, given["alarms"], self._report)
+        dbc = self._dbc(dbc, good["can"])
+        channel = good["can"].get("channel")
+        config = None
+        if not self._problems and vehicle is not None and dbc is not None:
+            config = Config(
+                vehicle=vehicle,
+                can=CanConfig(**{**good["can"], "signals": signals, "dbc": dbc}),
+                gnss=GnssConfig(**good["gnss"]),
+                filter=FilterConfig(**good["filter"]),
+                monitor=monitor,
+                alarms=alarms,
+                status=StatusConfig(**good["status"]),
+                state=StateConfig(**good["state"]),
+                file=self._document.file,
+            )
+        problems = tuple(sorted(self._problems, key=lambda problem: problem.line or 0))
+        return Parsed(self._document, config, problems, signals, dbc, alarms, channel)
+
+    def _raw(self, table: str) -> Mapping[str, Any]:
+        """The table as it stands in the file; empty if it is missing or no table."""
+        value: Any = self._document.data
+        for name in table.split("."):
+            value = value.get(name) if isinstance(value, dict) else None
+        return value if isinstance(value, dict) else {}
+
+    def _report(self, bad: BadValueError, table: str, key: str = "", *inside: str) -> None:
+        path = (*table.split("."), *([key] if key else []), *inside)
+        name = f"[{table}] {'.'.join(show_key(step) for step in (key, *inside))}" if key else f"[{table}]"
+        self._problems.append(bad.at(self._document.file, self._document.line(*path), name))
+
+    def _refuse_unknown_tables(self) -> None:
+        tops = [table for table in self._tables if "." not in table]
+        for name, value in self._document.data.items():
+            bad = None
+            if name in tops:
+                if not isinstance(value, dict):
+                    bad = BadValueError("must be a table", show(value), f"[{name}] on a line of its own")
+            elif isinstance(value, dict):
+                near = "can.signals" if name == "signals" else nearest(name, self._tables)
+                known = None if near else " ".join(f"[{top}]" for top in tops)
+                bad = BadValueError("unknown table", allowed=known, suggestion=f"[{near}]" if near else None)
+            elif home := self._home(name):
+                bad = BadValueError("stands before any table", suggestion=home)
+            else:
+                bad = BadValueError("unknown key", allowed="keys stand in tables such as [vehicle]")
+            if bad is not None:
+                label = f"[{show_key(name)}]" if isinstance(value, dict) else show_key(name)
+                self._problems.append(bad.at(self._document.file, self._document.line(name), label))
+        signals = self._raw("can").get("signals", {})
+        if not isinstance(signals, dict):
+            self._report(
+                BadValueError("must be a table", show(signals), "role = 'Message.Signal'"), "can", "signals"
+            )
+
+    def _read_table(self, table: str, rules: Mapping[str, Rule]) -> dict[str, Any]:
+        good: dict[str, Any] = {}
+        for key, value in self._raw(table).items():
+            if f"{table}.{key}" in self._tables:
+                continue
+            if key not in rules:
+                self._report(self._unknown_key(table, key, rules), table, key)
+                continue
+            self._given[table].add(key)
+            if (table, key) == ("vehicle", "wheel_radius_m"):
+                continue  # a number or a table by wheels: `agree` reads it when it knows the wheels
+            try:
+                good[key] = rules[key].read(value)
+            except BadValueError as bad:
+                self._report(bad, table, key)
+        return good
+
+    def _unknown_key(self, table: str, key: str, rules: Mapping[str, Rule]) -> BadValueError:
+        what = "unknown role" if table == "can.signals" else "unknown key"
+        if (home := self._home(key)) is not None:
+            return BadValueError(what, suggestion=home)
+        if (near := nearest(key, rules)) is not None:
+            if near not in self._raw(table):
+                self._given[table].add(near)  # misspelt is not missing: one mistake, one line
+            return BadValueError(what, suggestion=near)
+        return BadValueError(what, allowed=" ".join(rules))
+
+    def _home(self, key: str) -> str | None:
+        """The table that a misplaced key belongs in, with the key; None if it belongs nowhere."""
+        for table, rules in self._tables.items():
+            if key in rules:
+                self._given[table].add(key)  # misplaced is not missing: one mistake, one line
+                return f"[{table}] {key}"
+        return None
+
+    def _distinct(self, signals: dict[str, str]) -> dict[str, str]:
+        """The signals; reports a signal that has two roles."""
+        roles: dict[str, str] = {}
+        for role, name in signals.items():
+            if (first := roles.setdefault(name, role)) != role:
+                self._report(
+                    BadValueError(f"is the signal of {first} already", show(name)), "can.signals", role
+                )
+        return signals
+
+    def _dbc(self, override: Path | None, can: Mapping[str, Any]) -> Path | None:
+        """The DBC's path: the override, the file's own, or `bus.dbc` beside it."""
+        if override is not None:
+            if override.is_file():
+                return override
+            self._problems.append(Problem(str(override), None, "", "no such DBC file"))
+            return None
+        beside = self._document.file.parent / DBC_FILE
+        if "dbc" not in self._given["can"]:
+            if beside.is_file():
+                return beside
+            hint = f"the path of a DBC file (or {DBC_FILE} beside this file)"
+            self._report(BadValueError("missing", allowed=hint), "can", "dbc")
+            return None
+        path: Path | None = can.get("dbc")
+        if path is not None and not path.is_file():
+            found = (
+                nearest(path.name, [p.name for p in path.parent.glob("*.dbc")])
+                if path.parent.is_dir()
+                else None
+            )
+            self._report(BadValueError("no such file", show(str(path)), suggestion=found), "can", "dbc")
+            return None
+        return path

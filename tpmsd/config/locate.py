@@ -1,0 +1,176 @@
+"""The line of every key of a TOML file, which `tomllib` does not tell.
+
+In: the text of a TOML file. Out: `{path: line}`, where a path is the tuple of keys (and array indices) from
+the root and lines count from 1. The scanner reads structure alone (tables, dotted and quoted keys, strings,
+arrays, inline tables) and leaves values to `tomllib`; where it meets something that is not TOML, it stops and
+gives what it has, so that it can never be the cause of an error.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import tomllib
+from bisect import bisect_left
+
+Step = str | int
+KeyPath = tuple[Step, ...]
+
+_BLANK = re.compile(r"[ \t]*")
+_BLANK_LINES = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+_STRING_KEY = re.compile(r'"(?:[^"\\\n]|\\.)*"|\'[^\'\n]*\'')
+_STRING = re.compile(
+    r'"""(?:[^\\]|\\.)*?"{3,5}(?!")'  # up to two quotes may stand right before the closing three
+    r"|'''.*?'{3,5}(?!')"
+    r'|"(?:[^"\\\n]|\\.)*"'
+    r"|'[^'\n]*'",
+    re.DOTALL,
+)
+_SCALAR = re.compile(r"[^,\]}#\n]+")
+
+
+class _NotTomlError(Exception):
+    """Raised where the scanner does not know on."""
+
+
+def locate(text: str) -> dict[KeyPath, int]:
+    """Line of each table, key and array element of `text`; of a table made of several parts, the first."""
+    scanner = _Scanner(text)
+    with contextlib.suppress(_NotTomlError, RecursionError):
+        scanner.document()
+    return scanner.lines
+
+
+def line_of(lines: dict[KeyPath, int], path: KeyPath) -> int | None:
+    """Line of `path`, or of the innermost table around it that has one; None if there is none."""
+    while path:
+        if path in lines:
+            return lines[path]
+        path = path[:-1]
+    return None
+
+
+class _Scanner:
+    def __init__(self, text: str) -> None:
+        self.lines: dict[KeyPath, int] = {}
+        self._text = text
+        self._at = 0
+        self._line_ends = [match.start() for match in re.finditer("\n", text)]
+        self._last_index: dict[KeyPath, int] = {}
+
+    def document(self) -> None:
+        """All of the file."""
+        table: KeyPath = ()
+        while True:
+            self._skip(_BLANK_LINES)
+            if self._at >= len(self._text):
+                return
+            if self._text.startswith("[", self._at):
+                table = self._header()
+            else:
+                self._pair(table)
+
+    def _header(self) -> KeyPath:
+        start = self._at
+        brackets = 2 if self._text.startswith("[[", start) else 1
+        self._at += brackets
+        keys = self._key()
+        self._expect("]" * brackets)
+        path: KeyPath = ()
+        for key in keys[:-1]:
+            path = (*path, key)
+            self._note(path, start)
+            if path in self._last_index:  # inside an array of tables, its last one is meant
+                path = (*path, self._last_index[path])
+        path = (*path, keys[-1])
+        self._note(path, start)
+        if brackets == 2:
+            self._last_index[path] = self._last_index.get(path, -1) + 1
+            path = (*path, self._last_index[path])
+            self._note(path, start)
+        return path
+
+    def _pair(self, table: KeyPath) -> None:
+        start = self._at
+        path = table
+        for key in self._key():
+            path = (*path, key)
+            self._note(path, start)
+        self._expect("=")
+        self._skip(_BLANK)
+        self._value(path)
+
+    def _key(self) -> list[str]:
+        keys = []
+        while True:
+            self._skip(_BLANK)
+            if match := _BARE_KEY.match(self._text, self._at):
+                keys.append(match.group())
+            elif match := _STRING_KEY.match(self._text, self._at):
+                keys.append(_unquoted(match.group()))
+            else:
+                raise _NotTomlError
+            self._at = match.end()
+            self._skip(_BLANK)
+            if not self._text.startswith(".", self._at):
+                return keys
+            self._at += 1
+
+    def _value(self, path: KeyPath) -> None:
+        opening = self._text[self._at : self._at + 1]
+        if opening == "[":
+            self._array(path)
+        elif opening == "{":
+            self._inline_table(path)
+        else:
+            match = (_STRING if opening in ('"', "'") else _SCALAR).match(self._text, self._at)
+            if match is None:
+                raise _NotTomlError
+            self._at = match.end()
+
+    def _array(self, path: KeyPath) -> None:
+        self._at += 1
+        index = 0
+        while not self._closes("]"):
+            self._note((*path, index), self._at)
+            self._value((*path, index))
+            index += 1
+            self._comma("]")
+
+    def _inline_table(self, path: KeyPath) -> None:
+        self._at += 1
+        while not self._closes("}"):
+            self._pair(path)
+            self._comma("}")
+
+    def _closes(self, bracket: str) -> bool:
+        self._skip(_BLANK_LINES)
+        if self._text.startswith(bracket, self._at):
+            self._at += 1
+            return True
+        return False
+
+    def _comma(self, bracket: str) -> None:
+        self._skip(_BLANK_LINES)
+        if not self._text.startswith(bracket, self._at):
+            self._expect(",")
+
+    def _expect(self, text: str) -> None:
+        if not self._text.startswith(text, self._at):
+            raise _NotTomlError
+        self._at += len(text)
+
+    def _skip(self, pattern: re.Pattern[str]) -> None:
+        if match := pattern.match(self._text, self._at):
+            self._at = match.end()
+
+    def _note(self, path: KeyPath, at: int) -> None:
+        self.lines.setdefault(path, bisect_left(self._line_ends, at) + 1)
+
+
+def _unquoted(key: str) -> str:
+    try:
+        return str(tomllib.loads(f"key = {key}")["key"])
+    except tomllib.TOMLDecodeError:
+        raise _NotTomlError from None

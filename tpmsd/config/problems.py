@@ -1,0 +1,103 @@
+"""What is wrong with a configuration: one record per problem, and the error that carries all of them.
+
+In: where, what was found, what is allowed. Out: `Problem` with a one-line text; `ConfigProblems`.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from tpmsd.errors import ConfigError
+
+_LONGEST_SHOWN = 60
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """One thing that is wrong (or, for a warning, doubtful) and where."""
+
+    file: str
+    line: int | None
+    """Counted from 1; None where no line is to blame."""
+    key: str
+    """Table and key, such as '[vehicle] wheel_radius_m'; '' for the file as a whole."""
+    what: str
+    """What is wrong, such as 'unknown key'."""
+    found: str | None = None
+    allowed: str | None = None
+    suggestion: str | None = None
+    """The nearest right spelling or value."""
+
+    @property
+    def text(self) -> str:
+        """All of it in one line."""
+        where = self.file if self.line is None else f"{self.file}:{self.line}"
+        parts = [where, self.key, self.what] if self.key else [where, self.what]
+        line = ": ".join(parts)
+        if self.found is not None:
+            line += f", found {self.found}"
+        if self.allowed is not None:
+            line += f"; allowed: {self.allowed}"
+        if self.suggestion is not None:
+            line += f"; did you mean {self.suggestion}?"
+        return one_line(line)
+
+
+class ConfigProblems(ConfigError):  # noqa: N818 - it is all of them, not one error
+    """A configuration that cannot be used; its text has one problem per line."""
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems = tuple(problems)
+        super().__init__("\n".join(problem.text for problem in self.problems))
+
+
+class BadValueError(Exception):
+    """A value that breaks its rule; becomes a `Problem` once file, line and key are known."""
+
+    def __init__(
+        self,
+        what: str,
+        found: str | None = None,
+        allowed: str | None = None,
+        suggestion: str | None = None,
+    ) -> None:
+        self.what = what
+        self.found = found
+        self.allowed = allowed
+        self.suggestion = suggestion
+        super().__init__(what)
+
+    def at(self, file: Path | str, line: int | None, key: str) -> Problem:
+        """The problem at a place."""
+        return Problem(str(file), line, key, self.what, self.found, self.allowed, self.suggestion)
+
+
+def one_line(text: str) -> str:
+    """`text` without anything that a terminal would take for a new line or a control character."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
+def show(value: object) -> str:
+    """A value of a TOML file as its author knows it, shortened to what fits in a line."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, list):
+        return "an array"
+    try:
+        text = json.dumps(value, ensure_ascii=False) if isinstance(value, str) else str(value)
+    except ValueError:  # a hexadecimal integer of more digits than Python prints in decimal
+        return "a number of thousands of digits"
+    return text if len(text) <= _LONGEST_SHOWN else text[: _LONGEST_SHOWN - 3] + "..."
+
+
+def show_key(key: str) -> str:
+    """A key as TOML would write it: bare where it can be, else quoted."""
+    if len(key) > _LONGEST_SHOWN:
+        key = key[: _LONGEST_SHOWN - 3] + "..."
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+|[\w-]+\.\.\.", key) else json.dumps(key, ensure_ascii=False)

@@ -1,0 +1,204 @@
+"""Rules for single values of the configuration: a number in a range, a choice, a path, ...
+
+In: a value as `tomllib` gives it. Out: the value in the type of `tpmsd.config.model`, or `BadValueError`
+with what was found and what is allowed. A rule knows neither file nor key.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from tpmsd.config.problems import BadValueError, show
+from tpmsd.config.suggest import nearest
+
+# Values that are right in another unit: what they must be multiplied by, and the confusion's name.
+_OTHER_UNITS = {
+    "m": ((1e-3, "m, not mm"), (1e-2, "m, not cm")),
+    "s": ((1e-3, "s, not ms"),),
+    "share": ((1e-2, "a share, not per cent"),),
+}
+_UNIX_SOCKET_BYTES = 107  # sun_path of Linux without its closing zero
+
+
+class Rule(Protocol):
+    """What a value must be."""
+
+    def read(self, value: object) -> object:
+        """The value in its final type; raises `BadValueError`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Number:
+    """A finite number from `low` to `high`; a bound that is `open` is not itself allowed."""
+
+    low: float
+    high: float
+    unit: str = ""
+    open: bool = False
+
+    def read(self, value: object) -> float:
+        """The number as float."""
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            suggestion = None
+            if isinstance(value, str) and self._holds(_number_in(value)):
+                suggestion = f"{_number_in(value):g} without quotes"
+            raise BadValueError("not a number", show(value), self.allowed, suggestion)
+        if isinstance(value, float) and not math.isfinite(value):
+            raise BadValueError("not a finite number", show(value), self.allowed)
+        if not self._holds(value):
+            raise BadValueError("out of range", show(value), self.allowed, self._in_other_unit(value))
+        return float(value)
+
+    @property
+    def allowed(self) -> str:
+        """The range in words."""
+        unit = f" {self.unit}" if self.unit and self.unit != "share" else ""
+        if self.open:
+            return f"above {self.low:.10g} and below {self.high:.10g}{unit}"
+        return f"{self.low:.10g} to {self.high:.10g}{unit}"
+
+    def _holds(self, value: float) -> bool:
+        return self.low < value < self.high if self.open else self.low <= value <= self.high
+
+    def _in_other_unit(self, value: float) -> str | None:
+        for factor, confusion in _OTHER_UNITS.get(self.unit, ()):
+            if abs(value) < 1e9 and self._holds(value * factor):
+                return f"{value * factor:g} ({confusion})"
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class Whole:
+    """A whole number from `low` to `high`; `base` 16 or 8 shows the range as such files write it."""
+
+    low: int
+    high: int
+    base: int = 10
+
+    def read(self, value: object) -> int:
+        """The number as int; 115200.0 is one, too."""
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise BadValueError("not a whole number", show(value), self.allowed)
+        if isinstance(value, float) and not value.is_integer():  # NaN and the infinities are none either
+            raise BadValueError("not a whole number", show(value), self.allowed)
+        if not self.low <= value <= self.high:
+            raise BadValueError("out of range", show(value), self.allowed, self._octal_meant(value))
+        return int(value)
+
+    @property
+    def allowed(self) -> str:
+        """The range in words."""
+        form = {10: "d", 16: "#X", 8: "#o"}[self.base]
+        return f"{self.low:{form}} to {self.high:{form}}".replace("0X", "0x")
+
+    def _octal_meant(self, value: float) -> str | None:
+        digits = str(int(value)) if self.base == 8 and 0 <= value < 10_000 else ""
+        return (
+            f"0o{digits}"
+            if digits and set(digits) <= set("01234567") and int(digits, 8) <= self.high
+            else None
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Flag:
+    """True or false."""
+
+    def read(self, value: object) -> bool:
+        """The flag."""
+        if not isinstance(value, bool):
+            raise BadValueError("not a flag", show(value), "true or false")
+        return value
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """One of a few words."""
+
+    words: tuple[str, ...]
+
+    def read(self, value: object) -> str:
+        """The word."""
+        if value not in self.words:
+            suggestion = nearest(value, self.words) if isinstance(value, str) else None
+            raise BadValueError("not one of the choices", show(value), " | ".join(self.words), suggestion)
+        return str(value)
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A text that is not empty."""
+
+    def read(self, value: object) -> str:
+        """The text without blanks around it."""
+        return _text(value, "a text in quotes").strip()
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """A CAN channel: a name such as can0, or a number as some interfaces have it."""
+
+    def read(self, value: object) -> str:
+        """The channel's name."""
+        if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 256:
+            return str(value)
+        return _text(value, "a text in quotes such as 'can0', or a number from 0 to 255").strip()
+
+
+@dataclass(frozen=True, slots=True)
+class FilePath:
+    """A path; relative ones are relative to `folder`, '~' is the home."""
+
+    folder: Path
+    may_be_empty: bool = False
+    """An empty text stands for 'no file' and becomes None."""
+    socket: bool = False
+
+    def read(self, value: object) -> Path | None:
+        """The path, relative to the folder of the configuration if it is not absolute."""
+        if self.may_be_empty and value == "":
+            return None
+        text = _text(value, "a path in quotes" + (", or '' for none" if self.may_be_empty else ""))
+        if "\0" in text:
+            raise BadValueError("not a path", show(text), "a path without a zero byte")
+        try:
+            path = self.folder / Path(text).expanduser()
+        except RuntimeError as error:
+            raise BadValueError(f"not a path ({error})", show(text)) from None
+        length = len(str(path).encode(errors="surrogateescape"))
+        if self.socket and length > _UNIX_SOCKET_BYTES:
+            raise BadValueError(
+                "too long for a socket", f"{length} bytes", f"at most {_UNIX_SOCKET_BYTES} bytes"
+            )
+        return path
+
+
+@dataclass(frozen=True, slots=True)
+class SignalName:
+    """'Message.Signal' as the DBC names them."""
+
+    def read(self, value: object) -> str:
+        """The name without blanks around it."""
+        text = _text(value, "'Message.Signal' as in the DBC").strip()
+        parts = text.split(".")
+        if len(parts) != 2 or not all(part and not any(c.isspace() for c in part) for part in parts):
+            raise BadValueError("not a signal's name", show(text), "'Message.Signal' as in the DBC")
+        return text
+
+
+def _text(value: object, allowed: str) -> str:
+    if not isinstance(value, str):
+        raise BadValueError("not a text", show(value), allowed)
+    if not value.strip():
+        raise BadValueError("empty", show(value), allowed)
+    return value
+
+
+def _number_in(text: str) -> float:
+    try:
+        return float(text.replace(",", "."))
+    except ValueError:
+        return math.nan

@@ -1,0 +1,89 @@
+"""Every table and key that a configuration may have, and the rule of its value.
+
+In: the folder of the configuration, for its relative paths. Out: `{table: {key: rule}}`. Defaults are in
+`tpmsd.config.model`; what keys must agree with each other is in `tpmsd.config.agree`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tpmsd.config.model import ROLES
+from tpmsd.config.rules import Channel, Choice, FilePath, Flag, Number, Rule, SignalName, Text, Whole
+
+FILTER_METHODS = ("mpf-pn",)
+DRIVEN_AXLES = ("front", "rear", "all")
+RADIUS = Number(0.15, 0.7, "m")  # go-kart to lorry
+_TRACK = Number(0.8, 3.0, "m")
+_PROBABILITY = Number(0.0, 1.0, "share", open=True)
+_PERCENT = Number(0.01, 20.0, "%")
+_DURATION = Number(0.0, 86_400.0, "s")
+_LONGEST_CAN_ID = 0x1FFF_FFFF
+
+
+def tables(folder: Path) -> dict[str, dict[str, Rule]]:
+    """All tables; [can.signals] stands under 'can.signals', and `wheel_radius_m` is read by `agree`."""
+    return {
+        "vehicle": {
+            "wheel_radius_m": RADIUS,
+            "track_front_m": _TRACK,
+            "track_rear_m": _TRACK,
+            "wheelbase_m": Number(1.0, 8.0, "m"),
+            "driven_axle": Choice(DRIVEN_AXLES),
+            "steering_ratio": Number(1.0, 60.0),
+            "teeth_per_rev": Number(0.0, 1e8, open=True),  # a wheel encoder has tens of thousands
+        },
+        "can": {
+            "interface": Text(),
+            "channel": Channel(),
+            "dbc": FilePath(folder),
+            "fd": Flag(),
+            "bitrate": Whole(5_000, 8_000_000),
+        },
+        "can.signals": {role: SignalName() for role in ROLES},
+        "gnss": {
+            "device": Text(),
+            "baud": Whole(300, 4_000_000),
+            "antenna_forward_m": Number(-10.0, 20.0, "m"),
+            "antenna_left_m": Number(-3.0, 3.0, "m"),
+            "latency_s": Number(0.0, 5.0, "s"),
+        },
+        "filter": {
+            "method": Choice(FILTER_METHODS),
+            "rate_hz": Number(1.0, 100.0, "Hz"),
+            "particles": Whole(10, 1_000_000),
+            "window_s": Number(2.0, 86_400.0, "s"),
+            "seed": Whole(0, 2**63 - 1),
+            "min_speed_mps": Number(0.0, 30.0, "m/s"),
+            "max_accel_long_mps2": Number(0.1, 20.0, "m/s2"),
+            "max_accel_lat_mps2": Number(0.1, 20.0, "m/s2"),
+        },
+        "monitor": {
+            "learn_s": Number(1.0, 86_400.0, "s"),
+            "deflation_percent": _PERCENT,
+            "deviation_percent": _PERCENT,
+            "raise_probability": _PROBABILITY,
+            "clear_probability": _PROBABILITY,
+            "raise_hold_s": _DURATION,
+            "clear_hold_s": _DURATION,
+            "malfunction_s": Number(1.0, 86_400.0, "s"),
+            "gnss_malfunction_s": Number(1.0, 86_400.0, "s"),
+        },
+        "alarms": {
+            "can": Flag(),
+            "channel": Channel(),
+            "status_id": Whole(0, _LONGEST_CAN_ID, base=16),
+            "alarm_id": Whole(0, _LONGEST_CAN_ID, base=16),
+            "extended_ids": Flag(),
+            "status_period_s": Number(0.01, 60.0, "s"),
+            "alarm_period_s": Number(0.01, 60.0, "s"),
+        },
+        "status": {
+            "socket": FilePath(folder, socket=True),
+            "mode": Whole(0, 0o777, base=8),
+        },
+        "state": {
+            "file": FilePath(folder, may_be_empty=True),
+            "interval_s": Number(1.0, 86_400.0, "s"),
+        },
+    }
