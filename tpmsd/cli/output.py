@@ -73,6 +73,8 @@ def write_json(obj: Any, target: str, stdout: IO[str] | None = None) -> None:
     text = dumps(obj) + "\n"  # all of it before the file is touched: a half-written report helps nobody
     if target == "-":
         out = stdout or sys.stdout
+        if out is None:
+            raise TpmsdError("standard output is closed")
         out.write(text)
         out.flush()
         return

@@ -1,0 +1,125 @@
+"""The command `tpmsd`: finds the sub-command, runs it and turns every error into one line and an exit code.
+
+In: the command line. Out: the exit code. Each command is a module of its own with `add_parser(subparsers)`
+and `run(args) -> int`; only the one that is asked for is imported, since numpy and cantools take their time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import importlib
+import importlib.util
+import io
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+
+from tpmsd import __version__
+from tpmsd.cli.output import Subparsers
+from tpmsd.errors import TpmsdError
+
+COMMANDS: tuple[tuple[str, str, str], ...] = (
+    ("run", "tpmsd.cli.run", "watch the tyres of this car: the daemon"),
+    ("status", "tpmsd.cli.status", "ask the running daemon how the tyres are"),
+    ("replay", "tpmsd.cli.replay", "run a recorded drive through the same core, at full speed"),
+    ("simulate", "tpmsd.cli.simulate", "make a drive, with a puncture if wanted: to a folder or live"),
+    ("check", "tpmsd.cli.check", "check a configuration and say what would be monitored with what"),
+    ("calibrate", "tpmsd.cli.calibrate", "learn the radii of a car from a recorded drive"),
+    ("diagnose", "tpmsd.cli.diagnose", "say which physics a recorded drive holds that the model lacks"),
+)
+"""Name, module and one-line help of every command; one whose module is not there is left out."""
+
+EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+
+_EPILOG = """\
+examples:
+  tpmsd check vehicle.toml         is the configuration right, and what will be monitored?
+  tpmsd replay drives/monday       what would the daemon have said on this drive?
+
+exit codes:
+  0  done
+  1  anything else
+  2  wrong usage or configuration
+  3  unusable input (the message names file, line and reason)
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; `argv` defaults to the process's own arguments."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    try:
+        if isinstance(sys.stdout, io.TextIOWrapper):
+            # A path or a unit that the terminal cannot show must not end the command.
+            sys.stdout.reconfigure(errors="backslashreplace")
+        code = _run(arguments)
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except TpmsdError as error:
+        for line in str(error).splitlines():
+            _say(line)
+        return error.exit_code
+    except KeyboardInterrupt:
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:
+        _forget_stdout()
+        return 0  # who closed the pipe (`| head`) has seen enough
+    except Exception as error:
+        if os.environ.get("TPMSD_DEBUG"):
+            traceback.print_exc()
+        if isinstance(error, OSError):
+            _forget_stdout()  # it may be the disk under standard output that is full
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        _say(f"internal error: {reason} (set TPMSD_DEBUG=1 for the traceback)")
+        return 1
+    return code
+
+
+def _run(arguments: list[str]) -> int:
+    parser, subparsers = _top_parser()
+    wanted = next((argument for argument in arguments if not argument.startswith("-")), None)
+    runner = None
+    for name, module_name, summary in COMMANDS:
+        if importlib.util.find_spec(module_name) is None:
+            continue
+        if name == wanted:
+            module = importlib.import_module(module_name)
+            module.add_parser(subparsers)
+            runner = module.run
+        else:
+            subparsers.add_parser(name, help=summary, add_help=False)
+    try:
+        args = parser.parse_args(arguments)
+    except SystemExit as leaving:  # argparse has said what it had to say
+        return leaving.code if isinstance(leaving.code, int) else 2
+    if runner is None:
+        parser.print_help(sys.stderr)
+        return 2
+    return int(runner(args))
+
+
+def _top_parser() -> tuple[argparse.ArgumentParser, Subparsers]:
+    parser = argparse.ArgumentParser(
+        prog="tpmsd",
+        description="Finds soft tyres without pressure sensors: from the ABS wheel signals on a CAN bus and\n"
+        "a GNSS receiver. 'tpmsd COMMAND --help' explains each command.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"tpmsd {__version__}")
+    return parser, parser.add_subparsers(title="commands", metavar="COMMAND", dest="command")
+
+
+def _say(line: str) -> None:
+    # Where nobody listens on standard error, the exit code still tells.
+    with contextlib.suppress(OSError):
+        print(f"tpmsd: {line}", file=sys.stderr)
+
+
+def _forget_stdout() -> None:
+    """Point standard output elsewhere, so that the interpreter's last flush does not fail once more."""
+    with contextlib.suppress(OSError, ValueError):
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, sys.stdout.fileno())
+        os.close(null)
