@@ -1,7 +1,7 @@
 """Puts what the monitor says on CAN, as `dbc/tpmsd.dbc` describes it.
 
-In: one `MonitorReport` per tick and the logical time. Out: the frames that are due, `OutFrame`s. Pure: neither
-bus nor clock.
+In: one `MonitorReport` per tick and the logical time. Out: the frames that are due, `OutFrame`s.
+Pure: neither bus nor clock.
 
 TPMSD_STATUS is cyclic: three pages (front, rear, change) every `status_period_s`. TPMSD_ALARM is sent at once
 for every alarm raised or cleared, then repeated every `alarm_period_s` while the alarm stands, and

@@ -2,8 +2,9 @@
 
 In: physical values by signal name (NaN: not available). Out: 8 bytes.
 
-The layout is kept here as constants, and in `dbc/tpmsd.dbc` for everybody else; a test compares the two signal
-by signal. So the daemon needs no file at run time (no installation can lose it), and the two cannot drift apart.
+The layout is kept here as constants, and in `dbc/tpmsd.dbc` for everybody else; a test compares the two
+signal by signal. So the daemon needs no file at run time that an installation could lose, and the two cannot
+drift apart.
 """
 
 from __future__ import annotations
