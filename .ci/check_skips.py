@@ -1,7 +1,7 @@
 """Which tests were skipped, and was that right?
 
-In: pytest's JUnit XML and whether the real recordings are on this machine. Out: a list of the skips; exit 1 if the
-recordings are there and a test was skipped for want of them, or if no test ran at all.
+In: pytest's JUnit XML and whether the real recordings are on this machine. Out: a list of the skips; exit 1
+if the recordings are there and a test was skipped for want of them, or if no test ran at all.
 """
 
 from __future__ import annotations
@@ -30,7 +30,9 @@ def main() -> int:
     """Print the skips; the exit code says whether they are acceptable."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("junit", type=Path, help="file written by pytest --junitxml")
-    parser.add_argument("--recordings-present", action="store_true", help="skips for want of them are failures")
+    parser.add_argument(
+        "--recordings-present", action="store_true", help="skips for want of them are failures"
+    )
     args = parser.parse_args()
     count, skips = skipped_tests(args.junit)
     if count == 0:
@@ -40,7 +42,10 @@ def main() -> int:
         print(f"skipped {name}: {reason}")
     wrong = [name for name, reason in skips if RECORDINGS_REASON in reason.lower()]
     if args.recordings_present and wrong:
-        print(f"the recordings are here, yet {len(wrong)} test(s) were skipped for want of them", file=sys.stderr)
+        print(
+            f"the recordings are here, yet {len(wrong)} test(s) were skipped for want of them",
+            file=sys.stderr,
+        )
         return 1
     return 0
 

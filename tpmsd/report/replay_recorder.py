@@ -1,0 +1,228 @@
+"""Gathers a replay, tick by tick, into a bounded record.
+
+In: per tick a `Tick`, a `RadiusEstimate` and a `MonitorReport`. Out: a `ReplayResult`. No I/O, no clock: the
+caller says how fast the replay ran.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from tpmsd.config.model import MonitorConfig, VehicleConfig
+from tpmsd.estimators.base import RadiusEstimate
+from tpmsd.monitor.records import AlarmEvent, MonitorReport, WheelState
+from tpmsd.report.replay_result import (
+    GNSS_GAP_S,
+    AlarmThresholds,
+    FinalPose,
+    GnssHealth,
+    ReplayResult,
+    WheelOutcome,
+)
+from tpmsd.timeline.tick import Tick
+from tpmsd.wheels import WHEELS, FloatArray
+
+MOVING_MPS = 1.0
+"""Above this speed the car counts as moving."""
+WATCHED = (WheelState.MONITORING, WheelState.ALARM)
+
+# Columns of the table. The fault columns are cumulative, so that thinning the rows loses no fault.
+_TIME, _SPEED, _INFORMATIVE, _GNSS_AGE, _CAN_FAULTS, _GNSS_FAULTS = range(6)
+_DEVIATION, _STD, _CHANGE, _CHANGE_STD, _PROBABILITY = (slice(6 + 4 * k, 10 + 4 * k) for k in range(5))
+_COLUMNS = 26
+
+
+class ReplayRecorder:
+    """Bounded memory: when the table is full, every second row goes, and from then on every second tick.
+
+    Totals (distance, faults, alarms, outages) are kept from every tick; only the series are thinned.
+    """
+
+    def __init__(
+        self, drive: str, vehicle: VehicleConfig, monitor: MonitorConfig, max_points: int = 20_000
+    ) -> None:
+        if max_points < 2:
+            raise ValueError(f"max_points must be at least 2, not {max_points}")
+        self._drive = drive
+        self._nominal = np.asarray(vehicle.wheel_radius_m, dtype=np.float64)
+        self._thresholds = AlarmThresholds.from_config(vehicle, monitor)
+        self._learn_s = monitor.learn_s
+        self._rows = np.full((max_points, _COLUMNS), np.nan)
+        self._filled = 0
+        self._stride = 1
+        self._ticks = 0
+        self._last: tuple[Tick, RadiusEstimate, MonitorReport] | None = None
+        self._start_s = math.nan
+        self._wheels = {wheel: _WheelTally() for wheel in WHEELS}
+        self._gnss = _GnssTally()
+        self._alarms: list[AlarmEvent] = []
+        self._faults: Counter[str] = Counter()
+        self._source_faults: Counter[str] = Counter()
+        self._distance_m = 0.0
+        self._moving_s = 0.0
+        self._gaps = 0
+        self._gap_s = 0.0
+
+    def add(self, tick: Tick, estimate: RadiusEstimate, report: MonitorReport) -> None:
+        """Take one tick and what the core made of it."""
+        if self._ticks == 0:
+            self._start_s = tick.time_s - tick.dt_s
+        self._tally(tick, estimate, report)
+        self._last = (tick, estimate, report)
+        if self._ticks % self._stride == 0 and self._filled == len(self._rows):
+            self._thin()
+        if self._ticks % self._stride == 0:
+            self._rows[self._filled] = self._row(tick, estimate, report)
+            self._filled += 1
+        self._ticks += 1
+
+    def result(self, realtime_factor: float) -> ReplayResult:
+        """The record so far; `realtime_factor` is driving time over the time the replay took."""
+        table = self._rows[: self._filled].copy()
+        estimate = report = None
+        duration = 0.0
+        if self._last is not None:
+            tick, estimate, report = self._last
+            duration = max(0.0, tick.time_s - self._start_s)
+            # The end of the drive is always shown, if need be in place of the newest row.
+            spare = self._filled < len(self._rows) and tick.time_s != table[-1, _TIME]
+            table = np.vstack([table if spare else table[:-1], self._row(tick, estimate, report)])
+        gnss = self._gnss
+        return ReplayResult(
+            drive=self._drive,
+            start_s=self._start_s,
+            duration_s=duration,
+            realtime_factor=realtime_factor,
+            nominal_m=self._nominal,
+            thresholds=self._thresholds,
+            learn_s=self._learn_s,
+            time_s=table[:, _TIME],
+            speed_mps=table[:, _SPEED],
+            deviation_m=table[:, _DEVIATION],
+            std_m=table[:, _STD],
+            change_m=table[:, _CHANGE],
+            change_std_m=table[:, _CHANGE_STD],
+            deflation_probability=table[:, _PROBABILITY],
+            informative=table[:, _INFORMATIVE] > 0.5,
+            gnss_age_s=table[:, _GNSS_AGE],
+            can_faults=table[:, _CAN_FAULTS].astype(np.int64),
+            gnss_faults=table[:, _GNSS_FAULTS].astype(np.int64),
+            wheels=tuple(WheelOutcome(wheel, **asdict(tally)) for wheel, tally in self._wheels.items()),
+            alarms=tuple(self._alarms),
+            active=report.active if report is not None else (),
+            fault_counts=dict(sorted(self._faults.items())),
+            gnss=GnssHealth(gnss.fixes, gnss.outages, gnss.total_s, gnss.longest_s),
+            pose=_pose(estimate),
+            distance_m=self._distance_m,
+            moving_s=self._moving_s,
+            informative_s=estimate.informative_s if estimate is not None else 0.0,
+            learning_fraction=report.learning_fraction if report is not None else 0.0,
+            tick_gaps=self._gaps,
+            tick_gap_s=self._gap_s,
+        )
+
+    def _thin(self) -> None:
+        kept = self._rows[: self._filled : 2].copy()
+        self._rows[: len(kept)] = kept
+        self._filled = len(kept)
+        self._stride *= 2
+
+    def _tally(self, tick: Tick, estimate: RadiusEstimate, report: MonitorReport) -> None:
+        for fault in tick.faults:
+            self._faults[f"{fault.source} {fault.kind}"] += 1
+            self._source_faults[fault.source] += 1
+        if tick.gap_s > 0:
+            self._gaps += 1
+            self._gap_s += tick.gap_s
+        speed = abs(estimate.speed_mps)
+        if math.isfinite(speed):
+            self._distance_m += speed * tick.dt_s
+            self._moving_s += tick.dt_s if speed >= MOVING_MPS else 0.0
+        self._gnss.add(len(tick.fixes), estimate.gnss_age_s, tick.time_s - self._start_s)
+        self._alarms.extend(report.events)
+        for wheel in report.wheels:
+            tally = self._wheels[wheel.wheel]
+            tally.state = wheel.state
+            if math.isfinite(wheel.deviation_m):
+                tally.deviation_m, tally.std_m = wheel.deviation_m, wheel.std_m
+                tally.change_m, tally.change_std_m = wheel.change_m, wheel.change_std_m
+                tally.deflation_probability = wheel.deflation_probability
+            if wheel.state != WheelState.UNAVAILABLE:
+                tally.seen_s += tick.dt_s
+            if wheel.state in WATCHED:
+                tally.monitored_s += tick.dt_s
+                if math.isnan(tally.monitored_from_s):
+                    tally.monitored_from_s = tick.time_s
+
+    def _row(self, tick: Tick, estimate: RadiusEstimate, report: MonitorReport) -> FloatArray:
+        row = np.full(_COLUMNS, np.nan)
+        row[_TIME] = tick.time_s
+        row[_SPEED] = estimate.speed_mps
+        row[_INFORMATIVE] = estimate.informative
+        row[_GNSS_AGE] = estimate.gnss_age_s
+        row[_CAN_FAULTS] = self._source_faults["can"]
+        row[_GNSS_FAULTS] = self._source_faults["gnss"]
+        for wheel in report.wheels:
+            row[6 + WHEELS.index(wheel.wheel) :: 4] = (
+                wheel.deviation_m,
+                wheel.std_m,
+                wheel.change_m,
+                wheel.change_std_m,
+                wheel.deflation_probability,
+            )
+        return row
+
+
+@dataclass(slots=True)
+class _WheelTally:
+    """Running totals of one wheel; the fields are those of `WheelOutcome`."""
+
+    state: WheelState = WheelState.UNAVAILABLE
+    deviation_m: float = math.nan
+    std_m: float = math.nan
+    change_m: float = math.nan
+    change_std_m: float = math.nan
+    deflation_probability: float = math.nan
+    seen_s: float = 0.0
+    monitored_s: float = 0.0
+    monitored_from_s: float = math.nan
+
+
+@dataclass(slots=True)
+class _GnssTally:
+    """Running totals of the receiver."""
+
+    fixes: int = 0
+    outages: int = 0
+    total_s: float = 0.0
+    longest_s: float = 0.0
+    current_s: float = 0.0
+
+    def add(self, fixes: int, age_s: float, since_start_s: float) -> None:
+        """Take one tick; before the first fix (infinite age) the wait counts from the drive's start."""
+        self.fixes += fixes
+        silent_s = since_start_s if math.isnan(age_s) else min(age_s, since_start_s)
+        if silent_s <= GNSS_GAP_S:
+            self.current_s = 0.0
+            return
+        if self.current_s == 0.0:
+            self.outages += 1
+        self.total_s += max(0.0, silent_s - self.current_s)
+        self.current_s = silent_s
+        self.longest_s = max(self.longest_s, silent_s)
+
+
+def _pose(estimate: RadiusEstimate | None) -> FinalPose | None:
+    if estimate is None or not math.isfinite(estimate.east_m + estimate.north_m):
+        return None
+    return FinalPose(
+        estimate.east_m,
+        estimate.north_m,
+        estimate.heading_rad,
+        estimate.position_std_m,
+        estimate.heading_std_rad,
+    )
