@@ -1,0 +1,56 @@
+"""Kalman arithmetic for many small filters at once.
+
+In: means (N, n) and covariances (N, n, n) of N particles. Out: the same, updated in place, with log-likelihoods.
+Scalar measurements one after the other: no matrix inverse, and each can be judged on its own.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tpmsd.wheels import FloatArray
+
+TAIL_DOF = 5.0
+ROBUST_FROM = 2.5
+"""Innovations beyond this many standard deviations lose influence (Huber weights)."""
+
+
+def predict(covariance: FloatArray, transition: FloatArray, noise: FloatArray) -> FloatArray:
+    """F P F' + Q for all particles; noise is (n, n) or (N, n, n)."""
+    out: FloatArray = transition @ covariance @ transition.swapaxes(-1, -2)
+    out += noise
+    return out
+
+
+def scalar_update(
+    mean: FloatArray,
+    covariance: FloatArray,
+    innovation: FloatArray,
+    row: FloatArray,
+    variance: float,
+) -> tuple[FloatArray, float]:
+    """One scalar measurement z = row . x + noise for all particles, robustly; changes mean and covariance in place.
+
+    innovation (N,): z - prediction; row (n,) or (N, n). The measurement variance of a particle is raised where its
+    innovation is beyond `ROBUST_FROM` sigma so that its pull is that of Huber's estimator.
+    Returns the log-likelihood (N,) under a Student-t of the same scale, and the mean squared normalised innovation.
+    """
+    gain = np.matmul(covariance, row[..., None])[..., 0] if row.ndim == 2 else covariance @ row
+    projected = np.einsum("ij,ij->i", gain, row) if row.ndim == 2 else gain @ row
+    total = projected + variance
+    squared = innovation**2 / total
+    log = -0.5 * (TAIL_DOF + 1.0) * np.log1p(squared / TAIL_DOF) - 0.5 * np.log(total)
+    excess = np.maximum(np.sqrt(squared) / ROBUST_FROM, 1.0)
+    total = projected + variance * excess**2
+    scaled = gain / total[:, None]
+    mean += scaled * innovation[:, None]
+    covariance -= scaled[:, :, None] * gain[:, None, :]
+    return log, float(squared.mean())
+
+
+def symmetrise(covariance: FloatArray) -> None:
+    """Undo the asymmetry and the loss of positive diagonals that rounding leaves, in place."""
+    covariance += covariance.swapaxes(-1, -2)
+    covariance *= 0.5
+    diagonal = np.einsum("ijj->ij", covariance)
+    np.maximum(diagonal, 1e-14, out=diagonal)

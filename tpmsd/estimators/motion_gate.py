@@ -1,0 +1,99 @@
+"""Which ticks may teach a radius.
+
+In: one tick's odometry, inertial means and fixes. Out: smoothed speed, acceleration and yaw rate, and a verdict.
+Slip and load transfer grow with force, and at low speed one cog is a large part of a tick, so only gentle driving
+above a minimum speed teaches. Ticks left out still move the pose.
+
+A soft rear tyre looks like a bend to the odometry (6 mm at 20 m/s: 0.27 rad/s), and a gate that trusted the wheels would
+shut just then. So the lateral acceleration is judged by a witness other than the wheels where there is one: the gyro, else
+the receiver's course, else (stale or none) the wheels.
+"""
+
+from __future__ import annotations
+
+import math
+
+from tpmsd.config.model import FilterConfig
+from tpmsd.timeline.tick import Fix, Tick
+
+SMOOTHING_S = 0.5
+COURSE_RATE_FRESH_S = 3.0
+MIN_CHORD_M = 8.0
+
+
+class CourseRate:
+    """Yaw rate as the receiver sees it, from its courses or, without them, from chords between its positions."""
+
+    def __init__(self) -> None:
+        self._anchor: Fix | None = None
+        self._course: tuple[float, float] | None = None
+        self.rate_radps = math.nan
+        self.time_s = -math.inf
+
+    def update(self, fix: Fix) -> None:
+        """Take one fix."""
+        if math.isfinite(fix.heading_rad):
+            self._take(fix.time_s, fix.heading_rad)
+            return
+        anchor = self._anchor
+        if anchor is None or fix.time_s - anchor.time_s > COURSE_RATE_FRESH_S:
+            self._anchor = fix
+            return
+        east, north = fix.east_m - anchor.east_m, fix.north_m - anchor.north_m
+        if math.hypot(east, north) >= MIN_CHORD_M and fix.time_s - anchor.time_s >= 0.9:
+            self._anchor = fix
+            self._take((fix.time_s + anchor.time_s) / 2, math.atan2(north, east))
+
+    def _take(self, time_s: float, course_rad: float) -> None:
+        if self._course is not None:
+            elapsed = time_s - self._course[0]
+            if elapsed < 0.9:
+                return
+            if elapsed <= COURSE_RATE_FRESH_S:
+                turned = math.remainder(course_rad - self._course[1], 2 * math.pi)
+                self.rate_radps, self.time_s = turned / elapsed, time_s
+        self._course = (time_s, course_rad)
+
+
+class MotionGate:
+    """Smooths the odometry just enough for accelerations to rise out of the quantisation."""
+
+    def __init__(self, settings: FilterConfig) -> None:
+        self._settings = settings
+        self._course = CourseRate()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the motion so far (after a gap)."""
+        self.speed_mps = math.nan
+        self.yaw_rate_radps = 0.0
+        self.accel_mps2 = 0.0
+
+    def update(self, tick: Tick, speed_mps: float, yaw_rate_radps: float) -> bool:
+        """Take one tick's wheel speed and yaw rate; whether this tick may teach."""
+        if math.isnan(self.speed_mps):
+            self.speed_mps, self.yaw_rate_radps = speed_mps, yaw_rate_radps
+            return False
+        share = 1.0 - math.exp(-tick.dt_s / SMOOTHING_S)
+        before = self.speed_mps
+        self.speed_mps += share * (speed_mps - before)
+        self.yaw_rate_radps += share * (yaw_rate_radps - self.yaw_rate_radps)
+        self.accel_mps2 += share * ((self.speed_mps - before) / tick.dt_s - self.accel_mps2)
+        accel_long = self.accel_mps2 if math.isnan(tick.accel_long_mps2) else tick.accel_long_mps2
+        accel_lat = self.speed_mps * self._witnessed_yaw_rate(tick)
+        limits = self._settings
+        return (
+            speed_mps >= limits.min_speed_mps
+            and self.speed_mps >= limits.min_speed_mps
+            and abs(accel_long) <= limits.max_accel_long_mps2
+            and abs(accel_lat) <= limits.max_accel_lat_mps2
+        )
+
+    def _witnessed_yaw_rate(self, tick: Tick) -> float:
+        for fix in tick.fixes:
+            self._course.update(fix)
+        if math.isfinite(tick.yaw_rate_radps):
+            return tick.yaw_rate_radps
+        if abs(tick.time_s - self._course.time_s) <= COURSE_RATE_FRESH_S:
+            return self._course.rate_radps
+        return self.yaw_rate_radps

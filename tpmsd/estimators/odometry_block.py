@@ -1,0 +1,148 @@
+"""The wheels' rotation over about a second, ready to be held against the receiver and against each other.
+
+In: ticks and fixes. Out: a `Block` when one is complete. Over a block the counters' quantisation is small, and Doppler
+speeds at both ends and between give the way by the trapezoid rule.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.physics.kinematics import Geometry, wheel_speeds
+from tpmsd.timeline.tick import Fix, Tick
+from tpmsd.wheels import FL, FR, FloatArray
+
+MIN_BLOCK_S = 0.95
+MAX_BLOCK_S = 2.5
+
+
+@dataclass(frozen=True, slots=True)
+class FrontResidual:
+    """One front wheel's hub path, predicted from the rear pair, minus what its own rotation says."""
+
+    residual_m: float
+    by_rear: FloatArray
+    """(2,) derivative of the predicted path by the radii of rl and rr."""
+    reading_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Rotation, and what it can be compared with, over one block."""
+
+    duration_s: float
+    teaches: bool
+    angle_rad: FloatArray
+    """(d,) rotation in the estimator's order (rl, rr[, fl, fr]); over the Doppler span for the rear pair if there is one."""
+    way_m: float
+    doppler_way_m: float
+    """NaN without Doppler speeds."""
+    antenna_extra_m: float
+    """Way of the antenna minus that of the rear axle's middle."""
+    speed_change_mps: float
+    reading_way_m: float
+    front: tuple[FrontResidual | None, FrontResidual | None]
+    at_radii: FloatArray
+    """(d,) radius errors at which the front residuals were formed."""
+
+
+class BlockBuilder:
+    """Adds ticks up; a block ends at a fix with speed, or by time where there are none."""
+
+    def __init__(self, order: list[int], nominal: FloatArray, geometry: Geometry) -> None:
+        self._order, self._nominal, self._geometry = order, nominal, geometry
+        self.reset()
+
+    def reset(self) -> None:
+        """Drop what was gathered."""
+        self._ticks: list[tuple[Tick, bool]] = []
+        self._fixes: list[tuple[int, Fix]] = []
+
+    def add_fix(self, fix: Fix, tick: Tick) -> None:
+        """A fix inside the tick that is about to be added."""
+        if math.isfinite(fix.speed_mps):
+            self._fixes.append((tick.index, fix))
+
+    def add(self, tick: Tick, teaches: bool, radii: FloatArray) -> Block | None:
+        """Take a tick; the block it completes, if any. `radii` are the present radius errors (d,)."""
+        if not np.all(np.isfinite(tick.rotation_rad[self._order[:2]])):
+            self.reset()
+            return None
+        self._ticks.append((tick, teaches))
+        begin = self._ticks[0][0]
+        elapsed = tick.time_s - (begin.time_s - begin.dt_s)
+        fresh = bool(self._fixes) and self._fixes[-1][0] == tick.index
+        doppler = fresh and self._fixes[-1][1].time_s - self._fixes[0][1].time_s >= MIN_BLOCK_S * 0.9
+        if not doppler and elapsed < MAX_BLOCK_S:
+            return None
+        if elapsed > 2 * MAX_BLOCK_S:
+            self.reset()
+            return None
+        block = self._build(radii, doppler)
+        last = [f for f in self._fixes if f[0] == tick.index][-1:]
+        self.reset()
+        if last:
+            # The last fix opens the next block, which begins inside this tick.
+            self._fixes = last
+            self._ticks = [(tick, teaches)]
+        return block
+
+    def _build(self, radii: FloatArray, doppler: bool) -> Block:
+        ticks = [t for t, _ in self._ticks]
+        share = np.ones(len(ticks))
+        way = math.nan
+        change = 0.0
+        if doppler:
+            times = np.array([f.time_s for _, f in self._fixes])
+            speeds = np.array([f.speed_mps for _, f in self._fixes])
+            way = float(np.sum((speeds[1:] + speeds[:-1]) / 2 * np.diff(times)))
+            change = float(np.abs(np.diff(speeds)).max(initial=0.0) + abs(speeds[-1] - speeds[0]))
+            for j, t in enumerate(ticks):
+                start = t.time_s - t.dt_s
+                share[j] = (min(t.time_s, times[-1]) - max(start, times[0])) / t.dt_s
+            share = np.clip(share, 0.0, 1.0)
+            if float(np.max(np.diff(times), initial=0.0)) > MAX_BLOCK_S:
+                way = math.nan
+        rotation = np.array([t.rotation_rad[self._order] for t in ticks]) * share[:, None]
+        quantum = np.array([t.rotation_std_rad[self._order] for t in ticks])
+        angle = rotation.sum(axis=0)
+        reading = np.nanmax(quantum, axis=0, initial=0.0)  # errors of the ticks between cancel
+        radius = self._nominal + radii
+        roll = rotation[:, :2] * radius[:2]
+        ways, turns = roll.sum(axis=1) / 2, (roll[:, 1] - roll[:, 0]) / self._geometry.track_rear_m
+        front = self._front(rotation, ways, turns, angle, reading, radius) if len(self._order) == 4 else (None, None)
+        duration = float(sum(s * t.dt_s for s, t in zip(share, ticks, strict=True)))
+        return Block(
+            duration_s=max(duration, 1e-3),
+            teaches=all(flag for _, flag in self._ticks),
+            angle_rad=angle,
+            way_m=float(ways.sum()),
+            doppler_way_m=way,
+            antenna_extra_m=0.0,
+            speed_change_mps=change,
+            reading_way_m=float(np.hypot(reading[0] * radius[0], reading[1] * radius[1])) / 2,
+            front=front,
+            at_radii=radii.copy(),
+        )
+
+    def _front(
+        self, rotation: FloatArray, ways: FloatArray, turns: FloatArray, angle: FloatArray, reading: FloatArray, radius: FloatArray
+    ) -> tuple[FrontResidual | None, FrontResidual | None]:
+        paths = wheel_speeds(ways, turns, self._geometry)
+        out: list[FrontResidual | None] = []
+        ratio = self._geometry.track_front_m / self._geometry.track_rear_m
+        for column, wheel, side in ((2, FL, -1.0), (3, FR, 1.0)):
+            if not math.isfinite(angle[column]) or angle[column] <= 0.0:
+                out.append(None)
+                continue
+            # path ~ way + side * turn * track_front / 2; the hub's lateral part is second order.
+            by_rear = np.array([(1 - side * ratio) / 2 * angle[0], (1 + side * ratio) / 2 * angle[1]])
+            noise = math.hypot(
+                float(reading[column] * radius[column]),
+                float(np.hypot(reading[0] * (1 - side * ratio) / 2, reading[1] * (1 + side * ratio) / 2) * radius[0]),
+            )
+            out.append(FrontResidual(float(paths[:, wheel].sum() - angle[column] * radius[column]), by_rear, noise))
+        return out[0], out[1]
