@@ -1,0 +1,159 @@
+"""`tpmsd check CONFIG`: all that is wrong with a configuration at once, or what it would monitor.
+
+In: a TOML file or drive folder. Out: a summary on standard output (exit 0), or one line per problem on standard
+error (exit 2), as compilers write them: file, line, key, what was found, what is allowed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tpmsd.cli.output import Subparsers, add_json_option, write_json
+
+if TYPE_CHECKING:
+    from tpmsd.config.check import CheckResult
+    from tpmsd.config.plan import Plan, SignalPlan, WheelPlan
+
+_EPILOG = """\
+examples:
+  tpmsd check vehicle.toml
+  tpmsd check drives/monday --dbc new/bus.dbc --json -
+
+exit codes: 0 all is well (warnings apart), 2 something is wrong
+"""
+_LABEL_WIDTH = 12
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "check",
+        help="check a configuration and say what would be monitored with what",
+        description="Say everything that is wrong with a configuration and its DBC at once; or, when all is well,\n"
+        "what would be monitored with what.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("config", metavar="CONFIG", type=Path, help="a TOML file, or a drive folder")
+    parser.add_argument(
+        "--dbc", metavar="FILE", type=Path, help="take this DBC and not the configuration's own"
+    )
+    add_json_option(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Check and report."""
+    from tpmsd.config.check import check  # here, since cantools takes its time and --help does not need it
+
+    result = check(args.config, args.dbc)
+    for warning in result.warnings:
+        print(f"warning: {warning.text}", file=sys.stderr)
+    for problem in result.problems:
+        print(problem.text, file=sys.stderr)
+    if args.json is not None:
+        write_json(_document(result), args.json)
+    if result.plan is None:
+        count = len(result.problems)
+        print(f"{result.file}: {count} problem{'s' if count != 1 else ''}", file=sys.stderr)
+        return 2
+    if args.json != "-":
+        print("\n".join(summary(result.plan)))
+    return 0
+
+
+def summary(plan: Plan) -> list[str]:
+    """The plan in lines for people."""
+    config = plan.config
+    lines = [f"{plan.file} is right. It would monitor:", ""]
+    wheels = " ".join(wheel.wheel for wheel in plan.wheels)
+    lines += _item("wheels", f"{wheels}, nominal radius {_radii(plan)}")
+    lines += [f"  {wheel.wheel:10}{_signal(wheel.source)}, {_wheel(wheel)}" for wheel in plan.wheels]
+    lines += _item("bus", f"{plan.interface} {plan.channel}, decoded by {plan.dbc}")
+    for signal in plan.optional:
+        lines += _item(signal.role if len(signal.role) < _LABEL_WIDTH else "", _optional(signal))
+    device = config.gnss.device or "none"
+    baud = f" at {config.gnss.baud} baud" if config.gnss.device else ""
+    antenna = (
+        f"{config.gnss.antenna_forward_m:g} m forward, {config.gnss.antenna_left_m:g} m left of the rear axle"
+    )
+    lines += _item("receiver", f"{device}{baud}, antenna {antenna}")
+    settings = config.filter
+    lines += _item(
+        "filter",
+        f"{settings.method}, {settings.particles} particles, {settings.rate_hz:g} Hz, "
+        f"memory {settings.window_s:g} s, learns above {settings.min_speed_mps:g} m/s",
+    )
+    monitor = config.monitor
+    lines += _item(
+        "monitor",
+        f"deflation from -{monitor.deflation_percent:g} % of radius, radius_deviation from "
+        f"+-{monitor.deviation_percent:g} %, at a probability of {monitor.raise_probability:g}",
+    )
+    lines += _item("alarms", _alarms(plan))
+    lines += _item("status", f"{config.status.socket} (mode {config.status.mode:04o})")
+    state = f"{config.state.file}, every {config.state.interval_s:g} s" if config.state.file else "not kept"
+    lines += _item("state", state)
+    if plan.losses:
+        lines += ["", "What is missing, and what that costs:"]
+        width = max(len(name) for name in plan.losses)
+        lines += [f"  {name:{width}}  {cost}" for name, cost in plan.losses.items()]
+    return lines
+
+
+def _item(label: str, text: str) -> list[str]:
+    return [f"  {label:{_LABEL_WIDTH - 2}}{text}"]
+
+
+def _radii(plan: Plan) -> str:
+    radii = [wheel.radius_m for wheel in plan.wheels]
+    values = radii[:1] if len(set(radii)) == 1 else radii
+    return " ".join(f"{1000 * radius:.1f}" for radius in values) + " mm"
+
+
+def _signal(signal: SignalPlan) -> str:
+    identifier = f"0x{signal.frame_id:0{8 if signal.extended else 3}X}"
+    period = "period not given" if signal.period_s is None else f"every {1000 * signal.period_s:g} ms"
+    return f"{signal.signal} (id {identifier}, {period}{', multiplexed' if signal.multiplexed else ''})"
+
+
+def _wheel(wheel: WheelPlan) -> str:
+    if wheel.resolution_mm is None or wheel.rollover_m is None or wheel.unambiguous_s is None:
+        step = f"{wheel.speed_step_mps:.2g} m/s" if wheel.speed_step_mps is not None else "?"
+        return f"{wheel.bits}-bit speed in {wheel.source.unit}, steps of {step}"
+    return (
+        f"{wheel.bits}-bit counter, {wheel.resolution_mm:.3g} mm of road per step, "
+        f"rolls over every {_road(wheel.rollover_m)}"
+    )
+
+
+def _road(metres: float) -> str:
+    return f"{metres:.3g} m" if metres < 1000 else f"{metres / 1000:.4g} km"
+
+
+def _optional(signal: SignalPlan) -> str:
+    return f"{signal.role}: {_signal(signal)} in {signal.unit}"
+
+
+def _alarms(plan: Plan) -> str:
+    alarms = plan.config.alarms
+    if not alarms.can:
+        return "not put on the bus"
+    width = 8 if alarms.extended_ids else 3
+    return (
+        f"on {alarms.channel or plan.channel}: status frame 0x{alarms.status_id:0{width}X} every "
+        f"{alarms.status_period_s:g} s, alarm frame 0x{alarms.alarm_id:0{width}X} every "
+        f"{alarms.alarm_period_s:g} s while one lasts"
+    )
+
+
+def _document(result: CheckResult) -> dict[str, object]:
+    return {
+        "file": result.file,
+        "ok": result.plan is not None,
+        "problems": result.problems,
+        "warnings": result.warnings,
+        "plan": result.plan,
+    }

@@ -1,0 +1,189 @@
+"""A configuration against the bus it speaks of: do the names exist, can the signals do their work?
+
+In: the path of a TOML file or drive folder. Out: `CheckResult` with every problem and warning of the
+file and of the DBC at once and, if there is no problem, the plan of what will be monitored. Never raises for
+bad input.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import can
+from cantools.database.can import Database, Message, Signal
+
+from tpmsd.config.dbc import find_signal, load_dbc
+from tpmsd.config.document import read_document
+from tpmsd.config.load import Parsed, parse
+from tpmsd.config.plan import TOP_SPEED_MPS, Plan, make_plan
+from tpmsd.config.problems import BadValueError, ConfigProblems, Problem, show
+from tpmsd.config.suggest import nearest
+from tpmsd.config.units import assumed_unit, stated_unit, to_si
+from tpmsd.errors import ConfigError
+
+_OWN_MESSAGES = "TPMSD_"  # dbc/tpmsd.dbc: a bus description may well include our own frames
+_CLASSIC_CAN_BYTES = 8
+
+
+@dataclass(frozen=True, slots=True)
+class CheckResult:
+    """All that was found."""
+
+    file: Path
+    problems: tuple[Problem, ...]
+    warnings: tuple[Problem, ...] = ()
+    plan: Plan | None = None
+    """None if there are problems."""
+
+
+def check(path: Path, dbc: Path | None = None) -> CheckResult:
+    """Check the file or drive folder `path`; `dbc` takes the place of the file's own."""
+    try:
+        document = read_document(path)
+    except ConfigProblems as error:
+        return CheckResult(path, error.problems)
+    return _Checker(parse(document, dbc)).check()
+
+
+class _Checker:
+    def __init__(self, parsed: Parsed) -> None:
+        self._parsed = parsed
+        self._problems = list(parsed.problems)
+        self._warnings: list[Problem] = []
+
+    def check(self) -> CheckResult:
+        parsed = self._parsed
+        self._check_interface()
+        found: dict[str, tuple[Message, Signal]] = {}
+        if parsed.dbc is not None:
+            try:
+                database = load_dbc(parsed.dbc)
+            except ConfigProblems as error:
+                self._problems += error.problems
+            else:
+                found = self._find(database)
+                for role, (message, signal) in found.items():
+                    self._check_signal(role, message, signal)
+                self._check_frames(database, found)
+                self._check_alarm_ids(database)
+        self._check_usefulness()
+        plan = None
+        if parsed.config is not None and not self._problems:
+            plan = make_plan(parsed.config, found)
+            self._check_counters(plan)
+        return CheckResult(
+            parsed.document.file,
+            tuple(sorted(self._problems, key=_by_place)),
+            tuple(sorted(self._warnings, key=_by_place)),
+            plan,
+        )
+
+    def _table(self, name: str) -> dict[str, Any]:
+        table = self._parsed.document.data.get(name)
+        return table if isinstance(table, dict) else {}
+
+    def _place(self, bad: BadValueError, table: str, key: str) -> Problem:
+        document = self._parsed.document
+        return bad.at(document.file, document.line(*table.split("."), key), f"[{table}] {key}")
+
+    def _problem(self, bad: BadValueError, table: str, key: str) -> None:
+        self._problems.append(self._place(bad, table, key))
+
+    def _warn(self, what: str, table: str, key: str) -> None:
+        self._warnings.append(self._place(BadValueError(what), table, key))
+
+    def _check_interface(self) -> None:
+        name = self._table("can").get("interface")
+        if isinstance(name, str) and name.strip() and name.strip() not in can.VALID_INTERFACES:
+            near = nearest(name, can.VALID_INTERFACES)
+            allowed = None if near else " ".join(sorted(can.VALID_INTERFACES))
+            self._problem(
+                BadValueError("no such python-can interface", show(name), allowed, near), "can", "interface"
+            )
+
+    def _find(self, database: Database) -> dict[str, tuple[Message, Signal]]:
+        found = {}
+        for role, name in self._parsed.signals.items():
+            try:
+                found[role] = find_signal(database, name)
+            except BadValueError as bad:
+                self._problem(bad, "can.signals", role)
+        return found
+
+    def _check_signal(self, role: str, message: Message, signal: Signal) -> None:
+        name = f"{message.name}.{signal.name}"
+        counter = role.startswith("wheel_count_")
+        if counter and signal.is_float:
+            bad = BadValueError("a counter must be an integer", f"{name} as IEEE 754 float")
+            self._problem(bad, "can.signals", role)
+        if signal.scale == 0:
+            self._problem(BadValueError("constant", f"{name} with factor 0"), "can.signals", role)
+        try:
+            to_si(role, signal.unit)
+        except ConfigError as error:
+            self._problem(BadValueError(f"{name}: {error}"), "can.signals", role)
+            return
+        if not counter and not stated_unit(signal.unit):
+            self._warn(f"{name} has no unit in the DBC: {assumed_unit(role)} is assumed", "can.signals", role)
+
+    def _check_frames(self, database: Database, found: dict[str, tuple[Message, Signal]]) -> None:
+        """Twin names and frames longer than the bus carries, once per message."""
+        fd_said = self._table("can").get("fd", False)
+        names = [message.name for message in database.messages]
+        seen: set[str] = set()
+        for role, (message, _) in found.items():
+            if message.name in seen:
+                continue
+            seen.add(message.name)
+            if (twins := names.count(message.name)) > 1:
+                what = f"the DBC has {twins} messages named {message.name}: the last one is taken"
+                self._warn(what, "can.signals", role)
+            if (message.is_fd or message.length > _CLASSIC_CAN_BYTES) and fd_said is not True:
+                what = f"{message.name} is a CAN FD frame: a live bus needs fd = true in [can]"
+                self._warn(what, "can.signals", role)
+
+    def _check_alarm_ids(self, database: Database) -> None:
+        alarms = self._parsed.alarms
+        if alarms is None or not alarms.can:
+            return
+        if alarms.channel is not None and alarms.channel != (self._parsed.channel or "can0"):
+            return  # another bus
+        taken = {
+            (message.frame_id, message.is_extended_frame): message.name
+            for message in database.messages
+            if not message.name.upper().startswith(_OWN_MESSAGES)
+        }
+        for key, value in (("status_id", alarms.status_id), ("alarm_id", alarms.alarm_id)):
+            if (name := taken.get((value, alarms.extended_ids))) is not None:
+                bad = BadValueError(
+                    f"the identifier is that of {name} in the DBC", f"0x{value:X}", "one that is free"
+                )
+                self._problem(bad, "alarms", key)
+
+    def _check_usefulness(self) -> None:
+        """What is allowed but was hardly meant."""
+        signals = self._parsed.signals
+        vehicle = self._table("vehicle")
+        if not vehicle:
+            return
+        if "teeth_per_rev" not in vehicle and any(role.startswith("wheel_count_") for role in signals):
+            self._warn("not given: 48 counts per revolution are assumed", "vehicle", "teeth_per_rev")
+        if "steering_wheel_angle" in signals and "steering_ratio" not in vehicle:
+            self._warn("not given: the steering wheel's angle is of no use", "vehicle", "steering_ratio")
+
+    def _check_counters(self, plan: Plan) -> None:
+        """A counter must not turn by half its range between two frames, or forward looks like backward."""
+        for wheel in plan.wheels:
+            certain_s, period_s = wheel.unambiguous_s, wheel.source.period_s
+            if certain_s is not None and period_s is not None and period_s > certain_s:
+                what = (
+                    f"{wheel.source.signal}: {wheel.bits} bits are ambiguous after {1000 * certain_s:.3g} ms "
+                    f"at {TOP_SPEED_MPS:g} m/s, and the message comes every {1000 * period_s:g} ms"
+                )
+                self._warn(what, "can.signals", wheel.source.role)
+
+
+def _by_place(problem: Problem) -> tuple[str, int]:
+    return problem.file, problem.line or 0

@@ -1,0 +1,100 @@
+"""The DBC: read it, and find a signal in it or the nearest name.
+
+In: the path of a DBC (or KCD, SYM, ARXML) file, a 'Message.Signal'. Out: cantools' database, message and
+signal; `ConfigProblems` or `BadValueError` with what is wrong.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import cantools
+from cantools.database.can import Database, Message, Signal
+
+from tpmsd.config.problems import BadValueError, ConfigProblems, Problem, show
+from tpmsd.config.suggest import nearest
+
+_MOST_LISTED = 8
+
+
+def load_dbc(path: Path) -> Database:
+    """Read a bus description; overlapping signals, which real files have, are no reason to refuse it."""
+    try:
+        with _quiet_cantools():
+            database = cantools.database.load_file(path, strict=False)
+    except OSError as error:
+        raise _unusable(path, f"cannot be read: {error.strerror or error}") from None
+    except RecursionError:
+        raise _unusable(path, "nested too deeply") from None
+    except Exception as error:  # cantools lets KeyError, ValueError and others of its parsers through
+        raise _unusable(path, *_reason(error)) from None
+    if not isinstance(database, Database):
+        raise _unusable(path, "describes diagnostics, not a CAN bus")
+    if not database.messages:
+        raise _unusable(path, "holds no messages")
+    return database
+
+
+def find_signal(database: Database, name: str) -> tuple[Message, Signal]:
+    """The message and signal of 'Message.Signal'; `BadValueError` with the nearest name if there is none."""
+    message_name, _, signal_name = name.partition(".")
+    homes = [message for message in database.messages if any(s.name == signal_name for s in message.signals)]
+    message = next((m for m in reversed(database.messages) if m.name == message_name), None)
+    if message is None:
+        home = nearest(message_name, [home.name for home in homes]) or (homes[0].name if homes else None)
+        other = home or nearest(message_name, [message.name for message in database.messages])
+        suggestion = None if other is None else f"{other}.{_same_or_nearest(database, other, signal_name)}"
+        names = _listed([message.name for message in database.messages]) if other is None else None
+        raise BadValueError(f"no message {message_name} in the DBC", show(name), names, suggestion)
+    signal = next((s for s in message.signals if s.name == signal_name), None)
+    if signal is not None:
+        return message, signal
+    what = f"no signal {signal_name} in message {message_name}"
+    if homes:
+        what += f" (but in {_listed([home.name for home in homes])})"
+        raise BadValueError(what, show(name), suggestion=f"{homes[0].name}.{signal_name}")
+    near = nearest(signal_name, [s.name for s in message.signals])
+    if near is not None:
+        raise BadValueError(what, show(name), suggestion=f"{message_name}.{near}")
+    raise BadValueError(what, show(name), _listed([s.name for s in message.signals]))
+
+
+def _same_or_nearest(database: Database, message_name: str, signal_name: str) -> str:
+    message = next(m for m in database.messages if m.name == message_name)
+    names = [signal.name for signal in message.signals]
+    return signal_name if signal_name in names else nearest(signal_name, names) or signal_name
+
+
+def _listed(names: list[str]) -> str:
+    more = len(names) - _MOST_LISTED
+    return " ".join(names[:_MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
+
+
+def _reason(error: Exception) -> tuple[str, int | None]:
+    """What cantools said, without its quotation of the line, and the line if it gave one."""
+    text = " ".join(str(error).split())
+    if match := re.match(r'[A-Z]+: "(.*)"$', text):
+        text = match[1]
+    if match := re.search(r"Invalid syntax at line (\d+), column (\d+)", text):
+        return f"not a bus description: invalid syntax (column {match[2]})", int(match[1])
+    return f"not a bus description: {text or type(error).__name__}"[:200], None
+
+
+def _unusable(path: Path, what: str, line: int | None = None) -> ConfigProblems:
+    return ConfigProblems([Problem(str(path), line, "", what)])
+
+
+@contextmanager
+def _quiet_cantools() -> Iterator[None]:
+    """Keep cantools' log lines on twin names to itself; `check` warns where it matters."""
+    logger = logging.getLogger("cantools")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
