@@ -1,7 +1,7 @@
 """`tpmsd check CONFIG`: all that is wrong with a configuration at once, or what it would monitor.
 
-In: a TOML file or drive folder. Out: a summary on standard output (exit 0), or one line per problem on standard
-error (exit 2), as compilers write them: file, line, key, what was found, what is allowed.
+In: a TOML file or drive folder. Out: a summary on standard output (exit 0), or one line per problem on
+standard error (exit 2), as compilers write them: file, line, key, what was found, what is allowed.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from tpmsd.cli.output import Subparsers, add_json_option, write_json
 
 if TYPE_CHECKING:
     from tpmsd.config.check import CheckResult
+    from tpmsd.config.model import GnssConfig
     from tpmsd.config.plan import Plan, SignalPlan, WheelPlan
 
 _EPILOG = """\
@@ -24,7 +25,7 @@ examples:
 
 exit codes: 0 all is well (warnings apart), 2 something is wrong
 """
-_LABEL_WIDTH = 12
+_LABEL_WIDTH = 24
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -32,8 +33,8 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         "check",
         help="check a configuration and say what would be monitored with what",
-        description="Say everything that is wrong with a configuration and its DBC at once; or, when all is well,\n"
-        "what would be monitored with what.",
+        description="Say everything that is wrong with a configuration and its DBC at once; or, when all\n"
+        "is well, what would be monitored with what.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -70,16 +71,14 @@ def summary(plan: Plan) -> list[str]:
     lines = [f"{plan.file} is right. It would monitor:", ""]
     wheels = " ".join(wheel.wheel for wheel in plan.wheels)
     lines += _item("wheels", f"{wheels}, nominal radius {_radii(plan)}")
-    lines += [f"  {wheel.wheel:10}{_signal(wheel.source)}, {_wheel(wheel)}" for wheel in plan.wheels]
+    for wheel in plan.wheels:
+        lines += _item(wheel.wheel, f"{_signal(wheel.source)}, {_wheel(wheel)}")
     lines += _item("bus", f"{plan.interface} {plan.channel}, decoded by {plan.dbc}")
     for signal in plan.optional:
-        lines += _item(signal.role if len(signal.role) < _LABEL_WIDTH else "", _optional(signal))
+        lines += _item(signal.role, f"{_signal(signal)} in {signal.unit}")
     device = config.gnss.device or "none"
     baud = f" at {config.gnss.baud} baud" if config.gnss.device else ""
-    antenna = (
-        f"{config.gnss.antenna_forward_m:g} m forward, {config.gnss.antenna_left_m:g} m left of the rear axle"
-    )
-    lines += _item("receiver", f"{device}{baud}, antenna {antenna}")
+    lines += _item("receiver", f"{device}{baud}, antenna {_antenna(config.gnss)}")
     settings = config.filter
     lines += _item(
         "filter",
@@ -129,12 +128,14 @@ def _wheel(wheel: WheelPlan) -> str:
     )
 
 
+def _antenna(gnss: GnssConfig) -> str:
+    along = f"{abs(gnss.antenna_forward_m):g} m {'behind' if gnss.antenna_forward_m < 0 else 'ahead'}"
+    across = f"{abs(gnss.antenna_left_m):g} m {'right' if gnss.antenna_left_m < 0 else 'left'}"
+    return f"{along} and {across} of the middle of the rear axle"
+
+
 def _road(metres: float) -> str:
     return f"{metres:.3g} m" if metres < 1000 else f"{metres / 1000:.4g} km"
-
-
-def _optional(signal: SignalPlan) -> str:
-    return f"{signal.role}: {_signal(signal)} in {signal.unit}"
 
 
 def _alarms(plan: Plan) -> str:
