@@ -6,6 +6,8 @@ In: a `ReplayResult`. Out: a matplotlib `Figure` whose panels share the drive's 
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -48,7 +50,7 @@ def draw(result: ReplayResult) -> Figure:
     axes: list[Axes] = list(grid[:, 0])
     _draw_deviation(axes[0], result, series)
     _draw_change(axes[1], result, series)
-    _draw_probability(axes[2], result, series)
+    _draw_probability(axes[2], series)
     _draw_speed(axes[3], series)
     if with_faults:
         _draw_faults(axes[4], series)
@@ -71,30 +73,30 @@ def _tick_step(span_s: float) -> float:
 
 
 class _Series:
-    """The series as they are drawn: in drive time, thinned, with NaN rows where the recording pauses."""
+    """The series as they are drawn: in drive time, thinned, with a row of NaN where the recording pauses."""
 
     def __init__(self, result: ReplayResult) -> None:
-        stride = max(1, -(-len(result.time_s) // MAX_POINTS))
-        pick = np.unique(np.append(np.arange(0, len(result.time_s), stride), len(result.time_s) - 1))
-        self.drive_s: FloatArray = result.time_s[pick] - result.start_s
-        self.speed_mps = result.speed_mps[pick]
-        self.informative: NDArray[np.bool_] = result.informative[pick]
-        self.gnss_age_s = result.gnss_age_s[pick]
-        self.probability = result.deflation_probability[pick]
-        self.faults = {"CAN": result.can_faults[pick], "GNSS": result.gnss_faults[pick]}
-        steps = np.diff(self.drive_s)
-        limit = max(BREAK_S, 3.0 * float(np.median(steps))) if len(steps) else BREAK_S
-        breaks = np.flatnonzero(steps > limit) + 1
-        self.line_s = np.insert(self.drive_s, breaks, self.drive_s[breaks - 1] if len(breaks) else 0.0)
-        self.deviation_mm = _broken(result.deviation_m[pick] * 1e3, breaks)
-        self.std_mm = _broken(result.std_m[pick] * 1e3, breaks)
-        self.change_mm = _broken(result.change_m[pick] * 1e3, breaks)
-        self.change_std_mm = _broken(result.change_std_m[pick] * 1e3, breaks)
-        self.speed_line = _broken(self.speed_mps, breaks)
+        count = len(result.time_s)
+        stride = max(1, -(-count // MAX_POINTS))
+        pick = np.unique(np.append(np.arange(0, count, stride), count - 1))
+        time_s = result.time_s[pick] - result.start_s
+        steps = np.diff(time_s)
+        step_s = float(np.median(steps)) if len(steps) else 0.0
+        breaks = np.flatnonzero(steps > max(BREAK_S, 3.0 * step_s)) + 1
 
+        def broken(values: NDArray[Any]) -> FloatArray:
+            return np.insert(np.asarray(values[pick], dtype=np.float64), breaks, np.nan, axis=0)
 
-def _broken(values: FloatArray, breaks: NDArray[np.intp]) -> FloatArray:
-    return np.insert(values, breaks, np.nan, axis=0)
+        self.drive_s: FloatArray = np.insert(time_s, breaks, time_s[breaks] - step_s)
+        self.speed_kmh = broken(result.speed_mps) * 3.6
+        self.informative = broken(result.informative)
+        self.gnss_age_s = broken(result.gnss_age_s)
+        self.probability = broken(result.deflation_probability)
+        self.faults = {"CAN": broken(result.can_faults), "GNSS": broken(result.gnss_faults)}
+        self.deviation_mm = broken(result.deviation_m) * 1e3
+        self.std_mm = broken(result.std_m) * 1e3
+        self.change_mm = broken(result.change_m) * 1e3
+        self.change_std_mm = broken(result.change_std_m) * 1e3
 
 
 def _title(result: ReplayResult) -> str:
@@ -117,10 +119,10 @@ def _draw_wheels(axis: Axes, series: _Series, values: FloatArray, std: FloatArra
         if not np.isfinite(mean).any():
             continue
         band = axis.fill_between(
-            series.line_s, mean - 2 * sigma, mean + 2 * sigma, color=COLOURS[wheel], alpha=0.18, linewidth=0
+            series.drive_s, mean - 2 * sigma, mean + 2 * sigma, color=COLOURS[wheel], alpha=0.18, linewidth=0
         )
         band.set_gid(f"band {kind} {wheel}")
-        axis.plot(series.line_s, mean, color=COLOURS[wheel], linewidth=1.6, gid=f"{kind} {wheel}")
+        axis.plot(series.drive_s, mean, color=COLOURS[wheel], linewidth=1.6, gid=f"{kind} {wheel}")
         drawn.append(wheel)
     return drawn
 
@@ -197,9 +199,8 @@ def _draw_change(axis: Axes, result: ReplayResult, series: _Series) -> None:
         axis.text(0.5, 0.85, text, transform=axis.transAxes, ha="center", color=GREY, fontsize=11)
 
 
-def _draw_probability(axis: Axes, result: ReplayResult, series: _Series) -> None:
+def _draw_probability(axis: Axes, series: _Series) -> None:
     """One strip per wheel, the darker the more probable a deflation."""
-    del result
     edges = _edges(series.drive_s)
     image = axis.pcolormesh(
         edges, np.arange(5) - 0.5, series.probability.T, cmap="OrRd", vmin=0.0, vmax=1.0, rasterized=True
@@ -228,8 +229,8 @@ def _spans(mask: NDArray[np.bool_], edges: FloatArray) -> list[tuple[float, floa
 
 def _draw_speed(axis: Axes, series: _Series) -> None:
     edges = _edges(series.drive_s)
-    axis.plot(series.line_s, series.speed_line * 3.6, color="black", linewidth=1.2, gid="speed")
-    idle = _spans(~series.informative, edges)
+    axis.plot(series.drive_s, series.speed_kmh, color="black", linewidth=1.2, gid="speed")
+    idle = _spans(series.informative == 0.0, edges)
     for start, end in idle:
         axis.axvspan(start, end, color=GREY, alpha=0.22, linewidth=0, gid="not informative")
     lost = series.gnss_age_s > GNSS_GAP_S
@@ -239,7 +240,7 @@ def _draw_speed(axis: Axes, series: _Series) -> None:
         age = series.gnss_age_s[lost & (series.drive_s > start)][0]
         begin = max(0.0, start - float(age)) if np.isfinite(age) else 0.0
         axis.axvspan(begin, end, color=GAP_COLOUR, alpha=0.55, linewidth=0, gid="gnss gap")
-    axis.set_ylim(bottom=min(0.0, float(np.nanmin(series.speed_mps, initial=0.0)) * 3.6))
+    axis.set_ylim(bottom=float(np.nanmin(series.speed_kmh, initial=0.0)))
     axis.set_ylabel("speed\n(km/h)")
     handles = []
     if gaps:
@@ -336,5 +337,7 @@ def _label(axis: Axes, alarm: AlarmEvent, at_s: float, end_s: float, free_from: 
         fontsize=10,
         fontweight="bold" if raised else "normal",
         color=ALARM_COLOUR if raised else "#444444",
+        bbox={"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
+        zorder=6,
     )
     return True
