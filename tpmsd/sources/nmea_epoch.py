@@ -1,0 +1,307 @@
+"""Gathers the sentences of one epoch into one fix.
+
+In: lines with their time of arrival (from the serial line or a log). Out: `GnssFix`es and `SourceFault`s.
+
+A burst is the run of sentences of one epoch. It ends when a sentence with another UTC comes, when a type of
+sentence comes again, or when nothing came for 0.3 of the epoch interval. The last rule is judged by the time
+stamps alone, whether the next line brings it to light or `advance` does; so a live run and the replay of its
+log give the same fixes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field, replace
+
+from tpmsd.sources.events import Event, GnssFix, SourceFault
+from tpmsd.sources.gnss_noise import GST_MAX_AGE_S, position_std
+from tpmsd.sources.nmea_clock import DAY_S, ReceiverClock
+from tpmsd.sources.nmea_sentence import HANDLED, OTHER, NmeaReading, SentenceError, decode_sentence
+
+NAN = math.nan
+MIN_GAP_S, MAX_GAP_S, GAP_OF_INTERVAL = 0.02, 0.25, 0.3
+COURSE_MIN_SPEED_MPS = 0.5
+"""Below this the course of a receiver is noise."""
+FROZEN_COUNT, FROZEN_SPEED_MPS = 5, 2.0
+_SAME_TIME_S = 5e-4
+_GOOD_TO_END = {"repeated": 20}
+"""Good epochs that end an episode, where one is not enough: a doubled log is good every other epoch."""
+_SPEAKS_OF_EPOCH = frozenset({"RMC", "GGA", "VTG", "GNS", "GLL"})
+
+
+@dataclass(slots=True)
+class _Burst:
+    """The sentences of one epoch so far."""
+
+    arrival_s: float
+    last_s: float
+    time_of_day_s: float = NAN
+    readings: dict[str, NmeaReading] = field(default_factory=dict)
+    lines: dict[str, bytes] = field(default_factory=dict)
+
+
+class NmeaAssembler:
+    """Lines in, fixes out; one receiver, state for one epoch.
+
+    Every epoch in which the receiver spoke of its motion yields a `GnssFix`, also one without a position: it
+    shows that the receiver is alive and what time it has. `counts` has sentences by type, and `fixes`,
+    `ignored`, `no_checksum`, and every kind of fault: `checksum`, `garbage`, `range`, `no_fix`, `frozen`,
+    `repeated`, `week_rollover`. Faults of the last five kinds are reported once per episode but counted every
+    time.
+    """
+
+    def __init__(self) -> None:
+        kinds = (*sorted(HANDLED), "fixes", "ignored", "no_checksum", "checksum", "garbage")
+        self.counts: dict[str, int] = dict.fromkeys((*kinds, *_Episodes.KINDS), 0)
+        self._clock = ReceiverClock()
+        self._burst: _Burst | None = None
+        self._interval = _EpochInterval()
+        self._episodes = _Episodes(self.counts)
+        self._frozen = _FrozenPosition()
+        self._gst = (-math.inf, NAN)
+        self._last: tuple[float, float] = (NAN, NAN)
+        self._said_position = self._said_motion = False
+
+    @property
+    def deadline_s(self) -> float:
+        """The time after which `advance` ends the epoch that is being gathered; infinite if there is none."""
+        return math.inf if self._burst is None else self._burst.last_s + self._interval.gap_s
+
+    def feed(self, time_s: float, line: bytes) -> list[Event]:
+        """Take one line that arrived at `time_s`; the events that it brings about, in order. Never raises."""
+        events: list[Event] = []
+        burst = self._burst
+        # The same comparison as in `advance`, to the last bit. A host clock that stepped back ends the burst
+        # too.
+        if burst is not None and (time_s > self.deadline_s or time_s < burst.last_s - self._interval.gap_s):
+            events += self._close()
+        try:
+            reading = decode_sentence(line)
+        except SentenceError as error:
+            self.counts[error.kind] += 1
+            if error.kind == "checksum":
+                self._keep_open(time_s)
+            events.append(SourceFault(time_s, "gnss", error.kind, error.detail))
+            return events
+        self.counts["no_checksum"] += not reading.checksummed
+        if reading.kind == OTHER:
+            self.counts["ignored"] += 1
+            if not reading.proprietary:
+                self._keep_open(time_s)
+            return events
+        self.counts[reading.kind] += 1
+        if self._burst is not None and self._starts_anew(self._burst, reading):
+            if self._burst.lines.get(reading.kind) == line and not math.isnan(reading.time_of_day_s):
+                # The very same sentence of the very same instant: a line written twice.
+                self._keep_open(time_s)
+                return events + self._episodes.note(time_s, "repeated", True, "a sentence came twice")
+            events += self._close()
+        self._take(time_s, line, reading)
+        return events
+
+    def advance(self, time_s: float) -> list[Event]:
+        """Say that no line came until `time_s`: ends the open epoch if that is long enough."""
+        return self._close() if time_s > self.deadline_s else []
+
+    def flush(self) -> list[Event]:
+        """End the open epoch, because the input has ended."""
+        return self._close() if self._burst is not None else []
+
+    def _keep_open(self, time_s: float) -> None:
+        """A sentence that brings nothing still shows that the burst is going on."""
+        if self._burst is not None:
+            self._burst.last_s = time_s
+
+    @staticmethod
+    def _starts_anew(burst: _Burst, reading: NmeaReading) -> bool:
+        other_time = abs(reading.time_of_day_s - burst.time_of_day_s) > _SAME_TIME_S
+        return other_time or reading.kind in burst.readings
+
+    def _take(self, time_s: float, line: bytes, reading: NmeaReading) -> None:
+        if self._burst is None:
+            self._burst = _Burst(time_s, time_s)
+        self._burst.last_s = time_s
+        self._burst.readings[reading.kind] = reading
+        self._burst.lines[reading.kind] = line
+        if not math.isnan(reading.time_of_day_s):
+            self._burst.time_of_day_s = reading.time_of_day_s
+            self._interval.learn(reading.time_of_day_s)
+
+    def _close(self) -> list[Event]:
+        burst, self._burst = self._burst, None
+        assert burst is not None
+        readings, at = burst.readings, burst.arrival_s
+        events: list[Event] = []
+        utc_s = self._resolve_time(burst, events)
+        if (gst := readings.get("GST")) is not None:
+            self._gst = (at, gst.position_std_m)
+        if _SPEAKS_OF_EPOCH.isdisjoint(readings):
+            return events
+        wrong = next((r.out_of_range for r in readings.values() if r.out_of_range), "")
+        events += self._episodes.note(at, "range", bool(wrong), wrong)
+        fix = replace(merge_readings(readings, self._gst_std(at)), arrival_s=at, utc_s=utc_s)
+        if fix.quality == 0 and any(reading.valid is False for reading in readings.values()):
+            events += self._episodes.note(at, "no_fix", True, "the receiver is alive but has no position")
+        elif math.isfinite(fix.latitude_deg):
+            events += self._episodes.note(at, "no_fix", False)
+        news = self._unless_said(fix, burst.time_of_day_s)
+        if news != fix and not _has_content(news):
+            return events + self._episodes.note(at, "repeated", True, "an epoch came twice")
+        events += self._episodes.note(at, "repeated", False)
+        fix = news
+        if self._frozen.judge(fix):
+            detail = f"the same position {FROZEN_COUNT} times while moving"
+            events += self._episodes.note(at, "frozen", True, detail)
+            fix = _without_position(fix)
+        elif math.isfinite(fix.latitude_deg):
+            events += self._episodes.note(at, "frozen", False)
+        self.counts["fixes"] += 1
+        events.append(fix)
+        return events
+
+    def _resolve_time(self, burst: _Burst, events: list[Event]) -> float:
+        dated = (burst.readings.get(kind) for kind in ("ZDA", "RMC"))
+        day = next((reading.unix_day for reading in dated if reading and reading.unix_day is not None), None)
+        before = self._clock.rollovers
+        utc_s = self._clock.resolve(burst.time_of_day_s, day, burst.arrival_s)
+        if self._clock.rollovers != before:
+            self.counts["week_rollover"] += 1
+            detail = f"date {abs(self._clock.rollovers) * 1024} weeks off, corrected"
+            events.append(SourceFault(burst.arrival_s, "gnss", "week_rollover", detail))
+        return utc_s
+
+    def _gst_std(self, arrival_s: float) -> float:
+        time_s, std_m = self._gst
+        return std_m if abs(arrival_s - time_s) < GST_MAX_AGE_S else NAN
+
+    def _unless_said(self, fix: GnssFix, time_of_day_s: float) -> GnssFix:
+        """Leave out what was already said of the same instant, lest it count twice in an estimate.
+
+        Two talkers, a slow line that splits an epoch, a log written twice and a stuck receiver clock do that.
+        The time of day is compared along with UTC, because second 60 and the second after it have the same
+        Unix time.
+        """
+        instant = (fix.utc_s, time_of_day_s)
+        if instant != self._last:  # always so for NaN
+            self._last = instant
+            self._said_position = self._said_motion = False
+        has_position, has_motion = math.isfinite(fix.latitude_deg), math.isfinite(fix.speed_mps)
+        if has_position and self._said_position:
+            fix = _without_position(fix)
+        if has_motion and self._said_motion:
+            fix = replace(fix, speed_mps=NAN, course_rad=NAN)
+        self._said_position |= has_position
+        self._said_motion |= has_motion
+        return fix
+
+
+def merge_readings(readings: dict[str, NmeaReading], gst_std_m: float = NAN) -> GnssFix:
+    """One epoch's solution, without its times: each quantity from the sentence that knows it best.
+
+    Position from GGA, GNS, RMC, GLL in that order (only the first two know height and HDOP); speed from RMC,
+    which has its own UTC, before VTG. If any sentence says that there is no solution, there is none.
+    """
+    hdop = _first(readings, ("GGA", "GNS"), "hdop")
+    if any(reading.valid is False for reading in readings.values()):
+        return GnssFix(NAN, NAN, quality=0, hdop=hdop)
+    order = ("GGA", "GNS", "RMC", "GLL", "VTG")
+    said = (readings[kind].quality for kind in order if kind in readings)
+    quality = next((q for q in said if q is not None), 1)
+    speed_mps = _first(readings, ("RMC", "VTG"), "speed_mps")
+    course_rad = _first(readings, ("RMC", "VTG"), "course_rad")
+    motion = GnssFix(
+        NAN,
+        NAN,
+        quality=quality,
+        hdop=hdop,
+        speed_mps=speed_mps,
+        course_rad=NAN if speed_mps < COURSE_MIN_SPEED_MPS else course_rad,
+    )
+    placed = (readings[k] for k in order if k in readings and math.isfinite(readings[k].latitude_deg))
+    place = next(placed, None)
+    if place is None:
+        return motion
+    if place.latitude_deg == 0.0 and place.longitude_deg == 0.0:
+        # Exactly 0/0 is sea, and the mark of a receiver that says "valid" too early.
+        return replace(motion, quality=0)
+    return replace(
+        motion,
+        latitude_deg=place.latitude_deg,
+        longitude_deg=place.longitude_deg,
+        altitude_m=_first(readings, ("GGA", "GNS"), "altitude_m"),
+        position_std_m=position_std(quality, hdop, gst_std_m),
+    )
+
+
+def _first(readings: dict[str, NmeaReading], kinds: tuple[str, ...], name: str) -> float:
+    values = (float(getattr(readings[kind], name)) for kind in kinds if kind in readings)
+    return next((value for value in values if math.isfinite(value)), NAN)
+
+
+def _without_position(fix: GnssFix) -> GnssFix:
+    return replace(fix, latitude_deg=NAN, longitude_deg=NAN, altitude_m=NAN, position_std_m=NAN)
+
+
+def _has_content(fix: GnssFix) -> bool:
+    return math.isfinite(fix.latitude_deg) or math.isfinite(fix.speed_mps)
+
+
+class _EpochInterval:
+    """Median of the last intervals between epochs on the receiver's clock: lost epochs do not stretch it."""
+
+    def __init__(self) -> None:
+        self._intervals: deque[float] = deque(maxlen=9)
+        self._last = NAN
+        self.gap_s = MAX_GAP_S
+
+    def learn(self, time_of_day_s: float) -> None:
+        step = (time_of_day_s - self._last) % DAY_S
+        self._last = time_of_day_s
+        if 0.005 < step <= 10.0:
+            self._intervals.append(step)
+            median = sorted(self._intervals)[(len(self._intervals) - 1) // 2]
+            self.gap_s = min(max(GAP_OF_INTERVAL * median, MIN_GAP_S), MAX_GAP_S)
+
+
+class _Episodes:
+    """Reports a lasting fault once, when it begins, and counts every epoch that it spoils."""
+
+    KINDS = ("range", "no_fix", "frozen", "repeated", "week_rollover")
+
+    def __init__(self, counts: dict[str, int]) -> None:
+        self._counts = counts
+        self._good: dict[str, int] = {}
+
+    def note(self, time_s: float, kind: str, wrong: bool, detail: str = "") -> list[SourceFault]:
+        if not wrong:
+            if kind in self._good:
+                self._good[kind] += 1
+                if self._good[kind] >= _GOOD_TO_END.get(kind, 1):
+                    del self._good[kind]
+            return []
+        self._counts[kind] += 1
+        begins = kind not in self._good
+        self._good[kind] = 0
+        return [SourceFault(time_s, "gnss", kind, detail)] if begins else []
+
+
+class _FrozenPosition:
+    """Tells a receiver that repeats its last position while it reports motion."""
+
+    def __init__(self) -> None:
+        self._position = (NAN, NAN)
+        self._same = 0
+
+    def judge(self, fix: GnssFix) -> bool:
+        if math.isnan(fix.latitude_deg):
+            return False
+        position = (fix.latitude_deg, fix.longitude_deg)
+        if position != self._position:
+            self._position, self._same = position, 1
+        elif self._same < FROZEN_COUNT:
+            if fix.speed_mps > FROZEN_SPEED_MPS:
+                self._same += 1
+            elif fix.speed_mps <= FROZEN_SPEED_MPS:
+                self._same = 1
+        return self._same >= FROZEN_COUNT

@@ -1,0 +1,307 @@
+"""Decodes one NMEA 0183 sentence.
+
+In: one line of bytes from `$` on. Out: an `NmeaReading` in SI units, or `SentenceError` that says whether the
+checksum or the form is wrong. pynmea2 takes the sentence apart and names its fields; the fields are converted
+here, because pynmea2's own conversions refuse second 60, cut microseconds and turn odd numbers into strings.
+"""
+
+from __future__ import annotations
+
+import datetime
+import math
+import re
+from dataclasses import dataclass
+
+import pynmea2
+
+NAN = math.nan
+KNOT_MPS = 1852.0 / 3600.0
+KMH_MPS = 1.0 / 3.6
+MAX_SPEED_MPS = 150.0
+_UNIX_DAY_0 = datetime.date(1970, 1, 1).toordinal()
+
+# Fields that a sentence without a checksum must have: a line cut short is then told from a complete one.
+_FULL_LENGTH = {"RMC": 11, "GGA": 14, "VTG": 8, "ZDA": 4, "GST": 8, "GNS": 12, "GLL": 6}
+HANDLED = frozenset(_FULL_LENGTH)
+OTHER = "other"
+
+_ADDRESS = re.compile(
+    r"\$(?:(?P<proprietary>P[A-Z0-9]{3,})|(?P<talker>[A-Z0-9]{2})(?P<kind>[A-Z0-9]{3}))[,*]"
+)
+_CHECKSUM = re.compile(r"\$(?P<body>[^*]*)\*(?P<sum>[0-9A-Fa-f]{2})\s*$")
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)", re.ASCII)
+_TIME = re.compile(r"(\d\d)(\d\d)(\d\d(?:\.\d*)?)", re.ASCII)
+_ANGLE = re.compile(r"(\d{1,3})(\d\d(?:\.\d*)?)", re.ASCII)
+_DATE = re.compile(r"(\d\d)(\d\d)(\d\d)", re.ASCII)
+
+# FAA mode indicator (NMEA 2.3, 4.1) -> GGA quality.
+_MODE_QUALITY = {"A": 1, "D": 2, "P": 3, "R": 4, "F": 5, "E": 6, "M": 7, "S": 8, "N": 0}
+_MEASURED = frozenset({1, 2, 3, 4, 5, 6, 8})
+"""7 is a position typed in by hand; 8 is a receiver fed by a signal simulator, as on a test bench."""
+
+
+class SentenceError(ValueError):
+    """A line that is no sound sentence; `kind` is 'checksum' or 'garbage'."""
+
+    def __init__(self, kind: str, detail: str) -> None:
+        super().__init__(f"{kind}: {detail}")
+        self.kind = kind
+        self.detail = detail
+
+
+@dataclass(frozen=True, slots=True)
+class NmeaReading:
+    """What one sentence says. NaN or None where it says nothing."""
+
+    kind: str
+    """RMC | GGA | VTG | ZDA | GST | GNS | GLL | other"""
+    checksummed: bool = True
+    proprietary: bool = False
+    time_of_day_s: float = NAN
+    """UTC; 86400 up to 86401 within a leap second."""
+    unix_day: int | None = None
+    """Days since 1970-01-01."""
+    valid: bool | None = None
+    """Whether the receiver stands by its solution; None where this sentence cannot say."""
+    latitude_deg: float = NAN
+    longitude_deg: float = NAN
+    altitude_m: float = NAN
+    quality: int | None = None
+    hdop: float = NAN
+    speed_mps: float = NAN
+    course_rad: float = NAN
+    position_std_m: float = NAN
+    """GST: root mean square of the latitude's and the longitude's standard deviation."""
+    out_of_range: str = ""
+    """Which quantity was impossible (and was left out); empty if none."""
+
+
+def decode_sentence(line: bytes) -> NmeaReading:
+    """Decode one line; types that nothing is taken from come back as kind `other`.
+
+    Raises `SentenceError` for a wrong checksum ('checksum') or anything that is no sentence ('garbage').
+    """
+    try:
+        text = line.decode("ascii").strip()
+    except UnicodeDecodeError:
+        raise SentenceError("garbage", "bytes that are not ASCII") from None
+    address = _ADDRESS.match(text)
+    if address is None:
+        raise SentenceError("garbage", f"no NMEA address in {text[:20]!r}")
+    checksummed = "*" in text
+    if checksummed:
+        _verify_checksum(text)
+    kind = address["kind"]
+    if kind not in HANDLED:
+        return NmeaReading(OTHER, checksummed, proprietary=address["proprietary"] is not None)
+    try:
+        sentence = pynmea2.parse(text)
+    except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
+        # pynmea2 raises its ParseError for most, but lets what its field types raise through as well.
+        raise SentenceError("garbage", f"{kind}: {error}") from None
+    if not checksummed and len(sentence.data) < _FULL_LENGTH[kind]:
+        raise SentenceError(
+            "garbage", f"{kind} cut short: {len(sentence.data)} of {_FULL_LENGTH[kind]} fields"
+        )
+    return _DECODERS[kind](_Fields(sentence), checksummed)
+
+
+def _verify_checksum(text: str) -> None:
+    match = _CHECKSUM.match(text)
+    if match is None:
+        raise SentenceError("garbage", f"checksum cut short in {text[-8:]!r}")
+    computed = pynmea2.NMEASentence.checksum(match["body"])
+    if computed != int(match["sum"], 16):
+        raise SentenceError(
+            "checksum", f"{text[1:6]} says {match['sum'].upper()}, its bytes give {computed:02X}"
+        )
+
+
+class _Fields:
+    """A sentence's fields by pynmea2's names, as text and without its conversions."""
+
+    def __init__(self, sentence: pynmea2.TalkerSentence) -> None:
+        self._index: dict[str, int] = type(sentence).name_to_idx
+        self._data: list[str] = sentence.data
+
+    def text(self, name: str) -> str:
+        index = self._index[name]
+        return self._data[index].strip() if index < len(self._data) else ""
+
+    def number(self, name: str) -> float:
+        text = self.text(name)
+        return float(text) if _NUMBER.fullmatch(text) else NAN
+
+    def time_of_day(self) -> float:
+        match = _TIME.fullmatch(self.text("timestamp"))
+        if match is None:
+            return NAN
+        hour, minute, second = int(match[1]), int(match[2]), float(match[3])
+        if hour > 23 or minute > 59 or second >= 61.0:
+            return NAN
+        return 3600.0 * hour + 60.0 * minute + second
+
+    def angle_deg(self, name: str, limit: float) -> float:
+        """Degrees and minutes with a hemisphere letter; NaN if empty, infinite if impossible."""
+        match = _ANGLE.fullmatch(self.text(name))
+        sign = {"N": 1.0, "E": 1.0, "S": -1.0, "W": -1.0}.get(self.text(f"{name}_dir"))
+        if match is None or sign is None:
+            return NAN
+        minutes = float(match[2])
+        angle = int(match[1]) + minutes / 60.0
+        return sign * angle if minutes < 60.0 and angle <= limit else math.inf
+
+    def position(self) -> tuple[float, float, str]:
+        """Latitude, longitude and what is wrong with them."""
+        latitude, longitude = self.angle_deg("lat", 90.0), self.angle_deg("lon", 180.0)
+        if math.isinf(latitude) or math.isinf(longitude):
+            return NAN, NAN, f"position {self.text('lat')},{self.text('lon')}"
+        if math.isnan(latitude) or math.isnan(longitude):
+            return NAN, NAN, ""
+        return latitude, longitude, ""
+
+    def altitude(self) -> float:
+        """Above the ellipsoid if the geoid's separation is given, else above mean sea level."""
+        height, separation = self.number("altitude"), self.number("geo_sep")
+        return height if math.isnan(separation) else height + separation
+
+    def course(self, name: str) -> float:
+        degrees = self.number(name)
+        return math.radians(degrees % 360.0) if 0.0 <= degrees <= 360.0 else NAN
+
+
+def _speed(mps: float) -> tuple[float, str]:
+    if math.isnan(mps) or 0.0 <= mps <= MAX_SPEED_MPS:
+        return mps, ""
+    return NAN, f"speed {mps:.1f} m/s"
+
+
+def _unix_day(year: int, month: int, day: int) -> int | None:
+    try:
+        return datetime.date(year, month, day).toordinal() - _UNIX_DAY_0
+    except (ValueError, OverflowError):
+        return None
+
+
+def _rmc(fields: _Fields, checksummed: bool) -> NmeaReading:
+    status, mode = fields.text("status").upper(), fields.text("mode_indicator").upper()
+    quality = _MODE_QUALITY.get(mode[:1], 1) if status == "A" else 0
+    day = None
+    if match := _DATE.fullmatch(fields.text("datestamp")):
+        year = int(match[3])
+        # There was no GPS before 1980.
+        day = _unix_day(year + (1900 if year >= 80 else 2000), int(match[2]), int(match[1]))
+    latitude, longitude, wrong = fields.position()
+    speed, too_fast = _speed(fields.number("spd_over_grnd") * KNOT_MPS)
+    return NmeaReading(
+        "RMC",
+        checksummed,
+        time_of_day_s=fields.time_of_day(),
+        unix_day=day,
+        valid=quality in _MEASURED,
+        latitude_deg=latitude,
+        longitude_deg=longitude,
+        quality=quality,
+        speed_mps=speed,
+        course_rad=fields.course("true_course"),
+        out_of_range=wrong or too_fast,
+    )
+
+
+def _gga(fields: _Fields, checksummed: bool) -> NmeaReading:
+    text = fields.text("gps_qual")
+    quality = int(text) if text.isascii() and text.isdigit() and len(text) == 1 else 0
+    latitude, longitude, wrong = fields.position()
+    return NmeaReading(
+        "GGA",
+        checksummed,
+        time_of_day_s=fields.time_of_day(),
+        valid=quality in _MEASURED,
+        latitude_deg=latitude,
+        longitude_deg=longitude,
+        altitude_m=fields.altitude(),
+        quality=quality,
+        hdop=fields.number("horizontal_dil"),
+        out_of_range=wrong,
+    )
+
+
+def _gns(fields: _Fields, checksummed: bool) -> NmeaReading:
+    # One letter per satellite system; the best of them made the position.
+    qualities = [_MODE_QUALITY.get(letter, 0) for letter in fields.text("mode_indicator").upper()]
+    quality = next((q for q in (4, 5, 3, 2, 1, 6, 8) if q in qualities), 0)
+    latitude, longitude, wrong = fields.position()
+    return NmeaReading(
+        "GNS",
+        checksummed,
+        time_of_day_s=fields.time_of_day(),
+        valid=quality in _MEASURED,
+        latitude_deg=latitude,
+        longitude_deg=longitude,
+        altitude_m=fields.altitude(),
+        quality=quality,
+        hdop=fields.number("hdop"),
+        out_of_range=wrong,
+    )
+
+
+def _gll(fields: _Fields, checksummed: bool) -> NmeaReading:
+    # Status is missing before NMEA 2.0.
+    quality = _MODE_QUALITY.get(fields.text("faa_mode").upper()[:1], 1)
+    if fields.text("status").upper() == "V":
+        quality = 0
+    latitude, longitude, wrong = fields.position()
+    return NmeaReading(
+        "GLL",
+        checksummed,
+        time_of_day_s=fields.time_of_day(),
+        valid=quality in _MEASURED,
+        latitude_deg=latitude,
+        longitude_deg=longitude,
+        quality=quality,
+        out_of_range=wrong,
+    )
+
+
+def _vtg(fields: _Fields, checksummed: bool) -> NmeaReading:
+    mode = fields.text("faa_mode").upper()[:1]
+    # km/h first: at the same number of decimals it is the finer unit.
+    kmh, knots = fields.number("spd_over_grnd_kmph"), fields.number("spd_over_grnd_kts")
+    speed, too_fast = _speed(knots * KNOT_MPS if math.isnan(kmh) else kmh * KMH_MPS)
+    quality = _MODE_QUALITY.get(mode)
+    return NmeaReading(
+        "VTG",
+        checksummed,
+        # Without a mode (before NMEA 2.3) it cannot say whether there is a solution.
+        valid=None if quality is None else quality in _MEASURED,
+        quality=quality,
+        speed_mps=speed,
+        course_rad=fields.course("true_track"),
+        out_of_range=too_fast,
+    )
+
+
+def _zda(fields: _Fields, checksummed: bool) -> NmeaReading:
+    year, month, day = fields.number("year"), fields.number("month"), fields.number("day")
+    known = not math.isnan(year + month + day) and 1980 <= year <= 9999
+    return NmeaReading(
+        "ZDA",
+        checksummed,
+        time_of_day_s=fields.time_of_day(),
+        unix_day=_unix_day(int(year), int(month), int(day)) if known else None,
+    )
+
+
+def _gst(fields: _Fields, checksummed: bool) -> NmeaReading:
+    axes = [fields.number("std_dev_latitude"), fields.number("std_dev_longitude")]
+    if math.isnan(axes[0] + axes[1]):
+        axes = [fields.number("std_dev_major"), fields.number("std_dev_minor")]
+    return NmeaReading(
+        "GST",
+        checksummed,
+        time_of_day_s=fields.time_of_day(),
+        position_std_m=math.sqrt((axes[0] ** 2 + axes[1] ** 2) / 2.0),
+    )
+
+
+_DECODERS = {"RMC": _rmc, "GGA": _gga, "GNS": _gns, "GLL": _gll, "VTG": _vtg, "ZDA": _zda, "GST": _gst}

@@ -1,0 +1,143 @@
+"""Tells when on the host's clock a fix was valid.
+
+In: each fix's time of arrival (host clock) and its own UTC. Out: the host time at which it was valid.
+
+Transport only ever adds delay, so the lower envelope of (arrival - UTC) is the offset between the clocks. It
+wanders by a millisecond per second, which is followed smoothly; it steps when a host clock is set, which is
+taken up at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from tpmsd.wheels import FloatArray
+
+WINDOW_S = 10.0
+"""Memory of the envelope: long against jitter, short against drift (1 ms/s moves it by 5 ms)."""
+QUANTILE = 0.15
+"""Not the minimum, which one early stamp would pull down for a whole window."""
+SMOOTHING_S = 2.0
+JUDGE_S = 0.4
+"""The envelope is judged anew this often; it moves slower than SMOOTHING_S anyway."""
+STEP_S = 0.25
+STEP_FIXES = 4
+STEP_SPREAD_S = 0.15
+MAX_DRIFT = 2e-3
+"""Host clock against UTC, s/s: free-running crystals keep 1e-4, the wander of logging hosts reached 1e-3."""
+_TREND_SPAN = 1.7
+_MAX_FIXES = 4096
+_WARM_FIXES = 10
+
+
+class UtcOffsetTracker:
+    """Follows the offset of one receiver's UTC from one host clock.
+
+    After each `update`: `offset_s` (host minus UTC), `lag_s` (arrival minus validity), `step_s` (size of the
+    step that was just taken, else 0) and `status`: `ok`; `step`: a new level was taken up with this fix;
+    `outlier`: far off the level, not (yet) believed; `repeated`, `backwards`: UTC stood still or went back;
+    `no_utc`: placed by its arrival and the usual lag.
+    """
+
+    def __init__(self, latency_s: float = 0.0) -> None:
+        self._latency_s = latency_s
+        self._recent: deque[tuple[float, float]] = deque(maxlen=_MAX_FIXES)
+        self._candidates: deque[tuple[float, float]] = deque(maxlen=STEP_FIXES)
+        self._lags: deque[float] = deque(maxlen=64)
+        self._utc_s = self._target_s = self._judged_s = math.nan
+        self.offset_s = math.nan
+        self.lag_s = math.nan
+        self.step_s = 0.0
+        self.status = "no_utc"
+
+    def update(self, arrival_s: float, utc_s: float) -> float:
+        """The host time (s) at which a fix was valid that arrived at `arrival_s` and says `utc_s` of itself.
+
+        NaN for `utc_s` means that it says nothing. Never raises.
+        """
+        self.step_s = 0.0
+        if not (math.isfinite(utc_s) and math.isfinite(arrival_s)):
+            return self._without_utc(arrival_s)
+        before, self._utc_s = self._utc_s, utc_s
+        self.status = "ok"
+        if utc_s == before:
+            self.status = "repeated"
+        else:
+            if utc_s < before:
+                self.status = "backwards"
+            self._follow(utc_s, arrival_s - utc_s, math.inf if math.isnan(before) else utc_s - before)
+        valid_s = utc_s + self.offset_s - self._latency_s
+        self.lag_s = arrival_s - valid_s
+        if self.status in ("ok", "step"):
+            self._lags.append(self.lag_s)
+        return valid_s
+
+    def _without_utc(self, arrival_s: float) -> float:
+        self.status = "no_utc"
+        self.lag_s = float(np.median(self._lags)) if self._lags else self._latency_s
+        return arrival_s - self.lag_s
+
+    def _follow(self, utc_s: float, offset_s: float, since_s: float) -> None:
+        if math.isnan(self.offset_s):
+            self._recent.append((utc_s, offset_s))
+            self.offset_s = offset_s
+        elif abs(offset_s - self.offset_s) > STEP_S:
+            self._doubt(utc_s, offset_s)
+        elif since_s > 0.0:
+            self._candidates.clear()
+            self._recent.append((utc_s, offset_s))
+            self._smooth(since_s)
+
+    def _doubt(self, utc_s: float, offset_s: float) -> None:
+        """A level far away is believed when several fixes in a row agree on it.
+
+        A line that was stalled and then delivers all at once does not agree: there UTC goes on while arrival
+        stands.
+        """
+        self._candidates.append((utc_s, offset_s))
+        offsets = [offset for _, offset in self._candidates]
+        forward = self._candidates[-1][0] > self._candidates[0][0]
+        if len(offsets) < STEP_FIXES or max(offsets) - min(offsets) > STEP_SPREAD_S or not forward:
+            self.status = "outlier" if self.status == "ok" else self.status
+            return
+        level_s = min(offsets)
+        self.step_s, self.offset_s = level_s - self.offset_s, level_s
+        self._recent.clear()
+        self._recent.extend(self._candidates)
+        self._candidates.clear()
+        self.status = "step"
+
+    def _smooth(self, since_s: float) -> None:
+        now_s = self._recent[-1][0]
+        warming = len(self._recent) <= _WARM_FIXES
+        if warming or not 0.0 <= now_s - self._judged_s < JUDGE_S:
+            self._target_s, self._judged_s = self._present_envelope(now_s), now_s
+        gain = 1.0 if warming else -math.expm1(-since_s / SMOOTHING_S)
+        self.offset_s += (self._target_s - self.offset_s) * gain
+
+    def _present_envelope(self, now_s: float) -> float:
+        while now_s - self._recent[0][0] > 2.0 * WINDOW_S:
+            self._recent.popleft()
+        utc, offsets = np.array(self._recent).T
+        age_s = now_s - utc
+        late = age_s <= WINDOW_S
+        target_s = _envelope(offsets[late])
+        if age_s[0] > _TREND_SPAN * WINDOW_S and np.count_nonzero(~late) >= _WARM_FIXES:
+            # The two halves of the window tell the drift; without it the envelope is half a window old.
+            apart_s = float(age_s[~late].mean() - age_s[late].mean())
+            drift = (target_s - _envelope(offsets[~late])) / apart_s
+            drift = min(max(drift, -MAX_DRIFT), MAX_DRIFT)
+            target_s = _envelope(offsets[late] + drift * age_s[late])
+        return target_s
+
+
+def _envelope(offsets: FloatArray) -> float:
+    """The low quantile, interpolated between order statistics."""
+    at = QUANTILE * (offsets.size - 1)
+    below = int(at)
+    lowest = np.partition(offsets, (below, min(below + 1, offsets.size - 1)))
+    above = lowest[min(below + 1, offsets.size - 1)]
+    return float(lowest[below] + (at - below) * (above - lowest[below]))
