@@ -1,7 +1,5 @@
 """The CAN frames, read back through dbc/tpmsd.dbc by cantools as a stranger would read them."""
 
-# ruff: noqa: SIM300 - asserts read `expected == actual` throughout
-
 from __future__ import annotations
 
 import dataclasses

@@ -1,7 +1,5 @@
 """Messages to a service manager, received on a real datagram socket."""
 
-# ruff: noqa: SIM300 - asserts read `expected == actual` throughout
-
 from __future__ import annotations
 
 import os

@@ -1,7 +1,5 @@
 """The state file under power cuts, full disks and damage of every kind."""
 
-# ruff: noqa: SIM300 - asserts read `expected == actual` throughout
-
 from __future__ import annotations
 
 import errno
@@ -187,7 +185,7 @@ class VolatileDisk:
 
 
 def test_after_a_power_cut_at_any_step_the_state_is_old_or_new(tmp_path: Path) -> None:
-    """Whatever the disk forgets, the file holds the old or the new payload; the new one once save returned."""
+    """Whatever the disk forgets, the file holds the old or the new payload; the new one if save returned."""
     path = tmp_path / "state.json"
     save_state(path, OLD)
     old_content = path.read_bytes()
@@ -222,8 +220,13 @@ class FailingCalls:
 
     def system(self) -> FileSystem:
         real = FileSystem()
-        wrapped = (self._wrap(c) for c in (real.open, real.write, real.fsync, real.close, real.replace))
-        return FileSystem(*wrapped, real.unlink)
+        return FileSystem(
+            open=self._wrap(real.open),
+            write=self._wrap(real.write),
+            fsync=self._wrap(real.fsync),
+            close=self._wrap(real.close),
+            replace=self._wrap(real.replace),
+        )
 
     def _wrap(self, call: Any) -> Any:
         def wrapper(*args: Any) -> Any:

@@ -1,0 +1,139 @@
+"""`tpmsd status`: asks the running daemon how the tyres are.
+
+In: the daemon's Unix socket. Out: a table, or the document as JSON; with `--watch` again with every update.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import IO, Any
+
+from tpmsd.cli.output import Subparsers, dumps, write_json
+from tpmsd.cli.status_table import render_status
+from tpmsd.config.load import load_config
+from tpmsd.config.model import StatusConfig
+from tpmsd.errors import TpmsdError
+from tpmsd.sinks.status_client import read_status, watch_status
+
+_HOME_AND_CLEAR = "\x1b[H\x1b[2J"
+_HOME = "\x1b[H"
+_CLEAR_LINE = "\x1b[K"
+_CLEAR_BELOW = "\x1b[J"
+
+_EPILOG = """\
+examples:
+  tpmsd status                         how are the tyres?
+  tpmsd status --watch                 live; Ctrl-C ends it
+  tpmsd status --json | jq .alarms     for programs; with --watch one JSON line per update
+"""
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Declare the command's arguments."""
+    parser = subparsers.add_parser(
+        "status",
+        help="ask the running daemon how the tyres are",
+        description="Shows what the running daemon knows of each wheel, of its inputs, and which alarms stand.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--socket", metavar="PATH", type=Path, help=f"the daemon's socket (default: {StatusConfig().socket})"
+    )
+    where.add_argument(
+        "--config", metavar="FILE", type=Path, help="take the socket from this configuration: [status] socket"
+    )
+    parser.add_argument(
+        "--json",
+        metavar="FILE",
+        nargs="?",
+        const="-",
+        help="write JSON to FILE (no FILE or '-': standard output)",
+    )
+    parser.add_argument("--watch", action="store_true", help="show every update until Ctrl-C")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Ask and show; raises TpmsdError with one line where the daemon cannot be asked."""
+    path = _socket_path(args)
+    if not args.watch:
+        document = read_status(path)
+        if args.json is None:
+            show(document, sys.stdout)
+        else:
+            write_json(document, args.json)
+        return 0
+    with contextlib.closing(watch_status(path)) as documents, contextlib.suppress(KeyboardInterrupt):
+        if args.json is None:
+            watch(documents, sys.stdout)
+        else:
+            _write_lines(documents, args.json)
+    return 0
+
+
+def show(document: Mapping[str, Any], out: IO[str], environment: Mapping[str, str] | None = None) -> None:
+    """Write the table once."""
+    out.write(_encodable(render_status(document, colour=colour_wanted(out, environment)), out))
+    out.flush()
+
+
+def watch(
+    documents: Iterable[Mapping[str, Any]], out: IO[str], environment: Mapping[str, str] | None = None
+) -> None:
+    """Write the table for each document: in place on a terminal, else one below the other."""
+    live = out.isatty()
+    colour = colour_wanted(out, environment)
+    for number, document in enumerate(documents):
+        table = _encodable(render_status(document, colour=colour), out)
+        if live:
+            # Line by line in place: clearing the whole screen each time would flicker.
+            table = table.replace("\n", f"{_CLEAR_LINE}\n") + _CLEAR_BELOW
+            out.write((_HOME if number else _HOME_AND_CLEAR) + table)
+        else:
+            out.write(("\n" if number else "") + table)
+        out.flush()
+
+
+def colour_wanted(out: IO[str], environment: Mapping[str, str] | None = None) -> bool:
+    """Colours only on a terminal that knows them, and where nobody objects (https://no-color.org)."""
+    environment = os.environ if environment is None else environment
+    return out.isatty() and not environment.get("NO_COLOR") and environment.get("TERM") != "dumb"
+
+
+def _socket_path(args: argparse.Namespace) -> Path:
+    if args.socket is not None:
+        return Path(args.socket)
+    if args.config is not None:
+        return load_config(args.config).status.socket
+    return StatusConfig().socket
+
+
+def _write_lines(documents: Iterable[Mapping[str, Any]], target: str) -> None:
+    if target == "-":
+        _write_each(documents, sys.stdout)
+        return
+    try:
+        with Path(target).open("w", encoding="utf-8") as file:
+            _write_each(documents, file)
+    except OSError as error:
+        raise TpmsdError(f"{target}: cannot write: {error.strerror or error}") from error
+
+
+def _write_each(documents: Iterable[Mapping[str, Any]], out: IO[str]) -> None:
+    for document in documents:
+        out.write(dumps(document, indent=None) + "\n")
+        out.flush()
+
+
+def _encodable(text: str, out: IO[str]) -> str:
+    try:
+        text.encode(getattr(out, "encoding", None) or "utf-8")
+    except UnicodeEncodeError:
+        return text.replace("±", "+-")
+    return text

@@ -1,0 +1,180 @@
+"""The status document as a table that a driver understands.
+
+In: the document of `tpmsd.sinks.status_document` (from another process, so nothing in it is taken for granted).
+Out: text, with colours if asked for.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from tpmsd.report.wording import WHEEL_NAMES, wheel_name
+from tpmsd.sinks.status_client import printable
+from tpmsd.wheels import WHEELS
+
+_GOOD, _BAD, _DIM, _BOLD = "32", "31;1", "2", "1"
+_SUSPECT = "33"
+_SUSPICION = 0.5
+"""From this probability of a deflation on a wheel without an alarm is shown as 'soft?'."""
+_SOURCE_WORDS = {
+    "off": "not configured",
+    "waiting": "open, nothing usable yet",
+    "ok": "OK",
+    "silent": "has gone silent",
+    "down": "cannot be reached",
+}
+
+
+def render_status(document: Mapping[str, Any], *, colour: bool = False) -> str:
+    """The whole table, ending with a line break."""
+    paint = _paint if colour else _plain
+    alarms = [alarm for alarm in _list(document, "alarms") if isinstance(alarm, dict)]
+    lines = [paint(_heading(document), _BOLD), ""]
+    lines += _wheel_lines(document, alarms, paint) + [""]
+    lines += _alarm_lines(document, alarms, paint) + [""]
+    lines += [_can_line(document, paint), _gnss_line(document, paint), _loop_line(document)]
+    return "\n".join(lines) + "\n"
+
+
+def _heading(document: Mapping[str, Any]) -> str:
+    uptime_s = _number(document, "uptime_s")
+    up = "" if uptime_s is None else f", up for {_duration(uptime_s)}"
+    return f"tpmsd {_text(document, 'tpmsd')}{up}"
+
+
+def _wheel_lines(document: Mapping[str, Any], alarms: list[dict[str, Any]], paint: Any) -> list[str]:
+    wheels = _dict(document, "wheels")
+    if not wheels:
+        return ["No wheel has been heard of yet."]
+    lines = [paint(f"{'wheel':<13} {'tyre':<15} {'change in mm':>15}  {'from nominal':>15}", _DIM)]
+    for name in [w for w in WHEELS if w in wheels] + sorted(w for w in wheels if w not in WHEEL_NAMES):
+        wheel = _dict(wheels, name)
+        word, style = _tyre(name, wheel, alarms, _number(document, "learning_fraction"))
+        change = _plus_minus(_number(wheel, "change_mm"), _number(wheel, "change_std_mm"))
+        deviation = _plus_minus(_number(wheel, "deviation_mm"), _number(wheel, "std_mm"))
+        label = printable(wheel_name(name))
+        lines.append(f"{label:<13} {paint(f'{word:<15}', style)} {change:>15}  {deviation:>15}")
+    return lines
+
+
+def _tyre(
+    name: str, wheel: Mapping[str, Any], alarms: list[dict[str, Any]], learned: float | None
+) -> tuple[str, str]:
+    """What to call the state of a tyre, and in which colour."""
+    kinds = {_text(alarm, "kind") for alarm in alarms if alarm.get("wheel") == name}
+    state = _text(wheel, "state")
+    if "deflation" in kinds:
+        return "SOFT", _BAD
+    if "radius_deviation" in kinds:
+        return "CHANGED", _BAD
+    if state == "alarm":
+        return "ALARM", _BAD
+    if state == "learning":
+        return ("learning" if learned is None else f"learning {100 * learned:.0f} %"), _DIM
+    if state == "unavailable":
+        return "not watched", _SUSPECT if "malfunction" in kinds else _DIM
+    if state != "monitoring":
+        return state[:15], _SUSPECT
+    if (_number(wheel, "deflation_probability") or 0.0) >= _SUSPICION:
+        return "soft?", _SUSPECT
+    return "OK", _GOOD
+
+
+def _alarm_lines(document: Mapping[str, Any], alarms: list[dict[str, Any]], paint: Any) -> list[str]:
+    if not alarms:
+        return [paint("No alarms.", _GOOD)]
+    now_s = _number(document, "time")
+    lines = []
+    for alarm in alarms:
+        raised_s = _number(alarm, "time")
+        since = ""
+        if now_s is not None and raised_s is not None and now_s >= raised_s:
+            since = f" (for {_duration(now_s - raised_s)})"
+        wheel = alarm.get("wheel")
+        about = "" if wheel is None else f"{wheel_name(str(wheel))}: "
+        said = _text(alarm, "reason") or _text(alarm, "kind").replace("_", " ")
+        lines.append(paint(printable(f"ALARM{since}: {about}{said}"), _BAD))
+    return lines
+
+
+def _can_line(document: Mapping[str, Any], paint: Any) -> str:
+    can = _dict(document, "can")
+    frames = _number(can, "frames")
+    counted = "" if frames is None else f", {frames:.0f} frames"
+    return _source_line("bus", can, "channel", counted, paint)
+
+
+def _gnss_line(document: Mapping[str, Any], paint: Any) -> str:
+    gnss = _dict(document, "gnss")
+    fixes, age_s = _number(gnss, "fixes"), _number(gnss, "age_s")
+    counted = "" if fixes is None else f", {fixes:.0f} fixes"
+    counted += "" if age_s is None else f", the last {age_s:.1f} s ago"
+    return _source_line("receiver", gnss, "device", counted, paint)
+
+
+def _source_line(label: str, source: Mapping[str, Any], name_key: str, counted: str, paint: Any) -> str:
+    state = _text(source, "state")
+    word = _SOURCE_WORDS.get(state, state or "unknown")
+    style = _GOOD if state == "ok" else _DIM if state == "off" else _SUSPECT
+    faults = _dict(source, "faults")
+    counts = [f"{kind} {count:.0f}" for kind in sorted(faults) if (count := _number(faults, kind))]
+    name, detail = _text(source, name_key), _text(source, "detail")
+    parts = f"{label:<9} {name + ' ' if name else ''}{paint(word, style)}{counted}"
+    parts += f" ({detail})" if detail else ""
+    return parts + (printable(f"; faults: {', '.join(counts)}") if counts else "")
+
+
+def _loop_line(document: Mapping[str, Any]) -> str:
+    ticks, missed = _number(document, "ticks"), _number(document, "missed_deadlines")
+    if ticks is None or missed is None:
+        return f"{'loop':<9} unknown"
+    return f"{'loop':<9} {ticks:.0f} ticks, {missed:.0f} late"
+
+
+def _plus_minus(value: float | None, std: float | None) -> str:
+    if value is None:
+        return "-"
+    return f"{value:+.2f}" + ("" if std is None else f" ± {std:.2f}")
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    minutes = int(seconds // 60)
+    if minutes < 60:
+        return f"{minutes} min"
+    if minutes < 48 * 60:
+        return f"{minutes // 60} h {minutes % 60:02d} min"
+    return f"{minutes // 1440} days"
+
+
+def _number(table: Mapping[str, Any], key: str) -> float | None:
+    value = table.get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        return None
+    return float(value) if abs(value) < 1e15 else None
+
+
+def _text(table: Mapping[str, Any], key: str) -> str:
+    value = table.get(key)
+    return printable(value) if isinstance(value, str) else ""
+
+
+def _dict(table: Mapping[str, Any], key: str) -> dict[str, Any]:
+    value = table.get(key)
+    return value if isinstance(value, dict) else {}
+
+
+def _list(table: Mapping[str, Any], key: str) -> list[Any]:
+    value = table.get(key)
+    return value if isinstance(value, list) else []
+
+
+def _plain(text: str, style: str) -> str:
+    return text
+
+
+def _paint(text: str, style: str) -> str:
+    return f"\x1b[{style}m{text}\x1b[0m"

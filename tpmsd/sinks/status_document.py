@@ -1,0 +1,142 @@
+"""The daemon's status as one JSON document, for `tpmsd status` and for other programs.
+
+In: the last `MonitorReport` and `RadiusEstimate`, and the health of loop and sources. Out: a dictionary of
+plain JSON types; numbers nobody knows are null. Lengths are in mm, as in the report of `tpmsd replay --json`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+from tpmsd import __version__
+from tpmsd.estimators.base import RadiusEstimate
+from tpmsd.monitor.records import AlarmEvent, MonitorReport, WheelReport
+
+DOCUMENT_VERSION = 1
+"""Rises when a field changes its meaning or goes; new fields do not raise it."""
+
+
+class SourceState(StrEnum):
+    """How an input is."""
+
+    OFF = "off"
+    """Not configured."""
+    WAITING = "waiting"
+    """Open, but nothing usable has come yet."""
+    OK = "ok"
+    SILENT = "silent"
+    """Open, but what came before has stopped."""
+    DOWN = "down"
+    """Gone or not to be opened; tried again with back-off."""
+
+
+@dataclass(frozen=True, slots=True)
+class SourceHealth:
+    """One input: the bus or the receiver."""
+
+    state: SourceState
+    name: str = ""
+    """Channel or device."""
+    received: int = 0
+    """Frames of the bus, fixes of the receiver."""
+    faults: Mapping[str, int] = field(default_factory=dict)
+    """Count by kind (`SourceFault.kind`)."""
+    age_s: float = math.nan
+    """Time since the last frame or fix."""
+    detail: str = ""
+    """Why it is not well, in a few words."""
+
+
+@dataclass(frozen=True, slots=True)
+class LoopHealth:
+    """The event loop."""
+
+    uptime_s: float
+    ticks: int
+    missed_deadlines: int
+
+
+def build_status(
+    report: MonitorReport | None,
+    *,
+    loop: LoopHealth,
+    can: SourceHealth,
+    gnss: SourceHealth,
+    estimate: RadiusEstimate | None = None,
+    method: str = "",
+) -> dict[str, Any]:
+    """The document; `report` and `estimate` are None until the first tick."""
+    return {
+        "version": DOCUMENT_VERSION,
+        "tpmsd": __version__,
+        "time": None if report is None else _number(report.time_s),
+        "uptime_s": _number(loop.uptime_s),
+        "ticks": loop.ticks,
+        "missed_deadlines": loop.missed_deadlines,
+        "learning_fraction": None if report is None else _number(report.learning_fraction),
+        "can": {**_source(can, "channel"), "frames": can.received},
+        "gnss": {**_source(gnss, "device"), "fixes": gnss.received},
+        "wheels": {} if report is None else {wheel.wheel: _wheel(wheel) for wheel in report.wheels},
+        "alarms": [] if report is None else [_alarm(alarm) for alarm in report.active],
+        "estimator": None if estimate is None else _estimator(estimate, method),
+    }
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _mm(length_m: float) -> float | None:
+    # A nanometre is below all that is known; it spares the reader 15 digits.
+    return round(1e3 * float(length_m), 6) if math.isfinite(length_m) else None
+
+
+def _source(source: SourceHealth, name_key: str) -> dict[str, Any]:
+    return {
+        "state": str(source.state),
+        name_key: source.name,
+        "faults": dict(source.faults),
+        "age_s": _number(source.age_s),
+        "detail": source.detail,
+    }
+
+
+def _wheel(wheel: WheelReport) -> dict[str, Any]:
+    return {
+        "state": str(wheel.state),
+        "deviation_mm": _mm(wheel.deviation_m),
+        "std_mm": _mm(wheel.std_m),
+        "change_mm": _mm(wheel.change_m),
+        "change_std_mm": _mm(wheel.change_std_m),
+        "deflation_probability": _number(wheel.deflation_probability),
+        "deviation_probability": _number(wheel.deviation_probability),
+    }
+
+
+def _alarm(alarm: AlarmEvent) -> dict[str, Any]:
+    return {
+        "time": _number(alarm.time_s),
+        "kind": str(alarm.kind),
+        "wheel": alarm.wheel,
+        "state": alarm.state,
+        "deviation_mm": _mm(alarm.deviation_m),
+        "std_mm": _mm(alarm.std_m),
+        "probability": _number(alarm.probability),
+        "reason": alarm.reason,
+    }
+
+
+def _estimator(estimate: RadiusEstimate, method: str) -> dict[str, Any]:
+    return {
+        "method": method,
+        "informative": bool(estimate.informative),
+        "informative_s": _number(estimate.informative_s),
+        "speed_mps": _number(estimate.speed_mps),
+        "position_std_m": _number(estimate.position_std_m),
+        "gnss_age_s": _number(estimate.gnss_age_s),
+        "effective_particles": _number(estimate.effective_particles),
+    }

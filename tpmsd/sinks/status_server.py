@@ -1,0 +1,322 @@
+"""Answers on a Unix socket how the tyres are, inside the daemon's one event loop.
+
+In: connections on a stream socket, and a function that makes the status document. Out: JSON lines.
+
+A client connects and sends one line: `status`, `watch`, or `{"request": "status" | "watch"}`; one that sends
+nothing (for a second, or by closing its side) is taken to ask for the status. `status` is answered by one line,
+then the connection is closed; `watch` by one line now and one with every `publish`. What is no request is
+answered by `{"error": "..."}`.
+
+Nothing here blocks, and no client can hurt the daemon: their number, the length of a request, the time it may
+take and what may pile up for a client that does not read are all bounded.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import json
+import logging
+import math
+import os
+import selectors
+import socket
+import stat
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tpmsd.errors import ConfigError, TpmsdError
+
+MAX_PATH_BYTES = 107
+"""What `sockaddr_un` holds (unix(7)), less the final NUL."""
+MAX_CLIENTS = 128
+MAX_REQUEST_BYTES = 4096
+MAX_PENDING_BYTES = 65536
+SILENT_S = 1.0
+"""After so long without a word a client is given the status."""
+REQUEST_S = 5.0
+"""A request must be whole by then; so must the taking of an answer."""
+_ACCEPTS_PER_CALL = 32
+"""A storm of connections must not hold up the estimator."""
+_ACCEPT_PAUSE_S = 1.0
+
+_log = logging.getLogger(__name__)
+
+
+class StatusSocketError(TpmsdError):
+    """The status socket cannot be made; says where and why."""
+
+
+@dataclass(slots=True, eq=False)
+class _Client:
+    connection: socket.socket
+    deadline_s: float
+    connected_s: float
+    request: bytearray = field(default_factory=bytearray)
+    pending: bytearray = field(default_factory=bytearray)
+    answered: bool = False
+    watching: bool = False
+    events: int = 0
+    """What the selector watches it for."""
+
+
+class StatusServer:
+    """The socket and its clients.
+
+    The owner watches `fileno()` for reading, and calls `service` when it is readable and at least once a
+    second all the same (for the time-outs). `now_s` is any clock that does not step back.
+    """
+
+    def __init__(self, path: Path, document: Callable[[], Mapping[str, Any]], *, mode: int = 0o660) -> None:
+        """Nothing is opened yet. `document` is asked whenever a client is answered."""
+        self._path = path
+        self._document = document
+        self._mode = mode
+        self._selector = selectors.DefaultSelector()
+        self._clients: set[_Client] = set()
+        self._listener: socket.socket | None = None
+        self._identity: tuple[int, int] | None = None
+        self._accepts_again_s = -math.inf
+        self._accepting = False
+        self._latest: bytes | None = None
+        """The answer, made at most once per call: a hundred clients at a time cost little more than one."""
+
+    def open(self) -> None:
+        """Make the socket; a stale one of an earlier run is replaced, one that is answered on is not.
+
+        Raises ConfigError for a path that cannot be a socket's, StatusSocketError for what stands in the way.
+        """
+        check_socket_path(self._path)
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            _remove_stale(self._path)
+            listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            try:
+                listener.setblocking(False)
+                listener.bind(str(self._path))
+                # Nobody can connect before listen(), so there is no moment with a wider mode.
+                self._path.chmod(self._mode)
+                listener.listen(MAX_CLIENTS)
+                status = self._path.lstat()
+            except OSError:
+                listener.close()
+                raise
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise StatusSocketError(f"cannot make the status socket {self._path}: {reason}") from error
+        self._listener = listener
+        self._identity = (status.st_dev, status.st_ino)
+        self._accept_on(True)
+
+    def fileno(self) -> int:
+        """Readable when there is something to `service`; may be watched by another selector."""
+        return self._selector.fileno()
+
+    @property
+    def clients(self) -> int:
+        """How many are connected."""
+        return len(self._clients)
+
+    @property
+    def watchers(self) -> int:
+        """How many wait for the next `publish`."""
+        return sum(client.watching for client in self._clients)
+
+    def service(self, now_s: float) -> None:
+        """Do all that can be done without waiting."""
+        self._latest = None
+        if self._listener is not None and not self._accepting and now_s >= self._accepts_again_s:
+            self._accept_on(True)
+        for key, events in self._selector.select(timeout=0):
+            if key.fileobj is self._listener:
+                self._accept(now_s)
+                continue
+            client: _Client = key.data
+            if events & selectors.EVENT_READ:
+                self._read(client, now_s)
+            if events & selectors.EVENT_WRITE and client in self._clients:
+                self._flush(client)
+        for client in [client for client in self._clients if now_s >= client.deadline_s]:
+            if client.answered or client.request:
+                self._drop(client)
+            else:
+                self._answer(client, now_s)
+
+    def publish(self, now_s: float) -> None:
+        """Give every watching client the status as it is now; costs nothing if there is none."""
+        self._latest = None
+        if self.watchers:
+            line = self._line()
+            for client in [client for client in self._clients if client.watching]:
+                self._send(client, line)
+        self.service(now_s)
+
+    def close(self) -> None:
+        """Let all clients go and take the socket away, if it is still ours."""
+        for client in list(self._clients):
+            self._drop(client)
+        if self._listener is not None:
+            self._accept_on(False)
+            self._listener.close()
+            self._listener = None
+            with contextlib.suppress(OSError):
+                status = self._path.lstat()
+                if (status.st_dev, status.st_ino) == self._identity:
+                    self._path.unlink()
+        self._selector.close()
+
+    def _accept_on(self, on: bool) -> None:
+        if self._listener is None or on == self._accepting:
+            return
+        if on:
+            self._selector.register(self._listener, selectors.EVENT_READ)
+        else:
+            self._selector.unregister(self._listener)
+        self._accepting = on
+
+    def _accept(self, now_s: float) -> None:
+        assert self._listener is not None
+        for _ in range(_ACCEPTS_PER_CALL):
+            try:
+                connection, _address = self._listener.accept()
+            except OSError as error:
+                if error.errno in (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM):
+                    # The socket stays readable: without a pause the loop would spin on it.
+                    self._accept_on(False)
+                    self._accepts_again_s = now_s + _ACCEPT_PAUSE_S
+                return
+            connection.setblocking(False)
+            if len(self._clients) >= MAX_CLIENTS:
+                with contextlib.suppress(OSError):
+                    connection.send(_error_line("too many clients"))
+                connection.close()
+                continue
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, MAX_PENDING_BYTES)
+            client = _Client(connection, now_s + SILENT_S, now_s)
+            self._clients.add(client)
+            self._watch(client, selectors.EVENT_READ)
+
+    def _read(self, client: _Client, now_s: float) -> None:
+        try:
+            data = client.connection.recv(MAX_REQUEST_BYTES + 1 - len(client.request))
+        except BlockingIOError:
+            return
+        except OSError:
+            self._drop(client)
+            return
+        client.request += data
+        client.deadline_s = client.connected_s + REQUEST_S
+        if not data or b"\n" in client.request or len(client.request) > MAX_REQUEST_BYTES:
+            self._answer(client, now_s)
+
+    def _answer(self, client: _Client, now_s: float) -> None:
+        client.answered = True
+        client.deadline_s = now_s + REQUEST_S
+        try:
+            client.watching = _is_watch(bytes(client.request))
+        except ValueError as error:
+            line = _error_line(str(error))
+        else:
+            line = self._line()
+        if client.watching:
+            client.deadline_s = math.inf
+        self._send(client, line)
+
+    def _line(self) -> bytes:
+        if self._latest is None:
+            try:
+                text = json.dumps(self._document(), allow_nan=False)
+            except (TypeError, ValueError) as error:
+                _log.error("the status document is no JSON: %s", error)
+                return _error_line("the status cannot be written")
+            self._latest = text.encode("ascii") + b"\n"
+        return self._latest
+
+    def _send(self, client: _Client, line: bytes) -> None:
+        client.pending += line
+        self._flush(client)
+        if client.watching and len(client.pending) > MAX_PENDING_BYTES:
+            self._drop(client)
+
+    def _flush(self, client: _Client) -> None:
+        try:
+            while client.pending:
+                sent = client.connection.send(client.pending, socket.MSG_NOSIGNAL)
+                del client.pending[:sent]
+        except BlockingIOError:
+            pass
+        except OSError:
+            self._drop(client)
+            return
+        if not client.pending and not client.watching:
+            self._drop(client)
+        else:
+            # What a client says after its request is not read: so it cannot keep the loop busy.
+            self._watch(client, selectors.EVENT_WRITE if client.pending else 0)
+
+    def _watch(self, client: _Client, events: int) -> None:
+        if events == client.events:
+            return
+        if not client.events:
+            self._selector.register(client.connection, events, client)
+        elif not events:
+            self._selector.unregister(client.connection)
+        else:
+            self._selector.modify(client.connection, events, client)
+        client.events = events
+
+    def _drop(self, client: _Client) -> None:
+        if client not in self._clients:
+            return
+        self._clients.discard(client)
+        client.watching = False
+        self._watch(client, 0)
+        client.connection.close()
+
+
+def check_socket_path(path: Path) -> None:
+    """Raises ConfigError if the path is longer than the address of a Unix socket can be."""
+    length = len(os.fsencode(path))
+    if length > MAX_PATH_BYTES:
+        raise ConfigError(
+            f"the path of the status socket has {length} bytes, at most {MAX_PATH_BYTES} are possible: {path}"
+        )
+
+
+def _is_watch(request: bytes) -> bool:
+    """Whether the request is `watch` (else `status`); ValueError says what is wrong with it."""
+    if b"\n" not in request and len(request) > MAX_REQUEST_BYTES:
+        raise ValueError(f"request longer than {MAX_REQUEST_BYTES} bytes")
+    try:
+        line = request.split(b"\n", 1)[0].decode("utf-8").strip()
+        asked: Any = line or "status"
+        if line.startswith("{"):
+            asked = json.loads(line).get("request")
+    except (ValueError, RecursionError) as error:
+        raise ValueError("the request is neither a word nor a JSON object") from error
+    if asked not in ("status", "watch"):
+        raise ValueError("unknown request; known are status and watch")
+    return bool(asked == "watch")
+
+
+def _error_line(reason: str) -> bytes:
+    return json.dumps({"error": reason}).encode("ascii") + b"\n"
+
+
+def _remove_stale(path: Path) -> None:
+    """Take away a socket that nobody answers on; raises OSError for anything else that is in the way."""
+    try:
+        if not stat.S_ISSOCK(path.lstat().st_mode):
+            raise FileExistsError(errno.EEXIST, "a file that is no socket is in the way")
+    except FileNotFoundError:
+        return
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+        probe.setblocking(False)
+        result = probe.connect_ex(str(path))
+    if result in (0, errno.EAGAIN):
+        raise OSError(errno.EADDRINUSE, "another tpmsd is answering on it")
+    if result not in (errno.ECONNREFUSED, errno.ENOENT):
+        raise OSError(result, os.strerror(result))
+    path.unlink(missing_ok=True)
