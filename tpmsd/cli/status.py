@@ -44,7 +44,7 @@ def add_parser(subparsers: Subparsers) -> None:
     )
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
-        "--socket", metavar="PATH", type=Path, help=f"the daemon's socket (default: {StatusConfig().socket})"
+        "--socket", metavar="PATH", type=Path, help=f"the daemon's socket ({StatusConfig().socket})"
     )
     where.add_argument(
         "--config", metavar="FILE", type=Path, help="take the socket from this configuration: [status] socket"

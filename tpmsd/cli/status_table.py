@@ -1,13 +1,13 @@
 """The status document as a table that a driver understands.
 
-In: the document of `tpmsd.sinks.status_document` (from another process, so nothing in it is taken for granted).
-Out: text, with colours if asked for.
+In: the document of `tpmsd.sinks.status_document`; it comes from another process, so nothing in it is taken for
+granted. Out: text, with colours if asked for.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from tpmsd.report.wording import WHEEL_NAMES, wheel_name
@@ -18,6 +18,7 @@ _GOOD, _BAD, _DIM, _BOLD = "32", "31;1", "2", "1"
 _SUSPECT = "33"
 _SUSPICION = 0.5
 """From this probability of a deflation on a wheel without an alarm is shown as 'soft?'."""
+_Paint = Callable[[str, str], str]
 _SOURCE_WORDS = {
     "off": "not configured",
     "waiting": "open, nothing usable yet",
@@ -31,10 +32,17 @@ def render_status(document: Mapping[str, Any], *, colour: bool = False) -> str:
     """The whole table, ending with a line break."""
     paint = _paint if colour else _plain
     alarms = [alarm for alarm in _list(document, "alarms") if isinstance(alarm, dict)]
-    lines = [paint(_heading(document), _BOLD), ""]
-    lines += _wheel_lines(document, alarms, paint) + [""]
-    lines += _alarm_lines(document, alarms, paint) + [""]
-    lines += [_can_line(document, paint), _gnss_line(document, paint), _loop_line(document)]
+    lines = [
+        paint(_heading(document), _BOLD),
+        "",
+        *_wheel_lines(document, alarms, paint),
+        "",
+        *_alarm_lines(document, alarms, paint),
+        "",
+        _can_line(document, paint),
+        _gnss_line(document, paint),
+        _loop_line(document),
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -44,7 +52,7 @@ def _heading(document: Mapping[str, Any]) -> str:
     return f"tpmsd {_text(document, 'tpmsd')}{up}"
 
 
-def _wheel_lines(document: Mapping[str, Any], alarms: list[dict[str, Any]], paint: Any) -> list[str]:
+def _wheel_lines(document: Mapping[str, Any], alarms: list[dict[str, Any]], paint: _Paint) -> list[str]:
     wheels = _dict(document, "wheels")
     if not wheels:
         return ["No wheel has been heard of yet."]
@@ -82,7 +90,7 @@ def _tyre(
     return "OK", _GOOD
 
 
-def _alarm_lines(document: Mapping[str, Any], alarms: list[dict[str, Any]], paint: Any) -> list[str]:
+def _alarm_lines(document: Mapping[str, Any], alarms: list[dict[str, Any]], paint: _Paint) -> list[str]:
     if not alarms:
         return [paint("No alarms.", _GOOD)]
     now_s = _number(document, "time")
@@ -93,20 +101,21 @@ def _alarm_lines(document: Mapping[str, Any], alarms: list[dict[str, Any]], pain
         if now_s is not None and raised_s is not None and now_s >= raised_s:
             since = f" (for {_duration(now_s - raised_s)})"
         wheel = alarm.get("wheel")
-        about = "" if wheel is None else f"{wheel_name(str(wheel))}: "
         said = _text(alarm, "reason") or _text(alarm, "kind").replace("_", " ")
+        name = "" if wheel is None else wheel_name(str(wheel))
+        about = f"{name}: " if name and name not in said.lower() else ""
         lines.append(paint(printable(f"ALARM{since}: {about}{said}"), _BAD))
     return lines
 
 
-def _can_line(document: Mapping[str, Any], paint: Any) -> str:
+def _can_line(document: Mapping[str, Any], paint: _Paint) -> str:
     can = _dict(document, "can")
     frames = _number(can, "frames")
     counted = "" if frames is None else f", {frames:.0f} frames"
     return _source_line("bus", can, "channel", counted, paint)
 
 
-def _gnss_line(document: Mapping[str, Any], paint: Any) -> str:
+def _gnss_line(document: Mapping[str, Any], paint: _Paint) -> str:
     gnss = _dict(document, "gnss")
     fixes, age_s = _number(gnss, "fixes"), _number(gnss, "age_s")
     counted = "" if fixes is None else f", {fixes:.0f} fixes"
@@ -114,7 +123,7 @@ def _gnss_line(document: Mapping[str, Any], paint: Any) -> str:
     return _source_line("receiver", gnss, "device", counted, paint)
 
 
-def _source_line(label: str, source: Mapping[str, Any], name_key: str, counted: str, paint: Any) -> str:
+def _source_line(label: str, source: Mapping[str, Any], name_key: str, counted: str, paint: _Paint) -> str:
     state = _text(source, "state")
     word = _SOURCE_WORDS.get(state, state or "unknown")
     style = _GOOD if state == "ok" else _DIM if state == "off" else _SUSPECT
