@@ -1,0 +1,130 @@
+"""When the frames of one cyclic message arrive: its period, and what is lost, late or repeated.
+
+In: time stamp and data of each frame of one message (or of one multiplexer branch of it). Out: a verdict per
+frame, the number of frames missing before it, the learned period, and whether the message has timed out.
+Pure: the only clock is the frames' own.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from enum import IntEnum
+
+LOST_PERIODS = 1.6
+"""A gap from this many periods on is a loss: one missing frame makes it 2, jitter rarely makes it 1.6."""
+TIMEOUT_PERIODS = 10.0
+MIN_TIMEOUT_S = 0.2
+FIRST_TIMEOUT_S = 2.0
+"""Time-out while the period is not yet known."""
+CLOCK_STEP_S = 1.0
+"""Frames that are late in unbroken order for this long are not late: the clock was set back."""
+
+
+class Verdict(IntEnum):
+    """What to do with a frame."""
+
+    USE = 0
+    LATE = 1
+    """Its time stamp is not after that of a frame seen before: not used."""
+    REPEATED = 2
+    """Same time stamp and same data as the frame before: not used."""
+    CLOCK_STEP = 3
+    """First frame after the clock was set back: used, but times before and after must not be compared."""
+
+
+class MessageArrival:
+    """The arrival of one message."""
+
+    __slots__ = (
+        "_data",
+        "_gap_frames",
+        "_gap_s",
+        "_intervals",
+        "_late_first_s",
+        "_late_last_s",
+        "_lost_after_s",
+        "_to_learn",
+        "last_s",
+        "lost",
+        "period_s",
+        "timed_out",
+        "timeout_s",
+    )
+
+    def __init__(self, start_s: float) -> None:
+        self.last_s = start_s
+        """Time stamp of the last frame used; before the first one, the time at which waiting began."""
+        self.period_s = 0.0
+        """Typical interval of the last frames (mean of the middle half); 0 until it is known."""
+        self.lost = 0
+        """Frames missing, found out with the frame judged last (the second one after the gap)."""
+        self.timeout_s = FIRST_TIMEOUT_S
+        self.timed_out = False
+        """Set by whoever reports the time-out, cleared by the next frame."""
+        self._data: bytes | None = None
+        self._intervals: deque[float] = deque(maxlen=31)
+        self._to_learn = 8
+        self._lost_after_s = float("inf")
+        self._gap_s, self._gap_frames = 0.0, 0
+        self._late_first_s = self._late_last_s = float("inf")
+
+    @property
+    def seen(self) -> bool:
+        """Whether there was a frame at all."""
+        return self._data is not None
+
+    def is_overdue(self, time_s: float) -> bool:
+        """Whether nothing came for longer than the time-out."""
+        return time_s - self.last_s > self.timeout_s
+
+    def judge(self, time_s: float, data: bytes) -> Verdict:
+        """The verdict on a frame; sets `lost` and learns the period."""
+        self.lost = 0
+        if self._data is None:
+            self.last_s, self._data = time_s, data
+            return Verdict.USE
+        interval = time_s - self.last_s
+        if interval <= 0.0:
+            return self._judge_late(time_s, interval, data)
+        if self._gap_frames:
+            self._close_gap(interval)
+        if self._lost_after_s < interval <= self.timeout_s and not self._gap_frames:
+            self._gap_s, self._gap_frames = interval, 1
+        self.last_s, self._data = time_s, data
+        self._late_last_s = float("inf")
+        self._intervals.append(interval)
+        self._to_learn -= 1
+        if self._to_learn == 0:
+            self._learn()
+        return Verdict.USE
+
+    def _close_gap(self, interval: float) -> None:
+        """What a gap was is known after it: frames that follow at once were held up, the others are lost."""
+        if interval < 0.5 * self.period_s:
+            self._gap_s += interval
+            self._gap_frames += 1
+            return
+        self.lost = max(0, round(self._gap_s / self.period_s) - self._gap_frames)
+        self._gap_frames = 0
+
+    def _judge_late(self, time_s: float, interval: float, data: bytes) -> Verdict:
+        if interval == 0.0 and data == self._data:
+            return Verdict.REPEATED
+        if time_s <= self._late_last_s:
+            self._late_first_s = time_s
+        self._late_last_s = time_s
+        if time_s - self._late_first_s < CLOCK_STEP_S:
+            return Verdict.LATE
+        self.last_s, self._data = time_s, data
+        self._late_last_s = float("inf")
+        return Verdict.CLOCK_STEP
+
+    def _learn(self) -> None:
+        ordered = sorted(self._intervals)
+        quarter = len(ordered) // 4
+        middle = ordered[quarter : len(ordered) - quarter]
+        self.period_s = sum(middle) / len(middle)
+        self.timeout_s = max(MIN_TIMEOUT_S, TIMEOUT_PERIODS * self.period_s)
+        self._lost_after_s = LOST_PERIODS * self.period_s
+        # Senders change their rate (some start slowly), so the median follows.
+        self._to_learn = 16

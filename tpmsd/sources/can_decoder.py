@@ -1,0 +1,243 @@
+"""CAN frames to wheel angles and inertial readings, at bus speed.
+
+In: frames of the bus in the order of their arrival (time stamp, identifier, data), and now and then the time.
+Out: `RotationSample`, `InertialSample` and `SourceFault` events, and exact counts of all that was wrong.
+Pure: no I/O, no clock; the same frames give the same events, live or from a recording.
+
+One frame goes through four stages:
+
+    MessagePlan      which bits are needed, and are they all there      'short', 'invalid'
+    MessageArrival   is the frame new, and what is missing before it    'late', 'repeated', 'lost', 'timeout'
+    WheelCounter or WheelSpeedIntegrator: can the wheel have done that  'jump', 'reset', 'repeated'
+    the wheels together: does one stand still while the others turn     'stuck'
+
+`counts` has the keys 'frames', 'ignored' (identifiers that carry nothing needed), 'decode.short', and
+'<wheel or role>.<kind>', for example 'fl.lost' or 'yaw_rate.timeout'.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+
+from cantools.database.can import Database
+
+from tpmsd.config.model import WHEEL_COUNT_ROLES, Config
+from tpmsd.sources.can_arrival import MessageArrival, Verdict
+from tpmsd.sources.can_faults import FaultLog
+from tpmsd.sources.events import Event, InertialSample
+from tpmsd.sources.signal_plan import (
+    EXTENDED,
+    MessagePlan,
+    SignalGroup,
+    SignalPlan,
+    can_filters,
+    compile_plans,
+    load_database,
+)
+from tpmsd.sources.wheel_counter import WheelCounter
+from tpmsd.sources.wheel_speed import WheelSpeedIntegrator
+
+__all__ = ["CanDecoder", "can_filters", "load_database"]
+
+Tracker = WheelCounter | WheelSpeedIntegrator
+
+FRESH_S = 0.5
+"""A wheel that was heard of within this time can bear witness against another one."""
+ALONE_STILL_S = 3.0
+"""Without a witness a constant counter is believed to stand only after this time: no car stops faster."""
+
+
+def _place(signal: SignalPlan) -> int | str:
+    """Where a signal's faults count: its wheel, or its role."""
+    return signal.role if signal.wheel is None else signal.wheel
+
+
+class _Group:
+    """A signal group with its state."""
+
+    __slots__ = ("arrival", "fields", "places", "plan", "trackers")
+
+    def __init__(self, plan: SignalGroup, trackers: dict[str, Tracker]) -> None:
+        self.plan = plan
+        self.arrival: MessageArrival | None = None
+        self.trackers = tuple(trackers[signal.role] for signal in plan.signals if signal.role in trackers)
+        self.fields = tuple(
+            (field.min_bytes, field.big_endian, field.shift, field.mask, signal, trackers.get(signal.role))
+            for signal, field in ((signal, signal.field) for signal in plan.signals)
+        )
+        """What the loop over a frame's signals needs, without looking it up for each frame."""
+        self.places = tuple(_place(signal) for signal in plan.signals)
+        """Where faults of the message count: at each of its wheels and roles."""
+
+
+class _Witness:
+    """What the other wheels had done when a wheel's value stopped changing."""
+
+    __slots__ = ("others", "since_s")
+
+    def __init__(self, since_s: float, others: list[tuple[Tracker, float, float]]) -> None:
+        self.since_s = since_s
+        self.others = others
+
+
+class CanDecoder:
+    """Decodes the frames of one bus."""
+
+    def __init__(self, config: Config, database: Database) -> None:
+        self._faults = FaultLog()
+        self.counts: Counter[str] = self._faults.counts
+        self._trackers: dict[str, Tracker] = {}
+        plans = compile_plans(config, database)
+        for plan in plans.values():
+            for group in plan.groups:
+                for signal in group.signals:
+                    if signal.wheel is not None:
+                        self._trackers[signal.role] = self._tracker(config, signal, signal.wheel)
+        self._plans: dict[int, tuple[MessagePlan, tuple[_Group, ...]]] = {
+            key: (plan, tuple(_Group(group, self._trackers) for group in plan.groups))
+            for key, plan in plans.items()
+        }
+        self._groups = [group for _, groups in self._plans.values() for group in groups]
+        self._wheels = list(self._trackers.values())
+        self._heard_s = dict.fromkeys((tracker.wheel for tracker in self._wheels), -math.inf)
+        self._witnesses: dict[int, _Witness] = {}
+
+    def _tracker(self, config: Config, signal: SignalPlan, wheel: int) -> Tracker:
+        vehicle = config.vehicle
+        radius_m = vehicle.wheel_radius_m[wheel]
+        if signal.role in WHEEL_COUNT_ROLES:
+            bits = signal.field.length
+            return WheelCounter(wheel, bits, signal.gain, vehicle.teeth_per_rev, radius_m, self._faults)
+        return WheelSpeedIntegrator(wheel, radius_m, self._faults)
+
+    def decode(
+        self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, is_fd: bool = False
+    ) -> list[Event]:
+        """Events of one data frame (remote and error frames carry no data: do not pass them).
+
+        `time_s`: host time stamp. CAN FD frames are decoded like classic ones; `is_fd` changes nothing.
+        """
+        self.counts["frames"] += 1
+        entry = self._plans.get(arbitration_id | EXTENDED if is_extended else arbitration_id)
+        out: list[Event] = []
+        if entry is None:
+            self.counts["ignored"] += 1
+            return out
+        plan, groups = entry
+        size = len(data)
+        little = int.from_bytes(data[: plan.little_bytes], "little")
+        big_bytes = plan.big_bytes
+        if size < big_bytes:
+            big = int.from_bytes(data, "big") << 8 * (big_bytes - size)
+        else:
+            big = int.from_bytes(data[:big_bytes], "big")
+        for group in groups:
+            for field, numbers in group.plan.selectors:
+                bits = (big if field.big_endian else little) >> field.shift & field.mask
+                if field.min_bytes > size or field.number(bits) not in numbers:
+                    break
+            else:
+                self._decode_group(time_s, group, data, little, big, out)
+        return out
+
+    def poll(self, time_s: float) -> list[Event]:
+        """Time-outs at this time; each is reported once, until the message is back."""
+        out: list[Event] = []
+        for group in self._groups:
+            arrival = group.arrival
+            if arrival is None:
+                group.arrival = MessageArrival(time_s)
+            elif not arrival.timed_out and arrival.is_overdue(time_s):
+                self._time_out(time_s, group, arrival, out)
+        return out
+
+    def _decode_group(
+        self, time_s: float, group: _Group, data: bytes, little: int, big: int, out: list[Event]
+    ) -> None:
+        arrival = group.arrival
+        if arrival is None:
+            arrival = group.arrival = MessageArrival(time_s)
+        elif not arrival.timed_out and arrival.is_overdue(time_s):
+            # Nobody polled in the silence; it was one all the same.
+            self._time_out(time_s, group, arrival, out)
+        verdict = arrival.judge(time_s, data)
+        if verdict is not Verdict.USE:
+            for place in group.places:
+                self._faults.note(out, time_s, verdict.name.lower(), place)
+            if verdict is not Verdict.CLOCK_STEP:
+                return
+            for wheel_tracker in group.trackers:
+                wheel_tracker.restart()
+        elif arrival.lost:
+            for place in group.places:
+                self._faults.note(out, time_s, "lost", place, group.plan.name, arrival.lost)
+        arrival.timed_out = False
+        # A second sender of the same identifier (spoofing) would be noticed here: it doubles the rate.
+
+        size = len(data)
+        for min_bytes, is_big, shift, mask, signal, tracker in group.fields:
+            if min_bytes > size:
+                self._note_short(time_s, signal, size, out)
+                continue
+            bits = (big if is_big else little) >> shift & mask
+            if bits in signal.invalid:
+                self._note_invalid(time_s, signal, bits, out)
+                continue
+            if isinstance(tracker, WheelCounter):
+                tracker.update(time_s, bits, arrival.period_s, out)
+            else:
+                value = signal.gain * signal.field.number(bits) + signal.bias
+                if not math.isfinite(value):
+                    self._note_invalid(time_s, signal, bits, out)
+                    continue
+                if tracker is None:
+                    out.append(InertialSample(time_s, signal.role, value))
+                    continue
+                tracker.update(time_s, value, arrival.period_s, out)
+            self._heard_s[tracker.wheel] = time_s
+            if tracker.still_since is not None and not tracker.stuck:
+                self._judge_still(time_s, tracker, out)
+
+    def _note_short(self, time_s: float, signal: SignalPlan, size: int, out: list[Event]) -> None:
+        self.counts["decode.short"] += 1
+        self._faults.note(out, time_s, "short", _place(signal), f"{signal.signal}: {size} bytes")
+
+    def _note_invalid(self, time_s: float, signal: SignalPlan, bits: int, out: list[Event]) -> None:
+        self._faults.note(out, time_s, "invalid", _place(signal), f"{signal.signal} = {bits:#x}")
+
+    def _time_out(self, time_s: float, group: _Group, arrival: MessageArrival, out: list[Event]) -> None:
+        arrival.timed_out = True
+        silent = f"silent for {time_s - arrival.last_s:.2f} s" if arrival.seen else "never seen"
+        for place in group.places:
+            self._faults.note(out, time_s, "timeout", place, f"{group.plan.name} {silent}")
+
+    def _judge_still(self, time_s: float, tracker: Tracker, out: list[Event]) -> None:
+        """A wheel's value does not change: does it stand with the car, or is it stuck?"""
+        since_s = tracker.still_since
+        assert since_s is not None
+        witness = self._witnesses.get(tracker.wheel)
+        if witness is None or witness.since_s != since_s:
+            others = self._others(time_s, tracker)
+            seen = [(other, other.travel_m, other.speed_mps) for other in others]
+            self._witnesses[tracker.wheel] = _Witness(since_s, seen)
+            return
+        # Only those that were heard of then and still are.
+        fresh = [entry for entry in witness.others if time_s - self._heard_s[entry[0].wheel] <= FRESH_S]
+        ways_m = [other.travel_m - travel_m for other, travel_m, _ in fresh]
+        if isinstance(tracker, WheelCounter):
+            stuck = tracker.is_stuck(time_s, ways_m)
+        else:
+            changes_mps = [other.speed_mps - speed_mps for other, _, speed_mps in fresh]
+            stuck = tracker.is_stuck(time_s, ways_m, changes_mps)
+        if stuck:
+            self._faults.note(out, time_s, "stuck", tracker.wheel, f"for {time_s - since_s:.1f} s")
+            tracker.mark_stuck()
+        elif stuck is False and (fresh or time_s - since_s > ALONE_STILL_S):
+            tracker.mark_standing()
+
+    def _others(self, time_s: float, tracker: Tracker) -> Iterator[Tracker]:
+        for other in self._wheels:
+            if other is not tracker and not other.stuck and time_s - self._heard_s[other.wheel] <= FRESH_S:
+                yield other

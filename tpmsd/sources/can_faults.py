@@ -1,0 +1,41 @@
+"""Faults of the CAN input: counted exactly, reported without a flood.
+
+In: what went wrong, when and where. Out: `counts` ('fl.lost' -> 12) and `SourceFault` events, the first of an
+episode at once and then at most one a second per kind and place.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from tpmsd.sources.events import Event, SourceFault
+from tpmsd.wheels import WHEELS
+
+REPORT_INTERVAL_S = 1.0
+
+
+class FaultLog:
+    """Counts every fault and says which ones are worth an event."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[str] = Counter()
+        self._reported_s: dict[str, float] = {}
+
+    def note(
+        self,
+        out: list[Event],
+        time_s: float,
+        kind: str,
+        place: int | str,
+        detail: str = "",
+        number: int = 1,
+    ) -> None:
+        """Count `number` faults at a wheel (its index) or a named place; append an event to `out` if due."""
+        wheel = place if isinstance(place, int) else None
+        key = f"{WHEELS[place] if isinstance(place, int) else place}.{kind}"
+        self.counts[key] += number
+        reported = self._reported_s.get(key)
+        # A clock that stepped back must not silence the reports for as long as it stepped.
+        if reported is None or not reported <= time_s < reported + REPORT_INTERVAL_S:
+            self._reported_s[key] = time_s
+            out.append(SourceFault(time_s, "can", kind, detail, wheel))

@@ -1,0 +1,100 @@
+"""Recordings of a CAN bus, frame by frame.
+
+In: the path of a log. Out: an iterator of `CanFrame`; what cannot be read is told to a callback with its line
+and skipped. `InputError` only where there is nothing to read at all.
+
+    .log .log.gz           candump -L lines, by our own parser (`can_log_candump`)
+    .asc .blf .trc .mf4    by python-can's readers (`can_log_others`); .mf4 needs the extra `mf4`
+
+Times are host times in epoch seconds where the format knows them; ASC has local time (taken in this machine's
+zone), and TRC 1.0 and some ASC files know only seconds since the start.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from tpmsd.errors import InputError
+from tpmsd.sources.can_frame import CanFrame
+from tpmsd.sources.can_log_candump import read_candump
+from tpmsd.sources.can_log_others import read_by_python_can
+
+__all__ = ["SUFFIXES", "BadLine", "CanFrame", "find_can_log", "read_can_log"]
+
+BadLine = Callable[[int, str], None]
+"""Called with the line number (0 where the format has no lines) and the reason."""
+
+SUFFIXES = (".log", ".log.gz", ".asc", ".blf", ".trc", ".mf4")
+
+
+def find_can_log(drive_folder: str | Path) -> Path:
+    """The log of a drive folder: its one file `can.*` of a known format."""
+    folder = Path(drive_folder)
+    allowed = "can" + " can".join(SUFFIXES)
+    try:
+        found = sorted(entry for entry in folder.iterdir() if _suffix(entry) and _is_can(entry))
+    except OSError as error:
+        raise InputError(folder, error.strerror or str(error)) from None
+    if not found:
+        raise InputError(folder, f"no CAN log; looked for {allowed}")
+    if len(found) > 1:
+        names = " ".join(entry.name for entry in found)
+        raise InputError(folder, f"more than one CAN log ({names}); looked for one of {allowed}")
+    return found[0]
+
+
+def read_can_log(path: str | Path, on_bad_line: BadLine | None = None) -> Iterator[CanFrame]:
+    """Frames in the order of the file, error and remote frames among them.
+
+    `on_bad_line` hears of everything that was skipped; a file cut short is reported with its last line and
+    ends there. Raises `InputError` at once if the file cannot be opened or its format is not known, and at
+    the end of the iteration if there was not one valid frame.
+    """
+    path = Path(path)
+    suffix = _suffix(path)
+    if suffix is None:
+        raise InputError(path, f"not a known CAN log format; known are {' '.join(SUFFIXES)}")
+    try:
+        with path.open("rb") as file:
+            empty = not file.read(1)
+    except OSError as error:
+        raise InputError(path, error.strerror or str(error)) from None
+    if empty:
+        raise InputError(path, "the file is empty")
+    first_bad: list[tuple[int, str]] = []
+
+    def note(line: int, reason: str) -> None:
+        if not first_bad:
+            first_bad.append((line, reason))
+        if on_bad_line is not None:
+            on_bad_line(line, reason)
+
+    if suffix in (".log", ".log.gz"):
+        frames = read_candump(path, note)
+    else:
+        frames = read_by_python_can(path, suffix, note)
+    return _not_empty(path, frames, first_bad)
+
+
+def _not_empty(
+    path: Path, frames: Iterator[CanFrame], first_bad: list[tuple[int, str]]
+) -> Iterator[CanFrame]:
+    """The frames; an `InputError` at the end if there were none."""
+    for frame in frames:
+        yield frame
+        break
+    else:
+        line, reason = first_bad[0] if first_bad else (0, "")
+        raise InputError(path, f"no CAN frame in it{f'; {reason}' if reason else ''}", line or None)
+    yield from frames
+
+
+def _suffix(path: Path) -> str | None:
+    name = path.name.lower()
+    return next((suffix for suffix in sorted(SUFFIXES, key=len, reverse=True) if name.endswith(suffix)), None)
+
+
+def _is_can(path: Path) -> bool:
+    suffix = _suffix(path)
+    return suffix is not None and path.name.lower() == f"can{suffix}" and path.is_file()

@@ -1,0 +1,338 @@
+"""One wheel's free-running counter, unwrapped to an exact angle.
+
+In: time stamp and raw value of each reading, in order of time. Out: `RotationSample` events; faults to
+the log.
+
+    angle = (counts since the segment began) * 2 pi / teeth per revolution        (paper 000, eq. 37)
+
+The count is an integer and is never rounded, so a segment's angle is exact however long it is. A reading is
+believed if the wheel can have turned so far since the last one. What it can do follows from its speed before:
+it may lock at any time, it gains speed by no more than MAX_ACCEL_MPS2, and the time stamp may be off by a
+period. Of all counts that the raw value may stand for (it rolls over at 2**bits), just one may be possible:
+
+    none                 suspect: the next reading tells a single odd value ('jump') from a new level
+                         ('reset' if that began near zero); a new level is a new segment
+    one                  taken; if it is zero while the wheel should have turned, the value is 'repeated'
+    several (long gap)   the one that fits the speed before without locking, if the frames after the gap are
+                         not a backlog; otherwise a new segment
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from tpmsd.sources.can_faults import FaultLog
+from tpmsd.sources.events import Event, RotationSample
+
+MAX_SPEED_MPS = 100.0
+MAX_REVERSE_MPS = 10.0
+MAX_ACCEL_MPS2 = 25.0
+MAX_GAP_S = 60.0
+"""After a longer silence the counter may have been reset without a trace: always a new segment."""
+SLACK_BITS = 3.0
+"""Quantisation of both ends, and the dither of a counter at rest on an edge."""
+SPEED_WINDOW_S = 0.1
+"""The speed before is taken over this time: long enough for coarse rings and jittery time stamps."""
+REPEATED_BITS = 2.0
+"""The same value again is not a reading if the wheel must have moved by this much."""
+STUCK_S = 0.5
+STUCK_BITS = 4.0
+"""The other wheels have gone this far (in bits of this counter) while this one has not."""
+
+
+class WheelCounter:
+    """Unwraps the counter of one wheel."""
+
+    __slots__ = (
+        "_accel",
+        "_base",
+        "_faults",
+        "_held",
+        "_history",
+        "_mask",
+        "_max_speed",
+        "_modulus",
+        "_raw",
+        "_released",
+        "_reverse",
+        "_run_speed",
+        "_same_s",
+        "_span",
+        "_speed",
+        "_suspect",
+        "_time_s",
+        "_total",
+        "m_per_bit",
+        "rad_per_bit",
+        "segment",
+        "still_since",
+        "stuck",
+        "wheel",
+    )
+
+    def __init__(
+        self,
+        wheel: int,
+        bits: int,
+        counts_per_bit: float,
+        teeth_per_rev: float,
+        radius_m: float,
+        faults: FaultLog,
+    ) -> None:
+        self.wheel = wheel
+        self.rad_per_bit = counts_per_bit * 2.0 * math.pi / teeth_per_rev
+        self.m_per_bit = self.rad_per_bit * radius_m
+        self.segment = 0
+        self.still_since: float | None = None
+        """Time of the last reading before the value stopped changing; None while it changes."""
+        self.stuck = False
+        self._faults = faults
+        self._modulus = 1 << bits
+        self._mask = self._modulus - 1
+        self._accel = MAX_ACCEL_MPS2 / self.m_per_bit
+        self._max_speed = MAX_SPEED_MPS / self.m_per_bit
+        self._reverse = MAX_REVERSE_MPS / self.m_per_bit
+
+        self._raw: int | None = None
+        self._time_s = 0.0
+        self._same_s = 0.0
+        """Time of the last frame with the value `_raw`, be it taken as a reading or not."""
+        self._total = 0
+        self._base = 0
+        self._history: deque[tuple[float, int]] = deque()
+        self._speed = math.nan
+        """Bits per second before the last reading, over `_span` seconds; NaN while not known."""
+        self._span = 0.0
+        self._run_speed = math.nan
+        self._released = False
+        self._suspect: tuple[float, int] | None = None
+        self._held: tuple[float, int, int] | None = None
+
+    @property
+    def travel_m(self) -> float:
+        """Way rolled since the start over all segments, by the nominal radius."""
+        return self._total * self.m_per_bit
+
+    @property
+    def speed_mps(self) -> float:
+        """Speed before the last reading; NaN while not known."""
+        return self._speed * self.m_per_bit
+
+    def update(self, time_s: float, raw: int, period_s: float, out: list[Event]) -> None:
+        """Judge one reading. `raw` are the signal's bits, `period_s` the message's period (0: not known)."""
+        if self._raw is None:
+            self._begin(time_s, raw, out)
+            return
+        if self.stuck:
+            if raw != self._raw:
+                self._begin(time_s, raw, out)
+            return
+        if self._held is not None and self._end_gap(time_s, raw, period_s, out):
+            return
+        # A value that did not change for many frames is no gap, even if none of them was a reading.
+        interval = time_s - (self._same_s if raw == self._raw else self._time_s)
+        if interval <= 0.0:
+            self._faults.note(out, time_s, "late", self.wheel)
+            return
+        if interval > MAX_GAP_S:
+            self._begin(time_s, raw, out)
+            return
+        low, high = self._possible(interval, period_s)
+        bits = low + ((raw - self._raw - low) & self._mask)
+        if bits > high:
+            self._doubt(time_s, raw, period_s, out)
+        elif bits + self._modulus <= high:
+            self._resolve(time_s, raw, interval, period_s, out)
+        elif bits:
+            self._accept(time_s, raw, bits, out)
+        else:
+            self._accept_same(time_s, out)
+
+    def restart(self) -> None:
+        """Forget the reading before: the clock stepped. The next reading begins a segment."""
+        if self._raw is not None:
+            self._raw = None
+            self._speed = math.nan
+            self._suspect = self._held = None
+
+    def is_stuck(self, time_s: float, others_m: list[float]) -> bool | None:
+        """Whether the value stands still while the wheel turns; None: too early to tell.
+
+        `others_m`: ways that the other wheels have rolled since `still_since`. Two of them must have moved
+        (one, if there is but one): a single one may be spinning on ice.
+        """
+        assert self.still_since is not None
+        if time_s - self.still_since <= STUCK_S:
+            return None
+        moved = sum(abs(way) >= STUCK_BITS * self.m_per_bit for way in others_m)
+        return moved >= min(2, max(1, len(others_m)))
+
+    def mark_stuck(self) -> None:
+        """No samples until the value changes; that begins a new segment."""
+        self.stuck = True
+        self._suspect = self._held = None
+
+    def mark_standing(self) -> None:
+        """The car stands: the same value again is a reading after all."""
+        self._released = True
+
+    def _possible(self, interval: float, period_s: float) -> tuple[int, float]:
+        """Least (rounded up) and greatest number of bits that the wheel can have moved."""
+        # The sender's clock ticks on when a frame is held up, and its count may be a period old.
+        stamp_s = interval if period_s <= 0.0 else period_s + abs(interval - period_s)
+        limit = self._max_speed * (interval + (period_s if period_s > 0.0 else interval))
+        speed = self._speed
+        if speed != speed:  # NaN
+            return -int(self._reverse * interval + SLACK_BITS), limit
+        way = speed * interval
+        slack = self._slack(interval)
+        if speed >= 0.0:
+            low = min(-SLACK_BITS, way - slack)
+            high = min(way + slack + speed * stamp_s, limit)
+        else:
+            low = max(way - slack + speed * stamp_s, -limit)
+            high = max(SLACK_BITS, way + slack)
+        return math.ceil(low), high
+
+    def _slack(self, interval: float) -> float:
+        """By how many bits the way may differ from speed times interval: acceleration and quantisation."""
+        since = self._span + interval
+        return 0.5 * self._accel * interval * since + SLACK_BITS + interval / self._span
+
+    def _begin(self, time_s: float, raw: int, out: list[Event]) -> None:
+        """A new segment with this reading as its origin."""
+        if self._raw is not None or self._history:
+            self.segment += 1
+        self._base = self._total
+        self._raw, self._time_s, self._same_s = raw, time_s, time_s
+        # The wheel's speed did not change with its counter; it stays known until there is a newer one.
+        self._history.clear()
+        self._history.append((time_s, self._total))
+        self.still_since = None
+        self.stuck = self._released = False
+        self._suspect = self._held = None
+        self._emit(time_s, out)
+
+    def _accept(self, time_s: float, raw: int, bits: int, out: list[Event]) -> None:
+        if self._suspect is not None:
+            self._drop_suspect(self._suspect, out)
+        self._total += bits
+        self._raw, self._time_s, self._same_s = raw, time_s, time_s
+        self.still_since = None
+        self._released = False
+        self._follow(time_s)
+        self._emit(time_s, out)
+
+    def _follow(self, time_s: float) -> None:
+        """Speed over the last SPEED_WINDOW_S."""
+        history = self._history
+        history.append((time_s, self._total))
+        while len(history) > 2 and time_s - history[1][0] >= SPEED_WINDOW_S:
+            history.popleft()
+        first_s, first = history[0]
+        span = time_s - first_s
+        if span >= 0.8 * SPEED_WINDOW_S:
+            self._speed, self._span = (self._total - first) / span, span
+
+    def _emit(self, time_s: float, out: list[Event]) -> None:
+        angle = (self._total - self._base) * self.rad_per_bit
+        out.append(RotationSample(time_s, self.wheel, angle, self.rad_per_bit, self.segment))
+
+    def _accept_same(self, time_s: float, out: list[Event]) -> None:
+        """The same value again: a wheel that stands (or creeps), or a value that was not renewed."""
+        if self._suspect is not None:
+            self._drop_suspect(self._suspect, out)
+        self._same_s = time_s
+        if self.still_since is None:
+            self.still_since = self._time_s
+            self._run_speed = self._speed
+        run = time_s - self.still_since
+        speed = abs(self._run_speed)
+        # Standing still, the wheel has at least been braking since; a NaN speed compares false.
+        if not self._released and speed * run - 0.5 * self._accel * run * (self._span + run) >= REPEATED_BITS:
+            self._faults.note(out, time_s, "repeated", self.wheel)
+            return
+        self._time_s = time_s
+        self._follow(time_s)
+        self._emit(time_s, out)
+
+    def _doubt(self, time_s: float, raw: int, period_s: float, out: list[Event]) -> None:
+        """A reading that cannot follow the last one: odd itself, or the first of a new level."""
+        suspect = self._suspect
+        if suspect is None:
+            if not self._replace_last(time_s, raw, period_s, out):
+                self._suspect = (time_s, raw)
+            return
+        interval = time_s - suspect[0]
+        if interval <= 0.0 or self._bits_from(suspect[1], raw, interval, period_s) is None:
+            self._drop_suspect(suspect, out)
+            self._suspect = (time_s, raw)
+            return
+        way = self._max_speed * (suspect[0] - self._time_s + max(period_s, interval))
+        kind = "reset" if suspect[1] <= min(way, self._modulus / 4) else "jump"
+        self._faults.note(out, suspect[0], kind, self.wheel, f"from {self._raw} to {suspect[1]}")
+        self._begin(time_s, raw, out)
+
+    def _replace_last(self, time_s: float, raw: int, period_s: float, out: list[Event]) -> bool:
+        """Take the reading in place of the last one, if it follows the one before that.
+
+        A wrong value that the wheel could just have reached is taken at first; the next right one shows it.
+        """
+        assert self._raw is not None
+        if len(self._history) < 2 or self._history[-1][0] != self._time_s:
+            return False
+        before_s, before = self._history[-2]
+        before_raw = (self._raw - (self._total - before)) & self._mask
+        bits = self._bits_from(before_raw, raw, time_s - before_s, period_s)
+        if bits is None:
+            return False
+        self._faults.note(out, self._time_s, "jump", self.wheel, f"single odd value {self._raw}")
+        self._history.pop()
+        self._total = before
+        self._accept(time_s, raw, bits, out)
+        return True
+
+    def _bits_from(self, start: int, raw: int, interval: float, period_s: float) -> int | None:
+        """The number of bits from one raw value to another; None if it is impossible or ambiguous."""
+        low, high = self._possible(interval, period_s)
+        bits = low + ((raw - start - low) & self._mask)
+        return bits if bits <= high < bits + self._modulus else None
+
+    def _drop_suspect(self, suspect: tuple[float, int], out: list[Event]) -> None:
+        self._faults.note(out, suspect[0], "jump", self.wheel, f"single odd value {suspect[1]}")
+        self._suspect = None
+
+    def _resolve(self, time_s: float, raw: int, interval: float, period_s: float, out: list[Event]) -> None:
+        """Several numbers of roll-overs are possible: take the one that fits, if any does."""
+        assert self._raw is not None
+        if self._speed != self._speed:
+            # Nothing is known of the speed. Counters are built so that one period is never ambiguous,
+            # so the smallest way forward is right unless a frame is missing.
+            if 0.0 < interval < 1.5 * period_s:
+                self._accept(time_s, raw, (raw - self._raw) & self._mask, out)
+            else:
+                self._begin(time_s, raw, out)
+            return
+        way, slack = self._speed * interval, self._slack(interval) + abs(self._speed) * period_s
+        low, high = math.ceil(way - slack), way + slack
+        bits = low + ((raw - self._raw - low) & self._mask)
+        if bits > high or bits + self._modulus <= high:
+            self._begin(time_s, raw, out)
+        else:
+            self._held = (time_s, raw, bits)
+
+    def _end_gap(self, time_s: float, raw: int, period_s: float, out: list[Event]) -> bool:
+        """Decide on the first reading after a gap by when the second one comes; True if `raw` is used up.
+
+        Frames that follow at once were queued up: then it was no gap but a delay, the wheel had turned far
+        less than the time stamps say, and the number of roll-overs is not known.
+        """
+        assert self._held is not None
+        held_s, held_raw, bits = self._held
+        self._held = None
+        if time_s - held_s < 0.25 * period_s:
+            self._begin(time_s, raw, out)
+            return True
+        self._accept(held_s, held_raw, bits, out)
+        return False

@@ -1,0 +1,168 @@
+"""One wheel's speed signal, integrated to an angle, for buses that carry no counters.
+
+In: time stamp and angular speed of each reading, in order of time. Out: `RotationSample` events with
+`quantum_rad` 0; faults to the log. The rule is the trapezoid, exact for a speed that changes evenly between
+two readings:
+
+    angle += (omega + omega before) / 2 * interval
+
+A speed that no car can have, or have reached since the reading before, is a suspect: if the next reading
+returns, it was a single odd value; if the next one agrees with it, a new segment begins there. So does one
+after a silence longer than the time-out, for nobody knows how the speed was in between.
+"""
+
+from __future__ import annotations
+
+import math
+
+from tpmsd.sources.can_arrival import MIN_TIMEOUT_S, TIMEOUT_PERIODS
+from tpmsd.sources.can_faults import FaultLog
+from tpmsd.sources.events import Event, RotationSample
+from tpmsd.sources.wheel_counter import MAX_ACCEL_MPS2, MAX_SPEED_MPS, STUCK_S
+
+SLACK_MPS = 1.0
+"""Many senders round slow speeds to zero, so a wheel seems to start with a step."""
+STUCK_ZERO_M = 2.0
+"""The other wheels have rolled this far while this one says zero."""
+FROZEN_S = 2.0
+"""A speed other than zero may be constant on a smooth road; not for so long while the others change."""
+FROZEN_MPS = 1.5
+
+
+class WheelSpeedIntegrator:
+    """Integrates the speed of one wheel."""
+
+    __slots__ = (
+        "_angle",
+        "_faults",
+        "_omega",
+        "_radius_m",
+        "_suspect",
+        "_time_s",
+        "_turned",
+        "segment",
+        "still_since",
+        "stuck",
+        "wheel",
+    )
+
+    def __init__(self, wheel: int, radius_m: float, faults: FaultLog) -> None:
+        self.wheel = wheel
+        self.segment = -1
+        self.still_since: float | None = None
+        """Time of the first reading with the value that has not changed since; None while it changes."""
+        self.stuck = False
+        self._faults = faults
+        self._radius_m = radius_m
+        self._omega: float | None = None
+        self._time_s = 0.0
+        self._angle = 0.0
+        self._turned = 0.0
+        self._suspect: tuple[float, float] | None = None
+
+    @property
+    def travel_m(self) -> float:
+        """Way rolled since the start over all segments, by the nominal radius."""
+        return self._turned * self._radius_m
+
+    @property
+    def speed_mps(self) -> float:
+        """The last reading; NaN before there is one."""
+        return math.nan if self._omega is None else self._omega * self._radius_m
+
+    def update(self, time_s: float, omega_radps: float, period_s: float, out: list[Event]) -> None:
+        """Judge one reading; `period_s` is the message's period (0: not known)."""
+        before = self._omega
+        if self.stuck and omega_radps == before:
+            return
+        if before is None or self.stuck:
+            if abs(omega_radps) * self._radius_m > MAX_SPEED_MPS:
+                self._faults.note(out, time_s, "jump", self.wheel, f"{omega_radps * self._radius_m:.1f} m/s")
+                return
+            self._begin(time_s, omega_radps, out)
+            return
+        interval = time_s - self._time_s
+        if interval <= 0.0:
+            self._faults.note(out, time_s, "late", self.wheel)
+            return
+        if not self._follows(before, omega_radps, interval, period_s):
+            self._doubt(time_s, omega_radps, period_s, out)
+            return
+        if self._suspect is not None:
+            self._drop_suspect(self._suspect, out)
+        if interval > max(MIN_TIMEOUT_S, TIMEOUT_PERIODS * period_s):
+            self._begin(time_s, omega_radps, out)
+            return
+        turned = 0.5 * (before + omega_radps) * interval
+        self._angle += turned
+        self._turned += turned
+        if omega_radps != before:
+            self.still_since = None
+            self._omega = omega_radps
+        elif self.still_since is None:
+            self.still_since = self._time_s
+        self._time_s = time_s
+        out.append(RotationSample(time_s, self.wheel, self._angle, 0.0, self.segment))
+
+    def restart(self) -> None:
+        """Forget the reading before: the clock stepped. The next reading begins a segment."""
+        self._omega = self._suspect = None
+
+    def is_stuck(self, time_s: float, others_m: list[float], others_change_mps: list[float]) -> bool | None:
+        """Whether the value stands still while the wheel's speed cannot; None: too early to tell.
+
+        `others_m` and `others_change_mps`: ways rolled and changes of speed of the other wheels since
+        `still_since`. Two of them must speak against it (one, if there is but one).
+        """
+        assert self.still_since is not None
+        needed = min(2, max(1, len(others_m)))
+        still_s = time_s - self.still_since
+        if self._omega == 0.0:
+            if still_s <= STUCK_S:
+                return None
+            return sum(abs(way) >= STUCK_ZERO_M for way in others_m) >= needed
+        if still_s <= FROZEN_S:
+            return None
+        return sum(abs(change) >= FROZEN_MPS for change in others_change_mps) >= needed
+
+    def mark_stuck(self) -> None:
+        """No samples until the value changes; that begins a new segment."""
+        self.stuck = True
+        self._suspect = None
+
+    def mark_standing(self) -> None:
+        """The value may well be constant: nothing to do, its samples were never withheld."""
+
+    def _follows(self, before: float, after: float, interval: float, period_s: float) -> bool:
+        """Whether a wheel can have changed its speed so; time stamps may be off by a period each."""
+        if abs(after) * self._radius_m > MAX_SPEED_MPS:
+            return False
+        change = abs(after - before) * self._radius_m
+        return change <= MAX_ACCEL_MPS2 * (interval + 2.0 * period_s) + SLACK_MPS
+
+    def _begin(self, time_s: float, omega_radps: float, out: list[Event]) -> None:
+        """A new segment with this reading as its origin."""
+        self.segment += 1
+        self._omega, self._time_s, self._angle = omega_radps, time_s, 0.0
+        self.still_since = None
+        self.stuck = False
+        self._suspect = None
+        out.append(RotationSample(time_s, self.wheel, 0.0, 0.0, self.segment))
+
+    def _doubt(self, time_s: float, omega_radps: float, period_s: float, out: list[Event]) -> None:
+        """A reading that cannot follow the last one: odd itself, or the first of a new level."""
+        suspect = self._suspect
+        if suspect is not None:
+            interval = time_s - suspect[0]
+            if interval > 0.0 and self._follows(suspect[1], omega_radps, interval, period_s):
+                detail = f"to {suspect[1] * self._radius_m:.1f} m/s"
+                self._faults.note(out, suspect[0], "jump", self.wheel, detail)
+                self._begin(time_s, omega_radps, out)
+                return
+            self._drop_suspect(suspect, out)
+        self._suspect = (time_s, omega_radps)
+
+    def _drop_suspect(self, suspect: tuple[float, float], out: list[Event]) -> None:
+        detail = f"single odd value {suspect[1] * self._radius_m:.1f} m/s"
+        self._faults.note(out, suspect[0], "jump", self.wheel, detail)
+        self._suspect = None
