@@ -1,0 +1,163 @@
+"""The simulated bus: what the control units put on CAN.
+
+In: the world's truth, the bus's qualities, clocks, a Generator. Out: `FrameLog`, all frames in order of
+arrival. A count is the ring's edges up to the frame's sampling instant, floor(angle * teeth / 2 pi), on a
+counter that rolls over at its width; a speed is the turn since the last sample times the maker's radius.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.physics.motion import GRAVITY_MPS2
+from tpmsd.simulator.bus_layouts import ALIVE, bus_layout
+from tpmsd.simulator.clock import Clocks
+from tpmsd.simulator.frame_layout import ByteArray, IntArray, MessageLayout, SignalLayout
+from tpmsd.simulator.noise import gauss_markov
+from tpmsd.simulator.world import World
+from tpmsd.wheels import WHEELS, FloatArray
+
+_UNIT_PER_SI = {
+    "km/h": 3.6,
+    "deg/s": 180 / np.pi,
+    "rad/s": 1.0,
+    "deg": 180 / np.pi,
+    "rad": 1.0,
+    "m/s2": 1.0,
+    "g": 1 / GRAVITY_MPS2,
+    "Nm": 1.0,
+    "bar": 1e-5,
+    "degC": 1.0,
+}
+_SENSOR_TAU_S = 0.02
+_MASS_KG = 1500.0
+_DRAG_PER_MASS = 2.7e-4
+"""Half rho c_d A over the mass, 1/m."""
+_ROLLING_MPS2 = 0.1
+_ENGINE_BRAKE_MPS2 = -0.5
+"""What the engine alone slows down by; more is the brakes' work."""
+_BRAKE_PA_PER_MPS2 = 8e5
+_AMBIENT_DEGC = 15.0
+
+
+@dataclass(frozen=True)
+class BusSpec:
+    """The bus's qualities."""
+
+    kind: str = "counts16"
+    wheels: int = 4
+    jitter_s: float = 0.0004
+    """Mean of the (exponential) delay between sampling and the host's time stamp."""
+    lost_fraction: float = 0.0
+    repeated_fraction: float = 0.0
+    """Share of frames that are sent twice."""
+    resets_s: tuple[float, ...] = ()
+    """When the wheel counters start again from zero, since the drive's start."""
+    yaw_rate_std_radps: float = 0.002
+    accel_std_mps2: float = 0.03
+    steering_std_rad: float = 0.005
+    """At the steering wheel."""
+    steering_ratio: float = 15.3
+
+
+@dataclass(frozen=True)
+class FrameLog:
+    """Frames in order of arrival."""
+
+    time_s: FloatArray
+    """(n,) host clock."""
+    frame_id: IntArray
+    data: ByteArray
+    """(n, 8)"""
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+
+def frames_of(world: World, spec: BusSpec, clocks: Clocks, rng: np.random.Generator) -> FrameLog:
+    """All frames of the drive."""
+    times, ids, datas = [], [], []
+    start = {wheel: int(rng.integers(0, 1 << 32)) for wheel in WHEELS}
+    for message in bus_layout(spec.kind, spec.wheels):
+        sampled, payload = _message_frames(world, spec, message, start, rng)
+        arrival = sampled + rng.exponential(spec.jitter_s, len(sampled)) if spec.jitter_s > 0 else sampled
+        # A control unit never sends a message before the one that it sent earlier.
+        arrival = np.maximum.accumulate(arrival)
+        kept = rng.random(len(sampled)) >= spec.lost_fraction
+        again = kept & (rng.random(len(sampled)) < spec.repeated_fraction)
+        times += [arrival[kept], arrival[again] + 0.0003]
+        datas += [payload[kept], payload[again]]
+        ids.append(np.full(int(kept.sum() + again.sum()), message.frame_id, dtype=np.int64))
+    time_s, frame_id, data = np.concatenate(times), np.concatenate(ids), np.concatenate(datas)
+    order = np.argsort(time_s, kind="stable")
+    return FrameLog(clocks.host_s(time_s[order]), frame_id[order], data[order])
+
+
+def _message_frames(
+    world: World, spec: BusSpec, message: MessageLayout, start: dict[str, int], rng: np.random.Generator
+) -> tuple[FloatArray, ByteArray]:
+    end = float(world.motion.time_s[-1])
+    phase = float(rng.uniform(0, message.period_s))
+    ticks = np.arange(int((end - phase) / message.period_s) + 1, dtype=np.float64)
+    sampled = phase + message.period_s * ticks
+    raw = {}
+    for signal in message.signals:
+        if signal.name == ALIVE:
+            raw[signal.name] = np.arange(len(sampled)) % (1 << signal.bits)
+        elif signal.role.startswith("wheel_count_"):
+            raw[signal.name] = _counter(world, spec, signal, sampled, start)
+        else:
+            value = _measured(world, spec, signal.role, sampled, message.period_s, rng)
+            raw[signal.name] = signal.raw_of(value * _UNIT_PER_SI[signal.unit])
+    return sampled, message.pack(raw, len(sampled))
+
+
+def _counter(
+    world: World, spec: BusSpec, signal: SignalLayout, sampled: FloatArray, start: dict[str, int]
+) -> IntArray:
+    wheel = signal.role[-2:]
+    counts = world.counts_at(sampled, WHEELS.index(wheel)) / signal.factor
+    edges = np.floor(counts).astype(np.int64) + start[wheel]
+    for reset in sorted(spec.resets_s):
+        after = sampled >= reset
+        if after.any():
+            edges[after] -= edges[after][0]
+    return edges % (1 << signal.bits)
+
+
+def _measured(
+    world: World, spec: BusSpec, role: str, sampled: FloatArray, period_s: float, rng: np.random.Generator
+) -> FloatArray:
+    """A sensor's reading in SI units (degC for the temperature) at the sampling instants."""
+    motion = world.motion
+
+    def at(values: FloatArray) -> FloatArray:
+        return np.interp(sampled, motion.time_s, values)
+
+    def noise(std: float) -> FloatArray:
+        return gauss_markov(rng, len(sampled), period_s, std, _SENSOR_TAU_S, 1)[:, 0]
+
+    if role.startswith("wheel_speed_"):
+        wheel = WHEELS.index(role[-2:])
+        counts = world.counts_at(sampled, wheel) - world.counts_at(sampled - period_s, wheel)
+        turned = counts * (2 * np.pi / world.car.teeth_per_rev)
+        return turned / period_s * float(world.car.radius_m[wheel])
+    specific_force = at(motion.specific_force_long_mps2)
+    drive = specific_force + _DRAG_PER_MASS * at(motion.speed_mps) ** 2 + _ROLLING_MPS2
+    if role == "yaw_rate":
+        return world.model.read_yaw_rate(at(motion.yaw_rate_radps)) + noise(spec.yaw_rate_std_radps)
+    if role == "accel_long":
+        return specific_force + noise(spec.accel_std_mps2)
+    if role == "accel_lat":
+        return at(motion.accel_lat_mps2) + noise(spec.accel_std_mps2)
+    if role == "steering_wheel_angle":
+        return spec.steering_ratio * at(motion.steering_rad) + noise(spec.steering_std_rad)
+    if role == "drive_torque":
+        return np.maximum(drive, _ENGINE_BRAKE_MPS2) * _MASS_KG * float(world.car.radius_m.mean())
+    if role == "brake_pressure":
+        return _BRAKE_PA_PER_MPS2 * np.maximum(_ENGINE_BRAKE_MPS2 - drive, 0.0)
+    if role == "ambient_temp":
+        return np.full_like(sampled, _AMBIENT_DEGC)
+    raise ValueError(f"no such role: {role}")

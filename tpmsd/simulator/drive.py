@@ -1,0 +1,154 @@
+"""A whole simulated drive, in memory.
+
+In: `DriveSpec` (and, if the caller has one, a `Motion`). Out: `SimulatedDrive` with frames, sentences,
+configuration and truth. The same spec gives the same drive, bit for bit; route, world, bus and receiver draw
+from generators of their own, so that another fault or bus leaves everything else as it was.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from tpmsd.config.model import VehicleConfig
+from tpmsd.errors import ConfigError
+from tpmsd.physics.kinematics import Geometry
+from tpmsd.physics.model import ExtendedModel
+from tpmsd.physics.motion import Car, Motion, driven_mask
+from tpmsd.simulator.bus import BusSpec, FrameLog, frames_of
+from tpmsd.simulator.bus_layouts import bus_layout
+from tpmsd.simulator.clock import Clocks
+from tpmsd.simulator.faults import Fault
+from tpmsd.simulator.frame_layout import dbc_text
+from tpmsd.simulator.receiver import Epochs, NmeaLine, ReceiverSpec, measure, nmea_lines
+from tpmsd.simulator.route import make_route
+from tpmsd.simulator.vehicle_toml import vehicle_toml
+from tpmsd.simulator.world import ROUGHNESS_STD_M, World, make_world
+from tpmsd.wheels import WHEELS, FloatArray
+
+DEFAULT_VEHICLE = VehicleConfig(
+    wheel_radius_m=(0.316, 0.316, 0.316, 0.316),
+    track_front_m=1.53,
+    track_rear_m=1.52,
+    wheelbase_m=2.63,
+    driven_axle="front",
+    steering_ratio=15.3,
+    teeth_per_rev=48.0,
+)
+
+
+@dataclass(frozen=True)
+class DriveSpec:
+    """All that is needed to simulate a drive."""
+
+    route: str = "mixed"
+    duration_s: float = 600.0
+    seed: int = 1
+    vehicle: VehicleConfig = DEFAULT_VEHICLE
+    """What the configuration says."""
+    antenna_forward_m: float = 0.0
+    antenna_left_m: float = 0.0
+    radius_offset_std_m: float = 1e-3
+    """Standard deviation of the drawn true-minus-nominal radii."""
+    radius_offset_m: tuple[float, float, float, float] | None = None
+    """True minus nominal radii where they are not to be drawn."""
+    roughness_std_m: float = ROUGHNESS_STD_M
+    flat: bool = False
+    faults: tuple[Fault, ...] = ()
+    model: ExtendedModel = field(default_factory=ExtendedModel)
+    """The effects that act beyond the rolling model."""
+    receiver: ReceiverSpec = field(default_factory=ReceiverSpec)
+    bus: BusSpec = field(default_factory=BusSpec)
+    clocks: Clocks = field(default_factory=Clocks)
+
+
+@dataclass(frozen=True)
+class SimulatedDrive:
+    """What the drive's instruments recorded, and the truth."""
+
+    spec: DriveSpec
+    world: World
+    epochs: Epochs
+    frames: FrameLog
+    nmea: list[NmeaLine]
+    dbc: str
+    vehicle_toml: str
+
+    def truth(self) -> dict[str, Any]:
+        """What an estimator should find, in JSON's types: radii once per second on the drive's host clock."""
+        motion = self.world.motion
+        per_second = max(1, round(1.0 / float(motion.time_s[1] - motion.time_s[0])))
+        radii = self.world.radii_m[::per_second]
+        nominal = self.world.car.radius_m
+        return {
+            "seed": self.spec.seed,
+            "route": self.spec.route,
+            "duration_s": float(motion.time_s[-1]),
+            "distance_m": float(motion.distance_m[-1]),
+            "start_host_s": float(self.spec.clocks.host_s(np.zeros(1))[0]),
+            "clocks": dataclasses.asdict(self.spec.clocks),
+            "nominal_radius_m": dict(zip(WHEELS, nominal.tolist(), strict=True)),
+            "faults": [dataclasses.asdict(fault) for fault in self.spec.faults],
+            "effects": [{"name": effect.name, "parameters": effect.values()} for effect in self.world.model],
+            "fix_age_s": self.spec.receiver.latency_s + self.world.model.fix_age_s(),
+            "time_s": self.spec.clocks.host_s(motion.time_s[::per_second]).tolist(),
+            "speed_mps": motion.speed_mps[::per_second].tolist(),
+            "radius_m": {wheel: radii[:, k].tolist() for k, wheel in enumerate(WHEELS)},
+            "deviation_m": {wheel: (radii[:, k] - nominal[k]).tolist() for k, wheel in enumerate(WHEELS)},
+        }
+
+
+def car_of(vehicle: VehicleConfig, antenna_forward_m: float = 0.0, antenna_left_m: float = 0.0) -> Car:
+    """The car that a configuration describes."""
+    return Car(
+        radius_m=np.array(vehicle.wheel_radius_m, dtype=np.float64),
+        geometry=Geometry(vehicle.track_front_m, vehicle.track_rear_m, vehicle.wheelbase_m),
+        driven=driven_mask(vehicle.driven_axle),
+        teeth_per_rev=vehicle.teeth_per_rev,
+        antenna_forward_m=antenna_forward_m,
+        antenna_left_m=antenna_left_m,
+    )
+
+
+def simulate_drive(spec: DriveSpec, motion: Motion | None = None) -> SimulatedDrive:
+    """Simulate a drive; `motion` takes the place of a made-up route. ConfigError on what makes no sense."""
+    if spec.seed < 0:
+        raise ConfigError(f"seed {spec.seed} is negative")
+    seeds = np.random.SeedSequence(spec.seed).spawn(6)
+    for_route, for_radii, for_world, for_bus, for_receiver, for_lines = map(np.random.default_rng, seeds)
+    car = car_of(spec.vehicle, spec.antenna_forward_m, spec.antenna_left_m)
+    if motion is None:
+        motion = make_route(
+            spec.route, spec.duration_s, for_route, wheelbase_m=spec.vehicle.wheelbase_m, flat=spec.flat
+        )
+    faults = tuple(effect for fault in spec.faults for effect in fault.effects(car.radius_m))
+    world = make_world(
+        motion,
+        car,
+        spec.model.plus(*faults),
+        for_world,
+        radius_offset_m=_offsets(spec, for_radii),
+        roughness_std_m=spec.roughness_std_m,
+    )
+    bus = dataclasses.replace(spec.bus, steering_ratio=spec.vehicle.steering_ratio or spec.bus.steering_ratio)
+    epochs = measure(world, spec.receiver, spec.clocks, for_receiver)
+    layout = bus_layout(bus.kind, bus.wheels)
+    return SimulatedDrive(
+        spec=spec,
+        world=world,
+        epochs=epochs,
+        frames=frames_of(world, bus, spec.clocks, for_bus),
+        nmea=nmea_lines(world, epochs, spec.receiver, spec.clocks, for_lines),
+        dbc=dbc_text(layout),
+        vehicle_toml=vehicle_toml(
+            spec.vehicle, layout, spec.receiver, spec.antenna_forward_m, spec.antenna_left_m
+        ),
+    )
+
+
+def _offsets(spec: DriveSpec, rng: np.random.Generator) -> FloatArray:
+    drawn = spec.radius_offset_std_m * rng.standard_normal(4)
+    return drawn if spec.radius_offset_m is None else np.array(spec.radius_offset_m, dtype=np.float64)

@@ -1,0 +1,70 @@
+"""Write a simulated drive as a drive folder (CONTRACT section 1).
+
+In: a `SimulatedDrive`. Out: a folder with vehicle.toml, bus.dbc, can.log, gnss.nmea, and truth.json.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tpmsd.errors import TpmsdError
+from tpmsd.simulator.bus import FrameLog
+from tpmsd.simulator.drive import SimulatedDrive
+from tpmsd.simulator.receiver import NmeaLine
+
+_CHUNK = 20_000
+
+
+def write_drive(
+    folder: str | Path, drive: SimulatedDrive, progress: Callable[[float], None] | None = None
+) -> Path:
+    """Write the drive, making the folder if need be, and return its path.
+
+    `progress` is called with the seconds of drive that are written. TpmsdError if the disk does not take it.
+    """
+    path = Path(folder)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        (path / "vehicle.toml").write_text(drive.vehicle_toml, encoding="utf-8")
+        (path / "bus.dbc").write_text(drive.dbc, encoding="utf-8")
+        (path / "gnss.nmea").write_text("".join(map(nmea_log_line, drive.nmea)), encoding="ascii", newline="")
+        with (path / "can.log").open("w", encoding="ascii", newline="\n") as log:
+            first = float(drive.frames.time_s[0]) if len(drive.frames) else 0.0
+            for text, until in candump_chunks(drive.frames):
+                log.write(text)
+                if progress is not None:
+                    progress(until - first)
+        (path / "truth.json").write_text(_one_line_per_key(drive.truth()), encoding="utf-8")
+    except OSError as error:
+        raise TpmsdError(f"{error.filename or path}: cannot be written: {error.strerror}") from None
+    return path
+
+
+def nmea_log_line(line: NmeaLine) -> str:
+    """A sentence with its arrival time in front: `(1719820800.112233) $GNRMC,...*hh`."""
+    return f"({line.time_s:.6f}) {line.text}\n"
+
+
+def _one_line_per_key(document: dict[str, Any]) -> str:
+    lines = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in document.items()]
+    return "{" + ",\n ".join(lines) + "}\n"
+
+
+def candump_chunks(frames: FrameLog, channel: str = "can0") -> Iterator[tuple[str, float]]:
+    """The log as `candump -L` writes it, in pieces: (text, host time of the piece's last frame)."""
+    for begin in range(0, len(frames), _CHUNK):
+        part = slice(begin, begin + _CHUNK)
+        times = frames.time_s[part].tolist()
+        ids = [f"{i:03X}" if i < 0x800 else f"{i:08X}" for i in frames.frame_id[part].tolist()]
+        text = np.ascontiguousarray(frames.data[part]).tobytes().hex().upper()
+        width = 2 * frames.data.shape[1]
+        lines = [
+            f"({t:.6f}) {channel} {i}#{text[width * k : width * (k + 1)]}\n"
+            for k, (t, i) in enumerate(zip(times, ids, strict=True))
+        ]
+        yield "".join(lines), times[-1]

@@ -1,0 +1,68 @@
+"""The vehicle.toml of a simulated drive.
+
+In: the vehicle, the bus's messages, the receiver. Out: the text of CONTRACT section 2.
+"""
+
+from __future__ import annotations
+
+from tpmsd.config.model import VehicleConfig
+from tpmsd.simulator.frame_layout import MessageLayout
+from tpmsd.simulator.receiver import ReceiverSpec
+from tpmsd.wheels import WHEELS
+
+
+def vehicle_toml(
+    vehicle: VehicleConfig,
+    messages: tuple[MessageLayout, ...],
+    receiver: ReceiverSpec,
+    antenna_forward_m: float = 0.0,
+    antenna_left_m: float = 0.0,
+) -> str:
+    """What the operator of the simulated car knows, as TOML."""
+    lines = ["[vehicle]", f"wheel_radius_m = {_radius(vehicle)}"]
+    for key in ("track_front_m", "track_rear_m", "wheelbase_m"):
+        lines.append(f"{key} = {getattr(vehicle, key)!r}")
+    lines.append(f'driven_axle = "{vehicle.driven_axle}"')
+    if vehicle.steering_ratio is not None:
+        lines.append(f"steering_ratio = {vehicle.steering_ratio!r}")
+    lines += [
+        f"teeth_per_rev = {vehicle.teeth_per_rev:.12g}",
+        "",
+        "[can]",
+        'interface = "socketcan"',
+        'channel = "can0"',
+        'dbc = "bus.dbc"',
+        "",
+        "[can.signals]",
+    ]
+    roles = {
+        signal.role: f"{message.name}.{signal.name}"
+        for message in messages
+        for signal in message.signals
+        if signal.role
+    }
+    # Wheels first, in their order.
+    ordered = sorted(roles, key=lambda role: (not role.startswith("wheel_"), _place(role), role))
+    lines += [f'{role} = "{roles[role]}"' for role in ordered]
+    lines += [
+        "",
+        "[gnss]",
+        'device = "/dev/ttyACM0"',
+        f"baud = {receiver.baud}",
+        f"antenna_forward_m = {antenna_forward_m!r}",
+        f"antenna_left_m = {antenna_left_m!r}",
+        f"latency_s = {receiver.latency_s!r}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _place(role: str) -> int:
+    return WHEELS.index(role[-2:]) if role.startswith("wheel_") else len(WHEELS)
+
+
+def _radius(vehicle: VehicleConfig) -> str:
+    radii = vehicle.wheel_radius_m
+    if len(set(radii)) == 1:
+        return repr(radii[0])
+    pairs = (f"{wheel} = {radius!r}" for wheel, radius in zip(WHEELS, radii, strict=True))
+    return "{ " + ", ".join(pairs) + " }"
