@@ -20,6 +20,7 @@ OPTIONAL_ROLES = (
     "drive_torque",
     "ambient_temp",
 )
+FILTER_METHODS = ("mpf-pn", "mpf-rb")
 ROLES = WHEEL_COUNT_ROLES + WHEEL_SPEED_ROLES + OPTIONAL_ROLES
 
 
@@ -69,10 +70,13 @@ class GnssConfig:
 class FilterConfig:
     """The estimator."""
 
-    method: str = "mpf-pn"
+    method: str = "mpf-rb"
+    """mpf-rb (default) | mpf-pn (as published)"""
+    """One of FILTER_METHODS."""
     rate_hz: float = 10.0
     """Ticks per second, 1 to 100."""
-    particles: int = 500
+    particles: int | None = None
+    """None: the method's own default (mpf-rb 40, mpf-pn 500)."""
     window_s: float = 60.0
     """Memory of the forgetting factor: lambda = 1 - 1/(window_s * rate_hz), paper 000 eq. (20)."""
     seed: int = 1

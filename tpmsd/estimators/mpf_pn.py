@@ -49,6 +49,7 @@ from tpmsd.physics.kinematics import Geometry, wheel_speeds
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import FL, FR, RL, RR, FloatArray
 
+DEFAULT_PARTICLES = 500
 PRIOR_RADIUS_STD = 0.01
 """Prior spread of a radius about its nominal value, relative: tread wear, pressure and a guessed nominal."""
 NOISE_STD_M = 0.003
@@ -91,7 +92,7 @@ class MpfPn:
         self._forgetting = 1.0 - 1.0 / max(settings.window_s * settings.rate_hz, 2.0)
         self._gate = MotionGate(settings)
         self._finder = PoseFinder()
-        count = settings.particles
+        count = settings.particles or DEFAULT_PARTICLES
         dim = len(self._order)
         self._pose = np.zeros((3, count))
         self._before = self._pose.copy()

@@ -34,6 +34,7 @@ from tpmsd.physics.kinematics import Geometry
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import FL, FR, RL, RR, FloatArray
 
+DEFAULT_PARTICLES = 40
 PRIOR_RADIUS_STD = 0.01
 """Relative: nominal radii are often guessed."""
 DRIFT_OWN_MPS5 = 0.010e-3
@@ -100,7 +101,7 @@ class MpfRb:
         self._gate = MotionGate(settings)
         self._finder = PoseFinder()
         self._blocks = BlockBuilder(self._order, self._nominal, self._geometry)
-        count, size = settings.particles, 3 + self._wheels + 2
+        count, size = settings.particles or DEFAULT_PARTICLES, 3 + self._wheels + 2
         self._bias = 3 + self._wheels
         self._mean = np.zeros((count, size))
         self._cov = np.zeros((count, size, size))

@@ -41,7 +41,7 @@ class Tick:
 
     index: int
     time_s: float
-    """End of the interval on the host clock."""
+    """End of the interval: host time with the clock's backward steps taken out, so it only ever rises."""
     dt_s: float
     rotation_rad: FloatArray
     """(4,) angle turned by each wheel in the interval; NaN where it is not known."""
@@ -55,6 +55,8 @@ class Tick:
     brake_pressure_pa: float = NAN
     drive_torque_nm: float = NAN
     ambient_temp_k: float = NAN
+    host_time_s: float = NAN
+    """End of the interval as the host clock had it; what users are told."""
     gap_s: float = 0.0
     """Time before this interval for which there are no ticks (a pause of the bus, a step of the clock)."""
     faults: tuple[SourceFault, ...] = field(default=())

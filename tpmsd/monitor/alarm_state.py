@@ -1,0 +1,41 @@
+"""Hysteresis: a probability becomes an alarm, and an alarm ends, only when it lasts.
+
+In: a probability and the driving time it stands for. Out: whether the alarm was just raised or cleared.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(slots=True)
+class Hysteresis:
+    """One alarm's memory."""
+
+    raise_at: float
+    clear_at: float
+    raise_hold_s: float
+    clear_hold_s: float
+    active: bool = False
+    held_s: float = 0.0
+
+    def update(self, probability: float, elapsed_s: float) -> Literal["raised", "cleared"] | None:
+        """Take the probability that held for `elapsed_s`; the change it brings, if any.
+
+        Never on a single reading: the first reading beyond a threshold only starts the hold.
+        """
+        beyond = probability <= self.clear_at if self.active else probability >= self.raise_at
+        if not beyond:
+            self.held_s = 0.0
+            return None
+        hold = self.clear_hold_s if self.active else self.raise_hold_s
+        if self.held_s == 0.0:
+            self.held_s = 1e-9
+            return None
+        self.held_s += elapsed_s
+        if self.held_s < hold:
+            return None
+        self.active = not self.active
+        self.held_s = 0.0
+        return "raised" if self.active else "cleared"

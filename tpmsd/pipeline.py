@@ -1,0 +1,97 @@
+"""The pure core, strung together: stamped inputs in, estimates and alarms out.
+
+In: CAN frames and NMEA lines in the order of their host time stamps, and the passing of time. Out: a `Step` per tick.
+No I/O, no clock: the daemon and the replay run this very class, so a recorded run replays to the same alarms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from cantools.database import Database
+
+from tpmsd.config.model import Config
+from tpmsd.estimators.base import RadiusEstimate
+from tpmsd.estimators.build import build_estimator, monitored_wheels
+from tpmsd.monitor.monitor import Monitor
+from tpmsd.monitor.records import MonitorReport
+from tpmsd.sources.can_decoder import CanDecoder
+from tpmsd.sources.events import Event
+from tpmsd.sources.nmea_epoch import NmeaAssembler
+from tpmsd.timeline.tick import Tick
+from tpmsd.timeline.timeline import Timeline
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One tick and what was made of it."""
+
+    tick: Tick
+    estimate: RadiusEstimate
+    report: MonitorReport
+
+
+class Pipeline:
+    """Decoder, assembler, timeline, estimator and monitor of one car."""
+
+    def __init__(self, config: Config, database: Database) -> None:
+        self.decoder = CanDecoder(config, database)
+        self.assembler = NmeaAssembler()
+        self.timeline = Timeline(config.filter.rate_hz, config.gnss.latency_s)
+        self.estimator = build_estimator(config, np.random.default_rng(config.filter.seed))
+        self.monitor = Monitor(config.vehicle, config.monitor, monitored_wheels(config))
+
+    def on_frame(self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, is_fd: bool = False) -> list[Step]:
+        """Take one CAN data frame."""
+        steps = self.advance(time_s)
+        return steps + self._take(self.decoder.decode(time_s, arbitration_id, is_extended, data, is_fd))
+
+    def on_sentence(self, time_s: float, line: bytes) -> list[Step]:
+        """Take one NMEA line."""
+        steps = self.advance(time_s)
+        return steps + self._take(self.assembler.feed(time_s, line))
+
+    def on_event(self, event: Event) -> list[Step]:
+        """Take a source's own event (an interface that went down, a receiver unplugged)."""
+        return self._take([event])
+
+    def advance(self, time_s: float) -> list[Step]:
+        """Let time pass: ends epochs, finds time-outs, completes ticks."""
+        steps = self._take(self.assembler.advance(time_s))
+        steps += self._take(self.decoder.poll(time_s))
+        return steps + self._run(self.timeline.advance(time_s))
+
+    def finish(self) -> list[Step]:
+        """What the end of a recording completes."""
+        return self._take(self.assembler.flush()) + self._run(self.timeline.finish())
+
+    def _take(self, events: Iterable[Event]) -> list[Step]:
+        steps: list[Step] = []
+        for event in events:
+            steps += self._run(self.timeline.add(event))
+        return steps
+
+    def _run(self, ticks: list[Tick]) -> list[Step]:
+        steps: list[Step] = []
+        for tick in ticks:
+            estimate = self.estimator.step(tick)
+            steps.append(Step(tick, estimate, self.monitor.update(tick, estimate)))
+        return steps
+
+    def snapshot(self) -> dict[str, Any]:
+        """What was learned, as plain numbers for the state file."""
+        return {"estimator": self.estimator.snapshot(), "monitor": self.monitor.snapshot()}
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Take up a snapshot; ValueError if it does not fit this configuration (nothing is then taken up by half)."""
+        trial = self.monitor.snapshot()
+        self.monitor.restore(saved["monitor"])
+        try:
+            self.estimator.restore(saved["estimator"])
+        except (ValueError, KeyError, TypeError):
+            self.monitor.forget()
+            self.monitor.restore(trial)
+            raise

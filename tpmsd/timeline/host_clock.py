@@ -1,0 +1,36 @@
+"""A time line that only rises, made of a host clock that does not always.
+
+In: host time stamps in the order in which they were taken. Out: logical seconds: the same numbers until the clock steps
+back, from then on shifted so that time goes on. Forward steps look like a pause and are left to the timeline.
+"""
+
+from __future__ import annotations
+
+BACKWARD_STEP_S = 0.5
+"""Smaller set-backs are late frames of another queue, not a step of the clock."""
+ASSUMED_ADVANCE_S = 0.01
+"""Time taken to have passed over a backward step."""
+
+
+class HostClock:
+    """Maps host time to logical time and back."""
+
+    def __init__(self) -> None:
+        self._shift_s = 0.0
+        self._latest_s: float | None = None
+        self.steps = 0
+
+    def logical(self, host_s: float) -> float:
+        """Logical time of a stamp; notices a backward step."""
+        logical = host_s + self._shift_s
+        if self._latest_s is not None and logical < self._latest_s - BACKWARD_STEP_S:
+            self._shift_s += self._latest_s + ASSUMED_ADVANCE_S - logical
+            self.steps += 1
+            logical = host_s + self._shift_s
+        if self._latest_s is None or logical > self._latest_s:
+            self._latest_s = logical
+        return logical
+
+    def host(self, logical_s: float) -> float:
+        """What the host clock shows at a logical time of the present stretch."""
+        return logical_s - self._shift_s

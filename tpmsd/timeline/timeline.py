@@ -1,0 +1,237 @@
+"""One merge of both streams into fixed-rate ticks.
+
+In: events in the order of their host time stamps (`add`), and the passing of time (`advance`). Out: `Tick`s.
+
+Time comes from the stamps alone. A tick that ends at t is made once the stamps have passed t + holdback; it sees just what
+was stamped by then, whether that came from a socket or a file, so live and replay make the same ticks.
+The holdback covers the receiver's epoch (sentences gathered up to a quarter second), transport jitter and known latency.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tpmsd.sources.events import Event, GnssFix, InertialSample, RotationSample, SourceFault
+from tpmsd.timeline.host_clock import HostClock
+from tpmsd.timeline.local_plane import LocalPlane
+from tpmsd.timeline.rotation_track import RotationTrack, rotation_between
+from tpmsd.timeline.tick import Fix, Tick
+from tpmsd.timeline.utc_offset import UtcOffsetTracker
+from tpmsd.wheels import FloatArray
+
+HOLDBACK_S = 0.45
+MAX_PAUSE_S = 5.0
+"""Silence of all sources longer than this is skipped as a gap instead of being filled with empty ticks."""
+PLAUSIBLE_RATIO = 2.0
+"""A wheel that turns this much faster or slower than the median of the others is not believed in that tick."""
+PLAUSIBLE_FROM_RAD = 0.9
+"""Rotation per tick (10 Hz: 3 m/s) from which ratios are judged: below, tight bends and single counts rule."""
+HOLD_S = {"ambient_temp": 120.0}
+HOLD_DEFAULT_S = 1.0
+
+FIELDS = {
+    "yaw_rate": "yaw_rate_radps",
+    "accel_long": "accel_long_mps2",
+    "accel_lat": "accel_lat_mps2",
+    "steering_wheel_angle": "steering_wheel_angle_rad",
+    "brake_pressure": "brake_pressure_pa",
+    "drive_torque": "drive_torque_nm",
+    "ambient_temp": "ambient_temp_k",
+}
+
+
+class Timeline:
+    """Merges events into ticks."""
+
+    def __init__(self, rate_hz: float, latency_s: float = 0.0) -> None:
+        self._dt_s = 1.0 / rate_hz
+        self._holdback_s = HOLDBACK_S + latency_s
+        self._clock = HostClock()
+        self._offset = UtcOffsetTracker(latency_s=latency_s)
+        self._plane = LocalPlane()
+        self._tracks = [RotationTrack() for _ in range(4)]
+        self._inertial: dict[str, list[tuple[float, float]]] = {}
+        self._held: dict[str, tuple[float, float]] = {}
+        self._fixes: list[Fix] = []
+        self._faults: list[SourceFault] = []
+        self._origin_s = 0.0
+        self._index = 0
+        self._now_s: float | None = None
+        self._gap_s = 0.0
+        self._fresh_start = True
+        self.counts: dict[str, int] = {"ticks": 0, "late_fixes": 0, "clock_steps": 0, "gaps": 0, "implausible": 0}
+
+    def add(self, event: Event) -> list[Tick]:
+        """Take one event; the ticks that its stamp completes."""
+        stamp = event.arrival_s if isinstance(event, GnssFix) else event.time_s
+        ticks = self.advance(stamp)
+        now = self._clock.logical(stamp)
+        if isinstance(event, RotationSample):
+            shifted = RotationSample(now, event.wheel, event.angle_rad, event.quantum_rad, event.segment)
+            self._tracks[event.wheel].add(shifted)
+        elif isinstance(event, InertialSample):
+            if math.isfinite(event.value):
+                self._inertial.setdefault(event.role, []).append((now, event.value))
+        elif isinstance(event, GnssFix):
+            self._place(event, now)
+        else:
+            self._faults.append(event)
+        return ticks
+
+    def advance(self, host_time_s: float) -> list[Tick]:
+        """Let time pass to a host stamp; the ticks that are complete by then."""
+        steps = self._clock.steps
+        now = self._clock.logical(host_time_s)
+        if self._clock.steps != steps:
+            self.counts["clock_steps"] += 1
+            self._faults.append(SourceFault(host_time_s, "clock", "step_back", "the host clock stepped back"))
+        if self._now_s is None:
+            self._start(now)
+        elif now - self._now_s > MAX_PAUSE_S:
+            ticks = self._emit(self._now_s + self._holdback_s)
+            self._skip(now)
+            return ticks
+        self._now_s = max(now, self._now_s or now)
+        return self._emit(self._now_s)
+
+    def finish(self) -> list[Tick]:
+        """The ticks that the end of a recording completes."""
+        return [] if self._now_s is None else self._emit(self._now_s + self._holdback_s)
+
+    def _start(self, now: float) -> None:
+        self._origin_s = math.floor(now / self._dt_s) * self._dt_s
+        self._index_base = self._index
+        self._now_s = now
+
+    def _skip(self, now: float) -> None:
+        """A pause of all sources, or a forward step of the clock: begin again behind it."""
+        end = self._end(self._index)
+        self.counts["gaps"] += 1
+        self._gap_s += max(now - end, 0.0)
+        for track in self._tracks:
+            track.clear()
+        self._inertial.clear()
+        self._fixes.clear()
+        self._start(now)
+
+    def _end(self, index: int) -> float:
+        return self._origin_s + (index - self._index_base) * self._dt_s
+
+    def _emit(self, now: float) -> list[Tick]:
+        ticks: list[Tick] = []
+        while self._end(self._index + 1) + self._holdback_s <= now:
+            self._index += 1
+            ticks.append(self._make(self._end(self._index)))
+        return ticks
+
+    def _make(self, end: float) -> Tick:
+        begin = end - self._dt_s
+        rotation, std = np.empty(4), np.empty(4)
+        for wheel, track in enumerate(self._tracks):
+            rotation[wheel], std[wheel] = rotation_between(track, begin, end)
+            track.forget_before(end)
+        self._judge(rotation, std, end)
+        fixes = tuple(self._take_fixes(begin, end))
+        faults, self._faults = tuple(self._faults), []
+        gap, self._gap_s = self._gap_s, 0.0
+        self.counts["ticks"] += 1
+        inertial = {FIELDS[role]: self._mean(role, begin, end) for role in FIELDS}
+        return Tick(
+            index=self._index,
+            time_s=end,
+            dt_s=self._dt_s,
+            rotation_rad=rotation,
+            rotation_std_rad=std,
+            fixes=fixes,
+            host_time_s=self._clock.host(end),
+            gap_s=gap,
+            faults=faults,
+            **inertial,
+        )
+
+    def _judge(self, rotation: FloatArray, std: FloatArray, end: float) -> None:
+        """Take out readings that cannot be the rotation of a wheel of this car; in place."""
+        valid = np.isfinite(rotation)
+        if not np.any(valid):
+            return
+        middle = float(np.median(rotation[valid]))
+        limit = PLAUSIBLE_FROM_RAD * self._dt_s / 0.1
+        highest = float(np.max(rotation[valid]))
+        if highest < limit:
+            return
+        odd = valid & ((rotation < middle / PLAUSIBLE_RATIO) | (rotation > middle * PLAUSIBLE_RATIO))
+        if valid.sum() == 2 and float(np.min(rotation[valid])) < highest / PLAUSIBLE_RATIO:
+            odd = valid  # of two that disagree, neither can be told to be right
+        for wheel in np.flatnonzero(odd):
+            rotation[wheel] = std[wheel] = math.nan
+            self.counts["implausible"] += 1
+            self._faults.append(SourceFault(self._clock.host(end), "can", "implausible", "turns unlike the others", int(wheel)))
+
+    def _mean(self, role: str, begin: float, end: float) -> float:
+        """Mean of a signal's readings in the tick; the last one held for a while where none fell into it."""
+        samples = self._inertial.get(role)
+        if samples:
+            now = [value for time_s, value in samples if time_s <= end]
+            if now:
+                later = samples[len(now) :]
+                self._held[role] = (end, now[-1])
+                self._inertial[role] = later
+                return sum(now) / len(now)
+        held = self._held.get(role)
+        if held is not None and end - held[0] <= HOLD_S.get(role, HOLD_DEFAULT_S):
+            return held[1]
+        return math.nan
+
+    def _place(self, fix: GnssFix, arrival: float) -> None:
+        """Put a fix into the plane and onto the time line."""
+        valid = self._offset.update(arrival, fix.utc_s)
+        if not (math.isfinite(fix.latitude_deg) and math.isfinite(fix.longitude_deg)):
+            return
+        last_end = self._end(self._index)
+        if valid <= last_end:
+            if valid < last_end - self._dt_s:
+                self.counts["late_fixes"] += 1
+                self._faults.append(SourceFault(fix.arrival_s, "gnss", "late", f"fix is {last_end - valid:.2f} s too late"))
+                return
+            valid = last_end + 1e-6
+        altitude = fix.altitude_m if math.isfinite(fix.altitude_m) else 0.0
+        east, north = self._plane.to_plane(fix.latitude_deg, fix.longitude_deg, altitude)
+        heading = self._plane.heading_from_course(fix.course_rad) if math.isfinite(fix.course_rad) else math.nan
+        self._fixes.append(
+            Fix(
+                time_s=valid,
+                fraction=0.0,
+                east_m=east,
+                north_m=north,
+                position_std_m=fix.position_std_m,
+                up_m=fix.altitude_m,
+                speed_mps=fix.speed_mps,
+                heading_rad=heading,
+                quality=fix.quality,
+                arrival_lag_s=arrival - valid,
+            )
+        )
+
+    def _take_fixes(self, begin: float, end: float) -> list[Fix]:
+        """The fixes valid in the tick, oldest first, with their place in it."""
+        due = sorted((f for f in self._fixes if f.time_s <= end), key=lambda f: f.time_s)
+        if not due:
+            return []
+        self._fixes = [f for f in self._fixes if f.time_s > end]
+        return [
+            Fix(
+                time_s=f.time_s,
+                fraction=min(max((f.time_s - begin) / self._dt_s, 0.0), 1.0),
+                east_m=f.east_m,
+                north_m=f.north_m,
+                position_std_m=f.position_std_m,
+                up_m=f.up_m,
+                speed_mps=f.speed_mps,
+                heading_rad=f.heading_rad,
+                quality=f.quality,
+                arrival_lag_s=f.arrival_lag_s,
+            )
+            for f in due
+        ]
