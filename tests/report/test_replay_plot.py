@@ -84,7 +84,7 @@ def test_the_alarm_is_marked_where_and_when_it_was_raised(picture: Figure) -> No
 
 
 def test_the_thresholds_are_drawn(picture: Figure) -> None:
-    """0.35 % and 0.8 % of 316 mm against the baseline; against the nominal radius, shifted by the baseline."""
+    """0.35 % and 0.8 % of 316 mm against the baseline; the former also against nominal, shifted by it."""
     assert -1.106 == pytest.approx(line(picture, "limit -1.106")[1][0])
     assert -2.528 == pytest.approx(line(picture, "limit -2.528")[1][0])
     assert 2.528 == pytest.approx(line(picture, "limit +2.528")[1][0])
@@ -219,7 +219,7 @@ def test_a_target_that_cannot_be_is_refused_in_one_line(tmp_path: Path, name: st
 
 
 def test_without_matplotlib_one_line_says_how_to_install_it(tmp_path: Path) -> None:
-    """The missing extra is a ConfigError with the command that installs it; importing the room still works."""
+    """The missing extra is a ConfigError with the command that installs it; the import still works."""
     program = (
         "import sys; sys.modules['matplotlib'] = None\n"
         "from pathlib import Path\n"

@@ -1,0 +1,291 @@
+"""The house rules that a machine can watch: who may import whom, what stays pure, how modules look.
+
+`docs/architecture.md` explains the rules; the tables here are what they come to.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+REPO = Path(__file__).resolve().parent.parent
+PACKAGE = REPO / "tpmsd"
+
+EVERYWHERE = {"errors", "wheels"}
+"""Modules that any room may import, beside its own and those of the table."""
+_CORE_FLOW = ("config", "sources", "timeline", "estimators", "monitor", "sinks")
+"""The direction of flow: each imports only what lies before it."""
+ALLOWED: dict[str, set[str]] = {
+    room: {"physics", *_CORE_FLOW[:position]} for position, room in enumerate(_CORE_FLOW)
+}
+ALLOWED |= {
+    "errors": set(),
+    "wheels": set(),
+    "physics": {"config"},
+    "config": set(),
+    "simulator": {"physics", "config", "sources", "timeline"},
+    "pipeline": {"physics", *_CORE_FLOW},
+    "report": {"physics", *_CORE_FLOW[:5]},
+    "daemon": {"physics", "pipeline", *_CORE_FLOW},
+    "cli": {"physics", "pipeline", "simulator", "report", "daemon", *_CORE_FLOW},
+    "__init__": set(),
+    "__main__": {"cli"},
+}
+
+PURE_ROOMS = {"sources", "timeline", "estimators", "monitor", "pipeline", "physics", "errors", "wheels"}
+SHELLS = {
+    *(f"tpmsd.sources.{name}" for name in ("can_live", "can_log", "can_log_candump", "can_log_others")),
+    *(f"tpmsd.sources.{name}" for name in ("drive", "nmea_log", "serial_live")),
+    "tpmsd.physics.model_file",
+}
+"""Modules of these rooms that open files and devices; the others only work on what those read."""
+SEEDS = {"pipeline"}
+"""Where generators are made, from the configured seed."""
+# pathlib is no offence: a path is a name, which a pure module may carry in an error; opening it is below.
+IMPURE_MODULES = {
+    *(
+        "asyncio",
+        "fcntl",
+        "glob",
+        "http",
+        "io",
+        "logging",
+        "multiprocessing",
+        "os",
+        "queue",
+        "random",
+        "sched",
+    ),
+    *(
+        "secrets",
+        "select",
+        "selectors",
+        "serial",
+        "shutil",
+        "signal",
+        "socket",
+        "subprocess",
+        "sys",
+        "tempfile",
+    ),
+    *("threading", "time", "urllib", "uuid"),
+}
+IMPURE_CALLS = {"open", "print", "input"}
+IMPURE_METHODS = {
+    *("now", "utcnow", "today"),
+    *("read_text", "read_bytes", "write_text", "write_bytes", "exists", "is_file", "is_dir", "iterdir"),
+}
+RANDOM_TYPES = {"Generator", "BitGenerator"}
+"""Randomness comes in as an argument; of numpy.random the core may name only its types."""
+
+MAX_LINES = 400
+
+
+def modules() -> list[Path]:
+    """Every module of the package."""
+    return sorted(PACKAGE.rglob("*.py"))
+
+
+def read(path: Path) -> str:
+    """Its text, whatever the locale."""
+    return path.read_text(encoding="utf-8")
+
+
+def room_of(dotted: str) -> str:
+    """`tpmsd.sources.events` -> `sources`; the package itself -> `__init__`."""
+    parts = dotted.split(".")
+    return parts[1] if len(parts) > 1 else "__init__"
+
+
+def dotted_name(path: Path) -> str:
+    """The module's name as one imports it, `__init__` left in for the package itself."""
+    parts = path.relative_to(REPO).with_suffix("").parts
+    return ".".join(parts)
+
+
+def imports(tree: ast.AST) -> Iterator[tuple[int, str]]:
+    """Line and full name of everything that is imported, wherever in the module that is done."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            for alias in node.names:
+                yield node.lineno, alias.name
+        elif isinstance(node, ast.ImportFrom):
+            for alias in node.names:
+                yield node.lineno, f"{'.' * node.level}{node.module or ''}.{alias.name}"
+
+
+def direction_faults(module: str, source: str) -> list[str]:
+    """What a module imports against the direction of flow, one line each."""
+    room = room_of(module)
+    if room not in ALLOWED:
+        return [f"{module}: the room {room} is not in the table of tests/test_house.py"]
+    faults = []
+    for line, name in imports(ast.parse(source)):
+        if name.startswith("."):
+            faults.append(f"{module}:{line}: relative import {name}; the house writes them in full")
+        elif name.split(".")[0] == "tpmsd":
+            target = room_of(name)
+            known = target in ALLOWED  # `from tpmsd import __version__` names no room
+            if known and target not in {room, *EVERYWHERE, *ALLOWED[room]}:
+                faults.append(f"{module}:{line}: {room} must not import {target} ({name})")
+    return faults
+
+
+def is_pure(module: str) -> bool:
+    """Whether a module belongs to the core that does no I/O and reads no clock."""
+    return room_of(module) in PURE_ROOMS and module not in SHELLS
+
+
+def purity_faults(module: str, source: str) -> list[str]:
+    """I/O, clocks and hidden randomness in a module of the core, one line each."""
+    tree = ast.parse(source)
+    seeded = {
+        id(node.func)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and node.args and room_of(module) in SEEDS
+    }
+    faults = []
+    for line, name in imports(tree):
+        if name.split(".")[0] in IMPURE_MODULES:
+            faults.append(f"{module}:{line}: the core must not import {name}")
+        if name.startswith("numpy.random.") and name.rsplit(".", 1)[-1] not in RANDOM_TYPES:
+            faults.append(f"{module}:{line}: randomness must come in as a Generator, not {name}")
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and ast.unparse(node.value) in ("np.random", "numpy.random"):
+            if node.attr not in RANDOM_TYPES and id(node) not in seeded:
+                faults.append(
+                    f"{module}:{node.lineno}: randomness must come in as a Generator, not {node.attr}"
+                )
+        elif isinstance(node, ast.Call):
+            called = node.func
+            if isinstance(called, ast.Name) and called.id in IMPURE_CALLS:
+                faults.append(f"{module}:{node.lineno}: the core must not call {called.id}()")
+            if isinstance(called, ast.Attribute) and called.attr in IMPURE_METHODS:
+                faults.append(f"{module}:{node.lineno}: the core must not call .{called.attr}()")
+    return faults
+
+
+def tracked_files() -> list[Path]:
+    """All files of the project as git knows them."""
+    listing = subprocess.run(["git", "ls-files", "-z"], cwd=REPO, capture_output=True, text=True)
+    if listing.returncode != 0:
+        pytest.skip("not a git checkout")
+    return [REPO / name for name in listing.stdout.split("\0") if name and (REPO / name).is_file()]
+
+
+def test_imports_follow_the_flow() -> None:
+    """No room imports a room that lies further down the flow."""
+    assert [] == [fault for path in modules() for fault in direction_faults(dotted_name(path), read(path))]
+
+
+def test_the_core_is_pure() -> None:
+    """Decoding, timeline, estimators and monitor do no I/O, read no clock and are given their randomness."""
+    assert [] == [
+        fault
+        for path in modules()
+        if is_pure(dotted_name(path))
+        for fault in purity_faults(dotted_name(path), read(path))
+    ]
+
+
+def test_modules_are_short() -> None:
+    """A module is of one thing: at most 400 lines."""
+    lengths = {dotted_name(path): len(read(path).splitlines()) for path in modules()}
+
+    assert {} == {module: length for module, length in lengths.items() if length > MAX_LINES}
+
+
+def test_modules_say_what_they_are_for() -> None:
+    """Every module that holds anything begins with a docstring."""
+    assert [] == [
+        dotted_name(path)
+        for path in modules()
+        if read(path).strip() and not ast.get_docstring(ast.parse(read(path)))
+    ]
+
+
+def test_the_architecture_names_every_room() -> None:
+    """docs/architecture.md has a line for each room that exists."""
+    text = read(REPO / "docs" / "architecture.md")
+    rooms = {room_of(dotted_name(path)) for path in modules()} - {"__init__", "__main__"}
+
+    assert [] == sorted(room for room in rooms if f"`{room}`" not in text)
+
+
+# The patterns are put together from pieces so that this file does not hold what it looks for.
+_FORBIDDEN = {
+    "a path of somebody's machine": r"/(?:work|tmp|root)" + r"/|/(?:home|Users)" + r"/\w",
+    "a mark of unfinished work": r"\b(?:TO" + r"DO|FIX" + r"ME|XX" + r"X|HA" + r"CK)\b",
+    "the address of a package index": r"index" + r"-url",
+    "a trailer of a commit tool": r"(?i)co-authored" + r"-by",
+}
+
+
+def test_tracked_files_speak_of_the_project_alone() -> None:
+    """No file names somebody's machine, holds marks of unfinished work or points to a package index."""
+    found = []
+    for path in tracked_files():
+        try:
+            text = read(path)
+        except UnicodeDecodeError:
+            continue  # recordings and pictures
+        for what, pattern in _FORBIDDEN.items():
+            for match in re.finditer(pattern, text):
+                line = text.count("\n", 0, match.start()) + 1
+                found.append(f"{path.relative_to(REPO)}:{line}: {what}: {match.group()}")
+    assert [] == found
+
+
+@pytest.mark.parametrize(
+    ("module", "source", "faults"),
+    [
+        ("tpmsd.timeline.x", "from tpmsd.sources.events import Event", 0),
+        ("tpmsd.timeline.x", "from tpmsd.monitor.records import AlarmEvent", 1),
+        ("tpmsd.timeline.x", "import tpmsd.estimators.base", 1),
+        ("tpmsd.timeline.x", "from tpmsd import sinks, wheels", 1),
+        ("tpmsd.timeline.x", "def f():\n    from tpmsd.daemon import loop", 1),
+        ("tpmsd.physics.x", "from tpmsd.config.model import VehicleConfig", 0),
+        ("tpmsd.config.x", "from tpmsd.physics.model import Model", 1),
+        ("tpmsd.report.x", "from .wording import drive_time", 1),
+        ("tpmsd.attic.x", "", 1),
+    ],
+)
+def test_the_watch_over_imports_sees(module: str, source: str, faults: int) -> None:
+    """A step against the flow is found, however the import is written; one along it is let through."""
+    assert faults == len(direction_faults(module, source))
+
+
+def test_generators_are_made_from_a_seed_in_one_place() -> None:
+    """Only the pipeline makes a generator, and only from a seed."""
+    seeded, unseeded = "rng = np.random.default_rng(seed)", "rng = np.random.default_rng()"
+
+    assert [0, 1, 1] == [
+        len(purity_faults("tpmsd.pipeline", seeded)),
+        len(purity_faults("tpmsd.pipeline", unseeded)),
+        len(purity_faults("tpmsd.estimators.x", seeded)),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("source", "faults"),
+    [
+        ("import math\nimport numpy as np\nfrom pathlib import Path", 0),
+        ("def f(rng: np.random.Generator): return rng.normal()", 0),
+        ("import time", 1),
+        ("from os import path", 1),
+        ("import numpy as np\nx = np.random.default_rng()", 1),
+        ("from numpy.random import default_rng", 1),
+        ("from datetime import datetime\nx = datetime.now()", 1),
+        ("from datetime import datetime\nx = datetime(2024, 1, 1)", 0),
+        ("x = open('state')", 1),
+        ("def f(path):\n    return path.read_text()", 1),
+    ],
+)
+def test_the_watch_over_purity_sees(source: str, faults: int) -> None:
+    """Clocks, files and global randomness are found; arithmetic and a given generator are let through."""
+    assert faults == len(purity_faults("tpmsd.estimators.x", source))
