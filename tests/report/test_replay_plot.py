@@ -46,7 +46,7 @@ def spans(figure: Figure, gid: str) -> list[tuple[float, float]]:
 @pytest.fixture(scope="module")
 def picture() -> Figure:
     """The picture of the puncture."""
-    return draw_replay(puncture().record().result(300.0))
+    return draw_replay(puncture().record().result(2.0))
 
 
 def test_deviations_are_drawn_in_millimetres_over_drive_time(picture: Figure) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -160,6 +161,34 @@ def test_an_empty_drive_has_a_result() -> None:
 
     assert (0, 0.0, 0.0, None) == (len(result.time_s), result.duration_s, result.distance_m, result.pose)
     assert [WheelState.UNAVAILABLE] * 4 == list(result.states.values())
+
+
+def test_the_probability_of_a_wheel_that_is_not_watched_is_unknown() -> None:
+    """Zero would say `surely not deflated`; while learning, and after a loss, nobody knows."""
+    drive = Drive(duration_s=120.0)
+    recorder = ReplayRecorder("watched", VEHICLE, MONITOR)
+    for index in range(1200):
+        elapsed = (index + 1) * drive.dt_s
+        report = drive._report(elapsed, (), (), elapsed)
+        zeroed = tuple(replace(wheel, deflation_probability=0.0) for wheel in report.wheels)
+        recorder.add(
+            drive._tick(index, elapsed, 0.0),
+            drive._estimate(elapsed, 0.0, elapsed),
+            replace(report, wheels=zeroed),
+        )
+    result = recorder.result(1.0)
+
+    assert np.isnan(result.deflation_probability[:590]).all()
+    assert (result.deflation_probability[-590:] == 0.0).all()
+
+
+def test_the_speed_of_the_replay_is_driving_time_over_time_taken() -> None:
+    """600 s in 2.5 s are 240 times real time; not known without a measurement."""
+    recorder = Drive(duration_s=600.0, dt_s=0.5).record()
+
+    assert 240.0 == pytest.approx(recorder.result(2.5).realtime_factor)
+    assert math.isnan(recorder.result(0.0).realtime_factor)
+    assert math.isnan(recorder.result(math.nan).realtime_factor)
 
 
 def test_thresholds_are_percentages_of_the_nominal_radius() -> None:

@@ -6,6 +6,7 @@ In: a `ReplayResult`. Out: a matplotlib `Figure` whose panels share the drive's 
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -149,10 +150,11 @@ def _draw_deviation(axis: Axes, result: ReplayResult, series: _Series) -> None:
     axis.axhline(0.0, color=GREY, linewidth=0.8)
     marks = [0.0]
     for index, wheel in enumerate(WHEELS):
-        baseline_m = (result.deviation_m[:, index] - result.change_m[:, index])[-1:]
-        if not np.isfinite(baseline_m).all() or not len(baseline_m):
+        baseline_m = result.deviation_m[:, index] - result.change_m[:, index]
+        known = np.isfinite(baseline_m)
+        if not known.any():
             continue
-        level = float(baseline_m[0] - result.thresholds.deflation_m[index]) * 1e3
+        level = float(np.median(baseline_m[known]) - result.thresholds.deflation_m[index]) * 1e3
         axis.axhline(
             level, color=COLOURS[wheel], linewidth=1.0, linestyle=(0, (4, 3)), gid=f"threshold {wheel}"
         )
@@ -195,7 +197,7 @@ def _draw_change(axis: Axes, result: ReplayResult, series: _Series) -> None:
     axis.set_ylim(*_limits(series.change_mm, series.change_std_mm, [0.0, loss, -other, other]))
     axis.set_ylabel("radius minus\nbaseline (mm)")
     if not drawn:
-        text = f"no baseline yet: {result.learning_fraction:.0%} learned"
+        text = f"no baseline yet: {math.floor(100 * result.learning_fraction)}% learned"
         axis.text(0.5, 0.85, text, transform=axis.transAxes, ha="center", color=GREY, fontsize=11)
 
 
@@ -233,12 +235,13 @@ def _draw_speed(axis: Axes, series: _Series) -> None:
     idle = _spans(series.informative == 0.0, edges)
     for start, end in idle:
         axis.axvspan(start, end, color=GREY, alpha=0.22, linewidth=0, gid="not informative")
-    lost = series.gnss_age_s > GNSS_GAP_S
+    silent_s = np.minimum(series.gnss_age_s, series.drive_s)  # before the first fix the wait counts
+    lost = silent_s > GNSS_GAP_S
     gaps = _spans(lost, edges)
     for start, end in gaps:
         # The gap began with the last fix, which is as old as the first row beyond the limit says.
-        age = series.gnss_age_s[lost & (series.drive_s > start)][0]
-        begin = max(0.0, start - float(age)) if np.isfinite(age) else 0.0
+        first = np.flatnonzero(lost & (series.drive_s > start))[0]
+        begin = max(0.0, float(series.drive_s[first] - silent_s[first]))
         axis.axvspan(begin, end, color=GAP_COLOUR, alpha=0.55, linewidth=0, gid="gnss gap")
     axis.set_ylim(bottom=float(np.nanmin(series.speed_kmh, initial=0.0)))
     axis.set_ylabel("speed\n(km/h)")

@@ -1,7 +1,7 @@
 """Gathers a replay, tick by tick, into a bounded record.
 
 In: per tick a `Tick`, a `RadiusEstimate` and a `MonitorReport`. Out: a `ReplayResult`. No I/O, no clock: the
-caller says how fast the replay ran.
+caller says how long the replay took.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from tpmsd.config.model import MonitorConfig, VehicleConfig
 from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.monitor.records import AlarmEvent, MonitorReport, WheelState
+from tpmsd.monitor.records import AlarmEvent, MonitorReport, WheelReport, WheelState
 from tpmsd.report.replay_result import (
     GNSS_GAP_S,
     AlarmThresholds,
@@ -80,8 +80,8 @@ class ReplayRecorder:
             self._filled += 1
         self._ticks += 1
 
-    def result(self, realtime_factor: float) -> ReplayResult:
-        """The record so far; `realtime_factor` is driving time over the time the replay took."""
+    def result(self, elapsed_s: float) -> ReplayResult:
+        """The record so far; `elapsed_s` is how long the replay took, NaN if nobody looked."""
         table = self._rows[: self._filled].copy()
         estimate = report = None
         duration = 0.0
@@ -96,7 +96,7 @@ class ReplayRecorder:
             drive=self._drive,
             start_s=self._start_s,
             duration_s=duration,
-            realtime_factor=realtime_factor,
+            realtime_factor=duration / elapsed_s if elapsed_s > 0 else math.nan,
             nominal_m=self._nominal,
             thresholds=self._thresholds,
             learn_s=self._learn_s,
@@ -150,7 +150,7 @@ class ReplayRecorder:
             if math.isfinite(wheel.deviation_m):
                 tally.deviation_m, tally.std_m = wheel.deviation_m, wheel.std_m
                 tally.change_m, tally.change_std_m = wheel.change_m, wheel.change_std_m
-                tally.deflation_probability = wheel.deflation_probability
+                tally.deflation_probability = _probability(wheel)
             if wheel.state != WheelState.UNAVAILABLE:
                 tally.seen_s += tick.dt_s
             if wheel.state in WATCHED:
@@ -172,7 +172,7 @@ class ReplayRecorder:
                 wheel.std_m,
                 wheel.change_m,
                 wheel.change_std_m,
-                wheel.deflation_probability,
+                _probability(wheel),
             )
         return row
 
@@ -214,6 +214,11 @@ class _GnssTally:
         self.total_s += max(0.0, silent_s - self.current_s)
         self.current_s = silent_s
         self.longest_s = max(self.longest_s, silent_s)
+
+
+def _probability(wheel: WheelReport) -> float:
+    """Unknown while a wheel is not watched: zero would read as `surely not`."""
+    return wheel.deflation_probability if wheel.state in WATCHED else math.nan
 
 
 def _pose(estimate: RadiusEstimate | None) -> FinalPose | None:

@@ -88,6 +88,7 @@ class ReplayResult:
     """Host time at which the first tick began; drive time counts from here."""
     duration_s: float
     realtime_factor: float
+    """Driving time over the time that the replay took; NaN if not known."""
     nominal_m: FloatArray
     """(4,)"""
     thresholds: AlarmThresholds

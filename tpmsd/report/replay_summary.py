@@ -145,8 +145,8 @@ def _why_not(outcome: WheelOutcome, result: ReplayResult) -> str:
     if not math.isfinite(outcome.deviation_m):
         return "its radius was never estimated"
     return (
-        f"the baseline was still being learned, {result.learning_fraction:.0%} of it after "
-        f"{result.informative_s:.0f} s of steady driving; {result.learn_s:.0f} s are needed"
+        f"the baseline was still being learned, {math.floor(100 * result.learning_fraction)}% of it after "
+        f"{math.floor(result.informative_s)} s of steady driving; {result.learn_s:.0f} s are needed"
     )
 
 
