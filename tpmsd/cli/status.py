@@ -38,7 +38,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         "status",
         help="ask the running daemon how the tyres are",
-        description="Shows what the running daemon knows of each wheel, of its inputs, and which alarms stand.",
+        description="Shows how each tyre is, how the daemon's inputs are, and which alarms stand.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

@@ -1,7 +1,7 @@
 """The status document as a table that a driver understands.
 
-In: the document of `tpmsd.sinks.status_document`; it comes from another process, so nothing in it is taken for
-granted. Out: text, with colours if asked for.
+In: the document of `tpmsd.sinks.status_document`; it comes from another process, so nothing in it is taken
+for granted. Out: text, with colours if asked for.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from tpmsd.report.wording import WHEEL_NAMES, wheel_name
+from tpmsd.monitor.records import AlarmEvent, AlarmKind
+from tpmsd.report.wording import WHEEL_NAMES, verdict_on, wheel_name
 from tpmsd.sinks.status_client import printable
 from tpmsd.wheels import WHEELS
 
@@ -100,12 +101,17 @@ def _alarm_lines(document: Mapping[str, Any], alarms: list[dict[str, Any]], pain
         since = ""
         if now_s is not None and raised_s is not None and now_s >= raised_s:
             since = f" (for {_duration(now_s - raised_s)})"
-        wheel = alarm.get("wheel")
-        said = _text(alarm, "reason") or _text(alarm, "kind").replace("_", " ")
-        name = "" if wheel is None else wheel_name(str(wheel))
-        about = f"{name}: " if name and name not in said.lower() else ""
-        lines.append(paint(printable(f"ALARM{since}: {about}{said}"), _BAD))
+        reason = _text(alarm, "reason")
+        lines.append(paint(f"ALARM{since}: {_sentence(alarm)}" + (f" ({reason})" if reason else ""), _BAD))
     return lines
+
+
+def _sentence(alarm: Mapping[str, Any]) -> str:
+    kind, wheel = _text(alarm, "kind"), _text(alarm, "wheel") or None
+    if kind not in set(AlarmKind):
+        return f"{wheel_name(wheel)}: {kind.replace('_', ' ') or 'of no known kind'}"
+    nan = math.nan
+    return verdict_on(AlarmEvent(nan, AlarmKind(kind), wheel, "raised", nan, nan, nan, ""))
 
 
 def _can_line(document: Mapping[str, Any], paint: _Paint) -> str:

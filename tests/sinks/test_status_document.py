@@ -1,0 +1,267 @@
+"""The status document and the table that a driver sees of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tpmsd import __version__
+from tpmsd.cli.status import colour_wanted, show, watch
+from tpmsd.cli.status_table import render_status
+from tpmsd.estimators.base import RadiusEstimate
+from tpmsd.monitor.records import AlarmEvent, AlarmKind, MonitorReport, WheelReport, WheelState
+from tpmsd.sinks.status_document import LoopHealth, SourceHealth, SourceState, build_status
+
+NAN = math.nan
+DEFLATION = AlarmEvent(
+    1000.0, AlarmKind.DEFLATION, "rl", "raised", -0.0032, 0.0001, 0.997, "lost 3.2 mm against the others"
+)
+REPORT = MonitorReport(
+    time_s=1190.0,
+    wheels=(
+        WheelReport("fl", WheelState.MONITORING, 0.0012, 0.00013, 0.00002, 0.00011, 0.01, 0.0),
+        WheelReport("fr", WheelState.MONITORING, 0.0004, 0.00013, -0.0009, 0.00011, 0.62, 0.1),
+        WheelReport("rl", WheelState.ALARM, -0.0032, 0.0001, -0.0031, 0.0001, 0.999, 1.0),
+        WheelReport("rr", WheelState.LEARNING, -0.001, 0.0004, NAN, NAN, NAN, NAN),
+    ),
+    active=(DEFLATION,),
+    events=(),
+    learning_fraction=0.4,
+)
+ESTIMATE = RadiusEstimate(
+    time_s=1190.0,
+    deviation_m=np.zeros(4),
+    covariance_m2=np.eye(4),
+    noise_std_m=np.ones(4),
+    informative=True,
+    informative_s=312.5,
+    speed_mps=24.5,
+    yaw_rate_radps=0.01,
+    east_m=1.0,
+    north_m=2.0,
+    heading_rad=0.3,
+    position_std_m=0.8,
+    heading_std_rad=0.01,
+    gnss_age_s=math.inf,
+    effective_particles=31.5,
+)
+LOOP = LoopHealth(uptime_s=3725.0, ticks=37250, missed_deadlines=2)
+CAN = SourceHealth(SourceState.OK, "can0", 1234567, {"lost": 3, "checksum": 1}, 0.004)
+GNSS = SourceHealth(SourceState.DOWN, "/dev/ttyACM0", 3600, {"unplugged": 1}, 12.34, "no such device")
+DOCUMENT = build_status(REPORT, loop=LOOP, can=CAN, gnss=GNSS, estimate=ESTIMATE, method="mpf-pn")
+
+
+def test_the_document_holds_all_in_the_units_it_states() -> None:
+    """Every number of the records is found under its name, metres as millimetres, NaN and infinity as null."""
+    assert {
+        "version": 1,
+        "tpmsd": __version__,
+        "time": 1190.0,
+        "uptime_s": 3725.0,
+        "ticks": 37250,
+        "missed_deadlines": 2,
+        "learning_fraction": 0.4,
+        "can": {
+            "state": "ok",
+            "channel": "can0",
+            "frames": 1234567,
+            "faults": {"lost": 3, "checksum": 1},
+            "age_s": 0.004,
+            "detail": "",
+        },
+        "gnss": {
+            "state": "down",
+            "device": "/dev/ttyACM0",
+            "fixes": 3600,
+            "faults": {"unplugged": 1},
+            "age_s": 12.34,
+            "detail": "no such device",
+        },
+        "alarms": [
+            {
+                "time": 1000.0,
+                "kind": "deflation",
+                "wheel": "rl",
+                "state": "raised",
+                "deviation_mm": -3.2,
+                "std_mm": 0.1,
+                "probability": 0.997,
+                "reason": "lost 3.2 mm against the others",
+            }
+        ],
+        "estimator": {
+            "method": "mpf-pn",
+            "informative": True,
+            "informative_s": 312.5,
+            "speed_mps": 24.5,
+            "position_std_m": 0.8,
+            "gnss_age_s": None,
+            "effective_particles": 31.5,
+        },
+    } == {key: value for key, value in DOCUMENT.items() if key != "wheels"}
+    assert ["fl", "fr", "rl", "rr"] == list(DOCUMENT["wheels"])
+    assert {
+        "state": "learning",
+        "deviation_mm": -1.0,
+        "std_mm": 0.4,
+        "change_mm": None,
+        "change_std_mm": None,
+        "deflation_probability": None,
+        "deviation_probability": None,
+    } == DOCUMENT["wheels"]["rr"]
+    assert DOCUMENT == json.loads(json.dumps(DOCUMENT, allow_nan=False))
+
+
+def test_before_the_first_tick_there_is_a_document_too() -> None:
+    """Without report and estimate the document has its fields, empty."""
+    waiting = SourceHealth(SourceState.WAITING)
+    document = build_status(None, loop=LoopHealth(0.0, 0, 0), can=waiting, gnss=waiting)
+    assert (None, {}, [], None) == tuple(document[key] for key in ("time", "wheels", "alarms", "estimator"))
+    assert DOCUMENT.keys() == document.keys()
+    assert "No wheel has been heard of yet." in render_status(document)
+
+
+def test_the_table_says_it_in_words() -> None:
+    """Wheels, alarms and sources as a driver reads them."""
+    assert (
+        f"tpmsd {__version__}, up for 1 h 02 min\n"
+        "\n"
+        "wheel         tyre               change in mm     from nominal\n"
+        "front left    OK                 +0.02 ± 0.11     +1.20 ± 0.13\n"
+        "front right   soft?              -0.90 ± 0.11     +0.40 ± 0.13\n"
+        "rear left     SOFT               -3.10 ± 0.10     -3.20 ± 0.10\n"
+        "rear right    learning 40 %                 -     -1.00 ± 0.40\n"
+        "\n"
+        "ALARM (for 3 min): Rear left tyre is losing air (lost 3.2 mm against the others)\n"
+        "\n"
+        "bus       can0 OK, 1234567 frames; faults: checksum 1, lost 3\n"
+        "receiver  /dev/ttyACM0 cannot be reached, 3600 fixes, the last 12.3 s ago (no such device);"
+        " faults: unplugged 1\n"
+        "loop      37250 ticks, 2 late\n"
+    ) == render_status(DOCUMENT)
+
+
+@pytest.mark.parametrize(
+    ("state", "kind", "word"),
+    [
+        (WheelState.ALARM, AlarmKind.RADIUS_DEVIATION, "CHANGED"),
+        (WheelState.UNAVAILABLE, AlarmKind.MALFUNCTION, "not watched"),
+        (WheelState.UNAVAILABLE, None, "not watched"),
+        (WheelState.ALARM, None, "ALARM"),
+    ],
+)
+def test_each_state_has_its_word(state: WheelState, kind: AlarmKind | None, word: str) -> None:
+    """The word for a tyre follows from the alarms that stand for it and from its state."""
+    active = () if kind is None else (dataclasses.replace(DEFLATION, kind=kind, wheel="fl"),)
+    wheels = (dataclasses.replace(REPORT.wheels[0], state=state),)
+    report = dataclasses.replace(REPORT, wheels=wheels, active=active)
+    line = render_status(build_status(report, loop=LOOP, can=CAN, gnss=GNSS)).splitlines()[3]
+    assert ["front left", word] == [line[:13].strip(), line[14:29].strip()]
+
+
+def test_without_alarms_the_table_says_so() -> None:
+    """'No alarms.' stands where alarms would."""
+    quiet = build_status(dataclasses.replace(REPORT, active=()), loop=LOOP, can=CAN, gnss=GNSS)
+    assert "No alarms." == render_status(quiet).splitlines()[8]
+
+
+class Terminal(io.StringIO):
+    """Somewhere to write that is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(
+    ("out", "environment", "wanted"),
+    [
+        (Terminal(), {"TERM": "xterm"}, True),
+        (Terminal(), {"TERM": "xterm", "NO_COLOR": "1"}, False),
+        (Terminal(), {"TERM": "xterm", "NO_COLOR": ""}, True),
+        (Terminal(), {"TERM": "dumb"}, False),
+        (io.StringIO(), {"TERM": "xterm"}, False),
+    ],
+)
+def test_colours_are_for_terminals_that_want_them(
+    out: io.StringIO, environment: dict[str, str], wanted: bool
+) -> None:
+    """NO_COLOR, a dumb terminal or a pipe switch the colours off; an empty NO_COLOR does not count."""
+    assert wanted == colour_wanted(out, environment)
+    show(DOCUMENT, out, environment)
+    assert wanted == ("\x1b[" in out.getvalue())
+
+
+def test_colours_change_nothing_but_the_colour() -> None:
+    """Without the escape codes the coloured table is the plain one, columns included."""
+    coloured = render_status(DOCUMENT, colour=True)
+    for code in ("\x1b[1m", "\x1b[2m", "\x1b[32m", "\x1b[33m", "\x1b[31;1m", "\x1b[0m"):
+        assert code in coloured
+        coloured = coloured.replace(code, "")
+    assert render_status(DOCUMENT) == coloured
+
+
+def test_watching_redraws_in_place_on_a_terminal() -> None:
+    """The screen is cleared once; each update starts at the top and wipes what is left of the last."""
+    out = Terminal()
+    watch([DOCUMENT, DOCUMENT], out, {"NO_COLOR": "1"})
+    table = render_status(DOCUMENT).replace("\n", "\x1b[K\n") + "\x1b[J"
+    assert "\x1b[H\x1b[2J" + table + "\x1b[H" + table == out.getvalue()
+
+
+def test_watching_into_a_pipe_writes_one_table_below_the_other() -> None:
+    """No escape codes where there is no terminal."""
+    out = io.StringIO()
+    watch([DOCUMENT, DOCUMENT], out, {"TERM": "xterm"})
+    assert render_status(DOCUMENT) + "\n" + render_status(DOCUMENT) == out.getvalue()
+
+
+def test_a_terminal_without_the_sign_gets_another() -> None:
+    """Where the encoding lacks the plus-minus sign, '+-' stands for it."""
+    raw = io.BytesIO()
+    out = io.TextIOWrapper(raw, encoding="ascii", write_through=True)
+    show(DOCUMENT, out, {})
+    assert b"+0.02 +- 0.11" in raw.getvalue()
+
+
+def test_a_strangers_text_cannot_steer_the_terminal() -> None:
+    """Control characters in any text of the document are not passed on."""
+    evil = json.loads(json.dumps(DOCUMENT))
+    bell = "\x1b]0;owned\x07\r\n"
+    evil["tpmsd"] = evil["can"]["detail"] = evil["can"]["channel"] = evil["gnss"]["state"] = bell
+    evil["alarms"][0] |= {"reason": bell, "kind": bell, "wheel": bell}
+    evil["wheels"][bell] = {"state": bell}
+    evil["can"]["faults"][bell] = 3
+    assert not set(render_status(evil)) & {"\x1b", "\x07", "\r"}
+
+
+json_values: st.SearchStrategy[Any] = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner, max_size=3),
+    max_leaves=6,
+)
+
+
+@given(st.data())
+@settings(derandomize=True, deadline=None, max_examples=150)
+def test_a_document_of_the_wrong_shape_still_gives_a_table(data: st.DataObject) -> None:
+    """Any value anywhere, whatever its type, leaves a table with its sections."""
+    document = json.loads(json.dumps(DOCUMENT))
+    place: Any = document
+    while isinstance(place, dict | list) and place:
+        key = data.draw(st.sampled_from(list(place) if isinstance(place, dict) else range(len(place))))
+        inner = place[key]
+        if not isinstance(inner, dict | list) or not inner or data.draw(st.booleans()):
+            place[key] = data.draw(json_values)
+            break
+        place = inner
+    text = render_status(document)
+    assert "tpmsd" == text[:5]
+    assert ["bus", "receiver", "loop"] == [line.split()[0] for line in text.splitlines()[-3:]]
