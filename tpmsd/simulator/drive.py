@@ -76,6 +76,21 @@ class SimulatedDrive:
     nmea: list[NmeaLine]
     dbc: str
     vehicle_toml: str
+    """As for a recording; `configuration` names the ports of a live drive."""
+
+    def configuration(self, interface: str, channel: str, device: str) -> str:
+        """The vehicle.toml with which a daemon listens to this drive while it is played live."""
+        spec = self.spec
+        return vehicle_toml(
+            spec.vehicle,
+            bus_layout(spec.bus.kind, spec.bus.wheels),
+            spec.receiver,
+            spec.antenna_forward_m,
+            spec.antenna_left_m,
+            interface=interface,
+            channel=channel,
+            device=device,
+        )
 
     def truth(self) -> dict[str, Any]:
         """What an estimator should find, in JSON's types: radii once per second on the drive's host clock."""
@@ -142,7 +157,7 @@ def simulate_drive(spec: DriveSpec, motion: Motion | None = None) -> SimulatedDr
         epochs=epochs,
         frames=frames_of(world, bus, spec.clocks, for_bus),
         nmea=nmea_lines(world, epochs, spec.receiver, spec.clocks, for_lines),
-        dbc=dbc_text(layout),
+        dbc=dbc_text(layout, with_periods=bus.kind != "speeds"),
         vehicle_toml=vehicle_toml(
             spec.vehicle, layout, spec.receiver, spec.antenna_forward_m, spec.antenna_left_m
         ),

@@ -21,16 +21,21 @@ _CHUNK = 20_000
 
 
 def write_drive(
-    folder: str | Path, drive: SimulatedDrive, progress: Callable[[float], None] | None = None
+    folder: str | Path,
+    drive: SimulatedDrive,
+    progress: Callable[[float], None] | None = None,
+    vehicle_toml: str | None = None,
 ) -> Path:
     """Write the drive, making the folder if need be, and return its path.
+
+    `vehicle_toml` takes the place of the drive's own (see `SimulatedDrive.configuration`).
 
     `progress` is called with the seconds of drive that are written. TpmsdError if the disk does not take it.
     """
     path = Path(folder)
     try:
         path.mkdir(parents=True, exist_ok=True)
-        (path / "vehicle.toml").write_text(drive.vehicle_toml, encoding="utf-8")
+        (path / "vehicle.toml").write_text(vehicle_toml or drive.vehicle_toml, encoding="utf-8")
         (path / "bus.dbc").write_text(drive.dbc, encoding="utf-8")
         (path / "gnss.nmea").write_text("".join(map(nmea_log_line, drive.nmea)), encoding="ascii", newline="")
         with (path / "can.log").open("w", encoding="ascii", newline="\n") as log:

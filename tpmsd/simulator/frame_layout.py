@@ -6,7 +6,7 @@ is a hundred times faster than encoding frame by frame; the tests hold it agains
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,8 +79,8 @@ class MessageLayout:
         return out
 
 
-def dbc_text(messages: Iterable[MessageLayout]) -> str:
-    """The DBC file of these messages."""
+def dbc_text(messages: Sequence[MessageLayout], with_periods: bool = True) -> str:
+    """The DBC file of these messages; many in the field leave the periods out."""
     lines = ['VERSION ""', "", "NS_ :", "", "BS_:", "", "BU_: CAR", ""]
     for message in messages:
         lines.append(f"BO_ {message.frame_id} {message.name}: {message.length} CAR")
@@ -91,5 +91,11 @@ def dbc_text(messages: Iterable[MessageLayout]) -> str:
                 f" SG_ {s.name} : {layout} ({s.factor:.10g},{s.offset:.10g}) [{low:.10g}|{high:.10g}]"
                 f' "{s.unit}" CAR'
             )
+        lines.append("")
+    if with_periods:
+        lines.append('BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;')
+        lines.append('BA_DEF_DEF_ "GenMsgCycleTime" 0;')
+        for message in messages:
+            lines.append(f'BA_ "GenMsgCycleTime" BO_ {message.frame_id} {round(1000 * message.period_s)};')
         lines.append("")
     return "\n".join(lines)

@@ -5,6 +5,8 @@ In: the vehicle, the bus's messages, the receiver. Out: the text of CONTRACT sec
 
 from __future__ import annotations
 
+import json
+
 from tpmsd.config.model import VehicleConfig
 from tpmsd.simulator.frame_layout import MessageLayout
 from tpmsd.simulator.receiver import ReceiverSpec
@@ -17,8 +19,12 @@ def vehicle_toml(
     receiver: ReceiverSpec,
     antenna_forward_m: float = 0.0,
     antenna_left_m: float = 0.0,
+    *,
+    interface: str = "socketcan",
+    channel: str = "can0",
+    device: str = "/dev/ttyACM0",
 ) -> str:
-    """What the operator of the simulated car knows, as TOML."""
+    """What the operator of the simulated car knows, as TOML; the keywords say where a live drive plays."""
     lines = ["[vehicle]", f"wheel_radius_m = {_radius(vehicle)}"]
     for key in ("track_front_m", "track_rear_m", "wheelbase_m"):
         lines.append(f"{key} = {getattr(vehicle, key)!r}")
@@ -29,8 +35,8 @@ def vehicle_toml(
         f"teeth_per_rev = {vehicle.teeth_per_rev:.12g}",
         "",
         "[can]",
-        'interface = "socketcan"',
-        'channel = "can0"',
+        f"interface = {json.dumps(interface)}",
+        f"channel = {json.dumps(channel)}",
         'dbc = "bus.dbc"',
         "",
         "[can.signals]",
@@ -47,7 +53,7 @@ def vehicle_toml(
     lines += [
         "",
         "[gnss]",
-        'device = "/dev/ttyACM0"',
+        f"device = {json.dumps(device)}",
         f"baud = {receiver.baud}",
         f"antenna_forward_m = {antenna_forward_m!r}",
         f"antenna_left_m = {antenna_left_m!r}",
