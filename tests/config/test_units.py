@@ -93,7 +93,7 @@ def test_wrong_kind(role: str, unit: str) -> None:
     """A unit of another quantity is refused in a line that names the unit and what is allowed."""
     with pytest.raises(ConfigError, match=unit) as caught:
         to_si(role, unit)
-    assert 1 == len(str(caught.value).splitlines())
+    assert len(str(caught.value).splitlines()) == 1
     assert all(allowed in str(caught.value) for allowed in allowed_units(role))
 
 

@@ -20,7 +20,9 @@ from tpmsd import __version__
 from tpmsd.cli.output import Subparsers
 from tpmsd.errors import TpmsdError
 
-COMMANDS: tuple[tuple[str, str, str], ...] = (
+Commands = tuple[tuple[str, str, str], ...]
+
+COMMANDS: Commands = (
     ("run", "tpmsd.cli.run", "watch the tyres of this car: the daemon"),
     ("status", "tpmsd.cli.status", "ask the running daemon how the tyres are"),
     ("replay", "tpmsd.cli.replay", "run a recorded drive through the same core, at full speed"),
@@ -46,14 +48,14 @@ exit codes:
 """
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; `argv` defaults to the process's own arguments."""
+def main(argv: Sequence[str] | None = None, commands: Commands = COMMANDS) -> int:
+    """Run one of `commands`; `argv` defaults to the process's own arguments."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
         if isinstance(sys.stdout, io.TextIOWrapper):
             # A path or a unit that the terminal cannot show must not end the command.
             sys.stdout.reconfigure(errors="backslashreplace")
-        code = _run(arguments)
+        code = _run(arguments, commands)
         if sys.stdout is not None:
             sys.stdout.flush()
     except TpmsdError as error:
@@ -76,11 +78,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     return code
 
 
-def _run(arguments: list[str]) -> int:
+def _run(arguments: list[str], commands: Commands) -> int:
     parser, subparsers = _top_parser()
     wanted = next((argument for argument in arguments if not argument.startswith("-")), None)
     runner = None
-    for name, module_name, summary in COMMANDS:
+    for name, module_name, summary in commands:
         if importlib.util.find_spec(module_name) is None:
             continue
         if name == wanted:

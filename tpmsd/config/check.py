@@ -107,7 +107,7 @@ class _Checker:
         found = {}
         for role, name in self._parsed.signals.items():
             try:
-                found[role] = find_signal(database, name)
+                found[role] = find_signal(database, name, self._parsed.signals.values())
             except BadValueError as bad:
                 self._problem(bad, "can.signals", role)
         return found

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -39,15 +39,20 @@ def load_dbc(path: Path) -> Database:
     return database
 
 
-def find_signal(database: Database, name: str) -> tuple[Message, Signal]:
-    """The message and signal of 'Message.Signal'; `BadValueError` with the nearest name if there is none."""
+def find_signal(database: Database, name: str, taken: Collection[str] = ()) -> tuple[Message, Signal]:
+    """The message and signal of 'Message.Signal'; `BadValueError` with the nearest name if there is none.
+
+    `taken` are the names that other roles have; where several are near, one that is free is suggested.
+    """
     message_name, _, signal_name = name.partition(".")
     homes = [message for message in database.messages if any(s.name == signal_name for s in message.signals)]
     message = next((m for m in reversed(database.messages) if m.name == message_name), None)
     if message is None:
         home = nearest(message_name, [home.name for home in homes]) or (homes[0].name if homes else None)
         other = home or nearest(message_name, [message.name for message in database.messages])
-        suggestion = None if other is None else f"{other}.{_same_or_nearest(database, other, signal_name)}"
+        suggestion = (
+            None if other is None else f"{other}.{_same_or_nearest(database, other, signal_name, taken)}"
+        )
         names = _listed([message.name for message in database.messages]) if other is None else None
         raise BadValueError(f"no message {message_name} in the DBC", show(name), names, suggestion)
     signal = next((s for s in message.signals if s.name == signal_name), None)
@@ -57,16 +62,23 @@ def find_signal(database: Database, name: str) -> tuple[Message, Signal]:
     if homes:
         what += f" (but in {_listed([home.name for home in homes])})"
         raise BadValueError(what, show(name), suggestion=f"{homes[0].name}.{signal_name}")
-    near = nearest(signal_name, [s.name for s in message.signals])
+    near = _nearest_free(message, signal_name, taken)
     if near is not None:
         raise BadValueError(what, show(name), suggestion=f"{message_name}.{near}")
     raise BadValueError(what, show(name), _listed([s.name for s in message.signals]))
 
 
-def _same_or_nearest(database: Database, message_name: str, signal_name: str) -> str:
+def _same_or_nearest(database: Database, message_name: str, signal_name: str, taken: Collection[str]) -> str:
     message = next(m for m in database.messages if m.name == message_name)
+    if any(signal.name == signal_name for signal in message.signals):
+        return signal_name
+    return _nearest_free(message, signal_name, taken) or signal_name
+
+
+def _nearest_free(message: Message, signal_name: str, taken: Collection[str]) -> str | None:
     names = [signal.name for signal in message.signals]
-    return signal_name if signal_name in names else nearest(signal_name, names) or signal_name
+    free = [name for name in names if f"{message.name}.{name}" not in taken]
+    return nearest(signal_name, free) or nearest(signal_name, names)
 
 
 def _listed(names: list[str]) -> str:

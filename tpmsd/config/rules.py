@@ -65,7 +65,7 @@ class Number:
 
     def _in_other_unit(self, value: float) -> str | None:
         for factor, confusion in _OTHER_UNITS.get(self.unit, ()):
-            if abs(value) < 1e9 and self._holds(value * factor):
+            if 1.5 < abs(value) < 1e9 and self._holds(value * factor):
                 return f"{value * factor:g} ({confusion})"
         return None
 

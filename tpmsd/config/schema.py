@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tpmsd.config.model import ROLES
+from tpmsd.config.model import FILTER_METHODS, ROLES
 from tpmsd.config.rules import Channel, Choice, FilePath, Flag, Number, Rule, SignalName, Text, Whole
 
-FILTER_METHODS = ("mpf-pn",)
 DRIVEN_AXLES = ("front", "rear", "all")
 RADIUS = Number(0.15, 0.7, "m")  # go-kart to lorry
 _TRACK = Number(0.8, 3.0, "m")
