@@ -65,9 +65,8 @@ def stranger(path: Path, behave: Callable[[socket.socket], None]) -> Iterator[No
 
         def loop() -> None:
             connection, _ = listener.accept()
-            with connection:
-                with suppress(OSError):  # once the client has gone we may go, too
-                    behave(connection)
+            with connection, suppress(OSError):  # once the client has gone we may go, too
+                behave(connection)
 
         thread = threading.Thread(target=loop, daemon=True)
         thread.start()

@@ -60,7 +60,7 @@ DOCUMENT = build_status(REPORT, loop=LOOP, can=CAN, gnss=GNSS, estimate=ESTIMATE
 
 
 def test_the_document_holds_all_in_the_units_it_states() -> None:
-    """Every number of the records is found under its name, metres as millimetres, NaN and infinity as null."""
+    """Every number of the records is found under its name, metres as mm, NaN and infinity as null."""
     assert {
         "version": 1,
         "tpmsd": __version__,

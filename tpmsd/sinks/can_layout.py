@@ -44,7 +44,7 @@ class Field:
     unit: str = ""
     not_available: int | None = None
     """Raw value that says 'not available'; it lies outside the range of values."""
-    rounding: Literal["nearest", "up"] = "nearest"
+    rounding: Literal["nearest", "up", "down"] = "nearest"
 
     @property
     def raw_range(self) -> tuple[int, int]:
@@ -71,7 +71,9 @@ class Field:
         if not low <= scaled <= high:
             return low if scaled < low else high
         # A hair of slack, so that 0.06 / 0.02 does not become 4 counts.
-        return math.ceil(scaled - 1e-9) if self.rounding == "up" else round(scaled)
+        if self.rounding == "up":
+            return math.ceil(scaled - 1e-9)
+        return math.floor(scaled + 1e-9) if self.rounding == "down" else round(scaled)
 
 
 def _wheel_fields(left: str, right: str) -> tuple[Field, ...]:
@@ -110,7 +112,8 @@ ALARM_FIELDS = (
     Field("AlarmWheel", 29, 3),
     Field("AlarmSequence", 32, 8),
     Field("AlarmChange", 40, 12, signed=True, factor=0.01, unit="mm", not_available=-2048),
-    Field("AlarmProbability", 56, 8, factor=0.5, unit="%", not_available=255),
+    # Rounded down: 99.8 % must not become a certainty.
+    Field("AlarmProbability", 56, 8, factor=0.5, unit="%", not_available=255, rounding="down"),
 )
 
 

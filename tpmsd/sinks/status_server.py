@@ -4,8 +4,8 @@ In: connections on a stream socket, and a function that makes the status documen
 
 A client connects and sends one line: `status`, `watch`, or `{"request": "status" | "watch"}`; one that sends
 nothing (for a second, or by closing its side) is taken to ask for the status. `status` is answered by one
-line, then the connection is closed; `watch` by one line now and one with every `publish`. What is no request is
-answered by `{"error": "..."}`.
+line, then the connection is closed; `watch` by one line now and one with every `publish`. What is no request
+is answered by `{"error": "..."}`.
 
 Nothing here blocks, and no client can hurt the daemon: their number, the length of a request, the time it may
 take and what may pile up for a client that does not read are all bounded.
