@@ -80,9 +80,10 @@ def summary(plan: Plan) -> list[str]:
     baud = f" at {config.gnss.baud} baud" if config.gnss.device else ""
     lines += _item("receiver", f"{device}{baud}, antenna {_antenna(config.gnss)}")
     settings = config.filter
+    particles = "usual number of" if settings.particles is None else settings.particles
     lines += _item(
         "filter",
-        f"{settings.method}, {settings.particles} particles, {settings.rate_hz:g} Hz, "
+        f"{settings.method}, {particles} particles, {settings.rate_hz:g} Hz, "
         f"memory {settings.window_s:g} s, learns above {settings.min_speed_mps:g} m/s",
     )
     monitor = config.monitor

@@ -71,8 +71,7 @@ class FilterConfig:
     """The estimator."""
 
     method: str = "mpf-rb"
-    """mpf-rb (default) | mpf-pn (as published)"""
-    """One of FILTER_METHODS."""
+    """One of FILTER_METHODS: mpf-rb, or mpf-pn as published."""
     rate_hz: float = 10.0
     """Ticks per second, 1 to 100."""
     particles: int | None = None
