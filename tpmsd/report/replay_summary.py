@@ -187,7 +187,7 @@ def _fixes(result: ReplayResult) -> str:
 
 def _faults(result: ReplayResult, source: str) -> str:
     counts = [
-        f"{count} {key.removeprefix(source + ' ')}"
+        f"{count} {key.removeprefix(source + ' ').replace('_', ' ')}"
         for key, count in sorted(result.fault_counts.items(), key=lambda item: (-item[1], item[0]))
         if key.startswith(source + " ")
     ]

@@ -1,0 +1,67 @@
+"""What the README shows is what the program takes: its configuration, its log lines, its JSON."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+from tests.report.drives import puncture
+from tpmsd.config.load import load_config
+from tpmsd.config.model import OPTIONAL_ROLES
+from tpmsd.report.replay_document import replay_document
+from tpmsd.sources.nmea_sentence import decode_sentence
+
+REPO = Path(__file__).resolve().parent.parent
+README = (REPO / "README.md").read_text(encoding="utf-8")
+
+
+def block(language: str) -> str:
+    """The text of the README's block in this language."""
+    (text,) = re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+    return str(text)
+
+
+def test_the_configuration_of_the_readme_is_right(tmp_path: Path) -> None:
+    """The vehicle.toml shown there loads, with the values it shows."""
+    file = tmp_path / "vehicle.toml"
+    file.write_text(block("toml"), encoding="utf-8")
+    (tmp_path / "bus.dbc").touch()
+    config = load_config(file)
+
+    assert (0.316,) * 4 == config.vehicle.wheel_radius_m
+    assert "WHEELS.CNT_RL" == config.can.signals["wheel_count_rl"]
+    assert 0.4 == config.gnss.antenna_forward_m
+
+
+def test_the_readme_names_every_optional_role() -> None:
+    """A signal that tpmsd can use is named where one looks for it."""
+    assert [] == [role for role in OPTIONAL_ROLES if role not in block("toml")]
+
+
+def test_the_sentence_of_the_readme_is_sound() -> None:
+    """The NMEA line shown there has the right checksum."""
+    (line,) = re.findall(r"\$GNRMC,\S+", README)
+    reading = decode_sentence(line.encode())
+
+    assert 52 + 30.12345 / 60 == reading.latitude_deg
+
+
+def test_the_json_of_the_readme_has_the_keys_of_the_document() -> None:
+    """Every key shown there is in the document that is written."""
+    shown = json.loads(block("json"))
+    document = replay_document(puncture().record().result(1.0))
+
+    assert shown.keys() <= document.keys()
+    assert shown["wheels"]["rl"].keys() <= document["wheels"]["rl"].keys()
+    assert shown["alarms"][0].keys() <= document["alarms"][0].keys()
+
+
+def test_links_of_the_documents_lead_somewhere() -> None:
+    """Every relative link in the documents names a file that exists."""
+    missing = []
+    for document in [*REPO.glob("*.md"), *(REPO / "docs").glob("*.md")]:
+        for target in re.findall(r"\]\(([^)#:]+)\)", document.read_text(encoding="utf-8")):
+            if not (document.parent / target).exists():
+                missing.append(f"{document.name}: {target}")
+    assert [] == missing
