@@ -6,8 +6,10 @@ import math
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
-from tests.config.conftest import GOOD_TOML, Make
+from tests.config.conftest import GOOD_DBC, GOOD_TOML, Make
 from tpmsd.config.check import check
 from tpmsd.config.dbc import load_dbc
 from tpmsd.config.plan import Plan
@@ -246,6 +248,22 @@ def test_damaged_dbc(make: Make, content: str, line: int | None, text: str) -> N
     (problem,) = check(path).problems
     assert (problem.file, problem.line) == (str(dbc), line)
     assert problem.text.endswith(text)
+
+
+@given(st.integers(0, len(GOOD_DBC)), st.integers(0, 6), st.text(alphabet='0189 -"(|@,:ax.\n', max_size=4))
+@settings(
+    derandomize=True,
+    deadline=None,
+    max_examples=150,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+def test_any_damage_to_the_dbc(make: Make, start: int, length: int, scrap: str) -> None:
+    """A DBC with a piece replaced gives a plan or problems of one printable line each, never a traceback."""
+    path = make()
+    (path.parent / "bus.dbc").write_text(GOOD_DBC[:start] + scrap + GOOD_DBC[start + length :])
+    result = check(path)
+    assert (result.plan is None) == bool(result.problems)
+    assert all(problem.text.isprintable() for problem in result.problems + result.warnings)
 
 
 def test_dbc_that_is_a_folder(tmp_path: Path) -> None:
