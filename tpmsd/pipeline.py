@@ -44,7 +44,9 @@ class Pipeline:
         self.estimator = build_estimator(config, np.random.default_rng(config.filter.seed))
         self.monitor = Monitor(config.vehicle, config.monitor, monitored_wheels(config))
 
-    def on_frame(self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, is_fd: bool = False) -> list[Step]:
+    def on_frame(
+        self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, is_fd: bool = False
+    ) -> list[Step]:
         """Take one CAN data frame."""
         steps = self.advance(time_s)
         return steps + self._take(self.decoder.decode(time_s, arbitration_id, is_extended, data, is_fd))

@@ -6,6 +6,7 @@ In: a drive folder. Out: a summary, JSON and a picture; progress on standard err
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import sys
 import time
 from pathlib import Path
@@ -47,7 +48,9 @@ def add_parser(subparsers: Subparsers) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("drive", type=Path, metavar="DRIVE", help="drive folder")
-    parser.add_argument("--config", type=Path, metavar="FILE", help="configuration instead of DRIVE/vehicle.toml")
+    parser.add_argument(
+        "--config", type=Path, metavar="FILE", help="configuration instead of DRIVE/vehicle.toml"
+    )
     parser.add_argument("--plot", type=Path, metavar="FILE", help="write a picture (.png .svg .pdf)")
     parser.add_argument("--method", help="estimator instead of the configured one: mpf-rb or mpf-pn")
     parser.add_argument("--seed", type=int, help="seed of the estimator instead of the configured one")
@@ -100,7 +103,9 @@ def replay(folder: Path, config: Config) -> ReplayResult:
             if isinstance(item, CanFrame):
                 if item.is_error or item.is_remote:
                     continue
-                steps = pipeline.on_frame(item.time_s, item.arbitration_id, item.is_extended, item.data, item.is_fd)
+                steps = pipeline.on_frame(
+                    item.time_s, item.arbitration_id, item.is_extended, item.data, item.is_fd
+                )
             else:
                 steps = pipeline.on_sentence(item.time_s, item.line)
             _record(recorder, steps)
@@ -109,8 +114,13 @@ def replay(folder: Path, config: Config) -> ReplayResult:
     _record(recorder, pipeline.finish())
     _check_usable(drive, pipeline)
     for source, note in drive.first_bad.items():
-        print(f"tpmsd: {drive.counts[f'{source} bad lines']} bad lines skipped, first {note}", file=sys.stderr)
-    return recorder.result(time.perf_counter() - begun)
+        print(
+            f"tpmsd: {drive.counts[f'{source} bad lines']} bad lines skipped, first {note}", file=sys.stderr
+        )
+    result = recorder.result(0.0)
+    return dataclasses.replace(
+        result, realtime_factor=result.duration_s / max(time.perf_counter() - begun, 1e-9)
+    )
 
 
 def _record(recorder: ReplayRecorder, steps: list[Step]) -> None:

@@ -79,7 +79,7 @@ class FilterConfig:
     window_s: float = 60.0
     """Memory of the forgetting factor: lambda = 1 - 1/(window_s * rate_hz), paper 000 eq. (20)."""
     seed: int = 1
-    min_speed_mps: float = 4.0
+    min_speed_mps: float = 6.0
     """Below this the ticks do not teach a radius and the heading may come from the steering, eq. (38)."""
     max_accel_long_mps2: float = 2.0
     max_accel_lat_mps2: float = 3.0

@@ -58,7 +58,9 @@ class Estimator(Protocol):
         ...
 
 
-def checked_radii(saved: dict[str, Any], order: list[int], nominal: FloatArray) -> tuple[FloatArray, FloatArray]:
+def checked_radii(
+    saved: dict[str, Any], order: list[int], nominal: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Mean (d,) and covariance (d, d) of a snapshot, if it belongs to these wheels and is sane.
 
     Raises ValueError otherwise: radii saved for another car, not finite, or more than 10 % off nominal.

@@ -21,9 +21,15 @@ METHODS = {"mpf-rb": MpfRb, "mpf-pn": MpfPn}
 def monitored_wheels(config: Config) -> tuple[int, ...]:
     """Indices of the wheels whose signals the configuration names: all four, or the rear pair."""
     roles = config.can.signals
-    known = {i for i, w in enumerate(("fl", "fr", "rl", "rr")) if f"wheel_count_{w}" in roles or f"wheel_speed_{w}" in roles}
+    known = {
+        i
+        for i, w in enumerate(("fl", "fr", "rl", "rr"))
+        if f"wheel_count_{w}" in roles or f"wheel_speed_{w}" in roles
+    }
     if not {RL, RR} <= known:
-        raise ConfigError("the signals of both rear wheels are needed: wheel_count_rl/rr or wheel_speed_rl/rr")
+        raise ConfigError(
+            "the signals of both rear wheels are needed: wheel_count_rl/rr or wheel_speed_rl/rr"
+        )
     return (FL, FR, RL, RR) if {FL, FR} <= known else (RL, RR)
 
 

@@ -137,7 +137,9 @@ class MpfPn:
             return False
         self._coasting_s = 0.0
         virtual_way = float(angle[:2] @ self._nominal[:2]) / 2
-        virtual_turn = float(angle[1] * self._nominal[1] - angle[0] * self._nominal[0]) / self._geometry.track_rear_m
+        virtual_turn = (
+            float(angle[1] * self._nominal[1] - angle[0] * self._nominal[0]) / self._geometry.track_rear_m
+        )
         teaches = self._gate.update(tick, virtual_way / tick.dt_s, virtual_turn / tick.dt_s)
         if virtual_way == 0.0:
             self._rate = (0.0, 0.0)
@@ -239,8 +241,13 @@ class MpfPn:
                 forward, left = self._antenna
                 course = heading + math.atan2(yaw_rate * forward, max(speed - yaw_rate * left, 0.1))
                 off = np.remainder(fix.heading_rad - course + math.pi, 2 * math.pi) - math.pi
-                log += student_t_log(off**2 / heading_variance(speed, self._fix_interval_s, yaw_rate, self._noise), 1)
-            if math.isfinite(fix.speed_mps) and abs(self._gate.accel_mps2) < self._settings.max_accel_long_mps2:
+                log += student_t_log(
+                    off**2 / heading_variance(speed, self._fix_interval_s, yaw_rate, self._noise), 1
+                )
+            if (
+                math.isfinite(fix.speed_mps)
+                and abs(self._gate.accel_mps2) < self._settings.max_accel_long_mps2
+            ):
                 log += self._speed_log(fix, tick)
         self._log_weights += log
         self._log_weights -= self._log_weights.max()
@@ -257,7 +264,9 @@ class MpfPn:
         yaw_rate = self._rate[1]
         forward, left = self._antenna
         speed = np.hypot(speed - yaw_rate * left, yaw_rate * forward)
-        variance = speed_variance(self._fix_interval_s, self._gate.accel_mps2, quantisation / math.sqrt(2), self._noise)
+        variance = speed_variance(
+            self._fix_interval_s, self._gate.accel_mps2, quantisation / math.sqrt(2), self._noise
+        )
         return student_t_log((fix.speed_mps - speed) ** 2 / variance, 1)
 
     def _antenna_at(self, fraction: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -299,7 +308,13 @@ class MpfPn:
         rest = (1.0 - fix.fraction) * tick.dt_s * self._rate[0]
         east = fix.east_m + std * self._rng.standard_normal(count)
         north = fix.north_m + std * self._rng.standard_normal(count)
-        self._pose = np.stack([east - forward * cos + left * sin + rest * cos, north - forward * sin - left * cos + rest * sin, heading])
+        self._pose = np.stack(
+            [
+                east - forward * cos + left * sin + rest * cos,
+                north - forward * sin - left * cos + rest * sin,
+                heading,
+            ]
+        )
         self._before = self._pose.copy()
         self._log_weights[:] = 0.0
         self._located = True
@@ -348,7 +363,9 @@ class MpfPn:
             north_m=mean_north if self._located else math.nan,
             heading_rad=math.atan2(direction.imag, direction.real) if self._located else math.nan,
             position_std_m=math.sqrt(spread) if self._located else math.inf,
-            heading_std_rad=math.sqrt(max(-2.0 * math.log(max(abs(direction), 1e-12)), 0.0)) if self._located else math.inf,
+            heading_std_rad=math.sqrt(max(-2.0 * math.log(max(abs(direction), 1e-12)), 0.0))
+            if self._located
+            else math.inf,
             gnss_age_s=tick.time_s - self._last_fix_s,
             effective_particles=effective_number(weights),
         )
@@ -369,7 +386,9 @@ class MpfPn:
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Take up a snapshot of the same car; ValueError if it does not fit."""
-        if saved.get("order") != list(self._order) or not np.allclose(saved.get("nominal_m", []), self._nominal):
+        if saved.get("order") != list(self._order) or not np.allclose(
+            saved.get("nominal_m", []), self._nominal
+        ):
             raise ValueError("the saved radii belong to another set of wheels or nominal radii")
         mean = np.asarray(saved["mean_m"], dtype=np.float64)
         covariance = np.asarray(saved["covariance_m2"], dtype=np.float64)

@@ -4,9 +4,11 @@ In: `Tick`s. Out: `RadiusEstimate`s. Vectorised over particles, seeded.
 
 The model is paper 000's, (5)-(10): rear wheels as inputs, radius errors that bend the trajectory, GNSS fixes. What
 differs from `mpf_pn` is what is sampled and what is computed. Given the way and the turns, everything is so nearly linear
-that a Kalman filter per particle (state: east, north, heading, radius errors of 2 or 4 wheels, and the slowly varying part
-of the receiver's position error, eqs (25)-(26) with that part added) is exact for practical purposes; sampled is only
-what is not linear: *whether and when a wheel's radius suddenly changed*. A particle is a history of such changes, its
+that a Kalman filter per particle is exact for practical purposes. Its state: east, north, heading, radius errors of 2 or 4
+wheels (25), and what confounds them and is linear too: the slowly varying part of the receiver's position error, the age of a
+fix (and how much older its Doppler speed is), the relative error of the track width, the antenna's forward offset, the
+slip of the driven axle per acceleration and the lateral load transfer (effects gnss_latency, track_width_error,
+antenna_lever_arm, longitudinal_slip and load_transfer_lateral of the catalogue). Sampled is only what is not linear: *whether and when a wheel's radius suddenly changed*. A particle is a history of such changes, its
 weight the probability of that history: so a puncture is followed within seconds, and a quiet drive keeps a sharp posterior.
 
 Quantisation. The reading error of a counter is bounded: it does not add up from tick to tick. So it is
@@ -72,10 +74,26 @@ REFUSE_SLACK_M = 5.0
 LOST_AFTER_S = 8.0
 COAST_LIMIT_S = 3.0
 
+LATENCY_PRIOR_S = (0.05, 0.1)
+"""Mean and standard deviation; `gnss_latency` beyond what is configured."""
+DOPPLER_LAG_PRIOR_S = (0.03, 0.05)
+"""How much older the Doppler speed is than the position: receivers smooth it (0.05 s in all recordings at hand)."""
+LOAD_PRIOR_S2 = 1e-4
+"""Radius lost per lateral acceleration by the outer wheels, gained by the inner; m per m/s2."""
+TURN_RELATIVE = 0.02
+"""Turn noise relative to the turn of a tick."""
+LATENCY_DRIFT = 0.001
+"""s per sqrt(s): what the tracking of the clocks leaves."""
+TRACK_PRIOR = 0.03
+"""Relative: tracks are often read off a data sheet for another rim."""
+FORWARD_PRIOR_M = 0.4
+SLIP_PRIOR = (0.004, 0.004)
+"""Slip of the driven axle per m/s2: 0.23 % at Fx/Fz = 0.05 is 0.008."""
 UNUSED = -1e9
 """Log-weight of a particle that holds no history yet."""
 
-E, N, PSI, MU = 0, 1, 2, 3
+E, N, PSI, BE, BN, LAT, LATV, TRK, FWD, SLIP, LOAD, MU = range(12)
+"""Places in the state; the radius errors (rl, rr[, fl, fr]) come last."""
 
 
 class MpfRb:
@@ -98,17 +116,24 @@ class MpfRb:
         self._antenna = (gnss.antenna_forward_m, gnss.antenna_left_m)
         self._settings = settings
         self._rng = rng
+        self._driven_rear = vehicle.driven_axle in ("rear", "all")
+        self._driven_front = vehicle.driven_axle in ("front", "all")
         self._gate = MotionGate(settings)
         self._finder = PoseFinder()
         self._blocks = BlockBuilder(self._order, self._nominal, self._geometry)
-        count, size = settings.particles or DEFAULT_PARTICLES, 3 + self._wheels + 2
-        self._bias = 3 + self._wheels
+        count, size = settings.particles or DEFAULT_PARTICLES, MU + self._wheels
         self._mean = np.zeros((count, size))
         self._cov = np.zeros((count, size, size))
         mu = slice(MU, MU + self._wheels)
         prior = np.outer(self._nominal, self._nominal) * PRIOR_RADIUS_STD**2
         # A guessed nominal is wrong for all wheels alike; wheels differ among themselves by half as much.
         self._cov[:, mu, mu] = prior * (0.75 + 0.25 * np.eye(self._wheels))
+        self._mean[:, LAT], self._cov[:, LAT, LAT] = LATENCY_PRIOR_S[0], LATENCY_PRIOR_S[1] ** 2
+        self._mean[:, SLIP], self._cov[:, SLIP, SLIP] = SLIP_PRIOR[0], SLIP_PRIOR[1] ** 2
+        self._mean[:, LATV], self._cov[:, LATV, LATV] = DOPPLER_LAG_PRIOR_S[0], DOPPLER_LAG_PRIOR_S[1] ** 2
+        self._cov[:, LOAD, LOAD] = LOAD_PRIOR_S2**2
+        self._cov[:, TRK, TRK] = TRACK_PRIOR**2
+        self._cov[:, FWD, FWD] = FORWARD_PRIOR_M**2
         self._log_weights = np.full(count, UNUSED)
         self._log_weights[0] = 0.0
         self._drift = self._drift_covariance()
@@ -119,6 +144,7 @@ class MpfRb:
         self._refused_since: float | None = None
         self._coasting_s = 0.0
         self._next_wheel = 0
+        self._load_turn = 0.0
         self._rate = (0.0, 0.0)
         self.counts: dict[str, int] = {"fixes": 0, "refused_fixes": 0, "lost_pose": 0}
 
@@ -140,7 +166,7 @@ class MpfRb:
         teaches = self._move(tick)
         for fix in tick.fixes:
             self._take_fix(fix, tick)
-        block = self._blocks.add(tick, teaches, self._weighted_mu())
+        block = self._blocks.add(tick, teaches, self._weighted_mu(), self._gate.accel_mps2)
         if block is not None:
             self._suppose_changes(block)
             self._learn(block)
@@ -159,15 +185,29 @@ class MpfRb:
         self._coasting_s = 0.0
         nominal_roll = rear * self._nominal[:2]
         track = self._geometry.track_rear_m
-        teaches = self._gate.update(tick, float(nominal_roll.sum()) / 2 / tick.dt_s, float(nominal_roll[1] - nominal_roll[0]) / track / tick.dt_s)
+        teaches = self._gate.update(
+            tick,
+            float(nominal_roll.sum()) / 2 / tick.dt_s,
+            float(nominal_roll[1] - nominal_roll[0]) / track / tick.dt_s,
+        )
         if nominal_roll.sum() == 0.0:
             self._rate = (0.0, 0.0)
             return False
         roll = nominal_roll + rear * self._mean[:, MU : MU + 2]
         way = roll.sum(axis=1) / 2
-        turn = (roll[:, 1] - roll[:, 0]) / track
+        if self._driven_rear:
+            way *= 1.0 - self._mean[:, SLIP] * self._gate.accel_mps2
+        turn = (roll[:, 1] - roll[:, 0]) / track * (1.0 + self._mean[:, TRK])
+        # In a left turn the right radius shrinks by c*a_y and the left one grows, so the rotations show too much turn.
+        accel_lat = self._gate.speed_mps * self._gate.yaw_rate_radps
+        self._load_turn = -accel_lat * float(rear.sum()) / track
+        turn += self._mean[:, LOAD] * self._load_turn
         by_wheels = True
-        if not teaches and self._gate.speed_mps < self._settings.min_speed_mps and self._steering_ratio is not None:
+        if (
+            not teaches
+            and self._gate.speed_mps < self._settings.min_speed_mps
+            and self._steering_ratio is not None
+        ):
             steering = tick.steering_wheel_angle_rad
             if math.isfinite(steering):  # eq. (38c)
                 turn = way * math.tan(steering / self._steering_ratio) / self._geometry.wheelbase_m
@@ -179,7 +219,9 @@ class MpfRb:
             self._informative_s += tick.dt_s
         return teaches
 
-    def _propagate(self, tick: Tick, rear: FloatArray, way: FloatArray, turn: FloatArray, by_wheels: bool, rough: bool) -> None:
+    def _propagate(
+        self, tick: Tick, rear: FloatArray, way: FloatArray, turn: FloatArray, by_wheels: bool, rough: bool
+    ) -> None:
         """Mean and covariance through eq. (7) with its Jacobian, mid-step heading."""
         mean, size = self._mean, self._mean.shape[1]
         track = self._geometry.track_rear_m
@@ -198,17 +240,29 @@ class MpfRb:
             jacobian[:, E, MU + k] = half[k] * cos - way * sin * bend[k] / 2
             jacobian[:, N, MU + k] = half[k] * sin + way * cos * bend[k] / 2
             jacobian[:, PSI, MU + k] = bend[k]
+        if self._driven_rear:
+            jacobian[:, E, SLIP] = -way * self._gate.accel_mps2 * cos
+            jacobian[:, N, SLIP] = -way * self._gate.accel_mps2 * sin
+        if by_wheels:
+            jacobian[:, PSI, TRK] = turn
+            jacobian[:, PSI, LOAD] = self._load_turn
+            jacobian[:, E, TRK] = -way * sin * turn / 2
+            jacobian[:, N, TRK] = way * cos * turn / 2
         decay = math.exp(-tick.dt_s / BIAS_TAU_S)
-        bias = self._bias
-        mean[:, bias:] *= decay
-        jacobian[:, bias, bias] = jacobian[:, bias + 1, bias + 1] = decay
+        mean[:, BE : BN + 1] *= decay
+        jacobian[:, BE, BE] = jacobian[:, BN, BN] = decay
         distance = abs(float(way.mean()))
         noise = np.zeros((size, size))
         along = WAY_NOISE**2 * distance + (ROUGH_WAY * distance * 10) ** 2 * rough
         noise[E, E] = noise[N, N] = along
-        noise[PSI, PSI] = TURN_NOISE**2 * distance + (ROUGH_TURN * distance / track) ** 2 * rough
+        noise[PSI, PSI] = (
+            TURN_NOISE**2 * distance
+            + (TURN_RELATIVE * float(turn.mean())) ** 2
+            + (ROUGH_TURN * distance / track) ** 2 * rough
+        )
         noise[MU : MU + self._wheels, MU : MU + self._wheels] = self._drift * tick.dt_s
-        noise[bias, bias] = noise[bias + 1, bias + 1] = self._bias_std() ** 2 * (1.0 - decay**2)
+        noise[LAT, LAT] = LATENCY_DRIFT**2 * tick.dt_s
+        noise[BE, BE] = noise[BN, BN] = self._bias_std() ** 2 * (1.0 - decay**2)
         self._cov = predict(self._cov, jacobian, noise)
 
     def _bias_std(self) -> float:
@@ -275,11 +329,13 @@ class MpfRb:
         """Heading against the receiver's course; Doppler cross-track noise, reading error of the counters."""
         speed, yaw_rate = self._rate
         forward, left = self._antenna
-        course = self._mean[:, PSI] - (1.0 - fix.fraction) * yaw_rate * tick.dt_s
-        course = course + math.atan2(yaw_rate * forward, max(speed - yaw_rate * left, 0.1))
+        behind = (1.0 - fix.fraction) * tick.dt_s + self._mean[:, LAT] + self._mean[:, LATV]
+        course = self._mean[:, PSI] - yaw_rate * behind
+        along = max(speed - yaw_rate * left, 0.1)
+        course = course + np.arctan2(yaw_rate * (forward + self._mean[:, FWD]), along)
         off = np.remainder(fix.heading_rad - course + math.pi, 2 * math.pi) - math.pi
         row = np.zeros(self._mean.shape[1])
-        row[PSI] = 1.0
+        row[PSI], row[LAT], row[LATV], row[FWD] = 1.0, -yaw_rate, -yaw_rate, yaw_rate / along
         std = tick.rotation_std_rad[self._order[:2]]
         reading = float(np.nansum((std * self._nominal[:2]) ** 2)) / 2 / self._geometry.track_rear_m**2
         doppler = (DOPPLER_STD_MPS / speed) ** 2 * max(1.0, 2 * DOPPLER_TAU_S / interval)
@@ -287,21 +343,25 @@ class MpfRb:
         log, _ = scalar_update(self._mean, self._cov, off, row, variance)
         return log
 
-    def _antenna_at(self, fix: Fix, tick: Tick) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    def _antenna_at(
+        self, fix: Fix, tick: Tick
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
         """Measurement rows (N, n) and predictions (N,) of the antenna's position at the time of a fix."""
-        mean, bias = self._mean, self._bias
+        mean = self._mean
         forward, left = self._antenna
         cos, sin = np.cos(mean[:, PSI]), np.sin(mean[:, PSI])
-        behind = (1.0 - fix.fraction) * self._rate[0] * tick.dt_s
-        ahead = forward - behind
+        speed = self._rate[0]
+        ahead = forward + mean[:, FWD] - speed * ((1.0 - fix.fraction) * tick.dt_s + mean[:, LAT])
         east_row = np.zeros_like(mean)
         north_row = np.zeros_like(mean)
-        east_row[:, E] = east_row[:, bias] = 1.0
-        north_row[:, N] = north_row[:, bias + 1] = 1.0
+        east_row[:, E] = east_row[:, BE] = 1.0
+        north_row[:, N] = north_row[:, BN] = 1.0
         east_row[:, PSI] = -ahead * sin - left * cos
         north_row[:, PSI] = ahead * cos - left * sin
-        east = mean[:, E] + mean[:, bias] + ahead * cos - left * sin
-        north = mean[:, N] + mean[:, bias + 1] + ahead * sin + left * cos
+        east_row[:, LAT], north_row[:, LAT] = -speed * cos, -speed * sin
+        east_row[:, FWD], north_row[:, FWD] = cos, sin
+        east = mean[:, E] + mean[:, BE] + ahead * cos - left * sin
+        north = mean[:, N] + mean[:, BN] + ahead * sin + left * cos
         return east_row, north_row, east, north, mean[:, PSI]
 
     def _refuse(self, fix: Fix, tick: Tick) -> None:
@@ -329,14 +389,22 @@ class MpfRb:
         fix = start.fix
         forward, left = self._antenna
         cos, sin = math.cos(start.heading_rad), math.sin(start.heading_rad)
-        rest = (1.0 - fix.fraction) * tick.dt_s * self._rate[0] - forward
-        pose_and_bias = [E, N, PSI, self._bias, self._bias + 1]
-        self._mean[:, pose_and_bias] = [fix.east_m + rest * cos + left * sin, fix.north_m + rest * sin - left * cos, start.heading_rad, 0.0, 0.0]
+        weights = self._weights()
+        late = (1.0 - fix.fraction) * tick.dt_s + float(weights @ self._mean[:, LAT])
+        rest = late * self._rate[0] - forward - float(weights @ self._mean[:, FWD])
+        pose_and_bias = [E, N, PSI, BE, BN]
+        self._mean[:, pose_and_bias] = [
+            fix.east_m + rest * cos + left * sin,
+            fix.north_m + rest * sin - left * cos,
+            start.heading_rad,
+            0.0,
+            0.0,
+        ]
         self._cov[:, pose_and_bias, :] = 0.0
         self._cov[:, :, pose_and_bias] = 0.0
         bias_variance = fix.position_std_m**2
         # Pose errors are those of the fix: the correlated part is in the bias, so the pose carries it with opposite sign.
-        for pose, bias in ((E, self._bias), (N, self._bias + 1)):
+        for pose, bias in ((E, BE), (N, BN)):
             self._cov[:, pose, pose] = bias_variance + WHITE_POSITION_STD_M**2
             self._cov[:, bias, bias] = bias_variance
             self._cov[:, pose, bias] = self._cov[:, bias, pose] = -bias_variance
@@ -380,9 +448,14 @@ class MpfRb:
         row = np.zeros(self._mean.shape[1])
         if math.isfinite(block.doppler_way_m):
             row[MU : MU + 2] = block.angle_rad[:2] / 2
-            predicted = (self._nominal[:2] + radii[:, :2]) @ block.angle_rad[:2] / 2 + block.antenna_extra_m
+            slip = self._mean[:, SLIP] * block.accel_mps2 if self._driven_rear else 0.0
+            predicted = (self._nominal[:2] + radii[:, :2]) @ block.angle_rad[:2] / 2 * (1.0 - slip)
+            age = self._mean[:, LAT] + self._mean[:, LATV]
+            predicted -= age * block.speed_change_mps + self._antenna[1] * block.turn_rad
+            row[LAT] = row[LATV] = -block.speed_change_mps
+            row[SLIP] = -block.way_m * block.accel_mps2 if self._driven_rear else 0.0
             doppler = DOPPLER_STD_MPS**2 * 2 * DOPPLER_TAU_S * block.duration_s
-            variance = doppler + (TIMING_STD_S * block.speed_change_mps) ** 2 + block.reading_way_m**2
+            variance = doppler + (TIMING_STD_S * block.speed_swing_mps) ** 2 + block.reading_way_m**2
             log, _ = scalar_update(self._mean, self._cov, block.doppler_way_m - predicted, row, variance)
             self._log_weights += log
         if self._wheels == 4:
@@ -393,7 +466,12 @@ class MpfRb:
                 row = np.zeros(self._mean.shape[1])
                 row[MU : MU + 2] = front.by_rear
                 row[MU + 2 + k] = -block.angle_rad[2 + k]
+                row[TRK] = front.by_track
+                # omega r = v (1 + slip): a driven rear pair makes the predicted path shorter, a driven front wheel its own.
+                sign = float(self._driven_front) - float(self._driven_rear)
+                row[SLIP] = sign * block.way_m * block.accel_mps2
                 off = -(front.residual_m + (self._mean[:, mu] - block.at_radii) @ row[mu])
+                off -= self._mean[:, TRK] * row[TRK] + self._mean[:, SLIP] * row[SLIP]
                 log, _ = scalar_update(self._mean, self._cov, off, row, rough**2 + front.reading_m**2)
                 self._log_weights += log
 

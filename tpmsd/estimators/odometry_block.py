@@ -26,6 +26,8 @@ class FrontResidual:
     residual_m: float
     by_rear: FloatArray
     """(2,) derivative of the predicted path by the radii of rl and rr."""
+    by_track: float
+    """Derivative of the predicted path by the relative error of the track."""
     reading_m: float
 
 
@@ -40,9 +42,14 @@ class Block:
     way_m: float
     doppler_way_m: float
     """NaN without Doppler speeds."""
-    antenna_extra_m: float
-    """Way of the antenna minus that of the rear axle's middle."""
+    turn_rad: float
+    """Turn over the Doppler span."""
+    accel_mps2: float
+    """Mean longitudinal acceleration."""
     speed_change_mps: float
+    """Doppler speed at the end minus that at the start."""
+    speed_swing_mps: float
+    """Largest step between Doppler speeds, plus the change: what jitter of the time stamps acts on."""
     reading_way_m: float
     front: tuple[FrontResidual | None, FrontResidual | None]
     at_radii: FloatArray
@@ -58,7 +65,7 @@ class BlockBuilder:
 
     def reset(self) -> None:
         """Drop what was gathered."""
-        self._ticks: list[tuple[Tick, bool]] = []
+        self._ticks: list[tuple[Tick, bool, float]] = []
         self._fixes: list[tuple[int, Fix]] = []
 
     def add_fix(self, fix: Fix, tick: Tick) -> None:
@@ -66,12 +73,12 @@ class BlockBuilder:
         if math.isfinite(fix.speed_mps):
             self._fixes.append((tick.index, fix))
 
-    def add(self, tick: Tick, teaches: bool, radii: FloatArray) -> Block | None:
+    def add(self, tick: Tick, teaches: bool, radii: FloatArray, accel_mps2: float) -> Block | None:
         """Take a tick; the block it completes, if any. `radii` are the present radius errors (d,)."""
         if not np.all(np.isfinite(tick.rotation_rad[self._order[:2]])):
             self.reset()
             return None
-        self._ticks.append((tick, teaches))
+        self._ticks.append((tick, teaches, accel_mps2))
         begin = self._ticks[0][0]
         elapsed = tick.time_s - (begin.time_s - begin.dt_s)
         fresh = bool(self._fixes) and self._fixes[-1][0] == tick.index
@@ -87,19 +94,20 @@ class BlockBuilder:
         if last:
             # The last fix opens the next block, which begins inside this tick.
             self._fixes = last
-            self._ticks = [(tick, teaches)]
+            self._ticks = [(tick, teaches, accel_mps2)]
         return block
 
     def _build(self, radii: FloatArray, doppler: bool) -> Block:
-        ticks = [t for t, _ in self._ticks]
+        ticks = [t for t, _, _ in self._ticks]
         share = np.ones(len(ticks))
         way = math.nan
-        change = 0.0
+        change = swing = 0.0
         if doppler:
             times = np.array([f.time_s for _, f in self._fixes])
             speeds = np.array([f.speed_mps for _, f in self._fixes])
             way = float(np.sum((speeds[1:] + speeds[:-1]) / 2 * np.diff(times)))
-            change = float(np.abs(np.diff(speeds)).max(initial=0.0) + abs(speeds[-1] - speeds[0]))
+            change = float(speeds[-1] - speeds[0])
+            swing = float(np.abs(np.diff(speeds)).max(initial=0.0)) + abs(change)
             for j, t in enumerate(ticks):
                 start = t.time_s - t.dt_s
                 share[j] = (min(t.time_s, times[-1]) - max(start, times[0])) / t.dt_s
@@ -113,23 +121,35 @@ class BlockBuilder:
         radius = self._nominal + radii
         roll = rotation[:, :2] * radius[:2]
         ways, turns = roll.sum(axis=1) / 2, (roll[:, 1] - roll[:, 0]) / self._geometry.track_rear_m
-        front = self._front(rotation, ways, turns, angle, reading, radius) if len(self._order) == 4 else (None, None)
+        front = (
+            self._front(rotation, ways, turns, angle, reading, radius)
+            if len(self._order) == 4
+            else (None, None)
+        )
         duration = float(sum(s * t.dt_s for s, t in zip(share, ticks, strict=True)))
         return Block(
             duration_s=max(duration, 1e-3),
-            teaches=all(flag for _, flag in self._ticks),
+            teaches=all(flag for _, flag, _ in self._ticks),
             angle_rad=angle,
             way_m=float(ways.sum()),
             doppler_way_m=way,
-            antenna_extra_m=0.0,
+            turn_rad=float(turns.sum()),
+            accel_mps2=float(np.mean([a for _, _, a in self._ticks])),
             speed_change_mps=change,
+            speed_swing_mps=swing,
             reading_way_m=float(np.hypot(reading[0] * radius[0], reading[1] * radius[1])) / 2,
             front=front,
             at_radii=radii.copy(),
         )
 
     def _front(
-        self, rotation: FloatArray, ways: FloatArray, turns: FloatArray, angle: FloatArray, reading: FloatArray, radius: FloatArray
+        self,
+        rotation: FloatArray,
+        ways: FloatArray,
+        turns: FloatArray,
+        angle: FloatArray,
+        reading: FloatArray,
+        radius: FloatArray,
     ) -> tuple[FrontResidual | None, FrontResidual | None]:
         paths = wheel_speeds(ways, turns, self._geometry)
         out: list[FrontResidual | None] = []
@@ -142,7 +162,12 @@ class BlockBuilder:
             by_rear = np.array([(1 - side * ratio) / 2 * angle[0], (1 + side * ratio) / 2 * angle[1]])
             noise = math.hypot(
                 float(reading[column] * radius[column]),
-                float(np.hypot(reading[0] * (1 - side * ratio) / 2, reading[1] * (1 + side * ratio) / 2) * radius[0]),
+                float(
+                    np.hypot(reading[0] * (1 - side * ratio) / 2, reading[1] * (1 + side * ratio) / 2)
+                    * radius[0]
+                ),
             )
-            out.append(FrontResidual(float(paths[:, wheel].sum() - angle[column] * radius[column]), by_rear, noise))
+            by_track = side * float(turns.sum()) * self._geometry.track_front_m / 2
+            residual = float(paths[:, wheel].sum() - angle[column] * radius[column])
+            out.append(FrontResidual(residual, by_rear, by_track, noise))
         return out[0], out[1]

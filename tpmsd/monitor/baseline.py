@@ -34,7 +34,9 @@ class Baseline:
         nan = float("nan")
         try:
             deviation = np.array([nan if x is None else float(x) for x in saved["deviation_m"]])
-            covariance = np.array([[nan if x is None else float(x) for x in row] for row in saved["covariance_m2"]])
+            covariance = np.array(
+                [[nan if x is None else float(x) for x in row] for row in saved["covariance_m2"]]
+            )
         except (KeyError, TypeError, ValueError) as error:
             raise ValueError(f"the saved baseline is not one: {error}") from error
         if deviation.shape != (4,) or covariance.shape != (4, 4) or np.any(np.abs(deviation) > 0.1):

@@ -70,7 +70,10 @@ class Monitor:
         self._judged = _Judgement(empty, empty.copy(), np.zeros(4), np.zeros(4))
         self._alarms = {
             (kind, wheel): Hysteresis(
-                settings.raise_probability, settings.clear_probability, settings.raise_hold_s, settings.clear_hold_s
+                settings.raise_probability,
+                settings.clear_probability,
+                settings.raise_hold_s,
+                settings.clear_hold_s,
             )
             for kind in (AlarmKind.DEFLATION, AlarmKind.RADIUS_DEVIATION)
             for wheel in self._wheels
@@ -81,7 +84,9 @@ class Monitor:
             "gnss": _Malfunction("no usable fix from the receiver while driving"),
         }
         for wheel in self._wheels:
-            self._malfunctions[wheel] = _Malfunction(f"no usable signal of wheel {WHEELS[wheel]} while the others turn")
+            self._malfunctions[wheel] = _Malfunction(
+                f"no usable signal of wheel {WHEELS[wheel]} while the others turn"
+            )
         self._asleep = False
         self._last_valid_s = [-math.inf] * 4
         self._learned_from_s: float | None = None
@@ -222,14 +227,18 @@ class Monitor:
         limit = self._settings.malfunction_s
         events = self._malfunction("wheels", not rear_valid and not asleep, rear_valid, limit, tick)
         stale = estimate.gnss_age_s > GNSS_FRESH_S
-        events += self._malfunction("gnss", stale and moving, not stale, self._settings.gnss_malfunction_s, tick)
+        events += self._malfunction(
+            "gnss", stale and moving, not stale, self._settings.gnss_malfunction_s, tick
+        )
         others = bool(np.any(np.nan_to_num(tick.rotation_rad) > 0.1))
         for wheel in self._wheels:
             lost = not valid[wheel] and others
             events += self._malfunction(wheel, lost, bool(valid[wheel]), limit, tick)
         return events
 
-    def _malfunction(self, key: str | int, bad: bool, good: bool, limit_s: float, tick: Tick) -> list[AlarmEvent]:
+    def _malfunction(
+        self, key: str | int, bad: bool, good: bool, limit_s: float, tick: Tick
+    ) -> list[AlarmEvent]:
         """Count bad time up to the limit; a tenth of it in good order clears."""
         m = self._malfunctions[key]
         if bad:
@@ -248,7 +257,9 @@ class Monitor:
             return []
         wheel = WHEELS[key] if isinstance(key, int) else None
         reason = m.reason if turned == "raised" else f"over: {m.reason}"
-        event = AlarmEvent(tick.host_time_s, AlarmKind.MALFUNCTION, wheel, turned, math.nan, math.nan, 1.0, reason)
+        event = AlarmEvent(
+            tick.host_time_s, AlarmKind.MALFUNCTION, wheel, turned, math.nan, math.nan, 1.0, reason
+        )
         self._stand(AlarmKind.MALFUNCTION, str(key), event)
         return [event]
 
@@ -285,7 +296,13 @@ class Monitor:
             "baseline": None if self.baseline is None else self.baseline.to_json(),
             "wheels": [WHEELS[i] for i in self._wheels],
             "alarms": [
-                {"kind": str(e.kind), "wheel": e.wheel, "time_s": e.time_s, "probability": e.probability, "reason": e.reason}
+                {
+                    "kind": str(e.kind),
+                    "wheel": e.wheel,
+                    "time_s": e.time_s,
+                    "probability": e.probability,
+                    "reason": e.reason,
+                }
                 for (kind, _), e in self._standing.items()
                 if kind is not AlarmKind.MALFUNCTION
             ],
@@ -304,6 +321,13 @@ class Monitor:
                 raise ValueError(f"the saved alarm of wheel {entry['wheel']} is not of this car")
             alarm.active = True
             event = AlarmEvent(
-                float(entry["time_s"]), kind, WHEELS[wheel], "raised", math.nan, math.nan, float(entry["probability"]), str(entry["reason"])
+                float(entry["time_s"]),
+                kind,
+                WHEELS[wheel],
+                "raised",
+                math.nan,
+                math.nan,
+                float(entry["probability"]),
+                str(entry["reason"]),
             )
             self._standing[(kind, wheel)] = event

@@ -43,7 +43,9 @@ class Drive:
         """InputError if the folder holds no CAN log; a missing gnss.nmea is a drive without a receiver."""
         self.folder = folder
         self.can_log = find_can_log(folder)
-        self.nmea_log = next((p for p in (folder / "gnss.nmea", folder / "gnss.nmea.gz") if p.is_file()), None)
+        self.nmea_log = next(
+            (p for p in (folder / "gnss.nmea", folder / "gnss.nmea.gz") if p.is_file()), None
+        )
         self.counts: Counter[str] = Counter()
         self.first_bad: dict[str, str] = {}
 

@@ -61,7 +61,13 @@ class Timeline:
         self._now_s: float | None = None
         self._gap_s = 0.0
         self._fresh_start = True
-        self.counts: dict[str, int] = {"ticks": 0, "late_fixes": 0, "clock_steps": 0, "gaps": 0, "implausible": 0}
+        self.counts: dict[str, int] = {
+            "ticks": 0,
+            "late_fixes": 0,
+            "clock_steps": 0,
+            "gaps": 0,
+            "implausible": 0,
+        }
 
     def add(self, event: Event) -> list[Tick]:
         """Take one event; the ticks that its stamp completes."""
@@ -167,7 +173,11 @@ class Timeline:
         for wheel in np.flatnonzero(odd):
             rotation[wheel] = std[wheel] = math.nan
             self.counts["implausible"] += 1
-            self._faults.append(SourceFault(self._clock.host(end), "can", "implausible", "turns unlike the others", int(wheel)))
+            self._faults.append(
+                SourceFault(
+                    self._clock.host(end), "can", "implausible", "turns unlike the others", int(wheel)
+                )
+            )
 
     def _mean(self, role: str, begin: float, end: float) -> float:
         """Mean of a signal's readings in the tick; the last one held for a while where none fell into it."""
@@ -193,12 +203,16 @@ class Timeline:
         if valid <= last_end:
             if valid < last_end - self._dt_s:
                 self.counts["late_fixes"] += 1
-                self._faults.append(SourceFault(fix.arrival_s, "gnss", "late", f"fix is {last_end - valid:.2f} s too late"))
+                self._faults.append(
+                    SourceFault(fix.arrival_s, "gnss", "late", f"fix is {last_end - valid:.2f} s too late")
+                )
                 return
             valid = last_end + 1e-6
         altitude = fix.altitude_m if math.isfinite(fix.altitude_m) else 0.0
         east, north = self._plane.to_plane(fix.latitude_deg, fix.longitude_deg, altitude)
-        heading = self._plane.heading_from_course(fix.course_rad) if math.isfinite(fix.course_rad) else math.nan
+        heading = (
+            self._plane.heading_from_course(fix.course_rad) if math.isfinite(fix.course_rad) else math.nan
+        )
         self._fixes.append(
             Fix(
                 time_s=valid,
