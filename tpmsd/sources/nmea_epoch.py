@@ -146,7 +146,7 @@ class NmeaAssembler:
         elif math.isfinite(fix.latitude_deg):
             events += self._episodes.note(at, "no_fix", False)
         news = self._unless_said(fix, burst.time_of_day_s)
-        if news != fix and not _has_content(news):
+        if news is not fix and not _has_content(news):
             return events + self._episodes.note(at, "repeated", True, "an epoch came twice")
         events += self._episodes.note(at, "repeated", False)
         fix = news
@@ -183,7 +183,7 @@ class NmeaAssembler:
         Unix time.
         """
         instant = (fix.utc_s, time_of_day_s)
-        if instant != self._last:  # always so for NaN
+        if math.isnan(fix.utc_s) or instant != self._last:
             self._last = instant
             self._said_position = self._said_motion = False
         has_position, has_motion = math.isfinite(fix.latitude_deg), math.isfinite(fix.speed_mps)

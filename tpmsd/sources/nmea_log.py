@@ -125,18 +125,18 @@ def _read_plain(path: Path, report: _Report) -> Iterator[Entry]:
     # GGA tells the time of day alone. The first date in the file tells the day of the sentences before it.
     clock = ReceiverClock()
     dated_s = _first_date(path)
-    if math.isnan(dated_s):
+    undated = math.isnan(dated_s)
+    if undated:
         dated_s = 43200.0  # noon, so that any time of day is nearest to 1970-01-01
-        undated = True
-    else:
-        undated = False
     now_s, time_of_day_s = math.nan, math.nan
     seen: set[str] = set()
     held: list[tuple[bytes, int]] = []
+    first_number: int | None = None
     for number, text in _lines(path, report):
         if "$" not in text:
             report(number, "neither a (time) nor a $ sentence")
             continue
+        first_number = first_number or number
         line = _sentence(text)
         reading = _try_decode(line)
         if not math.isnan(reading.time_of_day_s):
@@ -158,10 +158,10 @@ def _read_plain(path: Path, report: _Report) -> Iterator[Entry]:
         else:
             yield now_s, line, number
         seen.add(reading.kind)
-    if math.isnan(now_s):
-        report(1, "neither a (time) in front of the lines nor a sentence with a time")
-    else:
+    if not math.isnan(now_s):
         yield from ((now_s, early, early_number) for early, early_number in held)
+    elif first_number is not None:
+        report(first_number, "neither a (time) in front of the lines nor a sentence with a time")
 
 
 def _first_date(path: Path) -> float:

@@ -65,7 +65,7 @@ class SerialReceiver:
         try:
             # Exclusive: two programs on one line would each get half of the bytes.
             self._port = serial.Serial(self.device, self.baud, timeout=0, exclusive=True)
-        except ValueError:
+        except (ValueError, OverflowError):
             raise ReceiverGone(self.device, f"the device does not support baud rate {self.baud}") from None
         except OSError as error:
             raise ReceiverGone(self.device, _reason(error)) from None
@@ -111,9 +111,9 @@ class SerialReceiver:
 
 def _reason(error: OSError) -> str:
     """One line for what pyserial or the system reports."""
-    code = error.errno
-    if code is None and error.args and isinstance(error.args[0], int):
-        code = error.args[0]
+    # "Could not configure port" hides the number one level down, in what it was raised from.
+    numbers = (error.errno, *error.args[:1], *getattr(error.__context__, "args", ())[:1])
+    code = next((number for number in numbers if isinstance(number, int)), None)
     if code in _REASONS:
         return _REASONS[code]
     text = str(error).splitlines()[0] if str(error) else type(error).__name__

@@ -1,0 +1,147 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tpmsd.timeline.utc_offset import UtcOffsetTracker
+
+T = 1720716104.0
+
+
+def jitter(rng: np.random.Generator, n: int) -> np.ndarray:
+    """One-sided: some milliseconds, now and then 0.2 s."""
+    return rng.exponential(0.008, n) + 0.2 * (rng.random(n) < 0.01)
+
+
+def track(
+    offset: np.ndarray, utc: np.ndarray, seed: int = 1
+) -> tuple[np.ndarray, np.ndarray, UtcOffsetTracker]:
+    """Error of the validity times, lags, and the tracker."""
+    tracker = UtcOffsetTracker()
+    arrival = utc + offset + jitter(np.random.default_rng(seed), utc.size)
+    valid = np.array([tracker.update(a, u) for a, u in zip(arrival, utc, strict=True)])
+    return valid - (utc + offset), arrival - valid, tracker
+
+
+@pytest.mark.parametrize("interval", [0.05, 0.1, 0.2, 1.0])
+def test_constant_offset(interval: float):
+    """With a constant offset and one-sided jitter the validity is known to some milliseconds at any rate."""
+    utc = T + np.arange(0, 300, interval)
+    error, lag, _ = track(np.full(utc.size, 17.3), utc)
+    settled = utc > T + 20
+    assert np.abs(error[settled]).max() < 0.009
+    assert lag[settled].min() > -0.009
+
+
+@pytest.mark.parametrize("drift", [1e-3, -1e-3, 3e-4])
+def test_drift(drift: float):
+    """A clock that drifts by a millisecond per second is followed to some milliseconds."""
+    utc = T + np.arange(0, 600, 0.1)
+    error, _, _ = track(drift * (utc - T), utc)
+    settled = utc > T + 30
+    assert np.abs(error[settled]).max() < 0.009
+    assert error[settled].std() < 0.002
+
+
+def test_wander():
+    """An offset that wanders by 0.1 s in ten minutes, as in real drives, is followed to some milliseconds."""
+    utc = T + np.arange(0, 600, 0.1)
+    error, _, _ = track(0.05 * np.sin(2 * math.pi * (utc - T) / 400), utc)
+    assert np.abs(error[utc > T + 30]).max() < 0.008
+
+
+@pytest.mark.parametrize("size", [0.4, -0.4, 5.0, -3600.0, 1.6e9])
+def test_step(size: float):
+    """When the host clock is set, the new level is taken up with the fourth fix, and its size told."""
+    tracker = UtcOffsetTracker()
+    states = []
+    for i in range(60):
+        utc = T + 0.1 * i
+        arrival = utc + 0.05 + (size if i >= 30 else 0.0)
+        valid = tracker.update(arrival, utc)
+        states.append((tracker.status, round(tracker.step_s, 5)))
+        if i < 30 or i >= 33:
+            assert pytest.approx(arrival, abs=1e-6) == valid
+    assert [("ok", 0.0)] * 30 + [("outlier", 0.0)] * 3 + [("step", size)] + [("ok", 0.0)] * 26 == states
+
+
+def test_single_late_fixes_are_no_step():
+    """Up to three late fixes in a row keep their true validity."""
+    tracker = UtcOffsetTracker()
+    for i in range(300):
+        late = 0.9 if i % 50 in (20, 21, 22) else 0.0
+        assert pytest.approx(T + 0.1 * i + 0.05, abs=1e-6) == tracker.update(
+            T + 0.1 * i + 0.05 + late, T + 0.1 * i
+        )
+        assert ("outlier" if late else "ok") == tracker.status
+        assert pytest.approx(late, abs=1e-6) == tracker.lag_s
+
+
+def test_stalled_line_is_no_step():
+    """After a stall of two seconds, the fixes that come all at once keep their true validity."""
+    tracker = UtcOffsetTracker()
+    for i in range(100):
+        utc = T + 0.1 * i
+        arrival = max(utc, T + 7.0) if 50 <= i < 70 else utc
+        assert pytest.approx(utc, abs=0.02) == tracker.update(arrival, utc)
+        assert "step" != tracker.status
+
+
+def test_known_latency():
+    """The configured latency makes a fix valid that much before its fastest arrival."""
+    tracker = UtcOffsetTracker(latency_s=0.12)
+    assert pytest.approx(T + 5.0 - 0.12, abs=1e-6) == tracker.update(T + 5.0, T)
+    assert pytest.approx(0.12, abs=1e-6) == tracker.lag_s
+
+
+def test_no_utc():
+    """A fix without UTC is placed by its arrival and the usual lag."""
+    tracker = UtcOffsetTracker(latency_s=0.1)
+    assert pytest.approx(T - 0.1, abs=1e-6) == tracker.update(T, math.nan)
+    for i in range(50):
+        tracker.update(T + i + (0.03 if i % 2 else 0.0), T + i)
+    usual = tracker.update(T + 60.0, math.nan)
+    assert "no_utc" == tracker.status
+    assert 0.1 <= T + 60.0 - usual <= 0.131
+
+
+def test_repeated_and_backward_utc():
+    """UTC that stands still or goes back is told, and does not move the offset."""
+    tracker = UtcOffsetTracker()
+    for i in range(20):
+        tracker.update(T + 0.1 * i + 0.05, T + 0.1 * i)
+    before = tracker.offset_s
+    tracker.update(T + 2.05, T + 1.9)
+    assert "repeated" == tracker.status
+    tracker.update(T + 2.05, T + 1.85)
+    assert "backwards" == tracker.status
+    assert before == tracker.offset_s
+
+
+def test_receiver_time_leaps_back():
+    """When the receiver's own time leaps back by an hour, the fixes go on as before on the host clock."""
+    tracker = UtcOffsetTracker()
+    states = []
+    for i in range(40):
+        valid = tracker.update(T + 0.1 * i, T + 0.1 * i - (3600 if i >= 20 else 0))
+        states.append(tracker.status)
+    assert ["backwards", "outlier", "outlier", "step"] == states[20:24]
+    assert pytest.approx(T + 3.9, abs=1e-6) == valid
+
+
+TIMES = st.one_of(st.floats(), st.floats(T - 5, T + 5), st.sampled_from([T, T + 0.1, math.nan, math.inf]))
+
+
+@settings(derandomize=True, deadline=None, max_examples=200)
+@given(st.lists(st.tuples(TIMES, TIMES), max_size=60))
+def test_any_times(times: list[tuple[float, float]]):
+    """Any times whatever never raise, and memory stays bounded."""
+    tracker = UtcOffsetTracker()
+    for arrival, utc in times:
+        tracker.update(arrival, utc)
+    assert tracker.status in ("ok", "step", "outlier", "repeated", "backwards", "no_utc")
+    assert len(tracker._recent) <= 4096
