@@ -46,7 +46,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         "simulate",
         help="make a drive, with a puncture if wanted: to a folder or live",
-        description="Simulate a car on a road, its CAN bus and its GNSS receiver. The drive goes to a folder\n"
+        description="Simulate a car on a road, its CAN bus and its receiver. The drive goes to a folder\n"
         "that tpmsd replay reads, or live onto a CAN interface and a pseudo terminal for tpmsd run.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,

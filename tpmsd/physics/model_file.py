@@ -77,7 +77,9 @@ def _effect_of(table: dict[str, Any], number: int) -> tuple[Effect, dict[str, fl
 
 def format_model(model: ExtendedModel, comment: str = "") -> str:
     """The model as TOML that `parse_model` reads back exactly."""
-    lines = [f"# {line}".rstrip() for line in comment.splitlines()]
+    # TOML allows no control characters, not even in comments.
+    printable = ("".join(c if c.isprintable() else " " for c in line) for line in comment.splitlines())
+    lines = [f"# {line}".rstrip() for line in printable]
     for effect, std in zip(model.effects, model.stds, strict=True):
         lines += ["", "[[effect]]", f'name = "{effect.name}"']
         for key, value in effect.values().items():

@@ -14,8 +14,7 @@ from tpmsd.wheels import FloatArray
 
 @dataclass(frozen=True)
 class LongitudinalSlip(Effect):
-    """A tyre that pushes turns faster than it rolls: omega * r = v * (1 + c * a_x + d * v^2), driven wheels
-    only.
+    """A driven wheel that pushes turns faster than it rolls: omega * r = v * (1 + c * a_x + d * v^2).
 
     a_x is the specific force (kinematic acceleration plus g*sin(grade)), that is, the drive force per mass
     less drag; the drag itself is the term in v^2. Both signs of a_x act: under engine braking the wheel turns

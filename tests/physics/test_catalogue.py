@@ -1,0 +1,188 @@
+"""The catalogue: names, parameters, bounds, and model files."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tpmsd.errors import ConfigError
+from tpmsd.physics.catalogue import EFFECTS, make_effect, parse_effect
+from tpmsd.physics.effect import Effect, Parameter
+from tpmsd.physics.model import ExtendedModel
+from tpmsd.physics.model_file import format_model, load_model, parse_model, save_model
+from tpmsd.physics.tyre import radius_change_for_pressure_loss
+
+CONTRACT = {
+    "radius_change": {"wheel", "deviation_m", "onset_s", "duration_s"},
+    "centrifugal_growth": {"coefficient"},
+    "thermal_growth": {"amplitude_m", "time_constant_s"},
+    "load_transfer_longitudinal": {"coefficient"},
+    "load_transfer_lateral": {"coefficient"},
+    "longitudinal_slip": {"slip_per_accel", "slip_per_speed2"},
+    "lateral_slip": {"coefficient"},
+    "road_grade": set(),
+    "gnss_latency": {"latency_s"},
+    "antenna_lever_arm": {"forward_m", "left_m"},
+    "track_width_error": {"rear_m", "front_m"},
+    "tone_ring_error": {"wheel", "amplitude_rad", "teeth_per_rev"},
+    "yaw_rate_bias": {"bias"},
+    "yaw_rate_scale": {"scale"},
+}
+
+
+def test_the_catalogue_holds_every_published_effect() -> None:
+    """Names and parameters are those of the public format; an effect may have more parameters."""
+    assert set(CONTRACT) == set(EFFECTS)
+    for name, published in CONTRACT.items():
+        assert published <= {parameter.name for parameter in EFFECTS[name].parameters}
+
+
+def test_typical_sizes_lie_within_the_bounds() -> None:
+    """Every parameter's typical value is a value that the parameter takes."""
+    numbers = [p for cls in EFFECTS.values() for p in cls.parameters if isinstance(p, Parameter)]
+
+    assert [p.typical for p in numbers] == [p.check(p.typical) for p in numbers]
+
+
+@pytest.mark.parametrize(
+    ("name", "params", "message"),
+    [
+        ("centrifugal_grwth", {}, "unknown effect 'centrifugal_grwth', did you mean 'centrifugal_growth'?"),
+        (
+            "gnss_latency",
+            {"latency": 1},
+            "effect gnss_latency: unknown parameter 'latency', did you mean 'latency_s'? "
+            "(parameters: latency_s)",
+        ),
+        ("road_grade", {"x": 1}, "effect road_grade: unknown parameter 'x' (parameters: it has none)"),
+        (
+            "centrifugal_growth",
+            {"coefficient": 1},
+            "effect centrifugal_growth: coefficient = 1 is outside -2e-05 to 2e-05 s2/m",
+        ),
+        (
+            "lateral_slip",
+            {},
+            "effect lateral_slip: a required parameter is missing (not given: coefficient)",
+        ),
+        (
+            "lateral_slip",
+            {"coefficient": "much"},
+            "effect lateral_slip: coefficient = 'much' is not a number",
+        ),
+        ("lateral_slip", {"coefficient": True}, "effect lateral_slip: coefficient = True is not a number"),
+        (
+            "lateral_slip",
+            {"coefficient": float("nan")},
+            "effect lateral_slip: coefficient = nan is outside -0.1 to 0.1 rad.s2/m",
+        ),
+        (
+            "radius_change",
+            {"wheel": "left", "deviation_m": 0.001},
+            "effect radius_change: wheel = 'left' is not one of fl fr rl rr",
+        ),
+    ],
+)
+def test_what_an_effect_cannot_be_is_said_in_one_line(
+    name: str, params: dict[str, object], message: str
+) -> None:
+    """Unknown names, missing parameters and impossible values raise a ConfigError that says which."""
+    with pytest.raises(ConfigError, match=f"^{re.escape(message)}$"):
+        make_effect(name, **params)
+
+
+def test_an_effect_from_the_command_line() -> None:
+    """name:parameter=value,parameter=value, with blanks where one likes."""
+    assert make_effect("antenna_lever_arm", forward_m=0.2, left_m=-0.1) == parse_effect(
+        "antenna_lever_arm: forward_m=0.2, left_m=-0.1"
+    )
+    assert make_effect("road_grade") == parse_effect("road_grade")
+    with pytest.raises(ConfigError, match=r"^effect gnss_latency: '0.1' is not of the form parameter=value$"):
+        parse_effect("gnss_latency:0.1")
+
+
+def _effects() -> st.SearchStrategy[Effect]:
+    def params(name: str) -> st.SearchStrategy[Effect]:
+        values = {
+            p.name: st.floats(p.lower, p.upper)
+            if isinstance(p, Parameter)
+            else st.sampled_from(["fl", "fr", "rl", "rr"])
+            for p in EFFECTS[name].parameters
+        }
+        return st.fixed_dictionaries(values).map(lambda given: make_effect(name, **given))
+
+    return st.sampled_from(sorted(EFFECTS)).flatmap(params)
+
+
+@settings(derandomize=True, deadline=None, max_examples=60)
+@given(st.lists(_effects(), max_size=4), st.floats(0, 1e3), st.text(max_size=40))
+def test_a_model_file_reads_back_what_was_written(effects: list[Effect], std: float, comment: str) -> None:
+    """Effects, values and standard deviations survive the file bit for bit, whatever the comment says."""
+    stds = tuple({key: std for key, value in e.values().items() if isinstance(value, float)} for e in effects)
+    model = ExtendedModel(tuple(effects), stds)
+
+    assert model == parse_model(format_model(model, comment))
+
+
+def test_a_model_file_on_disk(tmp_path: Path) -> None:
+    """What is saved is loaded; the comment stands at the top."""
+    model = ExtendedModel((make_effect("gnss_latency", latency_s=0.085),), ({"latency_s": 0.01},))
+    save_model(tmp_path / "model.toml", model, "found on\nMonday")
+
+    assert model == load_model(tmp_path / "model.toml")
+    assert ["# found on", "# Monday"] == (tmp_path / "model.toml").read_text().splitlines()[:2]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[[effect]\n", "not TOML: .*"),
+        ("effects = 1\n", "unknown key 'effects': a model file holds .*"),
+        ("effect = 1\n", "'effect' must be written as .*"),
+        ("[[effect]]\ncoefficient = 1.0\n", "effect 1 has no name"),
+        (
+            "[[effect]]\nname = 'road_grade'\nstd = 3\n",
+            "effect road_grade: std must be a table",
+        ),
+        (
+            "[[effect]]\nname = 'gnss_latency'\nlatency_s = 0.1\n[effect.std]\nx = 1\n",
+            "effect gnss_latency: std of 'x', which it does not have",
+        ),
+        (
+            "[[effect]]\nname = 'gnss_latency'\nlatency_s = 0.1\n[effect.std]\nlatency_s = -1\n",
+            "effect gnss_latency: std.latency_s = -1 is not a number of at least 0",
+        ),
+    ],
+)
+def test_a_file_that_is_no_model_is_named_with_the_reason(tmp_path: Path, text: str, message: str) -> None:
+    """One line: the file, then what is wrong with it."""
+    path = tmp_path / "model.toml"
+    path.write_text(text)
+    with pytest.raises(ConfigError, match=f"^{re.escape(str(path))}: {message}$"):
+        load_model(path)
+
+
+def test_a_model_file_that_is_not_there(tmp_path: Path) -> None:
+    """A missing file is a ConfigError that names it."""
+    with pytest.raises(ConfigError, match=r"none\.toml: cannot be read: No such file"):
+        load_model(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize(("loss", "millimetres"), [(0.2, -1.41), (0.25, -1.84), (0.3, -2.31), (0.0, 0.0)])
+def test_a_loss_of_pressure_has_the_size_of_the_magic_formula(loss: float, millimetres: float) -> None:
+    """At 304 mm, 4 kN, 220 kPa, 20 m/s the published sizes are met within 1 %."""
+    assert pytest.approx(millimetres, rel=0.01) == 1000 * radius_change_for_pressure_loss(loss)
+
+
+def test_a_larger_wheel_loses_more_radius_and_inflation_adds_some() -> None:
+    """Sizes scale with the radius; a negative loss is more pressure and makes the wheel larger."""
+    assert pytest.approx(2 * radius_change_for_pressure_loss(0.2)) == radius_change_for_pressure_loss(
+        0.2, 0.608
+    )
+    assert radius_change_for_pressure_loss(-0.2) > 0
+    with pytest.raises(ConfigError, match="pressure loss of 120 % is outside -50 to 100 %"):
+        radius_change_for_pressure_loss(1.2)
