@@ -11,7 +11,7 @@ from collections import deque
 from enum import IntEnum
 
 LOST_PERIODS = 1.6
-"""A gap from this many periods on is a loss: one missing frame makes it 2, jitter rarely makes it 1.6."""
+"""A gap from this many periods on is a loss (one missing frame makes it 2), unless jitter is larger."""
 TIMEOUT_PERIODS = 10.0
 MIN_TIMEOUT_S = 0.2
 FIRST_TIMEOUT_S = 2.0
@@ -55,7 +55,7 @@ class MessageArrival:
         self.last_s = start_s
         """Time stamp of the last frame used; before the first one, the time at which waiting began."""
         self.period_s = 0.0
-        """Typical interval of the last frames (mean of the middle half); 0 until it is known."""
+        """Mean interval of the last frames; 0 until it is known."""
         self.lost = 0
         """Frames missing, found out with the frame judged last (the second one after the gap)."""
         self.timeout_s = FIRST_TIMEOUT_S
@@ -121,10 +121,12 @@ class MessageArrival:
 
     def _learn(self) -> None:
         ordered = sorted(self._intervals)
-        quarter = len(ordered) // 4
-        middle = ordered[quarter : len(ordered) - quarter]
-        self.period_s = sum(middle) / len(middle)
+        median = ordered[len(ordered) // 2]
+        # The mean is right however skewed the jitter is; intervals with frames missing do not count in it.
+        near = [interval for interval in ordered if interval <= 1.8 * median]
+        self.period_s = sum(near) / len(near)
         self.timeout_s = max(MIN_TIMEOUT_S, TIMEOUT_PERIODS * self.period_s)
-        self._lost_after_s = LOST_PERIODS * self.period_s
+        usual_late = near[9 * len(near) // 10] + 0.5 * self.period_s
+        self._lost_after_s = max(LOST_PERIODS * self.period_s, usual_late)
         # Senders change their rate (some start slowly), so the median follows.
         self._to_learn = 16

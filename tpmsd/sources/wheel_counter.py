@@ -63,6 +63,7 @@ class WheelCounter:
         "_suspect",
         "_time_s",
         "_total",
+        "_withheld",
         "m_per_bit",
         "rad_per_bit",
         "segment",
@@ -105,6 +106,9 @@ class WheelCounter:
         """Bits per second before the last reading, over `_span` seconds; NaN while not known."""
         self._span = 0.0
         self._run_speed = math.nan
+        self._withheld = False
+        """Since the value stopped changing it was found 'repeated', and stays so until the wheels together
+        show that the car stands."""
         self._released = False
         self._suspect: tuple[float, int] | None = None
         self._held: tuple[float, int, int] | None = None
@@ -247,12 +251,15 @@ class WheelCounter:
         if self.still_since is None:
             self.still_since = self._time_s
             self._run_speed = self._speed
-        run = time_s - self.still_since
-        speed = abs(self._run_speed)
-        # Standing still, the wheel has at least been braking since; a NaN speed compares false.
-        if not self._released and speed * run - 0.5 * self._accel * run * (self._span + run) >= REPEATED_BITS:
-            self._faults.note(out, time_s, "repeated", self.wheel)
-            return
+            self._withheld = False
+        if not self._released:
+            run = time_s - self.still_since
+            # Even braking as hard as it can the wheel must have turned so far; a NaN compares false.
+            least = abs(self._run_speed) * run - 0.5 * self._accel * run * (self._span + run)
+            self._withheld = self._withheld or least >= REPEATED_BITS
+            if self._withheld:
+                self._faults.note(out, time_s, "repeated", self.wheel)
+                return
         self._time_s = time_s
         self._follow(time_s)
         self._emit(time_s, out)

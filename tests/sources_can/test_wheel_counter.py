@@ -1,0 +1,314 @@
+"""Unwrapping of one wheel's counter: exact angles, and every fault told apart and kept away from them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.sources_can.build import RADIUS_M, TEETH, rotations
+from tpmsd.sources.can_faults import FaultLog
+from tpmsd.sources.events import Event, RotationSample
+from tpmsd.sources.wheel_counter import WheelCounter
+
+PERIOD_S = 0.01
+M_PER_COUNT = 2 * math.pi * RADIUS_M / TEETH
+
+
+@dataclass
+class Wheel:
+    """A counter with what came out of it."""
+
+    bits: int = 16
+    counts_per_bit: float = 1.0
+
+    def __post_init__(self) -> None:
+        self.faults = FaultLog()
+        self.counter = WheelCounter(2, self.bits, self.counts_per_bit, TEETH, RADIUS_M, self.faults)
+        self.out: list[Event] = []
+
+    def feed(self, time_s: float, total: int, period_s: float = PERIOD_S) -> list[RotationSample]:
+        """Samples that the counter emits for a true total."""
+        begin = len(self.out)
+        self.counter.update(time_s, total % (1 << self.bits), period_s, self.out)
+        return rotations(self.out[begin:])
+
+    def drive(
+        self, start_s: float, end_s: float, speed_mps: float, start: int = 0, period_s: float = PERIOD_S
+    ) -> int:
+        """Feed readings at a constant speed; the last total."""
+        total = start
+        for step in range(1, round((end_s - start_s) / period_s) + 1):
+            total = start + math.floor(speed_mps * step * period_s / M_PER_COUNT / self.counts_per_bit)
+            self.feed(start_s + step * period_s, total, period_s)
+        return total
+
+
+@st.composite
+def drives(draw: st.DrawFn) -> tuple[int, int, list[tuple[float, int, str]]]:
+    """Bits of the counter, its first raw value, and (time, true total, what happens to the frame)."""
+    bits = draw(st.sampled_from([8, 10, 16, 32]))
+    start = draw(st.integers(0, (1 << bits) - 1))
+    speed = draw(st.floats(0.0, 50.0))
+    way_m, frames = 0.0, []
+    quiet = 0
+    for step in range(300):
+        if step % 40 == 0:
+            acceleration = draw(st.floats(-9.0, 6.0))
+        speed = min(60.0, max(0.0, speed + acceleration * PERIOD_S))
+        way_m += speed * PERIOD_S
+        fault = ""
+        # Each fault stands alone, after enough readings to know the speed.
+        if step > 20 and quiet <= 0 and draw(st.integers(0, 19)) == 0:
+            fault = draw(st.sampled_from(["lost", "lost", "repeated", "late", "odd", "twice"]))
+            quiet = 3
+        quiet -= 1
+        jitter_s = draw(st.sampled_from([0.0, 0.001, -0.001, 0.0025]))
+        frames.append((step * PERIOD_S + jitter_s, math.floor(way_m / M_PER_COUNT), fault))
+    return bits, start, frames
+
+
+@settings(derandomize=True, deadline=None, max_examples=60)
+@given(drives(), st.data())
+def test_no_fault_moves_an_angle(
+    drive: tuple[int, int, list[tuple[float, int, str]]], data: st.DataObject
+) -> None:
+    """Whatever is lost, repeated, late or odd: angles at sound frames differ by the true counts exactly."""
+    bits, start, frames = drive
+    wheel = Wheel(bits)
+    truth: dict[float, int] = {}
+    before = frames[0][1]
+    for time_s, total, fault in frames:
+        if fault == "lost":
+            continue
+        if fault == "repeated":
+            wheel.feed(time_s, start + before)
+            continue
+        if fault == "odd":
+            wheel.feed(time_s, data.draw(st.integers(0, (1 << bits) - 1)))
+            continue
+        truth[time_s] = total
+        wheel.feed(time_s, start + total)
+        if fault == "twice":
+            wheel.feed(time_s, start + total)
+        elif fault == "late":
+            wheel.feed(time_s - 0.015, start + before)
+        before = total
+
+    by_segment: dict[int, list[tuple[int, float]]] = {}
+    for sample in rotations(wheel.out):
+        if sample.time_s in truth:
+            by_segment.setdefault(sample.segment, []).append((truth[sample.time_s], sample.angle_rad))
+    for readings in by_segment.values():
+        first_total, first_rad = readings[0]
+        for total, angle_rad in readings:
+            assert total - first_total == round((angle_rad - first_rad) / wheel.counter.rad_per_bit, 6)
+    # And nearly all sound frames are used: a fault costs at most its neighbours.
+    assert sum(map(len, by_segment.values())) >= 0.9 * len(truth)
+
+
+@settings(derandomize=True, deadline=None, max_examples=30)
+@given(st.sampled_from([8, 10, 16, 32]), st.floats(0.0, 60.0), st.integers(0, 2**32))
+def test_roll_over_is_exact_at_any_width(bits: int, speed_mps: float, start: int) -> None:
+    """A counter of any width gives the true number of counts, in one segment, from any start value."""
+    wheel = Wheel(bits)
+    total = wheel.drive(0.0, 8.0, speed_mps, start)
+    first, last = rotations(wheel.out)[0], rotations(wheel.out)[-1]
+    first_total = start + math.floor(speed_mps * PERIOD_S / M_PER_COUNT)
+
+    assert total - first_total == round((last.angle_rad - first.angle_rad) / (2 * math.pi / TEETH), 6)
+    assert {0} == {sample.segment for sample in rotations(wheel.out)}
+    assert {} == wheel.faults.counts
+
+
+def test_half_counts_per_bit_halve_the_angle() -> None:
+    """A scale of 0.5 (four 8-bit counters in one message) makes each bit half a count."""
+    wheel = Wheel(8, 0.5)
+    wheel.drive(0.0, 5.0, 20.0)
+    first, last = rotations(wheel.out)[0], rotations(wheel.out)[-1]
+    expected_bits = math.floor(20.0 * 5.0 / M_PER_COUNT / 0.5) - math.floor(
+        20.0 * PERIOD_S / M_PER_COUNT / 0.5
+    )
+
+    assert math.pi / TEETH == last.quantum_rad
+    assert math.isclose(expected_bits * math.pi / TEETH, last.angle_rad - first.angle_rad, rel_tol=1e-12)
+
+
+def test_a_repeated_value_at_speed_is_not_a_reading() -> None:
+    """The same value again, where at least two counts were due, gives no sample and is counted."""
+    wheel = Wheel()
+    total = wheel.drive(0.0, 1.0, 20.0)
+
+    assert [] == wheel.feed(1.01, total)
+    assert 1 == wheel.faults.counts["rl.repeated"]
+    assert [0] == [sample.segment for sample in wheel.feed(1.02, total + 10)]
+
+
+def test_the_same_value_of_a_creeping_wheel_is_a_reading() -> None:
+    """Below a count per frame equal values are the rule, not a fault."""
+    wheel = Wheel()
+    wheel.drive(0.0, 2.0, 0.5)
+
+    assert 200 == len(rotations(wheel.out))
+    assert {} == wheel.faults.counts
+
+
+def test_a_hard_stop_is_no_fault() -> None:
+    """Full braking to a standstill at 10 m/s2 loses no reading of a fine encoder."""
+    wheel = Wheel(32, TEETH / 40000)
+    for step in range(400):
+        time_s = step * PERIOD_S
+        way_m = 20.0 * time_s - 5.0 * time_s**2 if time_s < 2.0 else 20.0
+        wheel.feed(time_s, math.floor(way_m / M_PER_COUNT * 40000 / TEETH))
+
+    assert 400 == len(rotations(wheel.out))
+    assert {} == wheel.faults.counts
+
+
+def test_a_late_reading_is_skipped() -> None:
+    """A time stamp that is not after the last one used changes nothing."""
+    wheel = Wheel()
+    total = wheel.drive(0.0, 1.0, 20.0)
+
+    assert [] == wheel.feed(0.995, total - 3)
+    assert 1 == wheel.faults.counts["rl.late"]
+
+
+def test_a_single_odd_value_is_dropped() -> None:
+    """An impossible value between two sound ones is one jump, and the segment goes on."""
+    wheel = Wheel()
+    total = wheel.drive(0.0, 1.0, 20.0)
+
+    assert [] == wheel.feed(1.01, total + 20000)
+    (sample,) = wheel.feed(1.02, total + 10)
+    assert (0, total + 10) == (sample.segment, round(sample.angle_rad * TEETH / (2 * math.pi)) + 5)
+    assert {"rl.jump": 1} == dict(wheel.faults.counts)
+
+
+def test_an_odd_value_within_reach_is_taken_back() -> None:
+    """A wrong value that the wheel could have reached misleads one sample only, and breaks no segment."""
+    wheel = Wheel()
+    total = wheel.drive(0.0, 1.0, 20.0)
+    before = rotations(wheel.out)[-1]
+    wheel.feed(1.01, total + 12)
+    (sample,) = wheel.feed(1.02, total + 7)
+
+    assert 0 == sample.segment
+    assert math.isclose(7 * 2 * math.pi / TEETH, sample.angle_rad - before.angle_rad, rel_tol=1e-9)
+    assert {"rl.jump": 1} == dict(wheel.faults.counts)
+
+
+def test_a_new_level_is_a_new_segment() -> None:
+    """Where the readings go on from the odd value, it was a jump of the counter."""
+    wheel = Wheel()
+    total = wheel.drive(0.0, 1.0, 20.0)
+
+    assert [] == wheel.feed(1.01, total + 20000)
+    (sample,) = wheel.feed(1.02, total + 20005)
+    assert (1, 0.0) == (sample.segment, sample.angle_rad)
+    assert {"rl.jump": 1} == dict(wheel.faults.counts)
+
+
+def test_a_reset_is_a_new_segment() -> None:
+    """A counter that falls to near zero and goes on from there was reset."""
+    wheel = Wheel()
+    wheel.drive(0.0, 1.0, 20.0, start=30000)
+
+    assert [] == wheel.feed(1.01, 2)
+    (sample,) = wheel.feed(1.02, 7)
+    assert (1, 0.0) == (sample.segment, sample.angle_rad)
+    (sample,) = wheel.feed(1.03, 12)
+    assert math.isclose(5 * 2 * math.pi / TEETH, sample.angle_rad)
+    assert {"rl.reset": 1} == dict(wheel.faults.counts)
+
+
+def test_a_plausible_gap_keeps_the_segment() -> None:
+    """A second without frames on a 16-bit counter has one answer only."""
+    wheel = Wheel()
+    total = wheel.drive(0.0, 1.0, 20.0)
+    last = rotations(wheel.out)[-1]
+    (sample,) = wheel.feed(2.0, total + 510)
+
+    assert last.segment == sample.segment
+    assert math.isclose(510 * 2 * math.pi / TEETH, sample.angle_rad - last.angle_rad, rel_tol=1e-9)
+
+
+def test_roll_overs_in_a_gap_are_resolved_from_the_speed_before() -> None:
+    """An 8-bit counter that rolled over in a gap goes on with the count that fits the speed."""
+    wheel = Wheel(8)
+    total = wheel.drive(0.0, 1.0, 40.0)
+    last = rotations(wheel.out)[-1]
+    gone = math.floor(0.3 * 40.0 / M_PER_COUNT)
+    assert gone > 256  # the gap hides a whole turn of the counter
+
+    assert [] == wheel.feed(1.3, total + gone)
+    held, following = wheel.feed(1.31, total + gone + 10)
+    assert [1.3, 1.31] == [held.time_s, following.time_s]
+    assert last.segment == held.segment == following.segment
+    assert math.isclose(gone * 2 * math.pi / TEETH, held.angle_rad - last.angle_rad, rel_tol=1e-9)
+
+
+def test_a_gap_with_several_answers_begins_a_segment() -> None:
+    """An 8-bit counter after two seconds of silence could have rolled over any number of times."""
+    wheel = Wheel(8)
+    total = wheel.drive(0.0, 1.0, 40.0)
+    (sample,) = wheel.feed(3.0, total + 2037)
+
+    assert (1, 0.0) == (sample.segment, sample.angle_rad)
+
+
+def test_a_backlog_after_a_gap_is_not_taken_for_roll_overs() -> None:
+    """Frames that were held up come in a bunch: the count of roll-overs from their times would be wrong."""
+    wheel = Wheel(8)
+    total = wheel.drive(0.0, 1.0, 40.0)
+    # The time stamps say 0.27 s, in which 275 counts were due; it was 0.02 s, and 19 counts.
+    assert [] == wheel.feed(1.27, total + 19)
+    (sample,) = wheel.feed(1.2705, total + 29)
+
+    assert (1, 0.0) == (sample.segment, sample.angle_rad)
+
+
+def test_a_long_silence_begins_a_segment() -> None:
+    """After more than a minute nobody knows whether the counter was reset in between."""
+    wheel = Wheel(32)
+    total = wheel.drive(0.0, 1.0, 20.0)
+    (sample,) = wheel.feed(62.0, total + 10)
+
+    assert 1 == sample.segment
+
+
+def test_a_counter_that_counts_down_is_followed() -> None:
+    """An encoder that knows its direction goes back past zero with the wheel."""
+    wheel = Wheel(32)
+    for step in range(300):
+        wheel.feed(step * PERIOD_S, -step)
+
+    samples = rotations(wheel.out)
+    assert {0} == {sample.segment for sample in samples}
+    assert math.isclose(-299 * 2 * math.pi / TEETH, samples[-1].angle_rad, rel_tol=1e-12)
+
+
+def test_a_clock_step_begins_a_segment() -> None:
+    """After `restart` the next reading is an origin again."""
+    wheel = Wheel()
+    total = wheel.drive(0.0, 1.0, 20.0)
+    wheel.counter.restart()
+    (sample,) = wheel.feed(0.2, total + 5)
+
+    assert (1, 0.0) == (sample.segment, sample.angle_rad)
+
+
+def test_coarse_jitter_of_the_time_stamps_is_no_fault() -> None:
+    """Frames that come in bunches of ten, as over a busy USB adapter, keep their angle and segment."""
+    wheel = Wheel()
+    for step in range(1, 1000):
+        bunch_s = math.ceil(step / 10) * 0.1 + ((step - 1) % 10) * 0.0002
+        wheel.feed(bunch_s, math.floor(30.0 * step * PERIOD_S / M_PER_COUNT))
+
+    samples = rotations(wheel.out)
+    assert {0} == {sample.segment for sample in samples}
+    assert {} == dict(wheel.faults.counts)
+    expected = math.floor(30.0 * 9.99 / M_PER_COUNT) - math.floor(30.0 * PERIOD_S / M_PER_COUNT)
+    assert expected == round(samples[-1].angle_rad * TEETH / (2 * math.pi))
