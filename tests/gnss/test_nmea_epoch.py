@@ -203,6 +203,28 @@ def test_frozen_position():
     assert pytest.approx([20.0] * 11, abs=1e-5) == [fix.speed_mps for fix in fixes(events)]
 
 
+def test_leap_is_left_out():
+    """One position out of reach, or two, are a fault; the way goes on from where it was."""
+    places = [0, 1, 2, 50000, 50001, 5, 6, -90000, 8, 9]
+    events = run([(T + i, rmc(T + i, at=along(p))) for i, p in enumerate(places)])
+    assert [(T + 3, "leap"), (T + 7, "leap")] == faults(events)
+    missing = [math.isnan(fix.latitude_deg) for fix in fixes(events)]
+    assert [abs(p) > 1000 for p in places] == missing
+
+
+def test_leap_is_believed_in_the_end():
+    """Where three positions in a row are out of reach together, they are right and the first was wrong."""
+    places = [90000, 1, 2, 3, 4, 5]
+    got = fixes(run([(T + i, rmc(T + i, at=along(p))) for i, p in enumerate(places)]))
+    assert [False, True, True, False, False, False] == [math.isnan(fix.latitude_deg) for fix in got]
+
+
+def test_far_drive_after_a_long_silence_is_no_leap():
+    """After an hour without fixes the car may be a hundred kilometres on, over the date line too."""
+    lines = [(T, rmc(T, at=(48.0, 179.9))), (T + 3600, rmc(T + 3600, at=(48.5, -179.0)))]
+    assert [] == faults(run(lines))
+
+
 def test_standing_is_not_frozen():
     """A car that stands has the same position for as long as it likes."""
     assert [] == faults(run([(T + i, rmc(T + i, speed_mps=1.0)) for i in range(20)]))
@@ -247,6 +269,15 @@ def test_sentences_without_checksum_are_counted():
     assert 1 == assembler.counts["no_checksum"]
 
 
+def test_missing_checksum_is_damage_where_checksums_are_the_rule():
+    """After ten sentences with checksums, one without is garbage: its damage might be anywhere."""
+    assembler = NmeaAssembler()
+    lines = [(T + i, gga(T + i, at=along(i))) for i in range(10)]
+    events = run([*lines, (T + 10, gga(T + 10, at=(4.8, 11.0)).split(b"*")[0])], assembler)
+    assert [(T + 10, "garbage")] == faults(events)
+    assert (10, 1, 1) == tuple(assembler.counts[kind] for kind in ("fixes", "garbage", "no_checksum"))
+
+
 def test_every_line_twice():
     """A log in which each line was written twice gives each epoch once, and one fault."""
     lines = [(T + i, line) for i in range(6) for line in (rmc(T + i, at=along(i)), gga(T + i, at=along(i)))]
@@ -279,7 +310,7 @@ def test_leap_second_is_no_repetition():
     """Second 60 and the second after it share a Unix time and are both epochs."""
     lines = []
     for i, text in enumerate(["235959", "235960", "000000", "000001"]):
-        body = f"GNGGA,{text}.00,{4800 + i}.0000000,N,01100.0000000,E,1,12,0.9,500,M,47,M,,"
+        body = f"GNGGA,{text}.00,4800.00{i}0000,N,01100.0000000,E,1,12,0.9,500,M,47,M,,"
         lines.append((1483228799.0 + i, nmea(body)))
     got = fixes(run(lines))
     assert [1483228799.0, 1483228800.0, 1483228800.0, 1483228801.0] == [fix.utc_s for fix in got]

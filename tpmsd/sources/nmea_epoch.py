@@ -11,22 +11,20 @@ log give the same fixes.
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass, field, replace
 
 from tpmsd.sources.events import Event, GnssFix, SourceFault
 from tpmsd.sources.gnss_noise import GST_MAX_AGE_S, position_std
-from tpmsd.sources.nmea_clock import DAY_S, ReceiverClock
+from tpmsd.sources.nmea_checks import FROZEN_COUNT, Episodes, EpochInterval, FrozenPosition, Leap
+from tpmsd.sources.nmea_clock import ReceiverClock
 from tpmsd.sources.nmea_sentence import HANDLED, OTHER, NmeaReading, SentenceError, decode_sentence
 
 NAN = math.nan
-MIN_GAP_S, MAX_GAP_S, GAP_OF_INTERVAL = 0.02, 0.25, 0.3
 COURSE_MIN_SPEED_MPS = 0.5
 """Below this the course of a receiver is noise."""
-FROZEN_COUNT, FROZEN_SPEED_MPS = 5, 2.0
+CHECKSUMS_EXPECTED = 10
+"""Sentences with a checksum after which one without is not believed."""
 _SAME_TIME_S = 5e-4
-_GOOD_TO_END = {"repeated": 20}
-"""Good epochs that end an episode, where one is not enough: a doubled log is good every other epoch."""
 _SPEAKS_OF_EPOCH = frozenset({"RMC", "GGA", "VTG", "GNS", "GLL"})
 
 
@@ -47,18 +45,20 @@ class NmeaAssembler:
     Every epoch in which the receiver spoke of its motion yields a `GnssFix`, also one without a position: it
     shows that the receiver is alive and what time it has. `counts` has sentences by type, and `fixes`,
     `ignored`, `no_checksum`, and every kind of fault: `checksum`, `garbage`, `range`, `no_fix`, `frozen`,
-    `repeated`, `week_rollover`. Faults of the last five kinds are reported once per episode but counted every
-    time.
+    `leap`, `repeated`, `week_rollover`. Faults of the last six kinds are reported once per episode but
+    counted every time.
     """
 
     def __init__(self) -> None:
         kinds = (*sorted(HANDLED), "fixes", "ignored", "no_checksum", "checksum", "garbage")
-        self.counts: dict[str, int] = dict.fromkeys((*kinds, *_Episodes.KINDS), 0)
+        self.counts: dict[str, int] = dict.fromkeys((*kinds, *Episodes.KINDS), 0)
         self._clock = ReceiverClock()
         self._burst: _Burst | None = None
-        self._interval = _EpochInterval()
-        self._episodes = _Episodes(self.counts)
-        self._frozen = _FrozenPosition()
+        self._interval = EpochInterval()
+        self._episodes = Episodes(self.counts)
+        self._frozen = FrozenPosition()
+        self._leap = Leap()
+        self._checksummed = 0
         self._gst = (-math.inf, NAN)
         self._last: tuple[float, float] = (NAN, NAN)
         self._said_position = self._said_motion = False
@@ -84,7 +84,15 @@ class NmeaAssembler:
                 self._keep_open(time_s)
             events.append(SourceFault(time_s, "gnss", error.kind, error.detail))
             return events
-        self.counts["no_checksum"] += not reading.checksummed
+        if not reading.checksummed:
+            self.counts["no_checksum"] += 1
+            if self._checksummed >= CHECKSUMS_EXPECTED and reading.kind != OTHER:
+                # From a receiver that sends checksums, a line without one was damaged where it stood.
+                self.counts["garbage"] += 1
+                detail = f"{reading.kind} without a checksum, which this receiver sends"
+                return [*events, SourceFault(time_s, "gnss", "garbage", detail)]
+        elif self._checksummed < CHECKSUMS_EXPECTED:
+            self._checksummed += 1
         if reading.kind == OTHER:
             self.counts["ignored"] += 1
             if not reading.proprietary:
@@ -150,12 +158,14 @@ class NmeaAssembler:
             return events + self._episodes.note(at, "repeated", True, "an epoch came twice")
         events += self._episodes.note(at, "repeated", False)
         fix = news
-        if self._frozen.judge(fix):
+        if math.isfinite(fix.latitude_deg):
+            frozen, leapt = self._frozen.judge(fix), self._leap.judge(fix)
             detail = f"the same position {FROZEN_COUNT} times while moving"
-            events += self._episodes.note(at, "frozen", True, detail)
-            fix = _without_position(fix)
-        elif math.isfinite(fix.latitude_deg):
-            events += self._episodes.note(at, "frozen", False)
+            events += self._episodes.note(at, "frozen", frozen, detail)
+            detail = f"{fix.latitude_deg:.5f}, {fix.longitude_deg:.5f} is out of reach from the last position"
+            events += self._episodes.note(at, "leap", leapt, detail)
+            if frozen or leapt:
+                fix = _without_position(fix)
         self.counts["fixes"] += 1
         events.append(fix)
         return events
@@ -245,63 +255,3 @@ def _without_position(fix: GnssFix) -> GnssFix:
 
 def _has_content(fix: GnssFix) -> bool:
     return math.isfinite(fix.latitude_deg) or math.isfinite(fix.speed_mps)
-
-
-class _EpochInterval:
-    """Median of the last intervals between epochs on the receiver's clock: lost epochs do not stretch it."""
-
-    def __init__(self) -> None:
-        self._intervals: deque[float] = deque(maxlen=9)
-        self._last = NAN
-        self.gap_s = MAX_GAP_S
-
-    def learn(self, time_of_day_s: float) -> None:
-        step = (time_of_day_s - self._last) % DAY_S
-        self._last = time_of_day_s
-        if 0.005 < step <= 10.0:
-            self._intervals.append(step)
-            median = sorted(self._intervals)[(len(self._intervals) - 1) // 2]
-            self.gap_s = min(max(GAP_OF_INTERVAL * median, MIN_GAP_S), MAX_GAP_S)
-
-
-class _Episodes:
-    """Reports a lasting fault once, when it begins, and counts every epoch that it spoils."""
-
-    KINDS = ("range", "no_fix", "frozen", "repeated", "week_rollover")
-
-    def __init__(self, counts: dict[str, int]) -> None:
-        self._counts = counts
-        self._good: dict[str, int] = {}
-
-    def note(self, time_s: float, kind: str, wrong: bool, detail: str = "") -> list[SourceFault]:
-        if not wrong:
-            if kind in self._good:
-                self._good[kind] += 1
-                if self._good[kind] >= _GOOD_TO_END.get(kind, 1):
-                    del self._good[kind]
-            return []
-        self._counts[kind] += 1
-        begins = kind not in self._good
-        self._good[kind] = 0
-        return [SourceFault(time_s, "gnss", kind, detail)] if begins else []
-
-
-class _FrozenPosition:
-    """Tells a receiver that repeats its last position while it reports motion."""
-
-    def __init__(self) -> None:
-        self._position = (NAN, NAN)
-        self._same = 0
-
-    def judge(self, fix: GnssFix) -> bool:
-        if math.isnan(fix.latitude_deg):
-            return False
-        position = (fix.latitude_deg, fix.longitude_deg)
-        if position != self._position:
-            self._position, self._same = position, 1
-        elif self._same < FROZEN_COUNT:
-            if fix.speed_mps > FROZEN_SPEED_MPS:
-                self._same += 1
-            elif fix.speed_mps <= FROZEN_SPEED_MPS:
-                self._same = 1
-        return self._same >= FROZEN_COUNT

@@ -1,0 +1,122 @@
+"""Checks on a receiver's epochs that need a memory.
+
+In: times, fixes and verdicts, one after the other. Out: how long a silence ends an epoch, whether a position
+is frozen or out of reach, and each lasting fault once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+from tpmsd.sources.events import GnssFix, SourceFault
+from tpmsd.sources.nmea_clock import DAY_S
+
+NAN = math.nan
+MIN_GAP_S, MAX_GAP_S, GAP_OF_INTERVAL = 0.02, 0.25, 0.3
+FROZEN_COUNT, FROZEN_SPEED_MPS = 5, 2.0
+REACH_SPEED_MPS, REACH_M = 150.0, 500.0
+"""No car goes further than this; the constant part is what a receiver may drift when the sky is hidden."""
+REACH_COUNT = 3
+GOOD_TO_END = {"repeated": 20}
+"""Good epochs that end an episode, where one is not enough: a doubled log is good every other epoch."""
+_DEGREE_M = 111195.0
+
+
+class EpochInterval:
+    """Median of the last intervals between epochs on the receiver's clock: lost epochs do not stretch it."""
+
+    def __init__(self) -> None:
+        self._intervals: deque[float] = deque(maxlen=9)
+        self._last = NAN
+        self.gap_s = MAX_GAP_S
+
+    def learn(self, time_of_day_s: float) -> None:
+        """Take the time of day of a new epoch (or, without effect, the same again)."""
+        step = (time_of_day_s - self._last) % DAY_S
+        self._last = time_of_day_s
+        if 0.005 < step <= 10.0:
+            self._intervals.append(step)
+            median = sorted(self._intervals)[(len(self._intervals) - 1) // 2]
+            self.gap_s = min(max(GAP_OF_INTERVAL * median, MIN_GAP_S), MAX_GAP_S)
+
+
+class Episodes:
+    """Reports a lasting fault once, when it begins, and counts every epoch that it spoils."""
+
+    KINDS = ("range", "no_fix", "frozen", "leap", "repeated", "week_rollover")
+
+    def __init__(self, counts: dict[str, int]) -> None:
+        self._counts = counts
+        self._good: dict[str, int] = {}
+
+    def note(self, time_s: float, kind: str, wrong: bool, detail: str = "") -> list[SourceFault]:
+        """Say whether an epoch has this fault; the report, if that begins an episode."""
+        if not wrong:
+            if kind in self._good:
+                self._good[kind] += 1
+                if self._good[kind] >= GOOD_TO_END.get(kind, 1):
+                    del self._good[kind]
+            return []
+        self._counts[kind] += 1
+        begins = kind not in self._good
+        self._good[kind] = 0
+        return [SourceFault(time_s, "gnss", kind, detail)] if begins else []
+
+
+class FrozenPosition:
+    """Tells a receiver that repeats its last position while it reports motion."""
+
+    def __init__(self) -> None:
+        self._position = (NAN, NAN)
+        self._same = 0
+
+    def judge(self, fix: GnssFix) -> bool:
+        """Whether the position of this fix is a frozen one."""
+        position = (fix.latitude_deg, fix.longitude_deg)
+        if position != self._position:
+            self._position, self._same = position, 1
+        elif self._same < FROZEN_COUNT:
+            if fix.speed_mps > FROZEN_SPEED_MPS:
+                self._same += 1
+            elif fix.speed_mps <= FROZEN_SPEED_MPS:
+                self._same = 1
+        return self._same >= FROZEN_COUNT
+
+
+class Leap:
+    """Tells a position that no car could have reached since the last one.
+
+    One damaged sentence in 256 passes its checksum. A leap is believed when REACH_COUNT fixes in a row,
+    within reach of one another, say so: then the positions before were the wrong ones.
+    """
+
+    def __init__(self) -> None:
+        self._good: GnssFix | None = None
+        self._doubted: list[GnssFix] = []
+
+    def judge(self, fix: GnssFix) -> bool:
+        """Whether the position of this fix is out of reach (and not yet believed)."""
+        if self._good is None or _within_reach(self._good, fix):
+            self._good = fix
+            self._doubted.clear()
+            return False
+        if self._doubted and not _within_reach(self._doubted[-1], fix):
+            self._doubted.clear()
+        self._doubted.append(fix)
+        if len(self._doubted) < REACH_COUNT:
+            return True
+        self._good = fix
+        self._doubted.clear()
+        return False
+
+
+def _within_reach(before: GnssFix, after: GnssFix) -> bool:
+    # By the clock that gives the car more time: the other may have stepped back.
+    elapsed = [abs(after.arrival_s - before.arrival_s), abs(after.utc_s - before.utc_s)]
+    longest_s = max((time_s for time_s in elapsed if not math.isnan(time_s)), default=0.0)
+    allowed_m = REACH_M + REACH_SPEED_MPS * longest_s
+    north_m = (after.latitude_deg - before.latitude_deg) * _DEGREE_M
+    east_deg = math.remainder(after.longitude_deg - before.longitude_deg, 360.0)
+    east_m = east_deg * _DEGREE_M * math.cos(math.radians(after.latitude_deg))
+    return math.hypot(north_m, east_m) <= allowed_m
