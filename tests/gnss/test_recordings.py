@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from pathlib import Path
@@ -25,6 +26,7 @@ COUNTS = {
 DRIVES = sorted(COUNTS)
 
 
+@functools.cache
 def fixes_of(path: Path) -> tuple[list[GnssFix], NmeaAssembler, list[Event]]:
     assembler = NmeaAssembler()
     events = [event for time_s, line, _ in read_nmea_log(path) for event in assembler.feed(time_s, line)]
