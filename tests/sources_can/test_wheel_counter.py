@@ -312,3 +312,38 @@ def test_coarse_jitter_of_the_time_stamps_is_no_fault() -> None:
     assert {} == dict(wheel.faults.counts)
     expected = math.floor(30.0 * 9.99 / M_PER_COUNT) - math.floor(30.0 * PERIOD_S / M_PER_COUNT)
     assert expected == round(samples[-1].angle_rad * TEETH / (2 * math.pi))
+
+
+@settings(derandomize=True, deadline=None, max_examples=40)
+@given(st.data())
+def test_each_reset_and_each_jump_is_one_segment_and_one_count(data: st.DataObject) -> None:
+    """However often the counter restarts near zero or leaps far while the car drives, segments are exact."""
+    bits = data.draw(st.sampled_from([16, 32]))
+    modulus = 1 << bits
+    wheel = Wheel(bits)
+    speed_mps = data.draw(st.floats(1.0, 60.0))
+    breaks = data.draw(st.sets(st.sampled_from(range(30, 390, 12)), max_size=6))
+    offset = data.draw(st.integers(0, modulus - 1))
+    made = {"reset": 0, "jump": 0}
+    truth: dict[float, int] = {}
+    for step in range(400):
+        time_s, total = step * PERIOD_S, math.floor(speed_mps * step * PERIOD_S / M_PER_COUNT)
+        if step in breaks:
+            # From far away to zero, or from near zero far away: what a wheel cannot have turned.
+            if modulus // 4 < (offset + total) % modulus < 3 * modulus // 4:
+                offset = data.draw(st.integers(0, 3)) - total
+                made["reset"] += 1
+            else:
+                offset = modulus // 2 + data.draw(st.integers(0, 99)) - total
+                made["jump"] += 1
+        truth[time_s] = total
+        wheel.feed(time_s, offset + total)
+
+    samples = rotations(wheel.out)
+    assert made == {kind: wheel.faults.counts[f"rl.{kind}"] for kind in made}
+    assert list(range(len(breaks) + 1)) == sorted({sample.segment for sample in samples})
+    assert 400 - len(breaks) == len(samples)
+    for segment in range(len(breaks) + 1):
+        angles = [(truth[s.time_s], s.angle_rad) for s in samples if s.segment == segment]
+        turned = round((angles[-1][1] - angles[0][1]) / wheel.counter.rad_per_bit, 6)
+        assert angles[-1][0] - angles[0][0] == turned
