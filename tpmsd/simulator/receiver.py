@@ -7,7 +7,7 @@ of its own with a short memory, and it loses its fix, jumps and lags as receiver
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -177,11 +177,6 @@ def nmea_lines(
             when += 10 * (len(text) + 2) / spec.baud
         free = when
     return lines
-
-
-def with_rate(spec: ReceiverSpec, rate_hz: float) -> ReceiverSpec:
-    """The same receiver at another rate."""
-    return replace(spec, rate_hz=rate_hz)
 
 
 def _jumps(time_s: FloatArray, spec: ReceiverSpec, rng: np.random.Generator) -> FloatArray:
