@@ -1,7 +1,8 @@
 """The pure core, strung together: stamped inputs in, estimates and alarms out.
 
-In: CAN frames and NMEA lines in the order of their host time stamps, and the passing of time. Out: a `Step` per tick.
-No I/O, no clock: the daemon and the replay run this very class, so a recorded run replays to the same alarms.
+In: CAN frames and NMEA lines in the order of their host time stamps, and the passing of time. Out: a `Step`
+per tick. No I/O, no clock: the daemon and the replay run this very class, so a recorded run replays to the
+same alarms.
 """
 
 from __future__ import annotations
@@ -88,7 +89,8 @@ class Pipeline:
         return {"estimator": self.estimator.snapshot(), "monitor": self.monitor.snapshot()}
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Take up a snapshot; ValueError if it does not fit this configuration (nothing is then taken up by half)."""
+        """Take up a snapshot; ValueError if it does not fit this configuration (nothing is then taken up by
+        half)."""
         trial = self.monitor.snapshot()
         self.monitor.restore(saved["monitor"])
         try:

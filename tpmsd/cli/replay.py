@@ -59,6 +59,10 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay the drive."""
+    if args.plot is not None:
+        from tpmsd.report.replay_plot import check_plot_target
+
+        check_plot_target(args.plot)  # before the work, not after it
     config = load_config(args.config if args.config is not None else _vehicle_of(args.drive))
     config = _overridden(config, args)
     result = replay(args.drive, config)
@@ -134,5 +138,6 @@ def _check_usable(drive: Drive, pipeline: Pipeline) -> None:
     if counts["frames"] == counts["ignored"]:
         raise InputError(
             drive.can_log,
-            f"none of its {counts['frames']} frames has an identifier that the configured signals need (wrong DBC or log?)",
+            f"none of its {counts['frames']} frames has an identifier that the configured signals need "
+            "(wrong DBC or log?)",
         )

@@ -89,9 +89,9 @@ class FilterConfig:
 class MonitorConfig:
     """When a deviation is an alarm."""
 
-    learn_s: float = 60.0
+    learn_s: float = 45.0
     """Informative driving before the baseline is frozen."""
-    deflation_percent: float = 0.35
+    deflation_percent: float = 0.25
     """Loss of radius, in per cent of nominal, from which a wheel counts as deflated."""
     deviation_percent: float = 0.8
     """Change of radius of either sign, in per cent of nominal, from which radius_deviation is raised."""

@@ -1,7 +1,8 @@
 """Kalman arithmetic for many small filters at once.
 
-In: means (N, n) and covariances (N, n, n) of N particles. Out: the same, updated in place, with log-likelihoods.
-Scalar measurements one after the other: no matrix inverse, and each can be judged on its own.
+In: means (N, n) and covariances (N, n, n) of N particles. Out: the same, updated in place, with
+log-likelihoods. Scalar measurements one after the other: no matrix inverse, and each can be judged on its
+own.
 """
 
 from __future__ import annotations
@@ -28,12 +29,16 @@ def scalar_update(
     innovation: FloatArray,
     row: FloatArray,
     variance: float,
-) -> tuple[FloatArray, float]:
-    """One scalar measurement z = row . x + noise for all particles, robustly; changes mean and covariance in place.
+    frozen_from: int | None = None,
+) -> FloatArray:
+    """One scalar measurement z = row . x + noise for all particles, robustly; changes mean and covariance in
+    place.
 
-    innovation (N,): z - prediction; row (n,) or (N, n). The measurement variance of a particle is raised where its
-    innovation is beyond `ROBUST_FROM` sigma so that its pull is that of Huber's estimator.
-    Returns the log-likelihood (N,) under a Student-t of the same scale, and the mean squared normalised innovation.
+    innovation (N,): z - prediction; row (n,) or (N, n). The measurement variance of a particle is raised
+    where its innovation is beyond `ROBUST_FROM` sigma so that its pull is that of Huber's estimator. States
+    from `frozen_from` on are considered but not changed (Schmidt's consider filter): the others' gains and
+    covariances allow for them, their own mean and covariance stay. Returns the log-likelihood (N,) under a
+    Student-t of the same scale.
     """
     gain = np.matmul(covariance, row[..., None])[..., 0] if row.ndim == 2 else covariance @ row
     projected = np.einsum("ij,ij->i", gain, row) if row.ndim == 2 else gain @ row
@@ -43,9 +48,15 @@ def scalar_update(
     excess = np.maximum(np.sqrt(squared) / ROBUST_FROM, 1.0)
     total = projected + variance * excess**2
     scaled = gain / total[:, None]
-    mean += scaled * innovation[:, None]
+    if frozen_from is not None:
+        kept = covariance[:, frozen_from:, frozen_from:].copy()
+        mean[:, :frozen_from] += scaled[:, :frozen_from] * innovation[:, None]
+    else:
+        mean += scaled * innovation[:, None]
     covariance -= scaled[:, :, None] * gain[:, None, :]
-    return log, float(squared.mean())
+    if frozen_from is not None:
+        covariance[:, frozen_from:, frozen_from:] = kept
+    return np.asarray(log)
 
 
 def symmetrise(covariance: FloatArray) -> None:

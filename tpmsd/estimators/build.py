@@ -14,7 +14,7 @@ from tpmsd.estimators.mpf_pn import MpfPn
 from tpmsd.estimators.mpf_rb import MpfRb
 from tpmsd.wheels import FL, FR, RL, RR
 
-METHODS = {"mpf-rb": MpfRb, "mpf-pn": MpfPn}
+METHODS: dict[str, type[MpfRb] | type[MpfPn]] = {"mpf-rb": MpfRb, "mpf-pn": MpfPn}
 """Method name -> class."""
 
 

@@ -1,12 +1,16 @@
 """How probable a GNSS fix is for each particle, for receivers whose errors are neither white nor Gaussian.
 
-In: a `Fix` and the particles' predicted antenna position, speed and heading. Out: a log-likelihood per particle.
+In: a `Fix` and the particles' predicted antenna position, speed and heading. Out: a log-likelihood per
+particle.
 
 Two departures from paper 000, eq. (10d), and why:
-- Errors of real receivers are correlated over tens of seconds (position) or about a second (Doppler). Taken as
-  white, a 10 Hz receiver would be believed hundreds of times over. A white error of variance R every T seconds has the
-  low-frequency power R*T; a correlated one 2*sigma^2*tau. Matching them gives R = sigma^2 * max(1, 2 tau / T).
-- Tails are heavy (multipath): Student-t with 4 degrees of freedom in place of the Gaussian, so that one outlier
+- Errors of real receivers are correlated over tens of seconds (position) or about a second (Doppler). Taken
+  as
+  white, a 10 Hz receiver would be believed hundreds of times over. A white error of variance R every T
+  seconds has the low-frequency power R*T; a correlated one 2*sigma^2*tau. Matching them gives R = sigma^2 *
+  max(1, 2 tau / T).
+- Tails are heavy (multipath): Student-t with 4 degrees of freedom in place of the Gaussian, so that one
+  outlier
   cannot select the particles, and fixes far outside are refused outright by the caller.
 """
 
@@ -37,12 +41,14 @@ class GnssNoise:
 
 
 def correlation_inflation(correlation_s: float, interval_s: float) -> float:
-    """Factor on a variance that makes white noise every `interval_s` as strong as correlated noise at low frequency."""
+    """Factor on a variance that makes white noise every `interval_s` as strong as correlated noise at low
+    frequency."""
     return max(1.0, 2.0 * correlation_s / max(interval_s, 1e-3))
 
 
 def student_t_log(squared: FloatArray, dimension: int) -> FloatArray:
-    """Log density, up to a constant, of a multivariate Student-t at the squared Mahalanobis distance `squared`."""
+    """Log density, up to a constant, of a multivariate Student-t at the squared Mahalanobis distance
+    `squared`."""
     out: FloatArray = -0.5 * (TAIL_DOF + dimension) * np.log1p(squared / TAIL_DOF)
     return out
 

@@ -1,12 +1,12 @@
 """Which ticks may teach a radius.
 
-In: one tick's odometry, inertial means and fixes. Out: smoothed speed, acceleration and yaw rate, and a verdict.
-Slip and load transfer grow with force, and at low speed one cog is a large part of a tick, so only gentle driving
-above a minimum speed teaches. Ticks left out still move the pose.
+In: one tick's odometry, inertial means and fixes. Out: smoothed speed, acceleration and yaw rate, and a
+verdict. Slip and load transfer grow with force, and at low speed one cog is a large part of a tick, so only
+gentle driving above a minimum speed teaches. Ticks left out still move the pose.
 
-A soft rear tyre looks like a bend to the odometry (6 mm at 20 m/s: 0.27 rad/s), and a gate that trusted the wheels would
-shut just then. So the lateral acceleration is judged by a witness other than the wheels where there is one: the gyro, else
-the receiver's course, else (stale or none) the wheels.
+A soft rear tyre looks like a bend to the odometry (6 mm at 20 m/s: 0.27 rad/s), and a gate that trusted the
+wheels would shut just then. So the lateral acceleration is judged by a witness other than the wheels where
+there is one: the gyro, else the receiver's course, else (stale or none) the wheels.
 """
 
 from __future__ import annotations
@@ -20,11 +20,13 @@ SMOOTHING_S = 0.5
 COURSE_RATE_FRESH_S = 3.0
 MIN_CHORD_M = 8.0
 MAX_CURVATURE_PER_M = 0.03
-"""Tighter bends do not teach: errors of track and side-slip grow with curvature (5 cm of track at 33 m: 0.5 mm)."""
+"""Tighter bends do not teach: errors of track and side-slip grow with curvature (5 cm of track at 33 m: 0.5
+mm)."""
 
 
 class CourseRate:
-    """Yaw rate as the receiver sees it, from its courses or, without them, from chords between its positions."""
+    """Yaw rate as the receiver sees it, from its courses or, without them, from chords between its
+    positions."""
 
     def __init__(self) -> None:
         self._anchor: Fix | None = None

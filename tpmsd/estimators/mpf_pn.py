@@ -1,28 +1,30 @@
-"""MPF-PN: tyre radii and trajectory with a marginalized particle filter (paper 000, Table I, eqs 1-24 and 36-38).
+"""MPF-PN: tyre radii and trajectory with a marginalized particle filter (paper 000, Table I, eqs 1-24 and
+36-38).
 
 In: `Tick`s (rotation angles of the wheels, fixes). Out: `RadiusEstimate`s. Vectorised over particles, seeded.
 
-State of each particle: pose (east, north, heading) of the middle of the rear axle, and Normal-inverse-Wishart statistics
-of the radius errors w = (rl, rr[, fl, fr]). Per tick, with a_i the angle wheel i has turned (eq. 37, so T*omega):
+State of each particle: pose (east, north, heading) of the middle of the rear axle, and Normal-inverse-Wishart
+statistics of the radius errors w = (rl, rr[, fl, fr]). Per tick, with a_i the angle wheel i has turned (eq.
+37, so T*omega):
 
     w_rear ~ Student-t predictive (21)                               Table I, line 10
     way     = (a_rl (r_rl + w_rl) + a_rr (r_rr + w_rr)) / 2          (6a)
     turn    = (a_rr (r_rr + w_rr) - a_rl (r_rl + w_rl)) / track      (6b)
-    east   += way cos(heading + turn/2), north likewise, heading += turn   (7), mid-step heading: (7) to second order
-    statistics are updated with the realised w                       (19), (20)
-    weights are multiplied by p(fix | particle) when a fix comes     (22)
+    east   += way cos(heading + turn/2), north likewise, heading += turn   (7), mid-step heading: (7) to
+    second order statistics are updated with the realised w                       (19), (20) weights are
+    multiplied by p(fix | particle) when a fix comes     (22)
 
-Front wheels. The paper stops at the rear pair, whose wheels point along the body. A steered front wheel rolls along
-the path of its own hub, so given a particle's way and turn its path is known without any steering signal
-(`physics.kinematics`), and its radius error is realised, not sampled: w_f = path_f / a_f - r_f. It joins the statistics
-(d = 4), which makes the front radii as good as the trajectory, and differences between axles as good as the odometry.
-It does not weigh the particles: the hub's path leaves out tyre side-slip and steer geometry, and an error
-there must not bend the trajectory that the rear pair and the receiver agree on.
+Front wheels. The paper stops at the rear pair, whose wheels point along the body. A steered front wheel rolls
+along the path of its own hub, so given a particle's way and turn its path is known without any steering
+signal (`physics.kinematics`), and its radius error is realised, not sampled: w_f = path_f / a_f - r_f. It
+joins the statistics (d = 4), which makes the front radii as good as the trajectory, and differences between
+axles as good as the odometry. It does not weigh the particles: the hub's path leaves out tyre side-slip and
+steer geometry, and an error there must not bend the trajectory that the rear pair and the receiver agree on.
 
-What was added for real cars, each said where it is: asynchronous fixes placed inside their tick; Doppler speed and
-course where the receiver has them; heavy-tailed, correlation-aware likelihoods (`gnss_likelihood`); ticks that may not
-teach (`motion_gate`); a small share of particles that supposes a sudden change of a radius, without
-which a bootstrap proposal follows a puncture too late; and finding the pose again when lost.
+What was added for real cars, each said where it is: asynchronous fixes placed inside their tick; Doppler
+speed and course where the receiver has them; heavy-tailed, correlation-aware likelihoods (`gnss_likelihood`);
+ticks that may not teach (`motion_gate`); a small share of particles that supposes a sudden change of a
+radius, without which a bootstrap proposal follows a puncture too late; and finding the pose again when lost.
 """
 
 from __future__ import annotations
@@ -33,7 +35,8 @@ from typing import Any
 import numpy as np
 
 from tpmsd.config.model import FilterConfig, GnssConfig, VehicleConfig
-from tpmsd.estimators.base import RadiusEstimate
+from tpmsd.estimators.base import RadiusEstimate, checked_radii
+from tpmsd.estimators.fix_gate import FixGate
 from tpmsd.estimators.gnss_likelihood import (
     GnssNoise,
     heading_variance,
@@ -60,11 +63,6 @@ CHANGE_RATE_PER_S = 0.003
 """How often a particle supposes that a radius has just changed."""
 CHANGE_STD = 0.01
 """Size of the supposed change, relative to the radius."""
-REFUSE_DISTANCE = 6.0
-"""Fixes further off than this many standard deviations (plus `REFUSE_SLACK_M`) are refused."""
-REFUSE_SLACK_M = 5.0
-LOST_AFTER_S = 8.0
-"""Fixes refused for this long: the fixes are believed and the pose is found again."""
 COAST_LIMIT_S = 3.0
 
 
@@ -91,6 +89,7 @@ class MpfPn:
         self._rng = rng
         self._forgetting = 1.0 - 1.0 / max(settings.window_s * settings.rate_hz, 2.0)
         self._gate = MotionGate(settings)
+        self._fix_gate = FixGate()
         self._finder = PoseFinder()
         count = settings.particles or DEFAULT_PARTICLES
         dim = len(self._order)
@@ -98,8 +97,8 @@ class MpfPn:
         self._before = self._pose.copy()
         self._log_weights = np.zeros(count)
         prior_nu = dim + 3.0
-        # The prior spread of a radius sits in the particles' means, not in gamma: a wide gamma would make the first
-        # ticks' noise as large as the prior and lose the heading.
+        # The prior spread of a radius sits in the particles' means, not in gamma: a wide gamma would make the
+        # first ticks' noise as large as the prior and lose the heading.
         spread = PRIOR_RADIUS_STD * self._nominal
         self._stats = NormalInverseWishart(
             gamma=0.2,
@@ -111,12 +110,12 @@ class MpfPn:
         self._informative_s = 0.0
         self._last_fix_s = -math.inf
         self._fix_interval_s = 1.0
-        self._refused_since: float | None = None
         self._coasting_s = 0.0
         self._rate = (0.0, 0.0)
         self.counts: dict[str, int] = {"fixes": 0, "refused_fixes": 0, "lost_pose": 0, "resampled": 0}
 
-    # -- one tick -------------------------------------------------------------------------------------------------
+    # -- one tick
+    # -------------------------------------------------------------------------------------------------
 
     def step(self, tick: Tick) -> RadiusEstimate:
         """Advance by one tick; never raises on odd input."""
@@ -182,8 +181,9 @@ class MpfPn:
     def _suppose_changes(self, dt_s: float) -> None:
         """Let a few particles suppose that one rear radius has just changed.
 
-        The bootstrap proposal explores a mean only as fast as the forgetting lets it; a puncture is faster. With
-        this mixture in the prior, p(mu_k | mu_k-1) = (1 - e) delta + e N(mu_k-1, change), the weights decide.
+        The bootstrap proposal explores a mean only as fast as the forgetting lets it; a puncture is faster.
+        With this mixture in the prior, p(mu_k | mu_k-1) = (1 - e) delta + e N(mu_k-1, change), the weights
+        decide.
         """
         count = self._stats.mean.shape[0]
         number = int(self._rng.poisson(CHANGE_RATE_PER_S * dt_s * count))
@@ -208,7 +208,8 @@ class MpfPn:
         self._pose[0] += way * np.cos(self._pose[2])
         self._pose[1] += way * np.sin(self._pose[2])
 
-    # -- fixes ----------------------------------------------------------------------------------------------------
+    # -- fixes
+    # ----------------------------------------------------------------------------------------------------
 
     def _take_fix(self, fix: Fix, tick: Tick) -> None:
         """Weigh the particles by a fix, eq. (22), or find the pose by it."""
@@ -219,7 +220,8 @@ class MpfPn:
                 self._place(start, tick)
             return
         if not moving:
-            # At a standstill the radii are not in play, and correlated fixes would only sharpen a wrong position.
+            # At a standstill the radii are not in play, and correlated fixes would only sharpen a wrong
+            # position.
             return
         interval = fix.time_s - self._last_fix_s
         if 0.0 < interval < 30.0:
@@ -229,10 +231,12 @@ class MpfPn:
         east_off, north_off = fix.east_m - east, fix.north_m - north
         variance = position_variance(fix, self._fix_interval_s, self._noise)
         mean_off = float(weights @ np.hypot(east_off, north_off))
-        if mean_off > REFUSE_SLACK_M + REFUSE_DISTANCE * fix.position_std_m + 2.0 * math.sqrt(variance):
-            self._refuse(fix, tick)
+        # The spread of the particles is in mean_off already; the correlation-inflated variance covers the
+        # rest.
+        verdict = self._fix_gate.judge(mean_off, fix.position_std_m**2 + variance / 9.0, fix.time_s)
+        if verdict != "use":
+            self._refuse(fix, tick, lost=verdict == "lost")
             return
-        self._refused_since = None
         self.counts["fixes"] += 1
         log = student_t_log((east_off**2 + north_off**2) / variance, 2)
         speed, yaw_rate = self._rate
@@ -254,7 +258,8 @@ class MpfPn:
         self._last_fix_s = fix.time_s
 
     def _speed_log(self, fix: Fix, tick: Tick) -> FloatArray:
-        """Log-likelihood of the Doppler speed given each particle's mean radii (one tick's noise marginalised)."""
+        """Log-likelihood of the Doppler speed given each particle's mean radii (one tick's noise
+        marginalised)."""
         angle = tick.rotation_rad[self._order[:2]]
         if not np.all(np.isfinite(angle)):
             return np.zeros(self._pose.shape[1])
@@ -276,23 +281,22 @@ class MpfPn:
         cos, sin = np.cos(pose[2]), np.sin(pose[2])
         return pose[0] + forward * cos - left * sin, pose[1] + forward * sin + left * cos, pose[2]
 
-    def _refuse(self, fix: Fix, tick: Tick) -> None:
-        """Leave an outlying fix out; believe the receiver again if it insists."""
+    def _refuse(self, fix: Fix, tick: Tick, lost: bool) -> None:
+        """Leave an outlying fix out; if the receiver insists, find the pose anew."""
         self.counts["refused_fixes"] += 1
-        if self._refused_since is None:
-            self._refused_since = fix.time_s
-        elif fix.time_s - self._refused_since > LOST_AFTER_S:
-            self._lose_pose()
-            start = self._finder.update(fix, True)
-            if start is not None:
-                self._place(start, tick)
+        if not lost:
+            return
+        self._lose_pose()
+        start = self._finder.update(fix, True)
+        if start is not None:
+            self._place(start, tick)
 
     def _lose_pose(self) -> None:
         """Give the pose up and keep what was learned of the radii."""
         self._located = False
         self._finder.reset()
         self._gate.reset()
-        self._refused_since = None
+        self._fix_gate.reset()
         self.counts["lost_pose"] += 1
 
     def _place(self, start: PoseStart, tick: Tick) -> None:
@@ -300,8 +304,6 @@ class MpfPn:
         count = self._pose.shape[1]
         fix = start.fix
         heading = start.heading_rad + start.heading_std_rad * self._rng.standard_normal(count)
-        if math.isnan(fix.heading_rad):
-            heading += self._rate[1] * 0.0
         forward, left = self._antenna
         cos, sin = np.cos(heading), np.sin(heading)
         std = max(fix.position_std_m, self._noise.position_floor_m)
@@ -320,11 +322,12 @@ class MpfPn:
         self._located = True
         self._last_fix_s = fix.time_s
 
-    # -- particles ------------------------------------------------------------------------------------------------
+    # -- particles
+    # ------------------------------------------------------------------------------------------------
 
     def _weights(self) -> FloatArray:
         weights = np.exp(self._log_weights - self._log_weights.max())
-        return weights / weights.sum()
+        return np.asarray(weights / weights.sum())
 
     def _resample_if_needed(self) -> None:
         weights = self._weights()
@@ -370,7 +373,8 @@ class MpfPn:
             effective_particles=effective_number(weights),
         )
 
-    # -- what survives a restart ----------------------------------------------------------------------------------
+    # -- what survives a restart
+    # ----------------------------------------------------------------------------------
 
     def snapshot(self) -> dict[str, Any]:
         """Mean and covariance of the radii, and the noise, as plain numbers."""
@@ -386,20 +390,13 @@ class MpfPn:
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Take up a snapshot of the same car; ValueError if it does not fit."""
-        if saved.get("order") != list(self._order) or not np.allclose(
-            saved.get("nominal_m", []), self._nominal
-        ):
-            raise ValueError("the saved radii belong to another set of wheels or nominal radii")
-        mean = np.asarray(saved["mean_m"], dtype=np.float64)
-        covariance = np.asarray(saved["covariance_m2"], dtype=np.float64)
+        mean, covariance = checked_radii(saved, self._order, self._nominal)
         noise = np.asarray(saved["noise_m2"], dtype=np.float64)
+        informative_s = float(saved["informative_s"])
         dim = len(self._order)
-        sane = mean.shape == (dim,) and covariance.shape == noise.shape == (dim, dim)
-        if not sane or not all(np.all(np.isfinite(a)) for a in (mean, covariance, noise)):
-            raise ValueError("the saved radii are not finite numbers of the right shape")
-        if np.any(np.abs(mean) > 0.1 * self._nominal):
-            raise ValueError("the saved radii are absurd (more than 10 % off nominal)")
+        if noise.shape != (dim, dim) or not np.all(np.isfinite(noise)):
+            raise ValueError("the saved noise is not finite numbers of the right shape")
         count = self._pose.shape[1]
         self._stats.mean = self._rng.multivariate_normal(mean, covariance + np.eye(dim) * 1e-10, count)
         self._stats.scale = np.tile(noise * (self._stats.nu - dim - 1.0), (count, 1, 1))
-        self._informative_s = float(saved["informative_s"])
+        self._informative_s = informative_s

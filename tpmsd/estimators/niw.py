@@ -1,12 +1,16 @@
-"""Normal-inverse-Wishart statistics, one set per particle: paper 000, eqs (18)-(21) and (24), in their exact forms.
+"""Normal-inverse-Wishart statistics, one set per particle: paper 000, eqs (18)-(21) and (24), in their exact
+forms.
 
-In: realised noise vectors. Out: updated statistics, Student-t samples, posterior moments. Vectorised over particles.
+In: realised noise vectors. Out: updated statistics, Student-t samples, posterior moments. Vectorised over
+particles.
 
-The model: w | mu, Sigma ~ N(mu, Sigma), mu | Sigma ~ N(mu_hat, gamma Sigma), Sigma ~ iW(nu, Lambda), d = dim(w).
-gamma and nu follow the same path in every particle (they count samples, whatever these are), so they are scalars.
+The model: w | mu, Sigma ~ N(mu, Sigma), mu | Sigma ~ N(mu_hat, gamma Sigma), Sigma ~ iW(nu, Lambda), d =
+dim(w). gamma and nu follow the same path in every particle (they count samples, whatever these are), so they
+are scalars.
 
-Misprints in the paper, derived anew: the predictive (21) is Student-t with nu - d + 1 degrees of freedom, location
-mu_hat and *scale matrix* (1 + gamma) / (nu - d + 1) * Lambda; and E[Sigma] = Lambda / (nu - d - 1) in (24b).
+Misprints in the paper, derived anew: the predictive (21) is Student-t with nu - d + 1 degrees of freedom,
+location mu_hat and *scale matrix* (1 + gamma) / (nu - d + 1) * Lambda; and E[Sigma] = Lambda / (nu - d - 1)
+in (24b).
 """
 
 from __future__ import annotations
@@ -14,6 +18,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tpmsd.wheels import FloatArray
 
@@ -37,8 +42,8 @@ class NormalInverseWishart:
     def forget(self, forgetting_factor: float) -> None:
         """Time update, eqs (20a)-(20d).
 
-        nu is floored at d + 2: (20c) alone would let it fall to where the mean of Sigma does not exist; Lambda is
-        then scaled by the same ratio as nu so that the mean of Sigma stays what it was.
+        nu is floored at d + 2: (20c) alone would let it fall to where the mean of Sigma does not exist;
+        Lambda is then scaled by the same ratio as nu so that the mean of Sigma stays what it was.
         """
         self.gamma /= forgetting_factor
         nu = max(forgetting_factor * self.nu, self.dimension + 2.0)
@@ -46,7 +51,8 @@ class NormalInverseWishart:
         self.nu = nu
 
     def learn(self, noise: FloatArray) -> None:
-        """Measurement update with one realised noise vector per particle, eqs (19a)-(19d); noise is (N, d)."""
+        """Measurement update with one realised noise vector per particle, eqs (19a)-(19d); noise is (N,
+        d)."""
         difference = noise - self.mean
         shrink = 1.0 / (1.0 + self.gamma)
         self.gamma *= shrink
@@ -66,8 +72,9 @@ class NormalInverseWishart:
     def sample(self, rng: np.random.Generator, leading: int) -> FloatArray:
         """Draw the first `leading` (1 or 2) components from the predictive's marginal; (N, leading).
 
-        A marginal of a multivariate Student-t is Student-t with the same degrees of freedom and the sub-block of
-        the scale matrix. The Cholesky factor of a 2 x 2 block is written out: it is the hot spot of the filter.
+        A marginal of a multivariate Student-t is Student-t with the same degrees of freedom and the sub-block
+        of the scale matrix. The Cholesky factor of a 2 x 2 block is written out: it is the hot spot of the
+        filter.
         """
         count = self.mean.shape[0]
         block = self.predictive_scale_block(leading)
@@ -90,20 +97,21 @@ class NormalInverseWishart:
 
     def noise_covariance(self, weights: FloatArray) -> FloatArray:
         """(d, d) posterior mean of Sigma over all particles, eq. (24b) in its exact form."""
-        return np.einsum("i,ijk->jk", weights, self.scale) / (self.nu - self.dimension - 1.0)
+        total = np.einsum("i,ijk->jk", weights, self.scale)
+        return np.asarray(total / (self.nu - self.dimension - 1.0))
 
     def mean_moments(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Posterior mean (d,) and covariance (d, d) of mu over all particles: eq. (24a) and its spread.
 
-        The covariance is the mixture's: the mean of the particles' own gamma * E[Sigma] plus the spread of mu_hat.
+        The covariance is the mixture's: the mean of the particles' own gamma * E[Sigma] plus the spread of
+        mu_hat.
         """
         mean = weights @ self.mean
         centred = self.mean - mean
         spread = (centred * weights[:, None]).T @ centred
         return mean, spread + self.gamma * self.noise_covariance(weights)
 
-    def select(self, index: FloatArray | np.typing.NDArray[np.intp]) -> None:
+    def select(self, index: NDArray[np.intp]) -> None:
         """Keep the particles of the given indices (resampling)."""
-        chosen = np.asarray(index, dtype=np.intp)
-        self.mean = self.mean[chosen]
-        self.scale = self.scale[chosen]
+        self.mean = self.mean[index]
+        self.scale = self.scale[index]

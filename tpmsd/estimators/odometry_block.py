@@ -1,7 +1,7 @@
 """The wheels' rotation over about a second, ready to be held against the receiver and against each other.
 
-In: ticks and fixes. Out: a `Block` when one is complete. Over a block the counters' quantisation is small, and Doppler
-speeds at both ends and between give the way by the trapezoid rule.
+In: ticks and fixes. Out: a `Block` when one is complete. Over a block the counters' quantisation is small,
+and Doppler speeds at both ends and between give the way by the trapezoid rule.
 """
 
 from __future__ import annotations
@@ -38,7 +38,8 @@ class Block:
     duration_s: float
     teaches: bool
     angle_rad: FloatArray
-    """(d,) rotation in the estimator's order (rl, rr[, fl, fr]); over the Doppler span for the rear pair if there is one."""
+    """(d,) rotation in the estimator's order (rl, rr[, fl, fr]); over the Doppler span for the rear pair if
+    there is one."""
     way_m: float
     doppler_way_m: float
     """NaN without Doppler speeds."""

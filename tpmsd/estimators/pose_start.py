@@ -1,7 +1,7 @@
 """Where the car is and where it points, from fixes alone: to start the filter and to find it again when lost.
 
-In: fixes. Out: a `PoseStart` once the fixes agree on a heading, either by the receiver's course or by the chord
-between two fixes far enough apart.
+In: fixes. Out: a `PoseStart` once the fixes agree on a heading, either by the receiver's course or by the
+chord between two fixes far enough apart.
 """
 
 from __future__ import annotations
@@ -48,7 +48,8 @@ class PoseFinder:
         for earlier in reversed(self._fixes):
             east, north = fix.east_m - earlier.east_m, fix.north_m - earlier.north_m
             chord = math.hypot(east, north)
-            # Within a short chord the correlated part of the error cancels; a third of it is taken as independent.
+            # Within a short chord the correlated part of the error cancels; a third of it is taken as
+            # independent.
             noise = 0.1 + 0.33 * math.hypot(fix.position_std_m, earlier.position_std_m)
             if chord > max(MIN_CHORD_M, CHORD_IN_STD * noise):
                 # The chord is the mean heading of the way, so a bend leaves a heading error at its end.

@@ -18,7 +18,8 @@ def effective_number(weights: FloatArray) -> float:
 
 
 def systematic(weights: FloatArray, rng: np.random.Generator) -> NDArray[np.intp]:
-    """Systematic resampling: one uniform draw, N equally spaced pointers into the cumulative weights; (N,)."""
+    """Systematic resampling: one uniform draw, N equally spaced pointers into the cumulative weights;
+    (N,)."""
     count = weights.size
     pointers = (np.arange(count) + rng.random()) / count
     edges = np.cumsum(weights)

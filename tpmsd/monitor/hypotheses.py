@@ -1,13 +1,14 @@
 """Which tyres have lost radius? A comparison of hypotheses over all wheels at once.
 
-In: the change of the radii against the baseline with its covariance. Out: for each wheel the probability that it is
-deflated, and how large the loss is.
+In: the change of the radii against the baseline with its covariance. Out: for each wheel the probability that
+it is deflated, and how large the loss is.
 
-Model: change = nuisance + noise - s * (1 on the wheels of subset S), with s > 0 the loss common to the subset's wheels.
-Nuisance are the harmless changes that every drive brings, by the way they act (physics catalogue): all wheels together
-(centrifugal growth, warm-up), axle against axle (drive slip, load), side against side (camber, cross-load), and each wheel's
-own. A hypothesis is a subset S; its likelihood is averaged over a grid of losses, so larger subsets and freer losses pay for
-their freedom. Because all wheels are judged together, a common growth is not taken for a loss and the right wheel is named.
+Model: change = nuisance + noise - s * (1 on the wheels of subset S), with s > 0 the loss common to the
+subset's wheels. Nuisance are the harmless changes that every drive brings, by the way they act (physics
+catalogue): all wheels together (centrifugal growth, warm-up), axle against axle (drive slip, load), side
+against side (camber, cross-load), and each wheel's own. A hypothesis is a subset S; its likelihood is
+averaged over a grid of losses, so larger subsets and freer losses pay for their freedom. Because all wheels
+are judged together, a common growth is not taken for a loss and the right wheel is named.
 """
 
 from __future__ import annotations
@@ -31,8 +32,8 @@ class Nuisance:
 
     common: float = 0.0025
     axle: float = 0.0012
-    side: float = 0.0004
-    own: float = 0.0004
+    side: float = 0.0003
+    own: float = 0.0003
 
     def covariance(self, wheels: list[int], radius_m: FloatArray) -> FloatArray:
         """(d, d) covariance over the given wheels, m2."""
@@ -64,7 +65,8 @@ def compare(
 ) -> Verdict:
     """Posterior over all subsets and losses.
 
-    change_m (d,), covariance_m2 (d, d) of change including nuisance, radius_m (d,) nominal; threshold relative.
+    change_m (d,), covariance_m2 (d, d) of change including nuisance, radius_m (d,) nominal; threshold
+    relative.
     """
     d = change_m.size
     whitener = np.linalg.inv(np.linalg.cholesky(covariance_m2))

@@ -2,8 +2,9 @@
 
 In: a `RadiusEstimate` per tick, with the tick. Out: a `MonitorReport` per tick. Pure: no clock, no I/O.
 
-Learning: the first `learn_s` of informative driving give the baseline. Then, once a second of informative driving, all
-wheels' changes are judged together (`hypotheses`), and each alarm goes through its own hysteresis (`alarm_state`).
+Learning: the first `learn_s` of informative driving give the baseline. Then, once a second of informative
+driving, all wheels' changes are judged together (`hypotheses`), and each alarm goes through its own
+hysteresis (`alarm_state`).
 """
 
 from __future__ import annotations
@@ -91,7 +92,8 @@ class Monitor:
         self._last_valid_s = [-math.inf] * 4
         self._learned_from_s: float | None = None
 
-    # -- per tick -------------------------------------------------------------------------------------------------
+    # -- per tick
+    # -------------------------------------------------------------------------------------------------
 
     def update(self, tick: Tick, estimate: RadiusEstimate) -> MonitorReport:
         """Take one tick and its estimate."""
@@ -186,7 +188,10 @@ class Monitor:
         std = float(self._judged.change_std[wheel])
         loss = float(self._judged.loss_m[wheel])
         if kind is AlarmKind.DEFLATION:
-            reason = f"lost {1e3 * loss:.1f} mm of radius against the other wheels since learned (probability {probability:.3f})"
+            reason = (
+                f"lost {1e3 * loss:.1f} mm of radius against the other wheels since learned "
+                f"(probability {probability:.3f})"
+            )
         else:
             reason = f"radius changed by {1e3 * change:+.1f} +- {1e3 * std:.1f} mm since learned"
         if turned == "cleared":
@@ -210,7 +215,8 @@ class Monitor:
         else:
             self._standing.pop((kind, key), None)
 
-    # -- malfunctions ---------------------------------------------------------------------------------------------
+    # -- malfunctions
+    # ---------------------------------------------------------------------------------------------
 
     def _watch_signals(self, tick: Tick, estimate: RadiusEstimate) -> list[AlarmEvent]:
         valid = np.isfinite(tick.rotation_rad)
@@ -263,7 +269,8 @@ class Monitor:
         self._stand(AlarmKind.MALFUNCTION, str(key), event)
         return [event]
 
-    # -- reports --------------------------------------------------------------------------------------------------
+    # -- reports
+    # --------------------------------------------------------------------------------------------------
 
     def _wheel_report(self, wheel: int, tick: Tick, estimate: RadiusEstimate) -> WheelReport:
         known = wheel in self._wheels
@@ -288,7 +295,8 @@ class Monitor:
             deviation_probability=float(np.nan_to_num(judged.deviates[wheel])),
         )
 
-    # -- what survives a restart ----------------------------------------------------------------------------------
+    # -- what survives a restart
+    # ----------------------------------------------------------------------------------
 
     def snapshot(self) -> dict[str, Any]:
         """Baseline and standing tyre alarms as plain numbers."""

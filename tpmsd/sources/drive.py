@@ -1,10 +1,11 @@
 """A recorded drive as one stream.
 
-In: a drive folder (CONTRACT section 1). Out: stamped CAN frames and NMEA lines in the order in which they came.
+In: a drive folder (CONTRACT section 1). Out: stamped CAN frames and NMEA lines in the order in which they
+came.
 
-Both files bear the same host clock, but it may step back within a recording. Each file is cut into stretches at backward
-steps, and stretches are merged one by one, so that the second half of one file is not played against the first of the
-other. A single stamp that leaps away and back is a damaged line and is left out.
+Both files bear the same host clock, but it may step back within a recording. Each file is cut into stretches
+at backward steps, and stretches are merged one by one, so that the second half of one file is not played
+against the first of the other. A single stamp that leaps away and back is a damaged line and is left out.
 """
 
 from __future__ import annotations
@@ -52,9 +53,9 @@ class Drive:
     def __iter__(self) -> Iterator[CanFrame | Sentence]:
         """Frames and sentences, oldest first."""
         frames = self._stretches(read_can_log(self.can_log, self._noting("can", self.can_log)), "can")
-        streams: list[Iterator[tuple[int, float, CanFrame | Sentence]]] = [frames]  # type: ignore[list-item]
+        streams: list[Iterator[tuple[int, float, CanFrame | Sentence]]] = [frames]
         if self.nmea_log is not None:
-            streams.append(self._stretches(self._sentences(self.nmea_log), "gnss"))  # type: ignore[arg-type]
+            streams.append(self._stretches(self._sentences(self.nmea_log), "gnss"))
         for _, _, item in heapq.merge(*streams, key=lambda entry: entry[:2]):
             yield item
 

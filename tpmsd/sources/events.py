@@ -34,7 +34,8 @@ class InertialSample:
 
     time_s: float
     role: str
-    """yaw_rate | accel_long | accel_lat | steering_wheel_angle | brake_pressure | drive_torque | ambient_temp"""
+    """yaw_rate | accel_long | accel_lat | steering_wheel_angle | brake_pressure | drive_torque |
+    ambient_temp"""
     value: float
 
 
@@ -54,7 +55,8 @@ class GnssFix:
     """GGA quality: 0 none, 1 autonomous, 2 differential, 4 RTK fixed, 5 RTK float, 6 dead reckoning."""
     hdop: float = NAN
     position_std_m: float = NAN
-    """Horizontal one-sigma per axis from GST, else from quality and HDOP; never NaN if a position is given."""
+    """Horizontal one-sigma per axis from GST, else from quality and HDOP; never NaN if a position is
+    given."""
     speed_mps: float = NAN
     course_rad: float = NAN
     """Clockwise from true north, in [0, 2 pi), as NMEA has it."""

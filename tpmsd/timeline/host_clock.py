@@ -1,7 +1,8 @@
 """A time line that only rises, made of a host clock that does not always.
 
-In: host time stamps in the order in which they were taken. Out: logical seconds: the same numbers until the clock steps
-back, from then on shifted so that time goes on. Forward steps look like a pause and are left to the timeline.
+In: host time stamps in the order in which they were taken. Out: logical seconds: the same numbers until the
+clock steps back, from then on shifted so that time goes on. Forward steps look like a pause and are left to
+the timeline.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """One wheel's angle as a function of time, from readings that come when they come.
 
-In: `RotationSample`s. Out: the angle at any instant between two readings, and so the rotation in a tick. Wheels whose
-messages have other periods and phases meet here: each is interpolated to the same instants, and because the angles are
-exact, rotations of adjoining ticks add up to the counter's own difference.
+In: `RotationSample`s. Out: the angle at any instant between two readings, and so the rotation in a tick.
+Wheels whose messages have other periods and phases meet here: each is interpolated to the same instants, and
+because the angles are exact, rotations of adjoining ticks add up to the counter's own difference.
 """
 
 from __future__ import annotations
@@ -39,7 +39,8 @@ class RotationTrack:
         self._samples.clear()
 
     def at(self, time_s: float) -> tuple[float, int, float] | None:
-        """(angle, segment, quantum) at an instant, or None where no two readings of one segment enclose it."""
+        """(angle, segment, quantum) at an instant, or None where no two readings of one segment enclose
+        it."""
         before: RotationSample | None = None
         for sample in self._samples:
             if sample.time_s >= time_s:

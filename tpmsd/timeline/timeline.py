@@ -2,9 +2,10 @@
 
 In: events in the order of their host time stamps (`add`), and the passing of time (`advance`). Out: `Tick`s.
 
-Time comes from the stamps alone. A tick that ends at t is made once the stamps have passed t + holdback; it sees just what
-was stamped by then, whether that came from a socket or a file, so live and replay make the same ticks.
-The holdback covers the receiver's epoch (sentences gathered up to a quarter second), transport jitter and known latency.
+Time comes from the stamps alone. A tick that ends at t is made once the stamps have passed t + holdback; it
+sees just what was stamped by then, whether that came from a socket or a file, so live and replay make the
+same ticks. The holdback covers the receiver's epoch (sentences gathered up to a quarter second), transport
+jitter and known latency.
 """
 
 from __future__ import annotations
@@ -25,9 +26,11 @@ HOLDBACK_S = 0.45
 MAX_PAUSE_S = 5.0
 """Silence of all sources longer than this is skipped as a gap instead of being filled with empty ticks."""
 PLAUSIBLE_RATIO = 2.0
-"""A wheel that turns this much faster or slower than the median of the others is not believed in that tick."""
+"""A wheel that turns this much faster or slower than the median of the others is not believed in that
+tick."""
 PLAUSIBLE_FROM_RAD = 0.9
-"""Rotation per tick (10 Hz: 3 m/s) from which ratios are judged: below, tight bends and single counts rule."""
+"""Rotation per tick (10 Hz: 3 m/s) from which ratios are judged: below, tight bends and single counts
+rule."""
 HOLD_S = {"ambient_temp": 120.0}
 HOLD_DEFAULT_S = 1.0
 
@@ -208,7 +211,7 @@ class Timeline:
                 )
                 return
             valid = last_end + 1e-6
-        altitude = fix.altitude_m if math.isfinite(fix.altitude_m) else 0.0
+        altitude = fix.altitude_m
         east, north = self._plane.to_plane(fix.latitude_deg, fix.longitude_deg, altitude)
         heading = (
             self._plane.heading_from_course(fix.course_rad) if math.isfinite(fix.course_rad) else math.nan

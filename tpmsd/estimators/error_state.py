@@ -1,0 +1,190 @@
+"""The state that MPF-RB keeps per particle, what is assumed of it beforehand, and how it moves with a tick.
+
+In: rotation of the rear wheels. Out: mean and covariance of N particles, propagated through eq. (7) of paper
+000.
+
+Beside pose and radii the state holds what confounds them and acts linearly; the names are those of the
+effects in `physics.catalogue`, which describes each one's physics:
+
+    LAT, LATV  gnss_latency: age of a position, and how much older the Doppler speed is
+    TRK        track_width_error of the rear axle, relative, as a factor on the turn
+    FWD        antenna_lever_arm, forward
+    SLIP       longitudinal_slip of the driven axle, per acceleration
+    LOAD       load_transfer_lateral: radius lost per lateral acceleration by the outer wheels
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.estimators.batched_kalman import predict
+from tpmsd.wheels import FloatArray
+
+E, N, PSI, BE, BN, LAT, LATV, TRK, FWD, SLIP, LOAD, MU = range(12)
+"""Places in the state; the radius errors (rl, rr[, fl, fr]) come last, from MU on."""
+
+PRIOR_RADIUS_STD = 0.01
+"""Relative: nominal radii are often guessed."""
+DRIFT_OWN = 0.010e-3
+"""Random walk of one wheel's radius, m per sqrt(s): load, temperature, what the model leaves out."""
+DRIFT_AXLE = 0.020e-3
+"""The same for front against rear (slip of the driven axle, load)."""
+DRIFT_COMMON = 0.040e-3
+"""The same for all wheels together (centrifugal growth, warm-up)."""
+TURN_NOISE = 0.0004
+"""Heading noise per sqrt(m) of way: side-slip, road crown, roughness; rad."""
+TURN_RELATIVE = 0.02
+"""Turn noise relative to the turn of a tick."""
+WAY_NOISE = 0.003
+"""Way noise per sqrt(m), m."""
+ROUGH_WAY = 0.015
+"""Relative way noise in ticks that may not teach (slip)."""
+ROUGH_TURN = 0.004
+"""Relative turn noise, by way over track, in such ticks."""
+BIAS_TAU_S = 40.0
+"""Correlation time of the receiver's slow position error."""
+DEFAULT_POSITION_STD_M = 1.5
+LATENCY_PRIOR_S = (0.05, 0.1)
+"""Mean and standard deviation of `gnss_latency` beyond what is configured."""
+DOPPLER_LAG_PRIOR_S = (0.03, 0.05)
+"""How much older the Doppler speed is than the position: receivers smooth it (0.05 s in the recordings at
+hand)."""
+LATENCY_DRIFT = 0.001
+"""s per sqrt(s): what the tracking of the clocks leaves."""
+TRACK_PRIOR = 0.03
+"""Relative: tracks are often read off a data sheet for another rim."""
+FORWARD_PRIOR_M = 0.4
+SLIP_PRIOR = (0.004, 0.004)
+"""Slip of the driven axle per m/s2: 0.23 % at Fx/Fz = 0.05 is 0.008."""
+LOAD_PRIOR_S2 = 1e-4
+
+
+def initial_state(count: int, nominal_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Prior mean (count, n) and covariance (count, n, n); nominal_m (d,) in the order rl, rr[, fl, fr]."""
+    wheels = nominal_m.size
+    mean = np.zeros((count, MU + wheels))
+    covariance = np.zeros((count, MU + wheels, MU + wheels))
+    priors = (
+        (LAT, *LATENCY_PRIOR_S),
+        (LATV, *DOPPLER_LAG_PRIOR_S),
+        (TRK, 0.0, TRACK_PRIOR),
+        (FWD, 0.0, FORWARD_PRIOR_M),
+        (SLIP, *SLIP_PRIOR),
+        (LOAD, 0.0, LOAD_PRIOR_S2),
+    )
+    for place, value, std in priors:
+        mean[:, place] = value
+        covariance[:, place, place] = std**2
+    # A guessed nominal is wrong for all wheels alike; wheels differ among themselves by half as much.
+    radii = np.outer(nominal_m, nominal_m) * PRIOR_RADIUS_STD**2
+    covariance[:, MU:, MU:] = radii * (0.75 + 0.25 * np.eye(wheels))
+    return mean, covariance
+
+
+def drift_covariance(wheels: int) -> FloatArray:
+    """(d, d) growth of the radii's covariance per second."""
+    out = np.eye(wheels) * DRIFT_OWN**2 + np.ones((wheels, wheels)) * DRIFT_COMMON**2
+    if wheels == 4:
+        axle = np.array([1.0, 1.0, -1.0, -1.0])
+        out += np.outer(axle, axle) * DRIFT_AXLE**2
+    return out
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """One tick as the process model sees it."""
+
+    dt_s: float
+    rear_rad: FloatArray
+    """(2,) rotation of rl and rr."""
+    accel_long_mps2: float
+    accel_lat_mps2: float
+    teaches: bool
+    steered_curvature: float | None = None
+    """Curvature by the steering, eq. (38c), where it replaces the wheels' turn."""
+
+
+class ProcessModel:
+    """Moves all particles through a tick."""
+
+    def __init__(self, nominal_m: FloatArray, track_rear_m: float, driven_rear: bool) -> None:
+        self._nominal = nominal_m
+        self._track = track_rear_m
+        self._driven_rear = driven_rear
+        self._wheels = nominal_m.size
+        self.drift = drift_covariance(self._wheels)
+
+    def way_and_turn(self, mean: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
+        """(N,) way of the rear axle's middle and turn of each particle, eqs (6a), (6b)."""
+        roll = motion.rear_rad * (self._nominal[:2] + mean[:, MU : MU + 2])
+        way = roll.sum(axis=1) / 2
+        if self._driven_rear:
+            way *= 1.0 - mean[:, SLIP] * motion.accel_long_mps2
+        if motion.steered_curvature is not None:
+            return way, way * motion.steered_curvature
+        turn = (roll[:, 1] - roll[:, 0]) / self._track * (1.0 + mean[:, TRK])
+        return way, turn + mean[:, LOAD] * self._load_turn(motion)
+
+    def _load_turn(self, motion: Motion) -> float:
+        """Turn per LOAD: in a left turn the right radius shrinks and the left one grows, so the wheels show
+        too much of it."""
+        return -motion.accel_lat_mps2 * float(motion.rear_rad.sum()) / self._track
+
+    def propagate(
+        self, mean: FloatArray, covariance: FloatArray, motion: Motion, position_std_m: float
+    ) -> tuple[FloatArray, float, float]:
+        """Move mean (in place) and covariance (returned) through eq. (7), heading at mid-step.
+
+        Returns the covariance and the mean way and turn of the tick.
+        """
+        way, turn = self.way_and_turn(mean, motion)
+        middle = mean[:, PSI] + turn / 2
+        cos, sin = np.cos(middle), np.sin(middle)
+        mean[:, E] += way * cos
+        mean[:, N] += way * sin
+        mean[:, PSI] += turn
+        decay = math.exp(-motion.dt_s / BIAS_TAU_S)
+        mean[:, BE : BN + 1] *= decay
+        jacobian = self._jacobian(way, turn, cos, sin, motion)
+        jacobian[:, BE, BE] = jacobian[:, BN, BN] = decay
+        mean_way, mean_turn = float(way.mean()), float(turn.mean())
+        noise = self._noise(motion, abs(mean_way), mean_turn)
+        noise[BE, BE] = noise[BN, BN] = position_std_m**2 * (1.0 - decay**2)
+        return predict(covariance, jacobian, noise), mean_way, mean_turn
+
+    def _jacobian(
+        self, way: FloatArray, turn: FloatArray, cos: FloatArray, sin: FloatArray, motion: Motion
+    ) -> FloatArray:
+        size = MU + self._wheels
+        out = np.zeros((way.size, size, size))
+        out[:, range(size), range(size)] = 1.0
+        out[:, E, PSI] = -way * sin
+        out[:, N, PSI] = way * cos
+        by_wheels = motion.steered_curvature is None
+        for k, sign in enumerate((-1.0, 1.0)):
+            half = motion.rear_rad[k] / 2
+            bend = sign * motion.rear_rad[k] / self._track * by_wheels
+            out[:, E, MU + k] = half * cos - way * sin * bend / 2
+            out[:, N, MU + k] = half * sin + way * cos * bend / 2
+            out[:, PSI, MU + k] = bend
+        if self._driven_rear:
+            out[:, E, SLIP] = -way * motion.accel_long_mps2 * cos
+            out[:, N, SLIP] = -way * motion.accel_long_mps2 * sin
+        if by_wheels:
+            out[:, PSI, TRK] = turn
+            out[:, PSI, LOAD] = self._load_turn(motion)
+        return out
+
+    def _noise(self, motion: Motion, distance: float, turn: float) -> FloatArray:
+        size = MU + self._wheels
+        out = np.zeros((size, size))
+        rough = not motion.teaches
+        out[E, E] = out[N, N] = WAY_NOISE**2 * distance + (ROUGH_WAY * distance) ** 2 * rough
+        out[PSI, PSI] = TURN_NOISE**2 * distance + (TURN_RELATIVE * turn) ** 2
+        out[PSI, PSI] += (ROUGH_TURN * distance / self._track) ** 2 * rough
+        out[LAT, LAT] = LATENCY_DRIFT**2 * motion.dt_s
+        out[MU:, MU:] = self.drift * motion.dt_s
+        return out

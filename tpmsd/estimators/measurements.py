@@ -1,0 +1,128 @@
+"""What MPF-RB holds its particles against: measurement rows, predictions and variances.
+
+In: fixes, blocks of rotation, the particles' means. Out: what `batched_kalman.scalar_update` takes. State
+layout: `error_state`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.estimators.error_state import BE, BN, FWD, LAT, LATV, LOAD, MU, PSI, SLIP, TRK, E, N
+from tpmsd.estimators.odometry_block import Block, FrontResidual
+from tpmsd.timeline.tick import Fix, Tick
+from tpmsd.wheels import FloatArray
+
+WHITE_POSITION_STD_M = 0.25
+"""The part of a position error that is new with every fix."""
+DOPPLER_STD_MPS = 0.06
+DOPPLER_TAU_S = 1.0
+TIMING_STD_S = 0.03
+"""Jitter of the time stamps, which turns speed, acceleration and yaw rate into errors."""
+COURSE_FLOOR_RAD = 0.004
+"""Side-slip of the rear axle that no state holds."""
+ROUGHNESS_STD = 2.0e-4
+"""Front against rear over one block, relative to the way, at 20 m (grows with its square root)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scalar:
+    """One scalar measurement of all particles."""
+
+    innovation: FloatArray
+    """(N,)"""
+    row: FloatArray
+    """(n,) or (N, n)"""
+    variance: float
+
+
+@dataclass(frozen=True, slots=True)
+class Present:
+    """What the measurement models know of the moment."""
+
+    speed_mps: float
+    yaw_rate_radps: float
+    antenna_forward_m: float
+    antenna_left_m: float
+
+
+def antenna_position(
+    mean: FloatArray, fix: Fix, tick: Tick, now: Present
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Predicted antenna east and north (N,) at the time of the fix, and their rows (N, n)."""
+    cos, sin = np.cos(mean[:, PSI]), np.sin(mean[:, PSI])
+    behind_s = (1.0 - fix.fraction) * tick.dt_s + mean[:, LAT]
+    ahead = now.antenna_forward_m + mean[:, FWD] - now.speed_mps * behind_s
+    left = now.antenna_left_m
+    east = mean[:, E] + mean[:, BE] + ahead * cos - left * sin
+    north = mean[:, N] + mean[:, BN] + ahead * sin + left * cos
+    east_row, north_row = np.zeros_like(mean), np.zeros_like(mean)
+    east_row[:, E] = east_row[:, BE] = 1.0
+    north_row[:, N] = north_row[:, BN] = 1.0
+    east_row[:, PSI], north_row[:, PSI] = -ahead * sin - left * cos, ahead * cos - left * sin
+    east_row[:, LAT], north_row[:, LAT] = -now.speed_mps * cos, -now.speed_mps * sin
+    east_row[:, FWD], north_row[:, FWD] = cos, sin
+    return east, north, east_row, north_row
+
+
+def position_variance(fix: Fix, now: Present) -> float:
+    """Variance of the part of a position that is new with every fix; the slow part is in the state."""
+    white = min(WHITE_POSITION_STD_M, fix.position_std_m)
+    return white**2 + (TIMING_STD_S * now.speed_mps) ** 2 + 0.02**2
+
+
+def course(
+    mean: FloatArray, fix: Fix, tick: Tick, now: Present, reading_rad: float, interval_s: float
+) -> Scalar:
+    """Heading against the receiver's course; `reading_rad` is the counters' reading error as a heading."""
+    behind_s = (1.0 - fix.fraction) * tick.dt_s + mean[:, LAT] + mean[:, LATV]
+    along = max(now.speed_mps - now.yaw_rate_radps * now.antenna_left_m, 0.1)
+    swing = np.arctan2(now.yaw_rate_radps * (now.antenna_forward_m + mean[:, FWD]), along)
+    predicted = mean[:, PSI] - now.yaw_rate_radps * behind_s + swing
+    off = np.remainder(fix.heading_rad - predicted + math.pi, 2 * math.pi) - math.pi
+    row = np.zeros(mean.shape[1])
+    row[PSI] = 1.0
+    row[LAT] = row[LATV] = -now.yaw_rate_radps
+    row[FWD] = now.yaw_rate_radps / along
+    doppler = (DOPPLER_STD_MPS / max(now.speed_mps, 0.5)) ** 2 * max(1.0, 2 * DOPPLER_TAU_S / interval_s)
+    timing = (TIMING_STD_S * now.yaw_rate_radps) ** 2
+    return Scalar(off, row, doppler + timing + COURSE_FLOOR_RAD**2 + reading_rad**2)
+
+
+def doppler_way(
+    mean: FloatArray, block: Block, nominal: FloatArray, left_m: float, driven_rear: bool
+) -> Scalar:
+    """Way by the receiver's speeds against the rear wheels."""
+    slip = mean[:, SLIP] * block.accel_mps2 if driven_rear else np.zeros(mean.shape[0])
+    predicted = (nominal[:2] + mean[:, MU : MU + 2]) @ block.angle_rad[:2] / 2 * (1.0 - slip)
+    predicted -= (mean[:, LAT] + mean[:, LATV]) * block.speed_change_mps + left_m * block.turn_rad
+    row = np.zeros(mean.shape[1])
+    row[MU : MU + 2] = block.angle_rad[:2] / 2
+    row[LAT] = row[LATV] = -block.speed_change_mps
+    row[SLIP] = -block.way_m * block.accel_mps2 if driven_rear else 0.0
+    doppler = DOPPLER_STD_MPS**2 * 2 * DOPPLER_TAU_S * block.duration_s
+    variance = doppler + (TIMING_STD_S * block.speed_swing_mps) ** 2 + block.reading_way_m**2
+    return Scalar(block.doppler_way_m - predicted, row, variance)
+
+
+def front_wheel(
+    mean: FloatArray, block: Block, front: FrontResidual, place: int, driven_front_minus_rear: float
+) -> Scalar:
+    """One front wheel against the hub path that the rear pair predicts; `place` is 2 (fl) or 3 (fr).
+
+    A driven rear pair makes the predicted path shorter (omega r = v (1 + slip)), a driven front wheel its
+    own. Lateral load transfer acts on both axles alike and cancels, so LOAD does not enter.
+    """
+    row = np.zeros(mean.shape[1])
+    row[MU : MU + 2] = front.by_rear
+    row[MU + place] = -block.angle_rad[place]
+    row[TRK] = front.by_track
+    row[SLIP] = driven_front_minus_rear * block.way_m * block.accel_mps2
+    row[LOAD] = 0.0
+    residual = front.residual_m + (mean[:, MU:] - block.at_radii) @ row[MU:]
+    residual += mean[:, TRK] * row[TRK] + mean[:, SLIP] * row[SLIP]
+    rough = ROUGHNESS_STD * math.sqrt(max(block.way_m, 1.0) * 20.0)
+    return Scalar(-residual, row, rough**2 + front.reading_m**2)
