@@ -20,9 +20,10 @@ from tpmsd.report.replay_document import replay_document
 from tpmsd.report.replay_recorder import ReplayRecorder
 from tpmsd.report.replay_result import ReplayResult
 from tpmsd.report.replay_summary import replay_summary
-from tpmsd.sources.can_decoder import load_database
+from tpmsd.sources.can_decoder import CanDecoder, load_database
 from tpmsd.sources.can_frame import CanFrame
 from tpmsd.sources.drive import Drive
+from tpmsd.sources.plain_nmea import clock_offset
 
 _DESCRIPTION = """\
 Runs a recorded drive through the same core as the daemon, at full speed, and says what the daemon would
@@ -97,7 +98,10 @@ def _overridden(config: Config, args: argparse.Namespace) -> Config:
 def replay(folder: Path, config: Config) -> ReplayResult:
     """Run a drive through the core; raises InputError if nothing usable is in it."""
     drive = Drive(folder)
-    pipeline = Pipeline(config, load_database(config.can.dbc))
+    database = load_database(config.can.dbc)
+    if not drive.host_times:
+        _align_clocks(drive, config, CanDecoder(config, database))
+    pipeline = Pipeline(config, database)
     recorder = ReplayRecorder(folder.resolve().name, config.vehicle, config.monitor)
     begun = time.perf_counter()
     start: float | None = None
@@ -125,6 +129,18 @@ def replay(folder: Path, config: Config) -> ReplayResult:
     return dataclasses.replace(
         result, realtime_factor=result.duration_s / max(time.perf_counter() - begun, 1e-9)
     )
+
+
+def _align_clocks(drive: Drive, config: Config, decoder: CanDecoder) -> None:
+    """Put plain NMEA lines, whose UTC is their only clock, onto the host clock of the CAN log."""
+    radius_m = config.vehicle.wheel_radius_m[2]
+    found = clock_offset(Drive(drive.folder), decoder, radius_m)
+    if found is not None and found.trusted:
+        drive.gnss_offset_s = found.offset_s
+        note = f"shifted by {found.offset_s:+.2f} s to fit the wheels (correlation {found.correlation:.3f})"
+    else:
+        note = "taken as the host clock, for the speeds do not tell its offset"
+    print(f"tpmsd: {drive.nmea_log}: lines bear no host time; their UTC is {note}", file=sys.stderr)
 
 
 def _record(recorder: ReplayRecorder, steps: list[Step]) -> None:

@@ -21,10 +21,12 @@ joins the statistics (d = 4), which makes the front radii as good as the traject
 axles as good as the odometry. It does not weigh the particles: the hub's path leaves out tyre side-slip and
 steer geometry, and an error there must not bend the trajectory that the rear pair and the receiver agree on.
 
-What was added for real cars, each said where it is: asynchronous fixes placed inside their tick; Doppler
-speed and course where the receiver has them; heavy-tailed, correlation-aware likelihoods (`gnss_likelihood`);
-ticks that may not teach (`motion_gate`); a small share of particles that supposes a sudden change of a
-radius, without which a bootstrap proposal follows a puncture too late; and finding the pose again when lost.
+What was added for real cars: fixes are placed inside their tick, as they come; position errors have the
+receiver's stated size and Student-t tails (`gnss_likelihood`) in place of one known Gaussian (10d); ticks
+that may not teach are left out of the statistics (`motion_gate`); the pose is found again when lost; and a
+small share of particles supposes a sudden change of a radius, without which a bootstrap proposal follows a
+puncture too late (`change_rate_per_s=0` is the paper's filter). Only positions are used, as in the paper;
+`mpf_rb` uses Doppler speed and course too.
 """
 
 from __future__ import annotations
@@ -37,13 +39,7 @@ import numpy as np
 from tpmsd.config.model import FilterConfig, GnssConfig, VehicleConfig
 from tpmsd.estimators.base import RadiusEstimate, checked_radii
 from tpmsd.estimators.fix_gate import FixGate
-from tpmsd.estimators.gnss_likelihood import (
-    GnssNoise,
-    heading_variance,
-    position_variance,
-    speed_variance,
-    student_t_log,
-)
+from tpmsd.estimators.gnss_likelihood import position_variance, student_t_log
 from tpmsd.estimators.motion_gate import MotionGate
 from tpmsd.estimators.niw import NormalInverseWishart
 from tpmsd.estimators.pose_start import PoseFinder, PoseStart
@@ -76,16 +72,16 @@ class MpfPn:
         settings: FilterConfig,
         rng: np.random.Generator,
         front: bool,
-        noise: GnssNoise | None = None,
+        change_rate_per_s: float = CHANGE_RATE_PER_S,
     ) -> None:
-        """`front`: whether the bus has the front wheels too."""
+        """`front`: whether the bus has the front wheels; `change_rate_per_s`: of supposed sudden changes."""
         self._order = [RL, RR, FL, FR] if front else [RL, RR]
         self._nominal = np.array([vehicle.wheel_radius_m[i] for i in self._order])
         self._geometry = Geometry(vehicle.track_front_m, vehicle.track_rear_m, vehicle.wheelbase_m)
         self._steering_ratio = vehicle.steering_ratio
         self._antenna = (gnss.antenna_forward_m, gnss.antenna_left_m)
         self._settings = settings
-        self._noise = noise or GnssNoise()
+        self._change_rate = change_rate_per_s
         self._rng = rng
         self._forgetting = 1.0 - 1.0 / max(settings.window_s * settings.rate_hz, 2.0)
         self._gate = MotionGate(settings)
@@ -109,7 +105,6 @@ class MpfPn:
         self._located = False
         self._informative_s = 0.0
         self._last_fix_s = -math.inf
-        self._fix_interval_s = 1.0
         self._coasting_s = 0.0
         self._rate = (0.0, 0.0)
         self.counts: dict[str, int] = {"fixes": 0, "refused_fixes": 0, "lost_pose": 0, "resampled": 0}
@@ -186,7 +181,7 @@ class MpfPn:
         decide.
         """
         count = self._stats.mean.shape[0]
-        number = int(self._rng.poisson(CHANGE_RATE_PER_S * dt_s * count))
+        number = int(self._rng.poisson(self._change_rate * dt_s * count))
         if number == 0:
             return
         who = self._rng.integers(count, size=number)
@@ -223,13 +218,10 @@ class MpfPn:
             # At a standstill the radii are not in play, and correlated fixes would only sharpen a wrong
             # position.
             return
-        interval = fix.time_s - self._last_fix_s
-        if 0.0 < interval < 30.0:
-            self._fix_interval_s += 0.1 * (interval - self._fix_interval_s)
         weights = self._weights()
-        east, north, heading = self._antenna_at(fix.fraction)
+        east, north = self._antenna_at(fix.fraction)
         east_off, north_off = fix.east_m - east, fix.north_m - north
-        variance = position_variance(fix, self._fix_interval_s, self._noise)
+        variance = position_variance(fix)
         mean_off = float(weights @ np.hypot(east_off, north_off))
         # The spread of the particles is in mean_off already; the correlation-inflated variance covers the
         # rest.
@@ -238,48 +230,16 @@ class MpfPn:
             self._refuse(fix, tick, lost=verdict == "lost")
             return
         self.counts["fixes"] += 1
-        log = student_t_log((east_off**2 + north_off**2) / variance, 2)
-        speed, yaw_rate = self._rate
-        if speed > self._settings.min_speed_mps:
-            if math.isfinite(fix.heading_rad):
-                forward, left = self._antenna
-                course = heading + math.atan2(yaw_rate * forward, max(speed - yaw_rate * left, 0.1))
-                off = np.remainder(fix.heading_rad - course + math.pi, 2 * math.pi) - math.pi
-                log += student_t_log(
-                    off**2 / heading_variance(speed, self._fix_interval_s, yaw_rate, self._noise), 1
-                )
-            if (
-                math.isfinite(fix.speed_mps)
-                and abs(self._gate.accel_mps2) < self._settings.max_accel_long_mps2
-            ):
-                log += self._speed_log(fix, tick)
-        self._log_weights += log
+        self._log_weights += student_t_log((east_off**2 + north_off**2) / variance, 2)
         self._log_weights -= self._log_weights.max()
         self._last_fix_s = fix.time_s
 
-    def _speed_log(self, fix: Fix, tick: Tick) -> FloatArray:
-        """Log-likelihood of the Doppler speed given each particle's mean radii (one tick's noise
-        marginalised)."""
-        angle = tick.rotation_rad[self._order[:2]]
-        if not np.all(np.isfinite(angle)):
-            return np.zeros(self._pose.shape[1])
-        rate = angle / tick.dt_s
-        speed = (self._nominal[:2] + self._stats.mean[:, :2]) @ rate / 2
-        quantisation = float(np.mean(tick.rotation_std_rad[self._order[:2]] * self._nominal[:2])) / tick.dt_s
-        yaw_rate = self._rate[1]
-        forward, left = self._antenna
-        speed = np.hypot(speed - yaw_rate * left, yaw_rate * forward)
-        variance = speed_variance(
-            self._fix_interval_s, self._gate.accel_mps2, quantisation / math.sqrt(2), self._noise
-        )
-        return student_t_log((fix.speed_mps - speed) ** 2 / variance, 1)
-
-    def _antenna_at(self, fraction: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Antenna position and heading of each particle at a fraction of the tick."""
+    def _antenna_at(self, fraction: float) -> tuple[FloatArray, FloatArray]:
+        """Antenna position (N,), (N,) of each particle at a fraction of the tick."""
         pose = self._before + fraction * (self._pose - self._before)
         forward, left = self._antenna
         cos, sin = np.cos(pose[2]), np.sin(pose[2])
-        return pose[0] + forward * cos - left * sin, pose[1] + forward * sin + left * cos, pose[2]
+        return pose[0] + forward * cos - left * sin, pose[1] + forward * sin + left * cos
 
     def _refuse(self, fix: Fix, tick: Tick, lost: bool) -> None:
         """Leave an outlying fix out; if the receiver insists, find the pose anew."""
@@ -306,7 +266,7 @@ class MpfPn:
         heading = start.heading_rad + start.heading_std_rad * self._rng.standard_normal(count)
         forward, left = self._antenna
         cos, sin = np.cos(heading), np.sin(heading)
-        std = max(fix.position_std_m, self._noise.position_floor_m)
+        std = math.sqrt(position_variance(fix))
         rest = (1.0 - fix.fraction) * tick.dt_s * self._rate[0]
         east = fix.east_m + std * self._rng.standard_normal(count)
         north = fix.north_m + std * self._rng.standard_normal(count)

@@ -10,20 +10,24 @@ against the first of the other. A single stamp that leaps away and back is a dam
 
 from __future__ import annotations
 
-import heapq
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
 from tpmsd.errors import InputError
 from tpmsd.sources.can_frame import CanFrame
 from tpmsd.sources.can_log import find_can_log, read_can_log
-from tpmsd.sources.nmea_log import read_nmea_log
+from tpmsd.sources.nmea_log import bears_host_times, read_nmea_log
 
 BACKWARD_STEP_S = 0.5
-LEAP_S = 30.0
-"""A stamp this far from both its neighbours, which agree with each other, is damaged."""
+LEAP_S = 2.0
+"""A stamp this far from both its neighbours, which are closer to each other, is damaged."""
+PATIENCE_S = {"can": 10.0, "gnss": 0.5}
+"""How far past a step of the other file a file is played before it is taken not to show that step.
+
+Sentences come once a second or less often, so the frames may run on for long before they come to a step that
+the sentences showed first."""
 
 
 class Sentence(NamedTuple):
@@ -47,21 +51,33 @@ class Drive:
         self.nmea_log = next(
             (p for p in (folder / "gnss.nmea", folder / "gnss.nmea.gz") if p.is_file()), None
         )
+        self.host_times = self.nmea_log is None or bears_host_times(self.nmea_log)
+        """Whether the NMEA lines bear the host clock; else their UTC needs `gnss_offset_s`."""
+        self.gnss_offset_s = 0.0
+        """Added to the time of every NMEA line; see `plain_nmea.clock_offset`."""
         self.counts: Counter[str] = Counter()
         self.first_bad: dict[str, str] = {}
 
     def __iter__(self) -> Iterator[CanFrame | Sentence]:
         """Frames and sentences, oldest first."""
-        frames = self._stretches(read_can_log(self.can_log, self._noting("can", self.can_log)), "can")
-        streams: list[Iterator[tuple[int, float, CanFrame | Sentence]]] = [frames]
-        if self.nmea_log is not None:
-            streams.append(self._stretches(self._sentences(self.nmea_log), "gnss"))
-        for _, _, item in heapq.merge(*streams, key=lambda entry: entry[:2]):
+        can = _Stream(
+            "can", self._undamaged(read_can_log(self.can_log, self._noting("can", self.can_log)), "can")
+        )
+        gnss = _Stream("gnss", self._undamaged(self._sentences(), "gnss"))
+        while can.head is not None or gnss.head is not None:
+            stream = _next(can, gnss)
+            assert stream.head is not None
+            item = stream.head
+            if stream.advance():
+                self.counts[f"{stream.source} clock steps"] += 1
             yield item
 
-    def _sentences(self, path: Path) -> Iterator[Sentence]:
+    def _sentences(self) -> Iterator[Sentence]:
+        path = self.nmea_log
+        if path is None:
+            return
         for time_s, line, number in read_nmea_log(path, self._noting("gnss", path)):
-            yield Sentence(time_s, line, number)
+            yield Sentence(time_s + self.gnss_offset_s, line, number)
 
     def _noting(self, source: str, path: Path) -> Callable[[int, str], None]:
         def note(line: int, reason: str) -> None:
@@ -70,34 +86,20 @@ class Drive:
 
         return note
 
-    def _stretches(self, items: Iterator[Item], source: str) -> Iterator[tuple[int, float, Item]]:
-        """(stretch, time, item) with damaged stamps left out."""
-        stretch = 0
+    def _undamaged(self, items: Iterable[Item], source: str) -> Iterator[Item]:
+        """The items without those whose stamp leaps away from both neighbours."""
         before: float | None = None
         held: Item | None = None
         for item in items:
-            if held is None:
-                held = item
-                continue
-            if self._leaps(before, held.time_s, item.time_s):
-                self.counts[f"{source} damaged stamps"] += 1
-                held = item
-                continue
-            if before is not None and held.time_s < before - BACKWARD_STEP_S:
-                stretch += 1
-                self.counts[f"{source} clock steps"] += 1
-            yield stretch, held.time_s, held
-            before, held = held.time_s, item
-        if held is not None and not self._leaps(before, held.time_s, before):
-            if before is not None and held.time_s < before - BACKWARD_STEP_S:
-                stretch += 1
-            yield stretch, held.time_s, held
-
-    @staticmethod
-    def _leaps(before: float | None, time_s: float, after: float | None) -> bool:
-        if before is None or after is None:
-            return False
-        return abs(time_s - before) > LEAP_S and abs(time_s - after) > LEAP_S and abs(after - before) < LEAP_S
+            if held is not None:
+                if _leaps(before, held.time_s, item.time_s):
+                    self.counts[f"{source} damaged stamps"] += 1
+                else:
+                    yield held
+                    before = held.time_s
+            held = item
+        if held is not None:
+            yield held
 
     def span_s(self) -> float:
         """Duration by the receiver's log, for progress bars; 0 if it is not known cheaply."""
@@ -111,3 +113,48 @@ class Drive:
         except InputError:
             return 0.0
         return 0.0 if first is None or last is None else max(last - first, 0.0)
+
+
+def _leaps(before: float | None, time_s: float, after: float) -> bool:
+    """Whether a stamp is damaged, given its neighbours; the first of a file has only the one behind it."""
+    if before is None:
+        return abs(after - time_s) > LEAP_S
+    return abs(time_s - before) > LEAP_S and abs(time_s - after) > LEAP_S and abs(after - before) < LEAP_S
+
+
+class _Stream:
+    """One file: its next item, and where it last stepped back."""
+
+    def __init__(self, source: str, items: Iterator[CanFrame] | Iterator[Sentence]) -> None:
+        self.source = source
+        self._items = items
+        self.head: CanFrame | Sentence | None = next(items, None)
+        self.steps = 0
+        self.step_from_s = 0.0
+        self.step_to_s = 0.0
+
+    def advance(self) -> bool:
+        """Go to the next item; whether the clock stepped back before it."""
+        assert self.head is not None
+        before = self.head.time_s
+        self.head = next(self._items, None)
+        if self.head is None or self.head.time_s >= before - BACKWARD_STEP_S:
+            return False
+        self.steps += 1
+        self.step_from_s, self.step_to_s = before, self.head.time_s
+        return True
+
+
+def _next(one: _Stream, other: _Stream) -> _Stream:
+    """The stream whose head is to be played next."""
+    if one.head is None or other.head is None:
+        return other if one.head is None else one
+    if one.steps != other.steps:
+        ahead, behind = (one, other) if one.steps > other.steps else (other, one)
+        assert behind.head is not None
+        time_s = behind.head.time_s
+        beyond = time_s > ahead.step_from_s + PATIENCE_S[behind.source]
+        if not beyond and abs(time_s - ahead.step_from_s) < abs(time_s - ahead.step_to_s):
+            return behind  # it has yet to come to the step
+        behind.steps = ahead.steps
+    return one if one.head.time_s <= other.head.time_s else other

@@ -41,7 +41,7 @@ def read_nmea_log(path: str | Path, on_bad_line: BadLine | None = None) -> Itera
     """
     path = Path(path)
     report = _Report(on_bad_line)
-    entries = _read_prefixed(path, report) if _is_prefixed(path) else _read_plain(path, report)
+    entries = _read_prefixed(path, report) if bears_host_times(path) else _read_plain(path, report)
     empty = True
     for entry in entries:
         empty = False
@@ -93,7 +93,7 @@ def _lines(path: Path, report: Callable[[int, str], None]) -> Iterator[tuple[int
         raise InputError(path, f"cannot be read: {error.strerror or error}") from None
 
 
-def _is_prefixed(path: Path) -> bool:
+def bears_host_times(path: Path) -> bool:
     """Whether lines bear the host's time; the first lines tell, as a log may start in the middle of one."""
     lines = _lines(path, lambda *_: None)
     return any(_PREFIXED.match(text) for (_, text), _ in zip(lines, range(_LOOK_AHEAD_LINES), strict=False))
