@@ -15,6 +15,8 @@ from tpmsd.wheels import FloatArray
 
 GRID_S = 0.1
 MIN_OVERLAP_S = 30.0
+MIN_OVERLAP_SHARE = 0.5
+"""Of the shorter series: two logs of one drive overlap, and short overlaps of strangers correlate by chance."""
 MIN_CORRELATION = 0.9
 
 
@@ -44,8 +46,8 @@ def align(
         return None
     a, a_start = _gridded(first_time_s, first_mps)
     b, b_start = _gridded(second_time_s, second_mps)
-    overlap = min(int(MIN_OVERLAP_S / GRID_S), min(a.size, b.size))
-    if overlap < 100:
+    overlap = int(max(MIN_OVERLAP_S / GRID_S, MIN_OVERLAP_SHARE * min(a.size, b.size)))
+    if overlap > min(a.size, b.size):
         return None
     size = 1 << int(np.ceil(np.log2(a.size + b.size)))
 
