@@ -3,9 +3,10 @@
 In: a drive folder (CONTRACT section 1). Out: stamped CAN frames and NMEA lines in the order in which they
 came.
 
-Both files bear the same host clock, but it may step back within a recording. Each file is cut into stretches
-at backward steps, and stretches are merged one by one, so that the second half of one file is not played
-against the first of the other. A single stamp that leaps away and back is a damaged line and is left out.
+Both files bear the same host clock, but it may step back within a recording. At a backward step in one file
+the other is played until it steps too, so that the second half of one is not played against the first of the
+other; a step that shows in one file alone (the other was silent, or is too slow to show it) holds neither up.
+A single stamp that leaps away and back is a damaged line and is left out.
 """
 
 from __future__ import annotations

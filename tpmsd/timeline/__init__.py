@@ -1,1 +1,1 @@
-"""Events in, fixed-rate `tick.Tick`s out: one clock, one local plane, one merge of both streams (`timeline`)."""
+"""Events in, fixed-rate `tick.Tick`s out: one clock, one local plane, one merge of both streams."""

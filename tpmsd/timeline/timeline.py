@@ -25,6 +25,8 @@ from tpmsd.wheels import FloatArray
 HOLDBACK_S = 0.45
 MAX_PAUSE_S = 5.0
 """Silence of all sources longer than this is skipped as a gap instead of being filled with empty ticks."""
+MAX_MOVE_S = 0.03
+"""A fix that missed its tick by no more than this is taken at the start of the next: 1 m on a motorway."""
 PLAUSIBLE_RATIO = 2.0
 """A wheel that turns this much faster or slower than the median of the others is not believed in that
 tick."""
@@ -132,11 +134,11 @@ class Timeline:
         ticks: list[Tick] = []
         while self._end(self._index + 1) + self._holdback_s <= now:
             self._index += 1
-            ticks.append(self._make(self._end(self._index)))
+            # The very number at which the tick before ended: rotations then add up without a seam.
+            ticks.append(self._make(self._end(self._index - 1), self._end(self._index)))
         return ticks
 
-    def _make(self, end: float) -> Tick:
-        begin = end - self._dt_s
+    def _make(self, begin: float, end: float) -> Tick:
         rotation, std = np.empty(4), np.empty(4)
         for wheel, track in enumerate(self._tracks):
             rotation[wheel], std[wheel] = rotation_between(track, begin, end)
@@ -188,9 +190,8 @@ class Timeline:
         if samples:
             now = [value for time_s, value in samples if time_s <= end]
             if now:
-                later = samples[len(now) :]
                 self._held[role] = (end, now[-1])
-                self._inertial[role] = later
+                self._inertial[role] = [sample for sample in samples if sample[0] > end]
                 return sum(now) / len(now)
         held = self._held.get(role)
         if held is not None and end - held[0] <= HOLD_S.get(role, HOLD_DEFAULT_S):
@@ -202,9 +203,11 @@ class Timeline:
         valid = self._offset.update(arrival, fix.utc_s)
         if not (math.isfinite(fix.latitude_deg) and math.isfinite(fix.longitude_deg)):
             return
+        if not (math.isfinite(fix.position_std_m) and math.isfinite(valid)):
+            return  # without its uncertainty a position cannot be weighed
         last_end = self._end(self._index)
         if valid <= last_end:
-            if valid < last_end - self._dt_s:
+            if valid < last_end - MAX_MOVE_S:
                 self.counts["late_fixes"] += 1
                 self._faults.append(
                     SourceFault(fix.arrival_s, "gnss", "late", f"fix is {last_end - valid:.2f} s too late")
