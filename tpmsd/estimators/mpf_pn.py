@@ -146,7 +146,7 @@ class MpfPn:
         way = (roll[:, 0] + roll[:, 1]) / 2
         turn = (roll[:, 1] - roll[:, 0]) / self._geometry.track_rear_m
         if teaches:
-            self._learn(noise, angle, way, turn)
+            self._learn(noise, angle, way, turn, tick.dt_s)
             self._informative_s += tick.dt_s
         elif self._gate.speed_mps < self._settings.min_speed_mps and self._steering_ratio is not None:
             steering = tick.steering_wheel_angle_rad
@@ -159,12 +159,16 @@ class MpfPn:
         self._rate = (float(way.mean()) / tick.dt_s, float(turn.mean()) / tick.dt_s)
         return teaches
 
-    def _learn(self, rear: FloatArray, angle: FloatArray, way: FloatArray, turn: FloatArray) -> None:
+    def _learn(
+        self, rear: FloatArray, angle: FloatArray, way: FloatArray, turn: FloatArray, dt_s: float
+    ) -> None:
         """Update the statistics with the realised radius errors of all wheels, eq. (19)."""
         realised = self._stats.mean.copy()  # a wheel without a reading in this tick is taken at its mean
         realised[:, :2] = rear
         if len(self._order) == 4:
-            paths = wheel_speeds(way, turn, self._geometry)
+            # The hub's lateral part enters squared, so the sampled noise would bias it: there it is smoothed.
+            lateral = (self._gate.yaw_rate_radps * dt_s - turn) * self._geometry.wheelbase_m
+            paths = wheel_speeds(way, turn, self._geometry, lateral)
             for column, wheel in ((2, FL), (3, FR)):
                 if angle[column] > 0.0:  # false for NaN
                     realised[:, column] = paths[:, wheel] / angle[column] - self._nominal[column]

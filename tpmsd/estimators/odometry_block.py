@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from tpmsd.physics.kinematics import Geometry, wheel_speeds
 from tpmsd.timeline.tick import Fix, Tick
@@ -17,6 +18,7 @@ from tpmsd.wheels import FL, FR, FloatArray
 
 MIN_BLOCK_S = 0.95
 MAX_BLOCK_S = 2.5
+SMOOTHING_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +154,11 @@ class BlockBuilder:
         reading: FloatArray,
         radius: FloatArray,
     ) -> tuple[FrontResidual | None, FrontResidual | None]:
-        paths = wheel_speeds(ways, turns, self._geometry)
+        # The hub's lateral part enters squared, so quantisation noise in a short tick's turn would bias it:
+        # there the turn is smoothed over half a second.
+        smooth = uniform_filter1d(turns, max(round(SMOOTHING_S / self._ticks[0][0].dt_s), 1), mode="nearest")
+        lateral = (smooth - turns) * self._geometry.wheelbase_m
+        paths = wheel_speeds(ways, turns, self._geometry, lateral)
         out: list[FrontResidual | None] = []
         ratio = self._geometry.track_front_m / self._geometry.track_rear_m
         for column, wheel, side in ((2, FL, -1.0), (3, FR, 1.0)):

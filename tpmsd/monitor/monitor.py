@@ -236,7 +236,7 @@ class Monitor:
         events += self._malfunction(
             "gnss", stale and moving, not stale, self._settings.gnss_malfunction_s, tick
         )
-        others = bool(np.any(np.nan_to_num(tick.rotation_rad) > 0.1))
+        others = bool(np.any(tick.rotation_rad > 0.1))  # false for NaN
         for wheel in self._wheels:
             lost = not valid[wheel] and others
             events += self._malfunction(wheel, lost, bool(valid[wheel]), limit, tick)
@@ -291,8 +291,8 @@ class Monitor:
             std_m=math.sqrt(variance) if variance >= 0.0 else math.nan,
             change_m=float(judged.change[wheel]),
             change_std_m=float(judged.change_std[wheel]),
-            deflation_probability=float(np.nan_to_num(judged.deflated[wheel])),
-            deviation_probability=float(np.nan_to_num(judged.deviates[wheel])),
+            deflation_probability=_known(judged.deflated[wheel]),
+            deviation_probability=_known(judged.deviates[wheel]),
         )
 
     # -- what survives a restart
@@ -339,3 +339,9 @@ class Monitor:
                 str(entry["reason"]),
             )
             self._standing[(kind, wheel)] = event
+
+
+def _known(probability: float) -> float:
+    """The probability, 0 where nothing has been judged."""
+    value = float(probability)
+    return value if value == value else 0.0
