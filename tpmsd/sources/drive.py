@@ -23,7 +23,8 @@ from tpmsd.sources.nmea_log import bears_host_times, read_nmea_log
 
 BACKWARD_STEP_S = 0.5
 LEAP_S = 2.0
-"""A stamp this far from both its neighbours, which are closer to each other, is damaged."""
+"""Up to `MAX_DAMAGED` stamps that leap this far from the last good one are damaged if the next follows it."""
+MAX_DAMAGED = 4
 PATIENCE_S = {"can": 10.0, "gnss": 0.5}
 """How far past a step of the other file a file is played before it is taken not to show that step.
 
@@ -88,19 +89,38 @@ class Drive:
         return note
 
     def _undamaged(self, items: Iterable[Item], source: str) -> Iterator[Item]:
-        """The items without those whose stamp leaps away from both neighbours."""
+        """The items without those whose stamps leap away from their neighbours and back."""
         before: float | None = None
-        held: Item | None = None
+        doubted: list[Item] = []
         for item in items:
-            if held is not None:
-                if _leaps(before, held.time_s, item.time_s):
+            if before is None:
+                # The first of a file has no neighbour but the one behind it.
+                if doubted and abs(item.time_s - doubted[0].time_s) <= LEAP_S:
+                    yield doubted.pop()
+                    before = item.time_s
+                    yield item
+                elif doubted:
                     self.counts[f"{source} damaged stamps"] += 1
+                    doubted = [item]
                 else:
-                    yield held
-                    before = held.time_s
-            held = item
-        if held is not None:
-            yield held
+                    doubted.append(item)
+                continue
+            if not doubted and abs(item.time_s - before) <= LEAP_S:
+                yield item
+                before = item.time_s
+                continue
+            if doubted and _follows(before, item.time_s) and not _follows(doubted[-1].time_s, item.time_s):
+                self.counts[f"{source} damaged stamps"] += len(doubted)
+                doubted.clear()
+                yield item
+                before = item.time_s
+                continue
+            doubted.append(item)
+            if len(doubted) > MAX_DAMAGED:
+                yield from doubted
+                before = item.time_s
+                doubted.clear()
+        yield from doubted
 
     def span_s(self) -> float:
         """Duration by the receiver's log, for progress bars; 0 if it is not known cheaply."""
@@ -116,11 +136,9 @@ class Drive:
         return 0.0 if first is None or last is None else max(last - first, 0.0)
 
 
-def _leaps(before: float | None, time_s: float, after: float) -> bool:
-    """Whether a stamp is damaged, given its neighbours; the first of a file has only the one behind it."""
-    if before is None:
-        return abs(after - time_s) > LEAP_S
-    return abs(time_s - before) > LEAP_S and abs(time_s - after) > LEAP_S and abs(after - before) < LEAP_S
+def _follows(before_s: float, time_s: float) -> bool:
+    """Whether a stamp goes on from another."""
+    return -BACKWARD_STEP_S <= time_s - before_s <= LEAP_S
 
 
 class _Stream:
