@@ -1,0 +1,76 @@
+"""A live run and the replay of its recording are the same; and why that is so."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from tpmsd.config.load import load_config
+from tpmsd.config.model import Config
+from tpmsd.pipeline import Pipeline, Step
+from tpmsd.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.simulator.drive_writer import write_drive
+from tpmsd.simulator.receiver import ReceiverSpec
+from tpmsd.sources.can_decoder import load_database
+from tpmsd.sources.can_frame import CanFrame
+from tpmsd.sources.drive import Drive, Sentence
+
+
+@pytest.fixture(scope="module")
+def sparse_drive(tmp_path_factory: pytest.TempPathFactory) -> tuple[Config, list[CanFrame | Sentence]]:
+    """A short drive whose frames are so few that time between them matters."""
+    folder = tmp_path_factory.mktemp("sparse")
+    receiver = ReceiverSpec(rate_hz=2.0, jitter_s=0.3, sentences=("RMC", "GGA", "VTG"), baud=9600)
+    write_drive(folder, simulate_drive(DriveSpec(duration_s=30.0, seed=2, receiver=receiver)))
+    config = load_config(folder)
+    config = dataclasses.replace(config, filter=dataclasses.replace(config.filter, particles=10))
+    kept = (item for index, item in enumerate(Drive(folder)) if isinstance(item, Sentence) or index % 40 == 0)
+    return config, list(kept)
+
+
+def fed(config: Config, items: list[CanFrame | Sentence], reminders: list[float]) -> list[Step]:
+    """Steps of a pipeline that is also told the time at `reminders`, seconds after the first item."""
+    pipeline = Pipeline(config, load_database(config.can.dbc))
+    start_s = items[0].time_s
+    waiting = sorted(start_s + reminder for reminder in reminders)
+    steps: list[Step] = []
+    for item in items:
+        while waiting and waiting[0] < item.time_s:
+            steps += pipeline.advance(waiting.pop(0))
+        if isinstance(item, CanFrame):
+            steps += pipeline.on_frame(item.time_s, item.arbitration_id, item.is_extended, item.data)
+        else:
+            steps += pipeline.on_sentence(item.time_s, item.line)
+    return steps + pipeline.finish()
+
+
+def same(one: Step, other: Step) -> bool:
+    """Whether two steps hold the very same numbers (faults apart, which are found when time is told)."""
+    return (
+        one.tick.time_s == other.tick.time_s
+        and one.tick.gap_s == other.tick.gap_s
+        and one.tick.fixes == other.tick.fixes
+        and np.array_equal(one.tick.rotation_rad, other.tick.rotation_rad, equal_nan=True)
+        and np.array_equal(one.estimate.deviation_m, other.estimate.deviation_m, equal_nan=True)
+        and np.array_equal(one.estimate.covariance_m2, other.estimate.covariance_m2, equal_nan=True)
+        and one.report.events == other.report.events
+    )
+
+
+@settings(derandomize=True, deadline=None, max_examples=25)
+@example(reminders=[0.01 * k for k in range(3000)])
+@given(reminders=st.lists(st.floats(0.0, 30.0), max_size=300))
+def test_being_told_the_time_changes_nothing(
+    sparse_drive: tuple[Config, list[CanFrame | Sentence]], reminders: list[float]
+) -> None:
+    """However often the daemon says how late it is between two inputs, the ticks and estimates are the same."""
+    config, items = sparse_drive
+    replayed, live = fed(config, items, []), fed(config, items, reminders)
+
+    assert len(replayed) == len(live)
+    assert [] == [index for index, pair in enumerate(zip(replayed, live, strict=True)) if not same(*pair)]

@@ -1,0 +1,139 @@
+"""`tpmsd run`: the daemon, in the foreground, as systemd and container runtimes want it.
+
+In: a configuration. Out: alarms on the bus, the status socket, the journal; a recording if wanted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tpmsd.cli.output import Subparsers
+from tpmsd.errors import ConfigError
+
+if TYPE_CHECKING:
+    from tpmsd.config.model import Config
+
+DEFAULT_CONFIG = Path("/etc/tpmsd/tpmsd.toml")
+
+_DESCRIPTION = """\ Watches the tyres of this car: reads the wheels from the CAN bus and the fixes from the
+               receiver, learns the rolling radius of each wheel, and puts alarms on the bus, on the status
+               socket and into the log.
+
+               It runs in the foreground until SIGTERM or Ctrl-C; then it saves what it has learned. A bus or
+               receiver that is missing or goes away is tried again until it is back. Under systemd it reports
+               when it is ready, how it is, and feeds the watchdog for as long as its estimate advances.
+               """
+_EPILOG = f"""\
+examples:
+  tpmsd run                                   with {DEFAULT_CONFIG}
+  tpmsd run --config vehicle.toml --record /var/lib/tpmsd/drives/monday
+                                              and later: tpmsd replay /var/lib/tpmsd/drives/monday
+  tpmsd run --config vehicle.toml --channel vcan0 --device /run/user/1000/gnss --speed-up 10
+                                              beside: tpmsd simulate --live vcan0 --speed-up 10 --pty ...
+  tpmsd status --watch                        how it is, from another terminal
+
+`tpmsd check FILE` says what is wrong with a configuration, or what would be monitored with it.
+exit codes: 0 stopped in order; 2 wrong usage or configuration; 1 anything else
+"""
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Declare the command's arguments."""
+    parser = subparsers.add_parser(
+        "run",
+        help="watch the tyres of this car: the daemon",
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "--config",
+        metavar="FILE",
+        type=Path,
+        help=f"configuration, or a drive folder with its vehicle.toml (default: {DEFAULT_CONFIG})",
+    )
+    parser.add_argument("-v", "--verbose", action="store_true", help="log a line of state every few seconds")
+    instead = parser.add_argument_group("instead of what the configuration says")
+    instead.add_argument("--interface", metavar="I", help="python-can interface, such as socketcan")
+    instead.add_argument("--channel", metavar="C", help="CAN channel, such as can0")
+    instead.add_argument("--dbc", metavar="FILE", type=Path, help="DBC of the bus")
+    instead.add_argument("--device", metavar="D", help="serial device of the receiver ('' for none)")
+    parser.add_argument(
+        "--record",
+        metavar="DIR",
+        type=Path,
+        help="also write what is received as a drive folder for tpmsd replay (if DIR holds one: DIR-2, ...)",
+    )
+    test = parser.add_argument_group("for tests and demonstrations")
+    test.add_argument(
+        "--speed-up", metavar="X", type=float, default=1.0, help="let the clock run X times faster"
+    )
+    test.add_argument("--duration", metavar="S", type=float, help="stop after S seconds of that clock")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the daemon to its end."""
+    # Here, since --help needs neither numpy nor cantools.
+    from tpmsd.daemon.clock import Clock
+    from tpmsd.daemon.journal import set_up_logging
+    from tpmsd.daemon.loop import Daemon
+    from tpmsd.daemon.recorder import DriveRecorder
+    from tpmsd.sinks.sd_notify import Notifier
+    from tpmsd.sources.can_decoder import load_database
+
+    duration_s = math.inf if args.duration is None else float(args.duration)
+    if not duration_s > 0.0:
+        raise ConfigError(f"--duration {args.duration:g} is not a time to run")
+    clock = Clock(args.speed_up)
+    config, warnings = configuration(args)
+    log = set_up_logging(args.verbose)
+    for warning in warnings:
+        log.warning("%s", warning)
+    recorder = None if args.record is None else DriveRecorder(args.record, config)
+    Daemon(
+        config, load_database(config.can.dbc), clock, Notifier.from_environment(), recorder=recorder, log=log
+    ).run(duration_s)
+    return 0
+
+
+def configuration(args: argparse.Namespace) -> tuple[Config, list[str]]:
+    """The configuration with the command line worked in, and warnings; raises ConfigError."""
+    from tpmsd.config.check import check
+    from tpmsd.config.problems import ConfigProblems
+
+    if args.config is None and not DEFAULT_CONFIG.exists():
+        raise ConfigError(f"{DEFAULT_CONFIG}: no such file (--config FILE names another configuration)")
+    result = check(DEFAULT_CONFIG if args.config is None else args.config, args.dbc)
+    if result.plan is None:
+        raise ConfigProblems(result.problems)
+    config = result.plan.config
+    can, gnss = config.can, config.gnss
+    if args.interface is not None:
+        can = dataclasses.replace(can, interface=_interface(args.interface))
+    if args.channel is not None:
+        can = dataclasses.replace(can, channel=_named("--channel", args.channel))
+    if args.device is not None:
+        gnss = dataclasses.replace(gnss, device=args.device.strip() or None)
+    return dataclasses.replace(config, can=can, gnss=gnss), [warning.text for warning in result.warnings]
+
+
+def _interface(name: str) -> str:
+    import can
+
+    from tpmsd.config.suggest import nearest
+
+    if name in can.VALID_INTERFACES:
+        return name
+    near = nearest(name, can.VALID_INTERFACES)
+    hint = f"did you mean {near}?" if near else f"there are {' '.join(sorted(can.VALID_INTERFACES))}"
+    raise ConfigError(f"--interface {name}: no such python-can interface; {hint}")
+
+
+def _named(option: str, value: str) -> str:
+    if not value.strip():
+        raise ConfigError(f"{option} is empty")
+    return value.strip()

@@ -1,0 +1,152 @@
+"""The CAN bus as the loop sees it: open, or down and tried again.
+
+In: a function that opens the interface. Out: frames; frames sent, or counted as not sent. Never raises
+for anything that a bus can do.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Protocol
+
+from tpmsd.config.model import CanConfig
+from tpmsd.daemon.link import Link
+from tpmsd.sinks.can_frames import OutFrame
+from tpmsd.sources.can_frame import CanFrame
+from tpmsd.sources.can_live import CanDown, LiveCan
+
+READ_AT_ONCE = 1000
+READS_AT_ONCE = 100
+"""Frames are read until there are none: after a pause they may be many, but not without end."""
+_IFF_UP = 0x1
+
+
+class Bus(Protocol):
+    """An open interface, as `LiveCan`."""
+
+    @property
+    def dropped(self) -> int:
+        """Frames that the kernel dropped."""
+
+    def fileno(self) -> int | None:
+        """Descriptor to wait on, if there is one."""
+
+    def read(self, limit: int = READ_AT_ONCE) -> list[CanFrame]:
+        """Frames that are there."""
+
+    def send(self, arbitration_id: int, data: bytes, extended: bool = False) -> bool:
+        """Send; False if the queue is full."""
+
+    def close(self) -> None:
+        """Close."""
+
+
+OpenBus = Callable[[CanConfig, list[dict[str, Any]] | None, str], Bus]
+"""Opens a channel with filters; raises `CanDown`."""
+
+
+def open_can(config: CanConfig, filters: list[dict[str, Any]] | None, channel: str) -> Bus:
+    """Open an interface of this machine; `CanDown` if it is missing or down."""
+    if config.interface == "socketcan" and not _is_up(channel):
+        # Such a socket opens, yet neither hears nor says anything that it is deaf.
+        raise CanDown(channel, f"the interface is down (ip link set {channel} up)")
+    return LiveCan(config, filters, channel)
+
+
+def _is_up(channel: str) -> bool:
+    try:
+        flags = int(Path("/sys/class/net", channel, "flags").read_text("ascii"), 16)
+    except (OSError, ValueError):
+        return True  # opening will tell better what is wrong
+    return bool(flags & _IFF_UP)
+
+
+class BusLink(Link):
+    """One channel.
+
+    `counts`: `frames` read, `error_frames`, `sent`, `tx_full` (queue full) and `tx_down` (bus down) not sent.
+    """
+
+    def __init__(self, open_bus: Callable[[], Bus], label: str, log: logging.Logger) -> None:
+        super().__init__(label, log)
+        self._open_bus = open_bus
+        self._bus: Bus | None = None
+        self._dropped_before = 0
+        self._full = False
+        self.counts: Counter[str] = Counter()
+
+    @property
+    def dropped(self) -> int:
+        """Frames that the kernel dropped because nobody read, since the start."""
+        return self._dropped_before + (self._bus.dropped if self._bus is not None else 0)
+
+    def fileno(self) -> int | None:
+        """Descriptor to wait on; None if it is down or has to be polled."""
+        return None if self._bus is None else self._bus.fileno()
+
+    def service(self, now_s: float) -> None:
+        """Open it if that is due."""
+        if self._bus is None and now_s >= self._next_try_s:
+            try:
+                self._bus = self._open_bus()
+            except CanDown as error:
+                self._failed(now_s, error.reason)
+            else:
+                self._opened(now_s)
+
+    def read(self, now_s: float) -> list[CanFrame]:
+        """All data frames that are there; error frames are counted, remote frames left out."""
+        frames: list[CanFrame] = []
+        for _ in range(READS_AT_ONCE):
+            if self._bus is None:
+                break
+            try:
+                got = self._bus.read(READ_AT_ONCE)
+            except CanDown as error:
+                self._give_up(now_s, error.reason)
+                break
+            frames += got
+            if len(got) < READ_AT_ONCE:
+                self._well(now_s, bool(frames))
+                break
+        self.counts["frames"] += len(frames)
+        errors = sum(frame.is_error for frame in frames)
+        if errors:
+            self.counts["error_frames"] += errors
+        return [frame for frame in frames if not frame.is_error and not frame.is_remote]
+
+    def send(self, frames: list[OutFrame], now_s: float) -> None:
+        """Send what can be sent; the rest is counted."""
+        for frame in frames:
+            if self._bus is None:
+                self.counts["tx_down"] += 1
+                continue
+            try:
+                sent = self._bus.send(frame.arbitration_id, frame.data, frame.extended)
+            except CanDown as error:
+                self.counts["tx_down"] += 1
+                self._give_up(now_s, error.reason)
+                continue
+            self.counts["sent" if sent else "tx_full"] += 1
+            if sent == self._full:
+                self._full = not sent
+                if self._full:
+                    self._log.warning("%s: the transmit queue is full: nobody acknowledges", self.label)
+                else:
+                    self._log.info("%s: frames are being sent again", self.label)
+
+    def close(self) -> None:
+        """Close it for good."""
+        bus, self._bus = self._bus, None
+        self._is_open = False
+        self.generation += 1
+        if bus is not None:
+            self._dropped_before += bus.dropped
+            bus.close()
+
+    def _give_up(self, now_s: float, reason: str) -> None:
+        self.close()
+        self._failed(now_s, reason)

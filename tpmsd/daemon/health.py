@@ -1,0 +1,130 @@
+"""How the daemon is: for the status socket and for `systemctl status`.
+
+In: loop, links, pipeline and the last step. Out: the status document, and one line of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from typing import Any
+
+from tpmsd.config.model import Config
+from tpmsd.daemon.bus_link import BusLink
+from tpmsd.daemon.input_queue import InputQueue
+from tpmsd.daemon.receiver_link import ReceiverLink
+from tpmsd.monitor.records import MonitorReport, WheelState
+from tpmsd.pipeline import Pipeline, Step
+from tpmsd.sinks.status_document import LoopHealth, SourceHealth, SourceState, build_status
+
+BUS_SILENT_S = 2.0
+RECEIVER_SILENT_S = 3.0
+_COUNTS_OF_DECODING = frozenset({"frames", "ignored"})
+_GNSS_FAULTS = ("checksum", "garbage", "range", "no_fix", "frozen", "repeated", "week_rollover")
+
+
+class Health:
+    """Gathers what is known of loop and inputs; times are monotonic."""
+
+    def __init__(
+        self, config: Config, bus: BusLink, receiver: ReceiverLink | None, queue: InputQueue, start_s: float
+    ) -> None:
+        self._config = config
+        self._bus = bus
+        self._receiver = receiver
+        self._queue = queue
+        self._start_s = start_s
+        self._frame_s = self._fix_s = math.nan
+        self._fixes = 0
+        self.ticks = 0
+        self.last: Step | None = None
+
+    def frames_came(self, now_s: float) -> None:
+        """Frames were read."""
+        self._frame_s = now_s
+
+    def stepped(self, steps: list[Step], pipeline: Pipeline, now_s: float) -> None:
+        """The pipeline was fed and made these steps."""
+        if steps:
+            self.ticks += len(steps)
+            self.last = steps[-1]
+        fixes = pipeline.assembler.counts["fixes"]
+        if fixes != self._fixes:
+            self._fixes, self._fix_s = fixes, now_s
+
+    def document(self, pipeline: Pipeline, now_s: float, missed: int) -> dict[str, Any]:
+        """The status document."""
+        return build_status(
+            None if self.last is None else self.last.report,
+            loop=LoopHealth(now_s - self._start_s, self.ticks, missed),
+            can=self._can(pipeline, now_s),
+            gnss=self._gnss(pipeline, now_s),
+            estimate=None if self.last is None else self.last.estimate,
+            method=self._config.filter.method,
+        )
+
+    def line(self, pipeline: Pipeline, now_s: float, missed: int) -> str:
+        """The most important in one line."""
+        bus, gnss = self._can(pipeline, now_s), self._gnss(pipeline, now_s)
+        parts = ["starting" if self.last is None else tyres_line(self.last.report)]
+        if self.last is not None and math.isfinite(self.last.estimate.speed_mps):
+            parts.append(f"{3.6 * self.last.estimate.speed_mps:.0f} km/h")
+        parts += [f"bus {bus.state}", f"receiver {gnss.state}"]
+        parts.append(f"{self.ticks} ticks, {missed} late")
+        return "; ".join(parts)
+
+    def _can(self, pipeline: Pipeline, now_s: float) -> SourceHealth:
+        faults: Counter[str] = Counter()
+        for name, count in pipeline.decoder.counts.items():
+            if name not in _COUNTS_OF_DECODING and not name.startswith("decode."):
+                faults[name.rpartition(".")[2]] += count
+        bus = self._bus
+        faults += Counter(
+            down=bus.downs,
+            dropped_by_kernel=bus.dropped,
+            error_frames=bus.counts["error_frames"],
+            not_sent=bus.counts["tx_full"] + bus.counts["tx_down"],
+            queue_overflow=self._queue.counts["overflow"],
+            too_late=self._queue.counts["late"],
+            bad_stamp=self._queue.counts["bad_stamp"],
+        )
+        age_s = now_s - self._frame_s
+        state = _state(bus.is_down, bus.counts["frames"] > 0, age_s, BUS_SILENT_S)
+        return SourceHealth(
+            state, self._config.can.channel, bus.counts["frames"], dict(faults), age_s, bus.reason
+        )
+
+    def _gnss(self, pipeline: Pipeline, now_s: float) -> SourceHealth:
+        receiver = self._receiver
+        if receiver is None:
+            return SourceHealth(SourceState.OFF)
+        counts = pipeline.assembler.counts
+        faults = Counter({kind: counts[kind] for kind in _GNSS_FAULTS})
+        faults += Counter(unplugged=receiver.downs, overlong=receiver.overlong)  # leaves the zeros out
+        age_s = now_s - self._fix_s
+        state = _state(receiver.is_down, self._fixes > 0, age_s, RECEIVER_SILENT_S)
+        detail = receiver.reason or receiver.hint
+        return SourceHealth(state, self._config.gnss.device or "", self._fixes, dict(faults), age_s, detail)
+
+
+def tyres_line(report: MonitorReport) -> str:
+    """The tyres in a few words."""
+    if report.active:
+        alarms = sorted(
+            {f"{alarm.kind}{f' {alarm.wheel}' if alarm.wheel else ''}" for alarm in report.active}
+        )
+        return f"ALARM: {', '.join(alarms)}"
+    watched = [wheel for wheel in report.wheels if wheel.state is not WheelState.UNAVAILABLE]
+    if not watched:
+        return "no wheel to watch"
+    if any(wheel.state is WheelState.LEARNING for wheel in watched):
+        return f"learning {len(watched)} wheels, {100 * report.learning_fraction:.0f} %"
+    return f"monitoring {len(watched)} wheels, no alarm"
+
+
+def _state(down: bool, seen: bool, age_s: float, silent_s: float) -> SourceState:
+    if down:
+        return SourceState.DOWN
+    if not seen:
+        return SourceState.WAITING
+    return SourceState.SILENT if age_s > silent_s else SourceState.OK

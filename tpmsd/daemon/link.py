@@ -1,0 +1,77 @@
+"""An input that may be missing or go away: the state of a bus or a receiver.
+
+In: what happens to it (opened, failed, gave data) and monotonic time. Out: when to try again, whether it
+is down, one log line when it goes and one when it is back.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+
+FIRST_DELAY_S = 0.2
+LONGEST_DELAY_S = 5.0
+STABLE_S = 2.0
+"""An open line that gives nothing is taken to be well after this time: silence is no error."""
+
+
+class Link:
+    """State and back-off of one input; what is opened is for `BusLink` and `ReceiverLink` to know."""
+
+    def __init__(self, label: str, log: logging.Logger) -> None:
+        self.label = label
+        self.reason = ""
+        """Why it is down, in a few words."""
+        self.downs = 0
+        """How often it went away or was not to be had."""
+        self.generation = 0
+        """Rises with every opening and closing: descriptors of another generation are stale."""
+        self._log = log
+        self._is_open = False
+        self._down_since_s: float | None = None
+        self._opened_s = 0.0
+        self._delay_s = FIRST_DELAY_S
+        self._next_try_s = -math.inf
+
+    @property
+    def is_open(self) -> bool:
+        """Whether there is something to read."""
+        return self._is_open
+
+    @property
+    def is_down(self) -> bool:
+        """From a failure until it is well again."""
+        return self._down_since_s is not None
+
+    @property
+    def next_try_s(self) -> float:
+        """When it is to be opened (monotonic); infinite while it is open."""
+        return math.inf if self._is_open else self._next_try_s
+
+    def _opened(self, now_s: float) -> None:
+        self._is_open = True
+        self._opened_s = now_s
+        self.generation += 1
+
+    def _well(self, now_s: float, data: bool) -> None:
+        """Call often while it is open; `data`: something was read."""
+        if not data and now_s - self._opened_s < STABLE_S:
+            return
+        self._delay_s = FIRST_DELAY_S
+        if self._down_since_s is not None:
+            self._log.info("%s: is back after %.1f s", self.label, now_s - self._down_since_s)
+            self._down_since_s = None
+            self.reason = ""
+
+    def _failed(self, now_s: float, reason: str) -> None:
+        self._is_open = False
+        self.generation += 1
+        self._next_try_s = now_s + self._delay_s
+        self._delay_s = min(2.0 * self._delay_s, LONGEST_DELAY_S)
+        if self._down_since_s is None:
+            self._down_since_s = now_s
+            self.downs += 1
+            self._log.warning("%s: %s; trying again until it is back", self.label, reason)
+        elif reason != self.reason:
+            self._log.info("%s: still down: %s", self.label, reason)
+        self.reason = reason

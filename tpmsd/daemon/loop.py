@@ -1,0 +1,309 @@
+"""The daemon's one event loop: file descriptors in, ticks by absolute deadlines, no threads, no locks.
+
+In: configuration, DBC, clock, service manager, and the seams that open bus and receiver. Out: what the
+sinks say.
+
+A round of the loop waits for a descriptor or a deadline, reads what is there into the queue, and, when a
+deadline has come, feeds the pipeline (`feeder`) and hands each of its steps to the sinks. The pipeline
+alone decides what a tick is and what an alarm is; a replay of the recording decides the same.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import math
+import selectors
+import threading
+from collections.abc import Callable
+from errno import EADDRINUSE
+from typing import Any
+
+from cantools.database import Database
+
+from tpmsd.config.model import Config
+from tpmsd.daemon.bus_link import BusLink, OpenBus, open_can
+from tpmsd.daemon.clock import Clock
+from tpmsd.daemon.deadlines import Deadlines, Every
+from tpmsd.daemon.feeder import Feeder
+from tpmsd.daemon.health import Health, tyres_line
+from tpmsd.daemon.input_queue import InputQueue
+from tpmsd.daemon.journal import LOGGER, log_alarm
+from tpmsd.daemon.link import Link
+from tpmsd.daemon.receiver_link import OpenReceiver, ReceiverLink, serial_receiver
+from tpmsd.daemon.recorder import DriveRecorder
+from tpmsd.daemon.signals import SignalPipe
+from tpmsd.daemon.state_keeper import StateKeeper
+from tpmsd.pipeline import Pipeline, Step
+from tpmsd.sinks.can_frames import CanReporter
+from tpmsd.sinks.sd_notify import Notifier
+from tpmsd.sinks.status_server import StatusServer, StatusSocketError
+from tpmsd.sources.can_decoder import can_filters
+from tpmsd.sources.events import SourceFault
+
+GRACE_S = 0.06
+"""How long an input may take from its stamp to this process."""
+POLL_S = 0.004
+"""How often a bus without a descriptor is looked at."""
+SECOND_S = 1.0
+STATUS_S = 5.0
+LAG_S = 1.0
+"""A loop that is this late says so."""
+LAG_AGAIN_S = 60.0
+
+MakePipeline = Callable[[Config, Database], Pipeline]
+
+
+class Daemon:
+    """One car's daemon; `run` it once."""
+
+    def __init__(
+        self,
+        config: Config,
+        database: Database,
+        clock: Clock,
+        notifier: Notifier,
+        *,
+        open_bus: OpenBus = open_can,
+        open_receiver: OpenReceiver = serial_receiver,
+        make_pipeline: MakePipeline = Pipeline,
+        recorder: DriveRecorder | None = None,
+        on_step: Callable[[Step], None] | None = None,
+        frame_time: Callable[[float], float] | None = None,
+        grace_s: float = GRACE_S,
+        log: logging.Logger | None = None,
+    ) -> None:
+        """`frame_time`: from a frame's stamp to the clock's time (default: stamps are the host's real time).
+
+        `grace_s`, back-off and all periods are logical seconds. ConfigError if DBC or alarms do not fit.
+        """
+        self._config = config
+        self._clock = clock
+        self._notifier = notifier
+        self._log = logging.getLogger(LOGGER) if log is None else log
+        self._on_step = on_step
+        self._frame_time = clock.from_host if frame_time is None else frame_time
+        self._recorder = recorder
+        self._state = StateKeeper(config, self._log)
+        self._pipeline = self._state.restored(lambda: make_pipeline(config, database))
+        self._queue = InputQueue()
+        filters = can_filters(config, database)
+        channel, out = config.can.channel, config.alarms.channel
+        self._bus = BusLink(lambda: open_bus(config.can, filters, channel), f"CAN {channel}", self._log)
+        self._out = self._bus
+        if config.alarms.can and out is not None and out != channel:
+            # Nothing is wanted from the other bus; but what is read shows whether it is there.
+            self._out = BusLink(lambda: open_bus(config.can, [], out), f"CAN {out}", self._log)
+        self._receiver: ReceiverLink | None = None
+        if config.gnss.device is not None:
+            label = f"receiver {config.gnss.device}"
+            self._receiver = ReceiverLink(open_receiver(config.gnss), label, self._log)
+        self._reporter = CanReporter(config.alarms)
+        self._feeder = Feeder(self._pipeline, self._queue, recorder, grace_s)
+        start_s = clock.monotonic()
+        self._deadlines = Deadlines(1.0 / config.filter.rate_hz, start_s)
+        self._health = Health(config, self._bus, self._receiver, self._queue, start_s)
+        self._server: StatusServer | None = StatusServer(
+            config.status.socket, self.document, mode=config.status.mode
+        )
+        self._selector = selectors.DefaultSelector()
+        self._watched: dict[Link, tuple[int, int | None]] = {}
+        self._stopping = ""
+        self._ready = False
+        self._fed_ticks = 0
+        self._second = Every(clock.scale * SECOND_S)
+        self._status = Every(clock.scale * STATUS_S)
+        self._lag = Every(clock.scale * LAG_AGAIN_S)
+        period_s = notifier.watchdog_period_s
+        self._watchdog = None if period_s is None else Every(clock.scale * period_s)
+
+    # -- what others may ask ------------------------------------------------------------------------------
+
+    @property
+    def ticks(self) -> int:
+        """Ticks so far."""
+        return self._health.ticks
+
+    @property
+    def missed_deadlines(self) -> int:
+        """Deadlines that passed while the loop was busy."""
+        return self._deadlines.missed
+
+    def document(self) -> dict[str, Any]:
+        """The status document as it is now."""
+        return self._health.document(self._pipeline, self._clock.monotonic(), self._deadlines.missed)
+
+    def stop(self, why: str = "asked to") -> None:
+        """End the loop in its next round; for hooks that run within it, and for signals."""
+        self._stopping = self._stopping or why
+
+    # -- the loop -----------------------------------------------------------------------------------------
+
+    def run(self, duration_s: float = math.inf) -> None:
+        """Run until a signal, `stop`, or for `duration_s` (logical)."""
+        end_s = self._clock.monotonic() + duration_s
+        with contextlib.ExitStack() as stack:
+            stack.callback(self._close)
+            self._start(stack)
+            while not self._stopping:
+                self._round(end_s)
+                if self._clock.monotonic() >= end_s:
+                    self.stop(f"{duration_s:g} s are over")
+            self._finish()
+
+    def _start(self, stack: contextlib.ExitStack) -> None:
+        self._log.info("tpmsd watches %s, receiver %s", self._bus.label, self._config.gnss.device or "none")
+        self._open_server()
+        if threading.current_thread() is threading.main_thread():
+            signals = stack.enter_context(SignalPipe())
+            self._selector.register(signals.fileno(), selectors.EVENT_READ, signals)
+        if self._recorder is not None:
+            self._log.info("recording to %s", self._recorder.folder)
+
+    def _open_server(self) -> None:
+        assert self._server is not None
+        try:
+            self._server.open()
+        except StatusSocketError as error:
+            if isinstance(error.__cause__, OSError) and error.__cause__.errno == EADDRINUSE:
+                raise  # two daemons would both talk on the bus
+            self._log.warning("%s; tpmsd status will not find this daemon", error)
+            self._server.close()
+            self._server = None
+        else:
+            self._selector.register(self._server.fileno(), selectors.EVENT_READ, self._server)
+
+    def _round(self, end_s: float) -> None:
+        now_s = self._clock.monotonic()
+        for link in self._links():
+            link.service(now_s)
+            self._watch(link)
+        due_s = min(self._deadlines.next_s, end_s, *(link.next_try_s for link in self._links()))
+        wait_s = self._clock.to_real(max(due_s - now_s, 0.0))
+        if any(link.is_open and link.fileno() is None for link in self._links()):
+            wait_s = min(wait_s, POLL_S)
+        for key, _ in self._selector.select(wait_s):
+            if isinstance(key.data, SignalPipe):
+                for number in key.data.read():
+                    self.stop(number.name)
+            elif key.data is self._server and self._server is not None:
+                self._server.service(self._clock.monotonic())
+        self._collect()
+        late_s = self._deadlines.take(self._clock.monotonic())
+        if late_s is not None:
+            self._tick()
+            self._report_lag(late_s)
+
+    def _collect(self) -> None:
+        """Read all that is there into the queue."""
+        now_s, monotonic_s = self._clock.read()
+        frames = self._bus.read(monotonic_s)
+        for frame in frames:
+            self._queue.put_frame(frame, self._frame_time(frame.time_s), now_s)
+        if frames:
+            self._health.frames_came(monotonic_s)
+        if self._out is not self._bus:
+            self._out.read(monotonic_s)
+        if self._receiver is not None:
+            for stamp_s, line in self._receiver.read(monotonic_s, now_s):
+                self._queue.put_sentence(line, stamp_s)
+
+    def _tick(self) -> None:
+        now_s, monotonic_s = self._clock.read()
+        self._handle(self._feeder.feed(now_s, monotonic_s, self._faults), monotonic_s)
+        self._state.service(monotonic_s, self._pipeline.snapshot)
+        self._notify(monotonic_s)
+        if self._second.due(monotonic_s):
+            if self._server is not None:
+                self._server.publish(monotonic_s)
+            if self._recorder is not None:
+                self._recorder.flush()
+
+    def _handle(self, steps: list[Step], monotonic_s: float) -> None:
+        """Give each step to the sinks."""
+        self._health.stepped(steps, self._pipeline, monotonic_s)
+        for step in steps:
+            for event in step.report.events:
+                log_alarm(self._log, event)
+                self._state.alarm_changed()
+            # The tick's own time, not the host's: it only rises.
+            self._out.send(self._reporter.frames(step.tick.time_s, step.report), monotonic_s)
+            if self._on_step is not None:
+                self._on_step(step)
+
+    def _faults(self, time_s: float) -> list[SourceFault]:
+        """For as long as an input is down, the monitor is told so with every tick."""
+        faults = []
+        if self._bus.is_down:
+            faults.append(SourceFault(time_s, "can", "down", self._bus.reason))
+        if self._receiver is not None and self._receiver.is_down:
+            faults.append(SourceFault(time_s, "gnss", "unplugged", self._receiver.reason))
+        return faults
+
+    def _notify(self, monotonic_s: float) -> None:
+        """READY with the first tick; the watchdog is fed only while there are new ones."""
+        if self._health.last is None:
+            return
+        if not self._ready:
+            self._ready = True
+            self._notifier.ready(tyres_line(self._health.last.report))
+            self._log.info("ticks run: %s", tyres_line(self._health.last.report))
+        advanced = self._health.ticks > self._fed_ticks
+        if self._watchdog is not None and advanced and self._watchdog.due(monotonic_s):
+            self._notifier.watchdog()
+            self._fed_ticks = self._health.ticks
+        if self._status.due(monotonic_s):
+            line = self._health.line(self._pipeline, monotonic_s, self._deadlines.missed)
+            self._notifier.status(line)
+            self._log.debug("%s", line)
+
+    def _report_lag(self, late_s: float) -> None:
+        late_s = self._clock.to_real(late_s)
+        if late_s > LAG_S and self._lag.due(self._clock.monotonic()):
+            self._log.warning(
+                "the loop was %.1f s late (%d deadlines missed so far)", late_s, self._deadlines.missed
+            )
+
+    def _finish(self) -> None:
+        """Stop in order: what was received is used, what was learned is saved."""
+        self._log.info("stopping: %s", self._stopping)
+        self._notifier.stopping(f"stopping: {self._stopping}")
+        self._collect()
+        monotonic_s = self._clock.monotonic()
+        self._handle(self._feeder.finish(), monotonic_s)
+        if self._health.last is not None:
+            self._state.save(monotonic_s, self._pipeline.snapshot())
+
+    def _close(self) -> None:
+        for link in self._links():
+            link.close()
+        if self._server is not None:
+            self._server.close()
+        if self._recorder is not None:
+            self._recorder.close()
+        self._selector.close()
+        self._notifier.close()
+
+    # -- descriptors --------------------------------------------------------------------------------------
+
+    def _links(self) -> list[BusLink | ReceiverLink]:
+        links: list[BusLink | ReceiverLink] = [self._bus]
+        if self._out is not self._bus:
+            links.append(self._out)
+        if self._receiver is not None:
+            links.append(self._receiver)
+        return links
+
+    def _watch(self, link: BusLink | ReceiverLink) -> None:
+        """Have the selector watch the link's present descriptor, and no more the one before."""
+        generation, watched = self._watched.get(link, (-1, None))
+        if generation == link.generation:
+            return
+        if watched is not None:
+            # It may be closed by now, and its number be another file's; the selector bears that.
+            with contextlib.suppress(KeyError, ValueError):
+                self._selector.unregister(watched)
+        descriptor = link.fileno()
+        if descriptor is not None:
+            self._selector.register(descriptor, selectors.EVENT_READ, link)
+        self._watched[link] = (link.generation, descriptor)

@@ -1,0 +1,128 @@
+"""When the learned state is saved and how it is taken up again.
+
+In: the pipeline's snapshot, monotonic time. Out: the state file; one log line for everything that goes
+wrong with it. The state belongs to one car: its payload carries the fingerprint of the vehicle and the
+signals.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import logging
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from tpmsd.config.model import Config
+from tpmsd.pipeline import Pipeline
+from tpmsd.sinks.state_file import StateDamaged, StateError, load_state, save_state
+
+ALARM_INTERVAL_S = 5.0
+"""Alarms that come and go are not saved more often than this: flash memory wears."""
+SET_ASIDE = "other"
+"""Suffix of a state that is whole but of no use."""
+
+Snapshot = dict[str, Any]
+
+
+def fingerprint(config: Config) -> str:
+    """Digest of what the learned radii depend on: another vehicle or other signals is another car."""
+    car = {"vehicle": dataclasses.asdict(config.vehicle), "signals": config.can.signals}
+    return hashlib.sha256(json.dumps(car, sort_keys=True).encode("utf-8")).hexdigest()
+
+
+class StateKeeper:
+    """One state file; does nothing where the configuration has none."""
+
+    def __init__(self, config: Config, log: logging.Logger) -> None:
+        self._file: Path | None = config.state.file
+        self._interval_s = config.state.interval_s
+        self._fingerprint = fingerprint(config)
+        self._log = log
+        self._saved: Snapshot | None = None
+        self._tried_s = -math.inf
+        self._urgent = False
+        self._complained = False
+
+    def restored(self, make: Callable[[], Pipeline]) -> Pipeline:
+        """A pipeline with what was learned before, where there is a state that fits; else a new one."""
+        pipeline, snapshot = make(), self._load()
+        if snapshot is None:
+            return pipeline
+        try:
+            pipeline.restore(snapshot)
+        except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+            self._set_aside(" ".join(str(error).split()) or type(error).__name__)
+            return make()  # the other one may have taken it up by half
+        self._log.info("%s: taken up what was learned before", self._file)
+        return pipeline
+
+    def _load(self) -> Snapshot | None:
+        if self._file is None:
+            return None
+        try:
+            payload = load_state(self._file, on_damaged=self._report_damage)
+        except StateError as error:
+            self._log.warning("%s; starting without it", error)
+            return None
+        if payload is None:
+            return None
+        if payload.get("fingerprint") != self._fingerprint:
+            self._set_aside("it was learned with another vehicle or other signals")
+            return None
+        snapshot = payload.get("pipeline")
+        if not isinstance(snapshot, dict):
+            self._set_aside("it holds no snapshot")
+            return None
+        return snapshot
+
+    def alarm_changed(self) -> None:
+        """What stands must survive a restart: save soon."""
+        self._urgent = True
+
+    def service(self, now_s: float, snapshot: Callable[[], Snapshot]) -> None:
+        """Save if that is due."""
+        if self._file is None:
+            return
+        wait_s = min(ALARM_INTERVAL_S, self._interval_s) if self._urgent else self._interval_s
+        if self._tried_s == -math.inf and not self._urgent:
+            self._tried_s = now_s  # nothing was learned in the first moment
+        elif now_s - self._tried_s >= wait_s:
+            self.save(now_s, snapshot())
+
+    def save(self, now_s: float, snapshot: Snapshot) -> None:
+        """Save now, unless nothing has changed."""
+        if self._file is None:
+            return
+        self._tried_s = now_s
+        if snapshot == self._saved:
+            self._urgent = False
+            return
+        try:
+            save_state(self._file, {"fingerprint": self._fingerprint, "pipeline": snapshot})
+        except StateError as error:
+            if not self._complained:
+                self._log.error("%s; trying again later", error)
+            self._complained = True
+            return
+        if self._complained:
+            self._log.info("%s: saved again", self._file)
+        self._complained = False
+        self._urgent = False
+        self._saved = snapshot
+
+    def _report_damage(self, damaged: StateDamaged) -> None:
+        self._log.warning("%s", damaged)
+
+    def _set_aside(self, reason: str) -> None:
+        assert self._file is not None
+        target = self._file.with_name(f"{self._file.name}.{SET_ASIDE}")
+        try:
+            self._file.replace(target)
+            moved = f"set aside as {target.name}"
+        except OSError as error:
+            moved = f"could not be set aside ({error.strerror or error})"
+        self._log.warning("%s: does not fit: %s; %s, learning anew", self._file, reason, moved)
