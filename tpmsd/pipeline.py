@@ -93,13 +93,15 @@ class Pipeline:
         return {"estimator": self.estimator.snapshot(), "monitor": self.monitor.snapshot()}
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Take up a snapshot; ValueError if it does not fit this configuration (nothing is then taken up by
-        half)."""
-        trial = self.monitor.snapshot()
-        self.monitor.restore(saved["monitor"])
+        """Take up a snapshot; ValueError if it does not fit this configuration (then nothing is taken up)."""
         try:
-            self.estimator.restore(saved["estimator"])
-        except (ValueError, KeyError, TypeError):
-            self.monitor.forget()
-            self.monitor.restore(trial)
-            raise
+            monitor, estimator = saved["monitor"], saved["estimator"]
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"the saved state lacks a part: {error}") from error
+        before = self.monitor.snapshot()
+        self.monitor.restore(monitor)
+        try:
+            self.estimator.restore(estimator)
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            self.monitor.restore(before)
+            raise ValueError(str(error)) from error

@@ -29,8 +29,8 @@ class Baseline:
         }
 
     @classmethod
-    def from_json(cls, saved: dict[str, Any]) -> Baseline:
-        """Back from the state file; ValueError if it is not a baseline."""
+    def from_json(cls, saved: dict[str, Any], wheels: list[int]) -> Baseline:
+        """Back from the state file; ValueError if it is not a baseline of these wheels (their indices)."""
         nan = float("nan")
         try:
             deviation = np.array([nan if x is None else float(x) for x in saved["deviation_m"]])
@@ -41,4 +41,9 @@ class Baseline:
             raise ValueError(f"the saved baseline is not one: {error}") from error
         if deviation.shape != (4,) or covariance.shape != (4, 4) or np.any(np.abs(deviation) > 0.1):
             raise ValueError("the saved baseline has another shape or is absurd")
+        own = covariance[np.ix_(wheels, wheels)]
+        if not (np.all(np.isfinite(deviation[wheels])) and np.all(np.isfinite(own))):
+            raise ValueError("the saved baseline lacks a wheel")
+        if np.linalg.eigvalsh((own + own.T) / 2)[0] < -1e-12 or not np.allclose(own, own.T, atol=1e-12):
+            raise ValueError("the saved baseline has no covariance")
         return cls(deviation, covariance)

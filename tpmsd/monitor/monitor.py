@@ -10,7 +10,7 @@ hysteresis (`alarm_state`).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -47,7 +47,12 @@ class _Judgement:
     change_std: FloatArray
     deflated: FloatArray
     deviates: FloatArray
-    loss_m: FloatArray = field(default_factory=lambda: np.full(4, np.nan))
+    loss_m: FloatArray
+
+    @classmethod
+    def unknown(cls) -> _Judgement:
+        """Before anything was judged."""
+        return cls(*(np.full(4, np.nan) for _ in range(5)))
 
 
 class Monitor:
@@ -67,8 +72,7 @@ class Monitor:
         self._nuisance = (nuisance or Nuisance()).covariance(self._wheels, self._radius[self._wheels])
         self.baseline: Baseline | None = None
         self._since_judged_s = 0.0
-        empty = np.full(4, np.nan)
-        self._judged = _Judgement(empty, empty.copy(), np.zeros(4), np.zeros(4))
+        self._judged = _Judgement.unknown()
         self._alarms = {
             (kind, wheel): Hysteresis(
                 settings.raise_probability,
@@ -89,6 +93,7 @@ class Monitor:
                 f"no usable signal of wheel {WHEELS[wheel]} while the others turn"
             )
         self._asleep = False
+        self._bus_down = False
         self._last_valid_s = [-math.inf] * 4
         self._learned_from_s: float | None = None
 
@@ -141,6 +146,8 @@ class Monitor:
         """Forget the baseline and learn anew; standing tyre alarms are taken back with it."""
         self.baseline = None
         self._learned_from_s = None
+        self._since_judged_s = 0.0
+        self._judged = _Judgement.unknown()
         for key, alarm in self._alarms.items():
             alarm.active, alarm.held_s = False, 0.0
             self._standing.pop(key, None)
@@ -157,7 +164,7 @@ class Monitor:
         std = np.sqrt(np.diag(own))
         limit = self._settings.deviation_percent / 100.0 * radius
         deviates = ndtr((-limit - change) / std) + ndtr((change - limit) / std)
-        judged = _Judgement(*(np.full(4, np.nan) for _ in range(5)))
+        judged = _Judgement.unknown()
         for target, values in (
             (judged.change, change),
             (judged.change_std, std),
@@ -228,8 +235,12 @@ class Monitor:
         if rear_valid:
             self._asleep = not moving
         nothing = not np.any(valid)
-        down = any(f.kind in ("down", "unplugged", "timeout") and f.source == "can" for f in tick.faults)
-        asleep = nothing and self._asleep and not down  # a parked car's bus goes quiet: nothing is wrong
+        if np.any(valid):
+            self._bus_down = False
+        elif any(f.kind == "down" and f.source == "can" for f in tick.faults):
+            self._bus_down = True
+        # A parked car's bus goes quiet: nothing is wrong, unless the interface itself is gone.
+        asleep = nothing and self._asleep and not self._bus_down
         limit = self._settings.malfunction_s
         events = self._malfunction("wheels", not rear_valid and not asleep, rear_valid, limit, tick)
         stale = estimate.gnss_age_s > GNSS_FRESH_S
@@ -317,28 +328,45 @@ class Monitor:
         }
 
     def restore(self, saved: dict[str, Any]) -> None:
-        """Take up a snapshot; ValueError if it does not fit. Alarms stand again until driving clears them."""
-        if saved.get("wheels") != [WHEELS[i] for i in self._wheels]:
+        """Take up a snapshot; ValueError if it does not fit (then nothing is taken up).
+
+        What was learned before is forgotten. Alarms stand again until driving clears them.
+        """
+        try:
+            baseline, standing = self._parsed(saved)
+        except (KeyError, TypeError, AttributeError) as error:
+            raise ValueError(f"the saved monitor is not one: {type(error).__name__}: {error}") from error
+        self.forget()
+        self.baseline = baseline
+        for event in standing:
+            key = (event.kind, WHEELS.index(event.wheel or ""))
+            self._alarms[key].active = True
+            self._standing[key] = event
+
+    def _parsed(self, saved: dict[str, Any]) -> tuple[Baseline | None, list[AlarmEvent]]:
+        if saved["wheels"] != [WHEELS[i] for i in self._wheels]:
             raise ValueError("the saved baseline belongs to another set of wheels")
-        if saved.get("baseline") is not None:
-            self.baseline = Baseline.from_json(saved["baseline"])
-        for entry in saved.get("alarms", []):
-            kind, wheel = AlarmKind(entry["kind"]), WHEELS.index(entry["wheel"])
-            alarm = self._alarms.get((kind, wheel))
-            if alarm is None:
-                raise ValueError(f"the saved alarm of wheel {entry['wheel']} is not of this car")
-            alarm.active = True
-            event = AlarmEvent(
-                float(entry["time_s"]),
-                kind,
-                WHEELS[wheel],
-                "raised",
-                math.nan,
-                math.nan,
-                float(entry["probability"]),
-                str(entry["reason"]),
+        entry = saved["baseline"]
+        baseline = None if entry is None else Baseline.from_json(entry, self._wheels)
+        standing = [
+            AlarmEvent(
+                time_s=float(entry["time_s"]),
+                kind=AlarmKind(entry["kind"]),
+                wheel=str(entry["wheel"]),
+                state="raised",
+                deviation_m=math.nan,
+                std_m=math.nan,
+                probability=float(entry["probability"]),
+                reason=str(entry["reason"]),
             )
-            self._standing[(kind, wheel)] = event
+            for entry in saved["alarms"]
+        ]
+        for event in standing:
+            if event.wheel not in WHEELS or (event.kind, WHEELS.index(event.wheel)) not in self._alarms:
+                raise ValueError(f"the saved {event.kind} alarm of {event.wheel} is not one of this car")
+            if baseline is None:
+                raise ValueError("the saved alarms have no baseline that they stand against")
+        return baseline, standing
 
 
 def _known(probability: float) -> float:
