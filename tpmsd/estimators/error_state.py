@@ -9,6 +9,7 @@ effects in `physics.catalogue`, which describes each one's physics:
     LAT, LATV  gnss_latency: age of a position, and how much older the Doppler speed is
     TRK        track_width_error of the rear axle, relative, as a factor on the turn
     FWD        antenna_lever_arm, forward
+    GYRO, GAIN yaw_rate_bias (rad/s) and yaw_rate_scale (minus 1) of the bus's yaw rate
     SLIP       longitudinal_slip of the driven axle, per acceleration
     LOAD       load_transfer_lateral: radius lost per lateral acceleration by the outer wheels
 """
@@ -23,7 +24,7 @@ import numpy as np
 from tpmsd.estimators.batched_kalman import predict
 from tpmsd.wheels import FloatArray
 
-E, N, PSI, BE, BN, LAT, LATV, TRK, FWD, SLIP, LOAD, MU = range(12)
+E, N, PSI, BE, BN, LAT, LATV, TRK, FWD, GYRO, GAIN, SLIP, LOAD, MU = range(14)
 """Places in the state; the radius errors (rl, rr[, fl, fr]) come last, from MU on."""
 
 PRIOR_RADIUS_STD = 0.01
@@ -57,6 +58,10 @@ LATENCY_DRIFT = 0.001
 TRACK_PRIOR = 0.03
 """Relative: tracks are often read off a data sheet for another rim."""
 FORWARD_PRIOR_M = 0.4
+GYRO_PRIOR_RADPS = 0.01
+GYRO_DRIFT = 5e-6
+"""rad/s per sqrt(s): 0.3 mrad/s in an hour, as production gyros wander with temperature."""
+GAIN_PRIOR = 0.03
 SLIP_PRIOR = (0.004, 0.004)
 """Slip of the driven axle per m/s2: 0.23 % at Fx/Fz = 0.05 is 0.008."""
 LOAD_PRIOR_S2 = 1e-4
@@ -72,6 +77,8 @@ def initial_state(count: int, nominal_m: FloatArray) -> tuple[FloatArray, FloatA
         (LATV, *DOPPLER_LAG_PRIOR_S),
         (TRK, 0.0, TRACK_PRIOR),
         (FWD, 0.0, FORWARD_PRIOR_M),
+        (GYRO, 0.0, GYRO_PRIOR_RADPS),
+        (GAIN, 0.0, GAIN_PRIOR),
         (SLIP, *SLIP_PRIOR),
         (LOAD, 0.0, LOAD_PRIOR_S2),
     )
@@ -126,9 +133,9 @@ class ProcessModel:
         if motion.steered_curvature is not None:
             return way, way * motion.steered_curvature
         turn = (roll[:, 1] - roll[:, 0]) / self._track * (1.0 + mean[:, TRK])
-        return way, turn + mean[:, LOAD] * self._load_turn(motion)
+        return way, turn + mean[:, LOAD] * self.load_turn(motion)
 
-    def _load_turn(self, motion: Motion) -> float:
+    def load_turn(self, motion: Motion) -> float:
         """Turn per LOAD: in a left turn the right radius shrinks and the left one grows, so the wheels show
         too much of it."""
         return -motion.accel_lat_mps2 * float(motion.rear_rad.sum()) / self._track
@@ -175,7 +182,7 @@ class ProcessModel:
             out[:, N, SLIP] = -way * motion.accel_long_mps2 * sin
         if by_wheels:
             out[:, PSI, TRK] = turn
-            out[:, PSI, LOAD] = self._load_turn(motion)
+            out[:, PSI, LOAD] = self.load_turn(motion)
         return out
 
     def _noise(self, motion: Motion, distance: float, turn: float) -> FloatArray:
@@ -186,5 +193,6 @@ class ProcessModel:
         out[PSI, PSI] = TURN_NOISE**2 * distance + (TURN_RELATIVE * turn) ** 2
         out[PSI, PSI] += (ROUGH_TURN * distance / self._track) ** 2 * rough
         out[LAT, LAT] = LATENCY_DRIFT**2 * motion.dt_s
+        out[GYRO, GYRO] = GYRO_DRIFT**2 * motion.dt_s
         out[MU:, MU:] = self.drift * motion.dt_s
         return out

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.estimators.error_state import BE, BN, FWD, LAT, LATV, LOAD, MU, PSI, SLIP, TRK, E, N
+from tpmsd.estimators.error_state import BE, BN, FWD, GAIN, GYRO, LAT, LATV, LOAD, MU, PSI, SLIP, TRK, E, N
 from tpmsd.estimators.odometry_block import Block, FrontResidual
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import FloatArray
@@ -24,6 +24,10 @@ TIMING_STD_S = 0.03
 """Jitter of the time stamps, which turns speed, acceleration and yaw rate into errors."""
 COURSE_FLOOR_RAD = 0.004
 """Side-slip of the rear axle that no state holds."""
+GYRO_NOISE_RADPS = 0.002
+"""White part of a yaw rate over one second, and what the road's bank and steering add."""
+GYRO_RELATIVE = 0.02
+"""Of the turn: side-slip makes the wheels' turn and the body's differ in the way into a bend."""
 ROUGHNESS_STD = 2.0e-4
 """Front against rear over one block, relative to the way, at 20 m (grows with its square root)."""
 
@@ -121,8 +125,21 @@ def front_wheel(
     row[MU + place] = -block.angle_rad[place]
     row[TRK] = front.by_track
     row[SLIP] = driven_front_minus_rear * block.way_m * block.accel_mps2
-    row[LOAD] = 0.0
     residual = front.residual_m + (mean[:, MU:] - block.at_radii) @ row[MU:]
     residual += mean[:, TRK] * row[TRK] + mean[:, SLIP] * row[SLIP]
     rough = ROUGHNESS_STD * math.sqrt(max(block.way_m, 1.0) * 20.0)
     return Scalar(-residual, row, rough**2 + front.reading_m**2)
+
+
+def gyro_turn(mean: FloatArray, block: Block, track_rear_m: float) -> Scalar:
+    """The bus's yaw rate over a block against the turn of the rear wheels, its bias and gain being states."""
+    row = np.zeros(mean.shape[1])
+    row[MU : MU + 2] = np.array([-block.angle_rad[0], block.angle_rad[1]]) / track_rear_m
+    row[TRK] = block.turn_rad
+    row[LOAD] = block.load_turn
+    row[GYRO], row[GAIN] = block.duration_s, block.turn_rad
+    change = (mean[:, MU:] - block.at_radii) @ row[MU:]
+    others = mean[:, [TRK, LOAD, GYRO, GAIN]] @ row[[TRK, LOAD, GYRO, GAIN]]
+    noise = GYRO_NOISE_RADPS**2 * block.duration_s + (GYRO_RELATIVE * block.turn_rad) ** 2
+    off = block.gyro_turn_rad - (block.turn_rad + change + others)
+    return Scalar(off, row, noise + block.reading_turn_rad**2)

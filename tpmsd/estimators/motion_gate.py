@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 
 from tpmsd.config.model import FilterConfig
+from tpmsd.estimators.gyro_check import GyroCheck
 from tpmsd.timeline.tick import Fix, Tick
 
 SMOOTHING_S = 0.5
@@ -65,6 +66,7 @@ class MotionGate:
     def __init__(self, settings: FilterConfig) -> None:
         self._settings = settings
         self._course = CourseRate()
+        self._gyro = GyroCheck()
         self.reset()
 
     def reset(self) -> None:
@@ -78,6 +80,8 @@ class MotionGate:
         if math.isnan(self.speed_mps):
             self.speed_mps, self.yaw_rate_radps = speed_mps, yaw_rate_radps
             return False
+        if speed_mps >= self._settings.min_speed_mps:
+            self._gyro.update(tick.yaw_rate_radps, self.yaw_rate_radps, tick.dt_s)
         share = 1.0 - math.exp(-tick.dt_s / SMOOTHING_S)
         before = self.speed_mps
         self.speed_mps += share * (speed_mps - before)
@@ -95,10 +99,15 @@ class MotionGate:
             and abs(yaw_rate) <= MAX_CURVATURE_PER_M * self.speed_mps
         )
 
+    @property
+    def gyro_trusted(self) -> bool:
+        """Whether the bus's yaw rate has shown to be one."""
+        return self._gyro.trusted
+
     def _witnessed_yaw_rate(self, tick: Tick) -> float:
         for fix in tick.fixes:
             self._course.update(fix)
-        if math.isfinite(tick.yaw_rate_radps):
+        if self.gyro_trusted and math.isfinite(tick.yaw_rate_radps):
             return tick.yaw_rate_radps
         if abs(tick.time_s - self._course.time_s) <= COURSE_RATE_FRESH_S:
             return self._course.rate_radps

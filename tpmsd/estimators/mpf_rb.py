@@ -15,8 +15,9 @@ states).
 Quantisation. The reading error of a counter is bounded: it does not add up from tick to tick. So it is part
 of the measurements (once per block), not of the process noise as in (9c), where it would be a random walk.
 
-Blocks. About once a second the rotation is held against the receiver (Doppler way) and, front against rear,
-against the other wheels (`odometry_block`). Front wheels: see `mpf_pn`; they never bend the trajectory.
+Blocks. About once a second the rotation is held against the receiver (Doppler way), the bus's yaw rate where
+it has shown to be one (`gyro_check`), and, front against rear, against the other wheels (`odometry_block`).
+Front wheels: see `mpf_pn`; they never bend the trajectory.
 """
 
 from __future__ import annotations
@@ -274,11 +275,13 @@ class MpfRb:
             self._log_weights[child] = self._log_weights[best] + chance
 
     def _learn(self, block: Block) -> None:
-        """Doppler way against the rear wheels, front wheels against rear."""
+        """Doppler way and yaw rate against the rear wheels, front wheels against rear."""
         if math.isfinite(block.doppler_way_m):
             left = self._antenna[1]
             scalar = measurements.doppler_way(self._mean, block, self._nominal, left, self._driven_rear)
             self._update(scalar)
+        if self._gate.gyro_trusted and math.isfinite(block.gyro_turn_rad):
+            self._update(measurements.gyro_turn(self._mean, block, self._geometry.track_rear_m))
         driven = float(self._driven_front) - float(self._driven_rear)
         for place, front in enumerate(block.front, start=2):
             if front is not None:

@@ -56,7 +56,13 @@ class Block:
     reading_way_m: float
     front: tuple[FrontResidual | None, FrontResidual | None]
     at_radii: FloatArray
-    """(d,) radius errors at which the front residuals were formed."""
+    """(d,) radius errors at which turn and front residuals were formed."""
+    gyro_turn_rad: float
+    """The yaw rate signal integrated over the block; NaN where it was missing."""
+    load_turn: float
+    """Derivative of the wheels' turn by the lateral load transfer (`error_state.ProcessModel.load_turn`)."""
+    reading_turn_rad: float
+    """Reading error of the counters as a turn."""
 
 
 class BlockBuilder:
@@ -122,14 +128,18 @@ class BlockBuilder:
         angle = rotation.sum(axis=0)
         reading = np.nanmax(quantum, axis=0, initial=0.0)  # errors of the ticks between cancel
         radius = self._nominal + radii
+        times_s = np.array([t.dt_s for t in ticks])
+        gyro = np.array([t.yaw_rate_radps for t in ticks])
         roll = rotation[:, :2] * radius[:2]
         ways, turns = roll.sum(axis=1) / 2, (roll[:, 1] - roll[:, 0]) / self._geometry.track_rear_m
         front = (
-            self._front(rotation, ways, turns, angle, reading, radius)
+            self._front(rotation, share, ways, turns, angle, reading, radius)
             if len(self._order) == 4
             else (None, None)
         )
-        duration = float(sum(s * t.dt_s for s, t in zip(share, ticks, strict=True)))
+        duration = float(share @ times_s)
+        accel_lat = float(ways.sum()) * float(turns.sum()) / max(duration, 1e-3) ** 2
+        reading_roll_m = float(np.hypot(reading[0] * radius[0], reading[1] * radius[1]))
         return Block(
             duration_s=max(duration, 1e-3),
             teaches=all(flag for _, flag, _ in self._ticks),
@@ -140,14 +150,18 @@ class BlockBuilder:
             accel_mps2=float(np.mean([a for _, _, a in self._ticks])),
             speed_change_mps=change,
             speed_swing_mps=swing,
-            reading_way_m=float(np.hypot(reading[0] * radius[0], reading[1] * radius[1])) / 2,
+            reading_way_m=reading_roll_m / 2,
             front=front,
             at_radii=radii.copy(),
+            gyro_turn_rad=float(share @ (gyro * times_s)),
+            load_turn=-accel_lat * float(angle[:2].sum()) / self._geometry.track_rear_m,
+            reading_turn_rad=reading_roll_m / self._geometry.track_rear_m,
         )
 
     def _front(
         self,
         rotation: FloatArray,
+        share: FloatArray,
         ways: FloatArray,
         turns: FloatArray,
         angle: FloatArray,
@@ -155,8 +169,10 @@ class BlockBuilder:
         radius: FloatArray,
     ) -> tuple[FrontResidual | None, FrontResidual | None]:
         # The hub's lateral part enters squared, so quantisation noise in a short tick's turn would bias it:
-        # there the turn is smoothed over half a second.
-        smooth = uniform_filter1d(turns, max(round(SMOOTHING_S / self._ticks[0][0].dt_s), 1), mode="nearest")
+        # there the turn is smoothed.
+        size = max(round(SMOOTHING_S / self._ticks[0][0].dt_s), 1)
+        whole = np.where(share > 0.0, turns / np.maximum(share, 1e-9), 0.0)
+        smooth = uniform_filter1d(whole, size, mode="nearest") * share
         lateral = (smooth - turns) * self._geometry.wheelbase_m
         paths = wheel_speeds(ways, turns, self._geometry, lateral)
         out: list[FrontResidual | None] = []

@@ -1,0 +1,50 @@
+"""Whether the yaw-rate signal is a yaw rate in the right unit and sign.
+
+In: the signal and the wheels' own yaw rate. Out: trusted or not. A DBC that states deg/s for rad/s, a sensor
+mounted upside down or one that is frozen would otherwise bend every radius difference.
+
+Running regression (with intercept, for the bias) of signal on wheels over the last minutes of driving:
+trusted is a slope near one, after enough bends to tell.
+"""
+
+from __future__ import annotations
+
+import math
+
+MEMORY_S = 300.0
+SLOPE_RANGE = (0.8, 1.25)
+MIN_EXCITATION = 0.02**2 * 30.0
+"""Variance of yaw rate times driving time before anything is said, (rad/s)2 s: 30 s of gentle bends."""
+
+
+class GyroCheck:
+    """Regression with exponential forgetting."""
+
+    def __init__(self) -> None:
+        self._weight = self._gyro = self._wheels = self._square = self._product = 0.0
+
+    def update(self, gyro_radps: float, wheels_radps: float, dt_s: float) -> None:
+        """Take one tick of driving; NaN is left out."""
+        if not math.isfinite(gyro_radps + wheels_radps):
+            return
+        keep = math.exp(-dt_s / MEMORY_S)
+        self._weight = keep * self._weight + dt_s
+        self._gyro = keep * self._gyro + gyro_radps * dt_s
+        self._wheels = keep * self._wheels + wheels_radps * dt_s
+        self._square = keep * self._square + wheels_radps**2 * dt_s
+        self._product = keep * self._product + wheels_radps * gyro_radps * dt_s
+
+    @property
+    def slope(self) -> float:
+        """Signal per yaw rate of the wheels; NaN before enough bends."""
+        if self._weight <= 0.0:
+            return math.nan
+        excitation = self._square - self._wheels**2 / self._weight
+        if excitation < MIN_EXCITATION:
+            return math.nan
+        return (self._product - self._wheels * self._gyro / self._weight) / excitation
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the signal may be used."""
+        return SLOPE_RANGE[0] <= self.slope <= SLOPE_RANGE[1]  # false for NaN
