@@ -1,0 +1,161 @@
+"""Which tyres lost radius: the comparison of hypotheses against integrals, symmetry and plain cases."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tpmsd.monitor.hypotheses import LOSS_GRID, PRIOR_BY_SIZE, Nuisance, Verdict, compare
+from tpmsd.wheels import WHEELS, FloatArray
+
+RADIUS_M = 0.316
+THRESHOLD = 0.0025
+
+
+def judged(change: list[float], std: float = 3e-4, nuisance: Nuisance | None = None) -> Verdict:
+    """Verdict on relative changes of all four wheels, known to `std` each."""
+    radius = np.full(4, RADIUS_M)
+    harmless = (nuisance or Nuisance()).covariance([0, 1, 2, 3], radius)
+    return compare(
+        np.array(change) * RADIUS_M, harmless + np.eye(4) * (std * RADIUS_M) ** 2, radius, THRESHOLD
+    )
+
+
+def integrated(change: FloatArray, covariance: FloatArray, threshold: float) -> FloatArray:
+    """P(wheel lost more than the threshold) by fine integration over log-uniform losses; relative units."""
+    d = change.size
+    inverse = np.linalg.inv(covariance)
+    losses = np.geomspace(LOSS_GRID[0] / 1.09, LOSS_GRID[-1] * 1.09, 20_001)
+    none = math.exp(-0.5 * change @ inverse @ change)
+    none *= 1.0 - sum(math.comb(d, k) * PRIOR_BY_SIZE[k] for k in range(1, d + 1))
+    total, lost = none, np.zeros(d)
+    for size in range(1, d + 1):
+        for subset in itertools.combinations(range(d), size):
+            indicator = np.isin(np.arange(d), subset).astype(float)
+            off = change + losses[:, None] * indicator
+            density = np.exp(-0.5 * np.einsum("ni,ij,nj->n", off, inverse, off)) * PRIOR_BY_SIZE[size]
+            total += density.mean()  # equal steps of the logarithm
+            above = (density * (losses >= threshold)).mean()
+            lost[list(subset)] += above
+    return lost / total
+
+
+@pytest.mark.parametrize(
+    "change",
+    [(0.0, 0.0), (-0.004, 0.0), (-0.005, 0.0), (0.0, -0.006), (-0.01, -0.01), (-0.02, 0.0), (0.004, -0.003)],
+)
+def test_two_wheels_against_numerical_integration(change: tuple[float, float]) -> None:
+    """For a rear pair the posterior is that of a fine integral over all losses, to a few per cent."""
+    covariance = np.array([[3.0, 2.0], [2.0, 3.0]]) * 1e-6
+    expected = integrated(np.array(change), covariance, THRESHOLD)
+    radius = np.full(2, RADIUS_M)
+    found = compare(np.array(change) * RADIUS_M, covariance * RADIUS_M**2, radius, THRESHOLD)
+    assert expected == pytest.approx(found.deflated, abs=0.05)
+
+
+def test_the_nuisance_covariance_is_the_sum_of_its_ways() -> None:
+    """Variances and covariances of wheels are sums over common, axle, side and own changes."""
+    n = Nuisance(common=1.0, axle=0.5, side=0.25, own=0.125)
+    cov = n.covariance([0, 1, 2, 3], np.full(4, 2.0)) / 4.0
+    own, common, axle, side = 0.125**2, 1.0, 0.25, 0.0625
+    assert [common + axle + side + own] * 4 == pytest.approx(np.diag(cov))
+    assert common + axle - side == pytest.approx(cov[0, 1])  # same axle, other side
+    assert common - axle + side == pytest.approx(cov[0, 2])  # same side, other axle
+    assert common - axle - side == pytest.approx(cov[0, 3])  # diagonal
+    assert cov[2:, 2:] == pytest.approx(n.covariance([2, 3], np.full(2, 2.0)) / 4.0)
+
+
+@settings(derandomize=True, deadline=None)
+@given(st.lists(st.floats(-0.08, 0.08), min_size=4, max_size=4), st.floats(1e-5, 0.01))
+def test_probabilities_are_probabilities(change: list[float], std: float) -> None:
+    """For any change: between 0 and 1, no wheel more probable than that something happened, losses finite."""
+    verdict = judged(change, std)
+    assert np.all((verdict.deflated >= 0.0) & (verdict.deflated <= 1.0))
+    assert 0.0 <= verdict.none <= 1.0 + 1e-12
+    assert verdict.deflated.max() <= 1.0 - verdict.none + 1e-9
+    assert np.all((verdict.loss_m >= 0.0) & (verdict.loss_m <= 0.05001 * RADIUS_M))
+
+
+@pytest.mark.parametrize("wheel", range(4))
+def test_the_more_is_lost_the_more_probable(wheel: int) -> None:
+    """One wheel's probability of deflation rises with its loss, from next to nothing to next to one."""
+    probabilities = []
+    for loss in np.linspace(0.0, 0.03, 61):
+        change = [0.0] * 4
+        change[wheel] = -float(loss)
+        probabilities.append(float(judged(change).deflated[wheel]))
+    assert np.all(np.diff(probabilities) > -1e-3)
+    assert probabilities[0] < 1e-3
+    assert probabilities[-1] > 0.999
+
+
+@pytest.mark.parametrize("change", [0.0036, -0.0036, 0.006, -0.005])
+def test_what_happens_to_all_wheels_alike_is_no_deflation(change: float) -> None:
+    """Growth with speed by 0.36 % (or its loss when slowing, or warm-up) points at no wheel."""
+    assert [0.0] * 4 == pytest.approx(judged([change] * 4).deflated, abs=0.01)
+
+
+@pytest.mark.parametrize("change", [0.002, -0.002])
+@pytest.mark.parametrize("axle", [(0, 1), (2, 3)])
+def test_slip_of_the_driven_axle_is_no_deflation(axle: tuple[int, int], change: float) -> None:
+    """0.2 % of one axle against the other is slip or load."""
+    both = [change if wheel in axle else 0.0 for wheel in range(4)]
+    assert [0.0] * 4 == pytest.approx(judged(both).deflated, abs=0.01)
+
+
+@pytest.mark.parametrize("wheel", range(4))
+@pytest.mark.parametrize("common", [0.0, 0.0036])
+def test_a_fifth_of_the_pressure_in_one_tyre_is_named(wheel: int, common: float) -> None:
+    """-0.46 % (20 % of the pressure) of one well-known wheel names that wheel alone, also while all grow."""
+    change = [common] * 4
+    change[wheel] -= 0.0046
+    verdict = judged(change)
+    assert verdict.deflated[wheel] > 0.95
+    assert max(np.delete(verdict.deflated, wheel)) < 0.02
+    assert 0.0046 * RADIUS_M == pytest.approx(verdict.loss_m[wheel], rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("pair", "loss"),
+    [((0, 2), 0.0046), ((1, 3), 0.0046), ((0, 3), 0.0046), ((1, 2), 0.0046), ((0, 1), 0.02), ((2, 3), 0.02)],
+)
+def test_two_soft_tyres_are_both_named(pair: tuple[int, int], loss: float) -> None:
+    """Two tyres that lost the same: both are named and no other; those of one axle only when they lost more,
+    for that looks like slip or load."""
+    change = [-loss if wheel in pair else 0.0 for wheel in range(4)]
+    verdict = judged(change)
+    named = {wheel for wheel in range(4) if verdict.deflated[wheel] > 0.9}
+    assert set(pair) == named
+    assert max(np.delete(verdict.deflated, list(pair))) < 0.05
+
+
+def test_two_tyres_that_lost_unequally_are_both_named() -> None:
+    """A common loss stands for both where they differ by a quarter."""
+    assert [1.0, 0.0, 0.0, 1.0] == pytest.approx(judged([-0.020, 0.0, 0.0, -0.015]).deflated, abs=0.05)
+
+
+def test_a_poorly_known_radius_accuses_nobody() -> None:
+    """What is within its own uncertainty is no evidence."""
+    assert max(judged([-0.005, 0.0, 0.0, 0.0], std=0.004).deflated) < 0.05
+
+
+@settings(derandomize=True, deadline=None, max_examples=30)
+@given(st.lists(st.floats(-0.02, 0.02), min_size=4, max_size=4))
+def test_left_and_right_and_front_and_rear_are_alike(change: list[float]) -> None:
+    """Exchanging sides, or axles, exchanges the probabilities and changes nothing else."""
+    plain = judged(change).deflated
+    for swapped in ([1, 0, 3, 2], [2, 3, 0, 1]):
+        other = judged([change[k] for k in swapped]).deflated
+        assert plain[swapped] == pytest.approx(other, abs=1e-9)
+
+
+def test_the_priors_leave_room_for_nothing_having_happened() -> None:
+    """All subsets together are improbable beforehand: below one in a hundred."""
+    total = sum(math.comb(4, size) * prior for size, prior in PRIOR_BY_SIZE.items())
+    assert 0.0 < total < 0.01
+    assert set(range(1, len(WHEELS) + 1)) == set(PRIOR_BY_SIZE)
