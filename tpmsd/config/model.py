@@ -81,7 +81,7 @@ class FilterConfig:
     seed: int = 1
     min_speed_mps: float = 6.0
     """Below this the ticks do not teach a radius and the heading may come from the steering, eq. (38)."""
-    max_accel_long_mps2: float = 2.0
+    max_accel_long_mps2: float = 1.2
     max_accel_lat_mps2: float = 3.0
 
 

@@ -110,6 +110,8 @@ class Motion:
     accel_long_mps2: float
     accel_lat_mps2: float
     teaches: bool
+    horizontal: float = 1.0
+    """Way over the map per way along the road (`grade`)."""
     steered_curvature: float | None = None
     """Curvature by the steering, eq. (38c), where it replaces the wheels' turn."""
 
@@ -127,7 +129,7 @@ class ProcessModel:
     def way_and_turn(self, mean: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
         """(N,) way of the rear axle's middle and turn of each particle, eqs (6a), (6b)."""
         roll = motion.rear_rad * (self._nominal[:2] + mean[:, MU : MU + 2])
-        way = roll.sum(axis=1) / 2
+        way = roll.sum(axis=1) / 2 * motion.horizontal
         if self._driven_rear:
             way *= 1.0 - mean[:, SLIP] * motion.accel_long_mps2
         if motion.steered_curvature is not None:
@@ -172,7 +174,7 @@ class ProcessModel:
         out[:, N, PSI] = way * cos
         by_wheels = motion.steered_curvature is None
         for k, sign in enumerate((-1.0, 1.0)):
-            half = motion.rear_rad[k] / 2
+            half = motion.rear_rad[k] / 2 * motion.horizontal
             bend = sign * motion.rear_rad[k] / self._track * by_wheels
             out[:, E, MU + k] = half * cos - way * sin * bend / 2
             out[:, N, MU + k] = half * sin + way * cos * bend / 2

@@ -97,11 +97,12 @@ def course(
 
 
 def doppler_way(
-    mean: FloatArray, block: Block, nominal: FloatArray, left_m: float, driven_rear: bool
+    mean: FloatArray, block: Block, nominal: FloatArray, left_m: float, horizontal: float, driven_rear: bool
 ) -> Scalar:
-    """Way by the receiver's speeds against the rear wheels."""
+    """Way by the receiver's speeds, which are horizontal, against the rear wheels."""
     slip = mean[:, SLIP] * block.accel_mps2 if driven_rear else np.zeros(mean.shape[0])
-    predicted = (nominal[:2] + mean[:, MU : MU + 2]) @ block.angle_rad[:2] / 2 * (1.0 - slip)
+    predicted = (nominal[:2] + mean[:, MU : MU + 2]) @ block.angle_rad[:2] / 2
+    predicted = predicted * horizontal * (1.0 - slip)
     predicted -= (mean[:, LAT] + mean[:, LATV]) * block.speed_change_mps + left_m * block.turn_rad
     row = np.zeros(mean.shape[1])
     row[MU : MU + 2] = block.angle_rad[:2] / 2

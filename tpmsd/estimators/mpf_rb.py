@@ -34,6 +34,7 @@ from tpmsd.estimators.base import RadiusEstimate, checked_radii
 from tpmsd.estimators.batched_kalman import scalar_update, symmetrise
 from tpmsd.estimators.error_state import BE, BN, FWD, LAT, MU, PSI, SLIP, E, Motion, N, ProcessModel
 from tpmsd.estimators.fix_gate import FixGate
+from tpmsd.estimators.grade import GradeTracker
 from tpmsd.estimators.motion_gate import MotionGate
 from tpmsd.estimators.odometry_block import Block, BlockBuilder
 from tpmsd.estimators.pose_start import PoseFinder, PoseStart
@@ -82,6 +83,7 @@ class MpfRb:
         self._gate = MotionGate(settings)
         self._fix_gate = FixGate()
         self._finder = PoseFinder()
+        self._grade = GradeTracker()
         self._blocks = BlockBuilder(self._order, self._nominal, self._geometry)
         count = settings.particles or DEFAULT_PARTICLES
         self._mean, self._cov = state.initial_state(count, self._nominal)
@@ -132,7 +134,9 @@ class MpfRb:
         gate = self._gate
         curvature = None if teaches else self._steered_curvature(tick)
         accel_lat = gate.speed_mps * gate.yaw_rate_radps
-        motion = Motion(tick.dt_s, rear, gate.accel_mps2, accel_lat, teaches, curvature)
+        self._grade.move(speed * tick.dt_s)
+        horizontal = self._grade.horizontal
+        motion = Motion(tick.dt_s, rear, gate.accel_mps2, accel_lat, teaches, horizontal, curvature)
         std = self._position_std_m
         self._cov, way, turn = self._process.propagate(self._mean, self._cov, motion, std)
         self._rate = (way / tick.dt_s, turn / tick.dt_s)
@@ -169,6 +173,7 @@ class MpfRb:
     def _take_fix(self, fix: Fix, tick: Tick) -> None:
         """Hold the particles against position and course."""
         self._blocks.add_fix(fix, tick)
+        self._grade.update(fix.up_m)
         moving = self._rate[0] > 0.5
         if not self._located:
             start = self._finder.update(fix, moving)
@@ -224,6 +229,7 @@ class MpfRb:
         self._finder.reset()
         self._gate.reset()
         self._blocks.reset()
+        self._grade.reset()
         self._fix_gate.reset()
         self.counts["lost_pose"] += 1
 
@@ -278,7 +284,9 @@ class MpfRb:
         """Doppler way and yaw rate against the rear wheels, front wheels against rear."""
         if math.isfinite(block.doppler_way_m):
             left = self._antenna[1]
-            scalar = measurements.doppler_way(self._mean, block, self._nominal, left, self._driven_rear)
+            scalar = measurements.doppler_way(
+                self._mean, block, self._nominal, left, self._grade.horizontal, self._driven_rear
+            )
             self._update(scalar)
         if self._gate.gyro_trusted and math.isfinite(block.gyro_turn_rad):
             self._update(measurements.gyro_turn(self._mean, block, self._geometry.track_rear_m))
