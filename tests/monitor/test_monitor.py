@@ -1,0 +1,406 @@
+"""From estimates to alarms: learning, judging, malfunctions and what survives a restart."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.monitor.drives import ALL, RADIUS_M, REAR, Player, monitor, one, said
+from tpmsd.monitor.records import AlarmKind, WheelState
+from tpmsd.sources.events import SourceFault
+from tpmsd.wheels import WHEELS
+
+DOWN = SourceFault(0.0, "can", "down", "can0: network is down")
+
+
+def learned(wheels: tuple[int, ...] = ALL, **settings_: float) -> Player:
+    player = Player(monitor(wheels, **settings_))
+    assert [] == player.play(70.0)
+    assert player.monitor.baseline is not None
+    return player
+
+
+# -- learning -----------------------------------------------------------------------------------------------
+
+
+def test_the_baseline_is_frozen_after_the_informative_time() -> None:
+    """Only driving that teaches counts; the fraction rises to one; then each wheel is monitored."""
+    player = Player(monitor(learn_s=45.0))
+    player.play(300.0, informative=False)
+    assert (0.0, None) == (player.last.learning_fraction, player.monitor.baseline)
+    player.play(22.5)
+    assert 0.5 == pytest.approx(player.last.learning_fraction, abs=0.01)
+    assert {WheelState.LEARNING} == {wheel.state for wheel in player.last.wheels}
+    player.play(23.0)
+    assert 1.0 == player.last.learning_fraction
+    assert player.monitor.baseline is not None
+    assert list(player.offset_m) == pytest.approx(player.monitor.baseline.deviation_m.tolist())
+    assert {WheelState.MONITORING} == {wheel.state for wheel in player.last.wheels}
+
+
+def test_learning_goes_on_until_the_wheels_are_known_against_each_other() -> None:
+    """However long the drive, no baseline is frozen while the wheels' contrast is uncertain."""
+    player = Player(monitor())
+    player.play(200.0, std_m=0.002)
+    assert player.monitor.baseline is None
+    assert player.last.learning_fraction < 1.0
+    player.play(1.0)
+    assert player.monitor.baseline is not None
+
+
+def test_a_common_uncertainty_does_not_hold_learning_up() -> None:
+    """What is uncertain of all wheels alike (say, without a receiver) leaves the contrast known."""
+    player = Player(monitor())
+    estimate_covariance = np.full((4, 4), 0.003**2) + np.eye(4) * 1e-8
+    d = np.eye(4) - np.full((4, 4), 0.25)
+    assert math.sqrt(max(np.diag(d @ estimate_covariance @ d))) < 0.0008 * RADIUS_M
+    player.play(70.0)
+    assert player.monitor.baseline is not None
+
+
+def test_the_baseline_does_not_follow_a_leak() -> None:
+    """Radii that shrink slowly for an hour are held against what was learned at first."""
+    player = learned()
+    player.dt_s = 1.0
+    for step in range(60):
+        player.play(60.0, one(2, -0.0002 * step))
+    assert -0.0002 * 59 * RADIUS_M == pytest.approx(player.last.wheels[2].change_m)
+    assert (AlarmKind.DEFLATION, "rl") in player.active()
+
+
+# -- judging ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("wheel", range(4))
+@pytest.mark.parametrize("loss", [0.006, 0.02])
+def test_a_soft_tyre_is_announced_once_and_named(wheel: int, loss: float) -> None:
+    """A lasting loss raises the deflation of that very wheel, once, within ten seconds, and of no other."""
+    player = learned()
+    begun = player.time_s
+    events = player.play(120.0, one(wheel, -loss))
+    deflations = [event for event in events if event.kind is AlarmKind.DEFLATION]
+    assert [("deflation", WHEELS[wheel], "raised")] == said(deflations)
+    assert deflations[0].time_s + 500.0 - begun < 10.0  # told in the host's time
+    assert deflations[0].probability >= 0.99
+    assert player.offset_m[wheel] - loss * RADIUS_M == pytest.approx(deflations[0].deviation_m)
+    assert {WHEELS[wheel]} == {event.wheel for event in events}
+    assert WheelState.ALARM is player.last.wheels[wheel].state
+    others = [report.state for k, report in enumerate(player.last.wheels) if k != wheel]
+    assert [WheelState.MONITORING] * 3 == others
+
+
+def test_a_repaired_tyre_is_taken_back() -> None:
+    """When the radius returns the alarm is cleared, once, but not before a minute of driving."""
+    player = learned()
+    player.play(60.0, one(1, -0.01))
+    assert [] == player.play(59.0)
+    assert [("deflation", "fr", "cleared"), ("radius_deviation", "fr", "cleared")] == sorted(
+        said(player.play(10.0))
+    )
+    assert [] == player.active()
+    assert {WheelState.MONITORING} == {wheel.state for wheel in player.last.wheels}
+
+
+def test_a_single_odd_estimate_alarms_nobody() -> None:
+    """One judged second with an absurd radius raises nothing."""
+    player = learned()
+    assert [] == player.play(1.0, one(0, -0.05)) + player.play(30.0)
+
+
+def test_what_does_not_teach_is_not_judged() -> None:
+    """Braking and bends, however odd their radii, raise nothing."""
+    player = learned()
+    assert [] == player.play(300.0, one(0, -0.05), informative=False)
+
+
+def test_growth_with_speed_is_no_deflation() -> None:
+    """All wheels 0.36 % larger, then back: no alarm at all."""
+    player = learned()
+    assert [] == player.play(120.0, [0.0036] * 4) + player.play(120.0)
+
+
+def test_slip_of_the_driven_axle_does_not_alarm() -> None:
+    """0.2 % of the front axle for a long hill: no alarm at all."""
+    player = learned()
+    assert [] == player.play(600.0, [-0.002, -0.002, 0.0, 0.0])
+
+
+def test_a_radius_that_grew_is_a_deviation() -> None:
+    """A wheel that is 2 % larger (another tyre, a wrong size) is a radius deviation of that wheel."""
+    player = learned()
+    events = player.play(60.0, one(3, 0.02))
+    assert ("radius_deviation", "rr", "raised") in said(events)
+    assert all(event.wheel == "rr" for event in events if event.kind is AlarmKind.RADIUS_DEVIATION)
+
+
+def test_deviation_probability_is_the_normal_tail() -> None:
+    """At a change of exactly the limit, half of the probability lies beyond it."""
+    player = learned()
+    player.play(5.0, one(0, -0.008))
+    report = player.last.wheels[0]
+    assert 0.5 == pytest.approx(report.deviation_probability, abs=1e-6)
+    assert math.sqrt(2) * 1e-4 == pytest.approx(report.change_std_m)
+
+
+def test_a_rear_pair_is_monitored_alone() -> None:
+    """With two wheels on the bus, front wheels are unavailable and a soft rear tyre is found."""
+    player = learned(REAR)
+    events = player.play(30.0, one(3, -0.01))
+    assert ("deflation", "rr", "raised") in said(events)
+    states = [wheel.state for wheel in player.last.wheels]
+    assert [WheelState.UNAVAILABLE] * 2 + [WheelState.MONITORING, WheelState.ALARM] == states
+
+
+def test_estimates_that_are_not_known_are_left_out() -> None:
+    """NaN radii neither alarm nor end in an exception, and the baseline stays."""
+    player = learned()
+    baseline = player.monitor.baseline
+    assert [] == player.play(30.0, [math.nan] * 4)
+    assert baseline is player.monitor.baseline
+
+
+@settings(derandomize=True, deadline=None, max_examples=20)
+@given(
+    st.lists(
+        st.tuples(
+            st.lists(st.floats(-0.03, 0.03), min_size=4, max_size=4),
+            st.booleans(),
+            st.integers(1, 80),
+        ),
+        max_size=12,
+    )
+)
+def test_no_history_of_radii_flaps(stretches: list[tuple[list[float], bool, int]]) -> None:
+    """Of every kind and wheel, raised and cleared alternate, a raise takes 5 s and a clear 60 s of driving,
+    and what stands is what was raised and not cleared."""
+    player = learned()
+    standing: dict[tuple[str, str | None], float] = {}
+    cleared: dict[tuple[str, str | None], float] = {}
+    for change, informative, seconds in stretches:
+        for _ in range(seconds):
+            for event in player.play(1.0, change, informative=informative):
+                key = (str(event.kind), event.wheel)
+                now = player.informative_s
+                if event.state == "raised":
+                    assert key not in standing
+                    assert now - cleared.get(key, -math.inf) >= 5.0 - 0.1
+                    standing[key] = now
+                else:
+                    assert now - standing.pop(key) >= 60.0 - 0.1
+                    cleared[key] = now
+        assert set(standing) == {(str(event.kind), event.wheel) for event in player.last.active}
+
+
+# -- malfunctions -------------------------------------------------------------------------------------------
+
+
+def malfunctions(events: list[Any]) -> list[tuple[str | None, str]]:
+    return [(event.wheel, event.state) for event in events if event.kind is AlarmKind.MALFUNCTION]
+
+
+def test_a_parked_car_whose_bus_sleeps_is_in_order() -> None:
+    """The car stops, the bus goes quiet (with time-outs), for hours: no malfunction."""
+    player = learned()
+    player.play(20.0, speed_mps=0.0, informative=False)
+    player.dt_s = 1.0
+    timeout = SourceFault(0.0, "can", "timeout", "no WHEELS for ten periods")
+    quiet: dict[str, Any] = {"lost": ALL, "informative": False, "speed_mps": 0.0}
+    assert [] == player.play(1.0, faults=(timeout,), **quiet) + player.play(3600.0, **quiet)
+
+
+def test_an_interface_that_is_down_is_no_sleeping_bus() -> None:
+    """Where the interface itself is gone the parked car is told after half a minute, and taken back."""
+    player = learned()
+    player.play(20.0, speed_mps=0.0, informative=False)
+    quiet: dict[str, Any] = {"lost": ALL, "informative": False, "speed_mps": 0.0}
+    assert [] == malfunctions(player.play(29.0, faults=(DOWN,), **quiet))
+    assert [(None, "raised")] == malfunctions(player.play(2.0, faults=(DOWN,), **quiet))
+    assert [(None, "cleared")] == malfunctions(player.play(10.0, speed_mps=0.0, informative=False))
+
+
+def test_wheels_lost_while_driving_are_a_malfunction() -> None:
+    """All signals gone at speed: told after 30 s, once, and taken back a little after they return."""
+    player = learned()
+    assert [] == malfunctions(player.play(29.5, lost=ALL, informative=False))
+    assert [(None, "raised")] == malfunctions(player.play(60.0, lost=ALL, informative=False))
+    assert {WheelState.UNAVAILABLE} == {wheel.state for wheel in player.last.wheels}
+    assert [] == malfunctions(player.play(1.0))
+    assert [(None, "cleared")] == malfunctions(player.play(10.0))
+    assert {WheelState.MONITORING} == {wheel.state for wheel in player.last.wheels}
+
+
+def test_a_short_loss_is_none() -> None:
+    """Ten times ten seconds without wheels, each followed by good driving, do not add up."""
+    player = learned()
+    events = []
+    for _ in range(10):
+        events += player.play(10.0, lost=ALL, informative=False) + player.play(5.0)
+    assert [] == malfunctions(events)
+
+
+@pytest.mark.parametrize("wheel", [0, 1])
+def test_one_front_wheel_lost_is_named(wheel: int) -> None:
+    """A front wheel without signal while the others turn: that wheel's malfunction alone."""
+    player = learned()
+    events = malfunctions(player.play(40.0, lost=[wheel], informative=False))
+    assert [(WHEELS[wheel], "raised")] == events
+
+
+def test_a_receiver_lost_while_moving_is_told_after_five_minutes() -> None:
+    """A tunnel is no malfunction; 300 s of driving without a fix is, until fixes return."""
+    player = learned()
+    assert [] == malfunctions(player.play(290.0, gnss_age_s=60.0))
+    assert [(None, "raised")] == malfunctions(player.play(15.0, gnss_age_s=math.inf))
+    assert [(None, "cleared")] == malfunctions(player.play(40.0))
+
+
+def test_no_fix_in_a_garage_is_no_malfunction() -> None:
+    """A car that stands without fixes, for hours, is in order."""
+    player = learned()
+    player.dt_s = 1.0
+    standing: dict[str, Any] = {"speed_mps": 0.0, "informative": False, "gnss_age_s": math.inf}
+    assert [] == player.play(3600.0, **standing)
+
+
+@settings(derandomize=True, deadline=None, max_examples=40)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from([(), ALL, (0,), (2,), (2, 3)]),
+            st.sampled_from([0.0, 1.0, 25.0]),
+            st.sampled_from([0.1, 50.0, math.inf]),
+            st.integers(1, 400),
+        ),
+        max_size=8,
+    )
+)
+def test_every_malfunction_can_be_cleared(
+    stretches: list[tuple[tuple[int, ...], float, float, int]],
+) -> None:
+    """Whatever was lost when: once all signals are good for a while of driving, nothing stands."""
+    player = Player(monitor(), dt_s=1.0)
+    for lost, speed, age, seconds in stretches:
+        player.play(seconds, lost=lost, speed_mps=speed, gnss_age_s=age, informative=False)
+        kinds = [str(event.kind) for event in player.last.active]
+        assert kinds == ["malfunction"] * len(kinds)
+    player.play(60.0)
+    assert [] == player.active()
+
+
+# -- what survives ------------------------------------------------------------------------------------------
+
+
+def restarted(player: Player, wheels: tuple[int, ...] = ALL) -> Player:
+    """Another process, which knows only the state file's JSON."""
+    saved = json.loads(json.dumps(player.monitor.snapshot(), allow_nan=False))
+    fresh = monitor(wheels)
+    fresh.restore(saved)
+    return Player(fresh, time_s=player.time_s + 3600.0)
+
+
+def test_baseline_and_standing_alarms_survive_a_restart() -> None:
+    """After a restart the alarm stands at once, is cleared by health alone, and nothing is learned anew."""
+    player = learned()
+    player.play(60.0, one(2, -0.02))
+    assert {(AlarmKind.DEFLATION, "rl"), (AlarmKind.RADIUS_DEVIATION, "rl")} == set(player.active())
+    after = restarted(player)
+    assert [] == after.play(1.0, one(2, -0.02))
+    assert {(AlarmKind.DEFLATION, "rl"), (AlarmKind.RADIUS_DEVIATION, "rl")} == set(after.active())
+    assert WheelState.ALARM is after.last.wheels[2].state
+    assert 1.0 == after.last.learning_fraction
+    assert [] == after.play(120.0, one(2, -0.02))
+    assert {("deflation", "rl", "cleared"), ("radius_deviation", "rl", "cleared")} == set(
+        said(after.play(70.0))
+    )
+
+
+def test_a_snapshot_is_the_same_after_a_round_trip() -> None:
+    """What is saved, restored and saved again is the same, for four wheels and for two."""
+    for wheels in (ALL, REAR):
+        player = learned(wheels)
+        assert player.monitor.snapshot() == restarted(player, wheels).monitor.snapshot()
+
+
+def test_an_unlearned_snapshot_learns_on() -> None:
+    """Before a baseline exists there is nothing to save but the wheels."""
+    player = Player(monitor())
+    player.play(10.0)
+    after = restarted(player)
+    after.play(70.0)
+    assert after.monitor.baseline is not None
+
+
+def test_malfunctions_do_not_survive() -> None:
+    """A malfunction is of the running process; a restart looks for itself."""
+    player = learned()
+    player.play(60.0, lost=ALL, informative=False)
+    after = restarted(player)
+    after.play(0.1)
+    assert [] == after.active()
+
+
+def _broken(saved: dict[str, Any], path: list[Any], value: object) -> dict[str, Any]:
+    """A copy with one place changed."""
+    copy = json.loads(json.dumps(saved))
+    place = copy
+    for key in path[:-1]:
+        place = place[key]
+    place[path[-1]] = value
+    return dict(copy)
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (["wheels"], ["rl", "rr"]),
+        (["baseline"], {}),
+        (["baseline"], 7),
+        (["baseline", "deviation_m"], [0.0, 0.0]),
+        (["baseline", "deviation_m", 1], None),
+        (["baseline", "deviation_m", 1], 0.5),
+        (["baseline", "deviation_m", 1], "soft"),
+        (["baseline", "covariance_m2"], [[0.0]]),
+        (["baseline", "covariance_m2", 0, 0], -1.0),
+        (["baseline", "covariance_m2", 0, 1], 5.0),
+        (["baseline", "covariance_m2", 0, 0], None),
+        (["alarms"], [{}]),
+        (["alarms"], None),
+        (["alarms", 0, "kind"], "flat"),
+        (["alarms", 0, "kind"], "malfunction"),
+        (["alarms", 0, "wheel"], "spare"),
+        (["alarms", 0, "probability"], "high"),
+    ],
+)
+def test_nonsense_is_refused_and_nothing_of_it_taken_up(path: list[Any], value: object) -> None:
+    """A damaged snapshot is a ValueError, and the monitor is as it was."""
+    player = learned()
+    player.play(30.0, one(2, -0.02))
+    saved = _broken(player.monitor.snapshot(), path, value)
+    other = learned()
+    before = other.monitor.snapshot()
+    with pytest.raises(ValueError):
+        other.monitor.restore(saved)
+    assert before == other.monitor.snapshot()
+    assert [] == other.play(1.0)
+
+
+def test_forgetting_learns_anew_and_takes_alarms_back() -> None:
+    """After new tyres: baseline, alarms and the last judgement are gone, and the new radii become normal."""
+    player = learned()
+    player.play(30.0, one(2, -0.02))
+    player.monitor.forget()
+    player.play(1.0, one(2, -0.02))
+    assert [] == player.active()
+    wheel = player.last.wheels[2]
+    assert WheelState.LEARNING is wheel.state
+    assert (0.0, 0.0) == (wheel.deflation_probability, wheel.deviation_probability)
+    assert math.isnan(wheel.change_m)
+    assert [] == player.play(200.0, one(2, -0.02))
+    assert WheelState.MONITORING is player.last.wheels[2].state
+    assert 0.0 == pytest.approx(player.last.wheels[2].change_m)
