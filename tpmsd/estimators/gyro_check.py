@@ -3,8 +3,10 @@
 In: the signal and the wheels' own yaw rate. Out: trusted or not. A DBC that states deg/s for rad/s, a sensor
 mounted upside down or one that is frozen would otherwise bend every radius difference.
 
-Running regression (with intercept, for the bias) of signal on wheels over the last minutes of driving:
-trusted is a slope near one, after enough bends to tell.
+Running regression of the wheels' yaw rate on the signal, with an intercept for the bias, over the last
+minutes of driving: trusted is a slope near one, after enough bends to tell. That way round, because the
+counters' quantisation makes the wheels the noisier of the two, and noise in the explaining variable would
+flatten the slope.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ from __future__ import annotations
 import math
 
 MEMORY_S = 300.0
-SLOPE_RANGE = (0.8, 1.25)
+SLOPE_RANGE = (0.7, 1.4)
 MIN_EXCITATION = 0.02**2 * 30.0
 """Variance of yaw rate times driving time before anything is said, (rad/s)2 s: 30 s of gentle bends."""
 
@@ -31,15 +33,15 @@ class GyroCheck:
         self._weight = keep * self._weight + dt_s
         self._gyro = keep * self._gyro + gyro_radps * dt_s
         self._wheels = keep * self._wheels + wheels_radps * dt_s
-        self._square = keep * self._square + wheels_radps**2 * dt_s
+        self._square = keep * self._square + gyro_radps**2 * dt_s
         self._product = keep * self._product + wheels_radps * gyro_radps * dt_s
 
     @property
     def slope(self) -> float:
-        """Signal per yaw rate of the wheels; NaN before enough bends."""
+        """Yaw rate of the wheels per signal; NaN before enough bends."""
         if self._weight <= 0.0:
             return math.nan
-        excitation = self._square - self._wheels**2 / self._weight
+        excitation = self._square - self._gyro**2 / self._weight
         if excitation < MIN_EXCITATION:
             return math.nan
         return (self._product - self._wheels * self._gyro / self._weight) / excitation
