@@ -10,11 +10,15 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from tpmsd.cli.demo_play import watch_live
+from tpmsd.cli.replay import replay
 from tpmsd.config.load import load_config
 from tpmsd.config.model import Config
+from tpmsd.monitor.records import AlarmEvent
 from tpmsd.pipeline import Pipeline, Step
-from tpmsd.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
 from tpmsd.simulator.drive_writer import write_drive
+from tpmsd.simulator.faults import Fault
 from tpmsd.simulator.receiver import ReceiverSpec
 from tpmsd.sources.can_decoder import load_database
 from tpmsd.sources.can_frame import CanFrame
@@ -68,9 +72,53 @@ def same(one: Step, other: Step) -> bool:
 def test_being_told_the_time_changes_nothing(
     sparse_drive: tuple[Config, list[CanFrame | Sentence]], reminders: list[float]
 ) -> None:
-    """However often the daemon says how late it is between two inputs, the ticks and estimates are the same."""
+    """However often the daemon says how late it is between two inputs, ticks and estimates are the same."""
     config, items = sparse_drive
     replayed, live = fed(config, items, []), fed(config, items, reminders)
 
     assert len(replayed) == len(live)
     assert [] == [index for index, pair in enumerate(zip(replayed, live, strict=True)) if not same(*pair)]
+
+
+def punctured() -> SimulatedDrive:
+    """Some minutes with a puncture, an outage of the receiver, and 15 s in which nothing is sent at all."""
+    fault = Fault("puncture", 2.0, "percent", "rl", 120.0, 20.0)
+    receiver = ReceiverSpec(outages=((70.0, 80.0),))
+    drive = simulate_drive(DriveSpec(duration_s=210.0, seed=4, faults=(fault,), receiver=receiver))
+    start_s = float(drive.truth()["start_host_s"])
+    begin_s, end_s = start_s + 20.0, start_s + 35.0
+    heard = (drive.frames.time_s < begin_s) | (drive.frames.time_s > end_s)
+    frames = dataclasses.replace(
+        drive.frames,
+        time_s=drive.frames.time_s[heard],
+        frame_id=drive.frames.frame_id[heard],
+        data=drive.frames.data[heard],
+    )
+    lines = [line for line in drive.nmea if not begin_s < line.time_s < end_s]
+    return dataclasses.replace(drive, frames=frames, nmea=lines)
+
+
+def test_a_live_run_and_its_replay_are_the_same(tmp_path: Path) -> None:
+    """A drive played live and recorded replays to the same ticks, radii to the last bit, and alarms."""
+    live: list[Step] = []
+    daemon = watch_live(
+        punctured(),
+        tmp_path / "run",
+        speed_up=25.0,
+        channel="live-is-replay",
+        record=tmp_path / "drive",
+        on_step=live.append,
+        grace_real_s=0.4,
+    )
+    config = load_config(tmp_path / "drive")
+    result = replay(tmp_path / "drive", config)
+    replayed = fed(config, list(Drive(tmp_path / "drive")), [])
+
+    assert 0 == daemon.document()["can"]["faults"].get("too_late", 0)
+    alarms: list[AlarmEvent] = [event for step in live for event in step.report.events]
+    assert ("deflation", "rl", "raised") in [(str(a.kind), a.wheel, a.state) for a in alarms]
+    assert alarms == list(result.alarms)
+    assert len(live) == len(replayed)
+    assert [] == [index for index, pair in enumerate(zip(live, replayed, strict=True)) if not same(*pair)]
+    for wheel, value_m in zip(result.wheels, live[-1].estimate.deviation_m, strict=True):
+        assert value_m == wheel.deviation_m

@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 DEFAULT_CONFIG = Path("/etc/tpmsd/tpmsd.toml")
 
-_DESCRIPTION = """\ Watches the tyres of this car: reads the wheels from the CAN bus and the fixes from the
-               receiver, learns the rolling radius of each wheel, and puts alarms on the bus, on the status
-               socket and into the log.
+_DESCRIPTION = """\
+Watches the tyres of this car: reads the wheels from the CAN bus and the fixes from the receiver, learns the
+rolling radius of each wheel, and puts alarms on the bus, on the status socket and into the log.
 
-               It runs in the foreground until SIGTERM or Ctrl-C; then it saves what it has learned. A bus or
-               receiver that is missing or goes away is tried again until it is back. Under systemd it reports
-               when it is ready, how it is, and feeds the watchdog for as long as its estimate advances.
-               """
+It runs in the foreground until SIGTERM or Ctrl-C; then it saves what it has learned. A bus or receiver
+that is missing or goes away is tried again until it is back. Under systemd it reports when it is ready and
+how it is, and feeds the watchdog for as long as its estimate advances.
+"""
 _EPILOG = f"""\
 examples:
   tpmsd run                                   with {DEFAULT_CONFIG}

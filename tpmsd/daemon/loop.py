@@ -13,7 +13,6 @@ from __future__ import annotations
 import contextlib
 import logging
 import math
-import selectors
 import threading
 from collections.abc import Callable
 from errno import EADDRINUSE
@@ -25,13 +24,15 @@ from tpmsd.config.model import Config
 from tpmsd.daemon.bus_link import BusLink, OpenBus, open_can
 from tpmsd.daemon.clock import Clock
 from tpmsd.daemon.deadlines import Deadlines, Every
+from tpmsd.daemon.descriptors import Descriptors
 from tpmsd.daemon.feeder import Feeder
-from tpmsd.daemon.health import Health, tyres_line
+from tpmsd.daemon.frame_stamps import TOLERANCE_S, WINDOW_S, FrameStamps
+from tpmsd.daemon.health import Health
 from tpmsd.daemon.input_queue import InputQueue
 from tpmsd.daemon.journal import LOGGER, log_alarm
-from tpmsd.daemon.link import Link
 from tpmsd.daemon.receiver_link import OpenReceiver, ReceiverLink, serial_receiver
 from tpmsd.daemon.recorder import DriveRecorder
+from tpmsd.daemon.service_manager import ServiceManager
 from tpmsd.daemon.signals import SignalPipe
 from tpmsd.daemon.state_keeper import StateKeeper
 from tpmsd.pipeline import Pipeline, Step
@@ -46,7 +47,7 @@ GRACE_S = 0.06
 POLL_S = 0.004
 """How often a bus without a descriptor is looked at."""
 SECOND_S = 1.0
-STATUS_S = 5.0
+VERBOSE_S = 5.0
 LAG_S = 1.0
 """A loop that is this late says so."""
 LAG_AGAIN_S = 60.0
@@ -79,10 +80,12 @@ class Daemon:
         """
         self._config = config
         self._clock = clock
-        self._notifier = notifier
         self._log = logging.getLogger(LOGGER) if log is None else log
         self._on_step = on_step
         self._frame_time = clock.from_host if frame_time is None else frame_time
+        self._stamps: FrameStamps | None = None
+        if frame_time is None and config.can.interface != "socketcan":
+            self._stamps = FrameStamps(clock.scale * TOLERANCE_S, clock.scale * WINDOW_S)
         self._recorder = recorder
         self._state = StateKeeper(config, self._log)
         self._pipeline = self._state.restored(lambda: make_pipeline(config, database))
@@ -106,16 +109,12 @@ class Daemon:
         self._server: StatusServer | None = StatusServer(
             config.status.socket, self.document, mode=config.status.mode
         )
-        self._selector = selectors.DefaultSelector()
-        self._watched: dict[Link, tuple[int, int | None]] = {}
+        self._descriptors = Descriptors()
         self._stopping = ""
-        self._ready = False
-        self._fed_ticks = 0
         self._second = Every(clock.scale * SECOND_S)
-        self._status = Every(clock.scale * STATUS_S)
+        self._verbose = Every(clock.scale * VERBOSE_S)
         self._lag = Every(clock.scale * LAG_AGAIN_S)
-        period_s = notifier.watchdog_period_s
-        self._watchdog = None if period_s is None else Every(clock.scale * period_s)
+        self._manager = ServiceManager(notifier, clock.scale)
 
     # -- what others may ask ------------------------------------------------------------------------------
 
@@ -129,6 +128,11 @@ class Daemon:
         """Deadlines that passed while the loop was busy."""
         return self._deadlines.missed
 
+    @property
+    def stopped_by(self) -> str:
+        """Why it stopped: the name of a signal, or what `stop` was given; empty while it runs."""
+        return self._stopping
+
     def document(self) -> dict[str, Any]:
         """The status document as it is now."""
         return self._health.document(self._pipeline, self._clock.monotonic(), self._deadlines.missed)
@@ -141,7 +145,9 @@ class Daemon:
 
     def run(self, duration_s: float = math.inf) -> None:
         """Run until a signal, `stop`, or for `duration_s` (logical)."""
-        end_s = self._clock.monotonic() + duration_s
+        start_s = self._clock.monotonic()
+        end_s = start_s + duration_s
+        self._deadlines = Deadlines(1.0 / self._config.filter.rate_hz, start_s)
         with contextlib.ExitStack() as stack:
             stack.callback(self._close)
             self._start(stack)
@@ -156,7 +162,7 @@ class Daemon:
         self._open_server()
         if threading.current_thread() is threading.main_thread():
             signals = stack.enter_context(SignalPipe())
-            self._selector.register(signals.fileno(), selectors.EVENT_READ, signals)
+            self._descriptors.add(signals.fileno(), signals)
         if self._recorder is not None:
             self._log.info("recording to %s", self._recorder.folder)
 
@@ -171,23 +177,23 @@ class Daemon:
             self._server.close()
             self._server = None
         else:
-            self._selector.register(self._server.fileno(), selectors.EVENT_READ, self._server)
+            self._descriptors.add(self._server.fileno(), self._server)
 
     def _round(self, end_s: float) -> None:
         now_s = self._clock.monotonic()
         for link in self._links():
             link.service(now_s)
-            self._watch(link)
+            self._descriptors.follow(link)
         due_s = min(self._deadlines.next_s, end_s, *(link.next_try_s for link in self._links()))
         wait_s = self._clock.to_real(max(due_s - now_s, 0.0))
         if any(link.is_open and link.fileno() is None for link in self._links()):
             wait_s = min(wait_s, POLL_S)
-        for key, _ in self._selector.select(wait_s):
-            if isinstance(key.data, SignalPipe):
-                for number in key.data.read():
+        for owner in self._descriptors.wait(wait_s):
+            if isinstance(owner, SignalPipe):
+                for number in owner.read():
                     self.stop(number.name)
-            elif key.data is self._server and self._server is not None:
-                self._server.service(self._clock.monotonic())
+            elif isinstance(owner, StatusServer):
+                owner.service(self._clock.monotonic())
         self._collect()
         late_s = self._deadlines.take(self._clock.monotonic())
         if late_s is not None:
@@ -199,7 +205,10 @@ class Daemon:
         now_s, monotonic_s = self._clock.read()
         frames = self._bus.read(monotonic_s)
         for frame in frames:
-            self._queue.put_frame(frame, self._frame_time(frame.time_s), now_s)
+            stamp_s = self._frame_time(frame.time_s)
+            if self._stamps is not None:
+                stamp_s = self._stamps.host(stamp_s, now_s)
+            self._queue.put_frame(frame, stamp_s, now_s)
         if frames:
             self._health.frames_came(monotonic_s)
         if self._out is not self._bus:
@@ -210,9 +219,14 @@ class Daemon:
 
     def _tick(self) -> None:
         now_s, monotonic_s = self._clock.read()
+        steps_before = self._feeder.clock_steps
         self._handle(self._feeder.feed(now_s, monotonic_s, self._faults), monotonic_s)
+        if self._feeder.clock_steps != steps_before:
+            self._log.warning("the host's clock has stepped")
+            if self._stamps is not None:
+                self._stamps.reset()
         self._state.service(monotonic_s, self._pipeline.snapshot)
-        self._notify(monotonic_s)
+        self._tell(monotonic_s)
         if self._second.due(monotonic_s):
             if self._server is not None:
                 self._server.publish(monotonic_s)
@@ -240,22 +254,17 @@ class Daemon:
             faults.append(SourceFault(time_s, "gnss", "unplugged", self._receiver.reason))
         return faults
 
-    def _notify(self, monotonic_s: float) -> None:
-        """READY with the first tick; the watchdog is fed only while there are new ones."""
-        if self._health.last is None:
-            return
-        if not self._ready:
-            self._ready = True
-            self._notifier.ready(tyres_line(self._health.last.report))
-            self._log.info("ticks run: %s", tyres_line(self._health.last.report))
-        advanced = self._health.ticks > self._fed_ticks
-        if self._watchdog is not None and advanced and self._watchdog.due(monotonic_s):
-            self._notifier.watchdog()
-            self._fed_ticks = self._health.ticks
-        if self._status.due(monotonic_s):
-            line = self._health.line(self._pipeline, monotonic_s, self._deadlines.missed)
-            self._notifier.status(line)
-            self._log.debug("%s", line)
+    def _tell(self, monotonic_s: float) -> None:
+        """Tell the service manager and the log how it is."""
+        was_ready = self._manager.is_ready
+        self._manager.ticked(self._health.ticks, self._line, monotonic_s)
+        if self._manager.is_ready and not was_ready:
+            self._log.info("ticks run: %s", self._line())
+        elif self._verbose.due(monotonic_s):
+            self._log.debug("%s", self._line())
+
+    def _line(self) -> str:
+        return self._health.line(self._pipeline, self._clock.monotonic(), self._deadlines.missed)
 
     def _report_lag(self, late_s: float) -> None:
         late_s = self._clock.to_real(late_s)
@@ -267,7 +276,7 @@ class Daemon:
     def _finish(self) -> None:
         """Stop in order: what was received is used, what was learned is saved."""
         self._log.info("stopping: %s", self._stopping)
-        self._notifier.stopping(f"stopping: {self._stopping}")
+        self._manager.stopping(self._stopping)
         self._collect()
         monotonic_s = self._clock.monotonic()
         self._handle(self._feeder.finish(), monotonic_s)
@@ -281,10 +290,8 @@ class Daemon:
             self._server.close()
         if self._recorder is not None:
             self._recorder.close()
-        self._selector.close()
-        self._notifier.close()
-
-    # -- descriptors --------------------------------------------------------------------------------------
+        self._descriptors.close()
+        self._manager.close()
 
     def _links(self) -> list[BusLink | ReceiverLink]:
         links: list[BusLink | ReceiverLink] = [self._bus]
@@ -293,17 +300,3 @@ class Daemon:
         if self._receiver is not None:
             links.append(self._receiver)
         return links
-
-    def _watch(self, link: BusLink | ReceiverLink) -> None:
-        """Have the selector watch the link's present descriptor, and no more the one before."""
-        generation, watched = self._watched.get(link, (-1, None))
-        if generation == link.generation:
-            return
-        if watched is not None:
-            # It may be closed by now, and its number be another file's; the selector bears that.
-            with contextlib.suppress(KeyError, ValueError):
-                self._selector.unregister(watched)
-        descriptor = link.fileno()
-        if descriptor is not None:
-            self._selector.register(descriptor, selectors.EVENT_READ, link)
-        self._watched[link] = (link.generation, descriptor)

@@ -1,0 +1,160 @@
+"""Stand-ins for what the daemon's loop meets: a bus, a clock, a service manager, a car."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from cantools.database.can import Database
+
+from tpmsd.config.load import load_config
+from tpmsd.config.model import CanConfig, Config
+from tpmsd.daemon.bus_link import OpenBus
+from tpmsd.sources.can_decoder import load_database
+from tpmsd.sources.can_frame import CanFrame
+from tpmsd.sources.can_live import CanDown
+
+DBC = """VERSION ""
+NS_ :
+BS_:
+BU_: CAR
+BO_ 176 WHEELS: 8 CAR
+ SG_ FL : 0|16@1+ (1,0) [0|65535] "" CAR
+ SG_ FR : 16|16@1+ (1,0) [0|65535] "" CAR
+ SG_ RL : 32|16@1+ (1,0) [0|65535] "" CAR
+ SG_ RR : 48|16@1+ (1,0) [0|65535] "" CAR
+"""
+
+VEHICLE = """[vehicle]
+wheel_radius_m = 0.3
+track_front_m = 1.5
+track_rear_m = 1.5
+wheelbase_m = 2.6
+teeth_per_rev = 48
+[can]
+interface = "virtual"
+channel = "{channel}"
+dbc = "bus.dbc"
+[can.signals]
+wheel_count_fl = "WHEELS.FL"
+wheel_count_fr = "WHEELS.FR"
+wheel_count_rl = "WHEELS.RL"
+wheel_count_rr = "WHEELS.RR"
+[filter]
+particles = 10
+[status]
+socket = "status.sock"
+[state]
+file = "state.json"
+"""
+
+
+def car(folder: Path, extra: str = "", channel: str = "fake") -> tuple[Config, Database]:
+    """A configuration in a folder, with `extra` tables behind it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "bus.dbc").write_text(DBC, encoding="utf-8")
+    (folder / "vehicle.toml").write_text(VEHICLE.format(channel=channel) + extra, encoding="utf-8")
+    config = load_config(folder)
+    return config, load_database(config.can.dbc)
+
+
+def wheels_frame(time_s: float, turned_rad: float = 0.0) -> CanFrame:
+    """All four wheels at the same angle."""
+    count = int(turned_rad / 6.283185307 * 48) & 0xFFFF
+    return CanFrame(time_s, "fake", 0xB0, False, False, False, False, count.to_bytes(2, "little") * 4)
+
+
+class FakeBus:
+    """A bus without a descriptor that goes down and comes up when a test says so."""
+
+    def __init__(self) -> None:
+        self.is_up = True
+        self.full = False
+        self.waiting: list[CanFrame] = []
+        self.sent: list[tuple[int, bytes]] = []
+        self.opened = 0
+        self.closed = 0
+        self.dropped = 0
+
+    def opener(self) -> OpenBus:
+        def open_bus(config: CanConfig, filters: list[dict[str, Any]] | None, channel: str) -> FakeBus:
+            if not self.is_up:
+                raise CanDown(channel, "Network is down")
+            self.opened += 1
+            return self
+
+        return open_bus
+
+    def fileno(self) -> int | None:
+        return None
+
+    def read(self, limit: int = 1000) -> list[CanFrame]:
+        if not self.is_up:
+            raise CanDown("fake", "Network is down")
+        frames, self.waiting = self.waiting[:limit], self.waiting[limit:]
+        return frames
+
+    def send(self, arbitration_id: int, data: bytes, extended: bool = False) -> bool:
+        if not self.is_up:
+            raise CanDown("fake", "Network is down")
+        if self.full:
+            return False
+        self.sent.append((arbitration_id, data))
+        return True
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+class ServiceManagerSocket:
+    """The other end of NOTIFY_SOCKET."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(str(path))
+        self._socket.setblocking(False)
+
+    def heard(self) -> list[str]:
+        """Everything said since the last call, one entry per assignment."""
+        messages: list[str] = []
+        while True:
+            try:
+                messages += self._socket.recv(4096).decode("utf-8").split("\n")
+            except BlockingIOError:
+                return messages
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class HandClock:
+    """Readings of a clock that only the test moves."""
+
+    def __init__(self, now_s: float = 1000.0) -> None:
+        self.now_s = now_s
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+class DrivingBus(FakeBus):
+    """The bus of a car at 20 m/s: a frame of all wheels every 20 ms of the given clock."""
+
+    def __init__(self, now: Callable[[], float]) -> None:
+        super().__init__()
+        self._now = now
+        self._next_s = now()
+        self._origin_s = self._next_s
+
+    def read(self, limit: int = 1000) -> list[CanFrame]:
+        now_s = self._now()
+        if not -1.0 < now_s - self._next_s < 60.0:
+            self._next_s = now_s  # the clock was set
+        while self._next_s <= now_s:
+            turned_rad = 20.0 / 0.3 * ((self._next_s - self._origin_s) % 1000.0)
+            self.waiting.append(wheels_frame(self._next_s, turned_rad))
+            self._next_s += 0.02
+        return super().read(limit)

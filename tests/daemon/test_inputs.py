@@ -1,0 +1,138 @@
+"""From what is read to what the pipeline is given: order, stamps, steps of the clock, recording."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.daemon.fakes import wheels_frame
+from tpmsd.daemon.frame_stamps import FrameStamps
+from tpmsd.daemon.input_queue import InputQueue
+from tpmsd.sources.drive import Sentence
+
+
+def stamps(items: object) -> list[float]:
+    return [item.time_s for item in items]  # type: ignore[attr-defined]
+
+
+@settings(derandomize=True, deadline=None)
+@given(
+    frames=st.lists(st.floats(100.0, 101.0), max_size=30),
+    lines=st.lists(st.floats(100.0, 101.0), max_size=10),
+    until_s=st.floats(99.9, 101.1),
+)
+def test_inputs_come_out_in_the_order_of_their_stamps(
+    frames: list[float], lines: list[float], until_s: float
+) -> None:
+    """What was read in any order is released sorted, up to the time asked for, and nothing is lost."""
+    queue = InputQueue()
+    for stamp_s in frames:
+        queue.put_frame(wheels_frame(stamp_s), stamp_s, 101.0)
+    for stamp_s in lines:
+        queue.put_sentence(b"$GNRMC", stamp_s)
+
+    first = stamps(queue.release(until_s))
+    rest = stamps(queue.release(math.inf))
+
+    assert sorted(first) == first
+    assert all(stamp_s <= until_s for stamp_s in first)
+    assert all(stamp_s > until_s for stamp_s in rest)
+    kept = sorted(round(stamp_s, 6) for stamp_s in frames + lines)
+    assert len(kept) == len(first) + len(rest) + queue.counts["late"]
+
+
+def test_frames_go_before_sentences_of_the_same_microsecond() -> None:
+    """At equal stamps the order is that of a replay: the bus first."""
+    queue = InputQueue()
+    queue.put_sentence(b"$GNRMC", 100.0)
+    queue.put_frame(wheels_frame(100.0000001), 100.0000001, 100.0)
+
+    assert ["CanFrame", "Sentence"] == [type(item).__name__ for item in queue.release(100.0)]
+
+
+def test_stamps_are_those_that_a_recording_holds() -> None:
+    """A stamp is rounded to microseconds at the door, so that live and replay reckon with the same number."""
+    queue = InputQueue()
+    queue.put_sentence(b"$GNRMC", 1719820800.12345678)
+
+    assert [Sentence(1719820800.123457, b"$GNRMC", 0)] == list(queue.release(math.inf))
+
+
+def test_a_full_queue_drops_the_oldest_and_counts() -> None:
+    """Memory is bounded: beyond the capacity the oldest inputs go."""
+    queue = InputQueue(capacity=3)
+    for stamp_s in (100.0, 101.0, 102.0, 103.0, 104.0):
+        queue.put_sentence(b"$GNRMC", stamp_s)
+
+    assert 3 == len(queue)
+    assert 2 == queue.counts["overflow"]
+    assert [102.0, 103.0, 104.0] == stamps(queue.release(math.inf))
+
+
+def test_a_straggler_is_used_but_not_one_that_looks_like_a_step_of_the_clock() -> None:
+    """A frame 0.3 s behind the others still counts; one 0.5 s behind is dropped and counted."""
+    queue = InputQueue()
+    list(queue.release(100.0))
+    for stamp_s in (99.5, 99.7):
+        queue.put_frame(wheels_frame(stamp_s), stamp_s, 100.0)
+
+    assert [99.7] == stamps(queue.release(100.0))
+    assert 1 == queue.counts["late"]
+
+
+def test_stamps_of_a_strange_clock_are_replaced() -> None:
+    """A frame stamped in seconds since boot is taken to be of now, and counted; so is one without a stamp."""
+    queue = InputQueue()
+    for stamp_s in (12.5, math.nan):
+        queue.put_frame(wheels_frame(stamp_s), stamp_s, 1719820800.0)
+
+    assert [1719820800.0] * 2 == stamps(queue.release(math.inf))
+    assert 2 == queue.counts["bad_stamp"]
+
+
+def test_what_came_before_a_backward_step_goes_first() -> None:
+    """When the host's clock is set back, inputs stamped before that do not wait for their time again."""
+    queue = InputQueue()
+    for stamp_s in (5000.02, 1000.01, 5000.01):
+        queue.put_sentence(b"$GNRMC", stamp_s)
+    list(queue.release(999.0))
+
+    assert [5000.01, 5000.02] == stamps(queue.clock_stepped(1000.02))
+    assert [1000.01] == stamps(queue.release(1000.02))
+
+
+def test_an_adapters_own_clock_is_brought_onto_the_hosts() -> None:
+    """Stamps since boot, read up to 30 ms late, keep their distances to the microsecond on host time."""
+    adapter, host_s = FrameStamps(), 1.7e9
+    lags_s = [0.004, 0.030, 0.001, 0.012, 0.002] * 40
+    out = [adapter.host(77.0 + 0.02 * k, host_s + 0.02 * k + lag) for k, lag in enumerate(lags_s)]
+
+    settled = out[5:]
+    steps = [later - earlier for earlier, later in pairwise(settled)]
+    assert steps == pytest.approx([0.02] * len(steps), abs=1e-6)
+    # The least lag seen is 1 ms, and up to 50 ms is left as it is.
+    assert out[-1] == pytest.approx(host_s + 0.02 * 199 + 0.001 - 0.05, abs=1e-6)
+
+
+def test_a_drifting_adapter_is_followed() -> None:
+    """A crystal 50 ppm slow would be 0.9 s behind after five hours; it stays within the tolerance."""
+    adapter = FrameStamps()
+    lag_s = 0.0
+    for k in range(18_000):
+        true_s = 1.7e9 + k
+        lag_s = true_s - adapter.host(true_s - 50e-6 * k, true_s + 0.002)
+
+    assert 0.0 < lag_s < 0.052
+
+
+def test_stamps_of_the_hosts_own_clock_are_left_alone() -> None:
+    """Where stamps are the host's, nothing is corrected, also not while the process is busy for a second."""
+    adapter = FrameStamps()
+    stamps_s = [1000.0 + 0.01 * k for k in range(300)]
+    reads_s = [s + (0.9 if 100 <= k < 190 else 0.003) for k, s in enumerate(stamps_s)]
+
+    assert stamps_s == [adapter.host(s, read_s) for s, read_s in zip(stamps_s, reads_s, strict=True)]

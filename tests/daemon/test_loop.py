@@ -1,0 +1,368 @@
+"""The event loop as a whole, on a clock that runs fast: ticks, service manager, faults, steps of time."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import cantools.database
+import pytest
+from cantools.database.can import Database
+
+from tests.conftest import REPO
+from tests.daemon.fakes import DrivingBus, FakeBus, ServiceManagerSocket, car
+from tpmsd.config.model import CanConfig, Config
+from tpmsd.daemon.bus_link import Bus
+from tpmsd.daemon.clock import Clock
+from tpmsd.daemon.loop import Daemon
+from tpmsd.daemon.state_keeper import fingerprint
+from tpmsd.monitor.records import AlarmEvent
+from tpmsd.pipeline import Pipeline, Step
+from tpmsd.sinks.sd_notify import Notifier
+from tpmsd.sinks.state_file import save_state
+
+SCALE = 40.0
+GRACE_S = 0.05 * SCALE
+LOG = logging.getLogger("tests.loop")
+
+
+@pytest.fixture
+def manager(tmp_path: Path) -> Iterator[ServiceManagerSocket]:
+    """A service manager that listens."""
+    server = ServiceManagerSocket(tmp_path / "notify.sock")
+    yield server
+    server.close()
+
+
+class Stalling(Pipeline):
+    """A pipeline that makes no more ticks after so many."""
+
+    def __init__(self, config: Config, database: Database, limit: int) -> None:
+        super().__init__(config, database)
+        self.left = limit
+
+    def advance(self, time_s: float) -> list[Step]:
+        steps = super().advance(time_s)[: self.left]
+        self.left -= len(steps)
+        return steps
+
+
+def run(
+    config: Config,
+    database: Database,
+    clock: Clock,
+    bus: Bus,
+    duration_s: float,
+    *,
+    notifier: Notifier | None = None,
+    make_pipeline: Callable[[Config, Database], Pipeline] = Pipeline,
+    on_step: Callable[[Step], None] | None = None,
+    grace_s: float = GRACE_S,
+) -> Daemon:
+    """A daemon's whole life."""
+
+    def open_bus(can: CanConfig, filters: list[dict[str, Any]] | None, channel: str) -> Bus:
+        assert isinstance(bus, FakeBus)
+        return bus.opener()(can, filters, channel)
+
+    daemon = Daemon(
+        config,
+        database,
+        clock,
+        Notifier(None) if notifier is None else notifier,
+        open_bus=open_bus,
+        make_pipeline=make_pipeline,
+        on_step=on_step,
+        frame_time=lambda stamp_s: stamp_s,
+        grace_s=grace_s,
+        log=LOG,
+    )
+    daemon.run(duration_s)
+    return daemon
+
+
+def test_ticks_come_at_their_rate(tmp_path: Path) -> None:
+    """Ten ticks to the second, but for what is held back at first; each 0.1 s after the one before."""
+    config, database = car(tmp_path)
+    clock = Clock(SCALE)
+    start_s = clock.now()
+    times: list[float] = []
+    daemon = run(
+        config,
+        database,
+        clock,
+        DrivingBus(clock.now),
+        60.0,
+        on_step=lambda step: times.append(step.tick.time_s),
+    )
+
+    assert len(times) == daemon.ticks
+    elapsed_s = clock.now() - start_s
+    assert 10 * (60.0 - GRACE_S - 1.0) <= daemon.ticks <= 10 * (elapsed_s + GRACE_S + 0.45) + 1
+    steps = [later - earlier for earlier, later in pairwise(times)]
+    assert steps == pytest.approx([0.1] * len(steps), abs=1e-6)
+
+
+def test_the_service_manager_hears_the_whole_life(tmp_path: Path, manager: ServiceManagerSocket) -> None:
+    """READY with the first tick, then status and watchdog, and STOPPING at the end."""
+    config, database = car(tmp_path)
+    clock = Clock(SCALE)
+    notifier = Notifier(str(manager.path), 100_000)
+    heard_before_ticks: list[str] = []
+    heard: list[str] = []
+
+    class Watched(Pipeline):
+        def advance(self, time_s: float) -> list[Step]:
+            steps = super().advance(time_s)
+            if self.timeline.counts["ticks"] == 0:
+                heard_before_ticks.extend(manager.heard())
+            return steps
+
+    run(
+        config,
+        database,
+        clock,
+        DrivingBus(clock.now),
+        40.0,
+        notifier=notifier,
+        make_pipeline=Watched,
+        on_step=lambda step: heard.extend(manager.heard()),  # the socket holds but a few messages
+    )
+    heard += manager.heard()
+
+    assert [] == heard_before_ticks
+    assert "READY=1" == heard[0]
+    assert 1 == heard.count("READY=1")
+    assert heard[1].startswith("STATUS=")
+    # 40 s are one real second; the watchdog is fed every 50 ms of it, less often on a busy machine.
+    assert 4 <= heard.count("WATCHDOG=1") <= 21
+    assert ["STOPPING=1", "STATUS=stopping: 40 s are over"] == heard[-2:]
+
+
+def test_without_ticks_the_daemon_is_not_ready(tmp_path: Path, manager: ServiceManagerSocket) -> None:
+    """A loop that turns without ever making a tick is neither ready nor alive for the service manager."""
+    config, database = car(tmp_path)
+    clock = Clock(SCALE)
+    run(
+        config,
+        database,
+        clock,
+        DrivingBus(clock.now),
+        20.0,
+        notifier=Notifier(str(manager.path), 20_000),
+        make_pipeline=lambda c, d: Stalling(c, d, 0),
+    )
+
+    assert ["STOPPING=1", "STATUS=stopping: 20 s are over"] == manager.heard()
+
+
+def test_the_watchdog_starves_when_ticks_stop(tmp_path: Path, manager: ServiceManagerSocket) -> None:
+    """The loop goes on turning, but once its ticks stop, so do the messages that keep it alive."""
+    config, database = car(tmp_path)
+    clock = Clock(SCALE)
+    alive: list[str] = []
+
+    daemon = run(
+        config,
+        database,
+        clock,
+        DrivingBus(clock.now),
+        40.0,
+        notifier=Notifier(str(manager.path), 20_000),
+        make_pipeline=lambda c, d: Stalling(c, d, 150),
+        on_step=lambda step: alive.extend(manager.heard()),
+    )
+    dead = manager.heard()
+
+    assert 150 <= daemon.ticks <= 160  # the end completes what it can
+    assert alive.count("WATCHDOG=1") + dead.count("WATCHDOG=1") >= 4
+    assert dead.count("WATCHDOG=1") <= 2
+
+
+def test_a_bus_that_goes_away_is_a_malfunction_that_ends(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A bus down for long is reported as malfunction, on the bus too once it is back, and then cleared."""
+    config, database = car(tmp_path, "[monitor]\nmalfunction_s = 3.0\n")
+    clock = Clock(SCALE)
+    bus = DrivingBus(clock.now)
+    start_s = clock.now()
+    events: list[AlarmEvent] = []
+
+    def watch(step: Step) -> None:
+        bus.is_up = not 10.0 < clock.now() - start_s < 25.0
+        events.extend(step.report.events)
+
+    daemon = run(config, database, clock, bus, 50.0, on_step=watch)
+
+    assert [("malfunction", None, "raised"), ("malfunction", None, "cleared")] == [
+        (str(event.kind), event.wheel, event.state) for event in events
+    ]
+    assert 12.0 < events[0].time_s - start_s < 15.0
+    assert 25.0 < events[1].time_s - start_s < 35.0
+    assert 2 == bus.opened
+    assert "ok" == daemon.document()["can"]["state"]
+    assert 1 == daemon.document()["can"]["faults"]["down"]
+    warnings = [r.getMessage() for r in caplog.records if r.levelno == logging.WARNING]
+    assert ["CAN fake: Network is down; trying again until it is back"] == warnings
+    alarms = [tpmsd_database().decode_message(i, data) for i, data in bus.sent if i == 0x6F1]
+    assert {"raised", "cleared"} == {str(alarm["AlarmRaised"]) for alarm in alarms}
+    assert {"malfunction"} == {str(alarm["AlarmKind"]) for alarm in alarms}
+
+
+def tpmsd_database() -> Any:
+    return cantools.database.load_file(str(REPO / "dbc" / "tpmsd.dbc"))
+
+
+def test_a_bus_that_is_missing_from_the_start_does_not_stop_the_ticks(tmp_path: Path) -> None:
+    """With neither bus nor receiver the daemon runs, says so, and takes the bus when it comes."""
+    config, database = car(tmp_path, '[gnss]\ndevice = "not-there"\n')
+    clock = Clock(SCALE)
+    bus = DrivingBus(clock.now)
+    bus.is_up = False
+    start_s = clock.now()
+    documents: list[dict[str, Any]] = []
+
+    def watch(step: Step) -> None:
+        documents.append(daemon.document())
+        bus.is_up = clock.now() - start_s > 15.0
+
+    daemon = Daemon(
+        config,
+        database,
+        clock,
+        Notifier(None),
+        open_bus=bus.opener(),
+        on_step=watch,
+        frame_time=lambda stamp_s: stamp_s,
+        grace_s=GRACE_S,
+        log=LOG,
+    )
+    daemon.run(30.0)
+
+    assert ("down", "Network is down") == (documents[0]["can"]["state"], documents[0]["can"]["detail"])
+    assert ("down", "no such device") == (documents[0]["gnss"]["state"], documents[0]["gnss"]["detail"])
+    assert "ok" == documents[-1]["can"]["state"]
+    assert "down" == documents[-1]["gnss"]["state"]
+    assert len(documents) >= 250
+
+
+def test_alarms_go_to_a_bus_of_their_own(tmp_path: Path) -> None:
+    """With [alarms] channel the frames go there and nowhere else, and that bus may come and go by itself."""
+    config, database = car(tmp_path, '[alarms]\nchannel = "other"\n')
+    clock = Clock(SCALE)
+    buses = {"fake": DrivingBus(clock.now), "other": FakeBus()}
+    buses["other"].is_up = False
+    start_s = clock.now()
+
+    def watch(step: Step) -> None:
+        buses["other"].is_up = clock.now() - start_s > 10.0
+
+    daemon = Daemon(
+        config,
+        database,
+        clock,
+        Notifier(None),
+        open_bus=lambda can, filters, channel: buses[channel].opener()(can, filters, channel),
+        on_step=watch,
+        frame_time=lambda stamp_s: stamp_s,
+        grace_s=GRACE_S,
+        log=LOG,
+    )
+    daemon.run(30.0)
+
+    assert [] == buses["fake"].sent
+    assert len(buses["other"].sent) >= 3 * 10
+    assert {0x6F0} == {identifier for identifier, _ in buses["other"].sent}
+
+
+def test_an_alarm_outlives_a_restart(tmp_path: Path) -> None:
+    """A tyre alarm that stood when the daemon stopped is on the bus again with the first ticks."""
+    config, database = car(tmp_path)
+    assert config.state.file is not None
+    snapshot = Pipeline(config, database).snapshot()
+    snapshot["monitor"]["baseline"] = {
+        "deviation_m": [0.0] * 4,
+        "covariance_m2": [[1e-8 if i == j else 0.0 for j in range(4)] for i in range(4)],
+    }
+    snapshot["monitor"]["alarms"] = [
+        {"kind": "deflation", "wheel": "rl", "time_s": 1.0, "probability": 0.99, "reason": "lost 2 mm"}
+    ]
+    save_state(config.state.file, {"fingerprint": fingerprint(config), "pipeline": snapshot})
+    clock = Clock(SCALE)
+    bus = DrivingBus(clock.now)
+    daemon = run(config, database, clock, bus, 10.0)
+
+    first = tpmsd_database().decode_message(*bus.sent[0])
+    assert 0x6F1 == bus.sent[0][0]
+    assert ("deflation", "rl", "raised") == tuple(
+        str(first[name]) for name in ("AlarmKind", "AlarmWheel", "AlarmRaised")
+    )
+    assert ["deflation"] == [alarm["kind"] for alarm in daemon.document()["alarms"]]
+
+
+@pytest.mark.parametrize("step_s", [-3600.0, -2.0, 3600.0])
+def test_the_loop_goes_on_when_the_hosts_clock_is_set(
+    tmp_path: Path, step_s: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Set back or forward during a run, the clock stops neither ticks nor frames; it is said once."""
+    config, database = car(tmp_path)
+    shift_s, began_s = 0.0, time.monotonic()
+
+    def monotonic() -> float:
+        return 4.0 * (time.monotonic() - began_s)
+
+    clock = Clock(wall=lambda: 1.7e9 + monotonic() + shift_s, monotonic=monotonic)
+    bus = DrivingBus(clock.now)
+    ticks: list[tuple[float, float, bool]] = []
+
+    def watch(step: Step) -> None:
+        nonlocal shift_s
+        ticks.append((monotonic(), step.tick.time_s, bool(step.tick.rotation_rad[2] > 0.0)))
+        shift_s = step_s if monotonic() > 4.0 else 0.0
+
+    daemon = run(config, database, clock, bus, 10.0, on_step=watch, grace_s=0.2)
+
+    times = [time_s for _, time_s, _ in ticks]
+    assert sorted(times) == times
+    assert 75 <= len(ticks) <= 105
+    assert max(later[0] - earlier[0] for earlier, later in pairwise(ticks)) < 1.7
+    # Frames out of order are taken for late ones for a second, until a step is the better explanation.
+    assert all(turning for at_s, _, turning in ticks if 2.0 < at_s < 4.0 or at_s > 7.0)
+    assert ["the host's clock has stepped"] == [
+        r.getMessage() for r in caplog.records if r.levelno >= logging.WARNING
+    ]
+    assert 0 == daemon.document()["can"]["faults"].get("too_late", 0)
+
+
+def test_a_second_daemon_on_the_same_socket_does_not_start(tmp_path: Path) -> None:
+    """Two daemons would both speak on the bus: the second ends with one line, the first is not disturbed."""
+    from tpmsd.sinks.status_server import StatusServer, StatusSocketError
+
+    config, database = car(tmp_path)
+    first = StatusServer(config.status.socket, dict)
+    first.open()
+    try:
+        with pytest.raises(StatusSocketError, match="another tpmsd is answering"):
+            run(config, database, Clock(SCALE), FakeBus(), 1.0)
+        assert config.status.socket.is_socket()
+    finally:
+        first.close()
+
+
+def test_a_socket_that_cannot_be_made_is_no_reason_to_stop(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Without its status socket the daemon still watches the tyres, and says what is missing."""
+    config, database = car(tmp_path)
+    (tmp_path / "file").write_text("")
+    config = replace(config, status=replace(config.status, socket=tmp_path / "file" / "status.sock"))
+    clock = Clock(SCALE)
+
+    assert run(config, database, clock, DrivingBus(clock.now), 10.0).ticks > 50
+    assert any("tpmsd status will not find this daemon" in message for message in caplog.messages)

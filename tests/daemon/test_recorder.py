@@ -1,0 +1,145 @@
+"""The recording of a live run: what is in it, and what a full disk does."""
+
+from __future__ import annotations
+
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.daemon.fakes import car, wheels_frame
+from tpmsd.config.load import load_config
+from tpmsd.daemon.config_toml import config_toml
+from tpmsd.daemon.recorder import DriveRecorder, candump_line
+from tpmsd.errors import ConfigError
+from tpmsd.sources.can_frame import CanFrame
+from tpmsd.sources.can_log_candump import parse_candump_line
+from tpmsd.sources.drive import Drive, Sentence
+
+
+@settings(derandomize=True, deadline=None)
+@given(
+    stamp_us=st.integers(0, 2**50),
+    identifier=st.integers(0, 0x1FFFFFFF),
+    extended=st.booleans(),
+    fd=st.booleans(),
+    data=st.binary(max_size=64),
+)
+def test_a_recorded_frame_is_read_back_as_it_was(
+    stamp_us: int, identifier: int, extended: bool, fd: bool, data: bytes
+) -> None:
+    """Stamp, identifier, format and data of any data frame survive the log."""
+    stamp_s = round(stamp_us / 1e6, 6)
+    frame = CanFrame(
+        stamp_s,
+        "can0",
+        identifier if extended else identifier & 0x7FF,
+        extended,
+        fd,
+        False,
+        False,
+        data if fd else data[:8],
+    )
+
+    assert frame == parse_candump_line(candump_line(frame, "can0").decode("ascii").rstrip("\n"))
+
+
+def test_a_recording_is_a_drive(tmp_path: Path) -> None:
+    """What was recorded comes back in the same order with the same stamps, marks of time as sentences."""
+    config, _ = car(tmp_path / "car")
+    recorder = DriveRecorder(tmp_path / "drives" / "monday", config)
+    frames = [wheels_frame(1000.000001 + 0.02 * k, 0.1 * k) for k in range(3)]
+    recorder.mark(999.5)
+    recorder.frame(frames[0])
+    recorder.sentence(1000.01, b"$GNRMC,1")
+    recorder.frame(frames[1])
+    recorder.frame(frames[2])
+    recorder.close()
+
+    items = [item if isinstance(item, Sentence) else item.time_s for item in Drive(recorder.folder)]
+    assert [
+        Sentence(999.5, b"$PTPMSD", 1),
+        1000.000001,
+        Sentence(1000.01, b"$GNRMC,1", 2),
+        1000.020001,
+        1000.040001,
+    ] == items
+    assert replace(config, file=None) == replace(load_config(recorder.folder), file=None, can=config.can)
+    assert (tmp_path / "car" / "bus.dbc").read_bytes() == (recorder.folder / "bus.dbc").read_bytes()
+
+
+def test_everything_configured_is_recorded(tmp_path: Path) -> None:
+    """The recorded vehicle.toml holds every value with which the daemon ran, given or not."""
+    extra = (
+        '[gnss]\ndevice = "/dev/gps \\"0\\""\nlatency_s = 0.1\n'
+        "[monitor]\nlearn_s = 33.3\n[alarms]\nextended_ids = true\nstatus_id = 0x18FF1234\n"
+    )
+    config, _ = car(tmp_path, extra)
+    config = replace(
+        config,
+        vehicle=replace(config.vehicle, wheel_radius_m=(0.31, 0.311, 0.32, 1 / 3), steering_ratio=15.1),
+        state=replace(config.state, file=None),
+    )
+    (tmp_path / "again.toml").write_text(config_toml(config, "bus.dbc"), encoding="utf-8")
+
+    assert replace(config, file=None) == replace(load_config(tmp_path / "again.toml"), file=None)
+
+
+def test_recordings_do_not_overwrite_each_other(tmp_path: Path) -> None:
+    """A daemon that is started again with the same folder records beside the first drive."""
+    config, _ = car(tmp_path / "car")
+    names = []
+    for _ in range(3):
+        recorder = DriveRecorder(tmp_path / "drive", config)
+        recorder.close()
+        names.append(recorder.folder.name)
+
+    assert ["drive", "drive-2", "drive-3"] == names
+
+
+def test_a_folder_that_cannot_be_made_is_a_wrong_usage(tmp_path: Path) -> None:
+    """One line says that it cannot be recorded there, and why."""
+    config, _ = car(tmp_path / "car")
+    (tmp_path / "file").write_text("")
+
+    with pytest.raises(ConfigError, match=r"cannot record to .*file/drive: Not a directory"):
+        DriveRecorder(tmp_path / "file" / "drive", config)
+
+
+@contextmanager
+def small_disk(limit_bytes: int) -> Iterator[None]:
+    """No file of this process may become greater."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit_bytes, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_a_full_disk_ends_the_recording_with_whole_lines(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Once nothing more can be written the recorder says so once, stops, and leaves what was whole."""
+    config, _ = car(tmp_path / "car")
+    recorder = DriveRecorder(tmp_path / "drive", config)
+    with small_disk(2000):
+        for second in range(10):
+            for k in range(10):
+                recorder.frame(wheels_frame(1000.0 + second + 0.1 * k))
+            recorder.flush()
+        recorder.close()
+
+    log = (tmp_path / "drive" / "can.log").read_text("ascii")
+    assert recorder.stopped
+    assert log.endswith("\n")
+    assert 50 == len(log.splitlines())  # five seconds of 390 bytes; the sixth was taken back
+    assert all(parse_candump_line(line) is not None for line in log.splitlines())
+    assert [f"recording to {tmp_path / 'drive'} ends here, the daemon goes on: File too large"] == [
+        record.getMessage() for record in caplog.records
+    ]

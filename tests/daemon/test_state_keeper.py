@@ -1,0 +1,166 @@
+"""When the learned state is saved, and when it is taken up."""
+
+from __future__ import annotations
+
+import json
+import logging
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.daemon.fakes import car
+from tpmsd.config.model import Config
+from tpmsd.daemon.state_keeper import StateKeeper, fingerprint
+from tpmsd.pipeline import Pipeline
+from tpmsd.sinks.state_file import load_state
+
+LOG = logging.getLogger("tests.state")
+
+
+def saved(config: Config) -> Any:
+    assert config.state.file is not None
+    payload = load_state(config.state.file)
+    return None if payload is None else payload["pipeline"]
+
+
+def keeper(folder: Path) -> tuple[StateKeeper, Config]:
+    config, _ = car(folder)
+    return StateKeeper(config, LOG), config
+
+
+def test_the_state_is_saved_at_its_interval(tmp_path: Path) -> None:
+    """Sixty seconds after the start, and then every sixty, what is learned goes to the disk."""
+    state, config = keeper(tmp_path)
+    seen = []
+    for now_s in range(200):
+        state.service(float(now_s), lambda now_s=now_s: {"learned": now_s})  # type: ignore[misc]
+        seen.append(saved(config))
+
+    assert [None, {"learned": 60}, {"learned": 120}, {"learned": 180}] == [
+        value for k, value in enumerate(seen) if k == 0 or value != seen[k - 1]
+    ]
+
+
+def test_an_alarm_is_saved_at_once_but_not_each_of_many(tmp_path: Path) -> None:
+    """An alarm goes to the disk with the next tick; those that follow wait until five seconds have passed."""
+    state, config = keeper(tmp_path)
+    state.service(0.0, lambda: {"n": 0})
+    seen = []
+    for step in range(100):
+        now_s = 10.0 + 0.1 * step
+        state.alarm_changed()
+        state.service(now_s, lambda step=step: {"n": step})  # type: ignore[misc]
+        seen.append(saved(config)["n"])
+
+    assert [0, 50] == sorted(set(seen))
+
+
+def test_what_has_not_changed_is_not_written_again(tmp_path: Path) -> None:
+    """A parked car does not wear the flash."""
+    state, config = keeper(tmp_path)
+    assert config.state.file is not None
+    state.save(0.0, {"n": 1})
+    first = config.state.file.stat()
+    state.save(60.0, {"n": 1})
+
+    assert first.st_ino == config.state.file.stat().st_ino
+
+
+def test_a_disk_that_fails_is_tried_again(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """A state that cannot be written is said once; when it can be, that is said too."""
+    caplog.set_level(logging.INFO)
+    config, _ = car(tmp_path / "car")
+    config = replace(config, state=replace(config.state, file=tmp_path / "gone" / "state.json"))
+    (tmp_path / "gone").write_text("a file where a folder should be")
+    state = StateKeeper(config, LOG)
+    for now_s in (0.0, 60.0, 120.0):
+        state.save(now_s, {"n": now_s})
+    (tmp_path / "gone").unlink()
+    state.save(180.0, {"n": 180.0})
+
+    assert {"n": 180.0} == saved(config)
+    assert 2 == len(caplog.messages)
+    assert caplog.messages[0].endswith("; trying again later")
+    assert caplog.messages[1].endswith("saved again")
+
+
+def test_the_state_of_another_car_is_set_aside(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Radii learned with other nominal radii or signals are of no use: one line, and learning begins anew."""
+    config, database = car(tmp_path)
+    pipeline = Pipeline(config, database)
+    StateKeeper(config, LOG).save(0.0, pipeline.snapshot())
+    other = replace(config, vehicle=replace(config.vehicle, wheel_radius_m=(0.33,) * 4))
+    StateKeeper(other, LOG).restored(lambda: Pipeline(other, database))
+
+    assert fingerprint(config) != fingerprint(other)
+    assert config.state.file is not None
+    assert not config.state.file.exists()
+    assert (tmp_path / "state.json.other").is_file()
+    assert [
+        f"{config.state.file}: does not fit: it was learned with another vehicle or other signals; "
+        "set aside as state.json.other, learning anew"
+    ] == caplog.messages
+
+
+@pytest.mark.parametrize(
+    "snapshot",
+    [
+        {},
+        {"estimator": 1, "monitor": 2},
+        {"estimator": {}, "monitor": {"wheels": ["fl", "fr", "rl", "rr"], "baseline": 7}},
+        {"estimator": {"order": None}, "monitor": {"wheels": ["fl", "fr", "rl", "rr"], "alarms": [None]}},
+    ],
+)
+def test_a_snapshot_of_nonsense_is_set_aside(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, snapshot: dict[str, Any]
+) -> None:
+    """A whole file with a senseless snapshot never ends the daemon: one line, and a new pipeline."""
+    config, database = car(tmp_path)
+    state = StateKeeper(config, LOG)
+    state.save(0.0, snapshot)
+    pipeline = StateKeeper(config, LOG).restored(lambda: Pipeline(config, database))
+
+    assert Pipeline(config, database).snapshot() == pipeline.snapshot()
+    assert 1 == len(caplog.messages)
+    assert "learning anew" in caplog.messages[0]
+
+
+def test_a_damaged_file_is_set_aside(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """A file cut short by a power cut is set aside and reported; the daemon starts without it."""
+    config, database = car(tmp_path)
+    assert config.state.file is not None
+    StateKeeper(config, LOG).save(0.0, Pipeline(config, database).snapshot())
+    whole = config.state.file.read_text()
+    config.state.file.write_text(whole[: len(whole) // 2])
+    StateKeeper(config, LOG).restored(lambda: Pipeline(config, database))
+
+    assert (tmp_path / "state.json.damaged-1").is_file()
+    assert [
+        f"{config.state.file}: not JSON; set aside as state.json.damaged-1, starting without it"
+    ] == caplog.messages
+
+
+def test_what_was_saved_is_what_is_restored(tmp_path: Path) -> None:
+    """The baseline of a car that was learned once is there after a restart."""
+    config, database = car(tmp_path)
+    snapshot = Pipeline(config, database).snapshot()
+    snapshot["monitor"]["baseline"] = {
+        "deviation_m": [1e-3, -1e-3, 2e-3, 0.0],
+        "covariance_m2": [[1e-8 if i == j else 0.0 for j in range(4)] for i in range(4)],
+    }
+    StateKeeper(config, LOG).save(0.0, snapshot)
+    restored = StateKeeper(config, LOG).restored(lambda: Pipeline(config, database))
+
+    assert json.dumps(snapshot["monitor"]) == json.dumps(restored.snapshot()["monitor"])
+
+
+def test_without_a_file_nothing_is_kept(tmp_path: Path) -> None:
+    """An empty name in the configuration switches the state off."""
+    config, _ = car(tmp_path)
+    state = StateKeeper(replace(config, state=replace(config.state, file=None)), LOG)
+    state.save(0.0, {"n": 1})
+    state.service(100.0, lambda: {"n": 2})
+
+    assert not (tmp_path / "state.json").exists()

@@ -1,0 +1,113 @@
+"""The daemon's clock and its deadlines."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.daemon.fakes import HandClock
+from tpmsd.daemon.clock import Clock
+from tpmsd.daemon.deadlines import Deadlines, Every
+from tpmsd.errors import ConfigError
+
+
+def test_at_scale_1_the_clock_is_the_hosts_with_its_steps() -> None:
+    """At scale 1 logical time is the host's time, also when that is set."""
+    wall, monotonic = HandClock(1.7e9), HandClock(50.0)
+    clock = Clock(wall=wall, monotonic=monotonic)
+
+    wall.now_s += 3600.0
+    monotonic.now_s += 2.0
+
+    assert 1.7e9 + 3600.0 == clock.now()
+    assert 2.0 == clock.monotonic()
+    assert (1.7e9 + 3600.0, 2.0) == clock.read()
+    assert 1.6e9 == clock.from_host(1.6e9)
+    assert 2.0 == clock.to_real(2.0)
+
+
+def test_a_faster_clock_runs_from_its_creation() -> None:
+    """At scale 20 one real second is twenty logical ones, for stamps of the host as for the clock itself."""
+    wall, monotonic = HandClock(1.7e9), HandClock(50.0)
+    clock = Clock(20.0, wall=wall, monotonic=monotonic)
+
+    wall.now_s += 3.0
+    monotonic.now_s += 3.0
+
+    assert 1.7e9 + 60.0 == clock.now()
+    assert 60.0 == clock.monotonic()
+    assert clock.now() == clock.from_host(wall.now_s)
+    assert 0.5 == clock.to_real(10.0)
+
+
+def test_a_clock_can_begin_at_any_time() -> None:
+    """A drive of long ago is played on the clock of that day."""
+    wall, monotonic = HandClock(1.7e9), HandClock(50.0)
+    clock = Clock(2.0, start_s=1000.0, wall=wall, monotonic=monotonic)
+
+    monotonic.now_s += 1.5
+
+    assert 1003.0 == clock.now()
+
+
+def test_both_readings_are_of_one_instant() -> None:
+    """A process that is held up between the two readings takes them again."""
+    wall, held_up_s = HandClock(1.7e9), iter([0.0, 0.0, 5.0, 5.0, 5.0])
+    clock = Clock(wall=wall, monotonic=lambda: next(held_up_s))
+
+    assert (1.7e9, 5.0) == clock.read()
+
+
+@pytest.mark.parametrize("scale", [0.0, -1.0, 1e6, float("nan")])
+def test_absurd_speeds_are_refused(scale: float) -> None:
+    """A speed-up that is none is a wrong usage."""
+    with pytest.raises(ConfigError):
+        Clock(scale)
+
+
+def test_the_rate_does_not_drift() -> None:
+    """Ticks that are each taken late by some milliseconds still come to one per period over an hour."""
+    deadlines, now_s, taken = Deadlines(0.1, 0.0), 0.0, 0
+    while now_s < 3600.0:
+        now_s = deadlines.next_s + 0.007  # the wait ends late, and the work takes its time
+        assert deadlines.take(now_s) == pytest.approx(0.007, abs=1e-9)
+        taken += 1
+
+    assert 36000 == taken
+    assert 0 == deadlines.missed
+
+
+def test_missed_deadlines_are_counted_and_not_made_up_for() -> None:
+    """After a pause of 0.57 s one late tick is taken, five are counted as missed, and the phase is kept."""
+    deadlines = Deadlines(0.1, 10.0)
+
+    assert deadlines.take(10.09) is None
+    assert deadlines.take(10.67) == pytest.approx(0.57)
+    assert 5 == deadlines.missed
+    assert deadlines.next_s == pytest.approx(10.7)
+
+
+@settings(derandomize=True, deadline=None)
+@given(
+    period_s=st.sampled_from([0.01, 0.1, 1.0]), waits=st.lists(st.floats(0.0, 5.0), min_size=1, max_size=50)
+)
+def test_every_deadline_is_either_taken_or_missed(period_s: float, waits: list[float]) -> None:
+    """However the loop is held up, taken and missed add up to the deadlines that have passed."""
+    deadlines, now_s = Deadlines(period_s, 0.0), 0.0
+    for wait_s in waits:
+        now_s += wait_s
+        while deadlines.take(now_s) is not None:
+            pass
+
+    passed = deadlines.taken + deadlines.missed
+    assert deadlines.next_s > now_s
+    assert deadlines.next_s - period_s <= now_s + 1e-9
+    assert passed == round(deadlines.next_s / period_s) - 1
+
+
+def test_something_now_and_then_makes_no_bursts() -> None:
+    """What is due once a second is done once after a pause, then a second later."""
+    every = Every(1.0)
+
+    assert [True, False, True, False, True] == [every.due(t) for t in (0.0, 0.9, 7.5, 8.4, 8.5)]

@@ -1,0 +1,142 @@
+"""An instrument panel for the demonstration: hears the bus as any other control unit would.
+
+In: CAN frames, decoded by `dbc/tpmsd.dbc` alone. Out: what a driver would see, as text; the alarms heard.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import IO
+
+import can
+from cantools.database.can import Database
+
+from tpmsd.report.wording import drive_time, wheel_name
+from tpmsd.sinks.can_layout import ALARM_DATA_ID, STATUS_DATA_ID, checksum
+from tpmsd.wheels import WHEELS
+
+RED, GREEN, DIM = "31;1", "32", "2"
+_SIGNALS_PER_LINE = 4
+_UNSPOKEN = ("AlarmChecksum", "AlarmCounter")
+_NOTHING = {"none", "0"}
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """An alarm as it came off the bus."""
+
+    time_s: float
+    """Since the drive's start."""
+    kind: str
+    wheel: str | None
+    frame: str
+    """As `candump` shows it."""
+
+
+class Panel:
+    """Shows what it hears; `alarms`: those raised so far, `damaged`: frames with a wrong checksum."""
+
+    def __init__(
+        self, database: Database, out: IO[str], colour: bool, now: Callable[[], float], puncture_s: float
+    ) -> None:
+        """`now`: seconds since the drive's start; `puncture_s`: when the tyre begins to lose air, as well."""
+        self.alarms: list[Heard] = []
+        self.damaged = 0
+        self.now = now
+        self._database = database
+        self._out = out
+        self._colour = colour
+        self._puncture_s = puncture_s
+        self._words: dict[str, str] = {}
+        """Every signal of the status frames, as last heard."""
+        self._sequences: set[str] = set()
+
+    def take(self, frame: can.Message) -> None:
+        """Decode one frame."""
+        message = self._database.get_message_by_frame_id(frame.arbitration_id)
+        data = bytes(frame.data)
+        is_alarm = message.name == "TPMSD_ALARM"
+        if checksum(ALARM_DATA_ID if is_alarm else STATUS_DATA_ID, data) != data[0]:
+            self.damaged += 1
+            return
+        decoded = message.decode(data)
+        assert isinstance(decoded, dict)
+        words = {
+            name: f"{value:g}" if isinstance(value, float) else str(value) for name, value in decoded.items()
+        }
+        if not is_alarm:
+            self._words |= words
+        elif words["AlarmSequence"] not in self._sequences:
+            # The first frame of this alarm; the others repeat it.
+            self._sequences.add(words["AlarmSequence"])
+            self._show_alarm(words, f"{frame.arbitration_id:03X}#{data.hex().upper()}")
+
+    def _show_alarm(self, words: dict[str, str], frame: str) -> None:
+        raised = words["AlarmRaised"] == "raised"
+        wheel = words["AlarmWheel"] if words["AlarmWheel"] in WHEELS else None
+        heard = Heard(self.now(), words["AlarmKind"], wheel, frame)
+        if raised:
+            self.alarms.append(heard)
+        what = f"{wheel_name(wheel)} {heard.kind.replace('_', ' ')}"
+        if words["AlarmChange"] != "not_available":
+            what += f" {float(words['AlarmChange']):+.1f} mm ({words['AlarmProbability']} %)"
+        since_s = heard.time_s - self._puncture_s
+        if since_s >= 0.0:
+            what += f", {since_s:.0f} s after the puncture began"
+        verb = "ALARM" if raised else "cleared"
+        self._in_place("")
+        self._print(
+            f"{drive_time(heard.time_s):>6}  " + self.paint(f"{verb:<11} {what}", RED if raised else GREEN)
+        )
+        self._print(f"{'':8}frame       {frame}")
+        told = [f"{k}={v}" for k, v in words.items() if k not in _UNSPOKEN and v not in _NOTHING]
+        for begin in range(0, len(told), _SIGNALS_PER_LINE):
+            label = "" if begin else "decoded"
+            self._print(f"{'':8}{label:<11} {'  '.join(told[begin : begin + _SIGNALS_PER_LINE])}")
+
+    def show(self) -> None:
+        """One line of how the tyres are."""
+        states = {wheel: self._words.get(f"State_{wheel.upper()}", "unavailable") for wheel in WHEELS}
+        learned = not {"learning", "unavailable"} & set(states.values())
+        tyres = []
+        for wheel in WHEELS:
+            value = self._words.get(
+                f"{'Change' if learned else 'Deviation'}_{wheel.upper()}", "not_available"
+            )
+            text = f"{wheel} " + (f"{'-':>6}" if value == "not_available" else f"{float(value):+6.2f}")
+            style = RED if states[wheel] == "alarm" else GREEN if learned else DIM
+            tyres.append(self.paint(text, style))
+        word = "ALARM" if "alarm" in states.values() else "monitoring" if learned else "learning"
+        against = "mm since learned" if learned else "mm from nominal"
+        self._in_place(f"{drive_time(self.now()):>6}  {word:<11} {'  '.join(tyres)}  {against}")
+
+    def paint(self, text: str, style: str) -> str:
+        """Coloured where that is wanted."""
+        return f"\x1b[{style}m{text}\x1b[0m" if self._colour else text
+
+    def _in_place(self, text: str) -> None:
+        """A line that the next one replaces; where there is no terminal, a line like others."""
+        if self._out.isatty():
+            self._out.write("\r\x1b[K" + text)
+            self._out.flush()
+        elif text:
+            self._print(text)
+
+    def _print(self, text: str) -> None:
+        self._out.write(text + "\n")
+        self._out.flush()
+
+
+def listen(bus: can.BusABC, panel: Panel, stop: threading.Event) -> None:
+    """Give the panel what comes, and have it show itself once a second, until told to stop."""
+    shown_s = time.monotonic()
+    while not stop.is_set():
+        frame = bus.recv(0.05)
+        if frame is not None:
+            panel.take(frame)
+        if time.monotonic() - shown_s >= 1.0:
+            shown_s = time.monotonic()
+            panel.show()

@@ -1,0 +1,43 @@
+"""Brings the stamps of a CAN adapter's own clock onto the host's clock.
+
+In: a frame's stamp, and the host's time when it was read. Out: the stamp on the host's clock.
+
+Only SocketCAN stamps with the host's clock. Adapters behind other backends count from when they were
+plugged in, or were set once and drift since; their stamps are exact against each other, though, which is
+what a wheel's rotation rests on. Reading only ever adds delay, so the least lag seen lately is the
+offset.
+"""
+
+from __future__ import annotations
+
+import math
+
+WINDOW_S = 10.0
+"""Memory of the least lag: a crystal drifts by half a millisecond in it."""
+TOLERANCE_S = 0.05
+"""A lag up to this is left as it is: it may be a busy moment of this process."""
+
+
+class FrameStamps:
+    """One adapter's clock; `tolerance_s` and `window_s` in seconds of the host's clock."""
+
+    def __init__(self, tolerance_s: float = TOLERANCE_S, window_s: float = WINDOW_S) -> None:
+        self._tolerance_s = tolerance_s
+        self._window_s = window_s
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin anew: the host's clock has stepped, or another adapter is there."""
+        self._least_s = self._least_before_s = math.inf
+        self._since_s = -math.inf
+
+    def host(self, stamp_s: float, now_s: float) -> float:
+        """The stamp on the host's clock, for a frame read at `now_s`."""
+        lag_s = now_s - stamp_s
+        if not 0.0 <= now_s - self._since_s < self._window_s:
+            self._least_before_s, self._least_s = self._least_s, lag_s
+            self._since_s = now_s
+        self._least_s = min(self._least_s, lag_s)
+        least_s = min(self._least_s, self._least_before_s)
+        # Without a jump between what is tolerated and what is corrected.
+        return stamp_s + max(least_s - self._tolerance_s, 0.0) + min(least_s, 0.0)
