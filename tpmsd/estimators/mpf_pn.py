@@ -199,6 +199,7 @@ class MpfPn:
         if self._coasting_s > COAST_LIMIT_S:
             if self._located:
                 self._lose_pose()
+            self._rate = (0.0, 0.0)  # no longer known; and a pose is found again by wheels that turn
             return
         count = self._pose.shape[1]
         speed, yaw_rate = self._rate

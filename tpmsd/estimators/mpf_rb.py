@@ -159,6 +159,7 @@ class MpfRb:
         if self._coasting_s > COAST_LIMIT_S:
             if self._located:
                 self._lose_pose()
+            self._rate = (0.0, 0.0)  # no longer known; and a pose is found again by wheels that turn
             return
         speed, yaw_rate = self._rate
         mean, dt = self._mean, tick.dt_s
