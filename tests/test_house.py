@@ -30,14 +30,18 @@ ALLOWED |= {
     "config": set(),
     "simulator": {"physics", "config", "sources", "timeline"},
     "pipeline": {"physics", *_CORE_FLOW},
-    "report": {"physics", *_CORE_FLOW[:5]},
+    "diagnosis": {"physics", "config", "sources", "timeline"},
+    "report": {"physics", "diagnosis", *_CORE_FLOW[:5]},
     "daemon": {"physics", "pipeline", *_CORE_FLOW},
-    "cli": {"physics", "pipeline", "simulator", "report", "daemon", *_CORE_FLOW},
+    "cli": {"physics", "pipeline", "diagnosis", "simulator", "report", "daemon", *_CORE_FLOW},
     "__init__": set(),
     "__main__": {"cli"},
 }
 
-PURE_ROOMS = {"sources", "timeline", "estimators", "monitor", "pipeline", "physics", "errors", "wheels"}
+PURE_ROOMS = {
+    *("sources", "timeline", "estimators", "monitor", "pipeline"),
+    *("physics", "diagnosis", "errors", "wheels"),
+}
 SHELLS = {
     *(f"tpmsd.sources.{name}" for name in ("can_live", "can_log", "can_log_candump", "can_log_others")),
     *(f"tpmsd.sources.{name}" for name in ("drive", "nmea_log", "serial_live")),

@@ -1,0 +1,171 @@
+"""`tpmsd diagnose DRIVE...`: which physics a recorded drive holds that the rolling model leaves out.
+
+In: drive folders. Out: a summary in plain sentences, JSON, a page with pictures, and the extended model;
+progress on standard error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tpmsd.cli.output import Progress, Subparsers, add_json_option, write_json
+from tpmsd.errors import ConfigError, InputError
+
+if TYPE_CHECKING:
+    from tpmsd.config.model import Config
+    from tpmsd.diagnosis.recording import Recording
+    from tpmsd.diagnosis.result import Diagnosis
+    from tpmsd.timeline.tick import Tick
+
+_DESCRIPTION = """\
+Compares a recorded drive with the pure rolling model, finds where the two differ, names the physics that was
+left out, fits it, and shows on held-out stretches of the drive that the fit holds.
+
+DRIVE is a folder with vehicle.toml, bus.dbc, can.log (or .log.gz .asc .blf .trc .mf4) and gnss.nmea.
+"""
+_EPILOG = """\
+examples:
+  tpmsd diagnose drives/monday
+  tpmsd diagnose drives/monday --json monday.json --html monday.html
+  tpmsd diagnose drives/monday --model-out model.toml
+  tpmsd simulate drives/again --model model.toml        a drive that holds what was found
+
+The extended model is written to --model-out; without it to model.toml beside the JSON file, or in the
+present folder where there is none.
+"""
+_HEADER = "written by tpmsd diagnose"
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Add `diagnose` to the command line."""
+    parser = subparsers.add_parser(
+        "diagnose",
+        help="say which physics a recorded drive holds that the model lacks",
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("drives", type=Path, metavar="DRIVE", nargs="+", help="drive folder")
+    parser.add_argument(
+        "--config", type=Path, metavar="FILE", help="configuration instead of DRIVE/vehicle.toml"
+    )
+    parser.add_argument("--model-out", type=Path, metavar="FILE", help="where the extended model goes")
+    parser.add_argument("--html", type=Path, metavar="FILE", help="write a page with pictures")
+    add_json_option(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Diagnose."""
+    # Thousands of small matrices: threads of the linear algebra only get in each other's way.
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    from tpmsd.diagnosis.diagnose import diagnose
+    from tpmsd.diagnosis.result import INSUFFICIENT
+    from tpmsd.report.diagnosis_document import diagnosis_document
+    from tpmsd.report.diagnosis_summary import diagnosis_summary
+
+    recordings = [read_recording(drive, args.config) for drive in args.drives]
+    with Progress(1.0, "diagnose") as progress:
+        diagnosis = diagnose(recordings, progress.update)
+    model_file = None
+    if diagnosis.verdict != INSUFFICIENT:
+        model_file = _write_model(diagnosis, args)
+    if args.html is not None:
+        _write_page(diagnosis, args.html, [drive.resolve().name for drive in args.drives])
+    if args.json is not None:
+        write_json(diagnosis_document(diagnosis, model_file), args.json)
+    if args.json != "-":
+        print(diagnosis_summary(diagnosis, model_file))
+    return 0
+
+
+def read_recording(folder: Path, config_file: Path | None = None) -> Recording:
+    """A drive folder as arrays; InputError if nothing usable is in it."""
+    from tpmsd.config.load import load_config
+    from tpmsd.diagnosis.recording import record
+
+    if not folder.is_dir():
+        raise InputError(folder, "not a folder" if folder.exists() else "no such drive folder")
+    config = load_config(config_file if config_file is not None else folder)
+    try:
+        return record(_ticks(folder, config), config)
+    except ValueError as error:
+        raise InputError(folder, str(error)) from None
+
+
+def _ticks(folder: Path, config: Config) -> list[Tick]:
+    from tpmsd.sources.can_decoder import CanDecoder, load_database
+    from tpmsd.sources.can_frame import CanFrame
+    from tpmsd.sources.drive import Drive
+    from tpmsd.sources.nmea_epoch import NmeaAssembler
+    from tpmsd.timeline.timeline import Timeline
+
+    drive = Drive(folder)
+    decoder = CanDecoder(config, load_database(config.can.dbc))
+    assembler = NmeaAssembler()
+    timeline = Timeline(10.0, config.gnss.latency_s)
+    ticks: list[Tick] = []
+    start: float | None = None
+    with Progress(drive.span_s() if sys.stderr.isatty() else 0.0, f"read {folder.name}") as progress:
+        for number, item in enumerate(drive):
+            now = item.time_s
+            start = now if start is None else start
+            for event in (*assembler.advance(now), *decoder.poll(now)):
+                ticks += timeline.add(event)
+            ticks += timeline.advance(now)
+            if isinstance(item, CanFrame):
+                if item.is_error or item.is_remote:
+                    continue
+                events = decoder.decode(now, item.arbitration_id, item.is_extended, item.data, item.is_fd)
+            else:
+                events = assembler.feed(now, item.line)
+            for event in events:
+                ticks += timeline.add(event)
+            if number % 2000 == 0:
+                progress.update(now - start)
+    for event in assembler.flush():
+        ticks += timeline.add(event)
+    ticks += timeline.finish()
+    if decoder.counts["frames"] == decoder.counts["ignored"]:
+        reason = f"none of its {decoder.counts['frames']} frames has an identifier that the signals need"
+        raise InputError(drive.can_log, f"{reason} (wrong DBC or log?)")
+    return ticks
+
+
+def _write_model(diagnosis: Diagnosis, args: argparse.Namespace) -> str | None:
+    from tpmsd.physics.model_file import save_model
+
+    target = args.model_out
+    if target is None:
+        beside = args.json is not None and args.json != "-"
+        target = Path(args.json).parent / "model.toml" if beside else Path("model.toml")
+        if target.exists() and _HEADER not in _head(target):
+            print(
+                f"tpmsd: {target} is not of tpmsd diagnose and was left as it is (use --model-out)",
+                file=sys.stderr,
+            )
+            return None
+    names = ", ".join(drive.resolve().name for drive in args.drives)
+    save_model(target, diagnosis.model, f"{_HEADER} from {names}")
+    return str(target)
+
+
+def _head(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")[:200]
+    except (OSError, UnicodeDecodeError):
+        return ""
+
+
+def _write_page(diagnosis: Diagnosis, target: Path, names: list[str]) -> None:
+    from tpmsd.report.diagnosis_html import diagnosis_page
+
+    page: str = diagnosis_page(diagnosis, names)
+    try:
+        target.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{target}: cannot be written: {error.strerror}") from None

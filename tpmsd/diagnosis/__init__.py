@@ -1,0 +1,1 @@
+"""The diagnosis: which physics a recorded drive holds that the rolling model leaves out."""

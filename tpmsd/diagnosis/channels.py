@@ -1,0 +1,201 @@
+"""Every measured channel over windows of a second, and what a model predicts for it.
+
+In: `Recording`, `Reference`, a model of the catalogue. Out: `Windows` (what is compared where) and the
+prediction of all channels by the catalogue's own forward model, so that recording minus prediction is the
+residual and the difference of two predictions is an effect's response.
+
+Channels of a window, in this order: ways of the four wheels (m), mean yaw rate (rad/s), mean GNSS speed
+(m/s), mean GNSS course (rad), mean GNSS east and north (m).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.diagnosis.motion import Reference, fill, to_edges
+from tpmsd.diagnosis.recording import Recording
+from tpmsd.physics.forward import antenna_truth, wheel_angles
+from tpmsd.physics.kinematics import wheel_speeds
+from tpmsd.physics.model import ExtendedModel
+from tpmsd.physics.motion import Car
+from tpmsd.wheels import FloatArray
+
+WINDOW_S = 1.0
+MIN_SPEED_MPS = 3.0
+CHANNELS = 9
+WHEEL, GYRO, SPEED, COURSE, EAST, NORTH = 0, 4, 5, 6, 7, 8
+CHANNEL_NAMES = ("wheel_ratio",) * 4 + (
+    "yaw_rate",
+    "gnss_speed",
+    "gnss_course",
+    "gnss_position",
+    "gnss_position",
+)
+
+
+@dataclass(frozen=True)
+class Windows:
+    """The windows of a drive in which it moved and its wheels were read; arrays over w windows."""
+
+    index: np.ndarray
+    """(w,) number of the window since the drive's start: neighbours differ by one."""
+    measured: FloatArray
+    """(w, 9); NaN where not measured."""
+    fixes: FloatArray
+    """(w, 3) how many fixes gave a speed, a course and a position."""
+    covariates: dict[str, FloatArray]
+    """(w,) each: what an effect may depend on, in SI units."""
+    design: FloatArray
+    """(w, 9, 3) response of the channels to an error of the reference's speed, yaw rate and heading."""
+    to_east_north: FloatArray
+    """(w, 2, 3) growth of the position's error by errors of speed, yaw rate and heading."""
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    @property
+    def time_s(self) -> FloatArray:
+        """(w,) middle of each window since the drive's start."""
+        return (self.index + 0.5) * WINDOW_S
+
+
+class Reader:
+    """Compares one recording with models."""
+
+    def __init__(self, recording: Recording, reference: Reference) -> None:
+        self.recording = recording
+        self.reference = reference
+        self._per = round(WINDOW_S / recording.dt_s)
+        count = recording.ticks // self._per
+        whole = reference.valid[: count * self._per].reshape(count, self._per).all(axis=1)
+        speed = self._mean_edges(reference.motion.speed_mps, count)
+        self._count = count
+        self._kept = np.flatnonzero(whole & (speed > MIN_SPEED_MPS))
+        self._window_of_fix = np.floor(recording.fix_time_s / WINDOW_S).astype(int)
+        self.windows = self._windows()
+
+    def predict(self, model: ExtendedModel, radii_m: FloatArray | None = None) -> FloatArray:
+        """(w, 9) what the channels would read if the car moved as the reference does and the model acted."""
+        recording, motion, car = self.recording, self.reference.motion, self.reference.car
+        out = np.full((len(self._kept), CHANNELS), np.nan)
+        base = None if radii_m is None else radii_m + model.radius_change_m(motion, car)
+        angles = wheel_angles(motion, car, model, base)
+        shown = angles.copy()
+        for wheel in range(4):
+            shown[:, wheel] += model.tooth_angle_error_rad(angles[:, wheel], wheel)
+            shown[:, wheel] *= model.true_teeth_per_rev(wheel, car.teeth_per_rev) / car.teeth_per_rev
+        turned = np.diff(shown[:: self._per][: self._count + 1], axis=0)
+        out[:, :4] = turned[self._kept] * car.radius_m
+        out[:, GYRO] = self._mean_edges(model.read_yaw_rate(motion.yaw_rate_radps), self._count)[self._kept]
+        antenna = antenna_truth(motion, car, model)
+        when = recording.fix_time_s - model.fix_age_s()
+
+        def at(values: FloatArray) -> FloatArray:
+            return np.interp(when, motion.time_s, values)
+
+        ve, vn = at(antenna.east_mps), at(antenna.north_mps)
+        heading = at(motion.heading_rad)
+        course = heading + np.remainder(np.arctan2(vn, ve) - heading + np.pi, 2 * np.pi) - np.pi
+        out[:, SPEED] = self._mean_fixes(np.hypot(ve, vn), np.isfinite(recording.speed_mps))
+        out[:, COURSE] = self._mean_fixes(course, np.isfinite(recording.course_rad))
+        placed = np.isfinite(recording.east_m)
+        out[:, EAST] = self._mean_fixes(at(antenna.east_m), placed)
+        out[:, NORTH] = self._mean_fixes(at(antenna.north_m), placed)
+        return out
+
+    def _mean_edges(self, values: FloatArray, count: int) -> FloatArray:
+        """(count,) mean over each window of a quantity given at the ticks' edges."""
+        middle = 0.5 * (values[1:] + values[:-1])
+        return np.asarray(middle[: count * self._per].reshape(count, self._per).mean(axis=1))
+
+    def _mean_fixes(self, values: FloatArray, known: np.ndarray) -> FloatArray:
+        """(w,) mean over the fixes of each kept window; NaN where it has none."""
+        inside = (
+            known & (self._window_of_fix >= 0) & (self._window_of_fix < self._count) & np.isfinite(values)
+        )
+        where = self._window_of_fix[inside]
+        total = np.bincount(where, values[inside], self._count)
+        number = np.bincount(where, minlength=self._count)
+        mean = np.divide(total, number, out=np.full(self._count, np.nan), where=number > 0)
+        return np.asarray(mean[self._kept])
+
+    def _number(self, known: np.ndarray) -> FloatArray:
+        inside = known & (self._window_of_fix >= 0) & (self._window_of_fix < self._count)
+        return np.bincount(self._window_of_fix[inside], minlength=self._count)[self._kept].astype(np.float64)
+
+    def _windows(self) -> Windows:
+        recording, motion, car = self.recording, self.reference.motion, self.reference.car
+        kept, per, count = self._kept, self._per, self._count
+        measured = np.full((len(kept), CHANNELS), np.nan)
+        turned = recording.rotation_rad[: count * per].reshape(count, per, 4).sum(axis=1)
+        measured[:, :4] = turned[kept] * car.radius_m
+        gyro = recording.inertial["yaw_rate_radps"][: count * per].reshape(count, per)
+        measured[:, GYRO] = gyro.mean(axis=1)[kept]
+        predicted = np.interp(recording.fix_time_s, motion.time_s, motion.heading_rad)
+        course = predicted + np.remainder(recording.course_rad - predicted + np.pi, 2 * np.pi) - np.pi
+        for channel, values in (
+            (SPEED, recording.speed_mps),
+            (COURSE, course),
+            (EAST, recording.east_m),
+            (NORTH, recording.north_m),
+        ):
+            measured[:, channel] = self._mean_fixes(values, np.isfinite(values))
+        numbers = [self._number(np.isfinite(v)) for v in (recording.speed_mps, course, recording.east_m)]
+        design, grow = self._designs()
+        return Windows(kept, measured, np.stack(numbers, axis=1), self._covariates(), design, grow)
+
+    def _covariates(self) -> dict[str, FloatArray]:
+        recording, motion = self.recording, self.reference.motion
+        edges = {
+            "speed": motion.speed_mps,
+            "accel_long": motion.specific_force_long_mps2,
+            "accel_lat": motion.accel_lat_mps2,
+            "yaw_rate": motion.yaw_rate_radps,
+            "steering": motion.steering_rad,
+            "distance": motion.distance_m,
+            "time": motion.time_s,
+        }
+        if self.reference.grade_known:
+            edges["grade"] = motion.grade_rad
+        if _known(recording.inertial["steering_wheel_angle_rad"]):
+            edges["steering"] = to_edges(recording.inertial["steering_wheel_angle_rad"], 1.0)
+            edges["steering_rate"] = np.gradient(
+                to_edges(recording.inertial["steering_wheel_angle_rad"], 3.0), recording.dt_s
+            )
+        for name, role in (("torque", "drive_torque_nm"), ("temperature", "ambient_temp_k")):
+            if _known(recording.inertial[role]):
+                edges[name] = to_edges(fill(recording.inertial[role]), 1.0)
+        return {name: self._mean_edges(values, self._count)[self._kept] for name, values in edges.items()}
+
+    def _designs(self) -> tuple[FloatArray, FloatArray]:
+        motion, car = self.reference.motion, self.reference.car
+        kept = self._kept
+        v = self._mean_edges(motion.speed_mps, self._count)[kept]
+        yaw = self._mean_edges(motion.yaw_rate_radps, self._count)[kept]
+        design = np.zeros((len(kept), CHANNELS, 3))
+        design[:, :4, 0] = _slope(v, yaw, car, 1e-3, 0.0) * WINDOW_S
+        design[:, :4, 1] = _slope(v, yaw, car, 0.0, 1e-4) * WINDOW_S
+        design[:, GYRO, 1] = 1.0
+        design[:, SPEED, 0] = 1.0
+        design[:, SPEED, 1] = -car.antenna_left_m
+        design[:, COURSE, 1] = car.antenna_forward_m / v
+        design[:, COURSE, 2] = 1.0
+        cos = self._mean_edges(np.cos(motion.heading_rad), self._count)[kept]
+        sin = self._mean_edges(np.sin(motion.heading_rad), self._count)[kept]
+        grow = np.zeros((len(kept), 2, 3))
+        grow[:, 0] = np.stack([cos, -0.5 * v * sin * WINDOW_S, -v * sin], axis=1) * WINDOW_S
+        grow[:, 1] = np.stack([sin, 0.5 * v * cos * WINDOW_S, v * cos], axis=1) * WINDOW_S
+        return design, grow
+
+
+def _known(values: FloatArray) -> bool:
+    known = np.isfinite(values)
+    return bool(known.mean() > 0.8 and np.ptp(values[known]) > 0)
+
+
+def _slope(v: FloatArray, yaw: FloatArray, car: Car, dv: float, dw: float) -> FloatArray:
+    up = wheel_speeds(v + dv, yaw + dw, car.geometry)
+    down = wheel_speeds(v - dv, yaw - dw, car.geometry)
+    return np.asarray((up - down) / (2 * (dv + dw)))

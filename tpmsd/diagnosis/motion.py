@@ -1,0 +1,190 @@
+"""The motion that a recording itself shows, smoothed from wheels, inertial signals and fixes.
+
+In: `Recording`. Out: `Reference`: a `Motion` at the ticks' edges, with the car's radii calibrated to the
+receiver. The diagnosis linearises about it and estimates the errors of this motion together with everything
+else, so it need only be near the truth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d, median_filter
+
+from tpmsd.diagnosis.recording import Recording
+from tpmsd.physics.kinematics import wheel_speeds
+from tpmsd.physics.motion import GRAVITY_MPS2, Car, Motion, integrate
+from tpmsd.wheels import FL, FR, RL, RR, FloatArray
+
+SPEED_SMOOTHING_S = 0.35
+ACCEL_SMOOTHING_S = 0.25
+"""On top of the speed's own."""
+GRADE_SMOOTHING_S = 0.5
+HEIGHT_SMOOTHING_S = 12.0
+HEADING_SMOOTHING_S = 8.0
+COURSE_FROM_MPS = 3.0
+
+
+@dataclass(frozen=True)
+class Reference:
+    """Where the diagnosis linearises."""
+
+    motion: Motion
+    """At the ticks' edges, (n + 1,)."""
+    car: Car
+    """The configured car with calibrated radii."""
+    valid: np.ndarray
+    """(n,) ticks in which all the car's wheels were read."""
+    grade_known: bool
+    """Whether slopes could be told from heights or from the accelerometer."""
+    grade_by: str
+    """accelerometer | heights | nothing"""
+
+
+def reference(recording: Recording) -> Reference:
+    """Smooth the recording's motion. Needs readings of both rear wheels and some speeds or positions."""
+    wheels = recording.wheels
+    valid = np.all(np.isfinite(recording.rotation_rad[:, wheels]), axis=1)
+    car = replace(recording.car, radius_m=recording.car.radius_m.copy())
+    yaw, speed = _yaw_and_speed(recording, car)
+    scale = _radius_scale(recording, speed)
+    car = replace(car, radius_m=_balanced(recording, car, yaw, speed) * scale)
+    yaw, speed = _yaw_and_speed(recording, car)
+    edges = recording.edges_s
+    accel = np.gradient(gaussian_filter1d(speed, ACCEL_SMOOTHING_S / recording.dt_s), recording.dt_s)
+    heading, yaw = _heading(recording, yaw, speed)
+    grade, by = _grade(recording, speed, accel)
+    curvature = np.divide(yaw, speed, out=np.zeros_like(speed), where=speed > 1.0)
+    motion = Motion(
+        time_s=edges,
+        distance_m=integrate(speed, edges),
+        speed_mps=speed,
+        accel_long_mps2=accel,
+        accel_lat_mps2=speed * yaw,
+        yaw_rate_radps=yaw,
+        grade_rad=grade,
+        heading_rad=heading,
+        steering_rad=np.arctan(car.geometry.wheelbase_m * curvature),
+    )
+    return Reference(motion=motion, car=car, valid=valid, grade_known=by != "nothing", grade_by=by)
+
+
+def fill(values: FloatArray) -> FloatArray:
+    """NaNs replaced by interpolation over the index (zeros where nothing is known); same shape (n,)."""
+    known = np.isfinite(values)
+    if not known.any():
+        return np.zeros_like(values)
+    return np.interp(np.arange(len(values)), np.flatnonzero(known), values[known])
+
+
+def to_edges(ticks: FloatArray, sigma: float) -> FloatArray:
+    """(n + 1,) values at the ticks' edges from their means (n,), smoothed by a Gaussian of `sigma` ticks."""
+    smooth = gaussian_filter1d(fill(ticks), sigma)
+    return np.concatenate([smooth[:1], 0.5 * (smooth[1:] + smooth[:-1]), smooth[-1:]])
+
+
+def _yaw_and_speed(recording: Recording, car: Car) -> tuple[FloatArray, FloatArray]:
+    rate = recording.rotation_rad / recording.dt_s * car.radius_m
+    sigma = SPEED_SMOOTHING_S / recording.dt_s
+    gyro = recording.inertial["yaw_rate_radps"]
+    by_wheels = to_edges((rate[:, RR] - rate[:, RL]) / car.geometry.track_rear_m, sigma)
+    rear = to_edges((rate[:, RL] + rate[:, RR]) / 2, sigma)
+    if np.isfinite(gyro).mean() > 0.8:
+        yaw = to_edges(gyro, 0.7)
+        yaw = yaw - float(np.median((yaw - by_wheels)[rear > COURSE_FROM_MPS])) if np.any(rear > 3) else yaw
+    else:
+        yaw = by_wheels
+    speed = rear
+    if np.isfinite(rate[:, [FL, FR]]).all(axis=1).mean() > 0.8:
+        unit = np.maximum(rear, 0.5)
+        share = wheel_speeds(unit, yaw, car.geometry)
+        front = to_edges((rate[:, FL] + rate[:, FR]) / 2, sigma)
+        speed = 0.5 * (rear + front * unit / (share[:, FL] + share[:, FR]) * 2)
+    return yaw, np.maximum(speed, 0.0)
+
+
+def _radius_scale(recording: Recording, speed: FloatArray) -> float:
+    """Common factor on the radii that fits the receiver's speeds, or its ways where it gives no speeds."""
+    at_fix = np.interp(recording.fix_time_s, recording.edges_s, speed)
+    usable = np.isfinite(recording.speed_mps) & (at_fix > 5.0)
+    if usable.sum() > 30:
+        return float(np.clip(np.median(recording.speed_mps[usable] / at_fix[usable]), 0.8, 1.25))
+    way = np.interp(recording.fix_time_s, recording.edges_s, integrate(speed, recording.edges_s))
+    step = max(1, round(len(way) / max(float(np.ptp(recording.fix_time_s)), 1.0))) if len(way) > 2 else 1
+    if len(way) <= step:
+        return 1.0
+    moved = np.hypot(
+        recording.east_m[step:] - recording.east_m[:-step],
+        recording.north_m[step:] - recording.north_m[:-step],
+    )
+    rolled = way[step:] - way[:-step]
+    usable = (rolled > 5.0) & np.isfinite(moved)
+    return float(np.clip(np.median(moved[usable] / rolled[usable]), 0.8, 1.25)) if usable.sum() > 30 else 1.0
+
+
+def _balanced(recording: Recording, car: Car, yaw: FloatArray, speed: FloatArray) -> FloatArray:
+    """Radii that make the wheels agree with their common motion, in the median."""
+    middle_v, middle_w = 0.5 * (speed[1:] + speed[:-1]), 0.5 * (yaw[1:] + yaw[:-1])
+    expected = wheel_speeds(middle_v, middle_w, car.geometry) * recording.dt_s
+    radii = car.radius_m.copy()
+    for k in recording.wheels:
+        usable = np.isfinite(recording.rotation_rad[:, k]) & (middle_v > 5.0) & (np.abs(middle_w) < 0.1)
+        if usable.sum() > 50:
+            turned = recording.rotation_rad[usable, k].sum()
+            ratio = expected[usable, k].sum() / max(turned * radii[k], 1e-9)
+            radii[k] *= min(max(float(ratio), 0.9), 1.1)
+    return radii
+
+
+def _heading(recording: Recording, yaw: FloatArray, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n + 1,) heading: the integrated yaw rate, led slowly by the receiver's course; and its rate."""
+    edges = recording.edges_s
+    turned = integrate(yaw, edges)
+    time_s, course = _courses(recording)
+    moving = np.interp(time_s, edges, speed) > COURSE_FROM_MPS
+    if moving.sum() < 10:
+        return turned, yaw
+    off = np.unwrap(course[moving] - np.interp(time_s[moving], edges, turned))
+    off = median_filter(off, size=9, mode="nearest")
+    grid = np.interp(edges, time_s[moving], off)
+    lead = gaussian_filter1d(grid, HEADING_SMOOTHING_S / recording.dt_s, mode="nearest")
+    return turned + lead, yaw + np.gradient(lead, recording.dt_s)
+
+
+def _courses(recording: Recording) -> tuple[FloatArray, FloatArray]:
+    """Times and courses of the receiver; from its positions about a second apart where it gives none."""
+    known = np.isfinite(recording.course_rad)
+    if known.sum() > 0.3 * len(known):
+        return recording.fix_time_s[known], recording.course_rad[known]
+    time_s, east, north = recording.fix_time_s, recording.east_m, recording.north_m
+    if len(time_s) < 3:
+        return np.empty(0), np.empty(0)
+    later = np.minimum(np.searchsorted(time_s, time_s + 1.0), len(time_s) - 1)
+    de, dn = east[later] - east, north[later] - north
+    fit = (np.hypot(de, dn) > 2.0) & (time_s[later] - time_s < 3.0)
+    return 0.5 * (time_s + time_s[later])[fit], np.arctan2(dn, de)[fit]
+
+
+def _grade(recording: Recording, speed: FloatArray, accel: FloatArray) -> tuple[FloatArray, str]:
+    """(n + 1,) slope: slow part from the receiver's heights, fast part from the accelerometer's gravity."""
+    edges = recording.edges_s
+    dt = recording.dt_s
+    slow, have_heights = np.zeros_like(edges), False
+    known = np.isfinite(recording.up_m)
+    if known.sum() > 30:
+        time_s, up = recording.fix_time_s[known], recording.up_m[known]
+        height = gaussian_filter1d(np.interp(edges, time_s, up), HEIGHT_SMOOTHING_S / dt, mode="nearest")
+        way = gaussian_filter1d(speed, HEIGHT_SMOOTHING_S / dt, mode="nearest")
+        slow = np.where(way > 1.0, np.gradient(height, dt) / np.maximum(way, 1.0), 0.0)
+        slow = np.clip(slow, -0.25, 0.25)
+        have_heights = True
+    force = recording.inertial["accel_long_mps2"]
+    if np.isfinite(force).mean() < 0.8:
+        return np.arcsin(slow), "heights" if have_heights else "nothing"
+    gravity = (to_edges(force, 1.0) - accel) / GRAVITY_MPS2
+    gravity = gaussian_filter1d(gravity, GRADE_SMOOTHING_S / dt, mode="nearest")
+    moving = speed > 3.0
+    if have_heights and moving.sum() > 100:
+        gravity = gravity - float(np.mean((gravity - slow)[moving]))
+    return np.arcsin(np.clip(gravity, -0.3, 0.3)), "accelerometer"

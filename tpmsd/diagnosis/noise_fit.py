@@ -1,0 +1,129 @@
+"""The noise model of a drive, estimated from the drive.
+
+In: `Windows`, residuals, the columns of the model believed so far. Out: the `Noise` of greatest
+likelihood, and how much single readings must be inflated because they are outliers. Estimated after the
+best model, not before: a missing effect must not pass for noise.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from tpmsd.diagnosis.channels import CHANNELS, COURSE, EAST, GYRO, SPEED, Windows
+from tpmsd.diagnosis.whitening import Noise, whiten
+from tpmsd.wheels import FloatArray
+
+LIMITS: dict[str, tuple[float, float]] = {
+    "rough_m": (2e-5, 2e-2),
+    "floor_m": (1e-5, 0.3),
+    "stamp_s": (1e-6, 5e-3),
+    "gyro_radps": (2e-5, 5e-2),
+    "gyro_drift_radps": (1e-8, 1e-3),
+    "speed_white_mps": (1e-3, 2.0),
+    "speed_mps": (1e-3, 2.0),
+    "speed_memory": (0.01, 0.97),
+    "cross_white_mps": (1e-3, 2.0),
+    "cross_mps": (1e-3, 2.0),
+    "course_floor_rad": (1e-5, 3e-2),
+    "white_m": (2e-3, 20.0),
+    "slow_m": (5e-3, 50.0),
+    "slow_tau_s": (3.0, 300.0),
+}
+FIT_WINDOWS = 400
+OUTLIER = 3.5
+
+
+def fit_noise(
+    windows: Windows, columns: FloatArray, start: Noise, sweeps: int = 2, inflate: FloatArray | None = None
+) -> Noise:
+    """Maximise the likelihood coordinate by coordinate.
+
+    `columns` (w, 9, 1 + k): the residual and the columns that are believed, whose values are fitted along.
+    """
+    part = _part(windows, columns, inflate)
+    noise = start
+    best = _log_likelihood(*part, noise)
+    measured = np.asarray(np.isfinite(columns[:, :, 0]).any(axis=0))
+    names = [name for name in LIMITS if measured[_channel(name)]]
+    # What starts far off is found by long steps; the last sweep polishes.
+    for factor in (2.2, 1.4)[2 - sweeps :]:
+        for name in names:
+            for step in (factor, 1.0 / factor):
+                moved = False
+                for _ in range(6):
+                    trial = _changed(noise, name, step)
+                    likelihood = _log_likelihood(*part, trial)
+                    if likelihood <= best + 0.02:
+                        break
+                    noise, best, moved = trial, likelihood, True
+                if moved:
+                    break
+    return noise
+
+
+def outliers(white: FloatArray, inflate: FloatArray | None) -> FloatArray:
+    """(w, 9) factors on the variances: readings beyond 3.5 standard deviations are made to weigh less."""
+    size = np.abs(white)
+    factor = np.where(size > OUTLIER, (size / 2.0) ** 2, 1.0)
+    factor[:, :2] = np.maximum(factor[:, :1], factor[:, 1:2])
+    return np.asarray(factor if inflate is None else np.maximum(inflate * factor, 1.0))
+
+
+def _channel(name: str) -> int:
+    if name.startswith("gyro"):
+        return GYRO
+    if name.startswith("speed"):
+        return SPEED
+    if name.startswith(("cross", "course")):
+        return COURSE
+    return EAST if name.startswith(("white", "slow")) else 2
+
+
+def _changed(noise: Noise, name: str, factor: float) -> Noise:
+    low, high = LIMITS[name]
+    value = float(getattr(noise, name))
+    if name == "speed_memory":
+        odds = value / (1.0 - value) * factor
+        value = odds / (1.0 + odds)
+    else:
+        value = value * factor
+    changes: dict[str, Any] = {name: min(max(value, low), high)}
+    return dataclasses.replace(noise, **changes)
+
+
+def _part(
+    windows: Windows, columns: FloatArray, inflate: FloatArray | None
+) -> tuple[Windows, FloatArray, FloatArray]:
+    """Two contiguous stretches that stand for a long drive."""
+    count = len(windows)
+    weight = np.ones((count, CHANNELS)) if inflate is None else inflate
+    if count <= FIT_WINDOWS:
+        return windows, columns, weight
+    half = FIT_WINDOWS // 2
+    first = count // 4 - half // 2
+    second = 3 * count // 4 - half // 2
+    at = np.concatenate([np.arange(first, first + half), np.arange(second, second + half)])
+    cut = dataclasses.replace(
+        windows,
+        index=windows.index[at],
+        measured=windows.measured[at],
+        fixes=windows.fixes[at],
+        covariates={name: values[at] for name, values in windows.covariates.items()},
+        design=windows.design[at],
+        to_east_north=windows.to_east_north[at],
+    )
+    return cut, columns[at], weight[at]
+
+
+def _log_likelihood(windows: Windows, columns: FloatArray, inflate: FloatArray, noise: Noise) -> float:
+    white, log_variance = whiten(windows, noise, columns, inflate)
+    rows = white.reshape(-1, columns.shape[2])
+    y, X = rows[:, 0], rows[:, 1:]
+    if X.shape[1]:
+        scale = np.sqrt(np.maximum((X**2).sum(axis=0), 1e-300))
+        X = X / scale
+        y = y - X @ np.linalg.solve(X.T @ X + 1e-9 * np.eye(X.shape[1]), X.T @ y)
+    return -0.5 * (float(y @ y) + log_variance)

@@ -1,0 +1,127 @@
+"""A drive as arrays.
+
+In: the `Tick`s of a drive and its configuration. Out: `Recording`: wheels and inertial signals on one regular
+grid of ticks, and the fixes beside them. What was not measured is NaN. Pure.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.config.model import Config
+from tpmsd.physics.kinematics import Geometry
+from tpmsd.physics.motion import Car, driven_mask
+from tpmsd.timeline.tick import Tick
+from tpmsd.wheels import FloatArray
+
+MAX_HOURS = 24.0
+INERTIAL = (
+    "yaw_rate_radps",
+    "accel_long_mps2",
+    "accel_lat_mps2",
+    "steering_wheel_angle_rad",
+    "drive_torque_nm",
+    "ambient_temp_k",
+)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Arrays over n ticks and m fixes; times in seconds since the drive's start."""
+
+    car: Car
+    """As configured."""
+    dt_s: float
+    start_s: float
+    """The drive's start on its host clock."""
+    rotation_rad: FloatArray
+    """(n, 4) turn of each wheel in each tick."""
+    quantum_rad: FloatArray
+    """(4,) standard deviation of one tick's reading by the counts' quantisation; 0 for speed signals."""
+    inertial: dict[str, FloatArray]
+    """(n,) each, by the names of `INERTIAL`."""
+    fix_time_s: FloatArray
+    """(m,) when each fix was valid, as far as is known from its own stamp and arrival."""
+    east_m: FloatArray
+    north_m: FloatArray
+    up_m: FloatArray
+    speed_mps: FloatArray
+    course_rad: FloatArray
+    """Mathematical angle, counter-clockwise from east."""
+
+    @property
+    def ticks(self) -> int:
+        """Number of ticks, gaps included."""
+        return len(self.rotation_rad)
+
+    @property
+    def edges_s(self) -> FloatArray:
+        """(n + 1,) times at which the ticks begin and end."""
+        return np.arange(self.ticks + 1, dtype=np.float64) * self.dt_s
+
+    @property
+    def wheels(self) -> list[int]:
+        """Wheels that were read at all."""
+        return [k for k in range(4) if bool(np.any(np.isfinite(self.rotation_rad[:, k])))]
+
+
+def car_of(config: Config) -> Car:
+    """The car that a configuration describes."""
+    vehicle = config.vehicle
+    return Car(
+        radius_m=np.array(vehicle.wheel_radius_m, dtype=np.float64),
+        geometry=Geometry(vehicle.track_front_m, vehicle.track_rear_m, vehicle.wheelbase_m),
+        driven=driven_mask(vehicle.driven_axle),
+        teeth_per_rev=vehicle.teeth_per_rev,
+        antenna_forward_m=config.gnss.antenna_forward_m,
+        antenna_left_m=config.gnss.antenna_left_m,
+    )
+
+
+def record(ticks: Sequence[Tick], config: Config) -> Recording:
+    """Lay the ticks out on one grid. ValueError if there are none, or if they span more than a day."""
+    if not ticks:
+        raise ValueError("no tick: the drive holds no readings that belong together")
+    dt_s = ticks[0].dt_s
+    begin = ticks[0].time_s - dt_s
+    count = round((ticks[-1].time_s - begin) / dt_s)
+    if count * dt_s > MAX_HOURS * 3600:
+        raise ValueError(f"the drive spans {count * dt_s / 3600:.0f} h, more than {MAX_HOURS:.0f} h")
+    rotation = np.full((count, 4), math.nan)
+    std = np.full((count, 4), math.nan)
+    inertial = {name: np.full(count, math.nan) for name in INERTIAL}
+    fixes: list[tuple[float, ...]] = []
+    for tick in ticks:
+        at = round((tick.time_s - begin) / dt_s) - 1
+        if not 0 <= at < count:
+            continue
+        rotation[at], std[at] = tick.rotation_rad, tick.rotation_std_rad
+        for name in INERTIAL:
+            inertial[name][at] = getattr(tick, name)
+        for fix in tick.fixes:
+            fixes.append(
+                (fix.time_s - begin, fix.east_m, fix.north_m, fix.up_m, fix.speed_mps, fix.heading_rad)
+            )
+    table = np.array(fixes, dtype=np.float64).reshape(-1, 6)
+    table = table[np.argsort(table[:, 0], kind="stable")]
+    known = np.isfinite(std)
+    return Recording(
+        car=car_of(config),
+        dt_s=dt_s,
+        start_s=ticks[0].host_time_s - dt_s,
+        rotation_rad=rotation,
+        quantum_rad=np.array(
+            [float(np.median(std[known[:, k], k])) if known[:, k].any() else 0.0 for k in range(4)]
+        ),
+        inertial=inertial,
+        fix_time_s=table[:, 0],
+        east_m=table[:, 1],
+        north_m=table[:, 2],
+        up_m=table[:, 3],
+        speed_mps=table[:, 4],
+        course_rad=table[:, 5],
+    )

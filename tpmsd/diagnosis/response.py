@@ -1,0 +1,193 @@
+"""How the channels answer to every hypothesis, linearised.
+
+In: a `Reader` and a model to linearise about. Out: `Columns`: one column (w, 9) per free number: the
+calibration's radii, each parameter of each effect of the catalogue, ramps of each wheel's radius between
+knots, and smooth terms of free shape over each covariate. The catalogue's columns are differences of its
+own forward model, so an effect is defined once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tpmsd.diagnosis.channels import CHANNELS, COURSE, GYRO, SPEED, WINDOW_S, Reader
+from tpmsd.physics.catalogue import make_effect
+from tpmsd.physics.model import ExtendedModel
+from tpmsd.wheels import WHEELS, FloatArray
+
+TIME_CONSTANTS_S = (60.0, 120.0, 200.0, 300.0, 450.0, 650.0, 1000.0, 1600.0, 3000.0)
+"""Grid of the thermal time constant; the parameter is refined afterwards."""
+RAMP_KNOTS = 40
+SMOOTH_TERMS = 5
+TIME_TERMS = 12
+PLACES = ("fl", "fr", "rl", "rr", "gnss_speed", "gnss_course", "yaw_rate")
+"""Where a smooth term may act."""
+
+# Effect, parameter, a size at which the response is taken: (value, neutral value).
+LINEAR: tuple[tuple[str, str, float, float], ...] = (
+    ("centrifugal_growth", "coefficient", 1e-6, 0.0),
+    ("load_transfer_longitudinal", "coefficient", 5e-5, 0.0),
+    ("load_transfer_lateral", "coefficient", 5e-5, 0.0),
+    ("longitudinal_slip", "slip_per_accel", 1e-3, 0.0),
+    ("longitudinal_slip", "slip_per_speed2", 5e-7, 0.0),
+    ("lateral_slip", "coefficient", 2e-3, 0.0),
+    ("road_grade", "", 1.0, 0.0),
+    ("gnss_latency", "latency_s", 0.05, 0.0),
+    ("antenna_lever_arm", "forward_m", 0.5, 0.0),
+    ("antenna_lever_arm", "left_m", 0.2, 0.0),
+    ("track_width_error", "rear_m", 0.02, 0.0),
+    ("track_width_error", "front_m", 0.02, 0.0),
+    ("yaw_rate_bias", "bias", 1e-3, 0.0),
+    ("yaw_rate_scale", "scale", 1.01, 1.0),
+)
+
+
+@dataclass
+class Columns:
+    """Named columns, all of shape (w, 9)."""
+
+    names: list[tuple[str, ...]] = field(default_factory=list)
+    arrays: list[FloatArray] = field(default_factory=list)
+
+    def add(self, name: tuple[str, ...], array: FloatArray) -> None:
+        """Append one; what is not finite (not measured) counts as no response."""
+        self.names.append(name)
+        self.arrays.append(np.nan_to_num(array))
+
+    def index(self) -> dict[tuple[str, ...], int]:
+        """Place of each name."""
+        return {name: k for k, name in enumerate(self.names)}
+
+    def stack(self) -> FloatArray:
+        """(w, 9, p)"""
+        return np.stack(self.arrays, axis=2)
+
+
+def radius_columns(reader: Reader) -> Columns:
+    """What a calibration takes up: a constant per wheel that is read, and the delay of the gyro's filter and
+    samples.
+    """
+    out = Columns()
+    for wheel in reader.recording.wheels:
+        out.add(("radius", WHEELS[wheel]), _of_radius(reader, wheel))
+    if np.isfinite(reader.windows.measured[:, GYRO]).any():
+        out.add(("gyro_delay",), _of_gyro_delay(reader))
+    return out
+
+
+def catalogue_columns(reader: Reader, base: ExtendedModel | None = None) -> Columns:
+    """One column per parameter of the catalogue, at `base`."""
+    base = ExtendedModel() if base is None else base
+    start = reader.predict(base)
+    out = Columns()
+    for name, parameter, value, neutral in LINEAR:
+        effect = make_effect(name, **({parameter: value} if parameter else {}), **_filler(name, parameter))
+        response = (reader.predict(base.plus(effect)) - start) / (value - neutral)
+        out.add((name, parameter), response)
+    for tau in TIME_CONSTANTS_S:
+        effect = make_effect("thermal_growth", amplitude_m=1e-3, time_constant_s=tau)
+        out.add(("thermal_growth", f"{tau:g}"), (reader.predict(base.plus(effect)) - start) / 1e-3)
+    return out
+
+
+def _filler(name: str, parameter: str) -> dict[str, float]:
+    """Neutral values of parameters that an effect requires beside the one that is varied."""
+    if name == "longitudinal_slip" and parameter != "slip_per_accel":
+        return {"slip_per_accel": 0.0}
+    return {}
+
+
+def thermal_column(reader: Reader, time_constant_s: float) -> FloatArray:
+    """(w, 9) response to a metre of warm-up growth with this time constant."""
+    effect = make_effect("thermal_growth", amplitude_m=1e-3, time_constant_s=time_constant_s)
+    change = reader.predict(ExtendedModel((effect,))) - reader.predict(ExtendedModel())
+    return np.nan_to_num(change / 1e-3)
+
+
+def ramp_column(reader: Reader, wheel: int, onset_s: float, duration_s: float) -> FloatArray:
+    """(w, 9) response to a metre of `radius_change`."""
+    effect = make_effect(
+        "radius_change", wheel=WHEELS[wheel], deviation_m=1e-3, onset_s=onset_s, duration_s=duration_s
+    )
+    change = reader.predict(ExtendedModel((effect,))) - reader.predict(ExtendedModel())
+    return np.nan_to_num(change / 1e-3)
+
+
+def ramp_knots(reader: Reader) -> FloatArray:
+    """(RAMP_KNOTS + 1,) knots of the radius ramps: equal shares of the driving, as times."""
+    index = reader.windows.index
+    at = np.linspace(0, len(index) - 1, RAMP_KNOTS + 1)
+    return np.asarray(np.interp(at, np.arange(len(index)), index * WINDOW_S))
+
+
+def ramp_columns(reader: Reader) -> Columns:
+    """Per wheel and pair of neighbouring knots: radius rising by a metre between the two and staying there.
+
+    Sums of neighbours are the ramps over longer times.
+    """
+    out = Columns()
+    knots = ramp_knots(reader)
+    time_s = reader.windows.time_s
+    for wheel in reader.recording.wheels:
+        per_metre = _of_radius(reader, wheel)
+        for k in range(RAMP_KNOTS):
+            share = np.clip((time_s - knots[k]) / max(knots[k + 1] - knots[k], 1e-9), 0.0, 1.0)
+            out.add(("ramp", WHEELS[wheel], str(k)), per_metre * share[:, None])
+    return out
+
+
+def smooth_columns(reader: Reader) -> tuple[Columns, dict[str, FloatArray]]:
+    """Smooth terms of free shape: at each place and over each covariate, hat functions between quantile
+    knots.
+
+    A wheel's term is a change of its radius (m), the receiver's of its speed (m/s) or course (rad), the
+    gyro's of its reading (rad/s). Returns the columns and the knots by covariate.
+    """
+    out = Columns()
+    knots: dict[str, FloatArray] = {}
+    responses: dict[str, FloatArray] = {}
+    for wheel in reader.recording.wheels:
+        responses[WHEELS[wheel]] = _of_radius(reader, wheel)
+    for place, channel in (("gnss_speed", SPEED), ("gnss_course", COURSE), ("yaw_rate", GYRO)):
+        if np.isfinite(reader.windows.measured[:, channel]).sum() > 60:
+            response = np.zeros((len(reader.windows), CHANNELS))
+            response[:, channel] = 1.0
+            responses[place] = response
+    for covariate, values in reader.windows.covariates.items():
+        terms = TIME_TERMS if covariate in ("time", "distance") else SMOOTH_TERMS
+        at = np.unique(np.quantile(values, np.linspace(0.01, 0.99, terms + 1)))
+        if len(at) < 3 or np.ptp(at) < 1e-9:
+            continue
+        knots[covariate] = at
+        hats = hat_functions(values, at)[:, 1:]  # the first is the constant's, which calibration holds
+        for place, response in responses.items():
+            for k in range(hats.shape[1]):
+                out.add(("smooth", place, covariate, str(k)), response * hats[:, k : k + 1])
+    return out, knots
+
+
+def hat_functions(values: FloatArray, knots: FloatArray) -> FloatArray:
+    """(n, len(knots)) piecewise linear interpolation weights; constant beyond the ends."""
+    at = np.interp(values, knots, np.arange(len(knots)))
+    return np.maximum(0.0, 1.0 - np.abs(at[:, None] - np.arange(len(knots))[None, :]))
+
+
+def _of_radius(reader: Reader, wheel: int) -> FloatArray:
+    """(w, 9) response to a metre more radius: the wheel turns less."""
+    out = np.zeros((len(reader.windows), CHANNELS))
+    out[:, wheel] = -reader.windows.measured[:, wheel] / reader.reference.car.radius_m[wheel]
+    return out
+
+
+def _of_gyro_delay(reader: Reader) -> FloatArray:
+    """(w, 9) response to a gyro whose readings are a second old: gyros are filtered, and sampled on their
+    own.
+    """
+    motion, per = reader.reference.motion, round(WINDOW_S / reader.recording.dt_s)
+    edge = motion.yaw_rate_radps[::per]
+    index = reader.windows.index
+    out = np.zeros((len(index), CHANNELS))
+    out[:, GYRO] = -(edge[index + 1] - edge[index]) / WINDOW_S
+    return out

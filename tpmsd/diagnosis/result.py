@@ -1,0 +1,84 @@
+"""What a diagnosis says.
+
+In: nothing (plain records). Out: `Finding`, `Where`, `Quantity`, `Diagnosis`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from tpmsd.diagnosis.traces import Ground, Trace
+from tpmsd.physics.model import ExtendedModel
+
+CONSISTENT, MISMATCH, INSUFFICIENT = "consistent", "mismatch", "insufficient_data"
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A parameter's value."""
+
+    value: float | str
+    std: float | None
+    unit: str
+
+
+@dataclass(frozen=True)
+class Where:
+    """The place of a mismatch, in the words of the report's format."""
+
+    wheels: tuple[str, ...]
+    channel: str
+    covariate: str | None
+    range: tuple[float, float] | None
+    time_spans: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One piece of physics that the rolling model lacks."""
+
+    effect: str
+    confidence: float
+    parameters: dict[str, Quantity]
+    where: Where
+    rms_before: float
+    """Of the whitened residual on held-out blocks, without and with this finding."""
+    rms_after: float
+    loglik_gain_per_s: float
+    gain: float
+    """Log-likelihood on held-out blocks, in nats."""
+    indistinguishable_from: tuple[str, ...]
+    advice: str = ""
+    """Which drive would tell the rivals apart."""
+    shape: tuple[tuple[float, float, float], ...] = ()
+    """Of an `unknown`: (covariate, value, std) at the knots."""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The whole answer for one drive or several."""
+
+    verdict: str
+    reason: str
+    """Why the data are insufficient; else empty."""
+    findings: tuple[Finding, ...]
+    driving_s: float
+    """Windows that were compared."""
+    baseline_rms: float
+    baseline_loglik_per_s: float
+    model_rms: float
+    unexplained: Where | None
+    model: ExtendedModel
+    evidence: tuple[tuple[str, float], ...] = ()
+    """Held-in gain of every hypothesis alone against the rolling model, the best first."""
+    inner: Inner | None = field(default=None, repr=False)
+
+
+@dataclass(frozen=True)
+class Inner:
+    """What the pictures are drawn from."""
+
+    rms_by_channel: dict[str, tuple[float, float]]
+    """Root mean square of the whitened residual, before and after."""
+    traces: tuple[Trace, ...]
+    ground: Ground | None

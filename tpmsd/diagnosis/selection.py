@@ -1,0 +1,270 @@
+"""Chooses the terms that a drive demands.
+
+In: `Evidence` and `Hypotheses`. Out: `Selection`: the chosen terms, each with the log-likelihood that it
+brings in the presence of the others, in sample and held out, its rivals, and its confidence.
+
+Forward, with pairs (two effects may hide one another), each step followed by exchanges and removals. A
+term must pay for its free values, for the number of places looked at, and for errors whose slow wander
+the noise model does not hold (its gain is divided by the block-wise variance ratio); and it must predict
+blocks that were held out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.diagnosis.evidence import Evidence, Fit
+from tpmsd.diagnosis.terms import Hypotheses, Term, group_gain
+from tpmsd.wheels import FloatArray
+
+ADMIT = 6.0
+"""Log-likelihood beyond its penalty that a term must bring."""
+HELDOUT = 4.0
+"""Log-likelihood on held-out blocks that it must bring."""
+SHARE_OF_REST = 0.003
+"""A term must also bring this share of what all terms together bring: no linearised model is better than
+that.
+"""
+MAX_TERMS = 8
+RIVAL = 2.0
+"""Rivals whose fit is worse by less than this are not told apart."""
+_MAX_RATIO = 25.0
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A term in the presence of the other chosen ones."""
+
+    term: Term
+    gain: float
+    """In sample."""
+    admitted_by: float
+    """Gain over the block-wise variance ratio, less the penalty."""
+    heldout_gain: float
+    confidence: float
+    rivals: tuple[str, ...]
+    """Effects of the catalogue that would do as well in its place."""
+    values: FloatArray
+    """(k,)"""
+    stds: FloatArray
+    """(k,) with the block-wise variance."""
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What was chosen."""
+
+    chosen: tuple[Chosen, ...]
+    fit: Fit
+    """Of calibration and chosen terms together."""
+    baseline_heldout: FloatArray
+    """(blocks,) held-out log-likelihood of calibration alone."""
+    heldout: FloatArray
+    """(blocks,) of the whole model."""
+
+
+class Selector:
+    """Searches."""
+
+    def __init__(self, evidence: Evidence, hypotheses: Hypotheses, smooth: bool = True) -> None:
+        self.evidence = evidence
+        self.hypotheses = hypotheses
+        self._smooth = smooth
+
+    def select(self) -> Selection:
+        """Choose."""
+        chosen: list[Term] = []
+        seen: set[frozenset[int]] = set()
+        while len(chosen) < MAX_TERMS:
+            best = self._best_addition(chosen)
+            if best is None:
+                break
+            chosen = self._prune(self._exchange(chosen + best))
+            state = frozenset(id(term.design) for term in chosen)
+            if state in seen:
+                break
+            seen.add(state)
+        while chosen:
+            judged = [self._judge(chosen, k) for k in range(len(chosen))]
+            worst = min(range(len(chosen)), key=lambda k: judged[k].heldout_gain)
+            need = HELDOUT
+            if judged[worst].heldout_gain >= need:
+                break
+            chosen = chosen[:worst] + chosen[worst + 1 :]
+        return self.judged(chosen)
+
+    def judged(self, chosen: list[Term]) -> Selection:
+        """The verdict on given terms."""
+        judged = [self._judge(chosen, k) for k in range(len(chosen))]
+        order = sorted(judged, key=lambda one: -one.heldout_gain)
+        design = self.design(chosen)
+        return Selection(
+            chosen=tuple(order),
+            fit=self.evidence.fit(self.design([one.term for one in order])),
+            baseline_heldout=self.evidence.heldout(self.hypotheses.nuisance),
+            heldout=self.evidence.heldout(design),
+        )
+
+    def design(self, terms: Sequence[Term]) -> FloatArray:
+        """Calibration and these terms."""
+        return np.concatenate([self.hypotheses.nuisance, *(term.design for term in terms)], axis=1)
+
+    def gain(self, terms: Sequence[Term]) -> float:
+        """Log-likelihood of calibration and these terms."""
+        return self.evidence.fit(self.design(terms)).gain
+
+    def candidates(self, chosen: Sequence[Term], everything: bool = True) -> list[tuple[float, list[Term]]]:
+        """(gain less penalty, terms) of what may be added to these terms, the best first."""
+        gram, b = self.evidence.projected(self.design(chosen))
+        taken = {term.key for term in chosen}
+        total = np.diag(self.evidence.total)[1:]
+        free = [term for term in self.hypotheses.catalogue if term.key not in taken]
+        out: list[tuple[float, list[Term]]] = []
+        usable = []
+        for term in free:
+            rows = np.flatnonzero(np.any(term.design[1:] != 0.0, axis=1))
+            if np.any(np.diag(gram)[rows] < 1e-5 * total[rows]):
+                continue
+            usable.append(term)
+            out.append((group_gain(term.design[1:], gram, b) - term.penalty, [term]))
+        if everything:
+            for gain, wheel, pair in self.hypotheses.ramp_gains(gram, b):
+                if ("radius_change", wheel) not in taken:
+                    ramp = self.hypotheses.ramp(wheel, pair)
+                    out.append((gain - ramp.penalty, [ramp]))
+            if self._smooth:
+                for gain, term in self.hypotheses.smooth_gains(gram, b):
+                    if term.key not in taken:
+                        out.append((gain - term.penalty, [term]))
+        return sorted(out, key=lambda entry: -entry[0])
+
+    def pairs(self, chosen: Sequence[Term]) -> list[tuple[float, list[Term]]]:
+        """As `candidates`, for pairs of the catalogue's terms of one value each."""
+        gram, b = self.evidence.projected(self.design(chosen))
+        taken = {term.key for term in chosen}
+        total = np.diag(self.evidence.total)[1:]
+        single = [t for t in self.hypotheses.catalogue if t.key not in taken and t.design.shape[1] == 1]
+        at = np.array([int(np.argmax(np.abs(t.design[1:, 0]))) for t in single])
+        if len(at) < 2:
+            return []
+        d = np.diag(gram)[at]
+        good = d > 1e-5 * total[at]
+        at, single, d = at[good], [t for t, g in zip(single, good, strict=True) if g], d[good]
+        G = gram[np.ix_(at, at)]
+        det = np.outer(d, d) - G**2
+        score = b[at]
+        number = (
+            (score**2)[:, None] * d[None, :]
+            - 2 * np.outer(score, score) * G
+            + (score**2)[None, :] * d[:, None]
+        )
+        gain = np.where(det > 1e-4 * np.outer(d, d), 0.5 * number / np.maximum(det, 1e-300), 0.0)
+        out = []
+        for i in range(len(at)):
+            for j in range(i + 1, len(at)):
+                if single[i].key != single[j].key:
+                    price = single[i].penalty + single[j].penalty
+                    out.append((float(gain[i, j]) - price, [single[i], single[j]]))
+        return sorted(out, key=lambda entry: -entry[0])
+
+    def ratio(self, terms: Sequence[Term], which: int) -> float:
+        """Block-wise over assumed variance of one of the terms' values (the largest), between 1 and 25."""
+        fit = self.evidence.fit(self.design(terms))
+        start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in terms[:which])
+        ratios = self.evidence.sandwich(fit)[start : start + terms[which].design.shape[1]]
+        return float(np.clip(np.max(ratios), 1.0, _MAX_RATIO))
+
+    def _threshold(self, chosen: Sequence[Term]) -> float:
+        base = self.gain([])
+        return ADMIT + SHARE_OF_REST * max(self.gain(chosen) - base, 0.0)
+
+    def _best_addition(self, chosen: list[Term]) -> list[Term] | None:
+        singles = self.candidates(chosen)[:6]
+        best: tuple[float, list[Term]] | None = None
+        threshold = self._threshold(chosen)
+        for gain, terms in [*singles, *self.pairs(chosen)[:3]]:
+            price = sum(term.penalty for term in terms)
+            now = chosen + terms
+            ratio = max(self.ratio(now, len(chosen) + k) for k in range(len(terms)))
+            sure = (gain + price) / ratio - price
+            if len(terms) == 2:
+                # Both members must be needed, or the better one alone would have been found.
+                weakest = min(self._needed(now, len(chosen) + k) for k in range(2))
+                if weakest < threshold:
+                    continue
+                sure -= ADMIT
+            if sure > threshold and (best is None or sure > best[0]):
+                best = (sure, terms)
+        return None if best is None else best[1]
+
+    def _needed(self, terms: list[Term], which: int) -> float:
+        """What a term brings beyond its penalty in the presence of the others."""
+        rest = terms[:which] + terms[which + 1 :]
+        gain = self.gain(terms) - self.gain(rest)
+        return gain / self.ratio(terms, which) - terms[which].penalty
+
+    def _exchange(self, chosen: list[Term]) -> list[Term]:
+        """Replace terms by better rivals until none is left."""
+        for _ in range(3 * MAX_TERMS):
+            improved = False
+            for k in range(len(chosen)):
+                rest = chosen[:k] + chosen[k + 1 :]
+                now = self.gain(chosen) - self.gain(rest) - chosen[k].penalty
+                options = self.candidates(rest)
+                if options and options[0][0] > now + 0.5 and options[0][1][0].key is not None:
+                    chosen = [*rest, *options[0][1]]
+                    improved = True
+                    break
+            if not improved:
+                break
+        return chosen
+
+    def _prune(self, chosen: list[Term]) -> list[Term]:
+        while len(chosen) > 1:
+            needed = [self._needed(chosen, k) for k in range(len(chosen))]
+            worst = int(np.argmin(needed))
+            if needed[worst] >= 0.7 * self._threshold(chosen):
+                break
+            chosen = chosen[:worst] + chosen[worst + 1 :]
+        return chosen
+
+    def _judge(self, chosen: list[Term], which: int) -> Chosen:
+        term = chosen[which]
+        rest = chosen[:which] + chosen[which + 1 :]
+        fit = self.evidence.fit(self.design(chosen))
+        start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in chosen[:which])
+        at = slice(start, start + term.design.shape[1])
+        ratios = np.clip(self.evidence.sandwich(fit)[at], 1.0, _MAX_RATIO)
+        gain = fit.gain - self.gain(rest)
+        heldout = self.evidence.heldout(self.design(chosen)) - self.evidence.heldout(self.design(rest))
+        sure = gain / float(ratios.max()) - term.penalty
+        rivals: dict[str, float] = {}
+        weights = {term.effect: 1.0, "": math.exp(-min(max(sure, -50.0), 50.0))}
+        for net, terms in self.candidates(rest):
+            rival = terms[0]
+            raw = net + rival.penalty
+            if rival.effect == term.effect and (rival.wheel, rival.place) == (term.wheel, term.place):
+                continue
+            name = rival.effect if rival.effect != "radius_change" else f"radius_change:{rival.wheel}"
+            if rival.effect == "unknown":
+                name = "unknown"
+            better = net - (gain - term.penalty)
+            if name not in weights and name != term.effect:
+                weights[name] = math.exp(min(better / float(ratios.max()), 0.0))
+            if rival.effect not in ("unknown", term.effect) and raw > gain - RIVAL:
+                rivals.setdefault(rival.effect, raw)
+        confidence = 1.0 / sum(weights.values())
+        return Chosen(
+            term=term,
+            gain=gain,
+            admitted_by=sure,
+            heldout_gain=float(heldout.sum()),
+            confidence=confidence,
+            rivals=tuple(sorted(rivals, key=lambda name: -rivals[name])),
+            values=fit.values[at],
+            stds=np.sqrt(np.diag(fit.covariance)[at] * ratios),
+        )

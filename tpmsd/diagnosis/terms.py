@@ -1,0 +1,193 @@
+"""The hypotheses: terms that may be added to the rolling model, each a few combinations of columns.
+
+In: the names of the columns. Out: `Term`s of the catalogue with one or several shapes each, and scans
+over the large families (radius ramps of any onset and length, smooth terms at any place over any
+covariate).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tpmsd.diagnosis.response import PLACES, RAMP_KNOTS, TIME_CONSTANTS_S
+from tpmsd.wheels import WHEELS, FloatArray
+
+PER_VALUE = 3.5
+"""Log-likelihood that a further free value must bring: half the logarithm of a thousand windows."""
+PATTERNS: dict[str, tuple[str, ...]] = {
+    **{place: (place,) for place in PLACES},
+    "front": ("fl", "fr"),
+    "rear": ("rl", "rr"),
+    "left": ("fl", "rl"),
+    "right": ("fr", "rr"),
+    "all": ("fl", "fr", "rl", "rr"),
+}
+ANTISYMMETRIC: dict[str, tuple[tuple[str, float], ...]] = {
+    "front minus rear": (("fl", 1.0), ("fr", 1.0), ("rl", -1.0), ("rr", -1.0)),
+    "left minus right": (("fl", 1.0), ("fr", -1.0), ("rl", 1.0), ("rr", -1.0)),
+    "diagonal": (("fl", 1.0), ("fr", -1.0), ("rl", -1.0), ("rr", 1.0)),
+}
+
+Name = tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """One hypothesis."""
+
+    effect: str
+    design: FloatArray
+    """(1 + p, k)"""
+    parameters: tuple[str, ...]
+    """Names of the k values."""
+    penalty: float
+    """Nats that it must bring to pay for its freedom."""
+    wheel: str = ""
+    span_s: tuple[float, float] = (0.0, 0.0)
+    """Of a radius change: onset and end of the ramp."""
+    time_constant_s: float = 0.0
+    place: str = ""
+    covariate: str = ""
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """What makes two terms rivals for one place in the model: an effect may act once (per wheel, per
+        place).
+        """
+        if self.effect == "unknown":
+            return ("unknown", self.place, self.covariate)
+        return (self.effect, self.wheel)
+
+
+GROUPS: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("centrifugal_growth", ("coefficient",)),
+    ("load_transfer_longitudinal", ("coefficient",)),
+    ("load_transfer_lateral", ("coefficient",)),
+    ("longitudinal_slip", ("slip_per_accel",)),
+    ("longitudinal_slip", ("slip_per_accel", "slip_per_speed2")),
+    ("lateral_slip", ("coefficient",)),
+    ("road_grade", ("",)),
+    ("gnss_latency", ("latency_s",)),
+    ("antenna_lever_arm", ("forward_m",)),
+    ("antenna_lever_arm", ("left_m",)),
+    ("antenna_lever_arm", ("forward_m", "left_m")),
+    ("track_width_error", ("rear_m",)),
+    ("track_width_error", ("front_m",)),
+    ("track_width_error", ("rear_m", "front_m")),
+    ("yaw_rate_bias", ("bias",)),
+    ("yaw_rate_scale", ("scale",)),
+)
+
+
+class Hypotheses:
+    """All terms that a drive's columns allow."""
+
+    def __init__(self, names: list[Name], ramp_knots_s: FloatArray, unusable: frozenset[str]) -> None:
+        """`names` are those of the columns, the data's own first; `unusable` effects are left out."""
+        self.place = {name: k for k, name in enumerate(names)}
+        self.width = len(names)
+        self.knots_s = ramp_knots_s
+        self.nuisance = self._unit([name for name in names if name[0] in ("radius", "gyro_delay")])
+        self.catalogue = [term for term in self._catalogue() if term.effect not in unusable]
+        self.wheels = [wheel for wheel in WHEELS if ("ramp", wheel, "0") in self.place]
+        pairs = [(a, b) for a in range(RAMP_KNOTS) for b in range(a + 1, RAMP_KNOTS + 1)]
+        self._pairs = pairs
+        self._ramps = np.zeros((RAMP_KNOTS, len(pairs)))
+        for k, (a, b) in enumerate(pairs):
+            self._ramps[a:b, k] = 1.0 / (b - a)
+        self._smooth = self._smooth_groups()
+
+    def widen(self, width: int) -> None:
+        """Make room for columns that were added at the end."""
+        more = width - self.width
+        if more <= 0:
+            return
+
+        def wider(design: FloatArray) -> FloatArray:
+            return np.concatenate([design, np.zeros((more, design.shape[1]))])
+
+        self.width = width
+        self.nuisance = wider(self.nuisance)
+        self.catalogue = [replace(term, design=wider(term.design)) for term in self.catalogue]
+        self._smooth = [replace(term, design=wider(term.design)) for term in self._smooth]
+
+    def _unit(self, names: list[Name]) -> FloatArray:
+        out = np.zeros((self.width, len(names)))
+        for k, name in enumerate(names):
+            out[self.place[name], k] = 1.0
+        return out
+
+    def _catalogue(self) -> list[Term]:
+        out = []
+        for effect, parameters in GROUPS:
+            design = self._unit([(effect, parameter) for parameter in parameters])
+            out.append(Term(effect, design, parameters, PER_VALUE * len(parameters)))
+        for tau in TIME_CONSTANTS_S:
+            design = self._unit([("thermal_growth", f"{tau:g}")])
+            out.append(Term("thermal_growth", design, ("amplitude_m",), PER_VALUE + 1.5, time_constant_s=tau))
+        return out
+
+    def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, str, int]]:
+        """For each wheel the best ramp: (gain, wheel, number of the pair of knots)."""
+        out = []
+        for wheel in self.wheels:
+            at = np.array([self.place[("ramp", wheel, str(k))] for k in range(RAMP_KNOTS)]) - 1
+            score = self._ramps.T @ b[at]
+            information = np.einsum("ik,ik->k", self._ramps, gram[np.ix_(at, at)] @ self._ramps)
+            floor = 1e-6 * float(np.max(information, initial=1e-30))
+            gain = 0.5 * score**2 / np.maximum(information, floor)
+            best = int(np.argmax(np.where(information > floor, gain, 0.0)))
+            out.append((float(gain[best]), wheel, best))
+        return out
+
+    def ramp(self, wheel: str, pair: int) -> Term:
+        """The radius change of a wheel between a pair of knots."""
+        a, b = self._pairs[pair]
+        design = np.zeros((self.width, 1))
+        for k in range(a, b):
+            design[self.place[("ramp", wheel, str(k))], 0] = 1.0 / (b - a)
+        penalty = PER_VALUE + math.log(4 * RAMP_KNOTS)
+        span = (float(self.knots_s[a]), float(self.knots_s[b]))
+        return Term("radius_change", design, ("deviation_m",), penalty, wheel=wheel, span_s=span)
+
+    def _smooth_groups(self) -> list[Term]:
+        covariates = sorted({name[2] for name in self.place if name[0] == "smooth"})
+        number = {
+            c: max(int(name[3]) for name in self.place if name[0] == "smooth" and name[2] == c) + 1
+            for c in covariates
+        }
+        patterns = [(p, tuple((place, 1.0) for place in places)) for p, places in PATTERNS.items()]
+        patterns += list(ANTISYMMETRIC.items())
+        out = []
+        for covariate in covariates:
+            for pattern, places in patterns:
+                if any(("smooth", place, covariate, "0") not in self.place for place, _ in places):
+                    continue
+                design = np.zeros((self.width, number[covariate]))
+                for place, sign in places:
+                    for k in range(number[covariate]):
+                        design[self.place[("smooth", place, covariate, str(k))], k] = sign
+                penalty = PER_VALUE * design.shape[1] + math.log(120.0)
+                values = tuple(f"at_{k + 1}" for k in range(number[covariate]))
+                out.append(Term("unknown", design, values, penalty, place=pattern, covariate=covariate))
+        return out
+
+    def smooth_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
+        """Gain of every smooth term."""
+        return [(group_gain(term.design[1:], gram, b), term) for term in self._smooth]
+
+
+def group_gain(design: FloatArray, gram: FloatArray, b: FloatArray) -> float:
+    """Log-likelihood that a group of columns brings, given Gram matrix and correlation with the data."""
+    rows = np.flatnonzero(np.any(design != 0.0, axis=1))
+    part = design[rows]
+    A = part.T @ gram[np.ix_(rows, rows)] @ part
+    score = part.T @ b[rows]
+    scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    A = A / np.outer(scale, scale) + 1e-6 * np.eye(len(score))
+    score = score / scale
+    # A column that the others already explain has next to nothing left: it cannot bring anything.
+    return 0.5 * float(score @ np.linalg.solve(A, score))

@@ -1,0 +1,66 @@
+"""The diagnosis as JSON, as CONTRACT section `diagnose --json` has it.
+
+In: `Diagnosis`. Out: plain objects.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tpmsd.diagnosis.result import Diagnosis, Finding, Where
+
+
+def diagnosis_document(diagnosis: Diagnosis, model_file: str | None) -> dict[str, Any]:
+    """The document; `model_file` is where the extended model was written."""
+    return {
+        "verdict": diagnosis.verdict,
+        "reason": diagnosis.reason or None,
+        "baseline": {
+            "model": ["rolling"],
+            "heldout_rms": diagnosis.baseline_rms,
+            "heldout_loglik_per_s": diagnosis.baseline_loglik_per_s,
+        },
+        "findings": [_finding(finding) for finding in diagnosis.findings],
+        "unexplained": {
+            "significant": diagnosis.unexplained is not None,
+            "where": None if diagnosis.unexplained is None else _where(diagnosis.unexplained),
+        },
+        "model_file": model_file,
+        "driving_s": diagnosis.driving_s,
+        "model": {"heldout_rms": diagnosis.model_rms},
+        "evidence": [{"effect": name, "gain": gain} for name, gain in diagnosis.evidence],
+    }
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    out: dict[str, Any] = {
+        "effect": finding.effect,
+        "confidence": finding.confidence,
+        "parameters": {
+            name: {"value": quantity.value, "std": quantity.std, "unit": quantity.unit}
+            for name, quantity in finding.parameters.items()
+        },
+        "where": _where(finding.where),
+        "heldout": {
+            "rms_before": finding.rms_before,
+            "rms_after": finding.rms_after,
+            "loglik_gain_per_s": finding.loglik_gain_per_s,
+            "loglik_gain": finding.gain,
+        },
+        "indistinguishable_from": list(finding.indistinguishable_from),
+    }
+    if finding.advice:
+        out["advice"] = finding.advice
+    if finding.shape:
+        out["shape"] = [{"at": x, "value": value, "std": std} for x, value, std in finding.shape]
+    return out
+
+
+def _where(where: Where) -> dict[str, Any]:
+    return {
+        "wheels": list(where.wheels),
+        "channel": where.channel,
+        "covariate": where.covariate,
+        "range": None if where.range is None else list(where.range),
+        "time_spans": [list(span) for span in where.time_spans],
+    }
