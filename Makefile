@@ -25,7 +25,7 @@ help:  ## this list
 	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | awk -F'\t' '{printf "  make %-8s %s\n", $$1, $$2}'
 
 demo: $(RUNTIME)  ## a simulated slow puncture, found and announced on a virtual CAN bus (DEMO_ARGS=...)
-	@$(PY) -m tpmsd.cli.demo $(DEMO_ARGS)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tpmsd.cli.demo $(DEMO_ARGS)
 
 test: lint  ## style, types and all tests (PYTEST_ARGS=..., PYTEST_JOBS=...)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m pytest -n $(PYTEST_JOBS) $(PYTEST_ARGS)
@@ -40,7 +40,7 @@ format: $(DEV)  ## put the sources into the house style
 	$(PY) -m ruff format .
 
 bench: $(RUNTIME)  ## the figures of the README, measured on this machine (BENCH_ARGS=...)
-	@$(PY) -m tpmsd.cli.bench $(BENCH_ARGS)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) benchmarks/bench.py $(BENCH_ARGS)
 
 clean:  ## remove the environment and everything that was made
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .coverage demo-out bench-out
