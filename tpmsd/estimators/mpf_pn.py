@@ -199,7 +199,7 @@ class MpfPn:
         if self._coasting_s > COAST_LIMIT_S:
             if self._located:
                 self._lose_pose()
-            self._rate = (0.0, 0.0)  # no longer known; and a pose is found again by wheels that turn
+            self._rate = (0.0, 0.0)  # no longer known
             return
         count = self._pose.shape[1]
         speed, yaw_rate = self._rate
@@ -214,6 +214,8 @@ class MpfPn:
     def _take_fix(self, fix: Fix, tick: Tick) -> None:
         """Weigh the particles by a fix, eq. (22), or find the pose by it."""
         moving = self._rate[0] > 0.5
+        if not self._located and self._coasting_s > 0.0:
+            return  # a pose is of no use before the wheels turn again
         if not self._located:
             start = self._finder.update(fix, moving)
             if start is not None:

@@ -34,11 +34,11 @@ from tpmsd.estimators.base import RadiusEstimate, checked_radii
 from tpmsd.estimators.batched_kalman import scalar_update, symmetrise
 from tpmsd.estimators.error_state import BE, BN, FWD, LAT, MU, PSI, SLIP, E, Motion, N, ProcessModel
 from tpmsd.estimators.fix_gate import FixGate
-from tpmsd.estimators.grade import GradeTracker
 from tpmsd.estimators.motion_gate import MotionGate
 from tpmsd.estimators.odometry_block import Block, BlockBuilder
 from tpmsd.estimators.pose_start import PoseFinder, PoseStart
 from tpmsd.estimators.resampling import effective_number
+from tpmsd.physics.grade import GradeTracker
 from tpmsd.physics.kinematics import Geometry
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import FL, FR, RL, RR, FloatArray
@@ -159,7 +159,7 @@ class MpfRb:
         if self._coasting_s > COAST_LIMIT_S:
             if self._located:
                 self._lose_pose()
-            self._rate = (0.0, 0.0)  # no longer known; and a pose is found again by wheels that turn
+            self._rate = (0.0, 0.0)  # no longer known
             return
         speed, yaw_rate = self._rate
         mean, dt = self._mean, tick.dt_s
@@ -176,6 +176,8 @@ class MpfRb:
         self._blocks.add_fix(fix, tick)
         self._grade.update(fix.up_m)
         moving = self._rate[0] > 0.5
+        if not self._located and self._coasting_s > 0.0:
+            return  # a pose is of no use before the wheels turn again
         if not self._located:
             start = self._finder.update(fix, moving)
             if start is not None:
