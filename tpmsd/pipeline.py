@@ -19,9 +19,11 @@ from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.estimators.build import build_estimator, monitored_wheels
 from tpmsd.monitor.monitor import Monitor
 from tpmsd.monitor.records import MonitorReport
+from tpmsd.physics.model import ExtendedModel
 from tpmsd.sources.can_decoder import CanDecoder
 from tpmsd.sources.events import Event
 from tpmsd.sources.nmea_epoch import NmeaAssembler
+from tpmsd.timeline.compensation import Compensation, adjusted
 from tpmsd.timeline.tick import Tick
 from tpmsd.timeline.timeline import Timeline
 
@@ -38,7 +40,12 @@ class Step:
 class Pipeline:
     """Decoder, assembler, timeline, estimator and monitor of one car."""
 
-    def __init__(self, config: Config, database: Database) -> None:
+    def __init__(self, config: Config, database: Database, model: ExtendedModel | None = None) -> None:
+        """`model`: physics beyond rolling that is known of this car, to be taken out of the ticks."""
+        self._compensation: Compensation | None = None
+        if model is not None and len(model):
+            config = adjusted(config, model)
+            self._compensation = Compensation(config, model)
         self.decoder = CanDecoder(config, database)
         self.assembler = NmeaAssembler()
         self.timeline = Timeline(config.filter.rate_hz, config.gnss.latency_s)
@@ -83,7 +90,8 @@ class Pipeline:
 
     def _run(self, ticks: list[Tick]) -> list[Step]:
         steps: list[Step] = []
-        for tick in ticks:
+        for raw in ticks:
+            tick = raw if self._compensation is None else self._compensation.apply(raw)
             estimate = self.estimator.step(tick)
             steps.append(Step(tick, estimate, self.monitor.update(tick, estimate)))
         return steps

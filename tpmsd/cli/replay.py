@@ -15,6 +15,8 @@ from tpmsd.cli.output import Progress, Subparsers, add_json_option, write_json
 from tpmsd.config.load import load_config
 from tpmsd.config.model import Config
 from tpmsd.errors import InputError
+from tpmsd.physics.model import ExtendedModel
+from tpmsd.physics.model_file import load_model
 from tpmsd.pipeline import Pipeline, Step
 from tpmsd.report.replay_document import replay_document
 from tpmsd.report.replay_recorder import ReplayRecorder
@@ -53,6 +55,9 @@ def add_parser(subparsers: Subparsers) -> None:
         "--config", type=Path, metavar="FILE", help="configuration instead of DRIVE/vehicle.toml"
     )
     parser.add_argument("--plot", type=Path, metavar="FILE", help="write a picture (.png .svg .pdf)")
+    parser.add_argument(
+        "--model", type=Path, metavar="FILE", help="physics of a model.toml to be compensated"
+    )
     parser.add_argument("--method", help="estimator instead of the configured one: mpf-rb or mpf-pn")
     parser.add_argument("--seed", type=int, help="seed of the estimator instead of the configured one")
     add_json_option(parser)
@@ -66,7 +71,8 @@ def run(args: argparse.Namespace) -> int:
         check_plot_target(args.plot)  # before the work, not after it
     config = load_config(args.config if args.config is not None else _vehicle_of(args.drive))
     config = _overridden(config, args)
-    result = replay(args.drive, config)
+    model = None if args.model is None else load_model(args.model)
+    result = replay(args.drive, config, model)
     if args.plot is not None:
         from tpmsd.report.replay_plot import plot_replay
 
@@ -95,13 +101,13 @@ def _overridden(config: Config, args: argparse.Namespace) -> Config:
     return changed(config, filter=filter_config)
 
 
-def replay(folder: Path, config: Config) -> ReplayResult:
+def replay(folder: Path, config: Config, model: ExtendedModel | None = None) -> ReplayResult:
     """Run a drive through the core; raises InputError if nothing usable is in it."""
     drive = Drive(folder)
     database = load_database(config.can.dbc)
     if not drive.host_times:
         _align_clocks(drive, config, CanDecoder(config, database))
-    pipeline = Pipeline(config, database)
+    pipeline = Pipeline(config, database, model)
     recorder = ReplayRecorder(folder.resolve().name, config.vehicle, config.monitor)
     begun = time.perf_counter()
     start: float | None = None

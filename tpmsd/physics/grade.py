@@ -22,13 +22,18 @@ class GradeTracker:
     def __init__(self) -> None:
         self._way_m = 0.0
         self._points: deque[tuple[float, float]] = deque()
-        self.horizontal = 1.0
-        """Way over the map per way along the road."""
+        self.sine = 0.0
+        """Height gained per way along the road."""
 
     def reset(self) -> None:
         """Start anew (after a gap)."""
         self._points.clear()
-        self.horizontal = 1.0
+        self.sine = 0.0
+
+    @property
+    def horizontal(self) -> float:
+        """Way over the map per way along the road."""
+        return math.sqrt(1.0 - self.sine**2)
 
     def move(self, way_m: float) -> None:
         """The car rolled on."""
@@ -51,5 +56,4 @@ class GradeTracker:
         mean_up = sum(up for _, up in points) / count
         spread = sum((way - mean_way) ** 2 for way, _ in points)
         slope = sum((way - mean_way) * (up - mean_up) for way, up in points) / spread
-        # sin of the slope angle is height over way along the road
-        self.horizontal = math.sqrt(1.0 - min(abs(slope), MAX_GRADE) ** 2)
+        self.sine = min(max(slope, -MAX_GRADE), MAX_GRADE)

@@ -1,0 +1,122 @@
+"""Known physics is taken out of the ticks by the catalogue's own forward models."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tpmsd.config.model import CanConfig, Config, GnssConfig, VehicleConfig
+from tpmsd.physics.catalogue import make_effect
+from tpmsd.physics.model import ExtendedModel
+from tpmsd.timeline.compensation import Compensation, adjusted
+from tpmsd.timeline.tick import Fix, Tick
+
+RADIUS = 0.3
+CONFIG = Config(
+    VehicleConfig((RADIUS,) * 4, 1.5, 1.4, 2.6, driven_axle="front", teeth_per_rev=48),
+    CanConfig({}, Path("bus.dbc")),
+    GnssConfig(antenna_forward_m=1.0, antenna_left_m=0.0, latency_s=0.1),
+)
+
+
+def _ticks(speed_mps: float, seconds: float = 6.0, yaw_rate: float = 0.0, **fields: float) -> list[Tick]:
+    """Steady driving on wheels of nominal radius, with a fix in the last tick."""
+    rear = np.array([speed_mps - yaw_rate * 0.75, speed_mps + yaw_rate * 0.75])
+    way = np.array([speed_mps, speed_mps, rear[0], rear[1]])
+    ticks = [
+        Tick(k, 0.1 * k, 0.1, way * 0.1 / RADIUS, np.full(4, 0.01), yaw_rate_radps=yaw_rate, **fields)
+        for k in range(1, round(seconds / 0.1))
+    ]
+    end = ticks[-1]
+    fix = Fix(end.time_s, 1.0, 0.0, 0.0, 1.0, heading_rad=0.4)
+    return [
+        *ticks,
+        Tick(end.index + 1, end.time_s + 0.1, 0.1, end.rotation_rad, np.full(4, 0.01), (fix,), **fields),
+    ]
+
+
+def _last(model: ExtendedModel, ticks: list[Tick]) -> Tick:
+    compensation = Compensation(CONFIG, model)
+    return [compensation.apply(tick) for tick in ticks][-1]
+
+
+def test_centrifugal_growth_is_taken_out_of_the_rotation() -> None:
+    """A wheel grown by k v^2 turns less; the compensated rotation is that of the nominal radius."""
+    k, speed = 2e-6, 30.0
+    grown = RADIUS + k * speed**2
+    ticks = _ticks(speed * RADIUS / grown)  # the rotation of the grown wheel at 30 m/s
+    out = _last(ExtendedModel((make_effect("centrifugal_growth", coefficient=k),)), ticks)
+    # The speed itself is read off the grown wheels: an error of second order, 2 (k v^2 / r)^2.
+    assert out.rotation_rad * RADIUS / 0.1 == pytest.approx(np.full(4, speed), rel=1e-4)
+
+
+def test_drive_slip_is_taken_out_of_the_driven_wheels_alone() -> None:
+    """Front-driven: the front wheels' extra rotation d v^2 goes, the rear wheels stay."""
+    d, speed = 3e-6, 25.0
+    out = _last(ExtendedModel((make_effect("longitudinal_slip", slip_per_accel=0.0, slip_per_speed2=d),)), _ticks(speed))
+    expected = np.array([1 / (1 + d * speed**2)] * 2 + [1.0, 1.0]) * speed
+    assert out.rotation_rad * RADIUS / 0.1 == pytest.approx(expected, rel=1e-6)
+
+
+def test_the_fault_itself_is_never_compensated() -> None:
+    """A radius_change in the model leaves the ticks as they are, so that a leak stays visible."""
+    ticks = _ticks(20.0)
+    fault = make_effect("radius_change", wheel="rl", deviation_m=-0.002, onset_s=0.0, duration_s=0.0)
+    assert np.array_equal(ticks[-1].rotation_rad, _last(ExtendedModel((fault,)), ticks).rotation_rad)
+
+
+def test_gyro_errors_are_inverted() -> None:
+    """reading = scale * truth + bias comes back as the truth."""
+    model = ExtendedModel(
+        (make_effect("yaw_rate_bias", bias=0.004), make_effect("yaw_rate_scale", scale=1.05))
+    )
+    ticks = _ticks(15.0, yaw_rate=1.05 * 0.1 + 0.004)
+    assert _last(model, ticks[:-1]).yaw_rate_radps == pytest.approx(0.1, abs=1e-12)
+
+
+def test_side_slip_turns_the_course_back_into_the_heading() -> None:
+    """In a left bend the course leaves the heading by -c a_y; the heading of the fix is put right by that."""
+    c, speed, yaw_rate = 0.004, 20.0, 0.1
+    model = ExtendedModel((make_effect("lateral_slip", coefficient=c),))
+    ticks = [*_ticks(speed, yaw_rate=yaw_rate)]
+    assert _last(model, ticks).fixes[0].heading_rad == pytest.approx(0.4 + c * speed * yaw_rate, rel=0.01)
+
+
+def test_a_wrong_number_of_teeth_is_put_right_on_its_wheel() -> None:
+    """47 teeth where 48 are configured: the wheel really turned further than its counts say."""
+    model = ExtendedModel((make_effect("tone_ring_error", wheel="fr", teeth_per_rev=47),))
+    ticks = _ticks(20.0)
+    ratio = _last(model, ticks).rotation_rad / ticks[-1].rotation_rad
+    assert ratio == pytest.approx([1.0, 48 / 47, 1.0, 1.0])
+
+
+def test_constants_go_into_the_configuration() -> None:
+    """Tracks, antenna and latency of the model are what the core is configured with."""
+    model = ExtendedModel(
+        (
+            make_effect("track_width_error", rear_m=0.03, front_m=-0.02),
+            make_effect("antenna_lever_arm", forward_m=0.3, left_m=-0.1),
+            make_effect("gnss_latency", latency_s=0.15),
+        )
+    )
+    config = adjusted(CONFIG, model)
+    assert config.vehicle.track_rear_m == pytest.approx(CONFIG.vehicle.track_rear_m + 0.03)
+    assert config.vehicle.track_front_m == pytest.approx(CONFIG.vehicle.track_front_m - 0.02)
+    assert (config.gnss.antenna_forward_m, config.gnss.antenna_left_m) == pytest.approx((1.3, -0.1))
+    assert config.gnss.latency_s == pytest.approx(0.25)
+
+
+def test_missing_readings_stay_missing() -> None:
+    """NaN in a tick neither spreads nor disappears."""
+    model = ExtendedModel((make_effect("centrifugal_growth", coefficient=2e-6),))
+    ticks = _ticks(20.0)
+    gone = Tick(999, 10.0, 0.1, np.array([math.nan, 6.0, math.nan, 6.0]), np.full(4, 0.01))
+    compensation = Compensation(CONFIG, model)
+    for tick in ticks:
+        compensation.apply(tick)
+    out = compensation.apply(gone)
+    assert np.isnan(out.rotation_rad).tolist() == [True, False, True, False]
+    assert np.all(np.isfinite(compensation.apply(ticks[-1]).rotation_rad))

@@ -1,0 +1,146 @@
+"""Takes the known physics of an extended model out of the ticks, before any estimator sees them.
+
+In: `Tick`s and an `ExtendedModel` (a `model.toml` that `diagnose` wrote). Out: ticks as the car would have
+made them if its wheels rolled on constant radii and its sensors were as configured. The effects' own forward
+hooks are used, so simulator, diagnosis and compensation cannot disagree on what an effect does.
+
+`radius_change` is left out: it is the fault to be found, not physics to be taken away. The once-per-
+revolution part of `tone_ring_error` is left out too, for its phase is unknown after a restart and it averages
+out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from tpmsd.config.model import Config
+from tpmsd.physics.grade import GradeTracker
+from tpmsd.physics.kinematics import Geometry
+from tpmsd.physics.model import ExtendedModel
+from tpmsd.physics.motion import GRAVITY_MPS2, Car, Motion, driven_mask
+from tpmsd.timeline.tick import Fix, Tick
+from tpmsd.wheels import RL, RR, FloatArray
+
+SMOOTHING_S = 0.5
+NOT_COMPENSATED = frozenset({"radius_change"})
+
+
+def adjusted(config: Config, model: ExtendedModel) -> Config:
+    """The configuration with the model's constants in it: tracks, antenna position and latency."""
+    front, rear = model.track_error_m()
+    forward, left = model.antenna_offset_m()
+    vehicle = dataclasses.replace(
+        config.vehicle,
+        track_front_m=config.vehicle.track_front_m + front,
+        track_rear_m=config.vehicle.track_rear_m + rear,
+    )
+    gnss = dataclasses.replace(
+        config.gnss,
+        antenna_forward_m=config.gnss.antenna_forward_m + forward,
+        antenna_left_m=config.gnss.antenna_left_m + left,
+        latency_s=max(config.gnss.latency_s + model.fix_age_s(), 0.0),
+    )
+    return dataclasses.replace(config, vehicle=vehicle, gnss=gnss)
+
+
+class Compensation:
+    """Keeps just enough of the motion to know what the effects do now."""
+
+    def __init__(self, config: Config, model: ExtendedModel) -> None:
+        kept = [
+            (effect, std)
+            for effect, std in zip(model.effects, model.stds, strict=True)
+            if effect.name not in NOT_COMPENSATED
+        ]
+        self._model = ExtendedModel(tuple(e for e, _ in kept), tuple(s for _, s in kept))
+        vehicle = config.vehicle
+        self._car = Car(
+            radius_m=np.array(vehicle.wheel_radius_m),
+            geometry=Geometry(vehicle.track_front_m, vehicle.track_rear_m, vehicle.wheelbase_m),
+            driven=driven_mask(vehicle.driven_axle),
+            teeth_per_rev=vehicle.teeth_per_rev,
+        )
+        teeth = [self._model.true_teeth_per_rev(w, vehicle.teeth_per_rev) for w in range(4)]
+        self._tooth_factor = vehicle.teeth_per_rev / np.array(teeth)
+        zero, one = self._model.read_yaw_rate(np.array([0.0, 1.0]))
+        self._gyro_bias, self._gyro_scale = float(zero), float(one - zero)
+        self._grade = GradeTracker()
+        self._start_s: float | None = None
+        self._distance_m = self._heading_rad = 0.0
+        self._speed_mps = math.nan
+        self._accel_mps2 = self._yaw_rate_radps = 0.0
+
+    def apply(self, tick: Tick) -> Tick:
+        """The tick without the model's effects."""
+        yaw_rate = (tick.yaw_rate_radps - self._gyro_bias) / self._gyro_scale
+        rotation = tick.rotation_rad * self._tooth_factor
+        self._follow(tick, rotation, yaw_rate)
+        for fix in tick.fixes:
+            self._grade.update(fix.up_m)
+        motion = self._motion(tick)
+        change = self._model.radius_change_m(motion, self._car)[0] / self._car.radius_m
+        factor: FloatArray = (1.0 + change) / (1.0 + self._model.slip(motion, self._car)[0])
+        course = float(self._model.axle_course_rad(motion)[0])
+        return dataclasses.replace(
+            tick,
+            rotation_rad=rotation * factor,
+            rotation_std_rad=tick.rotation_std_rad * self._tooth_factor,
+            yaw_rate_radps=yaw_rate,
+            fixes=tuple(_turned(fix, -course) for fix in tick.fixes),
+        )
+
+    def _follow(self, tick: Tick, rotation: FloatArray, yaw_rate: float) -> None:
+        """Smooth speed, acceleration and yaw rate; NaN leaves them as they were."""
+        if self._start_s is None:
+            self._start_s = tick.time_s - tick.dt_s
+        if tick.gap_s > 0.0:
+            self._grade.reset()
+        rolls = rotation * self._car.radius_m
+        way = float(rolls[RL] + rolls[RR]) / 2
+        if not math.isfinite(way):
+            return
+        wheels = float(rolls[RR] - rolls[RL]) / self._car.geometry.track_rear_m / tick.dt_s
+        turning = yaw_rate if math.isfinite(yaw_rate) else wheels
+        speed = way / tick.dt_s
+        share = 1.0 - math.exp(-tick.dt_s / SMOOTHING_S)
+        if math.isnan(self._speed_mps):
+            self._speed_mps = speed
+        before = self._speed_mps
+        self._speed_mps += share * (speed - before)
+        self._accel_mps2 += share * ((self._speed_mps - before) / tick.dt_s - self._accel_mps2)
+        self._yaw_rate_radps += share * (turning - self._yaw_rate_radps)
+        self._distance_m += way
+        self._heading_rad += turning * tick.dt_s
+        self._grade.move(way)
+
+    def _motion(self, tick: Tick) -> Motion:
+        """The present moment as the catalogue takes it."""
+        speed = 0.0 if math.isnan(self._speed_mps) else self._speed_mps
+        grade = math.asin(self._grade.sine)
+        accel = self._accel_mps2
+        if math.isfinite(tick.accel_long_mps2):
+            # The sensor reads specific force; the catalogue adds gravity to the acceleration itself.
+            accel = tick.accel_long_mps2 - GRAVITY_MPS2 * self._grade.sine
+        curvature = self._yaw_rate_radps / speed if speed > 1.0 else 0.0
+        start = self._start_s if self._start_s is not None else tick.time_s
+        values = {
+            "time_s": tick.time_s - start,
+            "distance_m": self._distance_m,
+            "speed_mps": speed,
+            "accel_long_mps2": accel,
+            "accel_lat_mps2": speed * self._yaw_rate_radps,
+            "yaw_rate_radps": self._yaw_rate_radps,
+            "grade_rad": grade,
+            "heading_rad": self._heading_rad,
+            "steering_rad": math.atan(self._car.geometry.wheelbase_m * curvature),
+        }
+        return Motion(**{name: np.array([value]) for name, value in values.items()})
+
+
+def _turned(fix: Fix, angle_rad: float) -> Fix:
+    if angle_rad == 0.0 or math.isnan(fix.heading_rad):
+        return fix
+    return dataclasses.replace(fix, heading_rad=fix.heading_rad + angle_rad)
