@@ -56,7 +56,8 @@ def test_centrifugal_growth_is_taken_out_of_the_rotation() -> None:
 def test_drive_slip_is_taken_out_of_the_driven_wheels_alone() -> None:
     """Front-driven: the front wheels' extra rotation d v^2 goes, the rear wheels stay."""
     d, speed = 3e-6, 25.0
-    out = _last(ExtendedModel((make_effect("longitudinal_slip", slip_per_accel=0.0, slip_per_speed2=d),)), _ticks(speed))
+    slip = make_effect("longitudinal_slip", slip_per_accel=0.0, slip_per_speed2=d)
+    out = _last(ExtendedModel((slip,)), _ticks(speed))
     expected = np.array([1 / (1 + d * speed**2)] * 2 + [1.0, 1.0]) * speed
     assert out.rotation_rad * RADIUS / 0.1 == pytest.approx(expected, rel=1e-6)
 
