@@ -25,7 +25,7 @@ from tpmsd.wheels import WHEELS
 def test_the_demonstration_finds_the_wheel(tmp_path: Path) -> None:
     """Another wheel than the usual one is announced on the bus, its frame decoded; the exit code is 0."""
     done = subprocess.run(
-        [sys.executable, "-m", "tpmsd.cli.demo", "--wheel", "fr", "--speed-up", "30", "--seed", "5"],
+        [sys.executable, "-m", "tpmsd.cli.demo", "--wheel", "fr", "--speed-up", "36", "--seed", "5"],
         capture_output=True,
         text=True,
         timeout=60,

@@ -82,9 +82,9 @@ def test_being_told_the_time_changes_nothing(
 
 def punctured() -> SimulatedDrive:
     """Some minutes with a puncture, an outage of the receiver, and 15 s in which nothing is sent at all."""
-    fault = Fault("puncture", 2.0, "percent", "rl", 120.0, 20.0)
-    receiver = ReceiverSpec(outages=((70.0, 80.0),))
-    drive = simulate_drive(DriveSpec(duration_s=210.0, seed=4, faults=(fault,), receiver=receiver))
+    fault = Fault("puncture", 2.0, "percent", "rl", 110.0, 15.0)
+    receiver = ReceiverSpec(outages=((60.0, 68.0),))
+    drive = simulate_drive(DriveSpec(duration_s=160.0, seed=4, faults=(fault,), receiver=receiver))
     start_s = float(drive.truth()["start_host_s"])
     begin_s, end_s = start_s + 20.0, start_s + 35.0
     heard = (drive.frames.time_s < begin_s) | (drive.frames.time_s > end_s)
@@ -104,7 +104,7 @@ def test_a_live_run_and_its_replay_are_the_same(tmp_path: Path) -> None:
     daemon = watch_live(
         punctured(),
         tmp_path / "run",
-        speed_up=25.0,
+        speed_up=30.0,
         channel="live-is-replay",
         record=tmp_path / "drive",
         on_step=live.append,
