@@ -79,6 +79,7 @@ class World:
     offsets_m: tuple[float, ...] = OFFSETS_M
     fault: tuple[int, float, float] | None = None
     """(wheel, relative change of its radius, from when)."""
+    fault_takes_s: float = 0.0
     teeth: float = 48.0
     """Counts per revolution; infinite for exact angles."""
     receiver: Receiver = field(default_factory=Receiver)
@@ -94,7 +95,8 @@ class World:
         radii = RADIUS_M + np.tile(np.array(self.offsets_m), (time.size, 1))
         if self.fault is not None:
             wheel, relative, onset = self.fault
-            radii[time >= onset, wheel] *= 1.0 + relative
+            done = np.clip((time - onset) / max(self.fault_takes_s, 1e-9), 0.0, 1.0)
+            radii[:, wheel] *= 1.0 + relative * done
         half = TRACK_M / 2
         rolling = np.stack(
             [
