@@ -23,7 +23,9 @@ from tpmsd.physics.motion import Car
 from tpmsd.wheels import FloatArray
 
 WINDOW_S = 1.0
-MIN_SPEED_MPS = 3.0
+MIN_SPEED_MPS = 5.0
+MAX_YAW_RATE_RADPS = 0.4
+"""Beyond, tyres scrub, and a second is too long to be linear in."""
 CHANNELS = 9
 WHEEL, GYRO, SPEED, COURSE, EAST, NORTH = 0, 4, 5, 6, 7, 8
 CHANNEL_NAMES = ("wheel_ratio",) * 4 + (
@@ -72,7 +74,8 @@ class Reader:
         whole = reference.valid[: count * self._per].reshape(count, self._per).all(axis=1)
         speed = self._mean_edges(reference.motion.speed_mps, count)
         self._count = count
-        self._kept = np.flatnonzero(whole & (speed > MIN_SPEED_MPS))
+        turning = self._mean_edges(np.abs(reference.motion.yaw_rate_radps), count)
+        self._kept = np.flatnonzero(whole & (speed > MIN_SPEED_MPS) & (turning < MAX_YAW_RATE_RADPS))
         self._window_of_fix = np.floor(recording.fix_time_s / WINDOW_S).astype(int)
         self.windows = self._windows()
 
@@ -151,6 +154,7 @@ class Reader:
         edges = {
             "speed": motion.speed_mps,
             "accel_long": motion.specific_force_long_mps2,
+            "accel_kinematic": motion.accel_long_mps2,
             "accel_lat": motion.accel_lat_mps2,
             "yaw_rate": motion.yaw_rate_radps,
             "steering": motion.steering_rad,

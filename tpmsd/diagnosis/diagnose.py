@@ -109,9 +109,9 @@ def examine(study: Study, progress: Callable[[float], None]) -> tuple[Selection,
         study.noise = fit_noise(windows, study.believed(design), study.noise, 2 - turn, study.inflate)
         evidence = study.evidence()
         progress(0.35 + 0.25 * turn)
-        selection = Selector(evidence, study.hypotheses, smooth=turn > 0).select()
+        selection = Selector(evidence, study.hypotheses).select()
         white = study.residual(selection.fit.design, selection.fit.values)
-        study.inflate = outliers(white, None if turn == 0 else study.inflate)
+        study.inflate = outliers(white, study.blocks, study.inflate)
         design = selection.fit.design
     study.noise = fit_noise(windows, study.believed(design), study.noise, 1, study.inflate)
     evidence = study.evidence()

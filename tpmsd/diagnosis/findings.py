@@ -17,6 +17,7 @@ from tpmsd.diagnosis.result import CONSISTENT, MISMATCH, Diagnosis, Finding, Inn
 from tpmsd.diagnosis.selection import ADMIT, Chosen, Selection, Selector
 from tpmsd.diagnosis.tangent import nonlinear_stds
 from tpmsd.diagnosis.terms import ANTISYMMETRIC, PATTERNS, Term, group_gain
+from tpmsd.diagnosis.tone_ring import ripples, wrong_teeth
 from tpmsd.diagnosis.traces import ground, traces
 from tpmsd.physics.catalogue import make_effect, parameters_of
 from tpmsd.physics.effect import Effect, Parameter
@@ -38,7 +39,7 @@ PLACE: dict[str, tuple[str, str | None]] = {
     "gnss_latency": ("gnss_speed", "accel_long"),
     "antenna_lever_arm": ("gnss_course", "yaw_rate"),
     "track_width_error": ("wheel_ratio", "yaw_rate"),
-    "tone_ring_error": ("wheel", "wheel_angle"),
+    "tone_ring_error": ("wheel_ratio", "wheel_angle"),
     "yaw_rate_bias": ("yaw_rate", "time"),
     "yaw_rate_scale": ("yaw_rate", "yaw_rate"),
 }
@@ -83,12 +84,20 @@ def report(study: Study, selection: Selection, evidence: Evidence) -> Diagnosis:
             effect, known = _effect(one, quantities)
             effects.append(effect)
             effect_stds.append(known)
+    covariates = [finding.where.covariate for finding in findings]
+    for finding in _tone_rings(study, selection, seconds):
+        findings.append(finding)
+        values = {name: quantity.value for name, quantity in finding.parameters.items()}
+        effects.append(make_effect(finding.effect, **values))
+        effect_stds.append(
+            {name: q.std for name, q in finding.parameters.items() if q.std is not None and q.std > 0.0}
+        )
     baseline = float(selection.baseline_heldout.sum())
     constant = -0.5 * study.log_variance - 0.5 * rows * math.log(2 * math.pi)
     return Diagnosis(
         verdict=MISMATCH if findings else CONSISTENT,
         reason="",
-        findings=tuple(findings),
+        findings=tuple(sorted(findings, key=lambda finding: -finding.gain)),
         driving_s=seconds,
         baseline_rms=_rms(baseline, rows),
         baseline_loglik_per_s=(baseline + constant) / seconds,
@@ -98,10 +107,57 @@ def report(study: Study, selection: Selection, evidence: Evidence) -> Diagnosis:
         evidence=_alone(study, selector),
         inner=Inner(
             _by_channel(study, selection),
-            tuple(traces(study, selection, evidence, [finding.where.covariate for finding in findings])),
+            tuple(traces(study, selection, evidence, covariates)),
             ground(study, selection, evidence),
         ),
     )
+
+
+def _tone_rings(study: Study, selection: Selection, seconds: float) -> list[Finding]:
+    """Uneven or miscounted teeth, which are looked for apart from all else."""
+    recording, reference = study.reader.recording, study.reader.reference
+    out = []
+    channel, covariate = PLACE["tone_ring_error"]
+    for ripple in ripples(recording, reference):
+        out.append(
+            Finding(
+                effect="tone_ring_error",
+                confidence=1.0 - math.exp(-ripple.gain),
+                parameters={
+                    "wheel": Quantity(ripple.wheel, None, ""),
+                    "amplitude_rad": Quantity(ripple.amplitude_rad, ripple.std_rad, "rad"),
+                    "phase_rad": Quantity(ripple.phase_rad, ripple.phase_std_rad, "rad"),
+                },
+                where=Where((ripple.wheel,), channel, covariate, (0.0, 2.0 * math.pi)),
+                rms_before=ripple.rms_before,
+                rms_after=ripple.rms_after,
+                loglik_gain_per_s=ripple.gain / seconds,
+                gain=ripple.gain,
+                indistinguishable_from=(),
+            )
+        )
+    radii = reference.car.radius_m.copy()
+    for k, wheel in enumerate(recording.wheels):
+        radii[wheel] += selection.fit.values[k]
+    for name, teeth in wrong_teeth(recording, radii):
+        out.append(
+            Finding(
+                effect="tone_ring_error",
+                confidence=0.9,
+                parameters={
+                    "wheel": Quantity(name, None, ""),
+                    "teeth_per_rev": Quantity(teeth, 0.0, "1"),
+                },
+                where=Where((name,), channel, None, None),
+                rms_before=_rms(float(selection.baseline_heldout.sum()), 1),
+                rms_after=_rms(float(selection.baseline_heldout.sum()), 1),
+                loglik_gain_per_s=0.0,
+                gain=0.0,
+                indistinguishable_from=(),
+                advice="count the ring's teeth: a tyre of another size looks the same on the bus",
+            )
+        )
+    return out
 
 
 def _rms(score: float, rows: int) -> float:

@@ -31,9 +31,13 @@ LIMITS: dict[str, tuple[float, float]] = {
     "white_m": (2e-3, 20.0),
     "slow_m": (5e-3, 50.0),
     "slow_tau_s": (3.0, 300.0),
+    "clock_s": (1e-4, 0.3),
+    "clock_tau_s": (0.5, 60.0),
 }
 FIT_WINDOWS = 400
 OUTLIER = 3.5
+ROUGH_STRETCH = 1.6
+"""Variance of a stretch, over the usual one, from which it is believed to be noisier."""
 
 
 def fit_noise(
@@ -64,12 +68,33 @@ def fit_noise(
     return noise
 
 
-def outliers(white: FloatArray, inflate: FloatArray | None) -> FloatArray:
-    """(w, 9) factors on the variances: readings beyond 3.5 standard deviations are made to weigh less."""
+def outliers(white: FloatArray, blocks: np.ndarray, inflate: FloatArray | None) -> FloatArray:
+    """(w, 9) factors on the variances, from the whitened residual of the best model so far.
+
+    Readings beyond 3.5 standard deviations are made to weigh less, and so are stretches in which a
+    channel scatters more than in the rest of the drive (a receiver under bridges): noise is not the same
+    all along a road.
+    """
+    before = np.ones(white.shape[:2]) if inflate is None else inflate
     size = np.abs(white)
     factor = np.where(size > OUTLIER, (size / 2.0) ** 2, 1.0)
-    factor[:, :2] = np.maximum(factor[:, :1], factor[:, 1:2])
-    return np.asarray(factor if inflate is None else np.maximum(inflate * factor, 1.0))
+    calm = np.minimum(size, OUTLIER) ** 2
+    for channels in (
+        slice(0, GYRO),
+        slice(GYRO, SPEED),
+        slice(SPEED, COURSE),
+        slice(COURSE, EAST),
+        slice(EAST, 9),
+    ):
+        live = size[:, channels] > 0.0
+        if channels.start == 0:
+            live[:, :2] = False  # these rows tell the motion, not the noise
+        total = np.bincount(blocks, (calm[:, channels] * live).sum(axis=1))
+        number = np.bincount(blocks, live.sum(axis=1))
+        scatter = total / np.maximum(number, 1.0)
+        rough = np.where((scatter > ROUGH_STRETCH) & (number > 10), scatter, 1.0)
+        factor[:, channels] *= rough[blocks][:, None]
+    return np.asarray(before * factor)
 
 
 def _channel(name: str) -> int:
@@ -79,7 +104,7 @@ def _channel(name: str) -> int:
         return SPEED
     if name.startswith(("cross", "course")):
         return COURSE
-    return EAST if name.startswith(("white", "slow")) else 2
+    return EAST if name.startswith(("white", "slow", "clock")) else 2
 
 
 def _changed(noise: Noise, name: str, factor: float) -> Noise:

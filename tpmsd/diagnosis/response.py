@@ -156,6 +156,8 @@ def smooth_columns(reader: Reader) -> tuple[Columns, dict[str, FloatArray]]:
             response[:, channel] = 1.0
             responses[place] = response
     for covariate, values in reader.windows.covariates.items():
+        if covariate == "accel_kinematic":
+            continue  # the specific force stands for it
         terms = TIME_TERMS if covariate in ("time", "distance") else SMOOTH_TERMS
         at = np.unique(np.quantile(values, np.linspace(0.01, 0.99, terms + 1)))
         if len(at) < 3 or np.ptp(at) < 1e-9:

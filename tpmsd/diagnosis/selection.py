@@ -70,10 +70,9 @@ class Selection:
 class Selector:
     """Searches."""
 
-    def __init__(self, evidence: Evidence, hypotheses: Hypotheses, smooth: bool = True) -> None:
+    def __init__(self, evidence: Evidence, hypotheses: Hypotheses) -> None:
         self.evidence = evidence
         self.hypotheses = hypotheses
-        self._smooth = smooth
 
     def select(self) -> Selection:
         """Choose."""
@@ -136,10 +135,9 @@ class Selector:
                 if ("radius_change", wheel) not in taken:
                     ramp = self.hypotheses.ramp(wheel, pair)
                     out.append((gain - ramp.penalty, [ramp]))
-            if self._smooth:
-                for gain, term in self.hypotheses.smooth_gains(gram, b):
-                    if term.key not in taken:
-                        out.append((gain - term.penalty, [term]))
+            for gain, term in self.hypotheses.smooth_gains(gram, b):
+                if term.key not in taken:
+                    out.append((gain - term.penalty, [term]))
         return sorted(out, key=lambda entry: -entry[0])
 
     def pairs(self, chosen: Sequence[Term]) -> list[tuple[float, list[Term]]]:

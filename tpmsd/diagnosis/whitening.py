@@ -24,7 +24,8 @@ from scipy.linalg.lapack import dpotrf, dtrtrs
 from tpmsd.diagnosis.channels import CHANNELS, COURSE, EAST, GYRO, NORTH, SPEED, WINDOW_S, Windows
 from tpmsd.wheels import FloatArray
 
-Q, QOLD, V, W, PSI, PE, PN, BE, BN, DS, DC, GB, STATES = 0, 4, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18
+Q, QOLD, V, W, PSI, PE, PN, BE, BN = 0, 4, 8, 9, 10, 11, 12, 13, 14
+DS, DC, GB, CK, STATES = 15, 16, 17, 18, 19
 _SPEED_STD, _YAW_STD, _HEADING_STD, _PLACE_STD = 1.0, 0.1, 0.5, 300.0
 
 
@@ -53,6 +54,9 @@ class Noise:
     white_m: float = 0.2
     slow_m: float = 1.5
     slow_tau_s: float = 30.0
+    clock_s: float = 2e-3
+    """Wander of the receiver's clock against the bus's, which a constant latency does not hold."""
+    clock_tau_s: float = 8.0
 
 
 def whiten(
@@ -69,8 +73,11 @@ def whiten(
     v = np.maximum(windows.covariates["speed"], 1.0)
     reading = _measurement_rows(windows, v)
     variance = _variances(windows, noise, v)
+    jump = np.ones(count)
     if inflate is not None:
         variance = variance * inflate
+        # A position that is far off may be the first of many: the slow error has jumped.
+        jump = np.minimum(inflate[:, EAST:].max(axis=1), 100.0)
     read_var = np.square(noise.reading_m)[None, :] + (noise.stamp_s * v[:, None]) ** 2
     P = np.diag(_start_variances(noise, read_var[0]))
     M = np.zeros((STATES, width))
@@ -78,6 +85,7 @@ def whiten(
     F[[PSI, PE, PN], [PSI, PE, PN]] = 1.0
     F[GB, GB] = 1.0
     slow = math.exp(-WINDOW_S / noise.slow_tau_s)
+    clock = math.exp(-WINDOW_S / noise.clock_tau_s)
     log_variance = 0.0
     fresh = True
     diag = np.arange(STATES)
@@ -92,6 +100,8 @@ def whiten(
         decay_b, decay_d = slow**gap, noise.speed_memory**gap
         F[BE, BE] = F[BN, BN] = decay_b
         F[DS, DS] = F[DC, DC] = decay_d
+        decay_c = clock**gap
+        F[CK, CK] = decay_c
         F[QOLD : QOLD + 4, Q : Q + 4] = 0.0 if fresh else eye4
         M = F @ M
         P = F @ P @ F.T
@@ -104,6 +114,10 @@ def whiten(
         qd[BE] = qd[BN] = noise.slow_m**2 * (1.0 - decay_b**2)
         qd[DS] = noise.speed_mps**2 * (1.0 - decay_d**2)
         qd[DC] = noise.cross_mps**2 * (1.0 - decay_d**2)
+        if jump[k] > 1.0:
+            qd[BE] += noise.slow_m**2 * jump[k]
+            qd[BN] += noise.slow_m**2 * jump[k]
+        qd[CK] = noise.clock_s**2 * (1.0 - decay_c**2)
         qd[GB] = noise.gyro_drift_radps**2 * gap
         Qm[diag, diag] = qd
         g = np.zeros((STATES, 2))  # the fresh errors of speed and yaw rate
@@ -138,6 +152,7 @@ def _start_variances(noise: Noise, reading: FloatArray) -> FloatArray:
     out[PE] = out[PN] = _PLACE_STD**2
     out[BE] = out[BN] = noise.slow_m**2
     out[DS], out[DC] = noise.speed_mps**2, noise.cross_mps**2
+    out[CK] = noise.clock_s**2
     return out
 
 
@@ -156,6 +171,9 @@ def _measurement_rows(windows: Windows, v: FloatArray) -> FloatArray:
         rows[:, channel, place] = rows[:, channel, slow] = 1.0
         rows[:, channel, V] = -0.5 * windows.to_east_north[:, axis, 0]
         rows[:, channel, PSI] = -0.5 * windows.to_east_north[:, axis, 2]
+        rows[:, channel, CK] = -windows.to_east_north[:, axis, 0] / WINDOW_S * v
+    rows[:, SPEED, CK] = -windows.covariates["accel_kinematic"]
+    rows[:, COURSE, CK] = -windows.covariates["yaw_rate"]
     return rows
 
 

@@ -1,0 +1,140 @@
+"""Looks for uneven teeth: a ripple once per turn of a wheel, too fast for windows of a second.
+
+In: `Recording`, `Reference`. Out: the `Ripple` of each wheel that has one, and the wheels whose teeth are
+of the wrong number.
+
+At every tick's edge each wheel's shown angle is compared with the smooth motion and with the other
+wheels; what is left above 0.3 Hz is regressed on sine and cosine of the wheel's own angle. Turning faster
+than the ticks only folds the ripple to other frequencies, where the regression finds it all the same.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from tpmsd.diagnosis.motion import Reference
+from tpmsd.diagnosis.recording import Recording
+from tpmsd.physics.kinematics import wheel_speeds
+from tpmsd.physics.motion import integrate
+from tpmsd.wheels import WHEELS, FloatArray
+
+HIGH_PASS_S = 0.5
+MIN_SPEED_MPS = 4.0
+BLOCK_TICKS = 300
+FOLDS = 5
+ADMIT = 11.0
+"""Log-likelihood for amplitude and phase of one of four wheels."""
+MAX_TEETH = 150.0
+"""Beyond, one tooth more or less is within what radii differ by."""
+FROM_OFFSET, WITHIN = 0.012, 0.004
+"""Offset of a radius from which a wrong number of teeth is thought of, and how well it must fit."""
+
+
+@dataclass(frozen=True)
+class Ripple:
+    """A once-per-turn error of one wheel: shown angle = angle + amplitude * sin(angle + phase)."""
+
+    wheel: str
+    amplitude_rad: float
+    std_rad: float
+    phase_rad: float
+    phase_std_rad: float
+    gain: float
+    """Log-likelihood on held-out blocks."""
+    rms_before: float
+    rms_after: float
+
+
+def ripples(recording: Recording, reference: Reference) -> list[Ripple]:
+    """The wheels whose teeth are uneven, the clearest first."""
+    if len(recording.wheels) < 4:
+        return []
+    rows, regressors, blocks = _prepared(recording, reference)
+    if len(rows) < 10 * BLOCK_TICKS:
+        return []
+    found = [_judged(k, rows, regressors, blocks) for k in range(4)]
+    return sorted((one for one in found if one is not None), key=lambda one: -one.gain)
+
+
+def wrong_teeth(recording: Recording, radii_m: FloatArray) -> list[tuple[str, float]]:
+    """(wheel, true number) of wheels whose radius is off by just what some teeth more or less would make."""
+    teeth = recording.car.teeth_per_rev
+    if teeth > MAX_TEETH or len(recording.wheels) < 4:
+        return []
+    ratio = radii_m / recording.car.radius_m
+    out = []
+    for k in range(4):
+        off = float(ratio[k] / np.median(np.delete(ratio, k)))
+        if abs(off - 1.0) < FROM_OFFSET:
+            continue
+        more = round(teeth / off - teeth)
+        if more != 0 and abs(more) <= 3 and abs(off - teeth / (teeth + more)) < WITHIN:
+            out.append((WHEELS[k], teeth + more))
+    return out
+
+
+def _prepared(recording: Recording, reference: Reference) -> tuple[FloatArray, FloatArray, np.ndarray]:
+    """Rapid differences between wheels (n, 4) in rad, sines and cosines (n, 4, 2), and blocks (n,)."""
+    motion, car = reference.motion, reference.car
+    turned = np.nan_to_num(recording.rotation_rad)
+    angle = np.concatenate([np.zeros((1, 4)), np.cumsum(turned, axis=0)])
+    expected = integrate(wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, car.geometry), motion.time_s)
+    off = angle - expected / car.radius_m
+    sigma = HIGH_PASS_S / recording.dt_s
+
+    def rapid(values: FloatArray) -> FloatArray:
+        return np.asarray(values - gaussian_filter1d(values, sigma, axis=0, mode="nearest"))
+
+    rows = rapid(off)
+    rows = rows - rows.mean(axis=1, keepdims=True)
+    regressors = np.stack([rapid(np.sin(angle)), rapid(np.cos(angle))], axis=2)
+    whole = np.concatenate([[False], reference.valid]) & np.concatenate([reference.valid, [False]])
+    broken = gaussian_filter1d((~whole).astype(np.float64), sigma) > 0.02
+    use = ~broken & (motion.speed_mps > MIN_SPEED_MPS)
+    rows, regressors = rows[use], regressors[use]
+    calm = np.abs(rows).max(axis=1) < 6.0 * float(np.median(np.abs(rows)) + 1e-12) / 0.6745
+    rows, regressors = rows[calm], regressors[calm]
+    return rows, regressors, np.arange(len(rows)) // BLOCK_TICKS
+
+
+def _judged(k: int, rows: FloatArray, regressors: FloatArray, blocks: np.ndarray) -> Ripple | None:
+    y = rows[:, k]
+    X = 0.75 * regressors[:, k]  # a quarter went into the mean of the wheels
+    variance = float(np.var(y))
+    count = int(blocks.max()) + 1
+    A = np.stack([X[blocks == b].T @ X[blocks == b] for b in range(count)])
+    b = np.stack([X[blocks == i].T @ y[blocks == i] for i in range(count)])
+    total_A, total_b = A.sum(axis=0), b.sum(axis=0)
+    if np.linalg.cond(total_A) > 1e6:
+        return None
+    values = np.linalg.solve(total_A, total_b)
+    left = b - A @ values
+    inverse = np.linalg.inv(total_A)
+    spread = inverse @ (left.T @ left) @ inverse * count / (count - 2)
+    ratio = max(1.0, float(np.max(np.diag(spread) / (variance * np.diag(inverse)))))
+    gain = 0.5 * float(total_b @ values) / variance / ratio
+    heldout = 0.0
+    for fold in range(FOLDS):
+        out = np.arange(count) % FOLDS == fold
+        trained = np.linalg.solve(A[~out].sum(axis=0), b[~out].sum(axis=0))
+        heldout += float(trained @ b[out].sum(axis=0) - 0.5 * trained @ A[out].sum(axis=0) @ trained)
+    heldout /= variance * ratio
+    amplitude = float(np.hypot(*values))
+    if gain < ADMIT or heldout < 0.5 * ADMIT:
+        return None
+    std = math.sqrt(variance * ratio * float(np.trace(inverse)) / 2.0)
+    after = math.sqrt(max(variance - 2.0 * heldout * variance * ratio / len(y), 0.0))
+    return Ripple(
+        wheel=WHEELS[k],
+        amplitude_rad=amplitude,
+        std_rad=std,
+        phase_rad=float(math.atan2(values[1], values[0])),
+        phase_std_rad=std / amplitude,
+        gain=heldout,
+        rms_before=1.0,
+        rms_after=after / math.sqrt(variance),
+    )
