@@ -102,6 +102,39 @@ def test_error_frames_are_counted_and_kept_back() -> None:
     assert {"frames": 3, "error_frames": 1} == link.counts
 
 
+def test_bus_off_is_a_bus_that_is_down_until_frames_come(caplog: pytest.LogCaptureFixture) -> None:
+    """A controller that switched itself off is tried again; that it can be opened proves nothing."""
+    bus = FakeBus()
+    good = wheels_frame(1.0)
+    bus.waiting = [good, good._replace(is_error=True, arbitration_id=0x40)]
+    link = link_of(bus)
+    link.service(0.0)
+
+    assert [good] == link.read(1.0)
+    assert (True, "bus-off: the controller has switched itself off") == (link.is_down, link.reason)
+    link.service(1.2)
+    link.read(9.0)
+    assert link.is_down
+    bus.waiting = [good]
+    link.read(9.1)
+    assert not link.is_down
+    assert ["CAN fake: bus-off: the controller has switched itself off; trying again until it is back"] == [
+        record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING
+    ]
+
+
+def test_a_restarted_controller_is_no_bus_that_is_down() -> None:
+    """Where the kernel restarts the controller, frames follow the error, and nothing is reopened."""
+    bus = FakeBus()
+    good = wheels_frame(1.0)
+    bus.waiting = [good._replace(is_error=True, arbitration_id=0x40), good]
+    link = link_of(bus)
+    link.service(0.0)
+
+    assert [good] == link.read(1.0)
+    assert not link.is_down
+
+
 def test_a_burst_is_read_to_its_end() -> None:
     """Frames that piled up during a pause are all read at once, so that none is late for the others."""
     bus = FakeBus()

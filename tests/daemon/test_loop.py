@@ -210,6 +210,8 @@ def test_a_bus_that_goes_away_is_a_malfunction_that_ends(
     assert 1 == daemon.document()["can"]["faults"]["down"]
     warnings = [r.getMessage() for r in caplog.records if r.levelno == logging.WARNING]
     assert ["CAN fake: Network is down; trying again until it is back"] == warnings
+    told = [(r.levelname, r.getMessage()) for r in caplog.records if "malfunction" in r.getMessage()]
+    assert [("ERROR", f"ALARM malfunction raised: {events[0].reason}")] == told
     alarms = [tpmsd_database().decode_message(i, data) for i, data in bus.sent if i == 0x6F1]
     assert {"raised", "cleared"} == {str(alarm["AlarmRaised"]) for alarm in alarms}
     assert {"malfunction"} == {str(alarm["AlarmKind"]) for alarm in alarms}

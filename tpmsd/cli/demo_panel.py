@@ -53,6 +53,7 @@ class Panel:
         self._words: dict[str, str] = {}
         """Every signal of the status frames, as last heard."""
         self._sequences: set[str] = set()
+        self._learned = False
 
     def take(self, frame: can.Message) -> None:
         """Decode one frame."""
@@ -109,6 +110,12 @@ class Panel:
             text = f"{wheel} " + (f"{'-':>6}" if value == "not_available" else f"{float(value):+6.2f}")
             style = RED if states[wheel] == "alarm" else GREEN if learned else DIM
             tyres.append(self.paint(text, style))
+        if learned and not self._learned:
+            self._in_place("")
+            self._print(
+                f"{drive_time(self.now()):>6}  {'monitoring':<11} the radii of all four wheels are learned"
+            )
+            self._learned = True
         word = "ALARM" if "alarm" in states.values() else "monitoring" if learned else "learning"
         against = "mm since learned" if learned else "mm from nominal"
         self._in_place(f"{drive_time(self.now()):>6}  {word:<11} {'  '.join(tyres)}  {against}")

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
 
-from tpmsd.config.model import CanConfig
+from tpmsd.config.model import AlarmsConfig, CanConfig
 from tpmsd.daemon.link import Link
 from tpmsd.sinks.can_frames import OutFrame
 from tpmsd.sources.can_frame import CanFrame
@@ -22,6 +22,8 @@ READ_AT_ONCE = 1000
 READS_AT_ONCE = 100
 """Frames are read until there are none: after a pause they may be many, but not without end."""
 _IFF_UP = 0x1
+_ERROR_BUS_OFF = 0x40
+"""CAN_ERR_BUSOFF of linux/can/error.h: bit of an error frame's identifier."""
 
 
 class Bus(Protocol):
@@ -64,15 +66,25 @@ def _is_up(channel: str) -> bool:
     return bool(flags & _IFF_UP)
 
 
+def own_filters(alarms: AlarmsConfig) -> list[dict[str, Any]]:
+    """Filters for a bus that is only sent to; python-can takes an empty list for "everything"."""
+    mask = 0x1FFFFFFF if alarms.extended_ids else 0x7FF
+    return [{"can_id": alarms.alarm_id, "can_mask": mask, "extended": alarms.extended_ids}]
+
+
 class BusLink(Link):
     """One channel.
 
     `counts`: `frames` read, `error_frames`, `sent`, `tx_full` (queue full) and `tx_down` (bus down) not sent.
     """
 
-    def __init__(self, open_bus: Callable[[], Bus], label: str, log: logging.Logger) -> None:
+    def __init__(
+        self, open_bus: Callable[[], Bus], label: str, log: logging.Logger, error_classes: bool = True
+    ) -> None:
+        """`error_classes`: error frames are SocketCAN's, whose identifiers tell what is wrong."""
         super().__init__(label, log)
         self._open_bus = open_bus
+        self._error_classes = error_classes
         self._bus: Bus | None = None
         self._dropped_before = 0
         self._full = False
@@ -113,10 +125,19 @@ class BusLink(Link):
                 self._well(now_s, bool(frames))
                 break
         self.counts["frames"] += len(frames)
-        errors = sum(frame.is_error for frame in frames)
+        errors = [frame for frame in frames if frame.is_error]
         if errors:
-            self.counts["error_frames"] += errors
+            self._take_errors(errors, frames[-1], now_s)
         return [frame for frame in frames if not frame.is_error and not frame.is_remote]
+
+    def _take_errors(self, errors: list[CanFrame], last: CanFrame, now_s: float) -> None:
+        """Count error frames; a controller that has switched itself off is a bus that is down."""
+        self.counts["error_frames"] += len(errors)
+        off = any(frame.arbitration_id & _ERROR_BUS_OFF for frame in errors)
+        # Data after it: the controller has been restarted meanwhile.
+        if off and self._error_classes and last.is_error and self._bus is not None:
+            self.close()
+            self._failed(now_s, "bus-off: the controller has switched itself off", until_data=True)
 
     def send(self, frames: list[OutFrame], now_s: float) -> None:
         """Send what can be sent; the rest is counted."""

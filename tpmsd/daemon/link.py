@@ -32,6 +32,7 @@ class Link:
         self._opened_s = 0.0
         self._delay_s = FIRST_DELAY_S
         self._next_try_s = -math.inf
+        self._until_data = False
 
     @property
     def is_open(self) -> bool:
@@ -55,16 +56,19 @@ class Link:
 
     def _well(self, now_s: float, data: bool) -> None:
         """Call often while it is open; `data`: something was read."""
-        if not data and now_s - self._opened_s < STABLE_S:
+        if not data and (self._until_data or now_s - self._opened_s < STABLE_S):
             return
+        self._until_data = False
         self._delay_s = FIRST_DELAY_S
         if self._down_since_s is not None:
             self._log.info("%s: is back after %.1f s", self.label, now_s - self._down_since_s)
             self._down_since_s = None
             self.reason = ""
 
-    def _failed(self, now_s: float, reason: str) -> None:
+    def _failed(self, now_s: float, reason: str, until_data: bool = False) -> None:
+        """`until_data`: only data, not a mere opening, will show that it is well again."""
         self._is_open = False
+        self._until_data |= until_data
         self.generation += 1
         self._next_try_s = now_s + self._delay_s
         self._delay_s = min(2.0 * self._delay_s, LONGEST_DELAY_S)

@@ -21,7 +21,7 @@ from typing import Any
 from cantools.database import Database
 
 from tpmsd.config.model import Config
-from tpmsd.daemon.bus_link import BusLink, OpenBus, open_can
+from tpmsd.daemon.bus_link import BusLink, OpenBus, open_can, own_filters
 from tpmsd.daemon.clock import Clock
 from tpmsd.daemon.deadlines import Deadlines, Every
 from tpmsd.daemon.descriptors import Descriptors
@@ -84,7 +84,8 @@ class Daemon:
         self._on_step = on_step
         self._frame_time = clock.from_host if frame_time is None else frame_time
         self._stamps: FrameStamps | None = None
-        if frame_time is None and config.can.interface != "socketcan":
+        kernel = config.can.interface == "socketcan"
+        if frame_time is None and not kernel:
             self._stamps = FrameStamps(clock.scale * TOLERANCE_S, clock.scale * WINDOW_S)
         self._recorder = recorder
         self._state = StateKeeper(config, self._log)
@@ -92,11 +93,14 @@ class Daemon:
         self._queue = InputQueue()
         filters = can_filters(config, database)
         channel, out = config.can.channel, config.alarms.channel
-        self._bus = BusLink(lambda: open_bus(config.can, filters, channel), f"CAN {channel}", self._log)
+        self._bus = BusLink(
+            lambda: open_bus(config.can, filters, channel), f"CAN {channel}", self._log, kernel
+        )
         self._out = self._bus
         if config.alarms.can and out is not None and out != channel:
-            # Nothing is wanted from the other bus; but what is read shows whether it is there.
-            self._out = BusLink(lambda: open_bus(config.can, [], out), f"CAN {out}", self._log)
+            # Nothing is wanted from the other bus, but reading shows whether it is there.
+            own = own_filters(config.alarms)
+            self._out = BusLink(lambda: open_bus(config.can, own, out), f"CAN {out}", self._log, kernel)
         self._receiver: ReceiverLink | None = None
         if config.gnss.device is not None:
             label = f"receiver {config.gnss.device}"
@@ -115,8 +119,6 @@ class Daemon:
         self._verbose = Every(clock.scale * VERBOSE_S)
         self._lag = Every(clock.scale * LAG_AGAIN_S)
         self._manager = ServiceManager(notifier, clock.scale)
-
-    # -- what others may ask ------------------------------------------------------------------------------
 
     @property
     def ticks(self) -> int:
@@ -140,8 +142,6 @@ class Daemon:
     def stop(self, why: str = "asked to") -> None:
         """End the loop in its next round; for hooks that run within it, and for signals."""
         self._stopping = self._stopping or why
-
-    # -- the loop -----------------------------------------------------------------------------------------
 
     def run(self, duration_s: float = math.inf) -> None:
         """Run until a signal, `stop`, or for `duration_s` (logical)."""
