@@ -1,7 +1,7 @@
 """Where the wheels are and how fast each must roll: plane motion of a four-wheeled car.
 
-In: the motion of the middle of the rear axle. Out: each wheel's rolling speed. ISO 8855: x forward, y left, yaw
-rate positive in a left turn. Paper 000, eqs (4)-(6), gives the rear pair; the front pair is derived here.
+In: the motion of the middle of the rear axle. Out: each wheel's rolling speed. ISO 8855: x forward, y left,
+yaw rate positive in a left turn. Paper 000, eqs (4)-(6), gives the rear pair; the front pair is derived here.
 """
 
 from __future__ import annotations
@@ -30,9 +30,10 @@ def wheel_speeds(
 ) -> FloatArray:
     """Speed over ground of each wheel along its own rolling direction, shape (..., 4).
 
-    The rear wheels point along the body: v -+ yaw_rate * track / 2 (eq. 6). A steered wheel rolls along the path
-    of its own hub, so its speed is the hub's speed, whatever the steering ratio is; the tyre's slip angle enters
-    only in second order (its cosine). The sign of a front wheel's speed is that of its longitudinal part.
+    The rear wheels point along the body: v -+ yaw_rate * track / 2 (eq. 6). A steered wheel rolls along the
+    path of its own hub, so its speed is the hub's speed, whatever the steering ratio is; the tyre's slip
+    angle enters only in second order (its cosine). The sign of a front wheel's speed is that of its
+    longitudinal part.
 
     `lateral_speed_mps` is the rear axle's own, zero where it does not slip sideways.
     """

@@ -16,7 +16,7 @@ from tpmsd.wheels import FloatArray
 GRID_S = 0.1
 MIN_OVERLAP_S = 30.0
 MIN_OVERLAP_SHARE = 0.5
-"""Of the shorter series: two logs of one drive overlap, and short overlaps of strangers correlate by chance."""
+"""Of the shorter series: two logs of one drive overlap; short overlaps of strangers correlate by chance."""
 MIN_CORRELATION = 0.9
 
 
