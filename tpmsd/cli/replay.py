@@ -14,7 +14,7 @@ from pathlib import Path
 from tpmsd.cli.output import Progress, Subparsers, add_json_option, write_json
 from tpmsd.config.load import load_config
 from tpmsd.config.model import Config
-from tpmsd.errors import InputError
+from tpmsd.errors import ConfigError, InputError
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.physics.model_file import load_model
 from tpmsd.pipeline import Pipeline, Step
@@ -97,6 +97,8 @@ def _overridden(config: Config, args: argparse.Namespace) -> Config:
     if args.method is not None:
         filter_config = changed(filter_config, method=args.method)
     if args.seed is not None:
+        if args.seed < 0:
+            raise ConfigError(f"--seed {args.seed}: a seed is 0 or more")
         filter_config = changed(filter_config, seed=args.seed)
     return changed(config, filter=filter_config)
 
@@ -105,9 +107,12 @@ def replay(folder: Path, config: Config, model: ExtendedModel | None = None) -> 
     """Run a drive through the core; raises InputError if nothing usable is in it."""
     drive = Drive(folder)
     database = load_database(config.can.dbc)
+    try:
+        decoder, pipeline = CanDecoder(config, database), Pipeline(config, database, model)
+    except ConfigError as error:
+        raise ConfigError(f"{config.file or folder}: {error}") from None
     if not drive.host_times:
-        _align_clocks(drive, config, CanDecoder(config, database))
-    pipeline = Pipeline(config, database, model)
+        _align_clocks(drive, config, decoder)
     recorder = ReplayRecorder(folder.resolve().name, config.vehicle, config.monitor)
     begun = time.perf_counter()
     start: float | None = None
@@ -128,9 +133,9 @@ def replay(folder: Path, config: Config, model: ExtendedModel | None = None) -> 
     _record(recorder, pipeline.finish())
     _check_usable(drive, pipeline)
     for source, note in drive.first_bad.items():
-        print(
-            f"tpmsd: {drive.counts[f'{source} bad lines']} bad lines skipped, first {note}", file=sys.stderr
-        )
+        count = drive.counts[f"{source} bad lines"]
+        lines = "1 bad line" if count == 1 else f"{count} bad lines"
+        print(f"tpmsd: {lines} skipped, first {note}", file=sys.stderr)
     result = recorder.result(0.0)
     return dataclasses.replace(
         result, realtime_factor=result.duration_s / max(time.perf_counter() - begun, 1e-9)
