@@ -77,7 +77,7 @@ def test_radii_are_believable(document: dict[str, Any]) -> None:
 
 
 def test_the_vans_tyres_are_alike_on_the_motorway(result: ReplayResult) -> None:
-    """At the end of the motorway (the last time above 20 m/s) left and right differ by less than 2 mm, and the
+    """At the end of the motorway (the last time above 20 m/s) left and right differ by less than 2 mm; the
     filter is sure of each to a millimetre."""
     if not result.drive.startswith("van-motorway"):
         return
