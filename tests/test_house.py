@@ -29,11 +29,12 @@ ALLOWED |= {
     "physics": {"config"},
     "config": set(),
     "simulator": {"physics", "config", "sources", "timeline"},
+    "calibration": {"physics", "config", "sources", "timeline"},
     "pipeline": {"physics", *_CORE_FLOW},
     "diagnosis": {"physics", "config", "sources", "timeline"},
     "report": {"physics", "diagnosis", *_CORE_FLOW[:5]},
     "daemon": {"physics", "pipeline", *_CORE_FLOW},
-    "cli": {"physics", "pipeline", "diagnosis", "simulator", "report", "daemon", *_CORE_FLOW},
+    "cli": {"physics", "pipeline", "calibration", "diagnosis", "simulator", "report", "daemon", *_CORE_FLOW},
     "__init__": set(),
     "__main__": {"cli"},
 }

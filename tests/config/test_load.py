@@ -109,6 +109,7 @@ def test_schema_and_records_have_the_same_keys() -> None:
         "alarms": model.AlarmsConfig,
         "status": model.StatusConfig,
         "state": model.StateConfig,
+        "calibration": model.CalibrationConfig,
     }
     schema = {table: set(rules) for table, rules in tables(Path()).items()}
     assert set(model.ROLES) == schema.pop("can.signals")

@@ -14,6 +14,7 @@ from tpmsd.config import agree
 from tpmsd.config.document import Document, read_document
 from tpmsd.config.model import (
     AlarmsConfig,
+    CalibrationConfig,
     CanConfig,
     Config,
     FilterConfig,
@@ -95,6 +96,7 @@ class _Parser:
                 alarms=alarms,
                 status=StatusConfig(**good["status"]),
                 state=StateConfig(**good["state"]),
+                calibration=CalibrationConfig(**good["calibration"]),
                 file=self._document.file,
             )
         problems = tuple(sorted(self._problems, key=lambda problem: problem.line or 0))

@@ -136,6 +136,24 @@ class StateConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class CalibrationConfig:
+    """How the radii and tracks were found, as `tpmsd calibrate --write` notes it; nothing is computed from
+    it."""
+
+    made: str | None = None
+    method: str | None = None
+    drives: str | None = None
+    reference_speed_mps: float | None = None
+    """The radii are those at this speed."""
+    radius_std_fl_m: float | None = None
+    radius_std_fr_m: float | None = None
+    radius_std_rl_m: float | None = None
+    radius_std_rr_m: float | None = None
+    track_rear_std_m: float | None = None
+    track_front_std_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Config:
     """Everything the daemon knows before it starts."""
 
@@ -147,5 +165,6 @@ class Config:
     alarms: AlarmsConfig = field(default_factory=AlarmsConfig)
     status: StatusConfig = field(default_factory=StatusConfig)
     state: StateConfig = field(default_factory=StateConfig)
+    calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
     file: Path | None = None
     """Where it was read from."""

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from tpmsd.config.model import FILTER_METHODS, ROLES
 from tpmsd.config.rules import Channel, Choice, FilePath, Flag, Number, Rule, SignalName, Text, Whole
+from tpmsd.wheels import WHEELS
 
 DRIVEN_AXLES = ("front", "rear", "all")
 RADIUS = Number(0.15, 0.7, "m")  # go-kart to lorry
@@ -84,5 +85,14 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
         "state": {
             "file": FilePath(folder, may_be_empty=True),
             "interval_s": Number(1.0, 86_400.0, "s"),
+        },
+        "calibration": {
+            "made": Text(),
+            "method": Text(),
+            "drives": Text(),
+            "reference_speed_mps": Number(0.0, 100.0, "m/s"),
+            **{f"radius_std_{wheel}_m": Number(0.0, 0.1, "m") for wheel in WHEELS},
+            "track_rear_std_m": Number(0.0, 1.0, "m"),
+            "track_front_std_m": Number(0.0, 1.0, "m"),
         },
     }

@@ -1,0 +1,19 @@
+"""Simulated drives for the tests of this room, read through the whole path from files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tpmsd.calibration.recording import Recording, record
+from tpmsd.cli.drive_ticks import read_ticks
+from tpmsd.config.load import load_config
+from tpmsd.config.model import Config
+from tpmsd.physics.motion import Motion
+from tpmsd.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.simulator.drive_writer import write_drive
+
+
+def recorded(folder: Path, spec: DriveSpec, motion: Motion | None = None) -> tuple[Recording, Config]:
+    write_drive(folder, simulate_drive(spec, motion))
+    config = load_config(folder)
+    return record(folder.name, read_ticks(folder, config), config), config

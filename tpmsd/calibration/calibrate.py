@@ -1,0 +1,99 @@
+"""Radii and tracks of a car from its recorded drives, by either method.
+
+In: `Recording`s and the configured vehicle. Out: `Calibration`; `RefusedError` where it cannot be had.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from tpmsd.calibration.checks import check_fit, check_recordings
+from tpmsd.calibration.joint import JointFit, fit
+from tpmsd.calibration.nominal import Vehicle, vehicle_of
+from tpmsd.calibration.odometry import pose_error
+from tpmsd.calibration.recording import Recording
+from tpmsd.calibration.result import Calibration, Effect, WheelResult
+from tpmsd.config.model import VehicleConfig
+from tpmsd.wheels import WHEELS, FloatArray
+
+METHODS = ("joint",)
+_TELLING = 0.7
+"""An effect is reported where the drives narrowed what was believed of it to this share."""
+
+
+def calibrate(
+    recordings: Sequence[Recording], config: VehicleConfig, method: str = "joint"
+) -> tuple[Calibration, Vehicle]:
+    """Calibrate; also the vehicle as calibrated. ValueError on an unknown method, `RefusedError` (one,
+    too)."""
+    if method not in METHODS:
+        raise ValueError(f"no such method: {method!r} (methods: {' '.join(METHODS)})")
+    drives = list(recordings)
+    start = vehicle_of(config)
+    check_recordings(drives, start)
+    found = fit(drives, start)
+    check_fit(drives, found)
+    return _of_joint(drives, start, found), found.vehicle
+
+
+def _of_joint(drives: list[Recording], start: Vehicle, found: JointFit) -> Calibration:
+    car = found.vehicle
+    read = sorted({k for drive in drives for k in drive.wheels})
+    front = 0 in read
+    wheels = {
+        WHEELS[k]: WheelResult(
+            float(car.radius_m[k]), float(start.radius_m[k]) * found.std(f"radius_{WHEELS[k]}")
+        )
+        for k in read
+    }
+    difference = np.zeros(len(found.names))
+    difference[found.names.index("radius_rr")] = start.radius_m[3]
+    difference[found.names.index("radius_rl")] = -start.radius_m[2]
+    return Calibration(
+        method="joint",
+        drives=tuple(drive.name for drive in drives),
+        wheels=wheels,
+        difference_std_m=float(np.sqrt(difference @ found.covariance @ difference)),
+        track_rear_m=car.geometry.track_rear_m,
+        track_rear_std_m=start.geometry.track_rear_m * found.std("track_rear"),
+        track_front_m=car.geometry.track_front_m if front else math.nan,
+        track_front_std_m=start.geometry.track_front_m * found.std("track_front") if front else math.nan,
+        reference_speed_mps=found.reference_speed_mps,
+        iterations=found.iterations,
+        stopped_because=found.stopped_because,
+        pose_error_before_m=pose_error(drives, start),
+        pose_error_after_m=pose_error(drives, car),
+        effects=_effects(found),
+        history_m=[_by_wheel(radii, read) for radii in found.history],
+    )
+
+
+def _by_wheel(radii: FloatArray, read: list[int]) -> dict[str, float]:
+    return {WHEELS[k]: float(radii[k]) for k in read}
+
+
+_UNITS = {
+    "antenna_forward": "m",
+    "antenna_left": "m",
+    "load_lateral": "s2",
+    "slip_long": "s2/m",
+    "slip_lateral": "rad.s2/m",
+    "growth": "s2/m",
+    "gyro_gain": "1",
+    "latency": "s",
+    "doppler_lag": "s",
+}
+
+
+def _effects(found: JointFit) -> dict[str, Effect]:
+    from tpmsd.calibration.joint import PRIOR
+
+    out = {}
+    for name in found.names:
+        base = name.split("@")[0]
+        if base in _UNITS and found.std(name) < _TELLING * PRIOR[base][1]:
+            out[name] = Effect(found.value(name), found.std(name), _UNITS[base])
+    return out

@@ -1,0 +1,184 @@
+"""Drives from which a calibration cannot be had.
+
+In: `Recording`s, and the `JointFit` where one was made. Out: nothing, or `RefusedError` with the drive and
+the reason in words.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.calibration.joint import PRIOR, JointFit, Rows
+from tpmsd.calibration.nominal import Vehicle, nominal
+from tpmsd.calibration.recording import Recording
+from tpmsd.calibration.whitening import whiten
+from tpmsd.calibration.windows import COLUMNS, PIECES
+from tpmsd.wheels import WHEELS, FloatArray
+
+MOVING_MPS = 3.0
+MIN_MOVING_S = 45.0
+MIN_FIXES = 30
+MIN_COVERED = 0.3
+"""Share of the moving time that lies within `FIX_REACH_S` of a fix."""
+FIX_REACH_S = 2.0
+MIN_READ = 0.5
+STRAIGHT_RADIUS_M = 300.0
+MIN_STRAIGHT_S = 15.0
+MAX_TRACK_STD = 0.1
+"""Relative: half of what is believed beforehand."""
+MIN_TURN_RAD = math.radians(60.0)
+TURNING_RADPS = 0.03
+CHANGE_SIGMA = 5.0
+CHANGE_CLUSTER_S = 40.0
+CALM_MPS2 = 0.7
+"""Lateral acceleration up to which a wheel's radius is held against the others: in bends load transfer
+rules."""
+CALM_FROM_MPS, CALM_TURN_RAD = 6.0, 0.05
+MIN_CHANGE = 1e-3
+"""Relative change of one wheel's radius within a drive that is taken for a loss of pressure."""
+
+
+class RefusedError(ValueError):
+    """A calibration cannot be had; `drive` is the one to blame, None for all of them together."""
+
+    def __init__(self, reason: str, drive: int | None = None) -> None:
+        super().__init__(reason)
+        self.drive = drive
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change of one wheel's radius within a drive."""
+
+    wheel: int
+    relative: float
+    """Against the other wheels."""
+    sigmas: float
+    time_s: float
+    """By when it has come about."""
+
+    @property
+    def telling(self) -> bool:
+        """Whether this is taken for a loss of pressure."""
+        return self.sigmas > CHANGE_SIGMA and abs(self.relative) > MIN_CHANGE
+
+
+def check_recordings(recordings: list[Recording], car: Vehicle) -> None:
+    """Refuse what needs no fit to be seen."""
+    straight = turned = 0.0
+    for at, recording in enumerate(recordings):
+        read = np.isfinite(recording.rotation_rad[:, recording.wheels]).mean(axis=0)
+        missing = [WHEELS[k] for k, share in zip(recording.wheels, read, strict=True) if share < MIN_READ]
+        if missing:
+            raise RefusedError(f"no readings of wheel {' '.join(missing)} in most of it", at)
+        known = np.isfinite(recording.east_m)
+        if known.sum() == 0:
+            raise RefusedError("no position fixes of the receiver fall into the readings of the bus", at)
+        motion = nominal(recording, car)
+        moving = motion.speed_mps > MOVING_MPS
+        moving_s = float(moving.sum()) * recording.dt_s
+        if moving_s < MIN_MOVING_S:
+            raise RefusedError(f"too short: {moving_s:.0f} s of driving, {MIN_MOVING_S:.0f} s are needed", at)
+        near = _near(motion.time_s[moving], recording.fix_time_s[known])
+        if known.sum() < MIN_FIXES or near < MIN_COVERED:
+            raise RefusedError(
+                f"too few fixes: {int(known.sum())}, near {near:.0%} of the driving; {MIN_FIXES} near "
+                f"{MIN_COVERED:.0%} are needed",
+                at,
+            )
+        bent = np.abs(motion.yaw_rate_radps) * STRAIGHT_RADIUS_M > motion.speed_mps
+        straight += float((moving & ~bent).sum()) * recording.dt_s
+        turning = moving & (np.abs(motion.yaw_rate_radps) > TURNING_RADPS)
+        turned += float(np.abs(motion.yaw_rate_radps[turning]).sum()) * recording.dt_s
+    if straight < MIN_STRAIGHT_S:
+        raise RefusedError(
+            f"never straight: {straight:.0f} s on bends wider than {STRAIGHT_RADIUS_M:.0f} m, "
+            f"{MIN_STRAIGHT_S:.0f} s are needed to tell left from right"
+        )
+    if turned < MIN_TURN_RAD:
+        raise RefusedError(
+            f"never turning: bends of {math.degrees(turned):.0f} degrees in all, "
+            f"{math.degrees(MIN_TURN_RAD):.0f} are needed for the track"
+        )
+
+
+def _near(times_s: FloatArray, fixes_s: FloatArray) -> float:
+    after = np.clip(np.searchsorted(fixes_s, times_s), 1, max(len(fixes_s) - 1, 1))
+    if len(fixes_s) < 2 or not len(times_s):
+        return 0.0
+    gap = np.minimum(np.abs(times_s - fixes_s[after - 1]), np.abs(times_s - fixes_s[after]))
+    return float((gap < FIX_REACH_S).mean())
+
+
+def check_fit(recordings: list[Recording], fit: JointFit) -> None:
+    """Refuse what only the fit shows."""
+    for at, (recording, rows) in enumerate(zip(recordings, fit.rows, strict=True)):
+        change = worst_change(recording, rows)
+        if change.telling:
+            raise RefusedError(
+                f"the radius of wheel {WHEELS[change.wheel]} changes by {change.relative:+.2%} against the "
+                f"others within {change.time_s:.0f} s ({change.sigmas:.0f} standard deviations): a tyre that "
+                "loses pressure cannot be calibrated",
+                at,
+            )
+    if fit.std("track_rear") > MAX_TRACK_STD:
+        raise RefusedError(
+            f"turns too little for the track: known to {fit.std('track_rear'):.0%}, "
+            f"{MAX_TRACK_STD:.0%} are needed"
+        )
+
+
+def worst_change(recording: Recording, rows: Rows) -> Change:
+    """The most significant change of one wheel against the others within a drive.
+
+    All wheels may change piecewise linearly over the drive; what is judged is how far one of them has come
+    from the others at the end of each piece. Bends are left out: load transfer rules there.
+    """
+    windows, wheels = rows.windows, recording.wheels
+    inflate = rows.inflate.copy()
+    restless = np.abs(windows.speed_mps * windows.turn_rad) > CALM_MPS2
+    restless |= (windows.speed_mps < CALM_FROM_MPS) | (np.abs(windows.turn_rad) > CALM_TURN_RAD)
+    inflate[restless, :4] *= 1e4
+    white = whiten(windows, [rows.noise], inflate)[0][0]
+    y, X = white[:, :, 0], white[:, :, 1:]
+    flat = X.reshape(-1, X.shape[2])
+    mean, std = np.array([PRIOR[name] for name in COLUMNS]).T
+    covariance = np.linalg.inv(flat.T @ flat + np.diag(1.0 / np.square(std)))
+    values = covariance @ (flat.T @ y.reshape(-1) + mean / np.square(std))
+    contrasts, wheel_of, piece_of = _contrasts(wheels)
+    size = contrasts @ values
+    # Innovations of a stretch of odd road hang together: clusters, as in `joint`. A change that rests on a
+    # few of them does not tell its own spread, which the factor `few` makes up for.
+    score = np.einsum("kcp,kc->kp", X, y - X @ values) @ (contrasts @ covariance).T
+    weight = np.square(np.einsum("kcp,qp->kcq", X, contrasts @ covariance)).sum(axis=1)
+    cluster = (rows.time_s / CHANGE_CLUSTER_S).astype(int)
+    sums, shares = np.zeros((cluster.max() + 1, len(size))), np.zeros((cluster.max() + 1, len(size)))
+    np.add.at(sums, cluster, score)
+    np.add.at(shares, cluster, weight)
+    number = np.square(shares.sum(axis=0)) / np.maximum(np.square(shares).sum(axis=0), 1e-300)
+    few = np.sqrt(number / np.maximum(number - 2.0, 0.1))
+    by_model = np.sqrt(np.einsum("qp,pr,qr->q", contrasts, covariance, contrasts))
+    sigmas = np.abs(size) / np.maximum(by_model, few * np.sqrt(np.square(sums).sum(axis=0)))
+    # Of a pair that drifts apart, the one that shrinks is to blame.
+    best = int(np.argmax(sigmas * (np.abs(size) > MIN_CHANGE) - 1e-3 * (size > 0)))
+    end_s = (piece_of[best] + 1) / PIECES * float(rows.time_s[-1])
+    return Change(wheel_of[best], float(size[best]), float(sigmas[best]), end_s)
+
+
+def _contrasts(wheels: list[int]) -> tuple[FloatArray, list[int], list[int]]:
+    """(q, p) one wheel's change up to the end of a piece minus the mean of the others'; whose and which."""
+    rows, wheel_of, piece_of = [], [], []
+    for wheel in wheels:
+        for piece in range(PIECES):
+            row = np.zeros(len(COLUMNS))
+            for other in wheels:
+                share = 1.0 if other == wheel else -1.0 / (len(wheels) - 1)
+                first = COLUMNS.index(f"change_{WHEELS[other]}_0")
+                row[first : first + piece + 1] = share
+            rows.append(row)
+            wheel_of.append(wheel)
+            piece_of.append(piece)
+    return np.array(rows), wheel_of, piece_of

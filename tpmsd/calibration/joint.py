@@ -1,0 +1,229 @@
+"""The joint estimate: all drives at once, by generalised least squares about a motion that is itself unknown.
+
+In: `Recording`s of one car, its `Vehicle`. Out: `JointFit`: the parameters with their covariance, the
+whitened rows they came from, and how the iteration went.
+
+Gauss-Newton: linearise each drive about its nominal motion (`windows`), take motion and correlated noise out
+(`whitening`), fit the noise of each drive (`noise_fit`), weigh outliers down, solve all drives' rows
+together, move the car, repeat until it stands still.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tpmsd.calibration.noise_fit import fit_noise, outliers
+from tpmsd.calibration.nominal import Vehicle, nominal
+from tpmsd.calibration.recording import Recording
+from tpmsd.calibration.whitening import Noise, whiten
+from tpmsd.calibration.windows import CHANGES, CHANNELS, COLUMNS, LOCAL, Windows, make_windows
+from tpmsd.wheels import FloatArray
+
+PRIOR = {
+    **{f"radius_{wheel}": (0.0, 0.2) for wheel in ("fl", "fr", "rl", "rr")},
+    "track_rear": (0.0, 0.2),
+    "track_front": (0.0, 0.2),
+    "antenna_forward": (0.0, 0.5),
+    "antenna_left": (0.0, 0.1),
+    "load_lateral": (0.0, 1e-4),
+    "slip_long": (2e-3, 3e-3),
+    "slip_lateral": (0.0, 5e-3),
+    "growth": (0.0, 1e-6),
+    "gyro_gain": (0.0, 0.03),
+    "latency": (0.0, 0.2),
+    "doppler_lag": (0.0, 0.1),
+    **dict.fromkeys(CHANGES, (0.0, 5e-3)),
+}
+"""Mean and standard deviation of what is believed beforehand, by `windows.COLUMNS`. Radii, tracks and gyro
+gain are relative and refer to the configuration."""
+_NONE = 1e-9
+"""Prior standard deviation of what is not let in."""
+MAX_ITERATIONS = 12
+STILL = 0.02
+"""Converged when no parameter moves by more than this share of its standard deviation."""
+CLUSTER_S = 20.0
+SCALE_FLOOR = 1e-4
+"""Relative standard deviation that all radii share whatever the data say: slopes too short to show in the
+receiver's heights make the way longer than it looks from above (1.4 % of slope: 1e-4)."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """One drive's whitened equations."""
+
+    y: FloatArray
+    """(k, 9)"""
+    X: FloatArray
+    """(k, 9, p)"""
+    time_s: FloatArray
+    windows: Windows
+    noise: Noise
+    inflate: FloatArray
+
+
+@dataclass(frozen=True)
+class JointFit:
+    """Where the iteration ended."""
+
+    vehicle: Vehicle
+    names: tuple[str, ...]
+    values: FloatArray
+    """(q,) final parameters; the relative ones against the configuration."""
+    covariance: FloatArray
+    linearised: FloatArray
+    """(q,) about which the last rows were made."""
+    reference_speed_mps: float
+    """The radii are those at this speed."""
+    iterations: int
+    stopped_because: str
+    history: list[FloatArray]
+    """Radii (4,) after every iteration."""
+    rows: list[Rows] = field(repr=False)
+
+    def of_drive(self, drive: int) -> tuple[FloatArray, FloatArray]:
+        """(p,) what stands between a drive's last linearisation and the final values; their covariance (p,
+        p)."""
+        place = _places(self.names, drive)
+        return (self.values - self.linearised)[place], self.covariance[np.ix_(place, place)]
+
+    def std(self, name: str) -> float:
+        """Standard deviation of a parameter."""
+        at = self.names.index(name)
+        return float(np.sqrt(self.covariance[at, at]))
+
+    def value(self, name: str) -> float:
+        """Value of a parameter."""
+        return float(self.values[self.names.index(name)])
+
+
+def fit(recordings: list[Recording], start: Vehicle) -> JointFit:
+    """Estimate the car from its drives."""
+    names = names_of(len(recordings))
+    reference_mps = reference_speed(recordings, start)
+    mean, wide = _priors(names)
+    steady = np.where([name.startswith("change") for name in names], _NONE, wide)
+    relative = np.array([name.startswith(("radius", "track")) for name in names])
+    moved = np.zeros(len(names))  # what has been put into the vehicle so far
+    values = mean.copy()
+    car = start
+    noises: list[Noise | None] = [None] * len(recordings)
+    inflates: list[FloatArray | None] = [None] * len(recordings)
+    history: list[FloatArray] = []
+    linearised = moved
+    reason = f"{MAX_ITERATIONS} iterations are the most that are made"
+    iteration = 0
+    for iteration in range(1, MAX_ITERATIONS + 1):
+        rows = []
+        for at, recording in enumerate(recordings):
+            windows = make_windows(recording, nominal(recording, car), car, reference_mps)
+            noise, inflate = noises[at], inflates[at]
+            if noise is None or inflate is None:
+                noise, inflate = Noise(), np.ones((len(windows), CHANNELS))
+            if iteration in (2, 3, 4):
+                local = np.array([wide[names.index(_own(name, at))] for name in COLUMNS])
+                noise = fit_noise(windows, noise, inflate, local, rounds=6 if iteration == 2 else 3)
+            drive = _whitened(windows, noise, inflate)
+            noises[at], inflates[at] = noise, inflate
+            rows.append(drive)
+        linearised = moved
+        new, covariance = solve(rows, names, mean, steady, moved)
+        if iteration <= 4:
+            free, _ = solve(rows, names, mean, wide, moved)
+            for at, drive in enumerate(rows):
+                residual = drive.y - drive.X @ (free - moved)[_places(names, at)]
+                inflates[at] = outliers(residual, np.ones_like(residual) if iteration < 4 else drive.inflate)
+        std = np.sqrt(np.diag(covariance))
+        change = np.abs(new - values) / std
+        values = new
+        moved = np.where(relative, values, 0.0)
+        car = start.moved(
+            values[[names.index(f"radius_{wheel}") for wheel in ("fl", "fr", "rl", "rr")]],
+            values[names.index("track_rear")],
+            values[names.index("track_front")],
+            values[names.index("load_lateral")],
+        )
+        history.append(car.radius_m)
+        if iteration > 5 and float(change.max()) < STILL:
+            reason = f"no parameter moved by more than {STILL:g} of its standard deviation"
+            break
+    covariance = _widened(rows, names, values, covariance, linearised)
+    return JointFit(
+        car, names, values, covariance, linearised, reference_mps, iteration, reason, history, rows
+    )
+
+
+def reference_speed(recordings: list[Recording], car: Vehicle) -> float:
+    """Root of the mean square speed along the way of all drives, by the rear wheels."""
+    speed = np.concatenate([r.rotation_rad[:, 2] * car.radius_m[2] / r.dt_s for r in recordings])
+    speed = speed[np.isfinite(speed) & (speed > 1.0)]
+    return float(np.sqrt(np.sum(speed**3) / np.sum(speed))) if speed.size else 0.0
+
+
+def names_of(drives: int) -> tuple[str, ...]:
+    """All parameters of so many drives."""
+    shared = tuple(name for name in COLUMNS if name not in LOCAL)
+    return shared + tuple(f"{name}@{drive}" for drive in range(drives) for name in LOCAL)
+
+
+def _own(name: str, drive: int) -> str:
+    return f"{name}@{drive}" if name in LOCAL else name
+
+
+def _places(names: tuple[str, ...], drive: int) -> list[int]:
+    """Where a drive's columns stand among all parameters."""
+    return [names.index(_own(name, drive)) for name in COLUMNS]
+
+
+def _priors(names: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
+    pairs = np.array([PRIOR[name.split("@")[0]] for name in names])
+    return pairs[:, 0], pairs[:, 1]
+
+
+def _whitened(windows: Windows, noise: Noise, inflate: FloatArray) -> Rows:
+    white, _ = whiten(windows, [noise], inflate)
+    return Rows(white[0, :, :, 0], white[0, :, :, 1:], windows.time_s, windows, noise, inflate)
+
+
+def solve(
+    rows: list[Rows], names: tuple[str, ...], mean: FloatArray, prior_std: FloatArray, moved: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Values (q,) and covariance of all parameters; `moved` (q,) is what the rows were linearised about.
+
+    The prior speaks of the values themselves, so it pulls them back by what was moved already.
+    """
+    information = np.diag(1.0 / np.square(prior_std))
+    right = (mean - moved) / np.square(prior_std)
+    for at, drive in enumerate(rows):
+        X = drive.X.reshape(-1, drive.X.shape[2])
+        place = _places(names, at)
+        information[np.ix_(place, place)] += X.T @ X
+        right[place] += X.T @ drive.y.reshape(-1)
+    covariance = np.linalg.inv(information)
+    step = covariance @ right
+    return moved + step, 0.5 * (covariance + covariance.T)
+
+
+def _widened(
+    rows: list[Rows], names: tuple[str, ...], values: FloatArray, covariance: FloatArray, moved: FloatArray
+) -> FloatArray:
+    """The covariance, scaled up per parameter where the innovations are not as independent as the noise
+    model says.
+
+    Sandwich estimate with clusters of 20 s (Liang and Zeger, Biometrika 73, 1986).
+    """
+    meat = np.zeros_like(covariance)
+    for at, drive in enumerate(rows):
+        place = _places(names, at)
+        residual = drive.y - drive.X @ (values - moved)[place]
+        score = np.einsum("kcp,kc->kp", drive.X, residual)
+        cluster = (drive.time_s / CLUSTER_S).astype(int)
+        sums = np.zeros((cluster.max() + 1, len(place)))
+        np.add.at(sums, cluster, score)
+        meat[np.ix_(place, place)] += sums.T @ sums
+    robust = covariance @ meat @ covariance
+    scale = np.sqrt(np.maximum(np.diag(robust) / np.diag(covariance), 1.0))
+    widened = covariance * np.outer(scale, scale)
+    radii = np.array([name.startswith("radius") for name in names], dtype=np.float64)
+    return np.asarray(widened + SCALE_FLOOR**2 * np.outer(radii, radii))

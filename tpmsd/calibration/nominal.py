@@ -1,0 +1,153 @@
+"""The motion about which the calibration linearises: what rear wheels and receiver show, smoothed.
+
+In: `Recording`, `Vehicle` (radii and geometry believed so far). Out: `Nominal`, arrays at the ticks' edges.
+It need only be near the truth: its errors in speed, yaw rate, heading and position are estimated along.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d, median_filter
+
+from tpmsd.calibration.recording import Recording
+from tpmsd.config.model import VehicleConfig
+from tpmsd.physics.kinematics import Geometry
+from tpmsd.physics.motion import driven_mask, integrate
+from tpmsd.wheels import RL, RR, FloatArray
+
+SMOOTHING_S = 0.3
+HEIGHT_SMOOTHING_S = 8.0
+LEAD_SMOOTHING_S = 8.0
+COURSE_FROM_MPS = 3.0
+LEG_S = 1.5
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """The car as believed so far."""
+
+    radius_m: FloatArray
+    """(4,)"""
+    geometry: Geometry
+    driven: np.ndarray
+    """(4,) mask."""
+    load_lateral_s2: float = 0.0
+    """What bends take from the radii of the outer wheels and give to those of the inner ones, m per m/s2."""
+
+    def moved(
+        self, radii: FloatArray, track_rear: float, track_front: float, load_lateral_s2: float = 0.0
+    ) -> Vehicle:
+        """The car after relative corrections of radii (4,) and tracks."""
+        geometry = replace(
+            self.geometry,
+            track_rear_m=self.geometry.track_rear_m * (1.0 + track_rear),
+            track_front_m=self.geometry.track_front_m * (1.0 + track_front),
+        )
+        return replace(
+            self,
+            radius_m=self.radius_m * (1.0 + radii),
+            geometry=geometry,
+            load_lateral_s2=load_lateral_s2,
+        )
+
+
+def vehicle_of(config: VehicleConfig) -> Vehicle:
+    """The car as configured."""
+    return Vehicle(
+        np.array(config.wheel_radius_m, dtype=np.float64),
+        Geometry(config.track_front_m, config.track_rear_m, config.wheelbase_m),
+        driven_mask(config.driven_axle),
+    )
+
+
+@dataclass(frozen=True)
+class Nominal:
+    """Arrays (n + 1,) at the ticks' edges."""
+
+    time_s: FloatArray
+    speed_mps: FloatArray
+    yaw_rate_radps: FloatArray
+    heading_rad: FloatArray
+    east_m: FloatArray
+    north_m: FloatArray
+    grade_rad: FloatArray
+    accel_mps2: FloatArray
+
+
+def nominal(recording: Recording, car: Vehicle) -> Nominal:
+    """Smooth the recording's motion."""
+    edges, dt = recording.edges_s, recording.dt_s
+    rate = recording.rotation_rad / dt * car.radius_m
+    sigma = SMOOTHING_S / dt
+    speed = np.maximum(_to_edges((rate[:, RL] + rate[:, RR]) / 2, sigma), 0.0)
+    by_wheels = _to_edges((rate[:, RR] - rate[:, RL]) / car.geometry.track_rear_m, sigma)
+    heading = integrate(by_wheels, edges) + _lead(recording, edges, speed, integrate(by_wheels, edges))
+    yaw = np.gradient(heading, dt)
+    grade = _grade(recording, edges, speed)
+    forward = speed * np.cos(grade)
+    return Nominal(
+        time_s=edges,
+        speed_mps=speed,
+        yaw_rate_radps=yaw,
+        heading_rad=heading,
+        east_m=integrate(forward * np.cos(heading), edges),
+        north_m=integrate(forward * np.sin(heading), edges),
+        grade_rad=grade,
+        accel_mps2=np.gradient(speed, dt),
+    )
+
+
+def fill(values: FloatArray) -> FloatArray:
+    """NaNs replaced by interpolation over the index (zeros where nothing is known); same shape (n,)."""
+    known = np.isfinite(values)
+    if not known.any():
+        return np.zeros_like(values)
+    return np.interp(np.arange(len(values)), np.flatnonzero(known), values[known])
+
+
+def _to_edges(ticks: FloatArray, sigma: float) -> FloatArray:
+    smooth = gaussian_filter1d(fill(ticks), sigma, mode="nearest")
+    return np.concatenate([smooth[:1], 0.5 * (smooth[1:] + smooth[:-1]), smooth[-1:]])
+
+
+def _lead(recording: Recording, edges: FloatArray, speed: FloatArray, turned: FloatArray) -> FloatArray:
+    """(n + 1,) slow difference between the receiver's course and the wheels' turn."""
+    time_s, course = courses(recording)
+    moving = np.interp(time_s, edges, speed) > COURSE_FROM_MPS
+    if moving.sum() < 5:
+        return np.zeros_like(edges)
+    time_s, course = time_s[moving], course[moving]
+    off = np.unwrap(course - np.interp(time_s, edges, turned))
+    off = median_filter(off, size=min(9, len(off)), mode="nearest")
+    grid = np.interp(edges, time_s, off)
+    return gaussian_filter1d(grid, LEAD_SMOOTHING_S / recording.dt_s, mode="nearest")
+
+
+def courses(recording: Recording) -> tuple[FloatArray, FloatArray]:
+    """Times and courses of the receiver; from its positions over a leg where it gives none."""
+    known = np.isfinite(recording.heading_rad)
+    if known.sum() > 0.3 * len(known):
+        return recording.fix_time_s[known], recording.heading_rad[known]
+    time_s, east, north = recording.fix_time_s, recording.east_m, recording.north_m
+    if len(time_s) < 3:
+        return np.empty(0), np.empty(0)
+    later = np.minimum(np.searchsorted(time_s, time_s + LEG_S), len(time_s) - 1)
+    de, dn = east[later] - east, north[later] - north
+    fit = (np.hypot(de, dn) > 3.0) & (time_s[later] - time_s < 2 * LEG_S)
+    return 0.5 * (time_s + time_s[later])[fit], np.arctan2(dn, de)[fit]
+
+
+def _grade(recording: Recording, edges: FloatArray, speed: FloatArray) -> FloatArray:
+    """(n + 1,) slope by the receiver's heights, smoothed: the receiver sees the horizontal part of the
+    way."""
+    known = np.isfinite(recording.up_m)
+    if known.sum() < 30:
+        return np.zeros_like(edges)
+    sigma = HEIGHT_SMOOTHING_S / recording.dt_s
+    height = np.interp(edges, recording.fix_time_s[known], recording.up_m[known])
+    climb = np.gradient(gaussian_filter1d(height, sigma, mode="nearest"), recording.dt_s)
+    way = gaussian_filter1d(speed, sigma, mode="nearest")
+    slope = np.where(way > 2.0, climb / np.maximum(way, 2.0), 0.0)
+    return np.asarray(np.arcsin(np.clip(slope, -0.2, 0.2)))

@@ -1,0 +1,82 @@
+"""How far the rear wheels alone lead astray: un-fused odometry against the receiver's positions.
+
+In: `Recording`, `Vehicle`. Out: the mean distance in metres (`pose_error`), paths for a picture.
+Paper 002, eqs (1), (2): the two-wheel model integrated without any fusion. A whole drive's error is ruled by
+its first few headings, so the drive is cut into pieces of the paper's 2.2 km, each laid onto its positions
+by the rigid motion that fits best.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.calibration.nominal import Vehicle, fill
+from tpmsd.calibration.recording import Recording
+from tpmsd.wheels import RL, RR, FloatArray
+
+PIECE_M = 2200.0
+_FEWEST = 8
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One stretch of un-fused odometry, laid onto the positions; arrays (f, 2) of east, north in metres."""
+
+    odometry_m: FloatArray
+    position_m: FloatArray
+
+    @property
+    def distances_m(self) -> FloatArray:
+        """(f,)"""
+        return np.asarray(np.hypot(*(self.odometry_m - self.position_m).T), dtype=np.float64)
+
+
+def pieces(recording: Recording, car: Vehicle) -> list[Piece]:
+    """Un-fused odometry of the antenna beside the receiver's positions."""
+    roll = np.stack([fill(recording.rotation_rad[:, k]) for k in (RL, RR)], axis=1) * car.radius_m[[RL, RR]]
+    way, turn = roll.mean(axis=1), (roll[:, 1] - roll[:, 0]) / car.geometry.track_rear_m
+    # In a bend the outer wheel shrinks and the inner one grows by c * v * yaw rate: the wheels show too much
+    # turn.
+    too_much = 2 * car.load_lateral_s2 * np.square(way / recording.dt_s)
+    turn = turn / (1.0 + too_much / (car.radius_m[RL] * car.geometry.track_rear_m))
+    heading = np.concatenate([[0.0], np.cumsum(turn)])
+    middle = heading[:-1] + turn / 2
+    axle = np.zeros((len(way) + 1, 2))
+    np.cumsum(np.stack([way * np.cos(middle), way * np.sin(middle)], axis=1), axis=0, out=axle[1:])
+    forward, left = recording.antenna_forward_m, recording.antenna_left_m
+    cos, sin = np.cos(heading), np.sin(heading)
+    antenna = axle + np.stack([forward * cos - left * sin, forward * sin + left * cos], axis=1)
+    edges = recording.edges_s
+    known = np.isfinite(recording.east_m)
+    time_s = recording.fix_time_s[known]
+    odometry = np.stack([np.interp(time_s, edges, antenna[:, axis]) for axis in (0, 1)], axis=1)
+    position = np.stack([recording.east_m[known], recording.north_m[known]], axis=1)
+    rolled = np.interp(time_s, edges, np.concatenate([[0.0], np.cumsum(np.abs(way))]))
+    if not rolled.size:
+        return []
+    number = np.floor(rolled / max(rolled[-1] / max(round(rolled[-1] / PIECE_M), 1), 1e-9)).astype(int)
+    out = []
+    for index in np.unique(number):
+        at = number == index
+        if at.sum() >= _FEWEST:
+            out.append(Piece(_laid(odometry[at], position[at]), position[at]))
+    return out
+
+
+def pose_error(recordings: list[Recording], car: Vehicle) -> float:
+    """Mean distance of un-fused odometry from the positions of all drives, metres; NaN without positions."""
+    distances = [piece.distances_m for r in recordings for piece in pieces(r, car)]
+    return float(np.concatenate(distances).mean()) if distances else float("nan")
+
+
+def _laid(points: FloatArray, onto: FloatArray) -> FloatArray:
+    """The points after the rotation and shift that bring them closest to the others (Kabsch, in the
+    plane)."""
+    here, there = points - points.mean(axis=0), onto - onto.mean(axis=0)
+    angle = np.arctan2(
+        float(np.sum(here[:, 0] * there[:, 1] - here[:, 1] * there[:, 0])), float(np.sum(here * there))
+    )
+    cos, sin = np.cos(angle), np.sin(angle)
+    return np.asarray(here @ np.array([[cos, sin], [-sin, cos]]) + onto.mean(axis=0))

@@ -1,0 +1,63 @@
+"""What a calibration found, as records.
+
+In: nothing (plain records). Out: `Calibration`, `WheelResult`, `Effect`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class WheelResult:
+    """One wheel."""
+
+    radius_m: float
+    radius_std_m: float
+
+    @property
+    def circumference_m(self) -> float:
+        """What it rolls in one turn."""
+        return 2 * math.pi * self.radius_m
+
+    @property
+    def circumference_std_m(self) -> float:
+        """Its standard deviation."""
+        return 2 * math.pi * self.radius_std_m
+
+
+@dataclass(frozen=True, slots=True)
+class Effect:
+    """Something else that was estimated along, in SI units."""
+
+    value: float
+    std: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Radii and tracks of a car by its drives."""
+
+    method: str
+    drives: tuple[str, ...]
+    wheels: dict[str, WheelResult]
+    """By the names of `tpmsd.wheels`; those that were read."""
+    difference_std_m: float
+    """Standard deviation of rear right minus rear left, which is far better known than either."""
+    track_rear_m: float
+    track_rear_std_m: float
+    track_front_m: float
+    track_front_std_m: float
+    """NaN where the front wheels were not read, or the method does not give it."""
+    reference_speed_mps: float
+    """The radii are those at this speed, since tyres grow with it."""
+    iterations: int
+    stopped_because: str
+    pose_error_before_m: float
+    pose_error_after_m: float
+    effects: dict[str, Effect]
+    """By the names of the catalogue of effects; what confounds radii and was estimated along."""
+    history_m: list[dict[str, float]]
+    """Radii after every iteration."""

@@ -1,0 +1,64 @@
+"""A vehicle.toml with calibrated radii and tracks in it.
+
+In: the text of a configuration, a `Calibration`. Out: the same text with those keys replaced and a
+[calibration] table that says where they come from; comments and all else stay as they were.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+
+from tpmsd.calibration.result import Calibration
+
+_TABLE = re.compile(r"\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")
+_REPLACED = ("wheel_radius_m", "track_rear_m", "track_front_m")
+
+
+def calibrated_toml(text: str, found: Calibration, radii_m: dict[str, float], dbc: str, made: str) -> str:
+    """`radii_m` are those of all four wheels, `dbc` where the DBC lies seen from the new file, `made` the
+    date."""
+    values = {"wheel_radius_m": _inline(radii_m), "track_rear_m": f"{found.track_rear_m:.4f}"}
+    if math.isfinite(found.track_front_m):
+        values["track_front_m"] = f"{found.track_front_m:.4f}"
+    out: list[str] = []
+    table = ""
+    for line in text.splitlines():
+        heading = _TABLE.match(line)
+        if heading:
+            table = re.sub(r"[\s\"']", "", heading.group(1))
+            if table not in ("vehicle.wheel_radius_m", "calibration"):
+                out.append(line)
+            if table == "vehicle":
+                out += [f"{key} = {value}  # calibrated" for key, value in values.items()]
+            elif table == "can":
+                out.append(f"dbc = {json.dumps(dbc, ensure_ascii=False)}")
+            continue
+        key = re.split(r"[.=\s]", line.strip().replace('"', "").replace("'", ""), maxsplit=1)[0]
+        stale = (table == "vehicle" and key in values) or (table == "can" and key == "dbc")
+        if not stale and table not in ("vehicle.wheel_radius_m", "calibration"):
+            out.append(line)
+    while out and not out[-1].strip():
+        out.pop()
+    return "\n".join([*out, "", *_provenance(found, made), ""])
+
+
+def _inline(radii_m: dict[str, float]) -> str:
+    return "{ " + ", ".join(f"{wheel} = {radius:.6f}" for wheel, radius in radii_m.items()) + " }"
+
+
+def _provenance(found: Calibration, made: str) -> list[str]:
+    lines = [
+        "[calibration]",
+        "# How the radii and tracks in [vehicle] were found; for the reader, nothing is computed from it.",
+        f"made = {json.dumps(made)}",
+        f"method = {json.dumps(found.method)}",
+        f"drives = {json.dumps(', '.join(found.drives), ensure_ascii=False)}",
+        f"reference_speed_mps = {found.reference_speed_mps:.2f}",
+    ]
+    lines += [f"radius_std_{wheel}_m = {result.radius_std_m:.6f}" for wheel, result in found.wheels.items()]
+    lines.append(f"track_rear_std_m = {found.track_rear_std_m:.4f}")
+    if math.isfinite(found.track_front_std_m):
+        lines.append(f"track_front_std_m = {found.track_front_std_m:.4f}")
+    return lines

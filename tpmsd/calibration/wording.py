@@ -1,0 +1,78 @@
+"""A calibration in words and as JSON.
+
+In: `Calibration`. Out: the summary for a reader, the document for a program.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from tpmsd.calibration.result import Calibration
+
+_NAMES = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
+
+
+def summary(found: Calibration) -> str:
+    """The text that the command prints."""
+    kmh = found.reference_speed_mps * 3.6
+    lines = [f"Calibration by the {found.method} method from {', '.join(found.drives)}", ""]
+    lines.append("wheel            circumference            radius")
+    for wheel, result in found.wheels.items():
+        round_m, round_std_m = result.circumference_m, result.circumference_std_m
+        lines.append(
+            f"{_NAMES[wheel]:<15}  {round_m * 1e3:7.1f} +- {round_std_m * 1e3:4.2f} mm"
+            f"   {result.radius_m * 1e3:7.2f} +- {result.radius_std_m * 1e3:4.2f} mm"
+        )
+    rear = found.wheels["rr"].radius_m - found.wheels["rl"].radius_m
+    lines.append(
+        f"rear right minus left: {rear * 1e3:+.3f} +- {found.difference_std_m * 1e3:.3f} mm of radius"
+    )
+    lines.append(f"The radii are those at {kmh:.0f} km/h.")
+    lines.append(f"track rear:  {found.track_rear_m:.3f} +- {found.track_rear_std_m:.3f} m")
+    if math.isfinite(found.track_front_m):
+        lines.append(f"track front: {found.track_front_m:.3f} +- {found.track_front_std_m:.3f} m")
+    if found.effects:
+        lines += ["", "estimated along:"]
+        lines += [
+            f"  {name:<18} {effect.value:+.3g} +- {effect.std:.2g} {effect.unit}"
+            for name, effect in found.effects.items()
+        ]
+    lines += [
+        "",
+        f"{found.iterations} iterations; stopped because {found.stopped_because}",
+        f"pose error of un-fused odometry: {found.pose_error_before_m:.2f} m before, "
+        f"{found.pose_error_after_m:.2f} m after",
+    ]
+    return "\n".join(lines)
+
+
+def document(found: Calibration) -> dict[str, Any]:
+    """What `--json` writes."""
+    return {
+        "method": found.method,
+        "drives": list(found.drives),
+        "wheels": {
+            wheel: {
+                "radius_m": result.radius_m,
+                "radius_std_m": result.radius_std_m,
+                "circumference_m": result.circumference_m,
+                "circumference_std_m": result.circumference_std_m,
+            }
+            for wheel, result in found.wheels.items()
+        },
+        "rear_difference_std_m": found.difference_std_m,
+        "track_rear_m": found.track_rear_m,
+        "track_rear_std_m": found.track_rear_std_m,
+        "track_front_m": found.track_front_m,
+        "track_front_std_m": found.track_front_std_m,
+        "reference_speed_mps": found.reference_speed_mps,
+        "iterations": found.iterations,
+        "stopped_because": found.stopped_because,
+        "pose_error_m": {"before": found.pose_error_before_m, "after": found.pose_error_after_m},
+        "effects": {
+            name: {"value": effect.value, "std": effect.std, "unit": effect.unit}
+            for name, effect in found.effects.items()
+        },
+        "history": found.history_m,
+    }
