@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from tpmsd.diagnosis.channels import CHANNELS, Reader
+from tpmsd.diagnosis.confirm import confirmed
 from tpmsd.diagnosis.evidence import Evidence
 from tpmsd.diagnosis.findings import report
 from tpmsd.diagnosis.motion import reference
@@ -115,7 +116,7 @@ def examine(study: Study, progress: Callable[[float], None]) -> tuple[Selection,
         design = selection.fit.design
     study.noise = fit_noise(windows, study.believed(design), study.noise, 1, study.inflate)
     evidence = study.evidence()
-    return Selector(evidence, study.hypotheses).select(), evidence
+    return confirmed(study, Selector(evidence, study.hypotheses).select(), evidence)
 
 
 def first_noise(reader: Reader) -> Noise:

@@ -8,6 +8,7 @@ best model, not before: a missing effect must not pass for noise.
 from __future__ import annotations
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,10 @@ LIMITS: dict[str, tuple[float, float]] = {
     "clock_s": (1e-4, 0.3),
     "clock_tau_s": (0.5, 60.0),
 }
+PRIORS: dict[str, tuple[float, float]] = {"slow_m": (1.2, 1.0), "slow_tau_s": (40.0, 0.2)}
+"""Median and logarithmic spread; fitted on the whole drive."""
+SLOWER = "slower"
+"""A coordinate of its own: a longer memory and a larger size that wander alike over short times."""
 FIT_WINDOWS = 400
 OUTLIER = 3.5
 ROUGH_STRETCH = 1.6
@@ -47,25 +52,52 @@ def fit_noise(
 
     `columns` (w, 9, 1 + k): the residual and the columns that are believed, whose values are fitted along.
     """
-    part = _part(windows, columns, inflate)
-    noise = start
-    best = _log_likelihood(*part, noise)
     measured = np.asarray(np.isfinite(columns[:, :, 0]).any(axis=0))
     names = [name for name in LIMITS if measured[_channel(name)]]
+    part = _part(windows, columns, inflate)
+    noise = start
     # What starts far off is found by long steps; the last sweep polishes.
     for factor in (2.2, 1.4)[2 - sweeps :]:
-        for name in names:
-            for step in (factor, 1.0 / factor):
-                moved = False
-                for _ in range(6):
-                    trial = _changed(noise, name, step)
-                    likelihood = _log_likelihood(*part, trial)
-                    if likelihood <= best + 0.02:
-                        break
-                    noise, best, moved = trial, likelihood, True
-                if moved:
+        noise = _climbed(part, noise, names, factor)
+    return refit_slow(windows, columns, noise, inflate) if measured[EAST] else noise
+
+
+def refit_slow(windows: Windows, columns: FloatArray, noise: Noise, inflate: FloatArray | None) -> Noise:
+    """Only the receiver's slow error, on the whole drive."""
+    weight = np.ones((len(windows), CHANNELS)) if inflate is None else inflate
+    return _climbed((windows, columns, weight), noise, [SLOWER, *PRIORS], 1.4)
+
+
+def log_posterior(windows: Windows, columns: FloatArray, noise: Noise, inflate: FloatArray | None) -> float:
+    """Log-likelihood with the columns' values fitted, and the prior of the noise."""
+    weight = np.ones((len(windows), CHANNELS)) if inflate is None else inflate
+    return _log_likelihood(windows, columns, weight, noise) + _log_prior(noise)
+
+
+def _climbed(
+    part: tuple[Windows, FloatArray, FloatArray], noise: Noise, names: list[str], factor: float
+) -> Noise:
+    """One sweep over the coordinates, by steps of a factor."""
+    best = _log_likelihood(*part, noise) + _log_prior(noise)
+    for name in names:
+        for step in (factor, 1.0 / factor):
+            moved = False
+            for _ in range(6):
+                trial = _changed(noise, name, step)
+                likelihood = _log_likelihood(*part, trial) + _log_prior(trial)
+                if likelihood <= best + 0.02:
                     break
+                noise, best, moved = trial, likelihood, True
+            if moved:
+                break
     return noise
+
+
+def _log_prior(noise: Noise) -> float:
+    """What is known of receivers: a drive holds too few swings of the slow error to tell it alone."""
+    return -0.5 * sum(
+        (math.log(getattr(noise, name) / middle) / spread) ** 2 for name, (middle, spread) in PRIORS.items()
+    )
 
 
 def outliers(white: FloatArray, blocks: np.ndarray, inflate: FloatArray | None) -> FloatArray:
@@ -108,6 +140,8 @@ def _channel(name: str) -> int:
 
 
 def _changed(noise: Noise, name: str, factor: float) -> Noise:
+    if name == SLOWER:
+        return _changed(_changed(noise, "slow_tau_s", factor), "slow_m", math.sqrt(factor))
     low, high = LIMITS[name]
     value = float(getattr(noise, name))
     if name == "speed_memory":
