@@ -32,6 +32,10 @@ class HostClock:
             self._latest_s = logical
         return logical
 
+    def placed(self, host_s: float) -> float:
+        """Logical time of an older stamp of the present stretch; looks for no step."""
+        return host_s + self._shift_s
+
     def host(self, logical_s: float) -> float:
         """What the host clock shows at a logical time of the present stretch."""
         return logical_s - self._shift_s

@@ -23,6 +23,8 @@ from tpmsd.timeline.utc_offset import UtcOffsetTracker
 from tpmsd.wheels import FloatArray
 
 HOLDBACK_S = 0.45
+HOLDBACK_MARGIN_S = 0.1
+MAX_HOLDBACK_S = 2.5
 MAX_PAUSE_S = 5.0
 """Silence of all sources longer than this is skipped as a gap instead of being filled with empty ticks."""
 MAX_MOVE_S = 0.03
@@ -76,19 +78,35 @@ class Timeline:
 
     def add(self, event: Event) -> list[Tick]:
         """Take one event; the ticks that its stamp completes."""
-        stamp = event.arrival_s if isinstance(event, GnssFix) else event.time_s
-        ticks = self.advance(stamp)
-        now = self._clock.logical(stamp)
+        if isinstance(event, GnssFix):
+            return self._add_fix(event)
+        ticks = self.advance(event.time_s)
+        now = self._clock.logical(event.time_s)
         if isinstance(event, RotationSample):
             shifted = RotationSample(now, event.wheel, event.angle_rad, event.quantum_rad, event.segment)
             self._tracks[event.wheel].add(shifted)
         elif isinstance(event, InertialSample):
             if math.isfinite(event.value):
                 self._inertial.setdefault(event.role, []).append((now, event.value))
-        elif isinstance(event, GnssFix):
-            self._place(event, now)
         else:
             self._faults.append(event)
+        return ticks
+
+    def _add_fix(self, fix: GnssFix) -> list[Tick]:
+        """A fix bears the arrival of its epoch's first sentence, and comes when the last is in.
+
+        At 9600 baud with all the sentences that a receiver is able to say, that is most of a second: the
+        stamp is no step of the clock, and the holdback grows to what the receiver needs (and stays there).
+        """
+        arrival = self._clock.placed(fix.arrival_s)
+        ahead = self._now_s is None or arrival > self._now_s
+        ticks = self.advance(fix.arrival_s) if ahead else []
+        arrival = self._clock.placed(fix.arrival_s)
+        assert self._now_s is not None
+        valid = self._place(fix, arrival)
+        needed = self._now_s - valid + HOLDBACK_MARGIN_S
+        if self._holdback_s < needed < MAX_HOLDBACK_S:
+            self._holdback_s = needed
         return ticks
 
     def advance(self, host_time_s: float) -> list[Tick]:
@@ -198,13 +216,13 @@ class Timeline:
             return held[1]
         return math.nan
 
-    def _place(self, fix: GnssFix, arrival: float) -> None:
-        """Put a fix into the plane and onto the time line."""
+    def _place(self, fix: GnssFix, arrival: float) -> float:
+        """Put a fix into the plane and onto the time line; when it was valid."""
         valid = self._offset.update(arrival, fix.utc_s)
         if not (math.isfinite(fix.latitude_deg) and math.isfinite(fix.longitude_deg)):
-            return
+            return valid
         if not (math.isfinite(fix.position_std_m) and math.isfinite(valid)):
-            return  # without its uncertainty a position cannot be weighed
+            return valid  # without its uncertainty a position cannot be weighed
         last_end = self._end(self._index)
         if valid <= last_end:
             if valid < last_end - MAX_MOVE_S:
@@ -212,7 +230,7 @@ class Timeline:
                 self._faults.append(
                     SourceFault(fix.arrival_s, "gnss", "late", f"fix is {last_end - valid:.2f} s too late")
                 )
-                return
+                return valid
             valid = last_end + 1e-6
         altitude = fix.altitude_m
         east, north = self._plane.to_plane(fix.latitude_deg, fix.longitude_deg, altitude)
@@ -233,6 +251,7 @@ class Timeline:
                 arrival_lag_s=arrival - valid,
             )
         )
+        return valid
 
     def _take_fixes(self, begin: float, end: float) -> list[Fix]:
         """The fixes valid in the tick, oldest first, with their place in it."""
