@@ -13,7 +13,7 @@ from tpmsd.wheels import FloatArray
 
 TAIL_DOF = 5.0
 ROBUST_FROM = 2.5
-"""Innovations beyond this many standard deviations lose influence (Huber weights)."""
+"""Innovations beyond this many standard deviations lose influence: their weight falls with the square."""
 
 
 def predict(covariance: FloatArray, transition: FloatArray, noise: FloatArray) -> FloatArray:
@@ -35,10 +35,10 @@ def scalar_update(
     place.
 
     innovation (N,): z - prediction; row (n,) or (N, n). The measurement variance of a particle is raised
-    where its innovation is beyond `ROBUST_FROM` sigma so that its pull is that of Huber's estimator. States
-    from `frozen_from` on are considered but not changed (Schmidt's consider filter): the others' gains and
-    covariances allow for them, their own mean and covariance stay. Returns the log-likelihood (N,) under a
-    Student-t of the same scale.
+    where its innovation is beyond `ROBUST_FROM` sigma, by the square of the excess: an outlier's pull falls
+    off as its distance grows. States from `frozen_from` on are considered but not changed (Schmidt's consider
+    filter): the others' gains and covariances allow for them, their own mean and covariance stay. Returns the
+    log-likelihood (N,) under a Student-t of the same scale.
     """
     gain = np.matmul(covariance, row[..., None])[..., 0] if row.ndim == 2 else covariance @ row
     projected = np.einsum("ij,ij->i", gain, row) if row.ndim == 2 else gain @ row

@@ -57,17 +57,26 @@ def antenna_position(
     mean: FloatArray, fix: Fix, tick: Tick, now: Present
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Predicted antenna east and north (N,) at the time of the fix, and their rows (N, n)."""
-    cos, sin = np.cos(mean[:, PSI]), np.sin(mean[:, PSI])
     behind_s = (1.0 - fix.fraction) * tick.dt_s + mean[:, LAT]
-    ahead = now.antenna_forward_m + mean[:, FWD] - now.speed_mps * behind_s
-    left = now.antenna_left_m
-    east = mean[:, E] + mean[:, BE] + ahead * cos - left * sin
-    north = mean[:, N] + mean[:, BN] + ahead * sin + left * cos
+    # Back along the arc: the chord has the heading halfway back, the lever arm that of the fix's own time.
+    turned = now.yaw_rate_radps * behind_s
+    cos, sin = np.cos(mean[:, PSI] - turned), np.sin(mean[:, PSI] - turned)
+    chord_cos, chord_sin = np.cos(mean[:, PSI] - turned / 2), np.sin(mean[:, PSI] - turned / 2)
+    forward, left = now.antenna_forward_m + mean[:, FWD], now.antenna_left_m
+    back = now.speed_mps * behind_s
+    east_off = forward * cos - left * sin - back * chord_cos
+    north_off = forward * sin + left * cos - back * chord_sin
+    east = mean[:, E] + mean[:, BE] + east_off
+    north = mean[:, N] + mean[:, BN] + north_off
     east_row, north_row = np.zeros_like(mean), np.zeros_like(mean)
     east_row[:, E] = east_row[:, BE] = 1.0
     north_row[:, N] = north_row[:, BN] = 1.0
-    east_row[:, PSI], north_row[:, PSI] = -ahead * sin - left * cos, ahead * cos - left * sin
-    east_row[:, LAT], north_row[:, LAT] = -now.speed_mps * cos, -now.speed_mps * sin
+    east_row[:, PSI], north_row[:, PSI] = -north_off, east_off
+    # By the age of the fix: the chord grows and swings by half of the turn, the lever arm by all of it.
+    arm_east, arm_north = forward * cos - left * sin, forward * sin + left * cos
+    rate = now.yaw_rate_radps
+    east_row[:, LAT] = -now.speed_mps * chord_cos + rate * arm_north - rate * back / 2 * chord_sin
+    north_row[:, LAT] = -now.speed_mps * chord_sin - rate * arm_east + rate * back / 2 * chord_cos
     east_row[:, FWD], north_row[:, FWD] = cos, sin
     return east, north, east_row, north_row
 
@@ -105,7 +114,7 @@ def doppler_way(
     predicted = predicted * horizontal * (1.0 - slip)
     predicted -= (mean[:, LAT] + mean[:, LATV]) * block.speed_change_mps + left_m * block.turn_rad
     row = np.zeros(mean.shape[1])
-    row[MU : MU + 2] = block.angle_rad[:2] / 2
+    row[MU : MU + 2] = block.angle_rad[:2] / 2 * horizontal
     row[LAT] = row[LATV] = -block.speed_change_mps
     row[SLIP] = -block.way_m * block.accel_mps2 if driven_rear else 0.0
     doppler = DOPPLER_STD_MPS**2 * 2 * DOPPLER_TAU_S * block.duration_s

@@ -1,5 +1,6 @@
-"""MPF-PN: tyre radii and trajectory with a marginalized particle filter (paper 000, Table I, eqs 1-24 and
-36-38).
+"""MPF-PN: tyre radii and trajectory with a marginalized particle filter, after paper 000.
+
+Table I with eqs (1)-(24) and (36)-(38).
 
 In: `Tick`s (rotation angles of the wheels, fixes). Out: `RadiusEstimate`s. Vectorised over particles, seeded.
 
@@ -10,9 +11,10 @@ statistics of the radius errors w = (rl, rr[, fl, fr]). Per tick, with a_i the a
     w_rear ~ Student-t predictive (21)                               Table I, line 10
     way     = (a_rl (r_rl + w_rl) + a_rr (r_rr + w_rr)) / 2          (6a)
     turn    = (a_rr (r_rr + w_rr) - a_rl (r_rl + w_rl)) / track      (6b)
-    east   += way cos(heading + turn/2), north likewise, heading += turn   (7), mid-step heading: (7) to
-    second order statistics are updated with the realised w                       (19), (20) weights are
-    multiplied by p(fix | particle) when a fix comes     (22)
+    east   += way cos(heading + turn/2), north likewise              (7), heading at mid-step
+    heading += turn                                                  (7)
+    statistics take the realised w                                   (19), (20)
+    weights are multiplied by p(fix | particle) when a fix comes     (22)
 
 Front wheels. The paper stops at the rear pair, whose wheels point along the body. A steered front wheel rolls
 along the path of its own hub, so given a particle's way and turn its path is known without any steering

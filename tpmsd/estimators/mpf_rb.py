@@ -1,5 +1,4 @@
-"""MPF-RB: the daemon's default. A marginalized particle filter whose linear part is marginalised
-analytically.
+"""MPF-RB, the daemon's default: a marginalized particle filter that computes what is linear.
 
 In: `Tick`s. Out: `RadiusEstimate`s. Vectorised over particles, seeded.
 
@@ -17,7 +16,8 @@ of the measurements (once per block), not of the process noise as in (9c), where
 
 Blocks. About once a second the rotation is held against the receiver (Doppler way), the bus's yaw rate where
 it has shown to be one (`gyro_check`), and, front against rear, against the other wheels (`odometry_block`).
-Front wheels: see `mpf_pn`; they never bend the trajectory.
+The front wheels' paths are those of `mpf_pn`; here they are measurements of all radii jointly, so that
+left against right on the front axle steadies the rear one where the receiver is poor.
 """
 
 from __future__ import annotations
