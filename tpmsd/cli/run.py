@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,6 +58,7 @@ def add_parser(subparsers: Subparsers) -> None:
         help=f"configuration, or a drive folder with its vehicle.toml (default: {DEFAULT_CONFIG})",
     )
     parser.add_argument("-v", "--verbose", action="store_true", help="log a line of state every few seconds")
+    parser.add_argument("--model", metavar="FILE", type=Path, help="compensate the physics of a model.toml")
     instead = parser.add_argument_group("instead of what the configuration says")
     instead.add_argument("--interface", metavar="I", help="python-can interface, such as socketcan")
     instead.add_argument("--channel", metavar="C", help="CAN channel, such as can0")
@@ -82,6 +84,8 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.daemon.journal import set_up_logging
     from tpmsd.daemon.loop import Daemon
     from tpmsd.daemon.recorder import DriveRecorder
+    from tpmsd.physics.model_file import load_model
+    from tpmsd.pipeline import Pipeline
     from tpmsd.sinks.sd_notify import Notifier
     from tpmsd.sources.can_decoder import load_database
 
@@ -94,8 +98,15 @@ def run(args: argparse.Namespace) -> int:
     for warning in warnings:
         log.warning("%s", warning)
     recorder = None if args.record is None else DriveRecorder(args.record, config)
+    model = None if args.model is None else load_model(args.model)
     Daemon(
-        config, load_database(config.can.dbc), clock, Notifier.from_environment(), recorder=recorder, log=log
+        config,
+        load_database(config.can.dbc),
+        clock,
+        Notifier.from_environment(),
+        recorder=recorder,
+        log=log,
+        make_pipeline=partial(Pipeline, model=model),
     ).run(duration_s)
     return 0
 
