@@ -13,7 +13,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from tpmsd.diagnosis.evidence import Evidence
-from tpmsd.diagnosis.noise_fit import PRIORS, log_posterior, refit_slow
+from tpmsd.diagnosis.noise_fit import PRIORS, SLOW, log_posterior, refit_slow
 from tpmsd.diagnosis.selection import ADMIT, Selection, Selector
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def confirmed(study: Study, selection: Selection, evidence: Evidence) -> tuple[S
         without = study.believed(selector.design(terms))
         with_it = study.believed(selector.design([*terms, one.term]))
         null = refit_slow(windows, without, study.noise, study.inflate)
-        middles: dict[str, Any] = {name: middle for name, (middle, _) in PRIORS.items()}
+        middles: dict[str, Any] = {name: PRIORS[name][0] for name in SLOW}
         usual = replace(study.noise, **middles)
         other = refit_slow(windows, without, usual, study.inflate)
         if log_posterior(windows, without, other, study.inflate) > log_posterior(

@@ -107,14 +107,14 @@ def examine(study: Study, progress: Callable[[float], None]) -> tuple[Selection,
     windows = study.reader.windows
     design = study.hypotheses.nuisance
     for turn in range(2):
-        study.noise = fit_noise(windows, study.believed(design), study.noise, 2 - turn, study.inflate)
+        study.noise = fit_noise(windows, study.believed(design), study.noise, turn == 0, study.inflate)
         evidence = study.evidence()
         progress(0.35 + 0.25 * turn)
         selection = Selector(evidence, study.hypotheses).select()
         white = study.residual(selection.fit.design, selection.fit.values)
         study.inflate = outliers(white, study.blocks, study.inflate)
         design = selection.fit.design
-    study.noise = fit_noise(windows, study.believed(design), study.noise, 1, study.inflate)
+    study.noise = fit_noise(windows, study.believed(design), study.noise, False, study.inflate)
     evidence = study.evidence()
     return confirmed(study, Selector(evidence, study.hypotheses).select(), evidence)
 

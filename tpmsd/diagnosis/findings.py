@@ -321,7 +321,7 @@ def _alone(study: Study, selector: Selector) -> tuple[tuple[str, float], ...]:
     gram, b = selector.evidence.projected(selector.design([]))
     best: dict[str, float] = {}
     for term in study.hypotheses.catalogue:
-        gain = group_gain(term.design[1:], gram, b)
+        gain, _ = group_gain(term.design[1:], gram, b)
         best[term.effect] = max(best.get(term.effect, 0.0), gain)
     for gain, wheel, _ in study.hypotheses.ramp_gains(gram, b):
         best[f"radius_change {wheel}"] = gain

@@ -35,8 +35,15 @@ LIMITS: dict[str, tuple[float, float]] = {
     "clock_s": (1e-4, 0.3),
     "clock_tau_s": (0.5, 60.0),
 }
-PRIORS: dict[str, tuple[float, float]] = {"slow_m": (1.2, 1.0), "slow_tau_s": (40.0, 0.2)}
-"""Median and logarithmic spread; fitted on the whole drive."""
+PRIORS: dict[str, tuple[float, float]] = {
+    "slow_m": (1.2, 1.0),
+    "slow_tau_s": (40.0, 0.2),
+    "gyro_drift_radps": (2e-6, 0.7),
+}
+"""Median and logarithmic spread of what a drive hardly tells."""
+SLOW = ("slow_m", "slow_tau_s")
+WANDERING = (*SLOW, "gyro_drift_radps", "speed_memory", "clock_s", "clock_tau_s")
+"""What could pass for a missing effect: not estimated before effects were looked for."""
 SLOWER = "slower"
 """A coordinate of its own: a longer memory and a larger size that wander alike over short times."""
 FIT_WINDOWS = 400
@@ -46,9 +53,9 @@ ROUGH_STRETCH = 1.6
 
 
 def fit_noise(
-    windows: Windows, columns: FloatArray, start: Noise, sweeps: int = 2, inflate: FloatArray | None = None
+    windows: Windows, columns: FloatArray, start: Noise, first: bool, inflate: FloatArray | None = None
 ) -> Noise:
-    """Maximise the likelihood coordinate by coordinate.
+    """Maximise the likelihood coordinate by coordinate; `first` leaves alone what wanders.
 
     `columns` (w, 9, 1 + k): the residual and the columns that are believed, whose values are fitted along.
     """
@@ -56,16 +63,16 @@ def fit_noise(
     names = [name for name in LIMITS if measured[_channel(name)]]
     part = _part(windows, columns, inflate)
     noise = start
-    # What starts far off is found by long steps; the last sweep polishes.
-    for factor in (2.2, 1.4)[2 - sweeps :]:
-        noise = _climbed(part, noise, names, factor)
+    if first:
+        return _climbed(part, noise, [name for name in names if name not in WANDERING], 2.2)
+    noise = _climbed(part, noise, names, 1.5)
     return refit_slow(windows, columns, noise, inflate) if measured[EAST] else noise
 
 
 def refit_slow(windows: Windows, columns: FloatArray, noise: Noise, inflate: FloatArray | None) -> Noise:
     """Only the receiver's slow error, on the whole drive."""
     weight = np.ones((len(windows), CHANNELS)) if inflate is None else inflate
-    return _climbed((windows, columns, weight), noise, [SLOWER, *PRIORS], 1.4)
+    return _climbed((windows, columns, weight), noise, [SLOWER, *SLOW], 1.4)
 
 
 def log_posterior(windows: Windows, columns: FloatArray, noise: Noise, inflate: FloatArray | None) -> float:

@@ -129,7 +129,8 @@ class Selector:
             if np.any(np.diag(gram)[rows] < 1e-5 * total[rows]):
                 continue
             usable.append(term)
-            out.append((group_gain(term.design[1:], gram, b) - term.penalty, [term]))
+            gain, first = group_gain(term.design[1:], gram, b)
+            out.append((gain - term.price(first), [term]))
         if everything:
             for gain, wheel, pair in self.hypotheses.ramp_gains(gram, b):
                 if ("radius_change", wheel) not in taken:
@@ -211,7 +212,7 @@ class Selector:
             improved = False
             for k in range(len(chosen)):
                 rest = chosen[:k] + chosen[k + 1 :]
-                now = self.gain(chosen) - self.gain(rest) - chosen[k].penalty
+                now = self.gain(chosen) - self.gain(rest) - chosen[k].price(self._first(chosen, k))
                 options = self.candidates(rest)
                 if options and options[0][0] > now + 0.5 and options[0][1][0].key is not None:
                     chosen = [*rest, *options[0][1]]
@@ -220,6 +221,11 @@ class Selector:
             if not improved:
                 break
         return chosen
+
+    def _first(self, terms: Sequence[Term], which: int) -> float:
+        """The first value of one of the terms in the joint fit."""
+        start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in terms[:which])
+        return float(self.evidence.fit(self.design(terms)).values[start])
 
     def _prune(self, chosen: list[Term]) -> list[Term]:
         while len(chosen) > 1:
@@ -250,7 +256,7 @@ class Selector:
             name = rival.effect if rival.effect != "radius_change" else f"radius_change:{rival.wheel}"
             if rival.effect == "unknown":
                 name = "unknown"
-            better = net - (gain - term.penalty)
+            better = net - (gain - term.price(float(fit.values[start])))
             if name not in weights and name != term.effect:
                 weights[name] = math.exp(min(better / float(ratios.max()), 0.0))
             if rival.effect not in ("unknown", term.effect) and raw > gain - RIVAL:

@@ -17,6 +17,14 @@ from tpmsd.wheels import WHEELS, FloatArray
 
 PER_VALUE = 3.5
 """Log-likelihood that a further free value must bring: half the logarithm of a thousand windows."""
+POSITIVE = frozenset(
+    {
+        *("centrifugal_growth", "thermal_growth", "load_transfer_longitudinal", "load_transfer_lateral"),
+        *("longitudinal_slip", "lateral_slip", "road_grade", "gnss_latency"),
+    }
+)
+"""Effects whose first value has but one sign in nature; a wrong configuration may show the other."""
+ODD_SIGN = 4.0
 PATTERNS: dict[str, tuple[str, ...]] = {
     **{place: (place,) for place in PLACES},
     "front": ("fl", "fr"),
@@ -51,6 +59,11 @@ class Term:
     time_constant_s: float = 0.0
     place: str = ""
     covariate: str = ""
+
+    def price(self, first: float) -> float:
+        """The penalty, given the first value: a sign that nature does not know must be paid for."""
+        odd = self.effect in POSITIVE and first < 0.0
+        return self.penalty + (ODD_SIGN if odd else 0.0)
 
     @property
     def key(self) -> tuple[str, ...]:
@@ -177,11 +190,13 @@ class Hypotheses:
 
     def smooth_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
         """Gain of every smooth term."""
-        return [(group_gain(term.design[1:], gram, b), term) for term in self._smooth]
+        return [(group_gain(term.design[1:], gram, b)[0], term) for term in self._smooth]
 
 
-def group_gain(design: FloatArray, gram: FloatArray, b: FloatArray) -> float:
-    """Log-likelihood that a group of columns brings, given Gram matrix and correlation with the data."""
+def group_gain(design: FloatArray, gram: FloatArray, b: FloatArray) -> tuple[float, float]:
+    """Log-likelihood that a group of columns brings, and the value of its first, given Gram matrix and
+    correlation.
+    """
     rows = np.flatnonzero(np.any(design != 0.0, axis=1))
     part = design[rows]
     A = part.T @ gram[np.ix_(rows, rows)] @ part
@@ -190,4 +205,5 @@ def group_gain(design: FloatArray, gram: FloatArray, b: FloatArray) -> float:
     A = A / np.outer(scale, scale) + 1e-6 * np.eye(len(score))
     score = score / scale
     # A column that the others already explain has next to nothing left: it cannot bring anything.
-    return 0.5 * float(score @ np.linalg.solve(A, score))
+    values = np.linalg.solve(A, score)
+    return 0.5 * float(score @ values), float(values[0] / scale[0])
