@@ -23,7 +23,6 @@ import can
 import cantools.database
 from cantools.database.can import Database
 
-import tpmsd
 from tpmsd.cli.demo_panel import GREEN, RED, Panel, listen
 from tpmsd.cli.demo_play import watch_live
 from tpmsd.cli.main import EXIT_INTERRUPTED
@@ -96,7 +95,7 @@ class _Show:
         self._stop = threading.Event()
         self._daemon: Daemon | None = None
         self._clock: Clock | None = None
-        dbc = Path(tpmsd.__file__).parents[1] / "dbc" / "tpmsd.dbc"
+        dbc = Path(__file__).parents[2] / "dbc" / "tpmsd.dbc"
         if not dbc.is_file():
             raise TpmsdError(f"{dbc} is missing: the demonstration runs from a clone")
         database = cantools.database.load_file(str(dbc))
