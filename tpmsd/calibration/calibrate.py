@@ -11,15 +11,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from tpmsd.calibration.checks import check_fit, check_recordings
-from tpmsd.calibration.joint import JointFit, fit
+from tpmsd.calibration.joint import PRIOR, JointFit, fit
 from tpmsd.calibration.nominal import Vehicle, vehicle_of
 from tpmsd.calibration.odometry import pose_error
+from tpmsd.calibration.paper import PaperFit, fit_paper
 from tpmsd.calibration.recording import Recording
 from tpmsd.calibration.result import Calibration, Effect, WheelResult
 from tpmsd.config.model import VehicleConfig
 from tpmsd.wheels import WHEELS, FloatArray
 
-METHODS = ("joint",)
+METHODS = ("joint", "paper")
 _TELLING = 0.7
 """An effect is reported where the drives narrowed what was believed of it to this share."""
 
@@ -35,7 +36,10 @@ def calibrate(
     start = vehicle_of(config)
     check_recordings(drives, start)
     found = fit(drives, start)
-    check_fit(drives, found)
+    check_fit(drives, found)  # the paper's method has no test of its own for tyres that lose pressure
+    if method == "paper":
+        by_paper = fit_paper(drives, start)
+        return _of_paper(drives, start, by_paper, found.reference_speed_mps), by_paper.vehicle
     return _of_joint(drives, start, found), found.vehicle
 
 
@@ -71,6 +75,29 @@ def _of_joint(drives: list[Recording], start: Vehicle, found: JointFit) -> Calib
     )
 
 
+def _of_paper(drives: list[Recording], start: Vehicle, found: PaperFit, speed_mps: float) -> Calibration:
+    rear = (2, 3)
+    return Calibration(
+        method="paper",
+        drives=tuple(drive.name for drive in drives),
+        wheels={
+            WHEELS[k]: WheelResult(float(found.vehicle.radius_m[k]), float(found.std_m[k - 2])) for k in rear
+        },
+        difference_std_m=found.difference_std_m,
+        track_rear_m=start.geometry.track_rear_m,
+        track_rear_std_m=math.nan,
+        track_front_m=math.nan,
+        track_front_std_m=math.nan,
+        reference_speed_mps=speed_mps,
+        iterations=found.iterations,
+        stopped_because=found.stopped_because,
+        pose_error_before_m=pose_error(drives, start),
+        pose_error_after_m=pose_error(drives, found.vehicle),
+        effects={},
+        history_m=[_by_wheel(radii, list(rear)) for radii in found.history],
+    )
+
+
 def _by_wheel(radii: FloatArray, read: list[int]) -> dict[str, float]:
     return {WHEELS[k]: float(radii[k]) for k in read}
 
@@ -89,8 +116,6 @@ _UNITS = {
 
 
 def _effects(found: JointFit) -> dict[str, Effect]:
-    from tpmsd.calibration.joint import PRIOR
-
     out = {}
     for name in found.names:
         base = name.split("@")[0]

@@ -40,6 +40,11 @@ class Recording:
     """Course over ground as a mathematical angle."""
     antenna_forward_m: float
     antenna_left_m: float
+    accel_long_mps2: FloatArray
+    accel_lat_mps2: FloatArray
+    """(n,) each."""
+    compass_rad: FloatArray | None = None
+    """(n,) heading by a magnetometer at the ticks' ends, as a mathematical angle, where there is one."""
 
     @property
     def edges_s(self) -> FloatArray:
@@ -64,7 +69,7 @@ def record(name: str, ticks: Sequence[Tick], config: Config) -> Recording:
     if count * dt_s > MAX_HOURS * 3600:
         raise ValueError(f"it spans {count * dt_s / 3600:.0f} h, more than {MAX_HOURS:.0f} h")
     rotation, std = np.full((count, 4), math.nan), np.full((count, 4), math.nan)
-    gyro = np.full(count, math.nan)
+    gyro, long, lateral = (np.full(count, math.nan) for _ in range(3))
     fixes: list[tuple[float, ...]] = []
     for tick in ticks:
         at = round((tick.time_s - begin) / dt_s) - 1
@@ -72,6 +77,7 @@ def record(name: str, ticks: Sequence[Tick], config: Config) -> Recording:
             continue
         rotation[at], std[at] = tick.rotation_rad, tick.rotation_std_rad
         gyro[at] = tick.yaw_rate_radps
+        long[at], lateral[at] = tick.accel_long_mps2, tick.accel_lat_mps2
         fixes += [
             (f.time_s - begin, f.east_m, f.north_m, f.up_m, f.speed_mps, f.heading_rad) for f in tick.fixes
         ]
@@ -94,4 +100,6 @@ def record(name: str, ticks: Sequence[Tick], config: Config) -> Recording:
         heading_rad=table[:, 5],
         antenna_forward_m=config.gnss.antenna_forward_m,
         antenna_left_m=config.gnss.antenna_left_m,
+        accel_long_mps2=long,
+        accel_lat_mps2=lateral,
     )

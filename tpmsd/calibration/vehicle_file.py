@@ -13,13 +13,14 @@ import re
 from tpmsd.calibration.result import Calibration
 
 _TABLE = re.compile(r"\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")
-_REPLACED = ("wheel_radius_m", "track_rear_m", "track_front_m")
 
 
 def calibrated_toml(text: str, found: Calibration, radii_m: dict[str, float], dbc: str, made: str) -> str:
     """`radii_m` are those of all four wheels, `dbc` where the DBC lies seen from the new file, `made` the
     date."""
-    values = {"wheel_radius_m": _inline(radii_m), "track_rear_m": f"{found.track_rear_m:.4f}"}
+    values = {"wheel_radius_m": _inline(radii_m)}
+    if math.isfinite(found.track_rear_std_m):
+        values["track_rear_m"] = f"{found.track_rear_m:.4f}"
     if math.isfinite(found.track_front_m):
         values["track_front_m"] = f"{found.track_front_m:.4f}"
     out: list[str] = []
@@ -58,7 +59,8 @@ def _provenance(found: Calibration, made: str) -> list[str]:
         f"reference_speed_mps = {found.reference_speed_mps:.2f}",
     ]
     lines += [f"radius_std_{wheel}_m = {result.radius_std_m:.6f}" for wheel, result in found.wheels.items()]
-    lines.append(f"track_rear_std_m = {found.track_rear_std_m:.4f}")
+    if math.isfinite(found.track_rear_std_m):
+        lines.append(f"track_rear_std_m = {found.track_rear_std_m:.4f}")
     if math.isfinite(found.track_front_std_m):
         lines.append(f"track_front_std_m = {found.track_front_std_m:.4f}")
     return lines

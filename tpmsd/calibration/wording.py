@@ -29,7 +29,10 @@ def summary(found: Calibration) -> str:
         f"rear right minus left: {rear * 1e3:+.3f} +- {found.difference_std_m * 1e3:.3f} mm of radius"
     )
     lines.append(f"The radii are those at {kmh:.0f} km/h.")
-    lines.append(f"track rear:  {found.track_rear_m:.3f} +- {found.track_rear_std_m:.3f} m")
+    if math.isfinite(found.track_rear_std_m):
+        lines.append(f"track rear:  {found.track_rear_m:.3f} +- {found.track_rear_std_m:.3f} m")
+    else:
+        lines.append(f"track rear:  {found.track_rear_m:.3f} m, as configured")
     if math.isfinite(found.track_front_m):
         lines.append(f"track front: {found.track_front_m:.3f} +- {found.track_front_std_m:.3f} m")
     if found.effects:

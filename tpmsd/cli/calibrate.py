@@ -49,7 +49,11 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--config", type=Path, metavar="FILE", help="configuration instead of DRIVE/vehicle.toml"
     )
-    parser.add_argument("--method", default="joint", help="joint (the default)")
+    parser.add_argument(
+        "--method",
+        default="joint",
+        help="joint: all wheels and drives at once (default); paper: the rear pair as in paper 002",
+    )
     parser.add_argument("--write", type=Path, metavar="FILE", help="write a vehicle.toml with what was found")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="write a picture (.png .svg .pdf)")
     add_json_option(parser)
