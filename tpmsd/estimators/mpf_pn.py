@@ -111,8 +111,7 @@ class MpfPn:
         self._rate = (0.0, 0.0)
         self.counts: dict[str, int] = {"fixes": 0, "refused_fixes": 0, "lost_pose": 0, "resampled": 0}
 
-    # -- one tick
-    # -------------------------------------------------------------------------------------------------
+    # -- one tick --------------------------------------------------------------------------------------------
 
     def step(self, tick: Tick) -> RadiusEstimate:
         """Advance by one tick; never raises on odd input."""
@@ -210,8 +209,7 @@ class MpfPn:
         self._pose[0] += way * np.cos(self._pose[2])
         self._pose[1] += way * np.sin(self._pose[2])
 
-    # -- fixes
-    # ----------------------------------------------------------------------------------------------------
+    # -- fixes -----------------------------------------------------------------------------------------------
 
     def _take_fix(self, fix: Fix, tick: Tick) -> None:
         """Weigh the particles by a fix, eq. (22), or find the pose by it."""
@@ -291,8 +289,7 @@ class MpfPn:
         self._located = True
         self._last_fix_s = fix.time_s
 
-    # -- particles
-    # ------------------------------------------------------------------------------------------------
+    # -- particles -------------------------------------------------------------------------------------------
 
     def _weights(self) -> FloatArray:
         weights = np.exp(self._log_weights - self._log_weights.max())
@@ -342,8 +339,7 @@ class MpfPn:
             effective_particles=effective_number(weights),
         )
 
-    # -- what survives a restart
-    # ----------------------------------------------------------------------------------
+    # -- what survives a restart -----------------------------------------------------------------------------
 
     def snapshot(self) -> dict[str, Any]:
         """Mean and covariance of the radii, and the noise, as plain numbers."""

@@ -22,23 +22,13 @@ from tpmsd.monitor.alarm_state import Hysteresis
 from tpmsd.monitor.baseline import Baseline
 from tpmsd.monitor.hypotheses import Nuisance, compare
 from tpmsd.monitor.records import AlarmEvent, AlarmKind, MonitorReport, WheelReport, WheelState
+from tpmsd.monitor.signal_watch import SignalWatch
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import WHEELS, FloatArray
 
 JUDGE_EVERY_S = 1.0
 MAX_BASELINE_CONTRAST_STD = 0.0008
 """Learning goes on until the contrast between the wheels is known this well, relative to the radius."""
-GNSS_FRESH_S = 10.0
-
-
-@dataclass(slots=True)
-class _Malfunction:
-    """One way in which monitoring can be out of order."""
-
-    reason: str
-    since_s: float = 0.0
-    good_s: float = 0.0
-    active: bool = False
 
 
 @dataclass(slots=True)
@@ -83,26 +73,15 @@ class Monitor:
             for kind in (AlarmKind.DEFLATION, AlarmKind.RADIUS_DEVIATION)
             for wheel in self._wheels
         }
-        self._standing: dict[tuple[AlarmKind, int | str | None], AlarmEvent] = {}
-        self._malfunctions: dict[str | int, _Malfunction] = {
-            "wheels": _Malfunction("no usable signal of the rear wheels"),
-            "gnss": _Malfunction("no usable fix from the receiver while driving"),
-        }
-        for wheel in self._wheels:
-            self._malfunctions[wheel] = _Malfunction(
-                f"no usable signal of wheel {WHEELS[wheel]} while the others turn"
-            )
-        self._asleep = False
-        self._bus_down = False
-        self._last_valid_s = [-math.inf] * 4
+        self._standing: dict[tuple[AlarmKind, int], AlarmEvent] = {}
+        self._signals = SignalWatch(settings, self._wheels)
         self._learned_from_s: float | None = None
 
-    # -- per tick
-    # -------------------------------------------------------------------------------------------------
+    # -- per tick --------------------------------------------------------------------------------------------
 
     def update(self, tick: Tick, estimate: RadiusEstimate) -> MonitorReport:
         """Take one tick and its estimate."""
-        events = self._watch_signals(tick, estimate)
+        events = self._signals.update(tick, estimate)
         if estimate.informative:
             self._learn(estimate)
             if self.baseline is not None:
@@ -113,7 +92,7 @@ class Monitor:
         return MonitorReport(
             time_s=tick.host_time_s,
             wheels=tuple(self._wheel_report(i, tick, estimate) for i in range(4)),
-            active=tuple(self._standing.values()),
+            active=(*self._standing.values(), *self._signals.standing),
             events=tuple(events),
             learning_fraction=self._learning_fraction(estimate),
         )
@@ -216,81 +195,21 @@ class Monitor:
         self._stand(kind, wheel, event)
         return event
 
-    def _stand(self, kind: AlarmKind, key: int | str, event: AlarmEvent) -> None:
+    def _stand(self, kind: AlarmKind, key: int, event: AlarmEvent) -> None:
         if event.state == "raised":
             self._standing[(kind, key)] = event
         else:
             self._standing.pop((kind, key), None)
 
-    # -- malfunctions
-    # ---------------------------------------------------------------------------------------------
-
-    def _watch_signals(self, tick: Tick, estimate: RadiusEstimate) -> list[AlarmEvent]:
-        valid = np.isfinite(tick.rotation_rad)
-        for wheel in self._wheels:
-            if valid[wheel]:
-                self._last_valid_s[wheel] = tick.time_s
-        moving = estimate.speed_mps > 2.0
-        rear_valid = bool(valid[2] and valid[3])
-        if rear_valid:
-            self._asleep = not moving
-        nothing = not np.any(valid)
-        if np.any(valid):
-            self._bus_down = False
-        elif any(f.kind == "down" and f.source == "can" for f in tick.faults):
-            self._bus_down = True
-        # A parked car's bus goes quiet: nothing is wrong, unless the interface itself is gone.
-        asleep = nothing and self._asleep and not self._bus_down
-        limit = self._settings.malfunction_s
-        events = self._malfunction("wheels", not rear_valid and not asleep, rear_valid, limit, tick)
-        stale = estimate.gnss_age_s > GNSS_FRESH_S
-        events += self._malfunction(
-            "gnss", stale and moving, not stale, self._settings.gnss_malfunction_s, tick
-        )
-        others = bool(np.any(tick.rotation_rad > 0.1))  # false for NaN
-        for wheel in self._wheels:
-            lost = not valid[wheel] and others
-            events += self._malfunction(wheel, lost, bool(valid[wheel]), limit, tick)
-        return events
-
-    def _malfunction(
-        self, key: str | int, bad: bool, good: bool, limit_s: float, tick: Tick
-    ) -> list[AlarmEvent]:
-        """Count bad time up to the limit; a tenth of it in good order clears."""
-        m = self._malfunctions[key]
-        if bad:
-            m.since_s += tick.dt_s
-            m.good_s = 0.0
-        elif good:
-            m.good_s += tick.dt_s
-            if m.good_s > 1.0:
-                m.since_s = 0.0
-        turned: Literal["raised", "cleared"]
-        if not m.active and m.since_s >= limit_s:
-            m.active, turned = True, "raised"
-        elif m.active and m.good_s >= max(limit_s / 10.0, 2.0):
-            m.active, m.since_s, turned = False, 0.0, "cleared"
-        else:
-            return []
-        wheel = WHEELS[key] if isinstance(key, int) else None
-        reason = m.reason if turned == "raised" else f"over: {m.reason}"
-        event = AlarmEvent(
-            tick.host_time_s, AlarmKind.MALFUNCTION, wheel, turned, math.nan, math.nan, 1.0, reason
-        )
-        self._stand(AlarmKind.MALFUNCTION, str(key), event)
-        return [event]
-
-    # -- reports
-    # --------------------------------------------------------------------------------------------------
+    # -- reports ---------------------------------------------------------------------------------------------
 
     def _wheel_report(self, wheel: int, tick: Tick, estimate: RadiusEstimate) -> WheelReport:
         known = wheel in self._wheels
         deviation = float(estimate.deviation_m[wheel])
         variance = float(estimate.covariance_m2[wheel, wheel])
-        lost = tick.time_s - self._last_valid_s[wheel] > self._settings.malfunction_s
-        if not known or lost:
+        if not known or self._signals.is_lost(wheel, tick.time_s):
             state = WheelState.UNAVAILABLE
-        elif any(k[1] == wheel for k in self._standing if k[0] is not AlarmKind.MALFUNCTION):
+        elif any(standing == wheel for _, standing in self._standing):
             state = WheelState.ALARM
         else:
             state = WheelState.LEARNING if self.baseline is None else WheelState.MONITORING
@@ -306,8 +225,7 @@ class Monitor:
             deviation_probability=_known(judged.deviates[wheel]),
         )
 
-    # -- what survives a restart
-    # ----------------------------------------------------------------------------------
+    # -- what survives a restart -----------------------------------------------------------------------------
 
     def snapshot(self) -> dict[str, Any]:
         """Baseline and standing tyre alarms as plain numbers."""

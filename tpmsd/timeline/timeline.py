@@ -67,7 +67,6 @@ class Timeline:
         self._index = 0
         self._now_s: float | None = None
         self._gap_s = 0.0
-        self._fresh_start = True
         self.counts: dict[str, int] = {
             "ticks": 0,
             "late_fixes": 0,
