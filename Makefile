@@ -19,10 +19,10 @@ DEMO_ARGS ?=
 BENCH_ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format bench clean
+.PHONY: help demo test lint format bench bench-calibrate clean
 
 help:  ## this list
-	@sed -n 's/^\([a-z]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | awk -F'\t' '{printf "  make %-8s %s\n", $$1, $$2}'
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | awk -F'\t' '{printf "  make %-15s %s\n", $$1, $$2}'
 
 demo: $(RUNTIME)  ## a simulated slow puncture, found and announced on a virtual CAN bus (DEMO_ARGS=...)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tpmsd.cli.demo $(DEMO_ARGS)
@@ -41,6 +41,9 @@ format: $(DEV)  ## put the sources into the house style
 
 bench: $(RUNTIME)  ## the figures of the README, measured on this machine (BENCH_ARGS=...)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) benchmarks/bench.py $(BENCH_ARGS)
+
+bench-calibrate: $(DEV)  ## paper 002's experiment, its method and ours (BENCH_ARGS=...)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) benchmarks/bench_calibrate.py $(BENCH_ARGS)
 
 clean:  ## remove the environment and everything that was made
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .coverage demo-out bench-out

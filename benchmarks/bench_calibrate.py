@@ -13,12 +13,8 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
 from dataclasses import dataclass, replace
 from pathlib import Path
-
-for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")
 
 import numpy as np
 from multibody_course import SPEED_MPS, CourseTruth, drive
@@ -237,9 +233,9 @@ def main() -> None:
 
 def print_row(line: dict[str, object]) -> None:
     """One line of the table."""
-    error, from_optimal = np.array(line["error_mm"]), np.array(line["error_to_optimal_mm"])
+    error, apart = np.array(line["error_mm"]), np.array(line["error_to_optimal_mm"])
     print(
-        f"{line['setting']!s:42s} {error[0]:8.2f} {error[1]:8.2f}  {from_optimal[0]:8.2f} {from_optimal[1]:8.2f}"
+        f"{line['setting']!s:42s} {error[0]:8.2f} {error[1]:8.2f}  {apart[0]:8.2f} {apart[1]:8.2f}"
         f"  {line['pose_error_m']:8.2f} ({line['pose_error_deviation_m']:.2f}; "
         f"{line['optimal_pose_error_m']:.2f})",
         flush=True,

@@ -89,8 +89,7 @@ def _hub_speeds(x: FloatArray, p: Any) -> FloatArray:
     front = lateral + p.a * yaw
     out = []
     for side in (-1.0, 1.0):
-        out.append((v + side * yaw * p.T_f / 2) * math.cos(steer) + front * math.sin(steer))  # type:
-        ignore[attr - defined]
+        out.append((v + side * yaw * p.T_f / 2) * math.cos(steer) + front * math.sin(steer))
     return np.array([*out, v - yaw * p.T_r / 2, v + yaw * p.T_r / 2])
 
 
