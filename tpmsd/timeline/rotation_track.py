@@ -14,7 +14,6 @@ from tpmsd.sources.events import RotationSample
 
 MAX_BRIDGE_S = 0.6
 """Readings further apart than this are not interpolated between."""
-KEEP_S = 3.0
 
 
 class RotationTrack:
