@@ -17,10 +17,10 @@ from tpmsd.physics.motion import Car, driven_mask
 PER_TICK = 5
 
 
-def recording_of(drive: Drive) -> Recording:
-    """Ticks of 0.1 s from samples of 20 ms."""
+def recording_of(drive: Drive, counted: bool = True) -> Recording:
+    """Ticks of 0.1 s from samples of 20 ms; `counted` rounds the wheels' angles down to counts."""
     spec = drive.spec
-    angle = drive.counts()[::PER_TICK] * (2 * math.pi / spec.teeth)
+    angle = (drive.counts() * (2 * math.pi / spec.teeth) if counted else drive.shown_rad)[::PER_TICK]
     rotation = np.diff(angle, axis=0)
     n = len(rotation)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from tpmsd.diagnosis.advice import advice
 from tpmsd.diagnosis.channels import CHANNEL_NAMES
-from tpmsd.diagnosis.evidence import Evidence
+from tpmsd.diagnosis.evidence import Evidence, Fit
 from tpmsd.diagnosis.result import CONSISTENT, MISMATCH, Diagnosis, Finding, Inner, Quantity, Where
 from tpmsd.diagnosis.selection import ADMIT, Chosen, Selection, Selector
 from tpmsd.diagnosis.tangent import nonlinear_stds
@@ -85,7 +85,7 @@ def report(study: Study, selection: Selection, evidence: Evidence) -> Diagnosis:
             effects.append(effect)
             effect_stds.append(known)
     covariates = [finding.where.covariate for finding in findings]
-    for finding in _tone_rings(study, selection, seconds):
+    for finding in _tone_rings(study, evidence.fit(study.hypotheses.nuisance), seconds):
         findings.append(finding)
         values = {name: quantity.value for name, quantity in finding.parameters.items()}
         effects.append(make_effect(finding.effect, **values))
@@ -113,7 +113,7 @@ def report(study: Study, selection: Selection, evidence: Evidence) -> Diagnosis:
     )
 
 
-def _tone_rings(study: Study, selection: Selection, seconds: float) -> list[Finding]:
+def _tone_rings(study: Study, calibration: Fit, seconds: float) -> list[Finding]:
     """Uneven or miscounted teeth, which are looked for apart from all else."""
     recording, reference = study.reader.recording, study.reader.reference
     out = []
@@ -138,7 +138,7 @@ def _tone_rings(study: Study, selection: Selection, seconds: float) -> list[Find
         )
     radii = reference.car.radius_m.copy()
     for k, wheel in enumerate(recording.wheels):
-        radii[wheel] += selection.fit.values[k]
+        radii[wheel] += calibration.values[k]
     for name, teeth in wrong_teeth(recording, radii):
         out.append(
             Finding(
@@ -149,8 +149,8 @@ def _tone_rings(study: Study, selection: Selection, seconds: float) -> list[Find
                     "teeth_per_rev": Quantity(teeth, 0.0, "1"),
                 },
                 where=Where((name,), channel, None, None),
-                rms_before=_rms(float(selection.baseline_heldout.sum()), 1),
-                rms_after=_rms(float(selection.baseline_heldout.sum()), 1),
+                rms_before=1.0,
+                rms_after=1.0,
                 loglik_gain_per_s=0.0,
                 gain=0.0,
                 indistinguishable_from=(),
