@@ -1,7 +1,7 @@
 """How well the diagnosis does on drives of a world that shares nothing with its catalogue.
 
     python benchmarks/bench_diagnose.py            a small run: minutes
-    python benchmarks/bench_diagnose.py --full     200 drives with nothing missing, 20 per effect and strength: hours
+    python benchmarks/bench_diagnose.py --full     200 drives of nothing, 20 per effect and strength: hours
 
 Each drive (car, road, receiver, bus drawn anew) is written as a drive folder by `tests/worlds`; what it
 conceals goes into another folder, which only the scorer opens. The diagnosis is given the drive folder

@@ -16,10 +16,8 @@ from tpmsd.cli.output import Progress, Subparsers, add_json_option, write_json
 from tpmsd.errors import ConfigError, InputError
 
 if TYPE_CHECKING:
-    from tpmsd.config.model import Config
     from tpmsd.diagnosis.recording import Recording
     from tpmsd.diagnosis.result import Diagnosis
-    from tpmsd.timeline.tick import Tick
 
 _DESCRIPTION = """\
 Compares a recorded drive with the pure rolling model, finds where the two differ, names the physics that was
@@ -85,6 +83,7 @@ def run(args: argparse.Namespace) -> int:
 
 def read_recording(folder: Path, config_file: Path | None = None) -> Recording:
     """A drive folder as arrays; InputError if nothing usable is in it."""
+    from tpmsd.cli.drive_ticks import read_ticks
     from tpmsd.config.load import load_config
     from tpmsd.diagnosis.recording import record
 
@@ -92,48 +91,9 @@ def read_recording(folder: Path, config_file: Path | None = None) -> Recording:
         raise InputError(folder, "not a folder" if folder.exists() else "no such drive folder")
     config = load_config(config_file if config_file is not None else folder)
     try:
-        return record(_ticks(folder, config), config)
+        return record(read_ticks(folder, config), config)
     except ValueError as error:
         raise InputError(folder, str(error)) from None
-
-
-def _ticks(folder: Path, config: Config) -> list[Tick]:
-    from tpmsd.sources.can_decoder import CanDecoder, load_database
-    from tpmsd.sources.can_frame import CanFrame
-    from tpmsd.sources.drive import Drive
-    from tpmsd.sources.nmea_epoch import NmeaAssembler
-    from tpmsd.timeline.timeline import Timeline
-
-    drive = Drive(folder)
-    decoder = CanDecoder(config, load_database(config.can.dbc))
-    assembler = NmeaAssembler()
-    timeline = Timeline(10.0, config.gnss.latency_s)
-    ticks: list[Tick] = []
-    start: float | None = None
-    with Progress(drive.span_s() if sys.stderr.isatty() else 0.0, f"read {folder.name}") as progress:
-        for number, item in enumerate(drive):
-            now = item.time_s
-            start = now if start is None else start
-            for event in (*assembler.advance(now), *decoder.poll(now)):
-                ticks += timeline.add(event)
-            ticks += timeline.advance(now)
-            if isinstance(item, CanFrame):
-                if item.is_error or item.is_remote:
-                    continue
-                events = decoder.decode(now, item.arbitration_id, item.is_extended, item.data, item.is_fd)
-            else:
-                events = assembler.feed(now, item.line)
-            for event in events:
-                ticks += timeline.add(event)
-            if number % 2000 == 0:
-                progress.update(now - start)
-    for event in assembler.flush():
-        ticks += timeline.add(event)
-    ticks += timeline.finish()
-    if decoder.counts["frames"] == decoder.counts["ignored"]:
-        reason = f"none of its {decoder.counts['frames']} frames has an identifier that the signals need"
-        raise InputError(drive.can_log, f"{reason} (wrong DBC or log?)")
-    return ticks
 
 
 def _write_model(diagnosis: Diagnosis, args: argparse.Namespace) -> str | None:
