@@ -142,7 +142,9 @@ class Monitor:
         verdict = compare(change, own + self._nuisance, radius, self._settings.deflation_percent / 100.0)
         std = np.sqrt(np.diag(own))
         limit = self._settings.deviation_percent / 100.0 * radius
-        deviates = ndtr((-limit - change) / std) + ndtr((change - limit) / std)
+        # What speed, warmth, load and slip do to a radius is no deviation: it widens the question, too.
+        wide = np.sqrt(np.diag(own + self._nuisance))
+        deviates = ndtr((-limit - change) / wide) + ndtr((change - limit) / wide)
         judged = _Judgement.unknown()
         for target, values in (
             (judged.change, change),
