@@ -79,7 +79,8 @@ antenna_left_m = {spec.antenna_left_m!r}
     )
     counts = (drive.counts() % 65536).astype("<u2")
     readings = np.stack(
-        [drive.gyro / 1e-4, drive.accel_long / 1e-3, drive.accel_lat / 1e-3, drive.steering_wheel / 1e-3], axis=1
+        [drive.gyro / 1e-4, drive.accel_long / 1e-3, drive.accel_lat / 1e-3, drive.steering_wheel / 1e-3],
+        axis=1,
     )
     motion = np.clip(np.round(readings), -32768, 32767).astype("<i2")
     with (folder / "can.log").open("w", encoding="ascii") as log:

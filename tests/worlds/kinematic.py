@@ -183,7 +183,9 @@ def drive(spec: Spec, seed: int) -> Drive:
     grade = np.arctan(slope)
     # the driver never drives quite straight
     bend = bend + markov(rng, n, STEP_S, 2e-4, 3.0)
-    yaw = speed * np.clip(bend, -0.06, 0.06)
+    tight = 3.2 / np.maximum(speed, 7.3) ** 2
+    bend = np.clip(bend, -tight, tight)
+    yaw = speed * bend
     a_x = np.gradient(speed, STEP_S)
     a_lat = speed * yaw
     force = a_x + G * np.sin(grade)
@@ -277,7 +279,7 @@ def _receive(
     arm = physics.get("antenna_lever_arm", {})
     ahead = spec.antenna_forward_m + float(arm.get("forward_m", 0.0))
     left = spec.antenna_left_m + float(arm.get("left_m", 0.0))
-    along = speed * np.cos(grade) if spec.hilly > 0 else speed
+    along = speed if "no_shortening" in physics else speed * np.cos(grade)
     vx = along - yaw * left
     vy = along * np.tan(beta) + yaw * ahead
     cos, sin = np.cos(heading), np.sin(heading)

@@ -21,7 +21,7 @@ from tpmsd.diagnosis.findings import report
 from tpmsd.diagnosis.motion import reference
 from tpmsd.diagnosis.noise_fit import fit_noise, outliers
 from tpmsd.diagnosis.recording import Recording
-from tpmsd.diagnosis.refine import refined
+from tpmsd.diagnosis.refine import refine
 from tpmsd.diagnosis.response import (
     catalogue_columns,
     radius_columns,
@@ -96,8 +96,6 @@ def diagnose(
     study = Study(reader)
     progress(0.2)
     selection, evidence = examine(study, progress)
-    progress(0.85)
-    selection, evidence = refined(study, selection, evidence)
     progress(1.0)
     return report(study, selection, evidence)
 
@@ -111,6 +109,9 @@ def examine(study: Study, progress: Callable[[float], None]) -> tuple[Selection,
         evidence = study.evidence()
         progress(0.35 + 0.25 * turn)
         selection = Selector(evidence, study.hypotheses).select()
+        if refine(study, selection, evidence):
+            evidence = study.evidence()
+            selection = Selector(evidence, study.hypotheses).select()
         white = study.residual(selection.fit.design, selection.fit.values)
         study.inflate = outliers(white, study.blocks, study.inflate)
         design = selection.fit.design

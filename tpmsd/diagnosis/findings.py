@@ -45,6 +45,8 @@ PLACE: dict[str, tuple[str, str | None]] = {
 }
 """Channel and covariate over which an effect shows."""
 UNITS = {"gnss_speed": "m/s", "gnss_course": "rad", "yaw_rate": "rad/s"}
+NEUTRAL = {"scale": 1.0}
+"""What a parameter is where nothing is missing; fitted is the difference from it."""
 STEP_S = 3.0
 """A ramp shorter than this is a step."""
 
@@ -175,7 +177,7 @@ def _quantities(one: Chosen, nonlinear: dict[str, float]) -> dict[str, Quantity]
     for name, value, std in zip(term.parameters, one.values, one.stds, strict=True):
         if name:
             wider = max(float(std), nonlinear.get(name, 0.0))
-            out[name] = Quantity(float(value), wider, known[name].unit)
+            out[name] = Quantity(float(value) + NEUTRAL.get(name, 0.0), wider, known[name].unit)
     if term.effect == "thermal_growth":
         std = nonlinear.get("time_constant_s", term.time_constant_s)
         out["time_constant_s"] = Quantity(term.time_constant_s, std, "s")

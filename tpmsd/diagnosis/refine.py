@@ -8,7 +8,7 @@ one pass.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +23,7 @@ from tpmsd.wheels import WHEELS, FloatArray
 if TYPE_CHECKING:
     from tpmsd.diagnosis.diagnose import Study
 
-ROUNDS = 3
+ROUNDS = 4
 
 
 @dataclass(frozen=True)
@@ -31,54 +31,41 @@ class Point:
     """A trial of a term's nonlinear parameters."""
 
     first: float
-    """Onset (s) or time constant (s)."""
+    """Middle of a ramp (s) or time constant (s)."""
     second: float = 0.0
     """Duration of a ramp (s)."""
 
 
-def refined(study: Study, selection: Selection, evidence: Evidence) -> tuple[Selection, Evidence]:
-    """Refine the terms that have nonlinear parameters, one after the other."""
+def refine(study: Study, selection: Selection, evidence: Evidence) -> bool:
+    """Give the study exact columns for the terms that have nonlinear parameters; whether there are any.
+
+    They are hypotheses like all others from then on, beside those on the grid.
+    """
     terms = [one.term for one in selection.chosen]
-    if not any(term.effect in ("radius_change", "thermal_growth") for term in terms):
-        return selection, evidence
-    extra: list[FloatArray] = []
+    added, columns = [], []
     for k, term in enumerate(terms):
-        if term.effect not in ("radius_change", "thermal_growth"):
-            continue
-        others = [other for j, other in enumerate(terms) if j != k]
-        point, column = _best(study, evidence, others, term)
-        extra.append(column)
-        terms[k] = _at(term, point)
-    columns = np.stack(extra, axis=2)
-    study.columns = np.concatenate([study.columns, columns], axis=2)
-    grown = study.evidence()
-    place = grown.width - columns.shape[2]
-    added = 0
-    final = []
-    for term in terms:
         if term.effect in ("radius_change", "thermal_growth"):
-            final.append(replace(term, design=grown.unit(place + added)))
-            added += 1
+            others = [other for j, other in enumerate(terms) if j != k]
+            point, column = _best(study, evidence, others, term)
+            added.append((term, point))
+            columns.append(column[:, :, None])
+    study.columns = np.concatenate([study.columns, *columns], axis=2)
+    width = study.columns.shape[2]
+    study.hypotheses.widen(width)
+    for k, (term, point) in enumerate(added):
+        column_at = width - len(added) + k
+        if term.effect == "radius_change":
+            onset = point.first - point.second / 2
+            study.hypotheses.add_ramp(term.wheel, (onset, onset + point.second), column_at)
         else:
-            final.append(_widened(term, grown.width))
-    study.hypotheses.widen(grown.width)
-    return Selector(grown, study.hypotheses).judged(final), grown
-
-
-def _widened(term: Term, width: int) -> Term:
-    more = np.zeros((width - term.design.shape[0], term.design.shape[1]))
-    return replace(term, design=np.concatenate([term.design, more]))
-
-
-def _at(term: Term, point: Point) -> Term:
-    if term.effect == "radius_change":
-        return replace(term, span_s=(point.first, point.first + point.second))
-    return replace(term, time_constant_s=point.first)
+            study.hypotheses.add_thermal(point.first, column_at)
+    return bool(added)
 
 
 def _column(study: Study, term: Term, point: Point) -> FloatArray:
     if term.effect == "radius_change":
-        return ramp_column(study.reader, WHEELS.index(term.wheel), point.first, point.second)
+        onset = point.first - point.second / 2
+        return ramp_column(study.reader, WHEELS.index(term.wheel), onset, point.second)
     return thermal_column(study.reader, point.first)
 
 
@@ -99,10 +86,10 @@ def _best(study: Study, evidence: Evidence, others: list[Term], term: Term) -> t
     believed = study.believed(design)
     if term.effect == "radius_change":
         step = float(np.median(np.diff(study.hypotheses.knots_s)))
-        centre = Point(term.span_s[0], term.span_s[1] - term.span_s[0])
-        width = Point(1.2 * step, max(1.2 * step, 0.3 * centre.second))
+        centre = Point(0.5 * (term.span_s[0] + term.span_s[1]), term.span_s[1] - term.span_s[0])
+        width = Point(step, max(1.5 * step, 0.3 * centre.second))
     else:
-        centre, width = Point(term.time_constant_s), Point(1.6)
+        centre, width = Point(term.time_constant_s), Point(1.4)
     column = _column(study, term, centre)
     for _ in range(ROUNDS):
         points = _trials(term, centre, width)
@@ -116,7 +103,7 @@ def _best(study: Study, evidence: Evidence, others: list[Term], term: Term) -> t
         best = int(np.argmax(_gains(white, believed.shape[2])))
         centre, column = points[best], trial[:, :, best]
         width = Point(
-            width.first / 3 if term.effect == "radius_change" else width.first**0.4, width.second / 3
+            width.first / 2.5 if term.effect == "radius_change" else width.first**0.4, width.second / 2.5
         )
     return centre, column
 

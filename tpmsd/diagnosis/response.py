@@ -17,7 +17,7 @@ from tpmsd.physics.catalogue import make_effect
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import WHEELS, FloatArray
 
-TIME_CONSTANTS_S = (60.0, 120.0, 200.0, 300.0, 450.0, 650.0, 1000.0, 1600.0, 3000.0)
+TIME_CONSTANTS_S = (120.0, 200.0, 300.0, 450.0, 650.0, 1000.0, 1600.0, 3000.0)
 """Grid of the thermal time constant; the parameter is refined afterwards."""
 RAMP_KNOTS = 40
 SMOOTH_TERMS = 5

@@ -19,20 +19,33 @@ import numpy as np
 
 from tpmsd.diagnosis.evidence import Evidence, Fit
 from tpmsd.diagnosis.terms import Hypotheses, Term, group_gain
+from tpmsd.physics.catalogue import EFFECTS
+from tpmsd.physics.effect import Parameter
 from tpmsd.wheels import FloatArray
 
 ADMIT = 6.0
 """Log-likelihood beyond its penalty that a term must bring."""
 HELDOUT = 4.0
 """Log-likelihood on held-out blocks that it must bring."""
-SHARE_OF_REST = 0.003
+SHARE_OF_REST = 1e-4
 """A term must also bring this share of what all terms together bring: no linearised model is better than
 that.
 """
 MAX_TERMS = 8
 RIVAL = 2.0
 """Rivals whose fit is worse by less than this are not told apart."""
+MIN_EIGENVALUE = 1e-6
+"""Of the terms' correlation matrix, calibration included."""
 _MAX_RATIO = 25.0
+BOUNDS = {
+    (name, parameter.name): (parameter.lower - 1.0, parameter.upper - 1.0)
+    if name == "yaw_rate_scale"
+    else (parameter.lower, parameter.upper)
+    for name, effect in EFFECTS.items()
+    for parameter in effect.parameters
+    if isinstance(parameter, Parameter)
+}
+"""Of the fitted values, by effect and parameter; a scale is fitted as its difference from one."""
 
 
 @dataclass(frozen=True)
@@ -87,17 +100,16 @@ class Selector:
             if state in seen:
                 break
             seen.add(state)
-        while chosen:
-            judged = [self._judge(chosen, k) for k in range(len(chosen))]
-            worst = min(range(len(chosen)), key=lambda k: judged[k].heldout_gain)
-            need = HELDOUT
-            if judged[worst].heldout_gain >= need:
-                break
-            chosen = chosen[:worst] + chosen[worst + 1 :]
         return self.judged(chosen)
 
     def judged(self, chosen: list[Term]) -> Selection:
-        """The verdict on given terms."""
+        """The verdict on given terms, less those that do not predict what was held out."""
+        while chosen:
+            heldout = [self._heldout_gain(chosen, k) for k in range(len(chosen))]
+            worst = int(np.argmin(heldout))
+            if heldout[worst] >= HELDOUT:
+                break
+            chosen = chosen[:worst] + chosen[worst + 1 :]
         judged = [self._judge(chosen, k) for k in range(len(chosen))]
         order = sorted(judged, key=lambda one: -one.heldout_gain)
         design = self.design(chosen)
@@ -188,6 +200,8 @@ class Selector:
         for gain, terms in [*singles, *self.pairs(chosen)[:3]]:
             price = sum(term.penalty for term in terms)
             now = chosen + terms
+            if not self._sane(now):
+                continue
             ratio = max(self.ratio(now, len(chosen) + k) for k in range(len(terms)))
             sure = (gain + price) / ratio - price
             if len(terms) == 2:
@@ -199,6 +213,24 @@ class Selector:
             if sure > threshold and (best is None or sure > best[0]):
                 best = (sure, terms)
         return None if best is None else best[1]
+
+    def _sane(self, terms: list[Term]) -> bool:
+        """Whether the terms can be told apart at all, and their values are physically thinkable."""
+        design = self.design(terms)
+        rows = np.flatnonzero(np.any(design != 0.0, axis=1))
+        gram = design[rows].T @ self.evidence.total[np.ix_(rows, rows)] @ design[rows]
+        scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        if float(np.linalg.eigvalsh(gram / np.outer(scale, scale))[0]) < MIN_EIGENVALUE:
+            return False
+        values = self.evidence.fit(design).values
+        at = self.hypotheses.nuisance.shape[1]
+        for term in terms:
+            for k, name in enumerate(term.parameters):
+                bounds = BOUNDS.get((term.effect, name))
+                if bounds is not None and not bounds[0] <= values[at + k] <= bounds[1]:
+                    return False
+            at += term.design.shape[1]
+        return True
 
     def _needed(self, terms: list[Term], which: int) -> float:
         """What a term brings beyond its penalty in the presence of the others."""
@@ -213,9 +245,10 @@ class Selector:
             for k in range(len(chosen)):
                 rest = chosen[:k] + chosen[k + 1 :]
                 now = self.gain(chosen) - self.gain(rest) - chosen[k].price(self._first(chosen, k))
-                options = self.candidates(rest)
-                if options and options[0][0] > now + 0.5 and options[0][1][0].key is not None:
-                    chosen = [*rest, *options[0][1]]
+                better = [terms for net, terms in self.candidates(rest)[:4] if net > now + 0.5]
+                better = [terms for terms in better if self._sane([*rest, *terms])]
+                if better:
+                    chosen = [*rest, *better[0]]
                     improved = True
                     break
             if not improved:
@@ -236,6 +269,11 @@ class Selector:
             chosen = chosen[:worst] + chosen[worst + 1 :]
         return chosen
 
+    def _heldout_gain(self, terms: list[Term], which: int) -> float:
+        rest = terms[:which] + terms[which + 1 :]
+        with_it = self.evidence.heldout(self.design(terms))
+        return float((with_it - self.evidence.heldout(self.design(rest))).sum())
+
     def _judge(self, chosen: list[Term], which: int) -> Chosen:
         term = chosen[which]
         rest = chosen[:which] + chosen[which + 1 :]
@@ -244,7 +282,6 @@ class Selector:
         at = slice(start, start + term.design.shape[1])
         ratios = np.clip(self.evidence.sandwich(fit)[at], 1.0, _MAX_RATIO)
         gain = fit.gain - self.gain(rest)
-        heldout = self.evidence.heldout(self.design(chosen)) - self.evidence.heldout(self.design(rest))
         sure = gain / float(ratios.max()) - term.penalty
         rivals: dict[str, float] = {}
         weights = {term.effect: 1.0, "": math.exp(-min(max(sure, -50.0), 50.0))}
@@ -259,14 +296,25 @@ class Selector:
             better = net - (gain - term.price(float(fit.values[start])))
             if name not in weights and name != term.effect:
                 weights[name] = math.exp(min(better / float(ratios.max()), 0.0))
-            if rival.effect not in ("unknown", term.effect) and raw > gain - RIVAL:
+            if rival.effect in ("unknown", term.effect):
+                continue
+            if raw < gain - RIVAL and 1 < term.design.shape[1] <= 2:
+                # Part of the term may stay beside the rival.
+                part = max(
+                    self.evidence.fit(
+                        np.concatenate([self.design([*rest, rival]), term.design[:, k : k + 1]], axis=1)
+                    ).gain
+                    for k in range(term.design.shape[1])
+                )
+                raw = part - self.gain(rest)
+            if raw > gain - RIVAL:
                 rivals.setdefault(rival.effect, raw)
         confidence = 1.0 / sum(weights.values())
         return Chosen(
             term=term,
             gain=gain,
             admitted_by=sure,
-            heldout_gain=float(heldout.sum()),
+            heldout_gain=self._heldout_gain(chosen, which),
             confidence=confidence,
             rivals=tuple(sorted(rivals, key=lambda name: -rivals[name])),
             values=fit.values[at],

@@ -42,6 +42,11 @@ ANTISYMMETRIC: dict[str, tuple[tuple[str, float], ...]] = {
 Name = tuple[str, ...]
 
 
+def thermal_price(time_constant_s: float) -> float:
+    """Penalty of a warm-up: tyres take ten minutes, give or take a factor of two."""
+    return PER_VALUE + 1.5 + 0.5 * (math.log(time_constant_s / 500.0) / 0.7) ** 2
+
+
 @dataclass(frozen=True, eq=False)
 class Term:
     """One hypothesis."""
@@ -140,8 +145,28 @@ class Hypotheses:
             out.append(Term(effect, design, parameters, PER_VALUE * len(parameters)))
         for tau in TIME_CONSTANTS_S:
             design = self._unit([("thermal_growth", f"{tau:g}")])
-            out.append(Term("thermal_growth", design, ("amplitude_m",), PER_VALUE + 1.5, time_constant_s=tau))
+            out.append(
+                Term("thermal_growth", design, ("amplitude_m",), thermal_price(tau), time_constant_s=tau)
+            )
         return out
+
+    def add_ramp(self, wheel: str, span_s: tuple[float, float], column: int) -> None:
+        """A ramp off the grid, whose response is that column."""
+        design = np.zeros((self.width, 1))
+        design[column, 0] = 1.0
+        price = PER_VALUE + math.log(4 * RAMP_KNOTS)
+        self.catalogue.append(
+            Term("radius_change", design, ("deviation_m",), price, wheel=wheel, span_s=span_s)
+        )
+
+    def add_thermal(self, time_constant_s: float, column: int) -> None:
+        """A warm-up off the grid."""
+        design = np.zeros((self.width, 1))
+        design[column, 0] = 1.0
+        price = thermal_price(time_constant_s)
+        self.catalogue.append(
+            Term("thermal_growth", design, ("amplitude_m",), price, time_constant_s=time_constant_s)
+        )
 
     def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, str, int]]:
         """For each wheel the best ramp: (gain, wheel, number of the pair of knots)."""
