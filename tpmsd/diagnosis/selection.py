@@ -36,6 +36,8 @@ RIVAL = 2.0
 """Rivals whose fit is worse by less than this are not told apart."""
 MIN_EIGENVALUE = 1e-6
 """Of the terms' correlation matrix, calibration included."""
+SMALLEST_M = 3e-5
+"""No road leaves a tyre's radius alone better than to this: a smaller change is not worth a name."""
 _MAX_RATIO = 25.0
 BOUNDS = {
     (name, parameter.name): (parameter.lower - 1.0, parameter.upper - 1.0)
@@ -225,6 +227,9 @@ class Selector:
         values = self.evidence.fit(design).values
         at = self.hypotheses.nuisance.shape[1]
         for term in terms:
+            here = np.abs(values[at : at + term.design.shape[1]])
+            if term.on_radii and float(here.max()) < SMALLEST_M:
+                return False
             for k, name in enumerate(term.parameters):
                 bounds = BOUNDS.get((term.effect, name))
                 if bounds is not None and not bounds[0] <= values[at + k] <= bounds[1]:

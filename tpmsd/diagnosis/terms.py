@@ -71,6 +71,12 @@ class Term:
         return self.penalty + (ODD_SIGN if odd else 0.0)
 
     @property
+    def on_radii(self) -> bool:
+        """Whether the values are changes of single wheels' radii in metres."""
+        free = self.effect == "unknown" and self.place not in ("gnss_speed", "gnss_course", "yaw_rate")
+        return free or self.effect == "radius_change"
+
+    @property
     def key(self) -> tuple[str, ...]:
         """What makes two terms rivals for one place in the model: an effect may act once (per wheel, per
         place).
