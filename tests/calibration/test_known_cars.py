@@ -26,7 +26,7 @@ def spec(
     seed: int, kind: str, wheels: int, place: tuple[float, float], rate_hz: float, **more: object
 ) -> DriveSpec:
     receiver = ReceiverSpec(rate_hz=rate_hz, latitude_deg=place[0], longitude_deg=place[1])
-    options: dict[str, object] = {"route": "mixed", "duration_s": 300.0, "radius_offset_m": TRUE_OFFSETS_M}
+    options: dict[str, object] = {"route": "mixed", "duration_s": 200.0, "radius_offset_m": TRUE_OFFSETS_M}
     return DriveSpec(
         **{**options, **more}, seed=seed, bus=BusSpec(kind=kind, wheels=wheels), receiver=receiver
     )  # type: ignore[arg-type]
@@ -54,7 +54,7 @@ def test_known_radii_come_back(
     assert (WHEELS if wheels == 4 else WHEELS[2:]) == tuple(found.wheels)
     assert {} == {wheel: z for wheel, z in off.items() if abs(z) > 3.3}
     assert max(result.radius_std_m for result in found.wheels.values()) < 0.25e-3
-    assert abs(difference) < 3.3 * found.difference_std_m < 0.1e-3
+    assert abs(difference) < 3.3 * found.difference_std_m < 0.3e-3
     assert abs(found.track_rear_m - 1.52) < 3.3 * found.track_rear_std_m
     assert found.pose_error_after_m < 0.2 * found.pose_error_before_m
 
@@ -62,7 +62,7 @@ def test_known_radii_come_back(
 def test_two_drives_are_better_than_one(tmp_path: Path) -> None:
     """All drives are solved together: the standard deviation falls, the radii stay true."""
     drives = [
-        recorded(tmp_path / str(seed), spec(seed, "counts16", 2, NORTH, 5.0, duration_s=200.0))
+        recorded(tmp_path / str(seed), spec(seed, "counts16", 2, NORTH, 5.0, duration_s=150.0))
         for seed in (5, 6)
     ]
     config = drives[0][1].vehicle
@@ -101,8 +101,8 @@ def test_what_confounds_radii_is_estimated_along(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("seed", "wheels", "fault"),
     [
-        (1, 4, Fault("leak", 0.5, "percent", "rl", 80.0, 150.0)),
-        (2, 2, Fault("puncture", 1.5, "percent", "rr", 120.0, 30.0)),
+        (1, 4, Fault("leak", 0.5, "percent", "rl", 40.0, 100.0)),
+        (2, 2, Fault("puncture", 1.5, "percent", "rr", 80.0, 20.0)),
     ],
 )
 def test_a_leaking_tyre_is_refused(tmp_path: Path, seed: int, wheels: int, fault: Fault) -> None:

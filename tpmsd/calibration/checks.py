@@ -32,7 +32,7 @@ MAX_TRACK_STD = 0.1
 MIN_TURN_RAD = math.radians(60.0)
 TURNING_RADPS = 0.03
 CHANGE_SIGMA = 5.0
-CHANGE_CLUSTER_S = 40.0
+CHANGE_CLUSTER_S, FEWEST_CLUSTERS = 40.0, 15
 CALM_MPS2 = 0.7
 """Lateral acceleration up to which a wheel's radius is held against the others: in bends load transfer
 rules."""
@@ -154,7 +154,8 @@ def worst_change(recording: Recording, rows: Rows) -> Change:
     # few of them does not tell its own spread, which the factor `few` makes up for.
     score = np.einsum("kcp,kc->kp", X, y - X @ values) @ (contrasts @ covariance).T
     weight = np.square(np.einsum("kcp,qp->kcq", X, contrasts @ covariance)).sum(axis=1)
-    cluster = (rows.time_s / CHANGE_CLUSTER_S).astype(int)
+    span_s = min(CHANGE_CLUSTER_S, float(rows.time_s[-1]) / FEWEST_CLUSTERS)
+    cluster = (rows.time_s / span_s).astype(int)
     sums, shares = np.zeros((cluster.max() + 1, len(size))), np.zeros((cluster.max() + 1, len(size)))
     np.add.at(sums, cluster, score)
     np.add.at(shares, cluster, weight)

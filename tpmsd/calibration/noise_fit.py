@@ -29,8 +29,8 @@ LIMITS: dict[str, tuple[float, float]] = {
     "white_m": (2e-3, 20.0),
     "slow_m": (5e-3, 50.0),
     "slow_tau_s": (3.0, 300.0),
-    "lean": (1e-6, 5e-3),
-    "lean_tau_s": (3.0, 60.0),
+    "lean": (1e-6, 5e-4),
+    "lean_tau_s": (3.0, 25.0),
     "age_s": (1e-6, 2e-2),
 }
 _NEEDS = {
@@ -42,7 +42,7 @@ _NEEDS = {
     "slow": EAST,
     "age": EAST,
 }
-FIT_WINDOWS = 400
+FIT_WINDOWS = 240
 OUTLIER = 3.5
 _PROBE = 0.35
 _MAX_STEP = 1.2

@@ -22,6 +22,10 @@ HEIGHT_SMOOTHING_S = 8.0
 LEAD_SMOOTHING_S = 8.0
 COURSE_FROM_MPS = 3.0
 LEG_S = 1.5
+DRIFT_SMOOTHING_S = 4.0
+COURSES_FROM = 0.3
+"""Share of the fixes that must bear a course for the receiver's courses to be used instead of its
+positions."""
 
 
 @dataclass(frozen=True)
@@ -84,9 +88,12 @@ def nominal(recording: Recording, car: Vehicle) -> Nominal:
     speed = np.maximum(_to_edges((rate[:, RL] + rate[:, RR]) / 2, sigma), 0.0)
     by_wheels = _to_edges((rate[:, RR] - rate[:, RL]) / car.geometry.track_rear_m, sigma)
     heading = integrate(by_wheels, edges) + _lead(recording, edges, speed, integrate(by_wheels, edges))
-    yaw = np.gradient(heading, dt)
     grade = _grade(recording, edges, speed)
     forward = speed * np.cos(grade)
+    if not np.isfinite(recording.heading_rad).mean() > COURSES_FROM:
+        for _ in range(2):
+            heading = heading + _turned_to_positions(recording, edges, heading, forward)
+    yaw = np.gradient(heading, dt)
     return Nominal(
         time_s=edges,
         speed_mps=speed,
@@ -125,17 +132,44 @@ def _lead(recording: Recording, edges: FloatArray, speed: FloatArray, turned: Fl
     return gaussian_filter1d(grid, LEAD_SMOOTHING_S / recording.dt_s, mode="nearest")
 
 
+def _turned_to_positions(
+    recording: Recording, edges: FloatArray, heading: FloatArray, forward: FloatArray
+) -> FloatArray:
+    """(n + 1,) what turns the nominal path along the positions: their drift across it, over the speed.
+
+    An error of heading costs its square half in way, so what is left of it must be small.
+    """
+    known = np.isfinite(recording.east_m)
+    if known.sum() < 10:
+        return np.zeros_like(edges)
+    time_s, dt = recording.fix_time_s[known], recording.dt_s
+    ahead, left = recording.antenna_forward_m, recording.antenna_left_m
+    cos, sin = np.cos(heading), np.sin(heading)
+    antenna = (
+        integrate(forward * cos, edges) + ahead * cos - left * sin,
+        integrate(forward * sin, edges) + ahead * sin + left * cos,
+    )
+    drift = []
+    for measured, path in zip((recording.east_m, recording.north_m), antenna, strict=True):
+        off = np.interp(edges, time_s, measured[known] - np.interp(time_s, edges, path))
+        drift.append(gaussian_filter1d(off, DRIFT_SMOOTHING_S / dt, order=1, mode="nearest") / dt)
+    across = -sin * drift[0] + cos * drift[1]
+    fast = forward > COURSE_FROM_MPS
+    return np.asarray(np.clip(np.where(fast, across / np.maximum(forward, COURSE_FROM_MPS), 0.0), -0.3, 0.3))
+
+
 def courses(recording: Recording) -> tuple[FloatArray, FloatArray]:
     """Times and courses of the receiver; from its positions over a leg where it gives none."""
     known = np.isfinite(recording.heading_rad)
-    if known.sum() > 0.3 * len(known):
+    if len(known) and known.mean() > COURSES_FROM:
         return recording.fix_time_s[known], recording.heading_rad[known]
     time_s, east, north = recording.fix_time_s, recording.east_m, recording.north_m
     if len(time_s) < 3:
         return np.empty(0), np.empty(0)
     later = np.minimum(np.searchsorted(time_s, time_s + LEG_S), len(time_s) - 1)
     de, dn = east[later] - east, north[later] - north
-    fit = (np.hypot(de, dn) > 3.0) & (time_s[later] - time_s < 2 * LEG_S)
+    lasting = time_s[later] - time_s
+    fit = (np.hypot(de, dn) > 3.0) & (lasting > 0.8 * LEG_S) & (lasting < 2 * LEG_S)
     return 0.5 * (time_s + time_s[later])[fit], np.arctan2(dn, de)[fit]
 
 

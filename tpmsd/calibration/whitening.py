@@ -69,7 +69,7 @@ class Noise:
     white_m: float = 0.2
     slow_m: float = 1.0
     slow_tau_s: float = 30.0
-    lean: float = 1e-4
+    lean: float = 3e-5
     """Slow difference of left and right radii, relative: slant of the road, side wind."""
     lean_tau_s: float = 15.0
     age_s: float = 5e-4

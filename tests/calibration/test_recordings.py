@@ -1,0 +1,68 @@
+"""The real van: its drives agree with each other."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from tpmsd.calibration.calibrate import calibrate
+from tpmsd.calibration.recording import Recording
+from tpmsd.calibration.result import Calibration, Effect
+from tpmsd.cli.calibrate import read_recordings
+from tpmsd.cli.main import main
+from tpmsd.config.load import load_config
+
+
+@pytest.fixture(scope="module")
+def drives(recordings: Path) -> list[Recording]:
+    return [
+        read_recordings([recordings / f"van-{name}"], None)[0][0]
+        for name in ("motorway-a", "motorway-b", "oval")
+    ]
+
+
+@pytest.fixture(scope="module")
+def van(drives: list[Recording], recordings: Path) -> list[Calibration]:
+    vehicle = load_config(recordings / "van-oval").vehicle
+    return [calibrate([drive], vehicle)[0] for drive in drives]
+
+
+def off(one: Calibration, other: Calibration, wheel: str, growth: Effect) -> float:
+    """How far two radii are apart at the speed of the first, in standard deviations."""
+    a, b = one.wheels[wheel], other.wheels[wheel]
+    squares = one.reference_speed_mps**2 - other.reference_speed_mps**2
+    std = math.hypot(a.radius_std_m, b.radius_std_m, growth.std * squares)
+    return abs(a.radius_m - b.radius_m - growth.value * squares) / std
+
+
+def test_drives_of_the_van_agree(van: list[Calibration], drives: list[Recording], recordings: Path) -> None:
+    """Two motorway drives and the oval give one radius per wheel once growth with speed is taken out."""
+    together, _ = calibrate(drives, load_config(recordings / "van-oval").vehicle)
+    growth = together.effects["growth"]
+    a, b, oval = van
+
+    assert 3.0 < growth.value / growth.std
+    for wheel in ("rl", "rr"):
+        assert off(a, b, wheel, growth) < 2.5
+        assert off(a, oval, wheel, growth) < 3.0
+        assert off(b, oval, wheel, growth) < 3.0
+        assert max(one.wheels[wheel].radius_std_m for one in van) < 0.25e-3
+        assert together.wheels[wheel].radius_std_m < min(one.wheels[wheel].radius_std_m for one in van)
+
+
+def test_the_track_and_load_transfer_of_the_van(van: list[Calibration]) -> None:
+    """Both motorway drives show the same track and the same load transfer, of a plausible size."""
+    a, b, _ = van
+    load_a, load_b = a.effects["load_lateral"], b.effects["load_lateral"]
+
+    assert abs(a.track_rear_m - b.track_rear_m) < 3 * math.hypot(a.track_rear_std_m, b.track_rear_std_m)
+    assert abs(load_a.value - load_b.value) < 3 * math.hypot(load_a.std, load_b.std)
+    assert 1e-4 < load_a.value < 4e-4
+
+
+def test_a_minute_straight_on_is_refused(recordings: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The RAV4's minute holds no bend: exit code 3, one line."""
+    assert 3 == main(["calibrate", str(recordings / "rav4-suburb-60s")])
+    assert 1 == len(capsys.readouterr().err.strip().splitlines())
