@@ -1,0 +1,83 @@
+"""`tpmsd diagnose` from folder to report."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.worlds.folder import write_folder
+from tests.worlds.kinematic import Spec, drive
+from tpmsd.cli.main import main
+from tpmsd.physics.model_file import load_model
+
+PHYSICS = {"load_transfer_lateral": {"coefficient": 2e-4}}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Five minutes of a car whose tyres feel the bends."""
+    path = tmp_path_factory.mktemp("drives") / "bends"
+    write_folder(drive(Spec(duration_s=300.0, road="rural", physics=dict(PHYSICS)), 21), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def out(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder with all that the command writes."""
+    path = tmp_path_factory.mktemp("out")
+    arguments = ["diagnose", str(folder), "--json", str(path / "d.json"), "--html", str(path / "d.html")]
+    assert 0 == main(arguments)
+    return path
+
+
+def test_the_document_has_the_form_that_others_rely_on(out: Path) -> None:
+    """Keys, names and units are those of the public format."""
+    document = json.loads((out / "d.json").read_text(encoding="utf-8"))
+    finding = document["findings"][0]
+
+    assert ("mismatch", ["rolling"]) == (document["verdict"], document["baseline"]["model"])
+    assert {"heldout_rms", "heldout_loglik_per_s"} < set(document["baseline"])
+    assert "load_transfer_lateral" == finding["effect"]
+    assert finding["parameters"]["coefficient"]["value"] == pytest.approx(2e-4, rel=0.1)
+    assert "s2" == finding["parameters"]["coefficient"]["unit"]
+    assert ("wheel_ratio", "accel_lat") == (finding["where"]["channel"], finding["where"]["covariate"])
+    assert finding["heldout"]["rms_after"] < finding["heldout"]["rms_before"]
+    assert {"significant", "where"} == set(document["unexplained"])
+
+
+def test_the_extended_model_can_be_taken_up_again(out: Path) -> None:
+    """The model file beside the report holds the finding with its standard deviation."""
+    model = load_model(json.loads((out / "d.json").read_text(encoding="utf-8"))["model_file"])
+
+    assert ["load_transfer_lateral"] == [effect.name for effect in model]
+    assert 0.0 < model.stds[0]["coefficient"] < 2e-5
+
+
+def test_the_page_stands_alone(out: Path) -> None:
+    """It has pictures, and loads nothing from elsewhere."""
+    page = (out / "d.html").read_text(encoding="utf-8")
+
+    assert page.count("<svg") >= 3
+    assert "<script" not in page
+    assert "src=" not in page
+    assert "href=" not in page
+
+
+def test_a_model_file_of_somebody_else_is_left_alone(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without --model-out, a model.toml that was written by hand stays as it is."""
+    mine = tmp_path / "model.toml"
+    mine.write_text("# mine\n", encoding="utf-8")
+    main(["diagnose", str(folder), "--json", str(tmp_path / "d.json")])
+
+    assert "# mine\n" == mine.read_text(encoding="utf-8")
+    assert "left as it is" in capsys.readouterr().err
+
+
+def test_a_folder_that_is_not_there_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Unusable input ends with code 3 and the folder's name."""
+    assert 3 == main(["diagnose", str(tmp_path / "none")])
+    assert f"tpmsd: {tmp_path / 'none'}: no such drive folder\n" == capsys.readouterr().err
