@@ -26,6 +26,8 @@ WINDOW_S = 1.0
 MIN_SPEED_MPS = 5.0
 MAX_YAW_RATE_RADPS = 0.4
 """Beyond, tyres scrub, and a second is too long to be linear in."""
+MAX_WINDOWS = 7200
+"""Two hours of driving; what comes after is left out, so that memory is bounded."""
 CHANNELS = 9
 WHEEL, GYRO, SPEED, COURSE, EAST, NORTH = 0, 4, 5, 6, 7, 8
 CHANNEL_NAMES = ("wheel_ratio",) * 4 + (
@@ -76,6 +78,7 @@ class Reader:
         self._count = count
         turning = self._mean_edges(np.abs(reference.motion.yaw_rate_radps), count)
         self._kept = np.flatnonzero(whole & (speed > MIN_SPEED_MPS) & (turning < MAX_YAW_RATE_RADPS))
+        self._kept = self._kept[:MAX_WINDOWS]
         self._window_of_fix = np.floor(recording.fix_time_s / WINDOW_S).astype(int)
         self.windows = self._windows()
 
