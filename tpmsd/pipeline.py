@@ -7,7 +7,6 @@ same alarms.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,12 +19,10 @@ from tpmsd.estimators.build import build_estimator, monitored_wheels
 from tpmsd.monitor.monitor import Monitor
 from tpmsd.monitor.records import MonitorReport
 from tpmsd.physics.model import ExtendedModel
-from tpmsd.sources.can_decoder import CanDecoder
 from tpmsd.sources.events import Event
-from tpmsd.sources.nmea_epoch import NmeaAssembler
 from tpmsd.timeline.compensation import Compensation, adjusted
 from tpmsd.timeline.tick import Tick
-from tpmsd.timeline.timeline import Timeline
+from tpmsd.timeline.tick_source import TickSource
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,9 +43,10 @@ class Pipeline:
         if model is not None and len(model):
             config = adjusted(config, model)
             self._compensation = Compensation(config, model)
-        self.decoder = CanDecoder(config, database)
-        self.assembler = NmeaAssembler()
-        self.timeline = Timeline(config.filter.rate_hz, config.gnss.latency_s)
+        self._source = TickSource(config, database)
+        self.decoder = self._source.decoder
+        self.assembler = self._source.assembler
+        self.timeline = self._source.timeline
         self.estimator = build_estimator(config, np.random.default_rng(config.filter.seed))
         self.monitor = Monitor(config.vehicle, config.monitor, monitored_wheels(config))
 
@@ -56,37 +54,23 @@ class Pipeline:
         self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, is_fd: bool = False
     ) -> list[Step]:
         """Take one CAN data frame."""
-        steps = self.advance(time_s)
-        return steps + self._take(self.decoder.decode(time_s, arbitration_id, is_extended, data, is_fd))
+        return self._run(self._source.on_frame(time_s, arbitration_id, is_extended, data, is_fd))
 
     def on_sentence(self, time_s: float, line: bytes) -> list[Step]:
         """Take one NMEA line."""
-        steps = self.advance(time_s)
-        return steps + self._take(self.assembler.feed(time_s, line))
+        return self._run(self._source.on_sentence(time_s, line))
 
     def on_event(self, event: Event) -> list[Step]:
         """Take a source's own event (an interface that went down, a receiver unplugged)."""
-        return self._take([event])
+        return self._run(self._source.on_event(event))
 
     def advance(self, time_s: float) -> list[Step]:
         """Let time pass: ends epochs, finds time-outs, completes ticks."""
-        # Ticks that were due while the receiver's epoch was still open come before its fix, whether or not
-        # anybody told the time in between: else a run that is told it more often would make other ticks.
-        deadline_s = self.assembler.deadline_s
-        steps = self._run(self.timeline.advance(deadline_s)) if deadline_s < time_s else []
-        steps += self._take(self.assembler.advance(time_s))
-        steps += self._take(self.decoder.poll(time_s))
-        return steps + self._run(self.timeline.advance(time_s))
+        return self._run(self._source.advance(time_s))
 
     def finish(self) -> list[Step]:
         """What the end of a recording completes."""
-        return self._take(self.assembler.flush()) + self._run(self.timeline.finish())
-
-    def _take(self, events: Iterable[Event]) -> list[Step]:
-        steps: list[Step] = []
-        for event in events:
-            steps += self._run(self.timeline.add(event))
-        return steps
+        return self._run(self._source.finish())
 
     def _run(self, ticks: list[Tick]) -> list[Step]:
         steps: list[Step] = []

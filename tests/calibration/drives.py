@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tpmsd.calibration.recording import Recording, record
-from tpmsd.cli.drive_ticks import read_ticks
+from tpmsd.cli.drive_reading import read_ticks
 from tpmsd.config.load import load_config
 from tpmsd.config.model import Config
 from tpmsd.physics.motion import Motion

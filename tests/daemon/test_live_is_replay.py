@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -100,19 +101,26 @@ def punctured() -> SimulatedDrive:
 
 def test_a_live_run_and_its_replay_are_the_same(tmp_path: Path) -> None:
     """A drive played live and recorded replays to the same ticks, radii to the last bit, and alarms."""
-    live: list[Step] = []
-    daemon = watch_live(
-        punctured(),
-        tmp_path / "run",
-        speed_up=30.0,
-        channel="live-is-replay",
-        record=tmp_path / "drive",
-        on_step=live.append,
-        grace_real_s=0.4,
-    )
-    config = load_config(tmp_path / "drive")
-    result = replay(tmp_path / "drive", config)
-    replayed = fed(config, list(Drive(tmp_path / "drive")), [])
+    drive = tmp_path / "drive"
+    for speed_up in (30.0, 12.0, 5.0):
+        # On a machine too busy for the speed, inputs come too late for their ticks, as the daemon itself says;
+        # that is not what is to be shown here.
+        live: list[Step] = []
+        shutil.rmtree(drive, ignore_errors=True)
+        daemon = watch_live(
+            punctured(),
+            tmp_path / f"run-{speed_up:g}",
+            speed_up=speed_up,
+            channel="live-is-replay",
+            record=drive,
+            on_step=live.append,
+            grace_real_s=0.4,
+        )
+        if daemon.document()["can"]["faults"].get("too_late", 0) == 0:
+            break
+    config = load_config(drive)
+    result = replay(drive, config)
+    replayed = fed(config, list(Drive(drive)), [])
 
     assert 0 == daemon.document()["can"]["faults"].get("too_late", 0)
     alarms: list[AlarmEvent] = [event for step in live for event in step.report.events]

@@ -97,7 +97,7 @@ def run(args: argparse.Namespace) -> int:
 def read_recordings(folders: list[Path], config_file: Path | None) -> tuple[list[Recording], Config]:
     """The drives as arrays, and the configuration of the first; InputError where they do not go together."""
     from tpmsd.calibration.recording import record
-    from tpmsd.cli.drive_ticks import read_ticks
+    from tpmsd.cli.drive_reading import read_ticks
     from tpmsd.config.load import load_config
 
     first: Config | None = None

@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
 
 def read_recording(folder: Path, config_file: Path | None = None) -> Recording:
     """A drive folder as arrays; InputError if nothing usable is in it."""
-    from tpmsd.cli.drive_ticks import read_ticks
+    from tpmsd.cli.drive_reading import read_ticks
     from tpmsd.config.load import load_config
     from tpmsd.diagnosis.recording import record
 

@@ -7,25 +7,21 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import sys
 import time
 from pathlib import Path
 
-from tpmsd.cli.output import Progress, Subparsers, add_json_option, write_json
+from tpmsd.cli.drive_reading import open_drive, play
+from tpmsd.cli.output import Subparsers, add_json_option, write_json
 from tpmsd.config.load import load_config
 from tpmsd.config.model import Config
 from tpmsd.errors import ConfigError, InputError
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.physics.model_file import load_model
-from tpmsd.pipeline import Pipeline, Step
+from tpmsd.pipeline import Pipeline
 from tpmsd.report.replay_document import replay_document
 from tpmsd.report.replay_recorder import ReplayRecorder
 from tpmsd.report.replay_result import ReplayResult
 from tpmsd.report.replay_summary import replay_summary
-from tpmsd.sources.can_decoder import CanDecoder, load_database
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.drive import Drive
-from tpmsd.sources.plain_nmea import clock_offset
 
 _DESCRIPTION = """\
 Runs a recorded drive through the same core as the daemon, at full speed, and says what the daemon would
@@ -105,66 +101,12 @@ def _overridden(config: Config, args: argparse.Namespace) -> Config:
 
 def replay(folder: Path, config: Config, model: ExtendedModel | None = None) -> ReplayResult:
     """Run a drive through the core; raises InputError if nothing usable is in it."""
-    drive = Drive(folder)
-    database = load_database(config.can.dbc)
-    try:
-        decoder, pipeline = CanDecoder(config, database), Pipeline(config, database, model)
-    except ConfigError as error:
-        raise ConfigError(f"{config.file or folder}: {error}") from None
-    if not drive.host_times:
-        _align_clocks(drive, config, decoder)
+    drive, database = open_drive(folder, config)
     recorder = ReplayRecorder(folder.resolve().name, config.vehicle, config.monitor)
     begun = time.perf_counter()
-    start: float | None = None
-    with Progress(drive.span_s() if sys.stderr.isatty() else 0.0, "replay") as progress:
-        for number, item in enumerate(drive):
-            start = item.time_s if start is None else start
-            if isinstance(item, CanFrame):
-                if item.is_error or item.is_remote:
-                    continue
-                steps = pipeline.on_frame(
-                    item.time_s, item.arbitration_id, item.is_extended, item.data, item.is_fd
-                )
-            else:
-                steps = pipeline.on_sentence(item.time_s, item.line)
-            _record(recorder, steps)
-            if number % 2000 == 0:
-                progress.update(item.time_s - start)
-    _record(recorder, pipeline.finish())
-    _check_usable(drive, pipeline)
-    for source, note in drive.first_bad.items():
-        count = drive.counts[f"{source} bad lines"]
-        lines = "1 bad line" if count == 1 else f"{count} bad lines"
-        print(f"tpmsd: {lines} skipped, first {note}", file=sys.stderr)
+    for step in play(drive, Pipeline(config, database, model), "replay"):
+        recorder.add(step.tick, step.estimate, step.report)
     result = recorder.result(0.0)
     return dataclasses.replace(
         result, realtime_factor=result.duration_s / max(time.perf_counter() - begun, 1e-9)
     )
-
-
-def _align_clocks(drive: Drive, config: Config, decoder: CanDecoder) -> None:
-    """Put plain NMEA lines, whose UTC is their only clock, onto the host clock of the CAN log."""
-    radius_m = config.vehicle.wheel_radius_m[2]
-    found = clock_offset(Drive(drive.folder), decoder, radius_m)
-    if found is not None and found.trusted:
-        drive.gnss_offset_s = found.offset_s
-        note = f"shifted by {found.offset_s:+.2f} s to fit the wheels (correlation {found.correlation:.3f})"
-    else:
-        note = "taken as the host clock, for the speeds do not tell its offset"
-    print(f"tpmsd: {drive.nmea_log}: lines bear no host time; their UTC is {note}", file=sys.stderr)
-
-
-def _record(recorder: ReplayRecorder, steps: list[Step]) -> None:
-    for step in steps:
-        recorder.add(step.tick, step.estimate, step.report)
-
-
-def _check_usable(drive: Drive, pipeline: Pipeline) -> None:
-    """A drive in which no wheel ever turned up is the wrong DBC or the wrong log, not a quiet drive."""
-    counts = pipeline.decoder.counts
-    if counts["frames"] == counts["ignored"]:
-        raise InputError(
-            drive.can_log,
-            f"none of its {counts['frames']} frames has an identifier that the configured signals need "
-            "(wrong DBC or log?)",
-        )

@@ -1,0 +1,64 @@
+"""Stamped inputs in, ticks out: decoder, assembler and timeline of one car, strung together.
+
+In: CAN frames and NMEA lines in the order of their host time stamps, and the passing of time. Out: `Tick`s.
+No I/O, no clock: daemon, replay, calibration and diagnosis all see a drive through this.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from cantools.database import Database
+
+from tpmsd.config.model import Config
+from tpmsd.sources.can_decoder import CanDecoder
+from tpmsd.sources.events import Event
+from tpmsd.sources.nmea_epoch import NmeaAssembler
+from tpmsd.timeline.tick import Tick
+from tpmsd.timeline.timeline import Timeline
+
+
+class TickSource:
+    """Everything left of the estimator."""
+
+    def __init__(self, config: Config, database: Database, rate_hz: float | None = None) -> None:
+        """`rate_hz`: ticks per second instead of the configured ones."""
+        self.decoder = CanDecoder(config, database)
+        self.assembler = NmeaAssembler()
+        self.timeline = Timeline(rate_hz or config.filter.rate_hz, config.gnss.latency_s)
+
+    def on_frame(
+        self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, is_fd: bool = False
+    ) -> list[Tick]:
+        """Take one CAN data frame."""
+        ticks = self.advance(time_s)
+        return ticks + self._take(self.decoder.decode(time_s, arbitration_id, is_extended, data, is_fd))
+
+    def on_sentence(self, time_s: float, line: bytes) -> list[Tick]:
+        """Take one NMEA line."""
+        ticks = self.advance(time_s)
+        return ticks + self._take(self.assembler.feed(time_s, line))
+
+    def on_event(self, event: Event) -> list[Tick]:
+        """Take a source's own event (an interface that went down, a receiver unplugged)."""
+        return self._take([event])
+
+    def advance(self, time_s: float) -> list[Tick]:
+        """Let time pass: ends epochs, finds time-outs, completes ticks."""
+        # Ticks that were due while the receiver's epoch was still open come before its fix, whether or not
+        # anybody told the time in between: else a run that is told it more often would make other ticks.
+        deadline_s = self.assembler.deadline_s
+        ticks = self.timeline.advance(deadline_s) if deadline_s < time_s else []
+        ticks += self._take(self.assembler.advance(time_s))
+        ticks += self._take(self.decoder.poll(time_s))
+        return ticks + self.timeline.advance(time_s)
+
+    def finish(self) -> list[Tick]:
+        """What the end of a recording completes."""
+        return self._take(self.assembler.flush()) + self.timeline.finish()
+
+    def _take(self, events: Iterable[Event]) -> list[Tick]:
+        ticks: list[Tick] = []
+        for event in events:
+            ticks += self.timeline.add(event)
+        return ticks
