@@ -103,7 +103,7 @@ def test_a_live_run_and_its_replay_are_the_same(tmp_path: Path) -> None:
     """A drive played live and recorded replays to the same ticks, radii to the last bit, and alarms."""
     drive = tmp_path / "drive"
     for speed_up in (30.0, 12.0, 5.0):
-        # On a machine too busy for the speed, inputs come too late for their ticks, as the daemon says itself.
+        # On a machine too busy for the speed, inputs come too late for their ticks, and the daemon says so.
         # That is not what is to be shown here.
         live: list[Step] = []
         shutil.rmtree(drive, ignore_errors=True)
