@@ -49,9 +49,17 @@ class Stalling(Pipeline):
         self.left = limit
 
     def advance(self, time_s: float) -> list[Step]:
-        steps = super().advance(time_s)[: self.left]
-        self.left -= len(steps)
-        return steps
+        return self._cut(super().advance(time_s))
+
+    def on_frame(
+        self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, is_fd: bool = False
+    ) -> list[Step]:
+        return self._cut(super().on_frame(time_s, arbitration_id, is_extended, data, is_fd))
+
+    def _cut(self, steps: list[Step]) -> list[Step]:
+        kept = steps[: self.left]
+        self.left -= len(kept)
+        return kept
 
 
 def run(
