@@ -22,7 +22,7 @@ TOP_SPEED_MPS = 60.0
 _LOST = {
     "yaw_rate": "turns are seen by the difference of the wheels alone, and no gyro can be diagnosed",
     "accel_long": "acceleration is taken from the wheels, so a slope does not show in it",
-    "accel_lat": "lateral acceleration is speed times the yaw rate of the wheels",
+    "accel_lat": "lateral acceleration is speed times the yaw rate of gyro, receiver or wheels",
     "steering_wheel_angle": "at walking pace the heading rests on the wheels' coarse counts",
     "brake_pressure": "braking shows only as deceleration",
     "drive_torque": "slip under drive force is judged by the acceleration alone",
