@@ -83,6 +83,8 @@ class Drive:
     fix_up: Array
     fix_speed: Array
     fix_course_math: Array
+    radius_m: Array = field(default_factory=lambda: np.full(4, math.nan))
+    """(4,) the wheels' true radii, but for what `Spec.physics` adds."""
 
     def counts(self) -> NDArray[np.int64]:
         """(n, 4) edges counted by each wheel at the bus's samples."""
@@ -233,7 +235,9 @@ def drive(spec: Spec, seed: int) -> Drive:
         angle = angle - rate * late[:, None]  # the stamp is later than the sample
     gyro = yaw * get("yaw_rate_scale", "scale", 1.0) + get("yaw_rate_bias", "bias")
     gyro = gyro + rng.normal(0, spec.gyro_std, n) + np.cumsum(rng.normal(0, spec.gyro_drift * STEP_S**0.5, n))
-    return _receive(spec, rng, t, speed, yaw, grade, heading, beta, angle, gyro, force, a_lat, bend)
+    found = _receive(spec, rng, t, speed, yaw, grade, heading, beta, angle, gyro, force, a_lat, bend)
+    found.radius_m = spec.radius_m + offset
+    return found
 
 
 def _strange(
