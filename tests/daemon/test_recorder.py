@@ -78,6 +78,7 @@ def test_everything_configured_is_recorded(tmp_path: Path) -> None:
     extra = (
         '[gnss]\ndevice = "/dev/gps \\"0\\""\nlatency_s = 0.1\n'
         "[monitor]\nlearn_s = 33.3\n[alarms]\nextended_ids = true\nstatus_id = 0x18FF1234\n"
+        '[calibration]\nmade = "2024-07-01"\nmethod = "joint"\ndrives = "a, b"\nradius_std_rl_m = 0.0001\n'
     )
     config, _ = car(tmp_path, extra)
     config = replace(

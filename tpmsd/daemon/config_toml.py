@@ -13,7 +13,7 @@ from pathlib import Path
 from tpmsd.config.model import Config
 from tpmsd.wheels import WHEELS
 
-_TABLES = ("vehicle", "can", "gnss", "filter", "monitor", "alarms", "status", "state")
+_TABLES = ("vehicle", "can", "gnss", "filter", "monitor", "alarms", "status", "state", "calibration")
 
 
 def config_toml(config: Config, dbc: str) -> str:
