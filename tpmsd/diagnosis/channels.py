@@ -27,7 +27,9 @@ MIN_SPEED_MPS = 5.0
 MAX_YAW_RATE_RADPS = 0.4
 """Beyond, tyres scrub, and a second is too long to be linear in."""
 MAX_WINDOWS = 7200
-"""Two hours of driving; what comes after is left out, so that memory is bounded."""
+"""Two hours of driving, so that memory is bounded; of more, stretches spread over the drive are taken."""
+STRETCH = 300
+"""Windows of one such stretch."""
 CHANNELS = 9
 WHEEL, GYRO, SPEED, COURSE, EAST, NORTH = 0, 4, 5, 6, 7, 8
 CHANNEL_NAMES = ("wheel_ratio",) * 4 + (
@@ -68,7 +70,8 @@ class Windows:
 class Reader:
     """Compares one recording with models."""
 
-    def __init__(self, recording: Recording, reference: Reference) -> None:
+    def __init__(self, recording: Recording, reference: Reference, limit: int = MAX_WINDOWS) -> None:
+        """`limit` windows at most are compared; `left_out` counts the others."""
         self.recording = recording
         self.reference = reference
         self._per = round(WINDOW_S / recording.dt_s)
@@ -78,7 +81,9 @@ class Reader:
         self._count = count
         turning = self._mean_edges(np.abs(reference.motion.yaw_rate_radps), count)
         self._kept = np.flatnonzero(whole & (speed > MIN_SPEED_MPS) & (turning < MAX_YAW_RATE_RADPS))
-        self._kept = self._kept[:MAX_WINDOWS]
+        driven = len(self._kept)
+        self._kept = spread(self._kept, limit)
+        self.left_out = driven - len(self._kept)
         self._window_of_fix = np.floor(recording.fix_time_s / WINDOW_S).astype(int)
         self.windows = self._windows()
 
@@ -195,6 +200,16 @@ class Reader:
         grow[:, 0] = np.stack([cos, -0.5 * v * sin * WINDOW_S, -v * sin], axis=1) * WINDOW_S
         grow[:, 1] = np.stack([sin, 0.5 * v * cos * WINDOW_S, v * cos], axis=1) * WINDOW_S
         return design, grow
+
+
+def spread(windows: np.ndarray, limit: int) -> np.ndarray:
+    """At most `limit` of the windows (w,), as stretches of five minutes at equal distances."""
+    if len(windows) <= limit:
+        return windows
+    stretches = max(1, limit // STRETCH)
+    length = limit // stretches
+    starts = np.linspace(0, len(windows) - length, stretches).astype(int)
+    return np.asarray(windows[(starts[:, None] + np.arange(length)).reshape(-1)])
 
 
 def _known(values: FloatArray) -> bool:

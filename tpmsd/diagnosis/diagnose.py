@@ -28,6 +28,7 @@ from tpmsd.diagnosis.response import (
     ramp_columns,
     ramp_knots,
     smooth_columns,
+    smooth_knots,
 )
 from tpmsd.diagnosis.result import INSUFFICIENT, Diagnosis
 from tpmsd.diagnosis.selection import Selection, Selector
@@ -48,7 +49,8 @@ class Study:
         self.reader = reader
         windows = reader.windows
         residual = windows.measured - reader.predict(ExtendedModel())
-        smooth, self.smooth_knots = smooth_columns(reader)
+        self.smooth_knots = smooth_knots(windows.covariates)
+        smooth = smooth_columns(reader, self.smooth_knots)
         parts = [radius_columns(reader), catalogue_columns(reader), ramp_columns(reader), smooth]
         self.names: list[Name] = [("data",)] + [name for part in parts for name in part.names]
         self.columns = np.concatenate(

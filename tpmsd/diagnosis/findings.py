@@ -325,8 +325,9 @@ def _alone(study: Study, selector: Selector) -> tuple[tuple[str, float], ...]:
     for term in study.hypotheses.catalogue:
         gain, _ = group_gain(term.design[1:], gram, b)
         best[term.effect] = max(best.get(term.effect, 0.0), gain)
-    for gain, wheel, _ in study.hypotheses.ramp_gains(gram, b):
-        best[f"radius_change {wheel}"] = gain
+    for gain, term in study.hypotheses.ramp_gains(gram, b):
+        name = f"radius_change {term.wheel}"
+        best[name] = max(best.get(name, 0.0), gain)
     return tuple(sorted(best.items(), key=lambda entry: -entry[1]))
 
 

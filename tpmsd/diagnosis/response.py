@@ -138,15 +138,26 @@ def ramp_columns(reader: Reader) -> Columns:
     return out
 
 
-def smooth_columns(reader: Reader) -> tuple[Columns, dict[str, FloatArray]]:
-    """Smooth terms of free shape: at each place and over each covariate, hat functions between quantile
-    knots.
+def smooth_knots(covariates: dict[str, FloatArray]) -> dict[str, FloatArray]:
+    """Knots by covariate at quantiles of its values, where it varies; the first and last are 1 % and 99 %."""
+    out: dict[str, FloatArray] = {}
+    for covariate, values in covariates.items():
+        if covariate == "accel_kinematic":
+            continue  # the specific force stands for it
+        terms = TIME_TERMS if covariate in ("time", "distance") else SMOOTH_TERMS
+        at = np.unique(np.quantile(values, np.linspace(0.01, 0.99, terms + 1)))
+        if len(at) >= 3 and np.ptp(at) >= 1e-9:
+            out[covariate] = at
+    return out
+
+
+def smooth_columns(reader: Reader, knots: dict[str, FloatArray]) -> Columns:
+    """Smooth terms of free shape: at each place and over each covariate, hat functions between the knots.
 
     A wheel's term is a change of its radius (m), the receiver's of its speed (m/s) or course (rad), the
-    gyro's of its reading (rad/s). Returns the columns and the knots by covariate.
+    gyro's of its reading (rad/s).
     """
     out = Columns()
-    knots: dict[str, FloatArray] = {}
     responses: dict[str, FloatArray] = {}
     for wheel in reader.recording.wheels:
         responses[WHEELS[wheel]] = _of_radius(reader, wheel)
@@ -155,19 +166,13 @@ def smooth_columns(reader: Reader) -> tuple[Columns, dict[str, FloatArray]]:
             response = np.zeros((len(reader.windows), CHANNELS))
             response[:, channel] = 1.0
             responses[place] = response
-    for covariate, values in reader.windows.covariates.items():
-        if covariate == "accel_kinematic":
-            continue  # the specific force stands for it
-        terms = TIME_TERMS if covariate in ("time", "distance") else SMOOTH_TERMS
-        at = np.unique(np.quantile(values, np.linspace(0.01, 0.99, terms + 1)))
-        if len(at) < 3 or np.ptp(at) < 1e-9:
-            continue
-        knots[covariate] = at
-        hats = hat_functions(values, at)[:, 1:]  # the first is the constant's, which calibration holds
+    for covariate, at in knots.items():
+        # The first hat is the constant's, which calibration holds.
+        hats = hat_functions(reader.windows.covariates[covariate], at)[:, 1:]
         for place, response in responses.items():
             for k in range(hats.shape[1]):
                 out.add(("smooth", place, covariate, str(k)), response * hats[:, k : k + 1])
-    return out, knots
+    return out
 
 
 def hat_functions(values: FloatArray, knots: FloatArray) -> FloatArray:

@@ -146,13 +146,8 @@ class Selector:
             gain, first = group_gain(term.design[1:], gram, b)
             out.append((gain - term.price(first), [term]))
         if everything:
-            for gain, wheel, pair in self.hypotheses.ramp_gains(gram, b):
-                if ("radius_change", wheel) not in taken:
-                    ramp = self.hypotheses.ramp(wheel, pair)
-                    out.append((gain - ramp.penalty, [ramp]))
-            for gain, term in self.hypotheses.smooth_gains(gram, b):
-                if term.key not in taken:
-                    out.append((gain - term.penalty, [term]))
+            scanned = self.hypotheses.ramp_gains(gram, b) + self.hypotheses.smooth_gains(gram, b)
+            out += [(gain - term.penalty, [term]) for gain, term in scanned if term.key not in taken]
         return sorted(out, key=lambda entry: -entry[0])
 
     def pairs(self, chosen: Sequence[Term]) -> list[tuple[float, list[Term]]]:

@@ -64,6 +64,8 @@ class Term:
     time_constant_s: float = 0.0
     place: str = ""
     covariate: str = ""
+    drive: int | None = None
+    """Number of the one drive in which it acts; None where it acts in all."""
 
     def price(self, first: float) -> float:
         """The penalty, given the first value: a sign that nature does not know must be paid for."""
@@ -81,9 +83,10 @@ class Term:
         """What makes two terms rivals for one place in the model: an effect may act once (per wheel, per
         place).
         """
+        drive = "" if self.drive is None else str(self.drive)
         if self.effect == "unknown":
-            return ("unknown", self.place, self.covariate)
-        return (self.effect, self.wheel)
+            return ("unknown", self.place, self.covariate, drive)
+        return (self.effect, self.wheel, drive)
 
 
 GROUPS: tuple[tuple[str, tuple[str, ...]], ...] = (
@@ -174,8 +177,8 @@ class Hypotheses:
             Term("thermal_growth", design, ("amplitude_m",), price, time_constant_s=time_constant_s)
         )
 
-    def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, str, int]]:
-        """For each wheel the best ramp: (gain, wheel, number of the pair of knots)."""
+    def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
+        """For each wheel the best ramp and its gain."""
         out = []
         for wheel in self.wheels:
             at = np.array([self.place[("ramp", wheel, str(k))] for k in range(RAMP_KNOTS)]) - 1
@@ -184,7 +187,7 @@ class Hypotheses:
             floor = 1e-6 * float(np.max(information, initial=1e-30))
             gain = 0.5 * score**2 / np.maximum(information, floor)
             best = int(np.argmax(np.where(information > floor, gain, 0.0)))
-            out.append((float(gain[best]), wheel, best))
+            out.append((float(gain[best]), self.ramp(wheel, best)))
         return out
 
     def ramp(self, wheel: str, pair: int) -> Term:
