@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from tpmsd.errors import ConfigError
 from tpmsd.physics.catalogue import EFFECTS, make_effect, parse_effect
-from tpmsd.physics.effect import Effect, Parameter
+from tpmsd.physics.covariates import COVARIATES
+from tpmsd.physics.effect import Effect, Parameter, Std, WheelParameter
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.physics.model_file import format_model, load_model, parse_model, save_model
 from tpmsd.physics.tyre import radius_change_for_pressure_loss
@@ -31,6 +32,7 @@ CONTRACT = {
     "tone_ring_error": {"wheel", "amplitude_rad", "teeth_per_rev"},
     "yaw_rate_bias": {"bias"},
     "yaw_rate_scale": {"scale"},
+    "unknown": set(),
 }
 
 
@@ -43,7 +45,7 @@ def test_the_catalogue_holds_every_published_effect() -> None:
 
 def test_typical_sizes_lie_within_the_bounds() -> None:
     """Every parameter's typical value is a value that the parameter takes."""
-    numbers = [p for cls in EFFECTS.values() for p in cls.parameters if isinstance(p, Parameter)]
+    numbers = [p for cls in EFFECTS.values() for p in cls.parameters if not isinstance(p, WheelParameter)]
 
     assert [p.typical for p in numbers] == [p.check(p.typical) for p in numbers]
 
@@ -85,6 +87,58 @@ def test_typical_sizes_lie_within_the_bounds() -> None:
             {"wheel": "left", "deviation_m": 0.001},
             "effect radius_change: wheel = 'left' is not one of fl fr rl rr",
         ),
+        (
+            "unknown",
+            {"on": "rl", "covariate": "speed", "knots": [10.0, 10.0], "heights": [0.0, 1e-3]},
+            "effect unknown: knots[1] = 10 does not lie above knots[0] = 10",
+        ),
+        (
+            "unknown",
+            {"on": "rl", "covariate": "speed", "knots": [1.0, 2.0, 3.0], "heights": [0.0, 1e-3]},
+            "effect unknown: 3 knots, but 2 heights",
+        ),
+        (
+            "unknown",
+            {"on": "rl", "covariate": "speed", "knots": [1.0, float("nan")], "heights": [0.0, 1e-3]},
+            "effect unknown: knots[1] = nan is not a finite number",
+        ),
+        (
+            "unknown",
+            {"on": "rl", "covariate": "speed", "knots": [1.0], "heights": [0.0]},
+            "effect unknown: knots has 1 entries, 2 to 200 are wanted",
+        ),
+        (
+            "unknown",
+            {"on": "rl", "covariate": "speed", "knots": 3.0, "heights": [0.0]},
+            "effect unknown: knots = 3.0 is not a list of numbers",
+        ),
+        (
+            "unknown",
+            {"on": "gnss_speed", "covariate": "speed", "knots": [1.0, 2.0], "heights": ["a", 0.0]},
+            "effect unknown: heights[0] = 'a' is not a number",
+        ),
+        (
+            "unknown",
+            {"on": "rl rr", "covariate": "speed", "knots": [1.0, 2.0], "heights": [0.0, 0.1]},
+            "effect unknown: heights[1] = 0.1 is outside -0.05 to 0.05 m",
+        ),
+        (
+            "unknown",
+            {"on": "rl -rl", "covariate": "speed", "knots": [1.0, 2.0], "heights": [0.0, 0.0]},
+            "effect unknown: on = 'rl -rl' names a wheel twice",
+        ),
+        (
+            "unknown",
+            {"on": "rear", "covariate": "speed", "knots": [1.0, 2.0], "heights": [0.0, 0.0]},
+            "effect unknown: on = 'rear' holds 'rear', wanted are wheels (fl fr rl rr, with - for the other "
+            "sign) or one of gnss_speed gnss_course yaw_rate",
+        ),
+        (
+            "unknown",
+            {"on": "rl", "covariate": "mood", "knots": [1.0, 2.0], "heights": [0.0, 0.0]},
+            "effect unknown: covariate = 'mood' is not one of speed accel_long accel_lat yaw_rate steering "
+            "steering_rate grade time distance temperature torque",
+        ),
     ],
 )
 def test_what_an_effect_cannot_be_is_said_in_one_line(
@@ -106,7 +160,20 @@ def test_an_effect_from_the_command_line() -> None:
 
 
 def _effects() -> st.SearchStrategy[Effect]:
+    def shapes(count: int) -> st.SearchStrategy[Effect]:
+        knots = st.lists(st.floats(-1e3, 1e3), min_size=count, max_size=count, unique=True).map(sorted)
+        return st.fixed_dictionaries(
+            {
+                "on": st.sampled_from(["rl rr", "fl -fr rl -rr", "-fl", "gnss_speed", "yaw_rate"]),
+                "covariate": st.sampled_from(sorted(COVARIATES)),
+                "knots": knots,
+                "heights": st.lists(st.floats(-0.05, 0.05), min_size=count, max_size=count),
+            }
+        ).map(lambda given: make_effect("unknown", **given))
+
     def params(name: str) -> st.SearchStrategy[Effect]:
+        if name == "unknown":
+            return st.integers(2, 8).flatmap(shapes)
         values = {
             p.name: st.floats(p.lower, p.upper)
             if isinstance(p, Parameter)
@@ -122,8 +189,12 @@ def _effects() -> st.SearchStrategy[Effect]:
 @given(st.lists(_effects(), max_size=4), st.floats(0, 1e3), st.text(max_size=40))
 def test_a_model_file_reads_back_what_was_written(effects: list[Effect], std: float, comment: str) -> None:
     """Effects, values and standard deviations survive the file bit for bit, whatever the comment says."""
-    stds = tuple({key: std for key, value in e.values().items() if isinstance(value, float)} for e in effects)
-    model = ExtendedModel(tuple(effects), stds)
+
+    def stds_of(effect: Effect) -> dict[str, Std]:
+        pairs = ((k, v) for k, v in effect.values().items() if not isinstance(v, str))
+        return {key: (std,) * len(value) if isinstance(value, tuple) else std for key, value in pairs}
+
+    model = ExtendedModel(tuple(effects), tuple(map(stds_of, effects)))
 
     assert model == parse_model(format_model(model, comment))
 
@@ -155,6 +226,21 @@ def test_a_model_file_on_disk(tmp_path: Path) -> None:
         (
             "[[effect]]\nname = 'gnss_latency'\nlatency_s = 0.1\n[effect.std]\nlatency_s = -1\n",
             "effect gnss_latency: std.latency_s = -1 is not a number of at least 0",
+        ),
+        (
+            "[[effect]]\nname = 'unknown'\non = 'rl'\ncovariate = 'speed'\nknots = [1, 2]\nheights = [0, 0]\n"
+            "[effect.std]\nheights = [0.1]\n",
+            "effect unknown: std.heights is not a list of 2 numbers",
+        ),
+        (
+            "[[effect]]\nname = 'unknown'\non = 'rl'\ncovariate = 'speed'\nknots = [1, 2]\nheights = [0, 0]\n"
+            "[effect.std]\nheights = [0.1, nan]\n",
+            r"effect unknown: std.heights\[1\] = nan is not a number of at least 0",
+        ),
+        (
+            "[[effect]]\nname = 'unknown'\non = 'rl'\ncovariate = 'speed'\nknots = [1, 2]\nheights = [0, 0]\n"
+            "[effect.std]\non = 1\n",
+            "effect unknown: std of 'on', which is no number",
         ),
     ],
 )

@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from tests.physics.motions import accelerating, car, steady
 from tpmsd.physics.catalogue import EFFECTS, make_effect
+from tpmsd.physics.covariates import covariate
 from tpmsd.physics.effect import Effect
-from tpmsd.physics.forward import antenna_truth, counted_revolutions, wheel_angles, wheel_rates
+from tpmsd.physics.forward import (
+    antenna_truth,
+    counted_revolutions,
+    gyro_rates,
+    wheel_angles,
+    wheel_rates,
+)
 from tpmsd.physics.model import ExtendedModel
+from tpmsd.physics.motion import Motion
 from tpmsd.wheels import FL, FR, RL, RR, WHEELS
 
 
@@ -115,6 +124,71 @@ def test_the_receiver_sees_the_horizontal_of_a_slope() -> None:
     assert pytest.approx(200 * math.sin(0.1)) == truth.up_m[-1]
 
 
+HUMP = {"covariate": "speed", "knots": [10.0, 20.0, 30.0], "heights": [0.0, -1e-3, 4e-4]}
+
+
+@pytest.mark.parametrize(
+    ("speed", "height"),
+    [(5.0, 0.0), (10.0, 0.0), (15.0, -5e-4), (20.0, -1e-3), (27.0, -2e-5), (30.0, 4e-4), (40.0, 4e-4)],
+)
+def test_a_free_shape_is_linear_between_its_knots_and_constant_beyond(speed: float, height: float) -> None:
+    """At each speed the radii of its wheels change by the chord's height, with their signs; others stay."""
+    effect = make_effect("unknown", on="fl -rr", **HUMP)
+
+    assert (
+        pytest.approx([height, 0.0, 0.0, -height], abs=1e-12)
+        == (effect.radius_change_m(steady(speed), car())[0])
+    )
+
+
+def test_a_free_shape_on_a_reading_leaves_the_motion_as_it_is() -> None:
+    """The receiver's speed reads 1 m/s more, its course 0.1 rad more to the left, its position is right."""
+    shape = {"covariate": "speed", "knots": [0.0, 40.0]}
+    model = ExtendedModel(
+        (
+            make_effect("unknown", on="gnss_speed", heights=[0.0, 2.0], **shape),
+            make_effect("unknown", on="gnss_course", heights=[0.1, 0.1], **shape),
+            make_effect("unknown", on="yaw_rate", heights=[0.0, 0.02], **shape),
+        )
+    )
+    truth, plain = (antenna_truth(steady(20.0), car(), m) for m in (model, ExtendedModel()))
+
+    assert pytest.approx(21.0) == math.hypot(truth.shown_east_mps[0], truth.shown_north_mps[0])
+    assert pytest.approx(0.1) == math.atan2(truth.shown_north_mps[0], truth.shown_east_mps[0])
+    assert (plain.east_m[-1], plain.north_m[-1]) == (truth.east_m[-1], truth.north_m[-1])
+    assert pytest.approx(0.01) == gyro_rates(steady(20.0), car(), model)[0]
+    assert np.array_equal(
+        wheel_rates(steady(20.0), car(), model), wheel_rates(steady(20.0), car(), ExtendedModel())
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "motion", "value"),
+    [
+        ("accel_long", accelerating(1.5), 1.5),
+        ("accel_long", steady(20.0, grade_rad=0.05), 9.80665 * math.sin(0.05)),
+        ("accel_lat", steady(20.0, 0.1), 2.0),
+        ("yaw_rate", steady(20.0, 0.1), 0.1),
+        ("grade", steady(grade_rad=0.05), 0.05),
+        ("time", steady(), 3.0),
+        ("distance", steady(20.0), 60.0),
+        ("steering", steady(20.0, 0.1), 14.0 * math.atan(2.63 * 0.1 / 20.0)),
+        ("steering_rate", steady(20.0, 0.1), 0.0),
+        ("torque", replace(steady(), measured={"torque": np.full(1001, 80.0)}), 80.0),
+    ],
+)
+def test_covariates_are_what_their_names_say(name: str, motion: Motion, value: float) -> None:
+    """Each covariate after three seconds of a motion that is known."""
+    assert pytest.approx(value, abs=1e-9) == covariate(motion, car(steering_ratio=14.0), name)[300]
+
+
+def test_a_free_shape_over_what_nobody_measured_does_not_act() -> None:
+    """Without a thermometer a shape over temperature changes nothing."""
+    effect = make_effect("unknown", on="rl", covariate="temperature", knots=[270, 300], heights=[1e-3, 1e-3])
+
+    assert not np.any(effect.radius_change_m(steady(), car()))
+
+
 def test_latency_adds_up() -> None:
     """Two latencies are as old as their sum."""
     model = ExtendedModel(
@@ -206,7 +280,7 @@ def test_a_smaller_wheel_turns_faster() -> None:
     assert pytest.approx(angles[RR] / 0.99) == angles[RL]
 
 
-@pytest.mark.parametrize("name", sorted(EFFECTS))
+@pytest.mark.parametrize("name", sorted(set(EFFECTS) - {"unknown"}))
 def test_an_effect_acts_through_one_or_two_hooks(name: str) -> None:
     """Every effect overrides one or two hooks of the base class and leaves the others neutral."""
     hooks = {

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 
@@ -10,8 +11,9 @@ import pytest
 
 from tpmsd.config.model import CanConfig, Config, GnssConfig, VehicleConfig
 from tpmsd.physics.catalogue import make_effect
+from tpmsd.physics.effect import Effect
 from tpmsd.physics.model import ExtendedModel
-from tpmsd.timeline.compensation import Compensation, adjusted
+from tpmsd.timeline.compensation import Compensation, adjusted, left_alone
 from tpmsd.timeline.tick import Fix, Tick
 
 RADIUS = 0.3
@@ -92,6 +94,82 @@ def test_a_wrong_number_of_teeth_is_put_right_on_its_wheel() -> None:
     ticks = _ticks(20.0)
     ratio = _last(model, ticks).rotation_rad / ticks[-1].rotation_rad
     assert ratio == pytest.approx([1.0, 48 / 47, 1.0, 1.0])
+
+
+def _shape(on: str, covariate: str, heights: list[float], knots: tuple[float, float] = (0.0, 40.0)) -> Effect:
+    return make_effect("unknown", on=on, covariate=covariate, knots=knots, heights=heights)
+
+
+def test_a_free_shape_is_taken_out_of_its_wheels_with_their_signs() -> None:
+    """Half way between the knots a wheel is 0.5 mm larger, its neighbour smaller: both are put right."""
+    model = ExtendedModel((_shape("rl -rr", "speed", [0.0, 1e-3]),))
+    ticks = _ticks(20.0)
+    ratio = _last(model, ticks).rotation_rad / ticks[-1].rotation_rad
+    assert ratio == pytest.approx([1.0, 1.0, 1 + 5e-4 / RADIUS, 1 - 5e-4 / RADIUS], rel=1e-9)
+
+
+def test_a_free_shape_is_taken_out_of_readings() -> None:
+    """Speed, course and yaw rate lose what the shapes say at 20 m/s: 1 m/s, 0.1 rad and 0.01 rad/s."""
+    model = ExtendedModel(
+        (
+            _shape("gnss_speed", "speed", [0.0, 2.0]),
+            _shape("gnss_course", "speed", [0.0, 0.2]),
+            _shape("yaw_rate", "speed", [0.0, 0.02]),
+        )
+    )
+    fix = Fix(6.0, 1.0, 0.0, 0.0, 1.0, speed_mps=21.0, heading_rad=0.5)
+    ticks = [*_ticks(20.0)[:-1]]
+    last = Tick(60, 6.0, 0.1, ticks[-1].rotation_rad, np.full(4, 0.01), (fix,), yaw_rate_radps=0.01)
+    out = _last(model, [*ticks, last])
+    assert (out.fixes[0].speed_mps, out.fixes[0].heading_rad) == pytest.approx((20.0, 0.4))
+    assert out.yaw_rate_radps == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_free_shape_over_torque_follows_the_bus() -> None:
+    """At 100 of 200 Nm half the shape is taken out; without a reading none."""
+    model = ExtendedModel((_shape("fl fr", "torque", [0.0, 1e-3], (0.0, 200.0)),))
+    told, silent = _ticks(20.0, drive_torque_nm=100.0), _ticks(20.0)
+    wired = dataclasses.replace(CONFIG, can=CanConfig({"drive_torque": "A.B"}, Path("bus.dbc")))
+    half, none = (
+        [Compensation(wired, model).apply(tick) for tick in ticks][-1].rotation_rad / ticks[-1].rotation_rad
+        for ticks in (told, silent)
+    )
+    assert half == pytest.approx([1 + 5e-4 / RADIUS] * 2 + [1.0] * 2)
+    assert none.tolist() == [1.0] * 4
+
+
+@pytest.mark.parametrize(
+    ("effect", "note"),
+    [
+        (
+            make_effect("radius_change", wheel="rl", deviation_m=-0.002),
+            "radius_change is not compensated: the radius of rl is what is watched, and its change the fault "
+            "itself",
+        ),
+        (
+            _shape("rl", "time", [0.0, -1e-3]),
+            "unknown is not compensated: a shape over time belongs to the drive on which it was found",
+        ),
+        (
+            _shape("fl fr rl rr", "temperature", [0.0, 1e-3]),
+            "unknown is not compensated: it depends on temperature, and the bus has no ambient_temp",
+        ),
+    ],
+)
+def test_what_stays_is_said(effect: Effect, note: str) -> None:
+    """The fault, shapes over time and shapes over what the bus does not tell stay, and one line says so."""
+    model = ExtendedModel((effect,))
+    ticks = _ticks(20.0)
+    assert left_alone(CONFIG, model) == [note]
+    assert np.array_equal(ticks[-1].rotation_rad, _last(model, ticks).rotation_rad)
+
+
+def test_what_is_taken_out_needs_no_word() -> None:
+    """Nothing is said of effects that are compensated."""
+    model = ExtendedModel(
+        (make_effect("centrifugal_growth", coefficient=1e-6), _shape("rl", "speed", [0, 0]))
+    )
+    assert left_alone(CONFIG, model) == []
 
 
 def test_constants_go_into_the_configuration() -> None:

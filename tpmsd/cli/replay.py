@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import sys
 import time
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from tpmsd.report.replay_document import replay_document
 from tpmsd.report.replay_recorder import ReplayRecorder
 from tpmsd.report.replay_result import ReplayResult
 from tpmsd.report.replay_summary import replay_summary
+from tpmsd.timeline.compensation import left_alone
 
 _DESCRIPTION = """\
 Runs a recorded drive through the same core as the daemon, at full speed, and says what the daemon would
@@ -67,7 +69,11 @@ def run(args: argparse.Namespace) -> int:
         check_plot_target(args.plot)  # before the work, not after it
     config = load_config(args.config if args.config is not None else _vehicle_of(args.drive))
     config = _overridden(config, args)
-    model = None if args.model is None else load_model(args.model)
+    model = None
+    if args.model is not None:
+        model = load_model(args.model)
+        for note in left_alone(config, model):
+            print(f"tpmsd: {args.model}: {note}", file=sys.stderr)
     result = replay(args.drive, config, model)
     if args.plot is not None:
         from tpmsd.report.replay_plot import plot_replay

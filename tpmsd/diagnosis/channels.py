@@ -14,9 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.diagnosis.motion import Reference, fill, to_edges
+from tpmsd.diagnosis.motion import Reference
 from tpmsd.diagnosis.recording import Recording
-from tpmsd.physics.forward import antenna_truth, wheel_angles
+from tpmsd.physics.covariates import COVARIATES, covariate
+from tpmsd.physics.forward import antenna_truth, gyro_rates, wheel_angles
 from tpmsd.physics.kinematics import wheel_speeds
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.physics.motion import Car
@@ -99,14 +100,14 @@ class Reader:
             shown[:, wheel] *= model.true_teeth_per_rev(wheel, car.teeth_per_rev) / car.teeth_per_rev
         turned = np.diff(shown[:: self._per][: self._count + 1], axis=0)
         out[:, :4] = turned[self._kept] * car.radius_m
-        out[:, GYRO] = self._mean_edges(model.read_yaw_rate(motion.yaw_rate_radps), self._count)[self._kept]
+        out[:, GYRO] = self._mean_edges(gyro_rates(motion, car, model), self._count)[self._kept]
         antenna = antenna_truth(motion, car, model)
         when = recording.fix_time_s - model.fix_age_s()
 
         def at(values: FloatArray) -> FloatArray:
             return np.interp(when, motion.time_s, values)
 
-        ve, vn = at(antenna.east_mps), at(antenna.north_mps)
+        ve, vn = at(antenna.shown_east_mps), at(antenna.shown_north_mps)
         heading = at(motion.heading_rad)
         course = heading + np.remainder(np.arctan2(vn, ve) - heading + np.pi, 2 * np.pi) - np.pi
         out[:, SPEED] = self._mean_fixes(np.hypot(ve, vn), np.isfinite(recording.speed_mps))
@@ -158,27 +159,12 @@ class Reader:
         return Windows(kept, measured, np.stack(numbers, axis=1), self._covariates(), design, grow)
 
     def _covariates(self) -> dict[str, FloatArray]:
-        recording, motion = self.recording, self.reference.motion
-        edges = {
-            "speed": motion.speed_mps,
-            "accel_long": motion.specific_force_long_mps2,
-            "accel_kinematic": motion.accel_long_mps2,
-            "accel_lat": motion.accel_lat_mps2,
-            "yaw_rate": motion.yaw_rate_radps,
-            "steering": motion.steering_rad,
-            "distance": motion.distance_m,
-            "time": motion.time_s,
-        }
-        if self.reference.grade_known:
-            edges["grade"] = motion.grade_rad
-        if _known(recording.inertial["steering_wheel_angle_rad"]):
-            edges["steering"] = to_edges(recording.inertial["steering_wheel_angle_rad"], 1.0)
-            edges["steering_rate"] = np.gradient(
-                to_edges(recording.inertial["steering_wheel_angle_rad"], 3.0), recording.dt_s
-            )
-        for name, role in (("torque", "drive_torque_nm"), ("temperature", "ambient_temp_k")):
-            if _known(recording.inertial[role]):
-                edges[name] = to_edges(fill(recording.inertial[role]), 1.0)
+        motion, car = self.reference.motion, self.reference.car
+        untold = {"steering_rate", "torque", "temperature"} - set(motion.measured)
+        if not self.reference.grade_known:
+            untold.add("grade")
+        edges = {name: covariate(motion, car, name) for name in COVARIATES if name not in untold}
+        edges["accel_kinematic"] = motion.accel_long_mps2
         return {name: self._mean_edges(values, self._count)[self._kept] for name, values in edges.items()}
 
     def _designs(self) -> tuple[FloatArray, FloatArray]:
@@ -210,11 +196,6 @@ def spread(windows: np.ndarray, limit: int) -> np.ndarray:
     length = limit // stretches
     starts = np.linspace(0, len(windows) - length, stretches).astype(int)
     return np.asarray(windows[(starts[:, None] + np.arange(length)).reshape(-1)])
-
-
-def _known(values: FloatArray) -> bool:
-    known = np.isfinite(values)
-    return bool(known.mean() > 0.8 and np.ptp(values[known]) > 0)
 
 
 def _slope(v: FloatArray, yaw: FloatArray, car: Car, dv: float, dw: float) -> FloatArray:

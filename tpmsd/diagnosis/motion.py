@@ -66,8 +66,27 @@ def reference(recording: Recording) -> Reference:
         grade_rad=grade,
         heading_rad=heading,
         steering_rad=np.arctan(car.geometry.wheelbase_m * curvature),
+        measured=_measured(recording),
     )
     return Reference(motion=motion, car=car, valid=valid, grade_known=by != "nothing", grade_by=by)
+
+
+def _measured(recording: Recording) -> dict[str, FloatArray]:
+    """(n + 1,) each: what the steering wheel, the engine and the thermometer tell, where the bus has them."""
+    out = {}
+    wheel = recording.inertial["steering_wheel_angle_rad"]
+    if _told(wheel):
+        out["steering"] = to_edges(wheel, 1.0)
+        out["steering_rate"] = np.gradient(to_edges(wheel, 3.0), recording.dt_s)
+    for name, role in (("torque", "drive_torque_nm"), ("temperature", "ambient_temp_k")):
+        if _told(recording.inertial[role]):
+            out[name] = to_edges(fill(recording.inertial[role]), 1.0)
+    return out
+
+
+def _told(values: FloatArray) -> bool:
+    known = np.isfinite(values)
+    return bool(known.mean() > 0.8 and np.ptp(values[known]) > 0)
 
 
 def fill(values: FloatArray) -> FloatArray:

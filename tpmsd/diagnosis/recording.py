@@ -79,6 +79,7 @@ def car_of(config: Config) -> Car:
         teeth_per_rev=vehicle.teeth_per_rev,
         antenna_forward_m=config.gnss.antenna_forward_m,
         antenna_left_m=config.gnss.antenna_left_m,
+        **({} if vehicle.steering_ratio is None else {"steering_ratio": vehicle.steering_ratio}),
     )
 
 

@@ -10,7 +10,7 @@ import difflib
 from collections.abc import Iterable
 
 from tpmsd.errors import ConfigError
-from tpmsd.physics.effect import Effect, Parameter, Value, WheelParameter
+from tpmsd.physics.effect import AnyParameter, Effect, Value
 from tpmsd.physics.effects.antenna_lever_arm import AntennaLeverArm
 from tpmsd.physics.effects.centrifugal_growth import CentrifugalGrowth
 from tpmsd.physics.effects.gnss_latency import GnssLatency
@@ -23,6 +23,7 @@ from tpmsd.physics.effects.road_grade import RoadGrade
 from tpmsd.physics.effects.thermal_growth import ThermalGrowth
 from tpmsd.physics.effects.tone_ring_error import ToneRingError
 from tpmsd.physics.effects.track_width_error import TrackWidthError
+from tpmsd.physics.effects.unknown import Unknown
 from tpmsd.physics.effects.yaw_rate_bias import YawRateBias
 from tpmsd.physics.effects.yaw_rate_scale import YawRateScale
 
@@ -41,12 +42,13 @@ _CLASSES: tuple[type[Effect], ...] = (
     ToneRingError,
     YawRateBias,
     YawRateScale,
+    Unknown,
 )
 
 EFFECTS: dict[str, type[Effect]] = {cls.name: cls for cls in _CLASSES}
 
 
-def parameters_of(name: str) -> dict[str, Parameter | WheelParameter]:
+def parameters_of(name: str) -> dict[str, AnyParameter]:
     """The parameters of an effect by name; ConfigError if there is no such effect."""
     if name not in EFFECTS:
         raise ConfigError(f"unknown effect {name!r}{_did_you_mean(name, EFFECTS)}")

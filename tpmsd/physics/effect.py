@@ -1,6 +1,6 @@
 """What an effect is: a piece of physics that the pure rolling model leaves out.
 
-In: nothing. Out: `Parameter`, `WheelParameter` and the base class `Effect` with its hooks. An effect
+In: nothing. Out: `Parameter` and its kin, and the base class `Effect` with its hooks. An effect
 overrides the one or two hooks through which it acts; the others are neutral. Hooks are pure and vectorised
 over time, so that simulator, estimator and diagnosis share them. A concrete effect is a frozen dataclass in
 `tpmsd.physics.effects` whose fields are its parameters.
@@ -9,6 +9,7 @@ over time, so that simulator, estimator and diagnosis share them. A concrete eff
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -18,7 +19,13 @@ from tpmsd.errors import ConfigError
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.wheels import WHEELS, FloatArray
 
-Value = float | str
+Value = float | str | tuple[float, ...]
+Std = float | tuple[float, ...]
+"""Standard deviation of a number, or of each entry of a vector."""
+
+
+MAX_ENTRIES = 200
+"""Of a vector."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,14 +43,7 @@ class Parameter:
 
     def check(self, value: object) -> Value:
         """The value as it is stored; ValueError with the reason if it cannot be one."""
-        if isinstance(value, str):
-            try:
-                value = float(value)
-            except ValueError:
-                raise ValueError(f"{self.name} = {value!r} is not a number") from None
-        if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
-            raise ValueError(f"{self.name} = {value!r} is not a number")
-        number = float(value)
+        number = _number(self.name, value, finite=False)
         if not math.isfinite(number) or not self.lower <= number <= self.upper:
             raise ValueError(
                 f"{self.name} = {number:g} is outside {self.lower:g} to {self.upper:g} {self.unit}".rstrip()
@@ -66,12 +66,68 @@ class WheelParameter:
         return str(value)
 
 
+@dataclass(frozen=True, slots=True)
+class TextParameter:
+    """A word or a list of words; the effect itself checks which."""
+
+    name: str
+    typical: str
+    description: str = ""
+    unit: str = ""
+
+    def check(self, value: object) -> Value:
+        """The text, blanks put in order; ValueError if it is none."""
+        if not isinstance(value, str) or not value.strip():
+            raise ValueError(f"{self.name} = {value!r} is not a name")
+        return " ".join(value.split())
+
+
+@dataclass(frozen=True, slots=True)
+class VectorParameter:
+    """Several numbers in a row."""
+
+    name: str
+    typical: tuple[float, ...]
+    description: str = ""
+    unit: str = ""
+    """Empty where it depends on the effect's other parameters."""
+
+    def check(self, value: object) -> Value:
+        """The numbers; from text, they stand between blanks. ValueError with the reason if they are none."""
+        entries: Sequence[object]
+        if isinstance(value, str):
+            entries = value.split()
+        elif isinstance(value, (list, tuple, np.ndarray)):
+            entries = list(value)
+        else:
+            raise ValueError(f"{self.name} = {value!r} is not a list of numbers")
+        if not 2 <= len(entries) <= MAX_ENTRIES:
+            raise ValueError(f"{self.name} has {len(entries)} entries, 2 to {MAX_ENTRIES} are wanted")
+        return tuple(_number(f"{self.name}[{k}]", entry) for k, entry in enumerate(entries))
+
+
+AnyParameter = Parameter | WheelParameter | TextParameter | VectorParameter
+
+
+def _number(name: str, value: object, finite: bool = True) -> float:
+    if isinstance(value, str):
+        try:
+            value = float(value)
+        except ValueError:
+            raise ValueError(f"{name} = {value!r} is not a number") from None
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
+        raise ValueError(f"{name} = {value!r} is not a number")
+    if finite and not math.isfinite(value):
+        raise ValueError(f"{name} = {float(value)} is not a finite number")
+    return float(value)
+
+
 @dataclass(frozen=True)
 class Effect:
     """One effect with its values. Sub-classes are frozen dataclasses with one field per parameter."""
 
     name: ClassVar[str]
-    parameters: ClassVar[tuple[Parameter | WheelParameter, ...]] = ()
+    parameters: ClassVar[tuple[AnyParameter, ...]] = ()
 
     def __post_init__(self) -> None:
         for parameter in self.parameters:
@@ -87,6 +143,10 @@ class Effect:
         """Parameters by name, without those that are optional and not given."""
         pairs = ((p.name, getattr(self, p.name)) for p in self.parameters)
         return {name: value for name, value in pairs if value is not None}
+
+    def unit_of(self, parameter: str) -> str:
+        """The unit of one of its parameters; empty where it has none."""
+        return next(p.unit for p in self.parameters if p.name == parameter)
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) change of the effective rolling radii in metres."""
@@ -119,6 +179,18 @@ class Effect:
     def read_yaw_rate(self, true_radps: FloatArray) -> FloatArray:
         """What the gyro reads when the car turns at `true_radps`; same shape."""
         return true_radps
+
+    def yaw_rate_error_radps(self, motion: Motion, car: Car) -> FloatArray:
+        """(n,) what the gyro reads more than `read_yaw_rate` says, by the motion."""
+        return np.zeros(len(motion))
+
+    def gnss_speed_error_mps(self, motion: Motion, car: Car) -> FloatArray:
+        """(n,) speed that the receiver reports minus that of its antenna."""
+        return np.zeros(len(motion))
+
+    def gnss_course_error_rad(self, motion: Motion, car: Car) -> FloatArray:
+        """(n,) course that the receiver reports minus that of its antenna, counter-clockwise."""
+        return np.zeros(len(motion))
 
     def tooth_angle_error_rad(self, angle_rad: FloatArray, wheel: int) -> FloatArray:
         """Angle that the counter shows minus the angle turned, by the wheel's own angle; same shape."""

@@ -1,7 +1,8 @@
 """The forward model: what wheels, counters and antenna do when the car moves so and these effects act.
 
-In: `Motion`, `Car`, `ExtendedModel`. Out: wheel rates and angles, counter angles, and the antenna's position
-and velocity. Pure; used by the simulator as its world and by the diagnosis as its prediction.
+In: `Motion`, `Car`, `ExtendedModel`. Out: wheel rates and angles, counter angles, the gyro's rate, and
+the antenna's position and velocity. Pure; used by the simulator as its world and by the diagnosis as its
+prediction.
 """
 
 from __future__ import annotations
@@ -48,6 +49,11 @@ def counted_revolutions(angle_rad: FloatArray, wheel: int, car: Car, model: Exte
     return shown * (model.true_teeth_per_rev(wheel, car.teeth_per_rev) / (2 * np.pi))
 
 
+def gyro_rates(motion: Motion, car: Car, model: ExtendedModel) -> FloatArray:
+    """(n,) what a perfect gyro with these effects reads."""
+    return model.read_yaw_rate(motion.yaw_rate_radps) + model.yaw_rate_error_radps(motion, car)
+
+
 @dataclass(frozen=True, slots=True)
 class AntennaTruth:
     """What a perfect receiver would report; arrays (n,)."""
@@ -58,6 +64,9 @@ class AntennaTruth:
     east_mps: FloatArray
     north_mps: FloatArray
     up_m: FloatArray
+    shown_east_mps: FloatArray
+    """The velocity as the receiver reports it; differs where an effect acts on its speed or course alone."""
+    shown_north_mps: FloatArray
 
 
 def antenna_truth(motion: Motion, car: Car, model: ExtendedModel) -> AntennaTruth:
@@ -77,10 +86,17 @@ def antenna_truth(motion: Motion, car: Car, model: ExtendedModel) -> AntennaTrut
     arm_x, arm_y = car.antenna_forward_m + more_forward, car.antenna_left_m + more_left
     vx = forward - motion.yaw_rate_radps * arm_y
     vy = left + motion.yaw_rate_radps * arm_x
+    east, north = vx * cos - vy * sin, vx * sin + vy * cos
+    speed = np.hypot(east, north)
+    more = model.gnss_speed_error_mps(motion, car)
+    longer = np.divide(speed + more, speed, out=np.ones_like(speed), where=speed > 0.1)
+    shown = (east + 1j * north) * longer * np.exp(1j * model.gnss_course_error_rad(motion, car))
     return AntennaTruth(
         east_m=axle_east + arm_x * cos - arm_y * sin,
         north_m=axle_north + arm_x * sin + arm_y * cos,
-        east_mps=vx * cos - vy * sin,
-        north_mps=vx * sin + vy * cos,
+        east_mps=east,
+        north_mps=north,
         up_m=integrate(motion.speed_mps * np.sin(motion.grade_rad), motion.time_s),
+        shown_east_mps=shown.real.copy(),
+        shown_north_mps=shown.imag.copy(),
     )

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect
+from tpmsd.physics.effect import Effect, Std
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.wheels import FloatArray
 
@@ -21,7 +21,7 @@ class ExtendedModel:
     """Effects, and for each the standard deviations of its fitted parameters where they are known."""
 
     effects: tuple[Effect, ...] = ()
-    stds: tuple[Mapping[str, float], ...] = field(default=())
+    stds: tuple[Mapping[str, Std], ...] = field(default=())
     """One mapping per effect (may be empty), or none at all."""
 
     def __post_init__(self) -> None:
@@ -87,6 +87,27 @@ class ExtendedModel:
         out = true_radps.copy()
         for effect in self.effects:
             out += effect.read_yaw_rate(true_radps) - true_radps
+        return out
+
+    def yaw_rate_error_radps(self, motion: Motion, car: Car) -> FloatArray:
+        """(n,) sum of what the gyro reads more by the motion."""
+        out = np.zeros(len(motion))
+        for effect in self.effects:
+            out += effect.yaw_rate_error_radps(motion, car)
+        return out
+
+    def gnss_speed_error_mps(self, motion: Motion, car: Car) -> FloatArray:
+        """(n,) sum of the errors of the receiver's speed."""
+        out = np.zeros(len(motion))
+        for effect in self.effects:
+            out += effect.gnss_speed_error_mps(motion, car)
+        return out
+
+    def gnss_course_error_rad(self, motion: Motion, car: Car) -> FloatArray:
+        """(n,) sum of the errors of the receiver's course."""
+        out = np.zeros(len(motion))
+        for effect in self.effects:
+            out += effect.gnss_course_error_rad(motion, car)
         return out
 
     def tooth_angle_error_rad(self, angle_rad: FloatArray, wheel: int) -> FloatArray:

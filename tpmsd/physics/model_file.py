@@ -19,7 +19,7 @@ from typing import Any
 
 from tpmsd.errors import ConfigError
 from tpmsd.physics.catalogue import make_effect
-from tpmsd.physics.effect import Effect
+from tpmsd.physics.effect import Effect, Std, Value
 from tpmsd.physics.model import ExtendedModel
 
 
@@ -50,7 +50,7 @@ def parse_model(text: str) -> ExtendedModel:
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise ConfigError("'effect' must be written as [[effect]] tables")
     effects: list[Effect] = []
-    stds: list[dict[str, float]] = []
+    stds: list[dict[str, Std]] = []
     for number, table in enumerate(tables, start=1):
         effect, std = _effect_of(dict(table), number)
         effects.append(effect)
@@ -58,7 +58,7 @@ def parse_model(text: str) -> ExtendedModel:
     return ExtendedModel(tuple(effects), tuple(stds))
 
 
-def _effect_of(table: dict[str, Any], number: int) -> tuple[Effect, dict[str, float]]:
+def _effect_of(table: dict[str, Any], number: int) -> tuple[Effect, dict[str, Std]]:
     name = table.pop("name", None)
     if not isinstance(name, str):
         raise ConfigError(f"effect {number} has no name")
@@ -67,12 +67,32 @@ def _effect_of(table: dict[str, Any], number: int) -> tuple[Effect, dict[str, fl
     if not isinstance(std, dict):
         raise ConfigError(f"effect {name}: std must be a table")
     known = effect.values()
-    for key, value in std.items():
+    for key in std:
         if key not in known:
             raise ConfigError(f"effect {name}: std of {key!r}, which it does not have")
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 <= value < math.inf:
-            raise ConfigError(f"effect {name}: std.{key} = {value!r} is not a number of at least 0")
-    return effect, {key: float(value) for key, value in std.items()}
+        if isinstance(known[key], str):
+            raise ConfigError(f"effect {name}: std of {key!r}, which is no number")
+    return effect, {
+        key: _std_of(f"effect {name}: std.{key}", value, known[key]) for key, value in std.items()
+    }
+
+
+def _std_of(what: str, std: object, value: Value) -> Std:
+    """The standard deviation of a value: a number, or as many as the value has."""
+    if not isinstance(value, tuple):
+        if not _is_std(std):
+            raise ConfigError(f"{what} = {std!r} is not a number of at least 0")
+        return float(std)  # type: ignore[arg-type]
+    if not isinstance(std, list) or len(std) != len(value):
+        raise ConfigError(f"{what} is not a list of {len(value)} numbers")
+    for k, entry in enumerate(std):
+        if not _is_std(entry):
+            raise ConfigError(f"{what}[{k}] = {entry!r} is not a number of at least 0")
+    return tuple(float(entry) for entry in std)
+
+
+def _is_std(value: object) -> bool:
+    return not isinstance(value, bool) and isinstance(value, (int, float)) and 0 <= value < math.inf
 
 
 def format_model(model: ExtendedModel, comment: str = "") -> str:
@@ -83,13 +103,20 @@ def format_model(model: ExtendedModel, comment: str = "") -> str:
     for effect, std in zip(model.effects, model.stds, strict=True):
         lines += ["", "[[effect]]", f'name = "{effect.name}"']
         for key, value in effect.values().items():
-            unit = next(p.unit for p in effect.parameters if p.name == key)
-            note = f"  # {unit}" if unit else ""
-            lines.append(f'{key} = "{value}"' if isinstance(value, str) else f"{key} = {value!r}{note}")
+            unit = effect.unit_of(key)
+            lines.append(f"{key} = {_toml(value)}" + (f"  # {unit}" if unit else ""))
         if std:
             lines.append("[effect.std]")
-            lines += [f"{key} = {float(value)!r}" for key, value in std.items()]
+            lines += [f"{key} = {_toml(value)}" for key, value in std.items()]
     return "\n".join(lines).lstrip("\n") + "\n"
+
+
+def _toml(value: Value) -> str:
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, tuple):
+        return "[" + ", ".join(repr(float(entry)) for entry in value) + "]"
+    return repr(float(value))
 
 
 def save_model(path: str | Path, model: ExtendedModel, comment: str = "") -> None:

@@ -7,7 +7,8 @@ turn.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -40,9 +41,15 @@ class Motion:
     """Of the body, counter-clockwise from east, unwrapped."""
     steering_rad: FloatArray
     """Mean angle of the road wheels, positive to the left."""
+    measured: Mapping[str, FloatArray] = field(default_factory=dict)
+    """(n,) each: what instruments tell beside, by the names of `tpmsd.physics.covariates`: steering,
+    steering_rate, torque, temperature."""
 
     def __post_init__(self) -> None:
         shape = self.time_s.shape
+        for name, values in self.measured.items():
+            if values.shape != shape:
+                raise ValueError(f"motion.measured[{name!r}] has shape {values.shape}, time_s has {shape}")
         for name in _ARRAYS:
             if getattr(self, name).shape != shape or len(shape) != 1:
                 raise ValueError(f"motion.{name} has shape {getattr(self, name).shape}, time_s has {shape}")
@@ -114,6 +121,8 @@ class Car:
     teeth_per_rev: float = 48.0
     antenna_forward_m: float = 0.0
     antenna_left_m: float = 0.0
+    steering_ratio: float = 15.0
+    """Angle of the steering wheel per angle of the road wheels; a common one where it is not configured."""
 
     def with_tracks(self, front_m: float, rear_m: float) -> Geometry:
         """The geometry with the tracks changed by these amounts."""

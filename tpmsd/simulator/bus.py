@@ -11,10 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tpmsd.physics.forward import gyro_rates
 from tpmsd.physics.motion import GRAVITY_MPS2
 from tpmsd.simulator.bus_layouts import ALIVE, bus_layout
 from tpmsd.simulator.clock import Clocks
 from tpmsd.simulator.frame_layout import ByteArray, IntArray, MessageLayout, SignalLayout
+from tpmsd.simulator.instruments import ENGINE_BRAKE_MPS2, ZERO_DEGC_K, drive_mps2
 from tpmsd.simulator.noise import gauss_markov
 from tpmsd.simulator.world import World
 from tpmsd.wheels import WHEELS, FloatArray
@@ -32,14 +34,7 @@ _UNIT_PER_SI = {
     "degC": 1.0,
 }
 _SENSOR_TAU_S = 0.02
-_MASS_KG = 1500.0
-_DRAG_PER_MASS = 2.7e-4
-"""Half rho c_d A over the mass, 1/m."""
-_ROLLING_MPS2 = 0.1
-_ENGINE_BRAKE_MPS2 = -0.5
-"""What the engine alone slows down by; more is the brakes' work."""
 _BRAKE_PA_PER_MPS2 = 8e5
-_AMBIENT_DEGC = 15.0
 
 
 @dataclass(frozen=True)
@@ -144,10 +139,9 @@ def _measured(
         counts = world.counts_at(sampled, wheel) - world.counts_at(sampled - period_s, wheel)
         turned = counts * (2 * np.pi / world.car.teeth_per_rev)
         return turned / period_s * float(world.car.radius_m[wheel])
-    specific_force = at(motion.specific_force_long_mps2)
-    drive = specific_force + _DRAG_PER_MASS * at(motion.speed_mps) ** 2 + _ROLLING_MPS2
+    specific_force, drive = at(motion.specific_force_long_mps2), at(drive_mps2(motion))
     if role == "yaw_rate":
-        return world.model.read_yaw_rate(at(motion.yaw_rate_radps)) + noise(spec.yaw_rate_std_radps)
+        return at(gyro_rates(motion, world.car, world.model)) + noise(spec.yaw_rate_std_radps)
     if role == "accel_long":
         return specific_force + noise(spec.accel_std_mps2)
     if role == "accel_lat":
@@ -155,9 +149,9 @@ def _measured(
     if role == "steering_wheel_angle":
         return spec.steering_ratio * at(motion.steering_rad) + noise(spec.steering_std_rad)
     if role == "drive_torque":
-        return np.maximum(drive, _ENGINE_BRAKE_MPS2) * _MASS_KG * float(world.car.radius_m.mean())
+        return at(motion.measured["torque"])
     if role == "brake_pressure":
-        return _BRAKE_PA_PER_MPS2 * np.maximum(_ENGINE_BRAKE_MPS2 - drive, 0.0)
+        return _BRAKE_PA_PER_MPS2 * np.maximum(ENGINE_BRAKE_MPS2 - drive, 0.0)
     if role == "ambient_temp":
-        return np.full_like(sampled, _AMBIENT_DEGC)
+        return at(motion.measured["temperature"]) - ZERO_DEGC_K
     raise ValueError(f"no such role: {role}")

@@ -125,6 +125,7 @@ def car_of(vehicle: VehicleConfig, antenna_forward_m: float = 0.0, antenna_left_
         teeth_per_rev=vehicle.teeth_per_rev,
         antenna_forward_m=antenna_forward_m,
         antenna_left_m=antenna_left_m,
+        steering_ratio=vehicle.steering_ratio or BusSpec().steering_ratio,
     )
 
 

@@ -14,6 +14,7 @@ from tpmsd.physics.effects.road_grade import RoadGrade
 from tpmsd.physics.forward import AntennaTruth, antenna_truth, counted_revolutions, wheel_angles, wheel_radii
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.physics.motion import Car, Motion
+from tpmsd.simulator.instruments import with_instruments
 from tpmsd.simulator.noise import gauss_markov
 from tpmsd.wheels import FloatArray
 
@@ -59,6 +60,7 @@ def make_world(
     `radius_offset_m` (4,) is true minus nominal radius, constant over the drive. A road that is not level
     always shortens what the receiver sees: `road_grade` is added where it is missing.
     """
+    motion = with_instruments(motion, car)
     if np.any(motion.grade_rad != 0.0) and not any(isinstance(effect, RoadGrade) for effect in model):
         model = model.plus(RoadGrade())
     offset = np.zeros(4) if radius_offset_m is None else radius_offset_m

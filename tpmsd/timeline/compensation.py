@@ -4,9 +4,10 @@ In: `Tick`s and an `ExtendedModel` (a `model.toml` that `diagnose` wrote). Out: 
 made them if its wheels rolled on constant radii and its sensors were as configured. The effects' own forward
 hooks are used, so simulator, diagnosis and compensation cannot disagree on what an effect does.
 
-`radius_change` is left out: it is the fault to be found, not physics to be taken away. The once-per-
-revolution part of `tone_ring_error` is left out too, for its phase is unknown after a restart and it averages
-out.
+`radius_change` is left out: it is the fault to be found, not physics to be taken away. So is an `unknown`
+over time or distance: on a wheel it may be the fault, and it belongs to the drive on which it was found. The
+once-per-revolution part of `tone_ring_error` is left out too, for its phase is unknown after a restart and
+it averages out. `left_alone` says all this of a model, one line each.
 """
 
 from __future__ import annotations
@@ -17,6 +18,11 @@ import math
 import numpy as np
 
 from tpmsd.config.model import Config
+from tpmsd.physics.covariates import ROLES
+from tpmsd.physics.effect import Effect
+from tpmsd.physics.effects.radius_change import RadiusChange
+from tpmsd.physics.effects.tone_ring_error import ToneRingError
+from tpmsd.physics.effects.unknown import Unknown
 from tpmsd.physics.grade import GradeTracker
 from tpmsd.physics.kinematics import Geometry
 from tpmsd.physics.model import ExtendedModel
@@ -25,7 +31,34 @@ from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import RL, RR, FloatArray
 
 SMOOTHING_S = 0.5
-NOT_COMPENSATED = frozenset({"radius_change"})
+RATE_SMOOTHING_S = 0.3
+"""Of the steering wheel's rate."""
+
+
+def left_alone(config: Config, model: ExtendedModel) -> list[str]:
+    """What of the model is not compensated, and why: one line per effect, for the user to see."""
+    notes = []
+    for effect in model:
+        if (why := _why_not(config, effect)) is not None:
+            notes.append(f"{effect.name} is not compensated: {why}")
+        elif isinstance(effect, ToneRingError) and effect.amplitude_rad != 0.0:
+            notes.append(
+                f"{effect.name} of {effect.wheel}: its ripple stays, for it averages out over a turn"
+            )
+    return notes
+
+
+def _why_not(config: Config, effect: Effect) -> str | None:
+    """Why an effect must stay in the ticks; None if it is taken out."""
+    if isinstance(effect, RadiusChange):
+        return f"the radius of {effect.wheel} is what is watched, and its change the fault itself"
+    if isinstance(effect, Unknown):
+        if effect.covariate in ("time", "distance"):
+            return f"a shape over {effect.covariate} belongs to the drive on which it was found"
+        role = ROLES.get(effect.covariate)
+        if role is not None and role not in config.can.signals:
+            return f"it depends on {effect.covariate}, and the bus has no {role}"
+    return None
 
 
 def adjusted(config: Config, model: ExtendedModel) -> Config:
@@ -53,7 +86,7 @@ class Compensation:
         kept = [
             (effect, std)
             for effect, std in zip(model.effects, model.stds, strict=True)
-            if effect.name not in NOT_COMPENSATED
+            if _why_not(config, effect) is None
         ]
         self._model = ExtendedModel(tuple(e for e, _ in kept), tuple(s for _, s in kept))
         vehicle = config.vehicle
@@ -62,6 +95,7 @@ class Compensation:
             geometry=Geometry(vehicle.track_front_m, vehicle.track_rear_m, vehicle.wheelbase_m),
             driven=driven_mask(vehicle.driven_axle),
             teeth_per_rev=vehicle.teeth_per_rev,
+            **({} if vehicle.steering_ratio is None else {"steering_ratio": vehicle.steering_ratio}),
         )
         teeth = [self._model.true_teeth_per_rev(w, vehicle.teeth_per_rev) for w in range(4)]
         self._tooth_factor = vehicle.teeth_per_rev / np.array(teeth)
@@ -71,25 +105,33 @@ class Compensation:
         self._start_s: float | None = None
         self._distance_m = self._heading_rad = 0.0
         self._speed_mps = math.nan
-        self._accel_mps2 = self._yaw_rate_radps = 0.0
+        self._accel_mps2 = self._yaw_rate_radps = self._yaw_error_radps = 0.0
+        self._steering_rad = math.nan
+        self._steering_rate_radps = 0.0
 
     def apply(self, tick: Tick) -> Tick:
         """The tick without the model's effects."""
         yaw_rate = (tick.yaw_rate_radps - self._gyro_bias) / self._gyro_scale
         rotation = tick.rotation_rad * self._tooth_factor
-        self._follow(tick, rotation, yaw_rate)
+        self._follow(tick, rotation, yaw_rate - self._yaw_error_radps)
+        self._steer(tick)
         for fix in tick.fixes:
             self._grade.update(fix.up_m)
         motion = self._motion(tick)
         change = self._model.radius_change_m(motion, self._car)[0] / self._car.radius_m
         factor: FloatArray = (1.0 + change) / (1.0 + self._model.slip(motion, self._car)[0])
         course = float(self._model.axle_course_rad(motion)[0])
+        course += float(self._model.gnss_course_error_rad(motion, self._car)[0])
+        faster = float(self._model.gnss_speed_error_mps(motion, self._car)[0])
+        self._yaw_error_radps = (
+            float(self._model.yaw_rate_error_radps(motion, self._car)[0]) / self._gyro_scale
+        )
         return dataclasses.replace(
             tick,
             rotation_rad=rotation * factor,
             rotation_std_rad=tick.rotation_std_rad * self._tooth_factor,
-            yaw_rate_radps=yaw_rate,
-            fixes=tuple(_turned(fix, -course) for fix in tick.fixes),
+            yaw_rate_radps=yaw_rate - self._yaw_error_radps,
+            fixes=tuple(_put_right(fix, course, faster) for fix in tick.fixes),
         )
 
     def _follow(self, tick: Tick, rotation: FloatArray, yaw_rate: float) -> None:
@@ -116,6 +158,17 @@ class Compensation:
         self._heading_rad += turning * tick.dt_s
         self._grade.move(way)
 
+    def _steer(self, tick: Tick) -> None:
+        """Smooth the rate of the steering wheel; NaN leaves it as it was."""
+        angle = tick.steering_wheel_angle_rad
+        if not math.isfinite(angle):
+            return
+        if math.isfinite(self._steering_rad) and tick.gap_s == 0.0:
+            share = 1.0 - math.exp(-tick.dt_s / RATE_SMOOTHING_S)
+            rate = (angle - self._steering_rad) / tick.dt_s
+            self._steering_rate_radps += share * (rate - self._steering_rate_radps)
+        self._steering_rad = angle
+
     def _motion(self, tick: Tick) -> Motion:
         """The present moment as the catalogue takes it."""
         speed = 0.0 if math.isnan(self._speed_mps) else self._speed_mps
@@ -137,10 +190,17 @@ class Compensation:
             "heading_rad": self._heading_rad,
             "steering_rad": math.atan(self._car.geometry.wheelbase_m * curvature),
         }
-        return Motion(**{name: np.array([value]) for name, value in values.items()})
+        told = {"torque": tick.drive_torque_nm, "temperature": tick.ambient_temp_k}
+        if math.isfinite(self._steering_rad):
+            told |= {"steering": self._steering_rad, "steering_rate": self._steering_rate_radps}
+        measured = {name: np.array([value]) for name, value in told.items()}
+        return Motion(measured=measured, **{name: np.array([value]) for name, value in values.items()})
 
 
-def _turned(fix: Fix, angle_rad: float) -> Fix:
-    if angle_rad == 0.0 or math.isnan(fix.heading_rad):
+def _put_right(fix: Fix, course_error_rad: float, speed_error_mps: float) -> Fix:
+    """The fix without these errors; what it does not tell stays NaN."""
+    if course_error_rad == 0.0 and speed_error_mps == 0.0:
         return fix
-    return dataclasses.replace(fix, heading_rad=fix.heading_rad + angle_rad)
+    return dataclasses.replace(
+        fix, heading_rad=fix.heading_rad - course_error_rad, speed_mps=fix.speed_mps - speed_error_mps
+    )

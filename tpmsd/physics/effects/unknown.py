@@ -1,0 +1,121 @@
+"""A smooth term of free shape: physics that has been measured and located, but has no name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.errors import ConfigError
+from tpmsd.physics.covariates import COVARIATES, covariate
+from tpmsd.physics.effect import AnyParameter, Effect, TextParameter, VectorParameter
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import WHEELS, FloatArray
+
+CHANNELS: dict[str, tuple[str, float]] = {
+    "gnss_speed": ("m/s", 20.0),
+    "gnss_course": ("rad", 1.0),
+    "yaw_rate": ("rad/s", 1.0),
+}
+"""What a term may act on beside wheels: unit, and the largest size that is thinkable."""
+MAX_RADIUS_CHANGE_M = 0.05
+
+
+@dataclass(frozen=True)
+class Unknown(Effect):
+    """A piecewise linear function f of one covariate x, constant beyond its outer knots.
+
+    `on` names what it acts on: wheels, each with its sign ("rl rr", "fl -fr rl -rr"), whose radii change by
+    +-f(x) in metres; or a reading, which is larger by f(x): `gnss_speed` (m/s), `gnss_course` (rad,
+    counter-clockwise) or `yaw_rate` (rad/s). `covariate` is one of `tpmsd.physics.covariates`. f goes through
+    (knots[i], heights[i]). Where the covariate is not known, the term does not act.
+    Source: none; it is a description. Linear splines of fixed knots: Hastie, Tibshirani and Friedman, The
+    Elements of Statistical Learning, 2009, section 5.2.
+    """
+
+    name: ClassVar[str] = "unknown"
+    parameters: ClassVar[tuple[AnyParameter, ...]] = (
+        TextParameter("on", "rl rr", "wheels with their signs, gnss_speed, gnss_course or yaw_rate"),
+        TextParameter("covariate", "speed", "what the shape is a function of"),
+        VectorParameter("knots", (10.0, 20.0, 30.0), "values of the covariate, increasing"),
+        VectorParameter("heights", (0.0, -5e-4, 0.0), "the shape's height at each knot"),
+    )
+    on: str
+    covariate: str
+    knots: tuple[float, ...]
+    heights: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.covariate not in COVARIATES:
+            raise self._refused(f"covariate = {self.covariate!r} is not one of {' '.join(COVARIATES)}")
+        if len(self.heights) != len(self.knots):
+            raise self._refused(f"{len(self.knots)} knots, but {len(self.heights)} heights")
+        for k, (low, high) in enumerate(pairwise(self.knots)):
+            if not low < high:
+                raise self._refused(f"knots[{k + 1}] = {high:g} does not lie above knots[{k}] = {low:g}")
+        unit, largest = CHANNELS.get(self.on, ("m", MAX_RADIUS_CHANGE_M))
+        for k, height in enumerate(self.heights):
+            if abs(height) > largest:
+                raise self._refused(
+                    f"heights[{k}] = {height:g} is outside -{largest:g} to {largest:g} {unit}"
+                )
+        if self.on not in CHANNELS:
+            self._check_wheels()
+
+    def _refused(self, why: str) -> ConfigError:
+        return ConfigError(f"effect {self.name}: {why}")
+
+    def _check_wheels(self) -> None:
+        names = [word.removeprefix("-") for word in self.on.split()]
+        for name in names:
+            if name not in WHEELS:
+                known = (
+                    f"wheels ({' '.join(WHEELS)}, with - for the other sign) or one of {' '.join(CHANNELS)}"
+                )
+                raise self._refused(f"on = {self.on!r} holds {name!r}, wanted are {known}")
+        if len(set(names)) < len(names):
+            raise self._refused(f"on = {self.on!r} names a wheel twice")
+
+    @property
+    def signs(self) -> FloatArray:
+        """(4,) with which sign each wheel's radius takes part; zeros where it acts on a reading."""
+        out = np.zeros(4)
+        if self.on not in CHANNELS:
+            for word in self.on.split():
+                out[WHEELS.index(word.removeprefix("-"))] = -1.0 if word.startswith("-") else 1.0
+        return out
+
+    def unit_of(self, parameter: str) -> str:
+        """That of the covariate for the knots, of what it acts on for the heights."""
+        if parameter == "knots":
+            return COVARIATES[self.covariate]
+        if parameter == "heights":
+            return CHANNELS.get(self.on, ("m", 0.0))[0]
+        return ""
+
+    def height(self, motion: Motion, car: Car) -> FloatArray:
+        """(n,) f(x); zero where x is not known."""
+        x = covariate(motion, car, self.covariate)
+        return np.where(np.isnan(x), 0.0, np.interp(x, self.knots, self.heights))
+
+    def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
+        """(n, 4) the shape on its wheels."""
+        return self.height(motion, car)[:, None] * self.signs
+
+    def gnss_speed_error_mps(self, motion: Motion, car: Car) -> FloatArray:
+        """(n,) the shape, if it acts on the receiver's speed."""
+        return self._if("gnss_speed", motion, car)
+
+    def gnss_course_error_rad(self, motion: Motion, car: Car) -> FloatArray:
+        """(n,) the shape, if it acts on the receiver's course."""
+        return self._if("gnss_course", motion, car)
+
+    def yaw_rate_error_radps(self, motion: Motion, car: Car) -> FloatArray:
+        """(n,) the shape, if it acts on the gyro."""
+        return self._if("yaw_rate", motion, car)
+
+    def _if(self, channel: str, motion: Motion, car: Car) -> FloatArray:
+        return self.height(motion, car) if self.on == channel else np.zeros(len(motion))
