@@ -88,6 +88,7 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.pipeline import Pipeline
     from tpmsd.sinks.sd_notify import Notifier
     from tpmsd.sources.can_decoder import load_database
+    from tpmsd.timeline.compensation import left_alone
 
     duration_s = math.inf if args.duration is None else float(args.duration)
     if not duration_s > 0.0:
@@ -98,7 +99,11 @@ def run(args: argparse.Namespace) -> int:
     for warning in warnings:
         log.warning("%s", warning)
     recorder = None if args.record is None else DriveRecorder(args.record, config)
-    model = None if args.model is None else load_model(args.model)
+    model = None
+    if args.model is not None:
+        model = load_model(args.model)
+        for note in left_alone(config, model):
+            log.warning("%s: %s", args.model, note)
     Daemon(
         config,
         load_database(config.can.dbc),
