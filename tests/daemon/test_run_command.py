@@ -204,6 +204,20 @@ def test_the_command_line_overrides_and_is_recorded(tmp_path: Path) -> None:
     assert 4 <= len(stamps) <= 12
 
 
+def test_state_and_socket_can_be_told_on_the_command_line(tmp_path: Path) -> None:
+    """One configuration serves two daemons: each has the state file and the socket it is told."""
+    config, _ = car(tmp_path)
+    assert config.state.file is not None
+    socket, state = tmp_path / "other" / "s.sock", tmp_path / "other" / "kept.json"
+    with daemon("--config", tmp_path, "--speed-up", "5", "--state", state, "--socket", socket) as process:
+        wait_for("ticks", socket)
+        code, _log = ended(process, signal.SIGTERM)
+
+    assert 0 == code
+    assert load_state(state) is not None
+    assert [False, False] == [config.state.file.exists(), config.status.socket.exists()]
+
+
 @pytest.mark.parametrize(
     ("extra", "arguments", "says"),
     [
@@ -248,5 +262,7 @@ def test_the_help_teaches(capfd: pytest.CaptureFixture[str]) -> None:
     said = capfd.readouterr().out
     for option in ("config", "interface", "channel", "dbc", "device", "record", "speed-up", "duration"):
         assert f"--{option}" in said
+    assert "--state FILE" in said
+    assert "--socket PATH" in said
     assert "examples:" in said
     assert "exit codes:" in said

@@ -64,6 +64,8 @@ def add_parser(subparsers: Subparsers) -> None:
     instead.add_argument("--channel", metavar="C", help="CAN channel, such as can0")
     instead.add_argument("--dbc", metavar="FILE", type=Path, help="DBC of the bus")
     instead.add_argument("--device", metavar="D", help="serial device of the receiver ('' for none)")
+    instead.add_argument("--state", metavar="FILE", type=Path, help="what is kept over restarts")
+    instead.add_argument("--socket", metavar="PATH", type=Path, help="Unix socket that tpmsd status asks")
     parser.add_argument(
         "--record",
         metavar="DIR",
@@ -134,7 +136,13 @@ def configuration(args: argparse.Namespace) -> tuple[Config, list[str]]:
         can = dataclasses.replace(can, channel=_named("--channel", args.channel))
     if args.device is not None:
         gnss = dataclasses.replace(gnss, device=args.device.strip() or None)
-    return dataclasses.replace(config, can=can, gnss=gnss), [warning.text for warning in result.warnings]
+    state, status = config.state, config.status
+    if args.state is not None:
+        state = dataclasses.replace(state, file=args.state)
+    if args.socket is not None:
+        status = dataclasses.replace(status, socket=args.socket)
+    config = dataclasses.replace(config, can=can, gnss=gnss, state=state, status=status)
+    return config, [warning.text for warning in result.warnings]
 
 
 def _interface(name: str) -> str:
