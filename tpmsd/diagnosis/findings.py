@@ -6,12 +6,14 @@ In: a `Study` and its `Selection`. Out: `Diagnosis`.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tpmsd.diagnosis.advice import advice
 from tpmsd.diagnosis.channels import CHANNEL_NAMES
+from tpmsd.diagnosis.empirical import empirical_effect, shape_of
 from tpmsd.diagnosis.evidence import Evidence, Fit
 from tpmsd.diagnosis.result import CONSISTENT, MISMATCH, Diagnosis, Finding, Inner, Quantity, Where
 from tpmsd.diagnosis.selection import ADMIT, Chosen, Selection, Selector
@@ -20,7 +22,7 @@ from tpmsd.diagnosis.terms import ANTISYMMETRIC, PATTERNS, Term, group_gain
 from tpmsd.diagnosis.tone_ring import ripples, wrong_teeth
 from tpmsd.diagnosis.traces import ground, traces
 from tpmsd.physics.catalogue import make_effect, parameters_of
-from tpmsd.physics.effect import Effect, Parameter
+from tpmsd.physics.effect import Effect, Parameter, Std
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import WHEELS, FloatArray
 
@@ -61,7 +63,7 @@ def report(study: Study, selection: Selection, evidence: Evidence) -> Diagnosis:
     whole = float(selection.heldout.sum())
     findings = []
     effects: list[Effect] = []
-    effect_stds: list[dict[str, float]] = []
+    effect_stds: list[Mapping[str, Std]] = []
     for k, one in enumerate(selection.chosen):
         rest = terms[:k] + terms[k + 1 :]
         without = float(evidence.heldout(selector.design(rest)).sum())
@@ -82,7 +84,11 @@ def report(study: Study, selection: Selection, evidence: Evidence) -> Diagnosis:
                 shape=_shape(study, one),
             )
         )
-        if one.term.effect != "unknown":
+        if one.term.effect == "unknown":
+            free, heights = empirical_effect(one, study.smooth_knots[one.term.covariate])
+            effects.append(free)
+            effect_stds.append(heights)
+        else:
             effect, known = _effect(one, quantities)
             effects.append(effect)
             effect_stds.append(known)
@@ -287,11 +293,7 @@ def _spans(study: Study, one: Chosen) -> tuple[tuple[float, float], ...]:
 def _shape(study: Study, one: Chosen) -> tuple[tuple[float, float, float], ...]:
     if one.term.effect != "unknown":
         return ()
-    knots = study.smooth_knots[one.term.covariate]
-    return (
-        (float(knots[0]), 0.0, 0.0),
-        *((float(x), float(v), float(s)) for x, v, s in zip(knots[1:], one.values, one.stds, strict=False)),
-    )
+    return shape_of(one, study.smooth_knots[one.term.covariate])
 
 
 def _unexplained(study: Study, selector: Selector, terms: list[Term]) -> Where | None:

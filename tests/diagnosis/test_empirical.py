@@ -1,0 +1,82 @@
+"""Physics without a name, from the drive that showed it to the replay that takes it out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.recorded import recording_of
+from tests.worlds.folder import write_folder
+from tests.worlds.kinematic import Spec, drive
+from tpmsd.cli.main import main
+from tpmsd.cli.replay import replay
+from tpmsd.config.load import load_config
+from tpmsd.diagnosis.channels import Reader
+from tpmsd.diagnosis.empirical import place_of
+from tpmsd.diagnosis.motion import reference
+from tpmsd.diagnosis.response import smooth_columns, smooth_knots
+from tpmsd.physics.effects.unknown import Unknown
+from tpmsd.physics.model import ExtendedModel
+from tpmsd.physics.model_file import load_model
+from tpmsd.wheels import FL, FR, RL, RR, FloatArray
+
+
+@pytest.fixture(scope="module")
+def reader() -> Reader:
+    """Five minutes of mixed driving."""
+    recording = recording_of(drive(Spec(duration_s=300.0), 6))
+    return Reader(recording, reference(recording))
+
+
+@pytest.mark.parametrize(
+    ("place", "covariate", "size"),
+    [
+        ("rear", "speed", 1e-3),
+        ("left minus right", "accel_lat", 1e-3),
+        ("diagonal", "steering", 1e-3),
+        ("fl", "accel_long", 1e-3),
+        ("gnss_speed", "accel_long", 0.1),
+        ("gnss_course", "accel_lat", 0.02),
+        ("yaw_rate", "speed", 0.01),
+    ],
+)
+def test_the_effect_is_the_shape_that_was_fitted(
+    reader: Reader, place: str, covariate: str, size: float
+) -> None:
+    """The forward model with the effect moves the channels as the columns of the fit do, within 15 %."""
+    knots = {covariate: smooth_knots(reader.windows.covariates)[covariate]}
+    columns = smooth_columns(reader, knots)
+    on = place_of(place)
+    heights = size * (np.arange(1.0, len(knots[covariate])) / 2.0 - 1.0)
+    fitted: FloatArray = np.zeros_like(reader.windows.measured)
+    for name, column in zip(columns.names, columns.arrays, strict=True):
+        sign = 1.0 if name[1] == on or name[1] in on.split() else -1.0 if f"-{name[1]}" in on.split() else 0.0
+        fitted += sign * heights[int(name[3])] * column
+    effect = Unknown(on, covariate, tuple(knots[covariate]), (0.0, *heights))
+    moved = reader.predict(ExtendedModel((effect,))) - reader.predict(ExtendedModel())
+
+    assert float(np.nanmax(np.abs(fitted))) > 0.5 * size
+    assert float(np.nanstd(moved - fitted)) < 0.15 * float(np.nanstd(fitted))
+
+
+def test_what_has_no_name_is_compensated_all_the_same(tmp_path: Path) -> None:
+    """A rear axle that shrinks around 20 m/s: with the model that diagnose wrote, its radii keep still."""
+    hump = {"at_mps": 20.0, "width_mps": 3.0, "wheels": [RL, RR], "size_m": -1.4e-3}
+    folder, file = tmp_path / "drive", tmp_path / "model.toml"
+    write_folder(drive(Spec(duration_s=600.0, physics={"strange_speed_hump": hump}), 14), folder)
+    assert 0 == main(["diagnose", str(folder), "--model-out", str(file)])
+    model = load_model(file)
+    (effect,) = model.effects
+    config = load_config(folder)
+
+    def wander_m(compensated: ExtendedModel | None) -> float:
+        """Scatter of the rear radii against the front ones, which the receiver's wander leaves alone."""
+        result = replay(folder, config, compensated)
+        deviation = result.deviation_m[result.time_s > result.start_s + 120.0]
+        return float(np.std(deviation[:, [RL, RR]].mean(axis=1) - deviation[:, [FL, FR]].mean(axis=1)))
+
+    assert ("rl rr", "speed") == (effect.on, effect.covariate) if isinstance(effect, Unknown) else False
+    assert len(model.stds[0]["heights"]) == len(effect.values()["heights"])  # type: ignore[arg-type]
+    assert wander_m(model) < 0.35 * wander_m(None)

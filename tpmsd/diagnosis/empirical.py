@@ -1,0 +1,44 @@
+"""A term of free shape as an effect of the catalogue, so that it can be simulated and compensated.
+
+In: a chosen `unknown` term and the knots of its covariate. Out: the effect `unknown` and the standard
+deviations of its heights.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tpmsd.diagnosis.selection import Chosen
+from tpmsd.diagnosis.terms import ANTISYMMETRIC, PATTERNS
+from tpmsd.physics.effect import Std
+from tpmsd.physics.effects.unknown import CHANNELS, MAX_RADIUS_CHANGE_M, Unknown
+from tpmsd.wheels import FloatArray
+
+
+def shape_of(one: Chosen, knots: FloatArray) -> tuple[tuple[float, float, float], ...]:
+    """(covariate, height, standard deviation) at each knot; the first height is calibration's: zero."""
+    rest = zip(knots[1:], one.values, one.stds, strict=True)
+    return ((float(knots[0]), 0.0, 0.0), *((float(x), float(v), float(s)) for x, v, s in rest))
+
+
+def empirical_effect(one: Chosen, knots: FloatArray) -> tuple[Unknown, dict[str, Std]]:
+    """The effect for the model file, its heights within what is thinkable."""
+    on = place_of(one.term.place)
+    _, largest = CHANNELS.get(on, ("m", MAX_RADIUS_CHANGE_M))
+    x, heights, stds = zip(*shape_of(one, knots), strict=True)
+    effect = Unknown(
+        on=on,
+        covariate=one.term.covariate,
+        knots=tuple(x),
+        heights=tuple(float(h) for h in np.clip(heights, -largest, largest)),
+    )
+    return effect, {"heights": tuple(stds)}
+
+
+def place_of(place: str) -> str:
+    """The place of a term as the effect `unknown` writes it: `rl rr`, `fl -fr rl -rr`, `gnss_speed`."""
+    if place in CHANNELS:
+        return place
+    if place in ANTISYMMETRIC:
+        return " ".join(f"-{wheel}" if sign < 0 else wheel for wheel, sign in ANTISYMMETRIC[place])
+    return " ".join(PATTERNS[place])
