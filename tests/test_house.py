@@ -27,6 +27,7 @@ ALLOWED |= {
     "errors": set(),
     "wheels": set(),
     "physics": {"config"},
+    "vehicle_state": {"physics"},
     "config": set(),
     "simulator": {"physics", "config", "sources", "timeline"},
     "calibration": {"physics", "config", "sources", "timeline"},
@@ -38,10 +39,12 @@ ALLOWED |= {
     "__init__": set(),
     "__main__": {"cli"},
 }
+for _room in ("estimators", "diagnosis"):
+    ALLOWED[_room] = ALLOWED[_room] | {"vehicle_state"}
 
 PURE_ROOMS = {
     *("sources", "timeline", "estimators", "monitor", "pipeline"),
-    *("physics", "diagnosis", "errors", "wheels"),
+    *("physics", "vehicle_state", "diagnosis", "errors", "wheels"),
 }
 SHELLS = {
     *(f"tpmsd.sources.{name}" for name in ("can_live", "can_log", "can_log_candump", "can_log_others")),

@@ -1,0 +1,108 @@
+"""The unscented particle filter (UPF) and its adaptive robust form (ARUPF) of paper 004.
+
+In: `Inputs` and readings (3,). Out: `Belief`. Every particle carries a Gaussian of its own; an unscented
+Kalman step moves it and takes the readings, the particle's new place is drawn from the result, and its weight
+is likelihood times transition density over that proposal (eq. 21). Systematic resampling at every step.
+
+With `RobustSettings` the readings' variances are divided by their equivalent weights and the prediction's
+covariance by the adaptive factor, in the proposal, in the transition density and in the likelihood alike.
+Particles and sigma points are axes of the same arrays; there is no loop over either.
+
+As published a particle keeps its Gaussian's covariance after it was drawn from it. So the next proposal is as
+wide as the whole uncertainty, the transition density as narrow as one step's noise, few particles keep any
+weight, and the cloud shrinks by chance alone where no reading holds it apart. With `carry` off a drawn
+particle is a point again, and the unscented step starts from the process noise alone: the near-optimal
+proposal of Doucet, Godsill and Andrieu 2000 (Statistics and Computing 10), with weights that hardly vary.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tpmsd.vehicle_state import model
+from tpmsd.vehicle_state.car import CarDynamics
+from tpmsd.vehicle_state.kalman import SIGMA, Belief, Noise, correct
+from tpmsd.vehicle_state.model import Inputs
+from tpmsd.vehicle_state.robust import RobustSettings
+from tpmsd.vehicle_state.unscented import moments, sigma_points
+from tpmsd.wheels import FloatArray
+
+DEFAULT_PARTICLES = 100
+
+
+class UnscentedParticleFilter:
+    """UPF; with `robust`, ARUPF."""
+
+    def __init__(
+        self,
+        car: CarDynamics,
+        noise: Noise,
+        start: Belief,
+        rng: np.random.Generator,
+        robust: RobustSettings | None = None,
+        particles: int = DEFAULT_PARTICLES,
+        carry: bool = True,
+    ) -> None:
+        """`carry`: whether particles keep a covariance from step to step, as published."""
+        if particles < 1:
+            raise ValueError(f"{particles} particles are too few")
+        self._car, self._noise, self._robust, self._rng = car, noise, robust, rng
+        self._place = _draw(rng, np.tile(start.mean, (particles, 1)), start.covariance[None])
+        self._covariance = np.tile(start.covariance, (particles, 1, 1)) if carry else None
+        self.weights = np.ones(3)
+        """(3,) equivalent weights of the last readings."""
+        self.factor = 1.0
+        self.effective = float(particles)
+        """Effective number of particles before the last resampling."""
+
+    def step(self, inputs: Inputs, reading: FloatArray) -> Belief:
+        """One tick."""
+        car, process = self._car, self._noise.process_covariance(inputs.dt_s)
+        if self._covariance is None:
+            own = ahead = model.advance(car, self._place, inputs)
+            spread = np.zeros((len(own), 3, 3))
+        else:
+            points = model.advance(car, sigma_points(self._place, self._covariance, SIGMA), inputs)
+            own = points[:, 0]  # where the particle itself goes
+            ahead, spread, _ = moments(points, SIGMA)
+        done = correct(car, ahead, spread + process, inputs, reading, self._noise, self._robust)
+        self.weights, self.factor = done.weights, done.factor
+        place = _draw(self._rng, done.mean, done.covariance)
+        log = _log_density(place - own, process / done.factor)
+        log -= _log_density(place - done.mean, done.covariance)
+        seen = np.isfinite(reading)
+        if seen.any():
+            off = reading[seen] - model.readings(car, place, inputs)[:, seen]
+            log += _log_density(off, done.noise)
+        weights = np.exp(log - log.max())
+        weights /= weights.sum()
+        self.effective = float(1.0 / np.sum(weights**2))
+        mean = weights @ place
+        centred = place - mean
+        belief = Belief(mean, (centred * weights[:, None]).T @ centred)
+        chosen = _systematic(self._rng, weights)
+        self._place = place[chosen]
+        if self._covariance is not None:
+            self._covariance = done.covariance[chosen]
+        return belief
+
+
+def _draw(rng: np.random.Generator, mean: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(N, n) one draw from each Gaussian."""
+    root = np.linalg.cholesky(covariance)
+    return np.asarray(mean + np.einsum("...ij,...j->...i", root, rng.standard_normal(mean.shape)))
+
+
+def _log_density(off: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(N,) log of the normal density at `off` (N, n), less a constant; covariance (n, n) or (N, n, n)."""
+    root = np.linalg.cholesky(covariance)
+    white = np.linalg.solve(root, off[..., None])[..., 0]
+    volume = np.log(np.diagonal(root, axis1=-2, axis2=-1)).sum(axis=-1)
+    return np.asarray(-0.5 * np.square(white).sum(axis=-1) - volume)
+
+
+def _systematic(rng: np.random.Generator, weights: FloatArray) -> FloatArray:
+    """(N,) indices, each as often as its weight times N, up to one."""
+    count = weights.size
+    rungs = (np.arange(count) + rng.random()) / count
+    return np.minimum(np.searchsorted(np.cumsum(weights), rungs), count - 1)

@@ -1,0 +1,67 @@
+"""The Dugoff tyre: forces of a wheel from its slip, slip angle and load, and their derivatives.
+
+In: arrays of any one shape. Out: arrays of that shape. Paper 004, eqs (9)-(12), with the divisor 1 + sigma in
+(10), where alpha is printed. Signs: slip positive when driving, slip angle positive where the force points
+left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.wheels import FloatArray
+
+_STILL_N = 1e-6
+"""Linear force below which nothing slides, so that no division is by zero."""
+
+
+@dataclass(frozen=True, slots=True)
+class TyreForces:
+    """Forces in the wheel's own frame, N, and the derivatives that an EKF needs."""
+
+    along_n: FloatArray
+    left_n: FloatArray
+    along_by_angle: FloatArray
+    """N/rad."""
+    left_by_angle: FloatArray
+    along_by_load: FloatArray
+    """N per N of load."""
+    left_by_load: FloatArray
+
+
+def dugoff(
+    slip: FloatArray,
+    slip_angle_rad: FloatArray,
+    load_n: FloatArray,
+    longitudinal_n: float | FloatArray,
+    cornering_n: float | FloatArray,
+    friction: float,
+) -> TyreForces:
+    """Longitudinal and lateral force; all arrays broadcast together.
+
+    A wheel without load has no force. The sum of both forces never exceeds friction * load: with
+    D = hypot(C_sigma sigma, C_alpha tan alpha) it is friction * load * (1 - lambda / 2) when sliding
+    (lambda < 1), and D / (1 + sigma) <= friction * load / 2 when not.
+    """
+    tangent = np.tan(slip_angle_rad)
+    linear = np.maximum(np.hypot(longitudinal_n * slip, cornering_n * tangent), _STILL_N)
+    load = np.maximum(load_n, 0.0)
+    limit = friction * load * (1.0 + slip) / (2.0 * linear)
+    sliding = limit < 1.0
+    share = np.where(sliding, (2.0 - limit) * limit, 1.0)
+    along = longitudinal_n * slip / (1.0 + slip)
+    left = cornering_n * tangent / (1.0 + slip)
+    by_limit = np.where(sliding, 2.0 - 2.0 * limit, 0.0)
+    limit_by_tangent = -limit * np.square(cornering_n) * tangent / linear**2
+    limit_by_load = np.where(load_n > 0.0, friction * (1.0 + slip) / (2.0 * linear), 0.0)
+    by_angle = 1.0 + tangent**2
+    return TyreForces(
+        along_n=along * share,
+        left_n=left * share,
+        along_by_angle=along * by_limit * limit_by_tangent * by_angle,
+        left_by_angle=(cornering_n / (1.0 + slip) * share + left * by_limit * limit_by_tangent) * by_angle,
+        along_by_load=along * by_limit * limit_by_load,
+        left_by_load=left * by_limit * limit_by_load,
+    )
