@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmsd.diagnosis.evidence import Evidence
+from tpmsd.diagnosis.evidence import Evidence, part
 from tpmsd.wheels import FloatArray
 
 BLOCKS = np.repeat(np.arange(10), 30)
@@ -22,7 +22,7 @@ def white() -> FloatArray:
 
 def test_a_fit_is_least_squares_on_the_rows(white: FloatArray) -> None:
     """Values, covariance and gain are those of ordinary least squares."""
-    evidence = Evidence(white, BLOCKS)
+    evidence = Evidence([part(white, BLOCKS)], white.shape[2])
     fit = evidence.fit(evidence.unit(1, 3))
     X, y = white.reshape(-1, 4)[:, [1, 3]], white.reshape(-1, 4)[:, 0]
     values, residual, _, _ = np.linalg.lstsq(X, y, rcond=None)
@@ -34,7 +34,7 @@ def test_a_fit_is_least_squares_on_the_rows(white: FloatArray) -> None:
 
 def test_a_combination_of_columns_counts_as_one(white: FloatArray) -> None:
     """A design's column is the sum of what it combines."""
-    evidence = Evidence(white, BLOCKS)
+    evidence = Evidence([part(white, BLOCKS)], white.shape[2])
     design = np.array([[0.0], [0.5], [-0.2], [0.0]])
     X, y = white.reshape(-1, 4) @ design[:, 0], white.reshape(-1, 4)[:, 0]
 
@@ -43,7 +43,7 @@ def test_a_combination_of_columns_counts_as_one(white: FloatArray) -> None:
 
 def test_held_out_blocks_are_scored_by_the_others_alone(white: FloatArray) -> None:
     """The score of a fold is minus half the squared residual under values fitted without it."""
-    evidence = Evidence(white, BLOCKS)
+    evidence = Evidence([part(white, BLOCKS)], white.shape[2])
     scores = evidence.heldout(evidence.unit(1))
     out = np.isin(BLOCKS, evidence.folds[0])
     X, y = white[~out][:, :, 1].ravel(), white[~out][:, :, 0].ravel()
@@ -54,7 +54,7 @@ def test_held_out_blocks_are_scored_by_the_others_alone(white: FloatArray) -> No
 
 def test_projection_leaves_what_the_design_does_not_explain(white: FloatArray) -> None:
     """The gain of a further column after projection is the growth of the joint fit's gain."""
-    evidence = Evidence(white, BLOCKS)
+    evidence = Evidence([part(white, BLOCKS)], white.shape[2])
     gram, b = evidence.projected(evidence.unit(1))
     grown = evidence.fit(evidence.unit(1, 2)).gain - evidence.fit(evidence.unit(1)).gain
 
@@ -66,11 +66,11 @@ def test_the_block_wise_variance_of_white_noise_is_the_assumed_one() -> None:
     rng = np.random.default_rng(2)
     blocks = np.repeat(np.arange(60), 20)
     white = rng.standard_normal((1200, 9, 2))
-    honest = Evidence(white, blocks)
+    honest = Evidence([part(white, blocks)], 2)
     shared = white.copy()
     shared[:, :, 1] = 1.0
     shared[:, :, 0] += 0.5 * rng.standard_normal(60)[blocks][:, None]
-    slow = Evidence(shared, blocks)
+    slow = Evidence([part(shared, blocks)], 2)
 
     assert honest.sandwich(honest.fit(honest.unit(1)))[0] == pytest.approx(1.0, abs=0.5)
     assert slow.sandwich(slow.fit(slow.unit(1)))[0] == pytest.approx(1 + 0.25 * 180, rel=0.4)

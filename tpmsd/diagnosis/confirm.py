@@ -10,14 +10,16 @@ the term looks the surer for it. So the term is asked again under the noise that
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from tpmsd.diagnosis.evidence import Evidence
+import numpy as np
+
+from tpmsd.diagnosis.evidence import Evidence, gain_of
 from tpmsd.diagnosis.noise_fit import PRIORS, SLOW, log_posterior, refit_slow
 from tpmsd.diagnosis.selection import ADMIT, Selection, Selector
-
-if TYPE_CHECKING:
-    from tpmsd.diagnosis.diagnose import Study
+from tpmsd.diagnosis.study import DriveStudy, Study
+from tpmsd.diagnosis.whitening import Noise, whiten
+from tpmsd.wheels import FloatArray
 
 COMMON = ("thermal_growth", "centrifugal_growth", "road_grade")
 SURE = 80.0
@@ -29,23 +31,43 @@ def confirmed(study: Study, selection: Selection, evidence: Evidence) -> tuple[S
     for one in selection.chosen:
         if not (one.term.effect in COMMON or one.term.place == "all") or one.gain > SURE:
             continue
-        windows = study.reader.windows
         terms = [other.term for other in selection.chosen if other is not one]
         selector = Selector(evidence, study.hypotheses)
-        without = study.believed(selector.design(terms))
-        with_it = study.believed(selector.design([*terms, one.term]))
-        null = refit_slow(windows, without, study.noise, study.inflate)
-        middles: dict[str, Any] = {name: PRIORS[name][0] for name in SLOW}
-        usual = replace(study.noise, **middles)
-        other = refit_slow(windows, without, usual, study.inflate)
-        if log_posterior(windows, without, other, study.inflate) > log_posterior(
-            windows, without, null, study.inflate
-        ):
-            null = other
-        best_with = log_posterior(windows, with_it, null, study.inflate)
-        if best_with - log_posterior(windows, without, null, study.inflate) < ADMIT + one.term.penalty:
-            study.noise = null
+        without, with_it = selector.design(terms), selector.design([*terms, one.term])
+        null = {number: _noise_without(study.drives[number], without) for number in study.acting(one.term)}
+        if _gain(study, with_it, without.shape[1], null) < ADMIT + one.term.penalty:
+            for number, noise in null.items():
+                study.drives[number].noise = noise
             evidence = study.evidence()
             selection = Selector(evidence, study.hypotheses).judged(terms)
             return confirmed(study, selection, evidence)
     return selection, evidence
+
+
+def _noise_without(drive: DriveStudy, design: FloatArray) -> Noise:
+    """The noise that fits a drive best with this design."""
+    windows, columns = drive.reader.windows, drive.believed(design)
+    middles: dict[str, Any] = {name: PRIORS[name][0] for name in SLOW}
+    starts = (drive.noise, replace(drive.noise, **middles))
+    found = [refit_slow(windows, columns, start, drive.inflate) for start in starts]
+    return max(found, key=lambda noise: log_posterior(windows, columns, noise, drive.inflate))
+
+
+def _gain(study: Study, design: FloatArray, first: int, null: dict[int, Noise]) -> float:
+    """Log-likelihood that a design's columns from `first` on bring, under another noise of some drives."""
+    k = 1 + design.shape[1]
+    gram = np.zeros((k, k))
+    for number, drive in enumerate(study.drives):
+        rows = np.zeros((*drive.white.shape[:2], k))
+        if number in null:
+            acting = np.any(drive.own(design) != 0.0, axis=0)
+            windows, columns = drive.reader.windows, drive.believed(design)
+            rows[:, :, np.concatenate([[True], acting])] = whiten(
+                windows, null[number], columns, drive.inflate
+            )[0]
+        else:
+            rows[:, :, 0] = drive.white[:, :, 0]
+            rows[:, :, 1:] = drive.white @ drive.own(design)
+        flat = rows.reshape(-1, k)
+        gram += flat.T @ flat
+    return gain_of(gram) - gain_of(gram[: 1 + first, : 1 + first])

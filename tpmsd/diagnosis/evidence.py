@@ -1,13 +1,15 @@
 """What the data say for and against sets of hypotheses, all from sums over blocks of time.
 
-In: whitened innovations (column 0 the data, the others responses) and the blocks they fall into. Out:
-`Evidence`, which fits any linear combinations of columns, holds blocks out, and tells how far a block-
-wise variance exceeds the assumed one. After whitening, all questions are about small Gram matrices, so
-thousands of hypotheses cost milliseconds.
+In: whitened innovations of each drive (column 0 the data, the others responses) and the blocks they fall
+into. Out: `Evidence`, which fits any linear combinations of columns over all drives at once, holds blocks
+or whole drives out, and tells how far a block-wise variance exceeds the assumed one. After whitening, all
+questions are about small Gram matrices, so thousands of hypotheses cost milliseconds. Each drive has
+columns of its own; which of them are one and the same number is said by a common index.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +18,9 @@ import scipy.linalg
 from tpmsd.wheels import FloatArray
 
 FOLDS = 5
+DRIVES = 3
+"""From so many drives on, whole drives are held out."""
+_RIDGE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -32,18 +37,60 @@ class Fit:
     """Log-likelihood over that of no columns at all."""
 
 
-class Evidence:
-    """Gram matrices of whitened columns by block."""
+@dataclass(frozen=True)
+class Part:
+    """One drive's Gram matrices, and where its columns stand in the common index."""
 
-    def __init__(self, white: FloatArray, blocks: np.ndarray) -> None:
-        """`white` is (w, 9, 1 + p); `blocks` (w,) numbers each window's block from 0."""
-        count = int(blocks.max()) + 1 if len(blocks) else 0
-        width = white.shape[2]
-        self.by_block = np.zeros((count, width, width))
-        for block in range(count):
-            part = white[blocks == block].reshape(-1, width)
-            self.by_block[block] = part.T @ part
-        self.total = self.by_block.sum(axis=0)
+    by_block: FloatArray
+    """(blocks, n, n) over the drive's own columns."""
+    here: np.ndarray
+    """(m,) places in the common index, each once."""
+    local: np.ndarray
+    """(m,) which own column stands at each; one column may stand at several places."""
+
+    def own(self, design: FloatArray) -> FloatArray:
+        """(n, k) a common design in the drive's own columns."""
+        out = np.zeros((self.by_block.shape[1], design.shape[1]))
+        np.add.at(out, self.local, design[self.here])
+        return out
+
+    def small(self, design: FloatArray) -> FloatArray:
+        """(blocks, 1 + k, 1 + k) Gram matrices of the data and a common design's columns."""
+        own = self.own(design)
+        used = np.any(own != 0.0, axis=1)
+        used[0] = True
+        rows = np.flatnonzero(used)
+        into = np.zeros((len(rows), 1 + design.shape[1]))
+        into[0, 0] = 1.0
+        into[:, 1:] = own[rows]
+        return np.asarray(into.T @ (self.by_block[:, rows[:, None], rows[None, :]] @ into))
+
+
+def part(
+    white: FloatArray, blocks: np.ndarray, here: np.ndarray | None = None, local: np.ndarray | None = None
+) -> Part:
+    """The `Part` of a drive's rows `white` (w, 9, n); `blocks` (w,) numbers each window's block from 0."""
+    count = int(blocks.max()) + 1 if len(blocks) else 0
+    width = white.shape[2]
+    by_block = np.zeros((count, width, width))
+    for block in range(count):
+        rows = white[blocks == block].reshape(-1, width)
+        by_block[block] = rows.T @ rows
+    every = np.arange(width)
+    return Part(by_block, every if here is None else here, every if local is None else local)
+
+
+class Evidence:
+    """Gram matrices of whitened columns by drive and block."""
+
+    def __init__(self, parts: Sequence[Part], width: int) -> None:
+        """`width` is 1 + p, the length of the common index."""
+        self.parts = list(parts)
+        self.total = np.zeros((width, width))
+        for one in self.parts:
+            gram = one.by_block.sum(axis=0)
+            self.total[np.ix_(one.here, one.here)] += gram[np.ix_(one.local, one.local)]
+        count = sum(len(one.by_block) for one in self.parts)
         self.blocks = count
         self.folds = [np.flatnonzero(np.arange(count) % FOLDS == fold) for fold in range(min(FOLDS, count))]
 
@@ -58,32 +105,33 @@ class Evidence:
         out[list(columns), np.arange(len(columns))] = 1.0
         return out
 
-    def fit(self, design: FloatArray, left_out: np.ndarray | None = None) -> Fit:
-        """Least squares of column 0 on the combinations `design`, without the blocks `left_out`."""
-        rows, part = _support(design)
-        gram = self.total[np.ix_(rows, rows)]
-        scale = 1.0 / np.sqrt(np.maximum((part * (gram @ part)).sum(axis=0), 1e-300))
-        if left_out is not None and len(left_out):
-            gram = gram - self.by_block[np.ix_(left_out, rows, rows)].sum(axis=0)
-        scaled = part * scale
-        A = scaled.T @ gram @ scaled + 1e-9 * np.eye(part.shape[1])
-        b = scaled.T @ gram[:, 0]
-        factor = scipy.linalg.cho_factor(A, lower=True)
-        values = scipy.linalg.cho_solve(factor, b)
-        covariance = scipy.linalg.cho_solve(factor, np.eye(len(b)))
-        return Fit(design, values * scale, covariance * np.outer(scale, scale), 0.5 * float(b @ values))
-
-    def score(self, fitted: Fit, blocks: np.ndarray) -> FloatArray:
-        """(len(blocks),) log-likelihood of each of these blocks under given values, up to a constant."""
-        rows, vector = self._residual(fitted)
-        parts = self.by_block[np.ix_(blocks, rows, rows)]
-        return -0.5 * np.asarray((parts @ vector) @ vector)
+    def fit(self, design: FloatArray) -> Fit:
+        """Least squares of column 0 on the combinations `design`."""
+        used = np.any(design != 0.0, axis=1)
+        used[0] = True
+        rows = np.flatnonzero(used)
+        into = np.concatenate([(rows == 0).astype(np.float64)[:, None], design[rows]], axis=1)
+        gram = into.T @ self.total[np.ix_(rows, rows)] @ into
+        scale = _scale(gram)
+        values, inverse, gain = _solved(gram, scale)
+        return Fit(design, values * scale, inverse * np.outer(scale, scale), gain)
 
     def heldout(self, design: FloatArray) -> FloatArray:
-        """(blocks,) log-likelihood of each block with values fitted on the other folds' blocks."""
+        """(blocks,) log-likelihood of each block with values fitted elsewhere, up to a constant.
+
+        Elsewhere are the other folds' blocks; of three drives or more, the other drives.
+        """
+        small = [one.small(design) for one in self.parts]
+        if len(small) >= DRIVES:
+            return np.concatenate(_by_drive(small))
+        by_block = np.concatenate(small)
+        total = by_block.sum(axis=0)
+        scale = _scale(total)
         out = np.zeros(self.blocks)
         for fold in self.folds:
-            out[fold] = self.score(self.fit(design, fold), fold)
+            values, _, _ = _solved(total - by_block[fold].sum(axis=0), scale)
+            vector = np.concatenate([[1.0], -values * scale])
+            out[fold] = -0.5 * ((by_block[fold] @ vector) @ vector)
         return out
 
     def sandwich(self, fitted: Fit) -> FloatArray:
@@ -92,20 +140,11 @@ class Evidence:
         Blocks whose scores scatter more than white noise would (slow errors that no state holds) make
         values less certain than the Gram matrix says (White, Econometrica 48, 1980; clustered by block).
         """
-        rows, vector = self._residual(fitted)
-        parts = self.by_block[:, rows[:, None], rows[None, :]]
-        scores = (parts @ vector) @ fitted.design[rows]
+        vector = np.concatenate([[1.0], -fitted.values])
+        scores = np.concatenate([(one.small(fitted.design) @ vector)[:, 1:] for one in self.parts])
         spread = fitted.covariance @ (scores.T @ scores) @ fitted.covariance
         spread = spread * self.blocks / max(self.blocks - fitted.design.shape[1], 1)
         return np.asarray(np.diag(spread) / np.maximum(np.diag(fitted.covariance), 1e-300))
-
-    @staticmethod
-    def _residual(fitted: Fit) -> tuple[np.ndarray, FloatArray]:
-        """The columns that make up the residual, and their weights."""
-        rows, part = _support(fitted.design)
-        vector = -part @ fitted.values
-        vector[0] += 1.0
-        return rows, vector
 
     def projected(self, design: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Gram matrix (p, p) and correlation with the data (p,) of all columns, `design` projected out."""
@@ -113,14 +152,100 @@ class Evidence:
         if design.shape[1]:
             norm = np.sqrt(np.maximum((design * (gram @ design)).sum(axis=0), 1e-300))
             part = (design / norm).T @ gram
-            A = part @ (design / norm) + 1e-9 * np.eye(design.shape[1])
+            A = part @ (design / norm) + _RIDGE * np.eye(design.shape[1])
             gram = gram - part.T @ scipy.linalg.cho_solve(scipy.linalg.cho_factor(A), part)
         return gram[1:, 1:], gram[1:, 0]
 
 
-def _support(design: FloatArray) -> tuple[np.ndarray, FloatArray]:
-    """Column 0 and the columns a design uses, and the design's rows for them."""
-    used = np.any(design != 0.0, axis=1)
-    used[0] = True
-    rows = np.flatnonzero(used)
-    return rows, design[rows]
+def gain_of(gram: FloatArray) -> float:
+    """Log-likelihood that the columns of a small Gram matrix (1 + k, 1 + k), the data first, bring."""
+    return _solved(gram, _scale(gram))[2]
+
+
+def _scale(gram: FloatArray) -> FloatArray:
+    """(k,) factors that make the columns of a small Gram matrix of unit length."""
+    return np.asarray(1.0 / np.sqrt(np.maximum(np.diag(gram)[1:], 1e-300)))
+
+
+def _solved(gram: FloatArray, scale: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Values and covariance in units of the scale, and the gain, of a small Gram matrix."""
+    A = gram[1:, 1:] * np.outer(scale, scale) + _RIDGE * np.eye(len(scale))
+    b = gram[1:, 0] * scale
+    factor = scipy.linalg.cho_factor(A, lower=True)
+    values = scipy.linalg.cho_solve(factor, b)
+    return values, scipy.linalg.cho_solve(factor, np.eye(len(b))), 0.5 * float(b @ values)
+
+
+def _by_drive(small: list[FloatArray]) -> list[FloatArray]:
+    """Per drive (its blocks,) the predictive log-likelihood, evenly shared among its blocks.
+
+    Values that the drive shares with others come from the others, with their uncertainty (a drive that
+    alone can tell an effect must not be judged by the noise of those that cannot; where nobody knows
+    anything, a value is as uncertain as one window in the mean would leave it). Values that are the
+    drive's own, such as its calibration, come from its other blocks.
+    """
+    total = np.sum([one.sum(axis=0) for one in small], axis=0)
+    whole = np.concatenate([[1.0], _scale(total)])
+    scaled = [one * np.outer(whole, whole) for one in small]
+    total = total * np.outer(whole, whole)
+    windows = 30.0 * sum(len(one) for one in small)
+    out = []
+    for one in scaled:
+        mine = one.sum(axis=0)
+        rest = total - mine
+        acts = 1 + np.flatnonzero(np.diag(mine)[1:] > _RIDGE)
+        known = np.diag(rest)[acts] > _RIDGE
+        shared, own = acts[known], acts[~known]
+        value, information = _elsewhere(rest, shared, windows)
+        constant, slope, curvature = _within(one, mine, shared, own)
+        score = constant
+        if len(shared):
+            pull = information @ value + slope
+            joint = information + curvature
+            score += 0.5 * float(pull @ np.linalg.solve(joint, pull) - value @ information @ value)
+            score += 0.5 * float(np.linalg.slogdet(information)[1] - np.linalg.slogdet(joint)[1])
+        out.append(np.full(len(one), score / len(one)))
+    return out
+
+
+def _elsewhere(rest: FloatArray, shared: np.ndarray, windows: float) -> tuple[FloatArray, FloatArray]:
+    """What the other drives know of the shared values: mean and information, their own values integrated
+    out.
+    """
+    if not len(shared):
+        return np.zeros(0), np.zeros((0, 0))
+    used = 1 + np.flatnonzero(np.diag(rest)[1:] > _RIDGE)
+    at = np.searchsorted(used, shared)
+    A = rest[np.ix_(used, used)] + _RIDGE * np.eye(len(used))
+    A[at, at] += 1.0 / windows
+    inverse = np.linalg.inv(A)
+    values = inverse @ rest[used, 0]
+    return values[at], np.linalg.inv(inverse[np.ix_(at, at)])
+
+
+def _within(
+    by_block: FloatArray, mine: FloatArray, shared: np.ndarray, own: np.ndarray
+) -> tuple[float, FloatArray, FloatArray]:
+    """The drive's held-out log-likelihood as a quadratic function of the shared values: constant, slope and
+    curvature. In each fold the drive's own values are fitted on its other blocks, given the shared ones.
+    """
+    s, o = len(shared), len(own)
+    rows = np.concatenate([[0], shared, own]).astype(int)
+    constant, slope, curvature = 0.0, np.zeros(s), np.zeros((s, s))
+    numbers = np.arange(len(by_block)) % FOLDS
+    for fold in range(min(FOLDS, len(by_block))):
+        out = by_block[numbers == fold].sum(axis=0)
+        trained = mine - out
+        start, by_value = np.zeros(1 + s + o), np.zeros((1 + s + o, s))
+        start[0] = 1.0
+        by_value[1 : 1 + s] = -np.eye(s)
+        if o:
+            A = trained[np.ix_(own, own)] + _RIDGE * np.eye(o)
+            both = np.linalg.solve(A, trained[np.ix_(own, rows[: 1 + s])])
+            start[1 + s :] = -both[:, 0]
+            by_value[1 + s :] = both[:, 1:]
+        gram = out[np.ix_(rows, rows)]
+        constant -= 0.5 * float(start @ gram @ start)
+        slope -= by_value.T @ gram @ start
+        curvature += by_value.T @ gram @ by_value
+    return constant, slope, curvature

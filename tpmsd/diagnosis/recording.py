@@ -52,6 +52,8 @@ class Recording:
     speed_mps: FloatArray
     course_rad: FloatArray
     """Mathematical angle, counter-clockwise from east."""
+    name: str = "the drive"
+    """What reports call it."""
 
     @property
     def ticks(self) -> int:
@@ -83,8 +85,11 @@ def car_of(config: Config) -> Car:
     )
 
 
-def record(ticks: Sequence[Tick], config: Config) -> Recording:
-    """Lay the ticks out on one grid. ValueError if there are none, or if they span more than a day."""
+def record(ticks: Sequence[Tick], config: Config, name: str = "the drive") -> Recording:
+    """Lay the ticks out on one grid; `name` is what reports call the drive.
+
+    ValueError if there are no ticks, or if they span more than a day.
+    """
     if not ticks:
         raise ValueError("no tick: the drive holds no readings that belong together")
     dt_s = ticks[0].dt_s
@@ -125,4 +130,5 @@ def record(ticks: Sequence[Tick], config: Config) -> Recording:
         up_m=table[:, 3],
         speed_mps=table[:, 4],
         course_rad=table[:, 5],
+        name=name,
     )

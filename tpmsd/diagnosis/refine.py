@@ -9,19 +9,17 @@ one pass.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tpmsd.diagnosis.channels import Reader
 from tpmsd.diagnosis.evidence import Evidence
-from tpmsd.diagnosis.response import ramp_column, thermal_column
+from tpmsd.diagnosis.joint_terms import for_drive
+from tpmsd.diagnosis.response import ramp_column, ramp_knots, thermal_column
 from tpmsd.diagnosis.selection import Selection, Selector
+from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.terms import Term
-from tpmsd.diagnosis.whitening import whiten
 from tpmsd.wheels import WHEELS, FloatArray
-
-if TYPE_CHECKING:
-    from tpmsd.diagnosis.diagnose import Study
 
 ROUNDS = 4
 
@@ -42,31 +40,32 @@ def refine(study: Study, selection: Selection, evidence: Evidence) -> bool:
     They are hypotheses like all others from then on, beside those on the grid.
     """
     terms = [one.term for one in selection.chosen]
-    added, columns = [], []
+    added: list[tuple[Term, Point]] = []
+    columns: list[dict[int, FloatArray]] = []
     for k, term in enumerate(terms):
         if term.effect in ("radius_change", "thermal_growth"):
             others = [other for j, other in enumerate(terms) if j != k]
             point, column = _best(study, evidence, others, term)
             added.append((term, point))
-            columns.append(column[:, :, None])
-    study.columns = np.concatenate([study.columns, *columns], axis=2)
-    width = study.columns.shape[2]
-    study.hypotheses.widen(width)
-    for k, (term, point) in enumerate(added):
-        column_at = width - len(added) + k
+            columns.append(column)
+    places = study.append(columns)
+    for (term, point), place in zip(added, places, strict=True):
         if term.effect == "radius_change":
             onset = point.first - point.second / 2
-            study.hypotheses.add_ramp(term.wheel, (onset, onset + point.second), column_at)
+            study.hypotheses.add_ramp(term.wheel, (onset, onset + point.second), place)
         else:
-            study.hypotheses.add_thermal(point.first, column_at)
+            study.hypotheses.add_thermal(point.first, place)
+        if term.drive is not None:
+            exact = study.hypotheses.catalogue.pop()
+            study.hypotheses.catalogue.append(for_drive(exact, term.drive, len(study.drives)))
     return bool(added)
 
 
-def _column(study: Study, term: Term, point: Point) -> FloatArray:
+def _column(reader: Reader, term: Term, point: Point) -> FloatArray:
     if term.effect == "radius_change":
         onset = point.first - point.second / 2
-        return ramp_column(study.reader, WHEELS.index(term.wheel), onset, point.second)
-    return thermal_column(study.reader, point.first)
+        return ramp_column(reader, WHEELS.index(term.wheel), onset, point.second)
+    return thermal_column(reader, point.first)
 
 
 def _trials(term: Term, centre: Point, width: Point) -> list[Point]:
@@ -79,44 +78,55 @@ def _trials(term: Term, centre: Point, width: Point) -> list[Point]:
     return [Point(centre.first * width.first**a) for a in np.linspace(-1.0, 1.0, 11)]
 
 
-def _best(study: Study, evidence: Evidence, others: list[Term], term: Term) -> tuple[Point, FloatArray]:
-    """The point of greatest likelihood with all linear values fitted along, and its column."""
-    selector = Selector(evidence, study.hypotheses)
-    design = selector.design(others)
-    believed = study.believed(design)
+def _best(
+    study: Study, evidence: Evidence, others: list[Term], term: Term
+) -> tuple[Point, dict[int, FloatArray]]:
+    """The point of greatest likelihood with all linear values fitted along, and its column by drive."""
+    design = Selector(evidence, study.hypotheses).design(others)
+    believed = sum(part.small(design).sum(axis=0) for part in evidence.parts)
+    acting = [(number, study.drives[number]) for number in study.acting(term)]
     if term.effect == "radius_change":
-        step = float(np.median(np.diff(study.hypotheses.knots_s)))
+        knots = ramp_knots(acting[0][1].reader)
+        step = float(np.median(np.diff(knots)))
         centre = Point(0.5 * (term.span_s[0] + term.span_s[1]), term.span_s[1] - term.span_s[0])
         width = Point(step, max(1.5 * step, 0.3 * centre.second))
     else:
         centre, width = Point(term.time_constant_s), Point(1.4)
-    column = _column(study, term, centre)
+    columns: dict[int, FloatArray] = {}
     for _ in range(ROUNDS):
         points = _trials(term, centre, width)
-        trial = np.stack([_column(study, term, point) for point in points], axis=2)
-        white, _ = whiten(
-            study.reader.windows,
-            study.noise,
-            np.concatenate([believed, trial], axis=2),
-            study.inflate,
-        )
-        best = int(np.argmax(_gains(white, believed.shape[2])))
-        centre, column = points[best], trial[:, :, best]
+        cross, size = np.zeros((len(believed), len(points))), np.zeros(len(points))
+        trials = {}
+        for number, drive in acting:
+            trial = np.stack([_column(drive.reader, term, point) for point in points], axis=2)
+            rows = drive.whitened(trial).reshape(-1, len(points))
+            known = np.concatenate([drive.white[:, :, :1], drive.white @ drive.own(design)], axis=2)
+            cross += known.reshape(-1, len(believed)).T @ rows
+            size += (rows**2).sum(axis=0)
+            trials[number] = trial
+        best = int(np.argmax(_gains(believed, cross, size)))
+        centre = points[best]
+        columns = {number: trial[:, :, best] for number, trial in trials.items()}
         width = Point(
             width.first / 2.5 if term.effect == "radius_change" else width.first**0.4, width.second / 2.5
         )
-    return centre, column
+    return centre, columns
 
 
-def _gains(white: FloatArray, known: int) -> FloatArray:
-    """Gain of each trial column beyond the believed ones."""
-    rows = white.reshape(-1, white.shape[2])
-    scale = np.sqrt(np.maximum((rows**2).sum(axis=0), 1e-300))
-    rows = rows / scale
-    X, trial, y = rows[:, 1:known], rows[:, known:], rows[:, 0]
-    if X.shape[1]:
-        A = X.T @ X + 1e-9 * np.eye(X.shape[1])
-        y = y - X @ np.linalg.solve(A, X.T @ y)
-        trial = trial - X @ np.linalg.solve(A, X.T @ trial)
-    size = np.maximum((trial**2).sum(axis=0), 1e-9)
-    return np.asarray(0.5 * (trial.T @ y) ** 2 / size * scale[0] ** 2)
+def _gains(believed: FloatArray, cross: FloatArray, size: FloatArray) -> FloatArray:
+    """(t,) gain of each trial column beyond the believed ones, from Gram matrices.
+
+    `believed` (1 + k, 1 + k) holds the data first, `cross` (1 + k, t) is with the trials, `size` (t,) their
+    squared length.
+    """
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(believed), 1e-300))
+    length = np.sqrt(np.maximum(size, 1e-300))
+    gram = believed * np.outer(scale, scale)
+    both = cross * scale[:, None] / length
+    score, left = both[0], np.ones(len(size))
+    if len(believed) > 1:
+        A = gram[1:, 1:] + 1e-9 * np.eye(len(gram) - 1)
+        solved = np.linalg.solve(A, both[1:])
+        score = score - gram[0, 1:] @ solved
+        left = left - (both[1:] * solved).sum(axis=0)
+    return np.asarray(0.5 * (score / scale[0]) ** 2 / np.maximum(left, 1e-9))

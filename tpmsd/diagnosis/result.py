@@ -1,6 +1,7 @@
 """What a diagnosis says.
 
-In: nothing (plain records). Out: `Finding`, `Where`, `Quantity`, `Diagnosis`.
+In: nothing (plain records). Out: `Finding`, `Where`, `Quantity`, `Diagnosis`, and what
+pictures are drawn from.
 """
 
 from __future__ import annotations
@@ -8,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from tpmsd.diagnosis.reach import Reach
-from tpmsd.diagnosis.traces import Ground, Trace
 from tpmsd.physics.model import ExtendedModel
+from tpmsd.wheels import FloatArray
 
 CONSISTENT, MISMATCH, INSUFFICIENT = "consistent", "mismatch", "insufficient_data"
 
@@ -53,6 +54,8 @@ class Finding:
     """Which drive would tell the rivals apart."""
     shape: tuple[tuple[float, float, float], ...] = ()
     """Of an `unknown`: (covariate, value, std) at the knots."""
+    drives: tuple[str, ...] = ()
+    """Of several drives, those in which it stands; empty where it stands in all."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +75,34 @@ class Diagnosis:
     model: ExtendedModel
     evidence: tuple[tuple[str, float], ...] = ()
     """Held-in gain of every hypothesis alone against the rolling model, the best first."""
+    notes: tuple[str, ...] = ()
+    """Drives and stretches that were left out, and why."""
     reach: Reach | None = None
     """How much of the reachable improvement was reached; None where the data are insufficient."""
     inner: Inner | None = field(default=None, repr=False)
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Mismatch in standard deviations per bin of a covariate: residual along the finding's response."""
+
+    effect: str
+    covariate: str
+    middle: FloatArray
+    before: FloatArray
+    after: FloatArray
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The drive's map."""
+
+    east_m: FloatArray
+    north_m: FloatArray
+    mismatch: FloatArray
+    """Log-likelihood per second that the rolling model loses there against the extended one, smoothed over 9
+    s.
+    """
 
 
 @dataclass(frozen=True)

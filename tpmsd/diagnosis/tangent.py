@@ -7,37 +7,39 @@ more column of the fit.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from tpmsd.diagnosis.response import ramp_column, thermal_column
 from tpmsd.diagnosis.selection import Chosen, Selection
-from tpmsd.diagnosis.whitening import whiten
+from tpmsd.diagnosis.study import DriveStudy, Study
 from tpmsd.wheels import WHEELS, FloatArray
-
-if TYPE_CHECKING:
-    from tpmsd.diagnosis.diagnose import Study
 
 
 def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, float]]:
     """By place in the selection: standard deviations of amplitude and nonlinear parameters."""
-    tangents: list[FloatArray] = []
+    tangents: list[dict[int, FloatArray]] = []
     owner: list[tuple[int, str]] = []
     for k, one in enumerate(selection.chosen):
-        for name, column in _tangents(study, one):
-            tangents.append(column)
+        by_drive = {number: _tangents(study.drives[number], one) for number in study.acting(one.term)}
+        for name in dict.fromkeys(name for found in by_drive.values() for name in found):
+            tangents.append({number: found[name] for number, found in by_drive.items()})
             owner.append((k, name))
     if not tangents:
         return {}
-    believed = study.believed(selection.fit.design)
-    columns = np.concatenate([believed, np.stack(tangents, axis=2)], axis=2)
-    white, _ = whiten(study.reader.windows, study.noise, columns, study.inflate)
-    rows = white.reshape(-1, white.shape[2])[:, 1:]
-    scale = np.sqrt(np.maximum((rows**2).sum(axis=0), 1e-300))
-    A = (rows / scale).T @ (rows / scale) + 1e-7 * np.eye(rows.shape[1])
-    std = np.sqrt(np.diag(np.linalg.inv(A))) / scale
     first = selection.fit.design.shape[1]
+    gram = np.zeros((first + len(tangents), first + len(tangents)))
+    for number, drive in enumerate(study.drives):
+        rows = np.zeros((*drive.white.shape[:2], len(gram)))
+        rows[:, :, :first] = drive.white @ drive.own(selection.fit.design)
+        mine = [j for j, tangent in enumerate(tangents) if number in tangent]
+        if mine:
+            trial = np.stack([tangents[j][number] for j in mine], axis=2)
+            rows[:, :, [first + j for j in mine]] = drive.whitened(trial)
+        flat = rows.reshape(-1, len(gram))
+        gram += flat.T @ flat
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    A = gram / np.outer(scale, scale) + 1e-7 * np.eye(len(gram))
+    std = np.sqrt(np.diag(np.linalg.inv(A))) / scale
     out: dict[int, dict[str, float]] = {}
     for j, (k, name) in enumerate(owner):
         out.setdefault(k, {})[name] = float(std[first + j])
@@ -49,25 +51,25 @@ def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, fl
     return out
 
 
-def _tangents(study: Study, one: Chosen) -> list[tuple[str, FloatArray]]:
+def _tangents(drive: DriveStudy, one: Chosen) -> dict[str, FloatArray]:
     term, size = one.term, float(one.values[0])
     if term.effect == "thermal_growth":
         h = 0.05 * term.time_constant_s
-        up = thermal_column(study.reader, term.time_constant_s + h)
-        down = thermal_column(study.reader, term.time_constant_s - h)
-        return [("time_constant_s", size * (up - down) / (2 * h))]
+        up = thermal_column(drive.reader, term.time_constant_s + h)
+        down = thermal_column(drive.reader, term.time_constant_s - h)
+        return {"time_constant_s": size * (up - down) / (2 * h)}
     if term.effect != "radius_change":
-        return []
+        return {}
     wheel = WHEELS.index(term.wheel)
     onset, duration = term.span_s[0], term.span_s[1] - term.span_s[0]
     h = max(2.0, 0.05 * duration)
 
     def column(at: float, long: float) -> FloatArray:
-        return ramp_column(study.reader, wheel, at, max(long, 0.0))
+        return ramp_column(drive.reader, wheel, at, max(long, 0.0))
 
     by_onset = (column(onset + h, duration) - column(onset - h, duration)) / (2 * h)
-    out = [("onset_s", size * by_onset)]
+    out = {"onset_s": size * by_onset}
     if duration > 2 * h:
         by_duration = (column(onset, duration + h) - column(onset, duration - h)) / (2 * h)
-        out.append(("duration_s", size * by_duration))
+        out["duration_s"] = size * by_duration
     return out

@@ -6,61 +6,38 @@ after) and `Ground` (the drive's map with the mismatch at every place).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from tpmsd.diagnosis.channels import EAST, NORTH
 from tpmsd.diagnosis.evidence import Evidence
+from tpmsd.diagnosis.result import Ground, Trace
 from tpmsd.diagnosis.selection import Selection, Selector
+from tpmsd.diagnosis.study import Study
+from tpmsd.diagnosis.where import values_of
 from tpmsd.wheels import FloatArray
 
-if TYPE_CHECKING:
-    from tpmsd.diagnosis.diagnose import Study
-
 BINS = 16
-
-
-@dataclass(frozen=True)
-class Trace:
-    """Mismatch in standard deviations per bin of a covariate: residual along the finding's response."""
-
-    effect: str
-    covariate: str
-    middle: FloatArray
-    before: FloatArray
-    after: FloatArray
-
-
-@dataclass(frozen=True)
-class Ground:
-    """The drive's map."""
-
-    east_m: FloatArray
-    north_m: FloatArray
-    mismatch: FloatArray
-    """Log-likelihood per second that the rolling model loses there against the extended one, smoothed over 9
-    s.
-    """
 
 
 def traces(
     study: Study, selection: Selection, evidence: Evidence, covariates: list[str | None]
 ) -> list[Trace]:
-    """One trace per finding that has a covariate."""
+    """One trace per finding that has a covariate, over all drives in which it acts."""
     out = []
     terms = [one.term for one in selection.chosen]
     selector = Selector(evidence, study.hypotheses)
-    whole = study.residual(selection.fit.design, selection.fit.values)
     for k, (one, covariate) in enumerate(zip(selection.chosen, covariates, strict=True)):
-        if covariate is None or covariate not in study.reader.windows.covariates:
+        values = values_of(study, one.term, covariate)
+        if covariate is None or values is None:
             continue
         without = evidence.fit(selector.design(terms[:k] + terms[k + 1 :]))
-        before = study.residual(without.design, without.values)
-        response = study.white @ (one.term.design @ one.values)
-        values = study.reader.windows.covariates[covariate]
+        drives = [study.drives[number] for number in study.acting(one.term)]
+        response = np.concatenate([drive.response(one.term.design, one.values) for drive in drives])
+        before, after = (
+            (np.concatenate([drive.residual(fit.design, fit.values) for drive in drives]) * response).sum(1)
+            for fit in (without, selection.fit)
+        )
         edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, BINS + 1)))
         if len(edges) < 4:
             continue
@@ -73,22 +50,33 @@ def traces(
                 effect=one.term.effect,
                 covariate=covariate,
                 middle=np.bincount(at, values, count) / number,
-                before=np.bincount(at, (before * response).sum(axis=1), count) / size,
-                after=np.bincount(at, (whole * response).sum(axis=1), count) / size,
+                before=np.bincount(at, before, count) / size,
+                after=np.bincount(at, after, count) / size,
             )
         )
     return out
 
 
 def ground(study: Study, selection: Selection, evidence: Evidence) -> Ground | None:
-    """The map; None without positions."""
-    windows = study.reader.windows
-    east, north = windows.measured[:, EAST], windows.measured[:, NORTH]
-    known = np.isfinite(east)
-    if known.sum() < 10:
-        return None
+    """The map, several drives side by side; None without positions."""
     rolling = evidence.fit(study.hypotheses.nuisance)
-    before = (study.residual(rolling.design, rolling.values) ** 2).sum(axis=1)
-    after = (study.residual(selection.fit.design, selection.fit.values) ** 2).sum(axis=1)
-    mismatch = uniform_filter1d(0.5 * (before - after), 9)
-    return Ground(east[known], north[known], mismatch[known])
+    parts: list[FloatArray] = []
+    right = 0.0
+    for drive in study.drives:
+        measured = drive.reader.windows.measured
+        known = np.isfinite(measured[:, EAST])
+        if known.sum() < 10:
+            continue
+        before = (drive.residual(rolling.design, rolling.values) ** 2).sum(axis=1)
+        after = (drive.residual(selection.fit.design, selection.fit.values) ** 2).sum(axis=1)
+        mismatch = uniform_filter1d(0.5 * (before - after), 9)
+        east, north = measured[known, EAST], measured[known, NORTH]
+        if parts:
+            # Each drive has an origin of its own.
+            east = east - east.min() + right + 0.1 * float(np.ptp(east))
+        right = float(east.max())
+        parts.append(np.stack([east, north, mismatch[known]]))
+    if not parts:
+        return None
+    east, north, mismatch = np.concatenate(parts, axis=1)
+    return Ground(east, north, mismatch)

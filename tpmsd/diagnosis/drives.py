@@ -1,0 +1,132 @@
+"""Which drives are examined, and how much of each.
+
+In: `Recording`s. Out: a `Reader` per drive that is fit, and notes on what was left out. Memory is bounded by
+a number of windows and of drives: of more, every drive keeps a fair share, in stretches spread over it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tpmsd.diagnosis.channels import CHANNELS, MAX_WINDOWS, Reader
+from tpmsd.diagnosis.motion import reference
+from tpmsd.diagnosis.recording import Recording
+from tpmsd.errors import ConfigError
+from tpmsd.wheels import RL, RR, WHEELS
+
+MIN_DRIVING_S = 90
+MAX_DRIVES = 12
+"""Each has some three hundred columns of its own."""
+SAME_M = 1e-4
+"""Configured lengths that differ by less are the same."""
+
+
+def admitted(recordings: Sequence[Recording]) -> tuple[list[Reader], tuple[str, ...]]:
+    """Readers of the drives that can be examined, and what must be said of the others.
+
+    ConfigError where the configurations describe different cars.
+    """
+    same_car(recordings)
+    several = len(recordings) > 1
+    notes = []
+    readers: list[Reader] = []
+    for recording in recordings:
+        reason = unfit(recording)
+        if not reason:
+            reader = Reader(recording, reference(recording))
+            reason = unfit_windows(reader)
+        if reason:
+            notes.append(f"{recording.name}: left out, for {reason}" if several else reason)
+        else:
+            readers.append(reader)
+    readers, more = bounded(readers)
+    return readers, (*notes, *more)
+
+
+def bounded(
+    readers: Sequence[Reader], windows: int = MAX_WINDOWS, drives: int = MAX_DRIVES
+) -> tuple[list[Reader], list[str]]:
+    """At most so many drives (those with most driving) and windows (fair shares), and notes on the rest."""
+    notes = []
+    most = sorted(range(len(readers)), key=lambda k: -_driven(readers[k]))[:drives]
+    for k, reader in enumerate(readers):
+        if k not in most:
+            notes.append(f"{reader.recording.name}: left out, for {drives} drives hold more driving")
+    kept = [reader for k, reader in enumerate(readers) if k in most]
+    shares = fair_shares([_driven(reader) for reader in kept], windows)
+    out = []
+    for reader, share in zip(kept, shares, strict=True):
+        if share < len(reader.windows):
+            reader = Reader(reader.recording, reader.reference, share)
+        if reader.left_out:
+            notes.append(
+                f"{reader.recording.name}: of {_driven(reader)} s of driving, {len(reader.windows)} s in"
+                " stretches spread over the drive were examined"
+            )
+        out.append(reader)
+    return out, notes
+
+
+def fair_shares(wanted: Sequence[int], total: int) -> list[int]:
+    """What each gets of a total: all that it wants if that is no more than an equal share, else the most
+    that is left for it.
+    """
+    shares = [0] * len(wanted)
+    left = total
+    order = sorted(range(len(wanted)), key=lambda k: wanted[k])
+    for position, k in enumerate(order):
+        shares[k] = min(wanted[k], left // (len(order) - position))
+        left -= shares[k]
+    return shares
+
+
+def same_car(recordings: Sequence[Recording]) -> None:
+    """ConfigError unless all recordings are configured as one car."""
+    for other in recordings[1:]:
+        difference = differing(recordings[0], other)
+        if difference:
+            raise ConfigError(
+                f"{recordings[0].name} and {other.name} are drives of different cars: {difference}"
+            )
+
+
+def differing(one: Recording, other: Recording, teeth: bool = True) -> str:
+    """What in the configurations tells two cars apart; empty if nothing does."""
+    a, b = one.car, other.car
+    for name in ("wheelbase_m", "track_front_m", "track_rear_m"):
+        left, right = getattr(a.geometry, name), getattr(b.geometry, name)
+        if abs(left - right) > SAME_M:
+            return f"{name} = {left:g} and {right:g}"
+    if teeth and a.teeth_per_rev != b.teeth_per_rev:
+        return f"teeth_per_rev = {a.teeth_per_rev:g} and {b.teeth_per_rev:g}"
+    if not np.array_equal(a.driven, b.driven):
+        names = [" ".join(w for k, w in enumerate(WHEELS) if car.driven[k]) for car in (a, b)]
+        return f"driven wheels {names[0]} and {names[1]}"
+    return ""
+
+
+def unfit(recording: Recording) -> str:
+    """Why a recording cannot be examined at all; empty if it can."""
+    if not {RL, RR} <= set(recording.wheels):
+        return "the rear wheels are not both read"
+    if recording.ticks * recording.dt_s < MIN_DRIVING_S:
+        return f"the drive is shorter than {MIN_DRIVING_S} s"
+    return ""
+
+
+def unfit_windows(reader: Reader) -> str:
+    """Why too little is left to compare; empty if there is enough."""
+    windows = reader.windows
+    if len(windows) < MIN_DRIVING_S:
+        return f"only {len(windows)} s of driving with all wheels read, {MIN_DRIVING_S} s are needed"
+    gnss = np.isfinite(windows.measured[:, 5:CHANNELS]).any(axis=1).sum()
+    if gnss < MIN_DRIVING_S / 2:
+        return f"the receiver speaks in only {gnss} s of the driving"
+    return ""
+
+
+def _driven(reader: Reader) -> int:
+    """Windows of driving, the left-out ones included."""
+    return len(reader.windows) + reader.left_out

@@ -1,0 +1,206 @@
+"""What is examined: the drives, each with its own noise, and the columns that they share.
+
+In: one `Reader` per drive. Out: `Study`, which gives the evidence of all drives together under the present
+noise. Whitening is done drive by drive; what the drives have in common is only the numbers that a fit of
+their Gram matrices shares: an effect's value is one number for all drives (and, as a hypothesis apart, one
+drive's own), a calibration constant is each drive's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from tpmsd.diagnosis.channels import Reader
+from tpmsd.diagnosis.evidence import Evidence, part
+from tpmsd.diagnosis.joint_terms import JointHypotheses, OwnNames, is_copied, is_own
+from tpmsd.diagnosis.response import (
+    catalogue_columns,
+    radius_columns,
+    ramp_columns,
+    ramp_knots,
+    smooth_columns,
+    smooth_knots,
+)
+from tpmsd.diagnosis.terms import Hypotheses, Name, Term
+from tpmsd.diagnosis.whitening import Noise, whiten
+from tpmsd.physics.model import ExtendedModel
+from tpmsd.wheels import FloatArray
+
+BLOCK_S = 30
+MIN_BLOCKS = 10
+MAX_BLOCKS = 120
+"""Of all drives together: beyond an hour blocks grow, so that memory is bounded."""
+
+
+class DriveStudy:
+    """One drive's residual, columns and noise."""
+
+    def __init__(self, reader: Reader, knots: dict[str, FloatArray], block_s: float = BLOCK_S) -> None:
+        """`knots` of the smooth terms by covariate."""
+        self.reader = reader
+        self.knots = knots
+        windows = reader.windows
+        residual = windows.measured - reader.predict(ExtendedModel())
+        parts = [
+            radius_columns(reader),
+            catalogue_columns(reader),
+            ramp_columns(reader),
+            smooth_columns(reader, knots),
+        ]
+        self.names: list[Name] = [("data",)] + [name for one in parts for name in one.names]
+        self.columns = np.concatenate(
+            [residual[:, :, None], *(one.stack() for one in parts if one.names)], axis=2
+        )
+        self.noise = first_noise(reader)
+        self.inflate: FloatArray | None = None
+        count = max(MIN_BLOCKS, round(len(windows) / block_s))
+        self.blocks = np.arange(len(windows)) * count // len(windows)
+        self.white = np.zeros(0)
+        self.log_variance = 0.0
+        self.here = np.arange(len(self.names))
+        """Where columns stand in the common index, and which stands there."""
+        self.local = np.arange(len(self.names))
+
+    def own(self, design: FloatArray) -> FloatArray:
+        """(n, k) a common design in this drive's columns."""
+        out = np.zeros((self.columns.shape[2], design.shape[1]))
+        np.add.at(out, self.local, design[self.here])
+        return out
+
+    def believed(self, design: FloatArray) -> FloatArray:
+        """(w, 9, 1 + j) the data and those columns of a design that act in this drive."""
+        own = self.own(design)
+        acting = own[:, np.any(own != 0.0, axis=0)]
+        return np.concatenate([self.columns[:, :, :1], self.columns @ acting], axis=2)
+
+    def residual(self, design: FloatArray, values: FloatArray) -> FloatArray:
+        """(w, 9) whitened residual of a fit."""
+        return np.asarray(self.white[:, :, 0] - self.response(design, values))
+
+    def response(self, design: FloatArray, values: FloatArray) -> FloatArray:
+        """(w, 9) whitened response of combinations with these values."""
+        return np.asarray(self.white @ (self.own(design) @ values))
+
+    def whitened(self, columns: FloatArray) -> FloatArray:
+        """(w, 9, t) further columns (w, 9, t), whitened as the others are."""
+        with_data = np.concatenate([self.columns[:, :, :1], columns], axis=2)
+        return whiten(self.reader.windows, self.noise, with_data, self.inflate)[0][:, :, 1:]
+
+    def whiten(self) -> None:
+        """Whiten all columns with the present noise."""
+        self.white, self.log_variance = whiten(self.reader.windows, self.noise, self.columns, self.inflate)
+
+
+class Study:
+    """The drives, and what they have in common."""
+
+    def __init__(self, readers: Sequence[Reader]) -> None:
+        """At least one reader."""
+        windows = sum(len(reader.windows) for reader in readers)
+        block_s = max(BLOCK_S, windows / MAX_BLOCKS)
+        common = _common_knots(readers) if len(readers) > 1 else {}
+        self.drives = []
+        for reader in readers:
+            knots = smooth_knots(reader.windows.covariates)
+            if len(readers) > 1:
+                knots = {c: at for c, at in knots.items() if c in ("time", "distance")} | common
+            self.drives.append(DriveStudy(reader, knots, block_s))
+        self.hypotheses = self._alone() if len(readers) == 1 else self._together()
+        self.width = self.hypotheses.width
+
+    @property
+    def joint(self) -> bool:
+        """Whether there are several drives."""
+        return len(self.drives) > 1
+
+    @property
+    def driving_s(self) -> float:
+        """Windows that are compared."""
+        return float(sum(len(drive.reader.windows) for drive in self.drives))
+
+    def evidence(self) -> Evidence:
+        """Of all drives, under the present noise."""
+        for drive in self.drives:
+            drive.whiten()
+        parts = [part(drive.white, drive.blocks, drive.here, drive.local) for drive in self.drives]
+        return Evidence(parts, self.width)
+
+    def acting(self, term: Term) -> list[int]:
+        """Numbers of the drives in which a term acts."""
+        return list(range(len(self.drives))) if term.drive is None else [term.drive]
+
+    def knots(self, term: Term) -> FloatArray:
+        """Knots of a smooth term."""
+        return self.drives[self.acting(term)[0]].knots[term.covariate]
+
+    def append(self, columns: Sequence[Mapping[int, FloatArray]]) -> list[int]:
+        """Further columns, each (w, 9) by drive; their places in the common index."""
+        for number, drive in enumerate(self.drives):
+            mine = [(k, column[number]) for k, column in enumerate(columns) if number in column]
+            if mine:
+                start = drive.columns.shape[2]
+                drive.here = np.concatenate([drive.here, [self.width + k for k, _ in mine]])
+                drive.local = np.concatenate([drive.local, start + np.arange(len(mine))])
+                more = np.stack([column for _, column in mine], axis=2)
+                drive.columns = np.concatenate([drive.columns, more], axis=2)
+        places = list(range(self.width, self.width + len(columns)))
+        self.width += len(columns)
+        self.hypotheses.widen(self.width)
+        return places
+
+    def _alone(self) -> Hypotheses:
+        drive = self.drives[0]
+        return Hypotheses(drive.names, ramp_knots(drive.reader), unusable(drive.reader))
+
+    def _together(self) -> JointHypotheses:
+        lost = [unusable(drive.reader) for drive in self.drives]
+        shared: list[Name] = [("data",)]
+        for drive in self.drives:
+            shared += [name for name in drive.names[1:] if not is_own(name) and name not in shared]
+        at = {name: k for k, name in enumerate(shared)}
+        width = len(shared)
+        own = []
+        for drive, unused in zip(self.drives, lost, strict=True):
+            names = [name for name in drive.names[1:] if is_own(name) or is_copied(name)]
+            own.append(OwnNames([("data",), *names], width, ramp_knots(drive.reader), unused))
+            place = {name: k for k, name in enumerate(drive.names)}
+            both = [name for name in drive.names if name in at and name[0] not in unused]
+            here = [at[name] for name in both] + list(range(width, width + len(names)))
+            drive.here = np.array(here)
+            drive.local = np.array([place[name] for name in both] + [place[name] for name in names])
+            width += len(names)
+        return JointHypotheses(shared, frozenset.intersection(*lost), own, width)
+
+
+def _common_knots(readers: Sequence[Reader]) -> dict[str, FloatArray]:
+    """Knots over all drives, of the covariates that all of them have."""
+    names = [
+        name
+        for name in readers[0].windows.covariates
+        if name not in ("time", "distance") and all(name in one.windows.covariates for one in readers)
+    ]
+    return smooth_knots(
+        {name: np.concatenate([one.windows.covariates[name] for one in readers]) for name in names}
+    )
+
+
+def first_noise(reader: Reader) -> Noise:
+    """Where the estimate of the noise starts: known quantisation, typical instruments."""
+    quantum = reader.recording.quantum_rad / np.sqrt(2.0) * reader.reference.car.radius_m
+    reading = tuple(float(q) for q in np.maximum(quantum, 1e-4))
+    return Noise(reading_m=(reading[0], reading[1], reading[2], reading[3]))
+
+
+def unusable(reader: Reader) -> frozenset[str]:
+    """Effects of which this drive holds no trace whatever: without a gyro no gyro error."""
+    out = set()
+    known = np.isfinite(reader.windows.measured).sum(axis=0) > 30
+    if not known[4]:
+        out |= {"yaw_rate_bias", "yaw_rate_scale"}
+    if not reader.reference.grade_known:
+        out.add("road_grade")
+    if not known[5:].any():
+        out |= {"gnss_latency", "antenna_lever_arm", "lateral_slip", "road_grade"}
+    return frozenset(out)
