@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmsd.diagnosis.evidence import Evidence
-from tpmsd.diagnosis.reach import Reach, reach
+from tpmsd.diagnosis.reach import Reach, Seen, reach
 from tpmsd.diagnosis.terms import Name
 from tpmsd.wheels import FloatArray
 
@@ -16,6 +15,21 @@ NAMES: list[Name] = [("data",), ("radius", "rl"), ("lateral_slip", "coefficient"
 NAMES += [("smooth", "rl", "speed", str(k)) for k in range(FREE)]
 
 
+def seen(white: FloatArray, found: bool) -> Seen:
+    """A drive whose calibration is the constant, and whose model holds the effect if it was found."""
+    rows = white.reshape(WINDOWS // 30, -1, len(NAMES))
+    unit = np.eye(len(NAMES))
+    return Seen(
+        white=white,
+        measured=np.ones((WINDOWS, 9), dtype=bool),
+        blocks=BLOCKS,
+        by_block=np.einsum("bri,brj->bij", rows, rows),
+        names=NAMES,
+        calibration=unit[:, 1:2],
+        model=unit[:, 1:3] if found else unit[:, 1:2],
+    )
+
+
 def examined(size: float, found: bool, seed: int = 1) -> Reach:
     """Data that hold 5 of a constant, 2 of the effect and `size` of the last five free columns."""
     rng = np.random.default_rng(seed)
@@ -23,10 +37,7 @@ def examined(size: float, found: bool, seed: int = 1) -> Reach:
     noise = rng.standard_normal((WINDOWS, 9))
     white[:, :, 0] = noise + 5.0 * white[:, :, 1] + 2.0 * white[:, :, 2]
     white[:, :, 0] += size * white[:, :, -5:].sum(axis=2)
-    evidence = Evidence(white, BLOCKS)
-    model = evidence.unit(1, 2) if found else evidence.unit(1)
-    measured = np.ones((WINDOWS, 9), dtype=bool)
-    return reach(white, measured, BLOCKS, NAMES, evidence, evidence.unit(1), model)
+    return reach([seen(white, found)])
 
 
 def expected(size: float) -> float:
@@ -55,9 +66,7 @@ def test_where_there_is_nothing_there_is_no_share() -> None:
     """Without a finding and without structure there is nothing to reach."""
     rng = np.random.default_rng(2)
     white = rng.standard_normal((WINDOWS, 9, len(NAMES)))
-    evidence = Evidence(white, BLOCKS)
-    measured = np.ones((WINDOWS, 9), dtype=bool)
-    nothing = reach(white, measured, BLOCKS, NAMES, evidence, evidence.unit(1), evidence.unit(1))
+    nothing = reach([seen(white, found=False)])
 
     assert (None, False, 0.0) == (nothing.share, nothing.structured, nothing.found)
     assert abs(nothing.left) < 4.0
@@ -85,11 +94,21 @@ def test_what_is_correlated_is_not_white() -> None:
     for k in range(1, WINDOWS):
         white[k, :, 0] = 0.5 * white[k - 1, :, 0] + np.sqrt(0.75) * white[k, :, 0]
     white[:, :, 7] = 0.0
-    evidence = Evidence(white, BLOCKS)
-    measured = np.ones((WINDOWS, 9), dtype=bool)
-    channel = reach(white, measured, BLOCKS, NAMES, evidence, evidence.unit(1), evidence.unit(1)).channels[
-        "yaw_rate"
-    ]
+    channel = reach([seen(white, found=False)]).channels["yaw_rate"]
 
     assert channel.correlation == pytest.approx(0.5, abs=0.08)
     assert channel.whiteness < 1e-6
+
+
+def test_two_drives_share_the_model_and_add_up() -> None:
+    """The gain of two like drives is that of both; nothing is left in either."""
+    rng = np.random.default_rng(5)
+    drives = []
+    for _ in range(2):
+        white = 0.1 * rng.standard_normal((WINDOWS, 9, len(NAMES)))
+        white[:, :, 0] = rng.standard_normal((WINDOWS, 9)) + 2.0 * white[:, :, 2]
+        drives.append(seen(white, found=True))
+    answer = reach(drives)
+
+    assert answer.found == pytest.approx(2 * expected(2.0), rel=0.25)
+    assert not answer.structured

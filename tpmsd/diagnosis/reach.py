@@ -1,6 +1,6 @@
 """How much of the reachable improvement the found physics reached, and whether what is left has structure.
 
-In: whitened columns, their evidence and the chosen terms. Out: `Reach`. What is reachable is measured, not
+In: each drive's whitened columns and the chosen terms. Out: `Reach`. What is reachable is measured, not
 assumed: on top of the found model a flexible one (every free shape at every place, every effect's column, all
 at once, shrunk as far as the data ask for) is fitted to the same blocks and must predict the same held-out
 ones. What it still gains there is what a better model could have gained.
@@ -16,7 +16,7 @@ import scipy.linalg
 from scipy.stats import chi2
 
 from tpmsd.diagnosis.channels import CHANNEL_NAMES
-from tpmsd.diagnosis.evidence import Evidence
+from tpmsd.diagnosis.evidence import FOLDS
 from tpmsd.diagnosis.terms import Name
 from tpmsd.wheels import FloatArray
 
@@ -24,6 +24,7 @@ LAGS = 10
 """Windows over which what is left is looked at for correlation."""
 _SHRINKAGE = np.concatenate([[0.0], np.logspace(-4, 2, 37)])
 """Prior standard deviation of a column's value, in units of its own noise."""
+_MODELS = ("calibration", "model")
 _CALIBRATION = ("data", "radius", "gyro_delay", "ramp")
 """Columns that are no part of the flexible model: ramps are free shapes over time once more."""
 
@@ -64,76 +65,111 @@ class Reach:
         return self.left > max(2.0 * self.left_std, 4.0)
 
 
-def reach(
-    white: FloatArray,
-    measured: np.ndarray,
-    blocks: np.ndarray,
-    names: Sequence[Name],
-    evidence: Evidence,
-    calibration: FloatArray,
-    model: FloatArray,
-) -> Reach:
-    """Compare three models on held-out blocks.
+@dataclass(frozen=True)
+class Seen:
+    """One drive's whitened columns; designs are in its own n columns, the data's first."""
 
-    `white` is (w, 9, 1 + p) with the columns `names` (later ones belong to the model alone), `measured`
-    (w, 9), `blocks` (w,); `calibration` and `model` are designs (1 + p, k), the second holding the first.
-    """
-    flexible = np.array([k for k, name in enumerate(names) if name[0] not in _CALIBRATION])
-    rolling, found, free = (np.zeros(white.shape[:2]) for _ in range(3))
-    for fold in evidence.folds:
-        inside = np.isin(blocks, fold)
-        part = white[inside]
-        for out, design in ((rolling, calibration), (found, model)):
-            fit = evidence.fit(design, fold)
-            out[inside] = part[:, :, 0] - part @ (design @ fit.values)
-        free[inside] = part @ _flexible(evidence, model, flexible, fold)
-    found_gain, left_gain = 0.5 * (rolling**2 - found**2), 0.5 * (found**2 - free**2)
-    by_block = np.bincount(blocks, left_gain.sum(axis=1), evidence.blocks)
+    white: FloatArray
+    """(w, 9, n)"""
+    measured: np.ndarray
+    """(w, 9)"""
+    blocks: np.ndarray
+    """(w,) the block of each window."""
+    by_block: FloatArray
+    """(blocks, n, n) Gram matrices."""
+    names: Sequence[Name]
+    """Of the columns; there may be further columns, which belong to the model alone."""
+    calibration: FloatArray
+    """(n, c) and `model` (n, k): what is fitted before and after. Their columns are the same numbers in all
+    drives; what is another drive's own is zero here."""
+    model: FloatArray
+
+
+def reach(drives: Sequence[Seen]) -> Reach:
+    """Compare three models on held-out blocks (every fifth, of each drive)."""
+    gains = [np.zeros((2, *one.measured.shape)) for one in drives]
+    residuals = [np.zeros(one.measured.shape) for one in drives]
+    for fold in range(FOLDS):
+        trained = [np.arange(len(one.by_block)) % FOLDS != fold for one in drives]
+        values = [_fitted(drives, trained, name) for name in _MODELS]
+        for one, kept, gain, left in zip(drives, trained, gains, residuals, strict=True):
+            here = ~kept[one.blocks]
+            rolling, found = (_weights(one, name, v) for name, v in zip(_MODELS, values, strict=True))
+            free = found - _flexible(one, found, kept)
+            rows = [one.white[here] @ weights for weights in (rolling, found, free)]
+            gain[0, here] = 0.5 * (rows[0] ** 2 - rows[1] ** 2)
+            gain[1, here] = 0.5 * (rows[1] ** 2 - rows[2] ** 2)
+            left[here] = rows[1]
+    by_block = np.concatenate(
+        [
+            np.bincount(one.blocks, gain[1].sum(axis=1), len(one.by_block))
+            for one, gain in zip(drives, gains, strict=True)
+        ]
+    )
+    measured = np.concatenate([one.measured for one in drives])
+    found_gain, left_gain = (np.concatenate([gain[k] for gain in gains]) for k in range(2))
     return Reach(
         found=float(found_gain.sum()),
         left=float(left_gain.sum()),
-        left_std=float(np.sqrt(evidence.blocks * by_block.var())),
+        left_std=float(np.sqrt(len(by_block) * by_block.var())),
         channels={
-            name: _channel(name, measured, found_gain, left_gain, found)
+            name: _channel(name, measured, found_gain, left_gain, np.concatenate(residuals))
             for name in dict.fromkeys(CHANNEL_NAMES)
             if measured[:, _columns(name)].any()
         },
     )
 
 
-def _flexible(evidence: Evidence, model: FloatArray, columns: np.ndarray, left_out: np.ndarray) -> FloatArray:
-    """(1 + p,) weights of the residual of model and shrunk columns, fitted without the blocks `left_out`.
+def _fitted(drives: Sequence[Seen], trained: Sequence[np.ndarray], which: str) -> FloatArray:
+    """(k,) values of a design, fitted to the trained blocks of all drives."""
+    gram: FloatArray = np.zeros(0)
+    for one, kept in zip(drives, trained, strict=True):
+        design = getattr(one, which)
+        into = np.concatenate([np.eye(len(design), 1), design], axis=1)
+        part = into.T @ one.by_block[kept].sum(axis=0) @ into
+        gram = part if not gram.size else gram + part
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram)[1:], 1e-300))
+    A = gram[1:, 1:] * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
+    return np.asarray(np.linalg.solve(A, gram[1:, 0] * scale) * scale)
 
-    The shrinkage is the one under which the data are likeliest (MacKay, Neural Computation 4, 1992).
+
+def _weights(one: Seen, which: str, values: FloatArray) -> FloatArray:
+    """(n,) weights of the columns in the residual of a design with these values."""
+    weights: FloatArray = -getattr(one, which) @ values
+    weights[0] += 1.0
+    return weights
+
+
+def _flexible(one: Seen, found: FloatArray, kept: np.ndarray) -> FloatArray:
+    """(n,) weights of what the flexible model takes out of the found model's residual, by the blocks `kept`.
+
+    Its values are shrunk by the factor under which the data are likeliest (MacKay, Neural Computation 4,
+    1992); the calibration is fitted along.
     """
-    gram = evidence.total - evidence.by_block[left_out].sum(axis=0)
-    width = gram.shape[0]
-    scale = 1.0 / np.sqrt(np.maximum((model * (gram @ model)).sum(axis=0), 1e-300))
-    base = model * scale
+    gram = one.by_block[kept].sum(axis=0)
+    data = gram @ found
+    base = one.calibration[:, np.any(one.calibration != 0.0, axis=0)]
+    base = base / np.sqrt(np.maximum((base * (gram @ base)).sum(axis=0), 1e-300))
     A = scipy.linalg.cho_factor(base.T @ gram @ base + 1e-9 * np.eye(base.shape[1]))
-    used = np.concatenate([[0], columns])
-    cross = base.T @ gram[:, used]
-    rest = gram[np.ix_(used, used)] - cross.T @ scipy.linalg.cho_solve(A, cross)
+    columns = np.array([k for k, name in enumerate(one.names) if name[0] not in _CALIBRATION])
+    cross = scipy.linalg.cho_solve(A, base.T @ gram[:, columns])
     told = np.diag(gram)[columns]
-    # Columns that say nothing, or nothing that the model does not say already, stay out.
-    new = (told > 1e-12 * max(told.max(), 1e-300)) & (np.diag(rest)[1:] > 1e-6 * told)
-    columns, rest = columns[new], rest[np.ix_(np.append(True, new), np.append(True, new))]
-    size = np.sqrt(told[new])
-    G, b = rest[1:, 1:] / np.outer(size, size), rest[1:, 0] / size
-    eigenvalues, vectors = np.linalg.eigh(G)
+    rest = gram[np.ix_(columns, columns)] - (gram[columns] @ base) @ cross
+    # Columns that say nothing, or nothing that calibration does not say already, stay out.
+    new = (told > 1e-12 * max(told.max(), 1e-300)) & (np.diag(rest) > 1e-6 * told)
+    columns, cross, size = columns[new], cross[:, new], np.sqrt(told[new])
+    b = (data[columns] - cross.T @ (base.T @ data)) / size
+    eigenvalues, vectors = np.linalg.eigh(rest[np.ix_(new, new)] / np.outer(size, size))
     eigenvalues, b = np.maximum(eigenvalues, 0.0), vectors.T @ b
-    # Columns of unit size: information per column is 1, so a prior of n windows' worth starts at n.
     power = (_SHRINKAGE**2 * max(float(gram[0, 0]), 1.0))[:, None]
     likelihood = 0.5 * (power * b**2 / (1.0 + power * eigenvalues) - np.log1p(power * eigenvalues)).sum(
         axis=1
     )
     best = power[int(np.argmax(likelihood)), 0]
-    values = vectors @ (best * b / (1.0 + best * eigenvalues)) / size
-    weights = np.zeros(width)
-    weights[0] = 1.0
-    weights[columns] -= values
-    kept = scipy.linalg.cho_solve(A, base.T @ (gram @ weights))
-    return np.asarray(weights - base @ kept)
+    out = np.zeros(len(gram))
+    out[columns] = vectors @ (best * b / (1.0 + best * eigenvalues)) / size
+    out += base @ scipy.linalg.cho_solve(A, base.T @ (data - gram @ out))
+    return out
 
 
 def _columns(name: str) -> np.ndarray:
