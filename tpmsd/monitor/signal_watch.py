@@ -1,7 +1,9 @@
 """Whether monitoring can do its work: signals of wheels and receiver that stay away become malfunctions.
 
 In: ticks and their estimates. Out: malfunction events, raised after a time without and cleared after a time
-with the signal. A parked car whose bus goes quiet is in order.
+with the signal. A parked car whose bus goes quiet is in order. So is a receiver without a fix in a garage.
+Not so one that is unplugged, a bus on which another node sends the wheels' frames, or wheels and a receiver
+that disagree on the speed: frozen frames, a frozen receiver, or a DBC of another car.
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ import numpy as np
 from tpmsd.config.model import MonitorConfig
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.records import AlarmEvent, AlarmKind
-from tpmsd.timeline.tick import Tick
+from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import RL, RR, WHEELS
 
 GNSS_FRESH_S = 10.0
@@ -27,6 +29,44 @@ FORGIVE_AFTER_S = 1.0
 """Time in good order that takes back the bad time counted so far."""
 CLEAR_SHARE = 0.1
 MIN_CLEAR_S = 2.0
+
+
+FAULT_FRESH_S = 2.5
+"""A fault of an input that lasts is reported at least once a second."""
+DISAGREE_MPS, DISAGREE_SHARE = 3.0, 0.2
+"""Beyond both, speeds of wheels and receiver are of two cars; braking and a lag of the receiver are less."""
+SPEED_FRESH_S = 2.0
+CHORD_S = 1.0
+_ESTIMATED = 6
+"""GGA quality of dead reckoning: no witness."""
+
+
+class ReceiverSpeed:
+    """Speed over ground by the receiver alone: its own, or the way between its positions."""
+
+    def __init__(self) -> None:
+        self._speed_mps, self._time_s = math.nan, -math.inf
+        self._anchor: Fix | None = None
+
+    def update(self, tick: Tick) -> float:
+        """The speed now; NaN where it is not known."""
+        for fix in tick.fixes:
+            if fix.quality == _ESTIMATED:
+                continue
+            if math.isfinite(fix.speed_mps):
+                self._speed_mps, self._time_s = fix.speed_mps, fix.time_s
+            else:
+                self._by_position(fix)
+        return self._speed_mps if 0.0 <= tick.time_s - self._time_s <= SPEED_FRESH_S else math.nan
+
+    def _by_position(self, fix: Fix) -> None:
+        anchor = self._anchor
+        if anchor is not None and 0.0 <= fix.time_s - anchor.time_s < CHORD_S:
+            return
+        self._anchor = fix
+        if anchor is not None and 0.0 < fix.time_s - anchor.time_s <= 2.0 * CHORD_S:
+            way_m = math.hypot(fix.east_m - anchor.east_m, fix.north_m - anchor.north_m)
+            self._speed_mps, self._time_s = way_m / (fix.time_s - anchor.time_s), fix.time_s
 
 
 @dataclass(slots=True)
@@ -71,6 +111,11 @@ class SignalWatch:
         self._settings = settings
         self._rear = _Malfunction("no usable signal of the rear wheels")
         self._gnss = _Malfunction("no usable fix from the receiver while driving")
+        self._unplugged = _Malfunction("the receiver is unplugged or cannot be opened")
+        self._spoofed = _Malfunction("another node sends the wheels' frames: they are not believed")
+        self._disagree = _Malfunction("wheels and receiver disagree on the speed (is it the right DBC?)")
+        self._heard_s = {"unplugged": -math.inf, "spoofed": -math.inf}
+        self._receiver = ReceiverSpeed()
         self._wheels = {
             wheel: _Malfunction(f"no usable signal of wheel {WHEELS[wheel]} while the others turn", wheel)
             for wheel in wheels
@@ -82,7 +127,8 @@ class SignalWatch:
     @property
     def standing(self) -> tuple[AlarmEvent, ...]:
         """The malfunctions that stand now, each as it was raised."""
-        everything = (self._rear, self._gnss, *self._wheels.values())
+        inputs = (self._rear, self._gnss, self._unplugged, self._spoofed, self._disagree)
+        everything = (*inputs, *self._wheels.values())
         return tuple(m.raised for m in everything if m.raised is not None)
 
     def is_lost(self, wheel: int, time_s: float) -> bool:
@@ -109,7 +155,29 @@ class SignalWatch:
         events = self._rear.update(not rear and not asleep, rear, limit_s, tick)
         stale = estimate.gnss_age_s > GNSS_FRESH_S
         events += self._gnss.update(stale and moving, not stale, self._settings.gnss_malfunction_s, tick)
+        events += self._faults(tick)
+        known, good = self._compared(rear, estimate.speed_mps, self._receiver.update(tick))
+        events += self._disagree.update(known and not good, known and good, limit_s, tick)
         turning = bool(np.any(tick.rotation_rad > TURNING_RAD))  # false for NaN
         for wheel, malfunction in self._wheels.items():
             events += malfunction.update(not valid[wheel] and turning, bool(valid[wheel]), limit_s, tick)
         return events
+
+    def _faults(self, tick: Tick) -> list[AlarmEvent]:
+        """What the inputs say of themselves."""
+        events: list[AlarmEvent] = []
+        for fault in tick.faults:
+            if fault.kind in self._heard_s:
+                self._heard_s[fault.kind] = tick.time_s
+        for kind, malfunction in (("unplugged", self._unplugged), ("spoofed", self._spoofed)):
+            bad = tick.time_s - self._heard_s[kind] <= max(FAULT_FRESH_S, tick.dt_s)
+            events += malfunction.update(bad, not bad, self._settings.malfunction_s, tick)
+        return events
+
+    @staticmethod
+    def _compared(rear: bool, wheels_mps: float, receiver_mps: float) -> tuple[bool, bool]:
+        """Whether both speeds are known, and whether they agree."""
+        known = rear and math.isfinite(receiver_mps + wheels_mps)
+        apart = abs(wheels_mps - receiver_mps)
+        limit = max(DISAGREE_MPS, DISAGREE_SHARE * max(abs(wheels_mps), receiver_mps)) if known else 0.0
+        return known, apart <= limit

@@ -43,6 +43,7 @@ class MessageArrival:
         "_late_first_s",
         "_late_last_s",
         "_lost_after_s",
+        "_stepped",
         "_to_learn",
         "last_s",
         "lost",
@@ -67,6 +68,7 @@ class MessageArrival:
         self._lost_after_s = float("inf")
         self._gap_s, self._gap_frames = 0.0, 0
         self._late_first_s = self._late_last_s = float("inf")
+        self._stepped = False
 
     @property
     def seen(self) -> bool:
@@ -77,9 +79,16 @@ class MessageArrival:
         """Whether nothing came for longer than the time-out."""
         return time_s - self.last_s > self.timeout_s
 
+    def clock_stepped(self) -> None:
+        """The clock was set back, as another input has shown: the next frame is the first after that."""
+        self._stepped = True
+
     def judge(self, time_s: float, data: bytes) -> Verdict:
         """The verdict on a frame; sets `lost` and learns the period."""
         self.lost = 0
+        stepped, self._stepped = self._stepped, False
+        if stepped and self._data is not None:
+            return self._step(time_s, data)
         if self._data is None:
             self.last_s, self._data = time_s, data
             return Verdict.USE
@@ -115,8 +124,12 @@ class MessageArrival:
         self._late_last_s = time_s
         if time_s - self._late_first_s < CLOCK_STEP_S:
             return Verdict.LATE
+        return self._step(time_s, data)
+
+    def _step(self, time_s: float, data: bytes) -> Verdict:
         self.last_s, self._data = time_s, data
         self._late_last_s = float("inf")
+        self._gap_frames = 0
         return Verdict.CLOCK_STEP
 
     def _learn(self) -> None:

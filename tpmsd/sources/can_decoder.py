@@ -4,10 +4,11 @@ In: frames of the bus in the order of their arrival (time stamp, identifier, dat
 Out: `RotationSample`, `InertialSample` and `SourceFault` events, and exact counts of all that was wrong.
 Pure: no I/O, no clock; the same frames give the same events, live or from a recording.
 
-One frame goes through four stages:
+One frame goes through five stages:
 
     MessagePlan      which bits are needed, and are they all there      'short', 'invalid'
     MessageArrival   is the frame new, and what is missing before it    'late', 'repeated', 'lost', 'timeout'
+    SenderWatch      is it of the one true sender                       'spoofed'
     WheelCounter or WheelSpeedIntegrator: can the wheel have done that  'jump', 'reset', 'repeated'
     the wheels together: does one stand still while the others turn     'stuck'
 
@@ -26,7 +27,8 @@ from cantools.database.can import Database
 from tpmsd.config.model import WHEEL_COUNT_ROLES, Config
 from tpmsd.sources.can_arrival import MessageArrival, Verdict
 from tpmsd.sources.can_faults import FaultLog
-from tpmsd.sources.events import Event, InertialSample
+from tpmsd.sources.can_senders import SenderWatch
+from tpmsd.sources.events import Event, InertialSample, RotationSample, SourceFault
 from tpmsd.sources.signal_plan import (
     EXTENDED,
     MessagePlan,
@@ -37,7 +39,7 @@ from tpmsd.sources.signal_plan import (
     load_database,
 )
 from tpmsd.sources.wheel_counter import WheelCounter
-from tpmsd.sources.wheel_speed import WheelSpeedIntegrator
+from tpmsd.sources.wheel_speed import FrozenSpeeds, WheelSpeedIntegrator
 
 __all__ = ["CanDecoder", "can_filters", "load_database"]
 
@@ -46,7 +48,8 @@ Tracker = WheelCounter | WheelSpeedIntegrator
 FRESH_S = 0.5
 """A wheel that was heard of within this time can bear witness against another one."""
 ALONE_STILL_S = 3.0
-"""Without a witness a constant counter is believed to stand only after this time: no car stops faster."""
+"""Without a witness a constant counter is believed to stand only after this time: no car stops faster. Nor do
+four wheels at once: where all stopped harder than they can, frames were frozen, or the wheels are locked."""
 
 
 def _place(signal: SignalPlan) -> int | str:
@@ -57,7 +60,7 @@ def _place(signal: SignalPlan) -> int | str:
 class _Group:
     """A signal group with its state."""
 
-    __slots__ = ("arrival", "fields", "places", "plan", "trackers")
+    __slots__ = ("arrival", "doubted", "fields", "frozen", "places", "plan", "trackers", "watch")
 
     def __init__(self, plan: SignalGroup, trackers: dict[str, Tracker]) -> None:
         self.plan = plan
@@ -70,6 +73,23 @@ class _Group:
         """What the loop over a frame's signals needs, without looking it up for each frame."""
         self.places = tuple(_place(signal) for signal in plan.signals)
         """Where faults of the message count: at each of its wheels and roles."""
+        # Counters tell two senders by their jumps; of speeds the steps from frame to frame are compared.
+        steps = (
+            signal.gain if isinstance(trackers.get(signal.role), WheelSpeedIntegrator) else None
+            for signal in plan.signals
+        )
+        self.watch = SenderWatch(tuple(steps))
+        fine = (
+            tracker
+            for signal in plan.signals
+            if isinstance(tracker := trackers.get(signal.role), WheelSpeedIntegrator)
+            and tracker.is_fine(signal.gain)
+        )
+        speeds = tuple(fine)
+        self.frozen = FrozenSpeeds(speeds) if len(speeds) > 1 else None
+        """Watches its wheel speeds, if they are several and so fine that they cannot all stay the same."""
+        self.doubted = [False] * len(self.fields)
+        """Per signal, whether its last reading was not believed for want of a single sender."""
 
 
 class _Witness:
@@ -142,6 +162,12 @@ class CanDecoder:
                 self._decode_group(time_s, group, data, little, big, out)
         return out
 
+    def clock_stepped(self) -> None:
+        """The host's clock was set back, as the stamps of all inputs together have shown."""
+        for group in self._groups:
+            if group.arrival is not None:
+                group.arrival.clock_stepped()
+
     def poll(self, time_s: float) -> list[Event]:
         """Time-outs at this time; each is reported once, until the message is back."""
         out: list[Event] = []
@@ -168,16 +194,17 @@ class CanDecoder:
                 self._faults.note(out, time_s, verdict.name.lower(), place)
             if verdict is not Verdict.CLOCK_STEP:
                 return
+            group.watch.restart(time_s)
             for wheel_tracker in group.trackers:
                 wheel_tracker.restart()
         elif arrival.lost:
             for place in group.places:
                 self._faults.note(out, time_s, "lost", place, group.plan.name, arrival.lost)
         arrival.timed_out = False
-        # A second sender of the same identifier (spoofing) would be noticed here: it doubles the rate.
+        fast = group.watch.frame(time_s)
 
         size = len(data)
-        for min_bytes, is_big, shift, mask, signal, tracker in group.fields:
+        for number, (min_bytes, is_big, shift, mask, signal, tracker) in enumerate(group.fields):
             if min_bytes > size:
                 self._note_short(time_s, signal, size, out)
                 continue
@@ -185,20 +212,52 @@ class CanDecoder:
             if bits in signal.invalid:
                 self._note_invalid(time_s, signal, bits, out)
                 continue
+            if tracker is None:
+                value = signal.gain * signal.field.number(bits) + signal.bias
+                if not math.isfinite(value):
+                    self._note_invalid(time_s, signal, bits, out)
+                elif fast:
+                    self._note_spoofed(time_s, group, number, out)
+                else:
+                    out.append(InertialSample(time_s, signal.role, value))
+                continue
+            begun, jumps = len(out), self._faults.jumps
             if isinstance(tracker, WheelCounter):
+                value = 0.0
                 tracker.update(time_s, bits, arrival.period_s, out)
             else:
                 value = signal.gain * signal.field.number(bits) + signal.bias
                 if not math.isfinite(value):
                     self._note_invalid(time_s, signal, bits, out)
                     continue
-                if tracker is None:
-                    out.append(InertialSample(time_s, signal.role, value))
-                    continue
                 tracker.update(time_s, value, arrival.period_s, out)
+            sound = len(out) > begun and isinstance(out[-1], RotationSample)
+            odd = group.watch.value(number, value, self._faults.jumps != jumps, sound)
+            if fast or odd:
+                # The wheel is followed on, so that it is known when its values make sense again.
+                out[begun:] = [event for event in out[begun:] if isinstance(event, SourceFault)]
+                self._note_spoofed(time_s, group, number, out)
+                group.doubted[number] = True
+                continue
+            if group.doubted[number]:
+                # What it counted meanwhile may be another's: what follows is a new segment.
+                group.doubted[number] = False
+                del out[begun:]
+                tracker.restart()
+                continue
             self._heard_s[tracker.wheel] = time_s
             if tracker.still_since is not None and not tracker.stuck:
                 self._judge_still(time_s, tracker, out)
+
+        if group.frozen is not None:
+            for still in group.frozen.judge(time_s):
+                self._faults.note(out, time_s, "stuck", still.wheel, f"{group.plan.name} is frozen")
+                still.mark_stuck()
+
+    def _note_spoofed(self, time_s: float, group: _Group, number: int, out: list[Event]) -> None:
+        """Frames or values of more than one sender: which is the true one nobody knows."""
+        detail = f"{group.plan.name}: {group.watch.detail or 'two values in turn'}"
+        self._faults.note(out, time_s, "spoofed", group.places[number], detail)
 
     def _note_short(self, time_s: float, signal: SignalPlan, size: int, out: list[Event]) -> None:
         self.counts["decode.short"] += 1
@@ -234,7 +293,9 @@ class CanDecoder:
         if stuck:
             self._faults.note(out, time_s, "stuck", tracker.wheel, f"for {time_s - since_s:.1f} s")
             tracker.mark_stuck()
-        elif stuck is False and (fresh or time_s - since_s > ALONE_STILL_S):
+        elif stuck is False and (
+            (fresh and not tracker.stopped_impossibly) or time_s - since_s > ALONE_STILL_S
+        ):
             tracker.mark_standing()
 
     def _others(self, time_s: float, tracker: Tracker) -> Iterator[Tracker]:

@@ -12,6 +12,7 @@ from tpmsd.sources.events import Event, SourceFault
 from tpmsd.wheels import WHEELS
 
 REPORT_INTERVAL_S = 1.0
+_JUMPS = frozenset({"jump", "reset"})
 
 
 class FaultLog:
@@ -19,6 +20,8 @@ class FaultLog:
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
+        self.jumps = 0
+        """Readings of all wheels that could not follow the ones before."""
         self._reported_s: dict[str, float] = {}
 
     def note(
@@ -34,6 +37,8 @@ class FaultLog:
         wheel = place if isinstance(place, int) else None
         key = f"{WHEELS[place] if isinstance(place, int) else place}.{kind}"
         self.counts[key] += number
+        if kind in _JUMPS:
+            self.jumps += number
         reported = self._reported_s.get(key)
         # A clock that stepped back must not silence the reports for as long as it stepped.
         if reported is None or not reported <= time_s < reported + REPORT_INTERVAL_S:

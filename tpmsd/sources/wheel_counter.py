@@ -19,6 +19,7 @@ period. Of all counts that the raw value may stand for (it rolls over at 2**bits
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import deque
 
@@ -36,6 +37,8 @@ SPEED_WINDOW_S = 0.1
 """The speed before is taken over this time: long enough for coarse rings and jittery time stamps."""
 REPEATED_BITS = 2.0
 """The same value again is not a reading if the wheel must have moved by this much."""
+AGREEING = 6
+"""So many odd readings in a row that follow one another evenly are a wheel's all the same."""
 STUCK_S = 0.5
 STUCK_BITS = 4.0
 """The other wheels have gone this far (in bits of this counter) while this one has not."""
@@ -53,6 +56,7 @@ class WheelCounter:
         "_mask",
         "_max_speed",
         "_modulus",
+        "_odd",
         "_raw",
         "_released",
         "_reverse",
@@ -111,6 +115,7 @@ class WheelCounter:
         show that the car stands."""
         self._released = False
         self._suspect: tuple[float, int] | None = None
+        self._odd: deque[tuple[float, int]] = deque(maxlen=AGREEING)
         self._held: tuple[float, int, int] | None = None
 
     @property
@@ -122,6 +127,11 @@ class WheelCounter:
     def speed_mps(self) -> float:
         """Speed before the last reading; NaN while not known."""
         return self._speed * self.m_per_bit
+
+    @property
+    def stopped_impossibly(self) -> bool:
+        """Whether the value stopped changing while the wheel must have turned on."""
+        return self._withheld and not self._released
 
     def update(self, time_s: float, raw: int, period_s: float, out: list[Event]) -> None:
         """Judge one reading. `raw` are the signal's bits, `period_s` the message's period (0: not known)."""
@@ -216,6 +226,7 @@ class WheelCounter:
         self.still_since = None
         self.stuck = self._released = False
         self._suspect = self._held = None
+        self._odd.clear()
         self._emit(time_s, out)
 
     def _accept(self, time_s: float, raw: int, bits: int, out: list[Event]) -> None:
@@ -225,6 +236,7 @@ class WheelCounter:
         self._raw, self._time_s, self._same_s = raw, time_s, time_s
         self.still_since = None
         self._released = False
+        self._odd.clear()
         self._follow(time_s)
         self._emit(time_s, out)
 
@@ -275,11 +287,28 @@ class WheelCounter:
         if interval <= 0.0 or self._bits_from(suspect[1], raw, interval, period_s) is None:
             self._drop_suspect(suspect, out)
             self._suspect = (time_s, raw)
+            if self._agree(time_s, raw):
+                # The speed before was wrong (frozen frames say 0), or the wheel was lifted off the road.
+                self._speed = math.nan
+                self._begin(time_s, raw, out)
             return
         way = self._max_speed * (suspect[0] - self._time_s + max(period_s, interval))
         kind = "reset" if suspect[1] <= min(way, self._modulus / 4) else "jump"
         self._faults.note(out, suspect[0], kind, self.wheel, f"from {self._raw} to {suspect[1]}")
         self._begin(time_s, raw, out)
+
+    def _agree(self, time_s: float, raw: int) -> bool:
+        """Whether the last readings, odd by the speed before, are those of one wheel at an even speed."""
+        odd = self._odd
+        odd.append((time_s, raw))
+        if len(odd) < AGREEING:
+            return False
+        pairs = list(itertools.pairwise(odd))
+        if not all(0.0 < after[0] - before[0] <= SPEED_WINDOW_S for before, after in pairs):
+            return False
+        bits = [(after[1] - before[1]) & self._mask for before, after in pairs]
+        limit = self._max_speed * (odd[-1][0] - odd[0][0])
+        return 0 < sum(bits) <= limit and max(bits) - min(bits) <= SLACK_BITS + 0.2 * max(bits)
 
     def _replace_last(self, time_s: float, raw: int, period_s: float, out: list[Event]) -> bool:
         """Take the reading in place of the last one, if it follows the one before that.

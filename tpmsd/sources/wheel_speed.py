@@ -27,6 +27,41 @@ STUCK_ZERO_M = 2.0
 FROZEN_S = 2.0
 """A speed other than zero may be constant on a smooth road; not for so long while the others change."""
 FROZEN_MPS = 1.5
+FROZEN_RUNS, FROZEN_MIN_S, FROZEN_LEARN_S = 5.0, 0.25, 10.0
+FORGET = 0.9999
+FINE_MPS = 0.03
+"""0.1 km/h: a single tooth of a ring makes more of a difference from frame to frame."""
+
+
+class FrozenSpeeds:
+    """Tells speeds of several wheels that all stay the same to the last bit: their sender or a gateway hangs.
+
+    Noise makes them differ from frame to frame, some signals more and some less. So a stretch is frozen that
+    is several times as long as the longest one of the last minutes, or longer than `FROZEN_S`.
+    """
+
+    __slots__ = ("_longest_s", "_run_s", "_since_s", "_trackers")
+
+    def __init__(self, trackers: tuple[WheelSpeedIntegrator, ...]) -> None:
+        self._trackers = trackers
+        self._run_s = self._longest_s = 0.0
+        self._since_s = math.nan
+
+    def judge(self, time_s: float) -> tuple[WheelSpeedIntegrator, ...]:
+        """The wheels that are found frozen with the frame at `time_s`."""
+        if math.isnan(self._since_s) or time_s < self._since_s:
+            self._since_s = time_s
+        still_s = max(math.inf if t.still_since is None else t.still_since for t in self._trackers)
+        moving = all(abs(t.speed_mps) > FROZEN_MPS and not t.stuck for t in self._trackers)
+        if still_s == math.inf or not moving:
+            self._longest_s = max(self._run_s, FORGET * self._longest_s)
+            self._run_s = 0.0
+            return ()
+        self._run_s = max(time_s - still_s, 0.0)
+        usual_s = FROZEN_S
+        if time_s - self._since_s > FROZEN_LEARN_S:
+            usual_s = min(max(FROZEN_RUNS * self._longest_s, FROZEN_MIN_S), FROZEN_S)
+        return self._trackers if self._run_s > usual_s else ()
 
 
 class WheelSpeedIntegrator:
@@ -69,6 +104,11 @@ class WheelSpeedIntegrator:
     def speed_mps(self) -> float:
         """The last reading; NaN before there is one."""
         return math.nan if self._omega is None else self._omega * self._radius_m
+
+    @property
+    def stopped_impossibly(self) -> bool:
+        """As `WheelCounter`; here a speed that cannot be was not taken in the first place."""
+        return False
 
     def update(self, time_s: float, omega_radps: float, period_s: float, out: list[Event]) -> None:
         """Judge one reading; `period_s` is the message's period (0: not known)."""
@@ -124,6 +164,10 @@ class WheelSpeedIntegrator:
         if still_s <= FROZEN_S:
             return None
         return sum(abs(change) >= FROZEN_MPS for change in others_change_mps) >= needed
+
+    def is_fine(self, step_radps: float) -> bool:
+        """Whether a signal of this resolution shows the noise that every wheel speed has."""
+        return abs(step_radps) * self._radius_m <= FINE_MPS
 
     def mark_stuck(self) -> None:
         """No samples until the value changes; that begins a new segment."""

@@ -47,11 +47,16 @@ class TickSource:
         """Let time pass: ends epochs, finds time-outs, completes ticks."""
         # Ticks that were due while the receiver's epoch was still open come before its fix, whether or not
         # anybody told the time in between: else a run that is told it more often would make other ticks.
+        steps = self.timeline.counts["clock_steps"]
         deadline_s = self.assembler.deadline_s
         ticks = self.timeline.advance(deadline_s) if deadline_s < time_s else []
         ticks += self._take(self.assembler.advance(time_s))
         ticks += self._take(self.decoder.poll(time_s))
-        return ticks + self.timeline.advance(time_s)
+        ticks += self.timeline.advance(time_s)
+        if self.timeline.counts["clock_steps"] != steps:
+            # A message by itself would need a second of late frames to tell a step from a late frame.
+            self.decoder.clock_stepped()
+        return ticks
 
     def finish(self) -> list[Tick]:
         """What the end of a recording completes."""

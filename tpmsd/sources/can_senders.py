@@ -1,0 +1,182 @@
+"""Whether a message comes from one sender alone.
+
+In: the stamp of each frame that is used, the values of its wheels, and whether they jumped. Out: why the
+message, or one wheel of it, is not to be believed. Pure: the only clock is the frames' own.
+
+A node that sends frames under a foreign identifier can be told by two things, and neither needs a key:
+
+    rate          the true sender goes on, so there are more frames than it ever sent. Each frame takes a
+                  token; tokens come at the known rate and a quarter more; without a token the message is
+                  doubted. A sender that became faster itself is believed after `ACCEPT_S` in which its values
+                  ran on as evenly as before.
+    plausibility  two values in turn: a counter that jumps in every few frames is doubted by itself, whatever
+                  the rate, for nobody knows which of the two is the wheel's.
+
+What it cannot tell: a node that silences the true sender and takes over its rate, or one that was there from
+the first frame on with values that a wheel may well have.
+"""
+
+from __future__ import annotations
+
+FASTER = 1.25
+"""Frames beyond the known rate that are borne: clocks of adapters, and frames that were sent again."""
+BURST_S, BURST_FRAMES = 1.0, 20.0
+"""Frames that may come at once: those of a second, for adapters hand them over in bunches."""
+LEARN_S = 10.0
+"""The fastest rate of the first seconds is the known one: some senders start slowly."""
+WINDOW_S, MIN_COUNT = 2.0, 5
+GRACE_S = 1.0
+GAP_S = 0.5
+"""After a silence of half a second a backlog may come at any rate, for a second."""
+ACCEPT_S = 10.0
+ROUGHER = 3.0
+"""Second differences this much greater than before are of two senders' values in turn."""
+_MEMORY, _USUAL_MEMORY = 1.0 / 32.0, 1.0 / 256.0
+_SURE_SHARE = 0.7
+"""With fewer tokens than this share the rate is odd already, and nothing is learned of what is usual."""
+ODD_LEAK = 0.15
+"""Share of jumps among the readings of a wheel that is borne; two senders in turn make it a half."""
+ODD_LIMIT = 8.0
+
+
+class _Roughness:
+    """Mean second difference of one signal: small for a smooth road or an even braking."""
+
+    __slots__ = ("_first", "_second", "now", "resolution", "usual")
+
+    def __init__(self, resolution: float) -> None:
+        self.resolution = resolution
+        self.now = self.usual = 0.0
+        self._first = self._second = float("nan")
+
+    def take(self, value: float) -> None:
+        bend = abs(value - 2.0 * self._second + self._first)
+        self._first, self._second = self._second, value
+        if bend == bend:
+            self.now += _MEMORY * (bend - self.now)
+
+    @property
+    def excessive(self) -> bool:
+        return self.now > ROUGHER * self.usual + 2.0 * self.resolution
+
+    def settle(self) -> None:
+        """What it is now is usual."""
+        self.usual += _USUAL_MEMORY * (self.now - self.usual)
+
+
+class SenderWatch:
+    """Watches one message (or one multiplexer branch of it)."""
+
+    __slots__ = (
+        "_burst",
+        "_clean_since_s",
+        "_count",
+        "_fastest_s",
+        "_grace_until_s",
+        "_last_s",
+        "_lately_s",
+        "_odd",
+        "_period_s",
+        "_rough",
+        "_since_s",
+        "_sound",
+        "_tokens",
+        "_window_s",
+        "fast",
+    )
+
+    def __init__(self, resolutions: tuple[float | None, ...]) -> None:
+        """`resolutions`: per signal of the message its step, or None where its values are not compared."""
+        self.fast = False
+        """Whether more frames come than the sender ever sent."""
+        self._period_s = 0.0
+        """The known one; 0 until it is known."""
+        self._fastest_s = self._lately_s = float("inf")
+        self._since_s = self._last_s = self._window_s = float("nan")
+        self._count = 0
+        self._grace_until_s = self._clean_since_s = -float("inf")
+        self._burst = self._tokens = 0.0
+        self._odd = [0.0] * len(resolutions)
+        self._sound = [False] * len(resolutions)
+        self._rough = tuple(None if step is None else _Roughness(step) for step in resolutions)
+
+    @property
+    def detail(self) -> str:
+        """What is known of the rate, for a fault's text."""
+        return f"more than its {1.0 / self._period_s:.0f} frames a second" if self._period_s else ""
+
+    def restart(self, time_s: float) -> None:
+        """The clock stepped, or the message was away: judge no rate across that."""
+        self._since_s += time_s - self._last_s
+        self._last_s = self._window_s = time_s
+        self._count = 0
+        self._grace_until_s = time_s + GRACE_S
+        self._tokens = self._burst
+
+    def frame(self, time_s: float) -> bool:
+        """Take a frame's stamp (later than the one before); whether the message is doubted for its rate."""
+        if self._since_s != self._since_s:
+            self._since_s = self._window_s = self._last_s = time_s
+        if time_s - self._last_s > GAP_S:
+            self.restart(time_s)
+        elapsed_s, self._last_s = time_s - self._last_s, time_s
+        self._measure(time_s)
+        if not self._period_s:
+            self._fastest_s = min(self._fastest_s, self._lately_s)
+            if time_s - self._since_s >= LEARN_S and self._fastest_s < float("inf"):
+                self._know(self._fastest_s)
+            return False
+        if time_s < self._grace_until_s:
+            return self.fast
+        self._tokens = min(self._tokens + FASTER * elapsed_s / self._period_s, self._burst) - 1.0
+        if self._tokens < 0.0:
+            self._tokens = 0.0
+            if not self.fast:
+                self.fast, self._clean_since_s = True, time_s
+        elif self.fast and self._tokens > 0.5 * self._burst:
+            self.fast = False
+        if self.fast:
+            self._accept(time_s)
+        elif self._tokens > _SURE_SHARE * self._burst:
+            for rough in self._rough:
+                if rough is not None:
+                    rough.settle()
+        return self.fast
+
+    def value(self, place: int, value: float, jumped: bool, sound: bool) -> bool:
+        """Take one signal's value; whether it is doubted because values in turn contradict one another.
+
+        `jumped`: a reading was found odd with it; `sound`: it made a sample. Odd values with no sound ones
+        between them are of one sender, and are left out already.
+        """
+        rough = self._rough[place]
+        if rough is not None:
+            rough.take(value)
+        self._sound[place] |= sound
+        odd = max(self._odd[place] - ODD_LEAK, 0.0)
+        if jumped and self._sound[place]:
+            odd = min(odd + 1.0, 2.0 * ODD_LIMIT)
+            self._sound[place] = sound
+        self._odd[place] = odd
+        if self.fast and (jumped or (rough is not None and rough.excessive)):
+            self._clean_since_s = self._last_s
+        return odd > ODD_LIMIT
+
+    def _measure(self, time_s: float) -> None:
+        """The mean interval, over windows so long that frames in bunches do not matter."""
+        self._count += 1
+        span_s = time_s - self._window_s
+        if span_s >= WINDOW_S or span_s < 0.0:
+            if span_s >= WINDOW_S and self._count >= MIN_COUNT:
+                self._lately_s = span_s / self._count
+            self._window_s, self._count = time_s, 0
+
+    def _know(self, period_s: float) -> None:
+        self._period_s = period_s
+        self._burst = self._tokens = max(BURST_S / period_s, BURST_FRAMES)
+
+    def _accept(self, time_s: float) -> None:
+        """A faster rate with values as even as before is the sender's own."""
+        if time_s - self._clean_since_s >= ACCEPT_S:
+            self.fast = False
+            self._know(min(self._lately_s, self._period_s))
