@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,6 +31,7 @@ examples:
   tpmsd diagnose drives/monday
   tpmsd diagnose drives/monday --json monday.json --html monday.html
   tpmsd diagnose drives/monday --model-out model.toml
+  tpmsd diagnose drives/monday drives/tuesday           one car, fitted together
   tpmsd simulate drives/again --model model.toml        a drive that holds what was found
 
 The extended model is written to --model-out; without it to model.toml beside the JSON file, or in the
@@ -47,7 +49,9 @@ def add_parser(subparsers: Subparsers) -> None:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("drives", type=Path, metavar="DRIVE", nargs="+", help="drive folder")
+    parser.add_argument(
+        "drives", type=Path, metavar="DRIVE", nargs="+", help="drive folder; several of one car together"
+    )
     parser.add_argument(
         "--config", type=Path, metavar="FILE", help="configuration instead of DRIVE/vehicle.toml"
     )
@@ -66,14 +70,19 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.report.diagnosis_document import diagnosis_document
     from tpmsd.report.diagnosis_summary import diagnosis_summary
 
-    recordings = [read_recording(drive, args.config) for drive in args.drives]
+    names = names_of(args.drives)
+    recordings = [
+        read_recording(drive, args.config, name) for drive, name in zip(args.drives, names, strict=True)
+    ]
     with Progress(1.0, "diagnose") as progress:
         diagnosis = diagnose(recordings, progress.update)
+    for note in diagnosis.notes:
+        print(f"tpmsd: {note}", file=sys.stderr)
     model_file = None
     if diagnosis.verdict != INSUFFICIENT:
         model_file = _write_model(diagnosis, args)
     if args.html is not None:
-        _write_page(diagnosis, args.html, [drive.resolve().name for drive in args.drives])
+        _write_page(diagnosis, args.html, names)
     if args.json is not None:
         write_json(diagnosis_document(diagnosis, model_file), args.json)
     if args.json != "-":
@@ -81,8 +90,23 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def read_recording(folder: Path, config_file: Path | None = None) -> Recording:
-    """A drive folder as arrays; InputError if nothing usable is in it."""
+def names_of(folders: Sequence[Path]) -> list[str]:
+    """What reports call each drive: its folder's name, or the path as given where names are not unique.
+
+    ConfigError if a drive is given twice: it would count as independent evidence.
+    """
+    resolved = [folder.resolve() for folder in folders]
+    for k, folder in enumerate(folders):
+        if resolved[k] in resolved[:k]:
+            raise ConfigError(f"{folder}: the drive is given twice")
+    names = [folder.name for folder in resolved]
+    return [
+        name if names.count(name) == 1 else str(folder) for folder, name in zip(folders, names, strict=True)
+    ]
+
+
+def read_recording(folder: Path, config_file: Path | None = None, name: str = "the drive") -> Recording:
+    """A drive folder as arrays, `name` for the reports; InputError if nothing usable is in it."""
     from tpmsd.cli.drive_reading import read_ticks
     from tpmsd.config.load import load_config
     from tpmsd.diagnosis.recording import record
@@ -91,7 +115,7 @@ def read_recording(folder: Path, config_file: Path | None = None) -> Recording:
         raise InputError(folder, "not a folder" if folder.exists() else "no such drive folder")
     config = load_config(config_file if config_file is not None else folder)
     try:
-        return record(read_ticks(folder, config), config)
+        return record(read_ticks(folder, config), config, name)
     except ValueError as error:
         raise InputError(folder, str(error)) from None
 
