@@ -1,0 +1,71 @@
+"""The host's clock is set, and the processor is taken away: no alarm is lost, none is false."""
+
+from __future__ import annotations
+
+import logging
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.daemon.fakes import DrivingBus, car
+from tests.faults.drives import FOUND, Item, played
+from tpmsd.daemon.clock import Clock
+from tpmsd.daemon.loop import Daemon
+from tpmsd.pipeline import Step
+from tpmsd.sinks.sd_notify import Notifier
+
+SCALE = 20.0
+
+
+@pytest.mark.parametrize("step_s", [-3600.0, 3600.0])
+def test_a_clock_set_by_an_hour_costs_three_ticks(step_s: float) -> None:
+    """At second 75 of the drive all stamps step: told, half a second of rotation lost at most, none false."""
+
+    def stepped(items: list[Item], start_s: float) -> list[Item]:
+        return [i._replace(time_s=i.time_s + (step_s if i.time_s - start_s > 75.0 else 0.0)) for i in items]
+
+    outcome = played(stepped)
+
+    assert FOUND == outcome.alarms
+    assert outcome.blind(0.0, 1e9) <= 0.6
+    if step_s < 0.0:
+        assert 1 == outcome.faults[("clock", "step_back")]
+        assert outcome.counts["clock_step"] >= 4
+    else:
+        assert 3595.0 < max(step.tick.gap_s for step in outcome.steps) < 3601.0
+    lost_s = 150.0 - sum(step.tick.dt_s for step in outcome.steps)
+    assert lost_s < 2.0
+
+
+def test_five_seconds_without_the_processor_lose_no_frame(tmp_path: Path) -> None:
+    """What the kernel kept is read afterwards with its own stamps: every tick is made, none is blind."""
+    config, database = car(tmp_path)
+    clock = Clock(SCALE)
+    steps: list[Step] = []
+
+    def watch(step: Step) -> None:
+        steps.append(step)
+        if len(steps) == 30:
+            time.sleep(5.0 / SCALE)
+
+    daemon = Daemon(
+        config,
+        database,
+        clock,
+        Notifier(None),
+        open_bus=DrivingBus(clock.now).opener(),
+        on_step=watch,
+        frame_time=lambda stamp_s: stamp_s,
+        grace_s=0.05 * SCALE,
+        log=logging.getLogger("tests.faults"),
+    )
+    daemon.run(25.0)
+
+    times = np.array([step.tick.time_s for step in steps])
+    assert np.allclose(0.1, np.diff(times), atol=1e-6)
+    assert 0.0 == max(step.tick.gap_s for step in steps)
+    assert all(np.all(np.isfinite(step.tick.rotation_rad)) for step in steps[20:-1])
+    assert daemon.document()["missed_deadlines"] >= 40
+    assert 0 == daemon.document()["can"]["faults"].get("too_late", 0)
