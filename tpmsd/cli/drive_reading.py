@@ -16,10 +16,13 @@ from cantools.database import Database
 from tpmsd.cli.output import Progress
 from tpmsd.config.model import Config
 from tpmsd.errors import ConfigError, InputError
+from tpmsd.sources.can_channels import choose_channel
 from tpmsd.sources.can_decoder import CanDecoder, load_database
 from tpmsd.sources.can_frame import CanFrame
+from tpmsd.sources.can_log import read_can_log
 from tpmsd.sources.drive import Drive
 from tpmsd.sources.plain_nmea import clock_offset
+from tpmsd.sources.signal_plan import compile_plans
 from tpmsd.timeline.tick import Tick
 from tpmsd.timeline.tick_source import TickSource
 
@@ -66,6 +69,11 @@ def open_drive(folder: Path, config: Config) -> tuple[Drive, Database]:
         decoder = CanDecoder(config, database)
     except ConfigError as error:
         raise ConfigError(f"{config.file or folder}: {error}") from None
+    plans = compile_plans(config, database)
+    channel = choose_channel(read_can_log(drive.can_log), plans, config.can.channel)
+    drive.channel = channel.name
+    if channel.note:
+        print(f"tpmsd: {drive.can_log}: {channel.note}", file=sys.stderr)
     if not drive.host_times:
         _align_clocks(drive, config, decoder)
     return drive, database
@@ -111,7 +119,9 @@ def read_ticks(folder: Path, config: Config, rate_hz: float = DESK_RATE_HZ) -> l
 
 def _align_clocks(drive: Drive, config: Config, decoder: CanDecoder) -> None:
     """Put plain NMEA lines, whose UTC is their only clock, onto the host clock of the CAN log."""
-    found = clock_offset(Drive(drive.folder), decoder, config.vehicle.wheel_radius_m[2])
+    again = Drive(drive.folder)
+    again.channel = drive.channel
+    found = clock_offset(again, decoder, config.vehicle.wheel_radius_m[2])
     if found is not None and found.trusted:
         drive.gnss_offset_s = found.offset_s
         note = f"shifted by {found.offset_s:+.2f} s to fit the wheels (correlation {found.correlation:.3f})"

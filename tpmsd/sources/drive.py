@@ -57,14 +57,14 @@ class Drive:
         """Whether the NMEA lines bear the host clock; else their UTC needs `gnss_offset_s`."""
         self.gnss_offset_s = 0.0
         """Added to the time of every NMEA line; see `plain_nmea.clock_offset`."""
+        self.channel: str | None = None
+        """Frames of other channels are left out; None takes all. See `can_channels.choose_channel`."""
         self.counts: Counter[str] = Counter()
         self.first_bad: dict[str, str] = {}
 
     def __iter__(self) -> Iterator[CanFrame | Sentence]:
         """Frames and sentences, oldest first."""
-        can = _Stream(
-            "can", self._undamaged(read_can_log(self.can_log, self._noting("can", self.can_log)), "can")
-        )
+        can = _Stream("can", self._undamaged(self._frames(), "can"))
         gnss = _Stream("gnss", self._undamaged(self._sentences(), "gnss"))
         while can.head is not None or gnss.head is not None:
             stream = _next(can, gnss)
@@ -73,6 +73,11 @@ class Drive:
             if stream.advance():
                 self.counts[f"{stream.source} clock steps"] += 1
             yield item
+
+    def _frames(self) -> Iterator[CanFrame]:
+        for frame in read_can_log(self.can_log, self._noting("can", self.can_log)):
+            if self.channel is None or frame.channel == self.channel:
+                yield frame
 
     def _sentences(self) -> Iterator[Sentence]:
         path = self.nmea_log
