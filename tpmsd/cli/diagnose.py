@@ -7,6 +7,7 @@ progress on standard error.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import sys
 from collections.abc import Sequence
@@ -19,6 +20,7 @@ from tpmsd.errors import ConfigError, InputError
 if TYPE_CHECKING:
     from tpmsd.diagnosis.recording import Recording
     from tpmsd.diagnosis.result import Diagnosis
+    from tpmsd.report.alarms_compared import AlarmsCompared
 
 _DESCRIPTION = """\
 Compares a recorded drive with the pure rolling model, finds where the two differ, names the physics that was
@@ -32,6 +34,7 @@ examples:
   tpmsd diagnose drives/monday --json monday.json --html monday.html
   tpmsd diagnose drives/monday --model-out model.toml
   tpmsd diagnose drives/monday drives/tuesday           one car, fitted together
+  tpmsd diagnose drives/monday --alarms                 and what it means for the tyres
   tpmsd simulate drives/again --model model.toml        a drive that holds what was found
 
 The extended model is written to --model-out; without it to model.toml beside the JSON file, or in the
@@ -57,6 +60,12 @@ def add_parser(subparsers: Subparsers) -> None:
     )
     parser.add_argument("--model-out", type=Path, metavar="FILE", help="where the extended model goes")
     parser.add_argument("--html", type=Path, metavar="FILE", help="write a page with pictures")
+    parser.add_argument(
+        "--alarms",
+        action="store_true",
+        help="also say what it means for the tyres: alarms and radii without and with the model"
+        " (takes two replays of each drive)",
+    )
     add_json_option(parser)
 
 
@@ -65,6 +74,7 @@ def run(args: argparse.Namespace) -> int:
     # Thousands of small matrices: threads of the linear algebra only get in each other's way.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    from tpmsd.cli.diagnose_alarms import AlarmReplays
     from tpmsd.diagnosis.diagnose import diagnose
     from tpmsd.diagnosis.result import INSUFFICIENT
     from tpmsd.report.diagnosis_document import diagnosis_document
@@ -74,19 +84,24 @@ def run(args: argparse.Namespace) -> int:
     recordings = [
         read_recording(drive, args.config, name) for drive, name in zip(args.drives, names, strict=True)
     ]
-    with Progress(1.0, "diagnose") as progress:
-        diagnosis = diagnose(recordings, progress.update)
-    for note in diagnosis.notes:
-        print(f"tpmsd: {note}", file=sys.stderr)
+    with contextlib.ExitStack() as stack:
+        replays = stack.enter_context(AlarmReplays(args.drives, args.config)) if args.alarms else None
+        with Progress(1.0, "diagnose") as progress:
+            diagnosis = diagnose(recordings, progress.update)
+        for note in diagnosis.notes:
+            print(f"tpmsd: {note}", file=sys.stderr)
+        alarms = []
+        if replays is not None and diagnosis.verdict != INSUFFICIENT:
+            alarms = replays.compared(diagnosis)
     model_file = None
     if diagnosis.verdict != INSUFFICIENT:
         model_file = _write_model(diagnosis, args)
     if args.html is not None:
-        _write_page(diagnosis, args.html, names)
+        _write_page(diagnosis, args.html, names, alarms)
     if args.json is not None:
-        write_json(diagnosis_document(diagnosis, model_file), args.json)
+        write_json(diagnosis_document(diagnosis, model_file, alarms), args.json)
     if args.json != "-":
-        print(diagnosis_summary(diagnosis, model_file))
+        print(diagnosis_summary(diagnosis, model_file, alarms))
     return 0
 
 
@@ -145,10 +160,10 @@ def _head(path: Path) -> str:
         return ""
 
 
-def _write_page(diagnosis: Diagnosis, target: Path, names: list[str]) -> None:
+def _write_page(diagnosis: Diagnosis, target: Path, names: list[str], alarms: list[AlarmsCompared]) -> None:
     from tpmsd.report.diagnosis_html import diagnosis_page
 
-    page: str = diagnosis_page(diagnosis, names)
+    page: str = diagnosis_page(diagnosis, names, alarms)
     try:
         target.write_text(page, encoding="utf-8")
     except OSError as error:

@@ -38,7 +38,7 @@ def traces(
             (np.concatenate([drive.residual(fit.design, fit.values) for drive in drives]) * response).sum(1)
             for fit in (without, selection.fit)
         )
-        edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, BINS + 1)))
+        edges = _edges(values)
         if len(edges) < 4:
             continue
         at = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(edges) - 2)
@@ -55,6 +55,18 @@ def traces(
             )
         )
     return out
+
+
+def _edges(values: FloatArray) -> FloatArray:
+    """Edges of bins with alike many windows, none narrower than a fortieth of the usual range."""
+    quantiles = np.quantile(values, np.linspace(0.0, 1.0, BINS + 1))
+    least = (quantiles[-2] - quantiles[1]) / 40.0
+    edges = [quantiles[0]]
+    for edge in quantiles[1:]:
+        if edge - edges[-1] > max(least, 1e-12):
+            edges.append(edge)
+    edges[-1] = quantiles[-1]
+    return np.array(edges)
 
 
 def ground(study: Study, selection: Selection, evidence: Evidence) -> Ground | None:

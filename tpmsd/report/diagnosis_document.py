@@ -5,14 +5,19 @@ In: `Diagnosis`. Out: plain objects.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
+from tpmsd.diagnosis.reach import Reach
 from tpmsd.diagnosis.result import Diagnosis, Finding, Where
+from tpmsd.report.alarms_compared import AlarmsCompared, alarms_document
 
 
-def diagnosis_document(diagnosis: Diagnosis, model_file: str | None) -> dict[str, Any]:
-    """The document; `model_file` is where the extended model was written."""
-    return {
+def diagnosis_document(
+    diagnosis: Diagnosis, model_file: str | None, alarms: Sequence[AlarmsCompared] = ()
+) -> dict[str, Any]:
+    """The document; `model_file` is where the extended model was written, `alarms` one entry per drive."""
+    document: dict[str, Any] = {
         "verdict": diagnosis.verdict,
         "reason": diagnosis.reason or None,
         "baseline": {
@@ -29,6 +34,31 @@ def diagnosis_document(diagnosis: Diagnosis, model_file: str | None) -> dict[str
         "driving_s": diagnosis.driving_s,
         "model": {"heldout_rms": diagnosis.model_rms},
         "evidence": [{"effect": name, "gain": gain} for name, gain in diagnosis.evidence],
+        "reach": None if diagnosis.reach is None else _reach(diagnosis.reach),
+    }
+    if diagnosis.notes:
+        document["notes"] = list(diagnosis.notes)
+    if alarms:
+        document["alarms"] = [alarms_document(compared) for compared in alarms]
+    return document
+
+
+def _reach(reach: Reach) -> dict[str, Any]:
+    return {
+        "share": reach.share,
+        "gain": reach.found,
+        "left": reach.left,
+        "left_std": reach.left_std,
+        "structured": reach.structured,
+        "channels": {
+            name: {
+                "gain": channel.found,
+                "left": channel.left,
+                "correlation": channel.correlation,
+                "whiteness": channel.whiteness,
+            }
+            for name, channel in reach.channels.items()
+        },
     }
 
 
@@ -49,6 +79,8 @@ def _finding(finding: Finding) -> dict[str, Any]:
         },
         "indistinguishable_from": list(finding.indistinguishable_from),
     }
+    if finding.drives:
+        out["drives"] = list(finding.drives)
     if finding.advice:
         out["advice"] = finding.advice
     if finding.shape:

@@ -1,98 +1,161 @@
 """The diagnosis as one page that stands alone.
 
-In: `Diagnosis`. Out: HTML with inline pictures, no scripts and nothing loaded from elsewhere.
+In: `Diagnosis`, and the replays of its drives where they were made. Out: HTML with inline pictures, no
+scripts and nothing loaded from elsewhere.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 
-from tpmsd.diagnosis.result import INSUFFICIENT, Diagnosis, Finding
-from tpmsd.report.diagnosis_summary import SENTENCES, UNITS, diagnosis_summary, place, quantity_text
-from tpmsd.report.svg import bars, lines, track
+from tpmsd.diagnosis.result import INSUFFICIENT, Diagnosis, Finding, Quantity, Trace
+from tpmsd.report.alarms_compared import AlarmsCompared
+from tpmsd.report.diagnosis_html_alarms import alarms_section
+from tpmsd.report.diagnosis_summary import (
+    CHANNELS,
+    SENTENCES,
+    UNITS,
+    diagnosis_summary,
+    place,
+    quantity_text,
+    reached,
+)
+from tpmsd.report.svg import AFTER, BEFORE, Series, bars, chart, track
 
 _STYLE = """
-body { font-family: sans-serif; max-width: 62em; margin: 2em auto; padding: 0 1em; }
-body { color: #222; line-height: 1.45; }
-table { border-collapse: collapse; margin: 0.6em 0; }
-td, th { padding: 0.25em 0.8em; border-bottom: 1px solid #ddd; text-align: left; }
-pre { background: #f6f6f6; padding: 0.8em; white-space: pre-wrap; } h2 { margin-top: 1.6em; }
+body { font-family: sans-serif; max-width: 52em; margin: 2em auto; padding: 0 1.2em; color: #222;
+  line-height: 1.5; }
+h1 { font-size: 1.6em; margin-bottom: 0.2em; } h2 { margin-top: 2em; border-bottom: 2px solid #ddd; }
+h3 { margin: 1.6em 0 0.2em; }
+table { border-collapse: collapse; margin: 0.8em 0; font-size: 0.92em; }
+td, th { padding: 0.3em 0.8em 0.3em 0; border-bottom: 1px solid #ddd; text-align: left;
+  vertical-align: top; }
+td.w { white-space: nowrap; }
+td.n, th.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+pre { background: #f5f5f3; padding: 0.9em; white-space: pre-wrap; font-size: 0.85em; }
+svg { display: block; margin: 0.6em 0 1em; max-width: 100%; height: auto; }
+.tiles { display: flex; flex-wrap: wrap; gap: 0.8em; margin: 1.2em 0; }
+.tile { background: #f5f5f3; padding: 0.6em 1em; min-width: 8em; }
+.tile b { display: block; font-size: 1.35em; } .note { color: #555; font-size: 0.92em; }
 """
+_VERDICTS = {"consistent": "consistent", "mismatch": "mismatch", INSUFFICIENT: "insufficient data"}
+_SHOWN = 14
 
 
-def diagnosis_page(diagnosis: Diagnosis, names: list[str]) -> str:
+def diagnosis_page(diagnosis: Diagnosis, names: list[str], alarms: Sequence[AlarmsCompared] = ()) -> str:
     """The page; `names` are those of the drives."""
     title = f"Diagnosis of {', '.join(names)}"
-    parts = [f"<h1>{escape(title)}</h1>", f"<pre>{escape(diagnosis_summary(diagnosis, None))}</pre>"]
+    parts = [f"<h1>{escape(title)}</h1>", _tiles(diagnosis)]
+    parts.append(f"<pre>{escape(diagnosis_summary(diagnosis, None))}</pre>")
+    parts += [f'<p class="note">{escape(note)}.</p>' for note in diagnosis.notes]
     if diagnosis.verdict != INSUFFICIENT:
-        parts += _channels(diagnosis)
-        for finding in diagnosis.findings:
-            parts += _finding(diagnosis, finding)
+        parts += _table(diagnosis)
+        traces = list(diagnosis.inner.traces) if diagnosis.inner is not None else []
+        for count, finding in enumerate(diagnosis.findings, 1):
+            parts += _finding(count, finding, traces)
+        for compared in alarms:
+            parts += alarms_section(compared)
         parts += _ground(diagnosis)
-        parts.append("<h2>Evidence for each effect alone</h2>")
-        parts.append(
-            "<p>Log-likelihood that each effect would bring to the rolling model by itself. Effects that"
-            " resemble the true one bring something too; what counts is what comes beside the findings.</p>"
-        )
-        shown = [(name, value) for name, value in diagnosis.evidence if value > 0.0][:18]
-        parts.append(bars(shown, "nats"))
-    body = "\n".join(parts)
+        parts += _channels(diagnosis)
+        parts += _evidence(diagnosis)
+    body = "\n".join(part for part in parts if part)
     return (
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
         f"<style>{_STYLE}</style></head><body>\n{body}\n</body></html>\n"
     )
 
 
-def _channels(diagnosis: Diagnosis) -> list[str]:
-    assert diagnosis.inner is not None
-    rows = "".join(
-        f"<tr><td>{escape(name)}</td><td>{before:.3f}</td><td>{after:.3f}</td></tr>"
-        for name, (before, after) in diagnosis.inner.rms_by_channel.items()
-    )
+def _tiles(diagnosis: Diagnosis) -> str:
+    """The answer at a glance."""
+    tiles = [("verdict", _VERDICTS[diagnosis.verdict])]
+    if diagnosis.verdict != INSUFFICIENT:
+        tiles.append(("driving compared", f"{diagnosis.driving_s / 60:.0f} min"))
+        tiles.append(("findings", str(len(diagnosis.findings))))
+        rms = f"{diagnosis.baseline_rms:.2f} → {diagnosis.model_rms:.2f}"
+        tiles.append(("held-out residual (noise: 1)", rms))
+        share = None if diagnosis.reach is None else diagnosis.reach.share
+        tiles.append(
+            ("of the reachable gain", "nothing to gain" if share is None else f"{100 * share:.0f} %")
+        )
+    cells = "".join(f'<div class="tile"><b>{escape(value)}</b>{escape(name)}</div>' for name, value in tiles)
+    return f'<div class="tiles">{cells}</div>'
+
+
+def _table(diagnosis: Diagnosis) -> list[str]:
+    """All findings with their parameters and what they gain."""
+    if not diagnosis.findings:
+        return []
+    rows = ""
+    for finding in diagnosis.findings:
+        values = "<br>".join(
+            f"{escape(name)} = {escape(_readable(q))}" for name, q in finding.parameters.items()
+        )
+        rows += (
+            f'<tr><td>{escape(finding.effect)}</td><td class="w">{values or "free shape, below"}</td>'
+            f'<td class="n">{finding.confidence:.3f}</td><td class="n">{finding.gain:,.0f}</td>'
+            f'<td class="n">{finding.rms_before:.3f} → {finding.rms_after:.3f}</td></tr>'
+        )
     return [
-        "<h2>Residuals</h2>",
-        "<p>Root mean square of recording minus model, over what the noise lets expect.</p>",
-        f"<table><tr><th>channel</th><th>rolling model</th><th>extended model</th></tr>{rows}</table>",
+        "<h2>What was found</h2>",
+        "<table><tr><th>effect</th><th>parameters (+- one standard deviation)</th>"
+        '<th class="n">confidence</th><th class="n">held-out gain, nats</th>'
+        f'<th class="n">held-out residual</th></tr>{rows}</table>',
+        '<p class="note">Held-out: each stretch of 30 s is predicted with values fitted elsewhere. The'
+        " gain is that of the finding in the presence of the others; e to its power is how much likelier it"
+        " makes the held-out data. The residual is in units of the noise.</p>",
     ]
 
 
-def _finding(diagnosis: Diagnosis, finding: Finding) -> list[str]:
-    assert diagnosis.inner is not None
-    out = [f"<h2>{escape(finding.effect)}</h2>", f"<p>{escape(SENTENCES[finding.effect])}. Seen in "]
-    out[-1] += f"{escape(place(finding.where))}. Confidence {finding.confidence:.3f}.</p>"
-    rows = "".join(
-        f"<tr><td>{escape(name)}</td><td>{escape(quantity_text(quantity))}</td></tr>"
-        for name, quantity in finding.parameters.items()
-    )
-    gain = f"{finding.gain:.1f} nats ({finding.loglik_gain_per_s:.4g} per second)"
-    rows += f"<tr><td>held-out gain</td><td>{gain}</td></tr>"
-    rows += f"<tr><td>held-out residual</td><td>{finding.rms_before:.4f} to {finding.rms_after:.4f}</td></tr>"
-    out.append(f"<table>{rows}</table>")
+def _readable(quantity: Quantity) -> str:
+    """As `quantity_text`, small lengths in millimetres."""
+    if quantity.unit == "m" and isinstance(quantity.value, float) and abs(quantity.value) < 0.05:
+        std = None if quantity.std is None else 1e3 * quantity.std
+        return quantity_text(Quantity(1e3 * quantity.value, std, "mm"))
+    return quantity_text(quantity)
+
+
+def _finding(count: int, finding: Finding, traces: list[Trace]) -> list[str]:
+    """Its sentence, its shape, and its mismatch before and after; takes its trace out of the list."""
+    seen = place(finding.where)
+    out = [f"<h3>{count}. {escape(finding.effect)}</h3>"]
+    out.append(f"<p>{escape(SENTENCES[finding.effect].capitalize())}. Seen in {escape(seen)}.</p>")
+    if finding.drives:
+        out.append(f"<p>Only in {escape(', '.join(finding.drives))}.</p>")
     if finding.indistinguishable_from:
         rivals = ", ".join(finding.indistinguishable_from)
         out.append(f"<p>This drive cannot tell it from {escape(rivals)}. {escape(finding.advice)}.</p>")
+    elif finding.advice:
+        out.append(f"<p>{escape(finding.advice.capitalize())}.</p>")
+    covariate = finding.where.covariate or "time"
+    x_label = f"{covariate} ({UNITS.get(covariate, '')})"
     if finding.shape:
-        x = [at for at, _, _ in finding.shape]
-        label = f"{finding.where.covariate or 'time'}"
-        out.append(lines(x, [("fitted shape", [v for _, v, _ in finding.shape])], label, "m, m/s or rad"))
-    for trace in diagnosis.inner.traces:
-        if trace.effect == finding.effect and trace.covariate == (finding.where.covariate or "time"):
-            out.append(
-                lines(
-                    trace.middle.tolist(),
-                    [("without this effect", trace.before.tolist()), ("with it", trace.after.tolist())],
-                    f"{trace.covariate} ({UNITS.get(trace.covariate, '')})",
-                    "mismatch per bin, in standard deviations",
-                    (-2.0, 2.0),
-                )
-            )
+        reading = {"gnss_speed": "m/s", "gnss_course": "rad", "yaw_rate": "rad/s"}.get(finding.where.channel)
+        scale = 1e3 if reading is None else 1.0
+        shape = Series(
+            "fitted shape, with its standard deviation",
+            [at for at, _, _ in finding.shape],
+            [scale * value for _, value, _ in finding.shape],
+            AFTER,
+            [scale * std for _, _, std in finding.shape],
+        )
+        label = "change of radius (mm)" if reading is None else f"reading minus truth ({reading})"
+        out.append(chart([shape], x_label, label))
+    for k, trace in enumerate(traces):
+        if (trace.effect, trace.covariate) == (finding.effect, covariate):
+            del traces[k]
+            pair = [
+                Series("without this effect", trace.middle.tolist(), trace.before.tolist(), BEFORE),
+                Series("with it", trace.middle.tolist(), trace.after.tolist(), AFTER),
+            ]
+            y_label = "mismatch (standard deviations)"
+            out.append(chart(pair, x_label, y_label, (-2.0, 2.0, "what noise lets expect")))
             break
     return out
 
 
 def _ground(diagnosis: Diagnosis) -> list[str]:
-    assert diagnosis.inner is not None
-    ground = diagnosis.inner.ground
+    ground = diagnosis.inner.ground if diagnosis.inner is not None else None
     if ground is None or not diagnosis.findings:
         return []
     picture = track(
@@ -102,3 +165,51 @@ def _ground(diagnosis: Diagnosis) -> list[str]:
         "nats per second that the rolling model loses against the extended one",
     )
     return ["<h2>Where on the way</h2>", picture]
+
+
+def _channels(diagnosis: Diagnosis) -> list[str]:
+    """Residual, gain and what is left, channel by channel."""
+    if diagnosis.inner is None:
+        return []
+    reach = diagnosis.reach
+    rows = ""
+    for name, (before, after) in diagnosis.inner.rms_by_channel.items():
+        rows += f"<tr><td>{escape(CHANNELS[name])}</td>"
+        rows += f'<td class="n">{before:.3f}</td><td class="n">{after:.3f}</td>'
+        channel = None if reach is None else reach.channels.get(name)
+        if channel is not None:
+            rows += f'<td class="n">{channel.found:,.0f}</td><td class="n">{channel.left:,.0f}</td>'
+            rows += f'<td class="n">{channel.correlation:+.2f}</td>'
+        rows += "</tr>"
+    head = "".join(
+        f'<th class="n">{title}</th>'
+        for title in ("rolling", "extended", "gain, nats", "left, nats", "next second")
+    )
+    out = [
+        "<h2>What was reached, and what is left</h2>",
+        f"<table><tr><th>channel</th>{head}</tr>{rows}</table>",
+        '<p class="note">Rolling and extended: root mean square of recording minus model over what the noise'
+        " lets expect. Gain: held-out log-likelihood that the extended model gains. Left: what a flexible"
+        " model (every shape at every place and every effect at once) would gain beyond it. Next second:"
+        " correlation of what is left with itself a second later; noise has none.</p>",
+    ]
+    if reach is not None:
+        out.insert(1, f"<p>{escape(reached(reach))}</p>")
+    if diagnosis.unexplained is not None:
+        out.append(f"<p>Still unexplained: {escape(place(diagnosis.unexplained))}.</p>")
+    return out
+
+
+def _evidence(diagnosis: Diagnosis) -> list[str]:
+    shown = [(name, value) for name, value in diagnosis.evidence if value > 0.0][:_SHOWN]
+    found = {
+        f"{f.effect} {f.parameters['wheel'].value}" for f in diagnosis.findings if "wheel" in f.parameters
+    }
+    found |= {finding.effect for finding in diagnosis.findings}
+    return [
+        "<h2>Evidence for each effect alone</h2>",
+        '<p class="note">Log-likelihood that each effect would bring to the rolling model by itself, findings'
+        " in red. Effects that resemble a true one bring something too; what counts is what an effect brings"
+        " beside the others.</p>",
+        bars(shown, "nats", frozenset(found)),
+    ]

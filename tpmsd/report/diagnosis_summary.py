@@ -5,7 +5,12 @@ In: `Diagnosis`. Out: text for a terminal.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from tpmsd.diagnosis.reach import Reach
 from tpmsd.diagnosis.result import CONSISTENT, INSUFFICIENT, Diagnosis, Finding, Quantity, Where
+from tpmsd.physics.covariates import COVARIATES
+from tpmsd.report.alarms_compared import AlarmsCompared, alarms_summary
 
 SENTENCES: dict[str, str] = {
     "radius_change": "the radius of a tyre changed during the drive: the fault itself",
@@ -24,24 +29,26 @@ SENTENCES: dict[str, str] = {
     "yaw_rate_scale": "the gyro's scale is off",
     "unknown": "something that no effect of the catalogue explains",
 }
-UNITS = {
-    "speed": "m/s",
-    "accel_long": "m/s2",
-    "accel_lat": "m/s2",
-    "yaw_rate": "rad/s",
-    "steering": "rad",
-    "steering_rate": "rad/s",
-    "grade": "rad",
-    "time": "s",
-    "distance": "m",
-    "wheel_angle": "rad",
-    "temperature": "K",
-    "torque": "Nm",
+CHANNELS: dict[str, str] = {
+    "wheel": "wheels against receiver",
+    "wheel_ratio": "wheel against wheel",
+    "gnss_speed": "the receiver's speed",
+    "gnss_course": "the receiver's course",
+    "gnss_position": "the receiver's position",
+    "yaw_rate": "the yaw rate",
 }
+UNITS = {**COVARIATES, "wheel_angle": "rad"}
 
 
-def diagnosis_summary(diagnosis: Diagnosis, model_file: str | None) -> str:
-    """What was found, one paragraph per finding."""
+def diagnosis_summary(
+    diagnosis: Diagnosis, model_file: str | None, alarms: Sequence[AlarmsCompared] = ()
+) -> str:
+    """What was found, one paragraph per finding, and what it means for the tyres where that was asked."""
+    parts = [_found(diagnosis, model_file), *(alarms_summary(compared) for compared in alarms)]
+    return "\n\n".join(parts)
+
+
+def _found(diagnosis: Diagnosis, model_file: str | None) -> str:
     if diagnosis.verdict == INSUFFICIENT:
         return f"Not enough to go by: {diagnosis.reason}."
     head = f"{diagnosis.driving_s:.0f} s of driving compared with the rolling model. "
@@ -63,9 +70,24 @@ def diagnosis_summary(diagnosis: Diagnosis, model_file: str | None) -> str:
 
 
 def _rest(diagnosis: Diagnosis) -> str:
-    if diagnosis.unexplained is None:
-        return ""
-    return f"\nWhat is left still has structure: {place(diagnosis.unexplained)}."
+    text = f"\n{reached(diagnosis.reach)}" if diagnosis.reach is not None else ""
+    if diagnosis.unexplained is not None:
+        text += f"\nWhat is left still has structure: {place(diagnosis.unexplained)}."
+    return text
+
+
+def reached(reach: Reach) -> str:
+    """How much of what any model could gain was gained, and whether what is left has structure."""
+    left = f"{round(reach.left, 1):.4g} +- {max(reach.left_std, 0.1):.2g} nats"
+    if reach.share is None:
+        return f"A model of free shape gains nothing on held-out stretches either ({left})."
+    share = (
+        f"Of what a model of free shape gains on held-out stretches, {100 * reach.share:.0f} % was reached"
+    )
+    if not reach.structured:
+        return f"{share}; what is left is noise ({left})."
+    most = max(reach.channels, key=lambda name: reach.channels[name].left)
+    return f"{share}; {left} are left, most of them in {CHANNELS[most]}."
 
 
 def _paragraph(number: int, finding: Finding) -> list[str]:
@@ -76,6 +98,10 @@ def _paragraph(number: int, finding: Finding) -> list[str]:
         lines.append(
             "   " + ", ".join(f"{name} = {quantity_text(q)}" for name, q in finding.parameters.items())
         )
+    if finding.shape:
+        lines.append(f"   {shape_text(finding)}")
+    if finding.drives:
+        lines.append(f"   only in {', '.join(finding.drives)}")
     lines.append(f"   seen in {place(finding.where)}; held-out gain {finding.gain:.0f} nats")
     if finding.indistinguishable_from:
         lines.append(f"   this drive cannot tell it from: {', '.join(finding.indistinguishable_from)}")
@@ -91,22 +117,35 @@ def quantity_text(quantity: Quantity) -> str:
     return f"{quantity.value:.4g}{std} {quantity.unit}".strip()
 
 
+def shape_text(finding: Finding) -> str:
+    """The shape of an `unknown` in a sentence: how far it goes, and where."""
+    reading = {"gnss_speed": "m/s", "gnss_course": "rad", "yaw_rate": "rad/s"}
+    unit, scale = reading.get(finding.where.channel, "mm"), 1.0 if finding.where.channel in reading else 1e3
+    heights = [(value, at, std) for at, value, std in finding.shape]
+    (low, low_at, low_std), (high, high_at, high_std) = min(heights), max(heights)
+    covariate = finding.where.covariate or "time"
+    of = UNITS[covariate]
+
+    def height(value: float, std: float, at: float) -> str:
+        sure = f" +- {scale * std:.1g}" if std > 0.0 else ""
+        return f"{scale * value:.3g}{sure} {unit} at {_short(at)} {of}"
+
+    return f"from {height(low, low_std, low_at)} to {height(high, high_std, high_at)}"
+
+
+def _short(value: float) -> str:
+    """Three digits, and no power of ten where a reader expects none."""
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+
+
 def place(where: Where) -> str:
     """Where a mismatch is, in words."""
-    channel = {
-        "wheel": "wheels against receiver",
-        "wheel_ratio": "wheel against wheel",
-        "gnss_speed": "the receiver's speed",
-        "gnss_course": "the receiver's course",
-        "gnss_position": "the receiver's position",
-        "yaw_rate": "the yaw rate",
-    }[where.channel]
-    text = channel + (f" ({' '.join(where.wheels)})" if where.wheels else "")
+    text = CHANNELS[where.channel] + (f" ({' '.join(where.wheels)})" if where.wheels else "")
     if where.covariate is not None:
         text += f", over {where.covariate}"
         if where.range is not None:
             low, high = where.range
-            text += f" from {low:.3g} to {high:.3g} {UNITS.get(where.covariate, '')}".rstrip()
+            text += f" from {_short(low)} to {_short(high)} {UNITS.get(where.covariate, '')}".rstrip()
     elif where.time_spans:
         text += ", " + ", ".join(f"{a:.0f} to {b:.0f} s" for a, b in where.time_spans)
     return text

@@ -28,8 +28,8 @@ def replay_document(result: ReplayResult) -> dict[str, Any]:
         "realtime_factor": _number(result.realtime_factor),
         "wheels": {outcome.wheel: _wheel(outcome, result) for outcome in seen},
         "unavailable": [outcome.wheel for outcome in result.wheels if outcome.seen_s <= 0],
-        "alarms": [_alarm(alarm, result.start_s) for alarm in result.alarms],
-        "active_alarms": [_alarm(alarm, result.start_s) for alarm in result.active],
+        "alarms": [alarm_entry(alarm, result.start_s) for alarm in result.alarms],
+        "active_alarms": [alarm_entry(alarm, result.start_s) for alarm in result.active],
         "learning": {
             "fraction": _number(result.learning_fraction),
             "informative_s": _number(result.informative_s),
@@ -71,7 +71,8 @@ def _wheel(outcome: WheelOutcome, result: ReplayResult) -> dict[str, Any]:
     }
 
 
-def _alarm(alarm: AlarmEvent, start_s: float) -> dict[str, Any]:
+def alarm_entry(alarm: AlarmEvent, start_s: float) -> dict[str, Any]:
+    """One alarm raised or cleared; `start_s` is when the drive began."""
     return {
         "time": _number(alarm.time_s),
         "kind": str(alarm.kind),

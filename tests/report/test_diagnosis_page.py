@@ -1,0 +1,132 @@
+"""Summary, document and page of a diagnosis that was written by hand."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.report.test_alarms_compared import LEAK
+from tpmsd.diagnosis.reach import ChannelReach, Reach
+from tpmsd.diagnosis.result import Diagnosis, Finding, Ground, Inner, Quantity, Trace, Where
+from tpmsd.physics.model import ExtendedModel
+from tpmsd.report.diagnosis_document import diagnosis_document
+from tpmsd.report.diagnosis_html import diagnosis_page
+from tpmsd.report.diagnosis_summary import diagnosis_summary, reached
+
+SHAPE = Finding(
+    effect="unknown",
+    confidence=0.999,
+    parameters={},
+    where=Where(("rl", "rr"), "wheel_ratio", "speed", (12.0, 30.0)),
+    rms_before=1.7,
+    rms_after=0.9,
+    loglik_gain_per_s=10.0,
+    gain=12_000.0,
+    indistinguishable_from=(),
+    shape=((10.0, 0.0, 0.0), (20.0, -1.4e-3, 5e-5), (30.0, -1e-4, 4e-5)),
+)
+LATENCY = replace(
+    LEAK,
+    effect="gnss_latency",
+    parameters={"latency_s": Quantity(0.1, 0.004, "s")},
+    where=Where((), "gnss_speed", "accel_long", (-2.0, 1.5)),
+    indistinguishable_from=("antenna_lever_arm",),
+    advice="brake hard on a straight",
+)
+REACH = Reach(300.0, 100.0, 20.0, {"gnss_speed": ChannelReach(300.0, 100.0, 0.31, 1e-9)})
+BENDS = np.linspace(-2.0, 2.0, 8)
+FOUND = Diagnosis(
+    verdict="mismatch",
+    reason="",
+    findings=(SHAPE, LATENCY),
+    driving_s=1200.0,
+    baseline_rms=1.8,
+    baseline_loglik_per_s=-3.0,
+    model_rms=0.9,
+    unexplained=None,
+    model=ExtendedModel(),
+    evidence=(("gnss_latency", 400.0), ("lateral_slip", 3.0), ("road_grade", -1.0)),
+    notes=("tuesday: left out, for the drive is shorter than 90 s",),
+    reach=REACH,
+    inner=Inner(
+        rms_by_channel={"gnss_speed": (1.8, 0.9)},
+        traces=(
+            Trace("unknown", "speed", BENDS + 20.0, 10.0 * BENDS, 0.1 * BENDS),
+            Trace("gnss_latency", "accel_long", BENDS, 10.0 * BENDS, 0.1 * BENDS),
+        ),
+        ground=Ground(BENDS * 100.0, BENDS * 10.0, BENDS),
+    ),
+)
+
+
+def test_the_summary_says_where_a_shape_goes() -> None:
+    """The deepest and the highest place of a shape, in millimetres with their std."""
+    text = diagnosis_summary(FOUND, "model.toml")
+
+    assert "from -1.4 +- 0.05 mm at 20 m/s to 0 mm at 10 m/s" in text
+    assert "this drive cannot tell it from: antenna_lever_arm" in text
+    assert text.endswith("The extended model is in model.toml.")
+
+
+@pytest.mark.parametrize(
+    ("reach", "sentence"),
+    [
+        (
+            REACH,
+            "Of what a model of free shape gains on held-out stretches, 75 % was reached; 100 +- 20 nats are "
+            "left, most of them in the receiver's speed.",
+        ),
+        (
+            replace(REACH, left=-1.25, left_std=3.0),
+            "Of what a model of free shape gains on held-out stretches, 100 % was reached; what is left is "
+            "noise (-1.2 +- 3 nats).",
+        ),
+        (
+            replace(REACH, found=0.0, left=2.0, left_std=3.0),
+            "A model of free shape gains nothing on held-out stretches either (2 +- 3 nats).",
+        ),
+        (
+            replace(REACH, found=0.0),
+            "Of what a model of free shape gains on held-out stretches, 0 % was reached; 100 +- 20 nats are "
+            "left, most of them in the receiver's speed.",
+        ),
+    ],
+)
+def test_what_is_left_is_said_in_a_sentence(reach: Reach, sentence: str) -> None:
+    """Noise, structure, or nothing to reach at all."""
+    assert sentence == reached(reach)
+
+
+def test_the_document_has_what_was_reached() -> None:
+    """Share and gains as numbers, by channel too; null where nothing was to be reached."""
+    document = json.loads(json.dumps(diagnosis_document(FOUND, None), allow_nan=False))
+    nothing = diagnosis_document(replace(FOUND, reach=replace(REACH, found=0.0, left=0.0)), None)
+
+    assert (0.75, True) == (document["reach"]["share"], document["reach"]["structured"])
+    assert 0.31 == document["reach"]["channels"]["gnss_speed"]["correlation"]
+    assert nothing["reach"]["share"] is None
+    assert "alarms" not in document
+    assert [1.0, 1.0, 1.0] == [len(s) / 3 for s in document["findings"][0]["shape"]]
+
+
+def test_the_page_shows_every_finding() -> None:
+    """Shape and mismatch of the unknown, mismatch of the latency, map and evidence: five pictures."""
+    page = diagnosis_page(FOUND, ["monday", "<tuesday>"])
+
+    assert 5 == page.count("<svg")
+    assert "Diagnosis of monday, &lt;tuesday&gt;" in page
+    assert "left out, for the drive is shorter than 90 s" in page
+    assert "latency_s = 0.1 +- 0.004 s" in page
+    assert "what noise lets expect" in page
+    assert "road_grade" not in page
+    assert not [mark for mark in ("<script", "src=", "href=", "url(") if mark in page]
+
+
+def test_small_lengths_are_in_millimetres_on_the_page() -> None:
+    """A change of radius reads in millimetres, with its standard deviation."""
+    page = diagnosis_page(replace(FOUND, findings=(LEAK,)), ["monday"])
+
+    assert "deviation_m = -2 +- 0.01 mm" in page

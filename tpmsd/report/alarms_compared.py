@@ -1,0 +1,176 @@
+"""What missing physics means for the tyres: alarms and radii of a drive without and with the found model.
+
+In: two `ReplayResult`s of one drive, the second with the model compensated, and the faults found. Out:
+`AlarmsCompared`, its JSON and its sentences. A `radius_change` is the fault itself: it is in both replays,
+and is taken out of the radii only where their bias is measured.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tpmsd.diagnosis.result import Finding
+from tpmsd.monitor.records import AlarmEvent, AlarmKind
+from tpmsd.physics.catalogue import make_effect
+from tpmsd.physics.effects.radius_change import RadiusChange
+from tpmsd.report.replay_document import alarm_entry
+from tpmsd.report.replay_result import ReplayResult
+from tpmsd.report.wording import drive_time, wheel_name
+from tpmsd.wheels import WHEELS, FloatArray
+
+SETTLED_S = 120.0
+"""Before, the radii have not been learned yet."""
+SOONER_S = 10.0
+"""An alarm that comes earlier or later by less is not worth a word."""
+
+Key = tuple[AlarmKind, str | None]
+
+
+@dataclass(frozen=True)
+class WheelBias:
+    """Scatter of a wheel's estimated radius about its own median over the drive, the fault taken out."""
+
+    wheel: str
+    before_m: float
+    after_m: float
+    std_m: float
+    """What the estimator itself claims to know, in the median: no bias below it can be seen."""
+
+
+@dataclass(frozen=True)
+class AlarmsCompared:
+    """One drive, replayed without and with the model."""
+
+    drive: str
+    before: ReplayResult
+    after: ReplayResult
+    """The same record where the model holds nothing to compensate."""
+    faults: tuple[RadiusChange, ...]
+    notes: tuple[str, ...]
+    """What of the model was not compensated."""
+
+    @property
+    def wheels(self) -> tuple[WheelBias, ...]:
+        """One entry per wheel whose radius was known."""
+        out = []
+        for k, wheel in enumerate(WHEELS):
+            before, after = (self._bias_m(result, k) for result in (self.before, self.after))
+            if math.isfinite(before) and math.isfinite(after):
+                claimed = float(np.nanmedian(self.before.std_m[:, k]))
+                out.append(WheelBias(wheel, before, after, claimed))
+        return tuple(out)
+
+    def _bias_m(self, result: ReplayResult, wheel: int) -> float:
+        deviation = result.deviation_m[:, wheel] - self.fault_m(result, wheel)
+        since = result.time_s - result.start_s
+        known = deviation[np.isfinite(deviation) & (since > min(SETTLED_S, 0.3 * result.duration_s))]
+        return float(np.sqrt(np.mean((known - np.median(known)) ** 2))) if len(known) > 10 else math.nan
+
+    def fault_m(self, result: ReplayResult, wheel: int) -> FloatArray:
+        """(n,) change of a wheel's radius by the faults of the model."""
+        since = result.time_s - result.start_s
+        out = np.zeros_like(since)
+        for fault in self.faults:
+            if fault.wheel == WHEELS[wheel]:
+                share = np.clip((since - fault.onset_s) / max(fault.duration_s, 1e-9), 0.0, 1.0)
+                out += fault.deviation_m * share
+        return out
+
+    @property
+    def changes(self) -> tuple[str, ...]:
+        """One sentence per alarm that goes, comes, or comes at another time."""
+        before, after = _raised(self.before), _raised(self.after)
+        leaking = {fault.wheel for fault in self.faults if fault.deviation_m < 0.0}
+        changed = {fault.wheel for fault in self.faults}
+        out = []
+        for key, alarm in before.items():
+            when = drive_time(alarm.time_s - self.before.start_s)
+            faulty = alarm.wheel in (leaking if alarm.kind == AlarmKind.DEFLATION else changed)
+            if key not in after:
+                what = "An alarm is lost" if faulty else "A false alarm goes"
+                out.append(f"{what}: {_name(alarm)} at {when}.")
+            else:
+                moved = (after[key].time_s - self.after.start_s) - (alarm.time_s - self.before.start_s)
+                if abs(moved) > SOONER_S:
+                    word = "sooner" if moved < 0 else "later"
+                    out.append(f"{_name(alarm).capitalize()} is announced {drive_time(abs(moved))} {word}.")
+        for key, alarm in after.items():
+            if key not in before:
+                faulty = alarm.wheel in (leaking if alarm.kind == AlarmKind.DEFLATION else changed)
+                what = "A hidden leak appears" if faulty else "A new alarm that no fault explains appears"
+                when = drive_time(alarm.time_s - self.after.start_s)
+                out.append(f"{what}: {_name(alarm)} at {when}.")
+        return tuple(out)
+
+
+def compare_alarms(
+    drive: str,
+    before: ReplayResult,
+    after: ReplayResult | None,
+    findings: Sequence[Finding],
+    notes: tuple[str, ...] = (),
+) -> AlarmsCompared:
+    """Put the two replays side by side; `after` is None where there was nothing to compensate."""
+    faults = []
+    for finding in findings:
+        if finding.effect == RadiusChange.name and drive in (finding.drives or (drive,)):
+            values = {name: quantity.value for name, quantity in finding.parameters.items()}
+            faults.append(make_effect(RadiusChange.name, **values))
+    found = tuple(fault for fault in faults if isinstance(fault, RadiusChange))
+    return AlarmsCompared(drive, before, before if after is None else after, found, notes)
+
+
+def alarms_document(compared: AlarmsCompared) -> dict[str, Any]:
+    """The comparison as plain JSON values."""
+    before, after = compared.before, compared.after
+    return {
+        "drive": compared.drive,
+        "before": [alarm_entry(alarm, before.start_s) for alarm in before.alarms],
+        "after": [alarm_entry(alarm, after.start_s) for alarm in after.alarms],
+        "radius_bias_mm": {
+            bias.wheel: {
+                "before": 1e3 * bias.before_m,
+                "after": 1e3 * bias.after_m,
+                "estimate_std": 1e3 * bias.std_m,
+            }
+            for bias in compared.wheels
+        },
+        "changes": list(compared.changes),
+        "not_compensated": list(compared.notes),
+    }
+
+
+def alarms_summary(compared: AlarmsCompared) -> str:
+    """The comparison in plain sentences."""
+    name = compared.drive
+    counts = [sum(alarm.state == "raised" for alarm in r.alarms) for r in (compared.before, compared.after)]
+    if compared.after is compared.before:
+        return f"Alarms of {name}: {_count(counts[0])}; the model holds nothing to compensate."
+    lines = [f"Alarms of {name}: {_count(counts[0])} without the model, {_count(counts[1])} with it."]
+    lines += [f"   {change}" for change in compared.changes]
+    biases = ", ".join(f"{b.wheel} {1e3 * b.before_m:.2f} to {1e3 * b.after_m:.2f}" for b in compared.wheels)
+    lines.append(f"   radii scatter about their own median by (mm, before to after): {biases}")
+    lines += [f"   {note}" for note in compared.notes]
+    return "\n".join(lines)
+
+
+def _count(number: int) -> str:
+    return {0: "none", 1: "one"}.get(number, str(number))
+
+
+def _raised(result: ReplayResult) -> dict[Key, AlarmEvent]:
+    """The first alarm of each kind and wheel."""
+    out: dict[Key, AlarmEvent] = {}
+    for alarm in result.alarms:
+        if alarm.state == "raised":
+            out.setdefault((alarm.kind, alarm.wheel), alarm)
+    return out
+
+
+def _name(alarm: AlarmEvent) -> str:
+    return f"{alarm.kind} of the {wheel_name(alarm.wheel)} wheel" if alarm.wheel else str(alarm.kind)
