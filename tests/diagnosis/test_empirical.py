@@ -45,7 +45,7 @@ def reader() -> Reader:
 def test_the_effect_is_the_shape_that_was_fitted(
     reader: Reader, place: str, covariate: str, size: float
 ) -> None:
-    """The forward model with the effect moves the channels as the columns of the fit do: by 5 % on the whole.
+    """The forward model with the effect moves the channels as the columns of the fit do: by 10 % on the whole.
 
     Window by window they differ more, for the mean of a shape is not the shape of a mean.
     """
@@ -61,7 +61,7 @@ def test_the_effect_is_the_shape_that_was_fitted(
     moved = reader.predict(ExtendedModel((effect,))) - reader.predict(ExtendedModel())
 
     assert float(np.nanmax(np.abs(fitted))) > 0.5 * size
-    assert float(np.nansum(moved * fitted) / np.nansum(fitted**2)) == pytest.approx(1.0, abs=0.05)
+    assert float(np.nansum(moved * fitted) / np.nansum(fitted**2)) == pytest.approx(1.0, abs=0.1)
     assert float(np.nanstd(moved - fitted)) < 0.3 * float(np.nanstd(fitted))
 
 
