@@ -1,0 +1,509 @@
+"""A day of driving in logical time, with one fault after the other: `make soak`.
+
+In: hours, a seed. Out: what a daemon made of it, hour by hour. The whole daemon runs, with its loop, queue,
+status socket and state file; only bus, receiver and clock are stand-ins, and the clock leaps from deadline to
+deadline, so that an hour takes about a minute.
+
+    python -m tests.faults.soak --hours 24
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import functools
+import gc
+import logging
+import operator
+import os
+import socket
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tpmsd.config.load import load_config
+from tpmsd.config.model import CanConfig, Config
+from tpmsd.daemon.clock import Clock
+from tpmsd.daemon.loop import Daemon
+from tpmsd.pipeline import Step
+from tpmsd.simulator.bus import BusSpec
+from tpmsd.simulator.clock import Clocks
+from tpmsd.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
+from tpmsd.simulator.faults import Fault
+from tpmsd.simulator.receiver import ReceiverSpec
+from tpmsd.sinks.sd_notify import Notifier
+from tpmsd.sources.can_decoder import load_database
+from tpmsd.sources.can_frame import CanFrame
+from tpmsd.sources.can_live import CanDown
+from tpmsd.sources.serial_live import ReceiverGone
+
+WHEELS, INERTIAL = 0xB0, 0xB4
+OFFSET_M = (0.9e-3, -0.7e-3, -1.1e-3, 0.6e-3)
+"""True minus nominal radii, the same all day."""
+START_S = 1_719_820_800.0
+LEG_S = 900.0
+PARKED_S = 120.0
+CALM_S = 150.0
+"""At the beginning of a leg nothing happens, nor at the end of the last one, where a tyre goes soft."""
+PUNCTURE_S = 120.0
+BUS_FAULTS = ("silent", "lossy", "frozen", "noise", "spoofed", "down", "twice", "no value", "flood")
+OTHER_FAULTS = ("unplugged", "garbage", "mute", "frozen fix", "jump", "clock", "clients")
+
+
+@dataclass(frozen=True)
+class Episode:
+    """Something that is wrong for a while; times in seconds since the day's start."""
+
+    kind: str
+    from_s: float
+    to_s: float
+
+
+class DayClock(Clock):
+    """Leaps to whatever the loop would wait for; its wall clock may be set."""
+
+    def __init__(self, start_s: float) -> None:
+        self._now_s = 0.0
+        self._set_by_s = 0.0
+        super().__init__(
+            1.0, wall=lambda: start_s + self._set_by_s + self._now_s, monotonic=lambda: self._now_s
+        )
+        self.next_input_s: Callable[[], float] = lambda: float("inf")
+
+    def set_by(self, seconds: float) -> None:
+        """Set the wall clock."""
+        self._set_by_s += seconds
+
+    @property
+    def stamp_offset_s(self) -> float:
+        """What the wall clock shows at the day's start, as it is set now."""
+        return self.now() - self._now_s
+
+    def to_real(self, seconds: float) -> float:
+        """Nothing is waited for: the time is over at once."""
+        self._now_s = min(self._now_s + seconds, max(self.next_input_s(), self._now_s))
+        return 0.0
+
+
+@dataclass
+class Day:
+    """What bus and receiver deliver, leg by leg."""
+
+    seed: int
+    legs: int
+    clock: DayClock
+    episodes: list[Episode] = field(default_factory=list)
+    happened: Counter[str] = field(default_factory=Counter)
+    leg: int = -1
+
+    def __post_init__(self) -> None:
+        self._rng = np.random.default_rng(self.seed)
+        self._place = (50.11, 8.68)
+        self._frames: Iterator[tuple[float, int, bytes]] = iter(())
+        self._lines: Iterator[tuple[float, bytes]] = iter(())
+        self._frame: tuple[float, int, bytes] | None = None
+        self._line: tuple[float, bytes] | None = None
+        self._held: dict[str, bytes] = {}
+        self._own = np.zeros(4)
+        self._before = np.zeros(4, dtype=np.int64)
+        self._clients: list[socket.socket] = []
+        self._clock_done: set[float] = set()
+        self.clock.next_input_s = lambda: self._line[0] if self._line is not None else float("inf")
+
+    @property
+    def period_s(self) -> float:
+        """From leg to leg."""
+        return LEG_S + PARKED_S
+
+    def drive(self, leg: int) -> SimulatedDrive:
+        """One leg; the last one ends with a puncture."""
+        last = leg == self.legs - 1
+        faults = (Fault("puncture", 2.0, "percent", "rr", LEG_S - PUNCTURE_S, 15.0),) if last else ()
+        receiver = ReceiverSpec(latitude_deg=self._place[0], longitude_deg=self._place[1])
+        spec = DriveSpec(
+            route=("mixed", "motorway", "rural")[leg % 3],
+            duration_s=LEG_S,
+            seed=1000 * self.seed + leg,
+            radius_offset_m=OFFSET_M,
+            faults=faults,
+            bus=BusSpec(lost_fraction=0.001),
+            receiver=receiver,
+            clocks=Clocks(start_utc_s=START_S + leg * self.period_s),
+        )
+        return simulate_drive(spec)
+
+    def next_leg(self) -> None:
+        """Take the next leg."""
+        self.leg += 1
+        made = self.drive(self.leg)
+        self._place = (float(made.epochs.track.latitude_deg[-1]), float(made.epochs.track.longitude_deg[-1]))
+        begin_s = self.leg * self.period_s
+        origin_s = float(made.truth()["start_host_s"])
+        kept = (made.frames.frame_id == WHEELS) | (
+            (made.frames.frame_id == INERTIAL) & (np.arange(len(made.frames)) % 4 == 0)
+        )
+        times = made.frames.time_s[kept] - origin_s + begin_s
+        self._frames = zip(
+            times.tolist(),
+            made.frames.frame_id[kept].tolist(),
+            (row.tobytes() for row in made.frames.data[kept]),
+            strict=True,
+        )
+        self._lines = iter(
+            [(line.time_s - origin_s + begin_s, line.text.encode("ascii")) for line in made.nmea]
+        )
+        self._frame, self._line = next(self._frames, None), next(self._lines, None)
+        self.episodes = list(self._draw(begin_s))
+
+    def _draw(self, begin_s: float) -> Iterator[Episode]:
+        end_s = begin_s + LEG_S - (2.0 * CALM_S if self.leg == self.legs - 1 else 30.0)
+        at_s = begin_s + CALM_S
+        while at_s < end_s:
+            kinds = BUS_FAULTS + OTHER_FAULTS
+            kind = kinds[int(self._rng.integers(len(kinds)))]
+            length_s = float(self._rng.uniform(1.0, 40.0))
+            yield Episode(kind, at_s, at_s + (min(length_s, 5.0) if kind == "flood" else length_s))
+            self.happened[kind] += 1
+            at_s += length_s + float(self._rng.uniform(20.0, 90.0))
+
+    def now(self, time_s: float) -> Episode | None:
+        """What is wrong now."""
+        return next((e for e in self.episodes if e.from_s <= time_s < e.to_s), None)
+
+    def frames(self, until_s: float, limit: int) -> list[CanFrame]:
+        """What came on the bus."""
+        out: list[CanFrame] = []
+        while self._frame is not None and self._frame[0] <= until_s and len(out) < limit:
+            time_s, number, data = self._frame
+            episode = self.now(time_s)
+            kind = "" if episode is None else episode.kind
+            if kind not in ("frozen", "spoofed"):
+                self._held.pop("frame", None)
+            for later_s, identifier, payload in self._changed(kind, time_s, number, data):
+                stamp_s = later_s + self.clock.stamp_offset_s
+                out.append(CanFrame(stamp_s, "day", identifier, False, False, False, False, payload))
+            self._frame = next(self._frames, None)
+        return out
+
+    def _changed(self, kind: str, time_s: float, number: int, data: bytes) -> list[tuple[float, int, bytes]]:
+        plain = (time_s, number, data)
+        if kind == "silent":
+            return []
+        if number != WHEELS:
+            return [plain]
+        if kind == "lossy":
+            return [plain] if self._rng.random() < 0.7 else []
+        if kind == "frozen":
+            return [(time_s, number, self._held.setdefault("frame", data))]
+        if kind == "noise":
+            return [plain if self._rng.random() < 0.9 else (time_s, number, self._rng.bytes(8))]
+        if kind == "no value":
+            return [(time_s, number, b"\xff" * 8)]
+        if kind == "twice":
+            return [plain, plain]
+        if kind == "flood":
+            return [plain, *((time_s, 0x100 + k, bytes(8)) for k in range(100))]
+        if kind == "spoofed":
+            counts = np.frombuffer(data, "<u2").astype(np.int64)
+            if "frame" not in self._held:
+                self._held["frame"] = data
+                self._own[:] = self._rng.integers(0, 65536, 4)
+                self._before = counts
+            self._own += (counts - self._before) % 65536 * np.array([1.0, 1.0, 1.02, 1.0])
+            self._before = counts
+            other = (self._own.astype(np.int64) % 65536).astype("<u2").tobytes()
+            return [plain, (time_s + 0.007, number, other)]
+        return [plain]
+
+    def sentences(self, until_s: float) -> bytes:
+        """What came from the receiver."""
+        out = b""
+        while self._line is not None and self._line[0] <= until_s:
+            time_s, text = self._line
+            episode = self.now(time_s)
+            kind = "" if episode is None else episode.kind
+            if kind != "frozen fix":
+                for key in ("RMC", "GGA"):
+                    self._held.pop(key, None)
+            if kind == "garbage":
+                out += self._rng.bytes(60)
+            elif kind == "frozen fix":
+                out += self._held.setdefault(text[3:6].decode(), text) + b"\r\n"
+            elif kind == "jump":
+                out += _sealed(text.replace(b",N,", b",S,")) + b"\r\n"
+            elif kind not in ("mute", "unplugged"):
+                out += text + b"\r\n"
+            self._line = next(self._lines, None)
+        return out
+
+    def hold(self, time_s: float, socket_path: Path) -> None:
+        """Clock steps and clients: what concerns neither bus nor receiver."""
+        episode = self.now(time_s)
+        kind = "" if episode is None else episode.kind
+        if episode is not None and kind == "clock" and episode.from_s not in self._clock_done:
+            self._clock_done.add(episode.from_s)
+            self.clock.set_by(float(self._rng.choice([-3600.0, -5.0, 5.0, 3600.0])))
+        if kind == "clients" and not self._clients:
+            for number in range(20):
+                client = socket.socket(socket.AF_UNIX)
+                client.setblocking(False)
+                with contextlib.suppress(BlockingIOError, OSError):
+                    client.connect(str(socket_path))
+                    client.send((b"watch\n", b"status\n", b"{[\n", b"x" * 5000)[number % 4])
+                self._clients.append(client)
+        elif kind != "clients" and self._clients:
+            for client in self._clients:
+                client.close()
+            self._clients.clear()
+
+
+def _sealed(text: bytes) -> bytes:
+    """The sentence with the checksum that it should have."""
+    body = text[1 : text.rindex(b"*")]
+    return b"$%s*%02X" % (body, functools.reduce(operator.xor, body))
+
+
+class DayBus:
+    """The bus of the day, as `LiveCan`."""
+
+    def __init__(self, day: Day) -> None:
+        self._day = day
+        self.dropped = 0
+        self.sent: Counter[int] = Counter()
+
+    def _is_down(self) -> bool:
+        episode = self._day.now(self._day.clock.monotonic())
+        return episode is not None and episode.kind == "down"
+
+    def open(self, config: CanConfig, filters: list[dict[str, Any]] | None, channel: str) -> DayBus:
+        """`CanDown` while it is down."""
+        if self._is_down():
+            raise CanDown(channel, "Network is down")
+        return self
+
+    def fileno(self) -> int | None:
+        """None: it is looked at."""
+        return None
+
+    def read(self, limit: int = 1000) -> list[CanFrame]:
+        """Frames up to now."""
+        frames = self._day.frames(self._day.clock.monotonic(), limit)
+        if self._is_down():
+            raise CanDown("day", "Network is down")
+        return frames
+
+    def send(self, arbitration_id: int, data: bytes, extended: bool = False) -> bool:
+        """Counts."""
+        self.sent[arbitration_id] += 1
+        return True
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+class DayReceiver:
+    """The receiver of the day, as `SerialReceiver`."""
+
+    def __init__(self, day: Day) -> None:
+        self._day = day
+        self._pair: tuple[socket.socket, socket.socket] | None = None
+
+    def _is_gone(self) -> bool:
+        episode = self._day.now(self._day.clock.monotonic())
+        return episode is not None and episode.kind == "unplugged"
+
+    def open(self) -> None:
+        """`ReceiverGone` while it is unplugged."""
+        self.close()
+        if self._is_gone():
+            raise ReceiverGone("day", "no such device")
+        self._pair = socket.socketpair()
+
+    def fileno(self) -> int:
+        """A descriptor of its own with each opening."""
+        if self._pair is None:
+            raise ReceiverGone("day", "not open")
+        return self._pair[0].fileno()
+
+    def read(self) -> bytes:
+        """Sentences up to now."""
+        data = self._day.sentences(self._day.clock.monotonic())
+        if self._is_gone():
+            raise ReceiverGone("day", "unplugged")
+        return data
+
+    def close(self) -> None:
+        """Give the descriptors back."""
+        if self._pair is not None:
+            for end in self._pair:
+                end.close()
+            self._pair = None
+
+
+@dataclass
+class Mark:
+    """How the process was at the end of a leg."""
+
+    leg: int
+    ticks: int
+    elapsed_s: float
+    rss_kb: int
+    descriptors: int
+    deviation_m: list[float]
+
+
+@dataclass
+class Soaked:
+    """The day in figures."""
+
+    marks: list[Mark] = field(default_factory=list)
+    alarms: list[tuple[float, str, str | None, str]] = field(default_factory=list)
+    happened: Counter[str] = field(default_factory=Counter)
+    document: dict[str, Any] = field(default_factory=dict)
+    real_s: float = 0.0
+
+    @property
+    def tyre_alarms(self) -> list[tuple[float, str, str | None, str]]:
+        """Those that accuse a tyre."""
+        return [alarm for alarm in self.alarms if alarm[1] != "malfunction"]
+
+
+def configuration(folder: Path) -> Config:
+    """The configuration of the simulator's car."""
+    made = simulate_drive(DriveSpec(duration_s=10.0, seed=1))
+    text = made.configuration("virtual", "day", "day")
+    text += '\n[status]\nsocket = "status.sock"\n\n[state]\nfile = "state.json"\n'
+    (folder / "vehicle.toml").write_text(text, encoding="utf-8")
+    (folder / "bus.dbc").write_text(made.dbc, encoding="utf-8")
+    config = load_config(folder)
+    signals = {r: s for r, s in config.can.signals.items() if r.startswith("wheel_") or r == "yaw_rate"}
+    return dataclasses.replace(config, can=dataclasses.replace(config.can, signals=signals))
+
+
+def soak(
+    legs: int, seed: int, folder: Path, told: Callable[[Mark, Soaked], None] = lambda m, s: None
+) -> Soaked:
+    """Drive so many legs; `told` hears of each."""
+    config = configuration(folder)
+    clock = DayClock(START_S)
+    day = Day(seed, legs, clock)
+    day.next_leg()
+    bus, result = DayBus(day), Soaked()
+    began = time.monotonic()
+    log = logging.getLogger("tests.soak")
+    log.setLevel(logging.CRITICAL + 1)
+
+    def watch(step: Step) -> None:
+        now_s = clock.monotonic()
+        result.alarms += [(now_s, str(e.kind), e.wheel, e.state) for e in step.report.events]
+        day.hold(now_s, config.status.socket)
+        if now_s >= (day.leg + 1) * day.period_s - 1.0 and len(result.marks) == day.leg:
+            mark(step)
+            if day.leg + 1 < legs:
+                day.next_leg()
+
+    def mark(step: Step) -> None:
+        gc.collect()
+        pages = int(Path("/proc/self/statm").read_text("ascii").split()[1])
+        made = Mark(
+            day.leg,
+            daemon.ticks,
+            clock.monotonic(),
+            pages * os.sysconf("SC_PAGE_SIZE") // 1024,
+            len(list(Path("/proc/self/fd").iterdir())),
+            step.estimate.deviation_m.tolist(),
+        )
+        result.marks.append(made)
+        told(made, result)
+
+    daemon = Daemon(
+        config,
+        load_database(config.can.dbc),
+        clock,
+        Notifier(None),
+        open_bus=bus.open,
+        open_receiver=lambda _: DayReceiver(day),
+        on_step=watch,
+        frame_time=lambda stamp_s: stamp_s,
+        log=log,
+    )
+    daemon.run(legs * day.period_s)
+    result.document = daemon.document()
+    result.happened = day.happened
+    result.real_s = time.monotonic() - began
+    return result
+
+
+def main() -> int:
+    """Soak, and say how it went; 1 if something is not as it should be."""
+    parser = argparse.ArgumentParser(description="a day of driving in logical time, with faults")
+    parser.add_argument("--hours", type=float, default=24.0)
+    parser.add_argument("--seed", type=int, default=1)
+    args = parser.parse_args()
+    legs = max(2, round(args.hours * 3600.0 / (LEG_S + PARKED_S)))
+
+    def told(mark: Mark, so_far: Soaked) -> None:
+        off_mm = 1e3 * (np.array(mark.deviation_m) - OFFSET_M)
+        print(
+            f"leg {mark.leg + 1:3d}/{legs}  {mark.elapsed_s / 3600:5.2f} h  {mark.ticks:7d} ticks  "
+            f"{mark.rss_kb / 1024:6.1f} MB  {mark.descriptors:3d} fds  "
+            f"radii off {np.array2string(off_mm, precision=2, floatmode='fixed')} mm  "
+            f"{len(so_far.alarms)} alarm events, {len(so_far.tyre_alarms)} of tyres",
+            flush=True,
+        )
+
+    with tempfile.TemporaryDirectory(prefix="tpmsd-soak-") as folder:
+        result = soak(legs, args.seed, Path(folder), told)
+    wrong = problems(result, legs)
+    print(f"\nfaults: {dict(sorted(result.happened.items()))}")
+    print(f"bus: {result.document['can']['faults']}")
+    print(f"receiver: {result.document['gnss']['faults']}")
+    print(f"tyre alarms: {[(round(t), *rest) for t, *rest in result.tyre_alarms]}")
+    print(f"{result.marks[-1].elapsed_s / 3600:.2f} h in {result.real_s / 60:.1f} min")
+    for problem in wrong:
+        print(f"WRONG: {problem}")
+    return 1 if wrong else 0
+
+
+GROWTH_KB = 6 * 1024
+RADIUS_TOLERANCE_M = 0.6e-3
+
+
+def problems(result: Soaked, legs: int) -> list[str]:
+    """What is not as it should be, one line each."""
+    wrong: list[str] = []
+    puncture_s = (legs - 1) * (LEG_S + PARKED_S) + LEG_S - PUNCTURE_S
+    false = [alarm for alarm in result.tyre_alarms if alarm[0] < puncture_s]
+    if false:
+        wrong.append(f"{len(false)} false alarms, first {false[0]}")
+    found = [alarm for alarm in result.tyre_alarms if alarm[0] >= puncture_s]
+    if not any((kind, wheel, state) == ("deflation", "rr", "raised") for _, kind, wheel, state in found):
+        wrong.append("the puncture at the end was not found")
+    if any(wheel != "rr" for _, _, wheel, _ in found):
+        wrong.append(f"another wheel was accused at the end: {found}")
+    warm = result.marks[min(len(result.marks) // 4, 2) :]
+    growth_kb = warm[-1].rss_kb - warm[0].rss_kb
+    if growth_kb > GROWTH_KB:
+        wrong.append(f"memory grew by {growth_kb} kB")
+    if max(m.descriptors for m in warm) - min(m.descriptors for m in warm) > 2:
+        wrong.append(f"descriptors: {sorted({m.descriptors for m in warm})}")
+    for before, after in zip(result.marks[:-2], result.marks[1:-1], strict=True):
+        off = np.abs(np.array(after.deviation_m) - OFFSET_M)
+        if before.leg > 0 and np.max(off) > RADIUS_TOLERANCE_M:
+            wrong.append(f"leg {after.leg + 1}: radii off by {1e3 * np.max(off):.2f} mm")
+    expected = 10.0 * result.marks[-1].elapsed_s
+    if not 0.98 * expected <= result.marks[-1].ticks <= expected + 1:
+        wrong.append(f"{result.marks[-1].ticks} ticks instead of {expected:.0f}")
+    return wrong
+
+
+if __name__ == "__main__":
+    sys.exit(main())
