@@ -1,0 +1,1 @@
+"""The proof of the diagnosis: drives of other worlds, sealed truth, and the scorer that joins the two."""
