@@ -10,7 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.calibration.drives import recorded
+from tests.calibration.drives import configured, recorded, recording_of
+from tests.worlds.kinematic import Spec, drive
+from tpmsd.calibration.calibrate import calibrate
 from tpmsd.calibration.checks import RefusedError, check_recordings
 from tpmsd.calibration.nominal import Vehicle, vehicle_of
 from tpmsd.calibration.recording import Recording, record
@@ -87,6 +89,54 @@ def test_straights_and_bends_are_needed(
     assert lines[0].startswith(f"tpmsd: {folder}: cannot be calibrated from: {reason}")
 
 
+LOSS_M = 0.0046 * 0.31
+"""Of radius: a fifth of the pressure."""
+
+
+def loses(*wheels: str) -> dict[str, dict[str, object]]:
+    """Physics of a world in which these wheels lose pressure from the 60th to the 160th second."""
+    change = {"deviation_m": -LOSS_M, "onset_s": 60.0, "duration_s": 100.0}
+    return {f"radius_change{n}": {"wheel": w, **change} for n, w in zip(("", "_2"), wheels, strict=False)}
+
+
+# Tyres that go flat together: far on the way of an exponential that has an end.
+ALL_FOUR: dict[str, dict[str, object]] = {
+    "thermal_growth": {"amplitude_m": -1.58 * LOSS_M, "time_constant_s": 240.0}
+}
+
+
+@pytest.mark.parametrize(
+    ("physics", "wheels", "says"),
+    [
+        (loses("fl"), 4, "the radius of wheel fl changes by -"),
+        (loses("fr"), 4, "the radius of wheel fr changes by -"),
+        (loses("rl"), 4, "the radius of wheel rl changes by -"),
+        (loses("rr"), 2, "the radius of wheel rr changes by -"),
+        (ALL_FOUR, 4, "the radii of all wheels change by -"),
+        (ALL_FOUR, 2, "the radii of all wheels change by -"),
+    ],
+)
+def test_tyres_that_lose_pressure_are_refused(
+    physics: dict[str, dict[str, object]], wheels: int, says: str
+) -> None:
+    """A drive on which any one tyre loses pressure is refused, the wheel named; and so if all of them do."""
+    spec = Spec(duration_s=240.0, road="mixed", physics=physics)
+    recording = recording_of(drive(spec, 3), wheels=wheels)
+
+    with pytest.raises(RefusedError, match=f"{says}.*a tyre that loses pressure") as refusal:
+        calibrate([recording], configured(spec))
+    assert 0 == refusal.value.drive
+
+
+def test_tyres_that_warm_up_are_no_fault() -> None:
+    """Half a millimetre of growth by warmth on all wheels is not taken for a loss of pressure."""
+    warm = {"thermal_growth": {"amplitude_m": 5e-4, "time_constant_s": 300.0}}
+    spec = Spec(duration_s=240.0, road="mixed", physics=warm)
+    found, _ = calibrate([recording_of(drive(spec, 3), wheels=2)], configured(spec))
+
+    assert ["rl", "rr"] == list(found.wheels)
+
+
 def test_a_drive_without_ticks_is_no_drive() -> None:
     """Nothing in, a clear reason out."""
     config = type("Config", (), {"vehicle": DEFAULT_VEHICLE})()
@@ -101,6 +151,8 @@ def test_a_drive_without_ticks_is_no_drive() -> None:
         (["nowhere"], 3, "nowhere: no such drive folder"),
         (["nowhere", "--method", "magic"], 2, "no such method: 'magic' (methods: joint paper)"),
         (["nowhere", "--plot", "p.txt"], 2, "p.txt: a plot ends in .png, .svg, .pdf, not in '.txt'"),
+        (["nowhere", "--write", "/"], 2, "/: a folder; --write takes the name of a file"),
+        (["nowhere", "--write", "none/v.toml"], 2, "none/v.toml: no such folder: none"),
     ],
 )
 def test_wrong_usage_is_one_line(

@@ -6,7 +6,7 @@ In: `Recording`s and the configured vehicle. Out: `Calibration`; `RefusedError` 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -26,16 +26,21 @@ _TELLING = 0.7
 
 
 def calibrate(
-    recordings: Sequence[Recording], config: VehicleConfig, method: str = "joint"
+    recordings: Sequence[Recording],
+    config: VehicleConfig,
+    method: str = "joint",
+    progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[Calibration, Vehicle]:
-    """Calibrate; also the vehicle as calibrated. ValueError on an unknown method, `RefusedError` (one,
-    too)."""
+    """Calibrate; also the vehicle as calibrated. `progress` is told the share of the work that is done.
+
+    ValueError on an unknown method, `RefusedError` (one, too).
+    """
     if method not in METHODS:
         raise ValueError(f"no such method: {method!r} (methods: {' '.join(METHODS)})")
     drives = list(recordings)
     start = vehicle_of(config)
     check_recordings(drives, start)
-    found = fit(drives, start)
+    found = fit(drives, start, progress)
     check_fit(drives, found)  # the paper's method has no test of its own for tyres that lose pressure
     if method == "paper":
         by_paper = fit_paper(drives, start)

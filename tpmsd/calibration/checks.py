@@ -15,7 +15,7 @@ from tpmsd.calibration.joint import PRIOR, JointFit, Rows
 from tpmsd.calibration.nominal import Vehicle, nominal
 from tpmsd.calibration.recording import Recording
 from tpmsd.calibration.whitening import whiten
-from tpmsd.calibration.windows import COLUMNS, PIECES
+from tpmsd.calibration.windows import CHANGES, COLUMNS, PIECES
 from tpmsd.wheels import WHEELS, FloatArray
 
 MOVING_MPS = 3.0
@@ -39,6 +39,8 @@ rules."""
 CALM_FROM_MPS, CALM_TURN_RAD = 6.0, 0.05
 MIN_CHANGE = 1e-3
 """Relative change of one wheel's radius within a drive that is taken for a loss of pressure."""
+MIN_COMMON_LOSS, COMMON_SIGMA = 2.5e-3, 4.0
+"""Relative loss of all radii together against the receiver. Tyres that cool down lose half as much."""
 
 
 class RefusedError(ValueError):
@@ -51,11 +53,12 @@ class RefusedError(ValueError):
 
 @dataclass(frozen=True)
 class Change:
-    """A change of one wheel's radius within a drive."""
+    """A change of one wheel's radius within a drive, or of all of them."""
 
-    wheel: int
+    wheel: int | None
+    """None: all together."""
     relative: float
-    """Against the other wheels."""
+    """Against the other wheels; of all together: against the receiver."""
     sigmas: float
     time_s: float
     """By when it has come about."""
@@ -63,7 +66,16 @@ class Change:
     @property
     def telling(self) -> bool:
         """Whether this is taken for a loss of pressure."""
+        if self.wheel is None:  # tyres that warm up grow
+            return self.sigmas > COMMON_SIGMA and self.relative < -MIN_COMMON_LOSS
         return self.sigmas > CHANGE_SIGMA and abs(self.relative) > MIN_CHANGE
+
+    @property
+    def words(self) -> str:
+        """What changed."""
+        if self.wheel is None:
+            return f"the radii of all wheels change by {self.relative:+.2%}"
+        return f"the radius of wheel {WHEELS[self.wheel]} changes by {self.relative:+.2%} against the others"
 
 
 def check_recordings(recordings: list[Recording], car: Vehicle) -> None:
@@ -119,9 +131,8 @@ def check_fit(recordings: list[Recording], fit: JointFit) -> None:
         change = worst_change(recording, rows)
         if change.telling:
             raise RefusedError(
-                f"the radius of wheel {WHEELS[change.wheel]} changes by {change.relative:+.2%} against the "
-                f"others within {change.time_s:.0f} s ({change.sigmas:.0f} standard deviations): a tyre that "
-                "loses pressure cannot be calibrated",
+                f"{change.words} within {change.time_s:.0f} s ({change.sigmas:.0f} standard deviations): "
+                "a tyre that loses pressure cannot be calibrated",
                 at,
             )
     if fit.std("track_rear") > MAX_TRACK_STD:
@@ -132,10 +143,12 @@ def check_fit(recordings: list[Recording], fit: JointFit) -> None:
 
 
 def worst_change(recording: Recording, rows: Rows) -> Change:
-    """The most significant change of one wheel against the others within a drive.
+    """The most significant change within a drive: of one wheel against the others, or of all together.
 
     All wheels may change piecewise linearly over the drive; what is judged is how far one of them has come
-    from the others at the end of each piece. Bends are left out: load transfer rules there.
+    from the others at the end of each piece. Bends are left out: load transfer rules there. Against the
+    receiver, which is far less exact than wheels among each other, all wheels together may change by one ramp
+    over the whole drive, bends and all.
     """
     windows, wheels = rows.windows, recording.wheels
     inflate = rows.inflate.copy()
@@ -144,29 +157,51 @@ def worst_change(recording: Recording, rows: Rows) -> Change:
     inflate[restless, :4] *= 1e4
     white = whiten(windows, [rows.noise], inflate)[0][0]
     y, X = white[:, :, 0], white[:, :, 1:]
-    flat = X.reshape(-1, X.shape[2])
     mean, std = np.array([PRIOR[name] for name in COLUMNS]).T
+    contrasts, wheel_of, piece_of = _contrasts(wheels)
+    size, sigmas = _sizes(y, X, (mean, std), contrasts, rows.time_s)
+    # Of a pair that drifts apart, the one that shrinks is to blame.
+    best = int(np.argmax(sigmas * (np.abs(size) > MIN_CHANGE) - 1e-3 * (size > 0)))
+    end_s = float(rows.time_s[-1])
+    one = Change(
+        wheel_of[best], float(size[best]), float(sigmas[best]), (piece_of[best] + 1) / PIECES * end_s
+    )
+    steady = len(COLUMNS) - len(CHANGES)
+    ramp = rows.X[:, :, steady:].sum(axis=2, keepdims=True) / PIECES
+    priors = (np.append(mean[:steady], mean[-1]), np.append(std[:steady], std[-1]))
+    columns = np.concatenate([rows.X[:, :, :steady], ramp], axis=2)
+    size, sigmas = _sizes(rows.y, columns, priors, np.eye(steady + 1)[-1:], rows.time_s)
+    together = Change(None, float(size[0]), float(sigmas[0]), end_s)
+    return together if together.telling and not one.telling else one
+
+
+def _sizes(
+    y: FloatArray,
+    X: FloatArray,
+    prior: tuple[FloatArray, FloatArray],
+    contrasts: FloatArray,
+    time_s: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """(q,) contrasts (q, p) of the parameters that whitened rows (k, 9) and columns (k, 9, p) give, and how
+    many standard deviations that is."""
+    mean, std = prior
+    flat = X.reshape(-1, X.shape[2])
     covariance = np.linalg.inv(flat.T @ flat + np.diag(1.0 / np.square(std)))
     values = covariance @ (flat.T @ y.reshape(-1) + mean / np.square(std))
-    contrasts, wheel_of, piece_of = _contrasts(wheels)
     size = contrasts @ values
     # Innovations of a stretch of odd road hang together: clusters, as in `joint`. A change that rests on a
     # few of them does not tell its own spread, which the factor `few` makes up for.
     score = np.einsum("kcp,kc->kp", X, y - X @ values) @ (contrasts @ covariance).T
     weight = np.square(np.einsum("kcp,qp->kcq", X, contrasts @ covariance)).sum(axis=1)
-    span_s = min(CHANGE_CLUSTER_S, float(rows.time_s[-1]) / FEWEST_CLUSTERS)
-    cluster = (rows.time_s / span_s).astype(int)
+    span_s = min(CHANGE_CLUSTER_S, float(time_s[-1]) / FEWEST_CLUSTERS)
+    cluster = (time_s / span_s).astype(int)
     sums, shares = np.zeros((cluster.max() + 1, len(size))), np.zeros((cluster.max() + 1, len(size)))
     np.add.at(sums, cluster, score)
     np.add.at(shares, cluster, weight)
     number = np.square(shares.sum(axis=0)) / np.maximum(np.square(shares).sum(axis=0), 1e-300)
     few = np.sqrt(number / np.maximum(number - 2.0, 0.1))
     by_model = np.sqrt(np.einsum("qp,pr,qr->q", contrasts, covariance, contrasts))
-    sigmas = np.abs(size) / np.maximum(by_model, few * np.sqrt(np.square(sums).sum(axis=0)))
-    # Of a pair that drifts apart, the one that shrinks is to blame.
-    best = int(np.argmax(sigmas * (np.abs(size) > MIN_CHANGE) - 1e-3 * (size > 0)))
-    end_s = (piece_of[best] + 1) / PIECES * float(rows.time_s[-1])
-    return Change(wheel_of[best], float(size[best]), float(sigmas[best]), end_s)
+    return size, np.abs(size) / np.maximum(by_model, few * np.sqrt(np.square(sums).sum(axis=0)))
 
 
 def _contrasts(wheels: list[int]) -> tuple[FloatArray, list[int], list[int]]:

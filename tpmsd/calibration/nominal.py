@@ -86,7 +86,8 @@ def nominal(recording: Recording, car: Vehicle) -> Nominal:
     rate = recording.rotation_rad / dt * car.radius_m
     sigma = SMOOTHING_S / dt
     speed = np.maximum(_to_edges((rate[:, RL] + rate[:, RR]) / 2, sigma), 0.0)
-    by_wheels = _to_edges((rate[:, RR] - rate[:, RL]) / car.geometry.track_rear_m, sigma)
+    shown = _to_edges((rate[:, RR] - rate[:, RL]) / car.geometry.track_rear_m, sigma)
+    by_wheels = shown / shown_turn(car, speed)
     heading = integrate(by_wheels, edges) + _lead(recording, edges, speed, integrate(by_wheels, edges))
     grade = _grade(recording, edges, speed)
     forward = speed * np.cos(grade)
@@ -104,6 +105,16 @@ def nominal(recording: Recording, car: Vehicle) -> Nominal:
         grade_rad=grade,
         accel_mps2=np.gradient(speed, dt),
     )
+
+
+def shown_turn(car: Vehicle, speed_mps: FloatArray) -> FloatArray:
+    """(n,) how many times the true turn the rear wheels show, at speeds (n,).
+
+    In a bend the outer wheel shrinks and the inner one grows by c * v * yaw rate, which looks like more turn:
+    half as much again at 25 m/s is common.
+    """
+    too_much = 2 * car.load_lateral_s2 * np.square(speed_mps)
+    return np.asarray(1.0 + too_much / (car.radius_m[RL] * car.geometry.track_rear_m), dtype=np.float64)
 
 
 def fill(values: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.calibration.nominal import Vehicle, fill
+from tpmsd.calibration.nominal import Vehicle, fill, shown_turn
 from tpmsd.calibration.recording import Recording
 from tpmsd.wheels import RL, RR, FloatArray
 
@@ -37,10 +37,7 @@ def pieces(recording: Recording, car: Vehicle) -> list[Piece]:
     """Un-fused odometry of the antenna beside the receiver's positions."""
     roll = np.stack([fill(recording.rotation_rad[:, k]) for k in (RL, RR)], axis=1) * car.radius_m[[RL, RR]]
     way, turn = roll.mean(axis=1), (roll[:, 1] - roll[:, 0]) / car.geometry.track_rear_m
-    # In a bend the outer wheel shrinks and the inner one grows by c * v * yaw rate: the wheels show too much
-    # turn.
-    too_much = 2 * car.load_lateral_s2 * np.square(way / recording.dt_s)
-    turn = turn / (1.0 + too_much / (car.radius_m[RL] * car.geometry.track_rear_m))
+    turn = turn / shown_turn(car, way / recording.dt_s)
     heading = np.concatenate([[0.0], np.cumsum(turn)])
     middle = heading[:-1] + turn / 2
     axle = np.zeros((len(way) + 1, 2))

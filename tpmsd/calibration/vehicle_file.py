@@ -15,9 +15,11 @@ from tpmsd.calibration.result import Calibration
 _TABLE = re.compile(r"\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")
 
 
-def calibrated_toml(text: str, found: Calibration, radii_m: dict[str, float], dbc: str, made: str) -> str:
-    """`radii_m` are those of all four wheels, `dbc` where the DBC lies seen from the new file, `made` the
-    date."""
+def calibrated_toml(
+    text: str, found: Calibration, radii_m: dict[str, float], dbc: str | None, made: str
+) -> str:
+    """`radii_m` are those of all four wheels, `dbc` where the DBC lies seen from the new file (None: as the
+    text has it), `made` the date."""
     values = {"wheel_radius_m": _inline(radii_m)}
     if math.isfinite(found.track_rear_std_m):
         values["track_rear_m"] = f"{found.track_rear_m:.4f}"
@@ -33,11 +35,13 @@ def calibrated_toml(text: str, found: Calibration, radii_m: dict[str, float], db
                 out.append(line)
             if table == "vehicle":
                 out += [f"{key} = {value}  # calibrated" for key, value in values.items()]
-            elif table == "can":
+            elif table == "can" and dbc is not None:
                 out.append(f"dbc = {json.dumps(dbc, ensure_ascii=False)}")
             continue
         key = re.split(r"[.=\s]", line.strip().replace('"', "").replace("'", ""), maxsplit=1)[0]
-        stale = (table == "vehicle" and key in values) or (table == "can" and key == "dbc")
+        stale = (table == "vehicle" and key in values) or (
+            table == "can" and key == "dbc" and dbc is not None
+        )
         if not stale and table not in ("vehicle.wheel_radius_m", "calibration"):
             out.append(line)
     while out and not out[-1].strip():

@@ -196,7 +196,9 @@ def _wheel_rows(
             by_track = side * mid.yaw * arm
         standing = (paths[:, wheel] < _STOPPED_MPS * mid.T) & (np.abs(way[:, wheel]) < _STOPPED_MPS * mid.T)
         y[:, wheel] = np.where(standing, math.nan, way[:, wheel] - paths[:, wheel])
-        H[:, wheel, V], H[:, wheel, W] = by_v * mid.T, by_w * mid.T
+        # What load transfer makes a wheel show grows with speed and yaw rate, so it sees their errors, too.
+        leaning = np.nan_to_num(angle[:, wheel]) * side * car.load_lateral_s2
+        H[:, wheel, V], H[:, wheel, W] = by_v * mid.T + leaning * mid.yaw, by_w * mid.T + leaning * mid.speed
         H[:, wheel, Q + wheel], H[:, wheel, QOLD + wheel] = 1.0, -1.0
         H[:, wheel, LEAN] = side * paths[:, wheel]
         full = np.nan_to_num(angle[:, wheel])

@@ -12,7 +12,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tpmsd.cli.output import Subparsers, add_json_option, write_json
+from tpmsd.cli.output import Progress, Subparsers, add_json_option, write_json
 from tpmsd.errors import ConfigError, InputError, TpmsdError
 
 if TYPE_CHECKING:
@@ -23,16 +23,23 @@ if TYPE_CHECKING:
 _DESCRIPTION = """\
 Learns each wheel's circumference and the tracks from one or several drives of a car whose tyres are as they
 should be, with their standard deviations. One drive round the block will do: some minutes, with straights and
-bends; the more the better.
+bends; the more the better. Pressures right, tyres warm, and the open sky over the receiver make it good.
 
-DRIVE is a folder with vehicle.toml, bus.dbc, can.log (or .log.gz .asc .blf .trc .mf4) and gnss.nmea. The
-radii there may be guessed: a data sheet's value is near enough.
+DRIVE is a folder with vehicle.toml, bus.dbc, can.log (or .log.gz .asc .blf .trc .mf4) and gnss.nmea, such as
+`tpmsd run --record` writes. The radii there may be guessed: a data sheet's value is near enough.
+
+A drive from which a calibration cannot be had (too short, never straight, never turning, no fixes, a tyre
+that loses pressure) is refused with the reason.
 """
 _EPILOG = """\
 examples:
   tpmsd calibrate drives/monday
   tpmsd calibrate drives/monday drives/tuesday --write vehicle.toml
-  tpmsd replay drives/wednesday --config vehicle.toml
+  tpmsd calibrate drives/monday --write /etc/tpmsd/tpmsd.toml    into a configuration that exists
+  tpmsd calibrate drives/monday --plot monday.png --json -
+  tpmsd replay drives/wednesday --config vehicle.toml            and so with run, diagnose, check
+
+exit codes: 0 done; 2 wrong usage or configuration; 3 unusable drive (it says why); 1 anything else
 """
 
 
@@ -54,7 +61,13 @@ def add_parser(subparsers: Subparsers) -> None:
         default="joint",
         help="joint: all wheels and drives at once (default); paper: the rear pair as in paper 002",
     )
-    parser.add_argument("--write", type=Path, metavar="FILE", help="write a vehicle.toml with what was found")
+    parser.add_argument(
+        "--write",
+        type=Path,
+        metavar="FILE",
+        help="put what was found into this vehicle.toml: into a new one, made after the drive's, or into one "
+        "that exists, whose other keys, tables and comments stay",
+    )
     parser.add_argument("--plot", type=Path, metavar="FILE", help="write a picture (.png .svg .pdf)")
     add_json_option(parser)
 
@@ -74,9 +87,15 @@ def run(args: argparse.Namespace) -> int:
         from tpmsd.report.replay_plot import check_plot_target
 
         check_plot_target(args.plot)  # before the work, not after it
+    if args.write is not None:
+        check_write_target(args.write)
     recordings, config = read_recordings(args.drives, args.config)
+    span_s = sum(float(recording.edges_s[-1]) for recording in recordings)
     try:
-        found, car = calibrate(recordings, config.vehicle, args.method)
+        with Progress(span_s, "calibrating") as bar:
+            found, car = calibrate(
+                recordings, config.vehicle, args.method, lambda share: bar.update(share * span_s)
+            )
     except RefusedError as refusal:
         at = refusal.drive
         where = args.drives[at] if at is not None else ", ".join(str(drive) for drive in args.drives)
@@ -114,7 +133,7 @@ def read_recordings(folders: list[Path], config_file: Path | None) -> tuple[list
             )
         try:
             recordings.append(record(folder.resolve().name, read_ticks(folder, config), config))
-        except InputError:
+        except TpmsdError:
             raise
         except ValueError as error:
             raise InputError(folder, str(error)) from None
@@ -122,25 +141,55 @@ def read_recordings(folders: list[Path], config_file: Path | None) -> tuple[list
     return recordings, first
 
 
+def check_write_target(target: Path) -> None:
+    """ConfigError where nothing can be written to the target, or where it exists and is no configuration."""
+    from tpmsd.config.load import load_config
+
+    if target.is_dir():
+        raise ConfigError(f"{target}: a folder; --write takes the name of a file")
+    if not target.parent.is_dir():
+        raise ConfigError(f"{target}: no such folder: {target.parent}")
+    if target.exists():
+        load_config(target)
+
+
 def write_vehicle(config: Config, found: Calibration, target: Path) -> None:
-    """Write the configuration with the calibrated values; TpmsdError where it cannot be written or read
-    back."""
+    """Write the calibrated values into a new copy of the configuration, or into the one that is there.
+
+    TpmsdError where it cannot be written or read back.
+    """
     from tpmsd.calibration.vehicle_file import calibrated_toml
     from tpmsd.config.load import load_config
     from tpmsd.wheels import WHEELS
 
-    source = config.file
+    base = load_config(target) if target.exists() else config
+    source = base.file
     assert source is not None
-    radii = dict(zip(WHEELS, config.vehicle.wheel_radius_m, strict=True))
+    radii = dict(zip(WHEELS, base.vehicle.wheel_radius_m, strict=True))
     radii |= {wheel: result.radius_m for wheel, result in found.wheels.items()}
-    dbc = os.path.relpath(config.can.dbc.resolve(), target.resolve().parent)
+    dbc = None
+    if base is config:
+        dbc = os.path.relpath(config.can.dbc.resolve(), target.resolve().parent)
     made = time.strftime("%Y-%m-%d", time.gmtime())
     try:
         text = calibrated_toml(source.read_text(encoding="utf-8"), found, radii, dbc, made)
-        target.write_text(text, encoding="utf-8")
+        replace_file(target, text)
     except (OSError, ValueError) as error:
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
         raise TpmsdError(f"{target}: cannot write: {reason}") from None
     written = load_config(target).vehicle
     if max(abs(a - b) for a, b in zip(written.wheel_radius_m, radii.values(), strict=True)) > 1e-6:
         raise TpmsdError(f"{target}: the calibrated radii did not get into it")
+
+
+def replace_file(target: Path, text: str) -> None:
+    """Write beside the target and rename, so that a failure leaves the old file; a link stays one."""
+    real = target.resolve()
+    beside = real.with_name(f".{real.name}.new")
+    try:
+        beside.write_text(text, encoding="utf-8")
+        if real.exists():
+            beside.chmod(real.stat().st_mode & 0o777)
+        beside.replace(real)
+    finally:
+        beside.unlink(missing_ok=True)
