@@ -91,7 +91,7 @@ def draw_case(kind: str, strength: float, seed: int) -> Case:
     spec = draw_spec(rng, **fixed)
     if plain.startswith("absorbed:"):
         spec = replace(
-            spec, radius_off=float(rng.choice([-1, 1]) * rng.uniform(0.01, 0.03)), radius_spread_m=2e-3
+            spec, radius_off=float(rng.choice([-1, 1]) * rng.uniform(0.01, 0.03)), radius_spread_m=1.2e-3
         )
     if plain == "nothing_wander":
         spec = replace(spec, radius_wander=float(rng.uniform(2e-4, 5e-4)))

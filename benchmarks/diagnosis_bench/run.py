@@ -177,7 +177,9 @@ def run(args: argparse.Namespace, wanted: Plan) -> list[dict[str, Any]]:
 
         prepare(courses, lambda text: print(text, file=sys.stderr, flush=True))
     begun = time.monotonic()
+    cut_off = file.exists() and not file.read_bytes().endswith(b"\n")
     with file.open("a", encoding="utf-8") as log:
+        log.write("\n" if cut_off else "")
         for number, row in enumerate(_rows(args, todo, courses), start=1):
             row["code"] = state
             log.write(json.dumps(row) + "\n")

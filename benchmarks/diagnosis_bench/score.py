@@ -8,6 +8,7 @@ In: `Truth`, the diagnosis's document and model, the windows. Out: one plain row
   receiver, the gyro) in a second of driving; a truth covers its places in the seconds in which it acts (95 %
   of its energy by its covariate, or its time span), a finding those that its `where` says. All four wheels
   against the receiver are the same place as the receiver's speed. F1 is that of the two unions.
+- Parameters are compared where every effect that acts can be told from all others.
 - Held-out gain: the log-likelihood that the found model would bring on new noise along the same road, over
   that of the true one: 1 - |true - found|^2 / |true|^2 under the known noise, calibration taken out.
 - Radius bias: root mean square over minutes of what the physics other than a change of radius adds to the
@@ -57,7 +58,7 @@ def score(case: Case, truth: Truth, document: dict[str, Any], model: dict[str, A
         "false": [findings[n]["effect"] for n in strays],
         "sure_wrong": any(findings[n]["confidence"] > 0.9 for n in strays),
         "hedged": _hedged(truth, findings),
-        "errors": parameter_errors(truth, findings, matched),
+        "errors": parameter_errors(truth, findings, matched) if _clear(truth) else [],
         "unexplained": bool(document.get("unexplained", {}).get("significant", False)),
         "place": [
             _places(truth.effects[k], findings[n])
@@ -70,6 +71,11 @@ def score(case: Case, truth: Truth, document: dict[str, Any], model: dict[str, A
     if told and case.world == "kinematic" and "tone_ring_error" not in case.kind:
         row["heldout"], row["bias_mm"] = improvement(case, model, windows)
     return row
+
+
+def _clear(truth: Truth) -> bool:
+    """Whether no two effects share what the drive shows: else the one's parameters hold the other."""
+    return all(each.told or each.gain < 4.0 for each in truth.effects if not each.inherent)
 
 
 def match(truth: Truth, findings: list[dict[str, Any]]) -> list[int | None]:
