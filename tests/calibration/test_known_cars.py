@@ -44,7 +44,7 @@ def test_known_radii_come_back(
     """On each axle, for counts and speeds, in both hemispheres: radii, their difference and the track."""
     receiver = ReceiverSpec(rate_hz=rate_hz, latitude_deg=place[0], longitude_deg=place[1])
     bus = BusSpec(kind=kind, wheels=wheels)
-    spec = DriveSpec(duration_s=150.0, radius_offset_m=TRUE_OFFSETS_M, seed=seed, bus=bus, receiver=receiver)
+    spec = DriveSpec(duration_s=130.0, radius_offset_m=TRUE_OFFSETS_M, seed=seed, bus=bus, receiver=receiver)
     recording, config = recorded(tmp_path / "d", spec)
     found, _ = calibrate([recording], config.vehicle)
     truth = {wheel: 0.316 + offset for wheel, offset in zip(WHEELS, TRUE_OFFSETS_M, strict=True)}
