@@ -1,6 +1,7 @@
 """How well the diagnosis does on drives of worlds that share nothing with its catalogue.
 
-    python benchmarks/bench_diagnose.py            a drive of each kind: minutes
+    python benchmarks/bench_diagnose.py            a drive of each common kind: minutes
+    python benchmarks/bench_diagnose.py --each     a drive of each kind, the multi-body cars too: an hour
     python benchmarks/bench_diagnose.py --full     200 drives of nothing, 20 per effect and strength: a day
     python benchmarks/bench_diagnose.py --help     parts of it, resumed, with alarms, with another program
 

@@ -1,6 +1,7 @@
 """Draws, writes, diagnoses and scores drives; prints what comes of it.
 
-    make bench-diagnose                            a few minutes: a drive of each kind
+    make bench-diagnose                            a few minutes: a drive of each common kind
+    make bench-diagnose BENCH_ARGS="--each"        a drive of each kind, the multi-body cars too: an hour
     make bench-diagnose BENCH_ARGS="--full"        200 drives of nothing, 20 per effect and strength: a day
     python -m benchmarks.diagnosis_bench.run --write FOLDER --kind KIND --strength S --seed N
 
@@ -48,6 +49,8 @@ def plan(args: argparse.Namespace) -> Plan:
     if args.only:
         kinds = args.only.split(",")
     else:
+        kinds = ["nothing", *EFFECTS, *STRANGE[:3], *TOGETHER[:2], *CONCEALED[-2:]]
+    if not args.only and (args.full or args.each):
         kinds = ["nothing", "mb/nothing", "nothing_wander", *EFFECTS, *STRANGE, *TOGETHER, *CONCEALED]
         kinds += [kind for kind in MULTIBODY if kind != "mb/nothing"]
     batches: list[list[tuple[str, float, int]]] = []
@@ -242,9 +245,12 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--quick", action="store_true", help="a drive of each kind (the default)")
+    parser.add_argument("--quick", action="store_true", help="a drive of each common kind (the default)")
+    parser.add_argument("--each", action="store_true", help="a drive of each kind")
     parser.add_argument("--full", action="store_true", help="all drives that the proof asks for")
-    parser.add_argument("--clean", type=int, help="drives with nothing missing (default: 20, full: 200)")
+    parser.add_argument(
+        "--clean", type=int, help="drives with nothing missing (default: 6, each: 30, full: 200)"
+    )
     parser.add_argument("--per", type=int, help="drives per kind and strength (default: 1, full: 20)")
     parser.add_argument("--strengths", help="(default: 1, full: 0.25,0.5,1,2)")
     parser.add_argument("--only", default="", help="these kinds alone, comma-separated; a+b is a pair")
@@ -266,7 +272,7 @@ def main(arguments: list[str] | None = None) -> None:
     if args.write is not None:
         write_drive(args)
         return
-    args.clean = args.clean if args.clean is not None else (200 if args.full else 20)
+    args.clean = args.clean if args.clean is not None else (200 if args.full else 30 if args.each else 6)
     args.per = args.per if args.per is not None else (20 if args.full else 1)
     args.strengths = args.strengths or ("0.25,0.5,1,2" if args.full else "1")
     args.out, args.program = args.out.resolve(), args.program.resolve()

@@ -14,7 +14,15 @@ from benchmarks.diagnosis_bench.report import failing, markdown, summary
 
 
 def options(**changed: object) -> argparse.Namespace:
-    usual = {"only": "", "strengths": "0.25,0.5,1,2", "seed": 1, "full": True, "clean": 200, "per": 20}
+    usual = {
+        "only": "",
+        "each": False,
+        "strengths": "0.25,0.5,1,2",
+        "seed": 1,
+        "full": True,
+        "clean": 200,
+        "per": 20,
+    }
     return argparse.Namespace(**{**usual, **changed})
 
 
