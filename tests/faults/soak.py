@@ -89,7 +89,9 @@ class DayClock(Clock):
 
     def to_real(self, seconds: float) -> float:
         """Nothing is waited for: the time is over at once."""
-        self._now_s = min(self._now_s + seconds, max(self.next_input_s(), self._now_s))
+        input_s = self.next_input_s()
+        until_s = self._now_s + seconds
+        self._now_s = input_s if self._now_s < input_s < until_s else until_s
         return 0.0
 
 

@@ -1,0 +1,341 @@
+"""Everything that takes bytes from outside, as functions of bytes that must never raise.
+
+In: any bytes. Out: nothing; an exception, a hang or memory without bound is a finding. `TARGETS` has a
+function by name, and `SEEDS` some sound inputs for each, from which a fuzzer starts.
+"""
+
+from __future__ import annotations
+
+import atexit
+import dataclasses
+import functools
+import itertools
+import json
+import logging
+import math
+import shutil
+import socket
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+from cantools.database.can import Database
+
+from tests.daemon.fakes import VEHICLE
+from tests.gnss import sentences
+from tpmsd.config.check import check
+from tpmsd.config.load import load_config
+from tpmsd.config.model import Config
+from tpmsd.daemon.state_keeper import StateKeeper, fingerprint
+from tpmsd.errors import InputError, TpmsdError
+from tpmsd.pipeline import Pipeline
+from tpmsd.sinks.state_file import load_state, save_state
+from tpmsd.sinks.status_client import StatusError, _parse
+from tpmsd.sinks.status_server import MAX_REQUEST_BYTES, StatusServer
+from tpmsd.sources.can_decoder import CanDecoder, load_database
+from tpmsd.sources.can_log import read_can_log
+from tpmsd.sources.can_log_candump import parse_candump_line
+from tpmsd.sources.events import GnssFix, InertialSample, RotationSample
+from tpmsd.sources.nmea_epoch import NmeaAssembler
+from tpmsd.sources.nmea_framer import MAX_LINE_BYTES, NmeaFramer
+from tpmsd.sources.nmea_log import read_nmea_log
+from tpmsd.timeline.tick_source import TickSource
+
+MAX_EVENTS_PER_FRAME = 40
+DBC = """VERSION ""
+NS_ :
+BS_:
+BU_: CAR
+BO_ 176 COUNTS: 8 CAR
+ SG_ FL : 0|16@1+ (1,0) [0|65535] "" CAR
+ SG_ FR : 16|8@1+ (1,0) [0|254] "" CAR
+BO_ 177 MUXED: 8 CAR
+ SG_ WHICH M : 0|4@1+ (1,0) [0|15] "" CAR
+ SG_ RL m1 : 8|32@1+ (1,0) [0|4294967295] "" CAR
+BO_ 178 SPEEDS: 8 CAR
+ SG_ RR : 7|16@0+ (0.01,0) [0|300] "km/h" CAR
+ SG_ YAW : 16|32@1- (1,0) [-10|10] "rad/s" CAR
+BO_ 2566844926 TEMPERATURE: 8 CAR
+ SG_ OUTSIDE : 0|8@1+ (0.5,-40) [-40|87] "degC" CAR
+SIG_VALTYPE_ 178 YAW : 1;
+"""
+SIGNALS = {
+    "wheel_count_fl": "COUNTS.FL",
+    "wheel_count_fr": "COUNTS.FR",
+    "wheel_count_rl": "MUXED.RL",
+    "wheel_speed_rr": "SPEEDS.RR",
+    "yaw_rate": "SPEEDS.YAW",
+    "ambient_temp": "TEMPERATURE.OUTSIDE",
+}
+IDENTIFIERS = ((176, False), (177, False), (178, False), (2566844926 & 0x1FFFFFFF, True), (999, False))
+
+
+@functools.cache
+def folder() -> Path:
+    """A folder for what has to be a file; it goes with the process."""
+    made = Path(tempfile.mkdtemp(prefix="tpmsd-fuzz-"))
+    atexit.register(shutil.rmtree, made, ignore_errors=True)
+    (made / "bus.dbc").write_text(DBC, encoding="utf-8")
+    return made
+
+
+@functools.cache
+def car() -> Config:
+    """A car with signals of every kind."""
+    head = VEHICLE.split("[can.signals]")[0].format(channel="fuzz")
+    lines = "".join(f'{role} = "{name}"\n' for role, name in SIGNALS.items())
+    (folder() / "car.toml").write_text(f"{head}[can.signals]\n{lines}[filter]\nparticles = 10\n", "utf-8")
+    return load_config(folder() / "car.toml")
+
+
+def file(name: str, content: bytes) -> Path:
+    """The content as a file."""
+    path = folder() / name
+    path.write_bytes(content)
+    return path
+
+
+def nmea(data: bytes) -> None:
+    """Bytes of a serial line, in pieces, with time going by in between, forward and back."""
+    framer, assembler = NmeaFramer(), NmeaAssembler()
+    time_s = 1.7e9
+    for start in range(0, len(data), 97):
+        piece = data[start : start + 97]
+        time_s += (piece[0] - 100) / 50.0
+        for line in framer.feed(piece):
+            assert len(line) <= MAX_LINE_BYTES
+            for event in assembler.feed(time_s, line):
+                if isinstance(event, GnssFix) and not math.isnan(event.latitude_deg):
+                    assert abs(event.latitude_deg) <= 90.0 and abs(event.longitude_deg) <= 180.0
+                    assert 0.0 < event.position_std_m < math.inf
+        assembler.advance(time_s + 0.3)
+        assert len(framer._partial) <= MAX_LINE_BYTES
+    assembler.flush()
+
+
+def stream(data: bytes) -> Iterator[tuple[float, int, bool, bytes]]:
+    """Bytes as frames: a step of time, an identifier, a length, and so many bytes."""
+    time_s, at = 1.7e9, 0
+    while at + 3 <= len(data):
+        step, which, size = data[at : at + 3]
+        time_s += (0.0, -0.004, 0.01, 0.02, 0.3, 5.0, -2.0, 3600.0)[step % 8] + step * 1e-5
+        number, extended = IDENTIFIERS[which % len(IDENTIFIERS)]
+        size = min(size, 64) if size & 0x80 else 8
+        yield time_s, number, extended, data[at + 3 : at + 3 + size]
+        at += 3 + size
+
+
+def can(data: bytes) -> None:
+    """Frames of any payload at any time: samples are finite, and never more than there are signals."""
+    decoder = CanDecoder(car(), load())
+    segments: dict[int, int] = {}
+    for time_s, number, extended, payload in stream(data):
+        events = decoder.decode(time_s, number, extended, payload)
+        assert len(events) <= MAX_EVENTS_PER_FRAME
+        for event in events:
+            if isinstance(event, RotationSample):
+                assert math.isfinite(event.angle_rad)
+                assert event.segment >= segments.get(event.wheel, -1)
+                segments[event.wheel] = event.segment
+            elif isinstance(event, InertialSample):
+                assert math.isfinite(event.value)
+        decoder.poll(time_s)
+    assert len(decoder.counts) < 200
+
+
+@functools.cache
+def load() -> Database:
+    """The database of the car."""
+    return load_database(folder() / "bus.dbc")
+
+
+def ticks(data: bytes) -> None:
+    """Frames and lines together: ticks whose index and time only rise, with finite or unknown rotations."""
+    source = TickSource(car(), load(), 10.0)
+    made = []
+    for number, (time_s, identifier, extended, payload) in enumerate(stream(data[:4000])):
+        made += source.on_frame(time_s, identifier, extended, payload)
+        if number % 7 == 3:
+            made += source.on_sentence(time_s, b"$" + payload)
+    made += source.finish()
+    assert len(made) <= 10.0 * 5.5 * (len(data) // 3 + 2)
+    for before, after in itertools.pairwise(made):
+        assert after.index == before.index + 1
+        assert after.time_s > before.time_s
+    assert all(not np.any(np.isinf(tick.rotation_rad)) for tick in made)
+
+
+def candump(data: bytes) -> None:
+    """Lines of a candump log: a frame within CAN's limits, or none."""
+    for line in data.decode("latin-1").splitlines():
+        frame = parse_candump_line(line)
+        if frame is not None:
+            assert 0 <= frame.arbitration_id <= 0x1FFFFFFF
+            assert len(frame.data) <= 64
+            assert math.isfinite(frame.time_s)
+    log("log", data)
+
+
+def log(suffix: str, data: bytes) -> None:
+    """A whole log in a format."""
+    try:
+        for frame in read_can_log(file(f"can.{suffix}", data)):
+            assert math.isfinite(frame.time_s)
+    except InputError as error:
+        assert "\n" not in str(error)
+
+
+def asc(data: bytes) -> None:
+    """Lines of an ASC log."""
+    log("asc", data)
+
+
+def trc(data: bytes) -> None:
+    """Lines of a TRC log."""
+    log("trc", data)
+
+
+def nmea_log(data: bytes) -> None:
+    """Lines of a log of sentences."""
+    try:
+        for time_s, _, _ in read_nmea_log(file("gnss.nmea", data)):
+            assert math.isfinite(time_s)
+    except InputError as error:
+        assert "\n" not in str(error)
+
+
+def toml(data: bytes) -> None:
+    """A configuration: read, or refused with lines that say why."""
+    path = file("vehicle.toml", data)
+    try:
+        load_config(path)
+    except TpmsdError as error:
+        assert 2 == error.exit_code
+        assert str(error)
+    check(path)
+
+
+@functools.cache
+def quiet() -> logging.Logger:
+    """A log that nobody reads."""
+    logger = logging.getLogger("tests.fuzz")
+    logger.addHandler(logging.NullHandler())
+    logger.propagate = False
+    return logger
+
+
+def state(data: bytes) -> None:
+    """A state file of these bytes; and, if they are JSON, one with them as its sealed snapshot."""
+    path = file("state.json", data)
+    load_state(path, on_damaged=lambda damaged: None)
+    try:
+        snapshot = json.loads(data)
+    except (ValueError, RecursionError):
+        return
+    config = dataclasses.replace(car(), state=dataclasses.replace(car().state, file=path))
+    try:
+        save_state(path, {"fingerprint": fingerprint(config), "pipeline": snapshot})
+    except TpmsdError:
+        return
+    pipeline = StateKeeper(config, quiet()).restored(lambda: Pipeline(config, load()))
+    pipeline.on_frame(1.7e9, 176, False, bytes(8))
+    pipeline.advance(1.7e9 + 2.0)
+    json.dumps(pipeline.snapshot())
+
+
+@functools.cache
+def server() -> StatusServer:
+    """A server that is asked again and again."""
+    made = StatusServer(folder() / "status.sock", lambda: {"version": 1})
+    made.open()
+    return made
+
+
+def status(data: bytes) -> None:
+    """A request to the daemon, in two pieces: at most one line of an answer; and an answer to the client."""
+    served = server()
+    with socket.socket(socket.AF_UNIX) as client:
+        client.setblocking(False)
+        client.connect(str(folder() / "status.sock"))
+        served.service(0.0)
+        for piece in (data[: len(data) // 2], data[len(data) // 2 :]):
+            try:
+                client.send(piece[: 2 * MAX_REQUEST_BYTES])
+            except OSError:
+                break
+            served.service(0.0)
+        for now_s in (2.0, 20.0):
+            served.service(now_s)
+        try:
+            answer = client.recv(65536)
+        except OSError:
+            answer = b""
+        assert answer == b"" or answer.endswith(b"\n")
+        assert all(isinstance(json.loads(line), dict) for line in answer.splitlines())
+    served.service(40.0)
+    served.publish(41.0)
+    assert served.clients == 0
+    try:
+        _parse(folder() / "status.sock", data)
+    except StatusError as error:
+        assert "\n" not in str(error)
+
+
+RMC = "GNRMC,080000.00,A,5006.70,N,00841.04,E,31.2,325.6,010724,,,A"
+GGA = "GNGGA,080000.00,5006.70,N,00841.04,E,1,17,0.67,116.2,M,47.0,M,,"
+LOG = (
+    b"(1719820800.012345) can0 0B0#1122334455667788\n(1719820800.1) can0 18FEF100#11 R\n"
+    b"(1.0) c 123##1001122\n"
+)
+ASC = (
+    b"date Mon Jul 1 10:00:00.000 am 2024\nbase hex timestamps absolute\ninternal events logged\n"
+    b"   0.010000 1  B0              Rx   d 8 11 22 33 44 55 66 77 88\n"
+    b"   0.020000 CANFD 1 Rx 123 1 0 8 8 01 02 03 04 05 06 07 08 0 0 0 0 0 0\n   0.03 1 ErrorFrame\n"
+)
+TRC = (
+    b";$FILEVERSION=1.1\n;$STARTTIME=43008.920986006946\n"
+    b"     1)       10.5  Rx         00B0  8  11 22 33 44 55 66 77 88\n"
+)
+MEMORY = {
+    "estimator": {"order": [2, 3, 0, 1], "nominal_m": [0.3] * 4, "mean_m": [0.0] * 4},
+    "monitor": {"baseline": None, "wheels": ["fl", "fr", "rl", "rr"], "alarms": []},
+}
+
+
+def _state_seed() -> bytes:
+    return json.dumps(Pipeline(car(), load()).snapshot()).encode("ascii")
+
+
+def _configuration_seed() -> bytes:
+    car()
+    return (folder() / "car.toml").read_bytes()
+
+
+TARGETS: dict[str, Callable[[bytes], None]] = {
+    "nmea": nmea,
+    "can": can,
+    "ticks": ticks,
+    "candump": candump,
+    "asc": asc,
+    "trc": trc,
+    "nmea_log": nmea_log,
+    "toml": toml,
+    "state": state,
+    "status": status,
+}
+SEEDS: dict[str, Callable[[], list[bytes]]] = {
+    "nmea": lambda: [
+        sentences.nmea(RMC) + b"\r\n" + sentences.nmea(GGA) + b"\r\n",
+        b"\xb5b\x01\x07$GPGGA,,*00\n",
+    ],
+    "can": lambda: [bytes(range(256)), b"\x02\x00\x08" + bytes(8) + b"\x02\x02\x08" + b"\xff" * 8],
+    "ticks": lambda: [bytes(range(256)), (b"\x03\x00\x08" + bytes(8)) * 30],
+    "candump": lambda: [LOG],
+    "asc": lambda: [ASC],
+    "trc": lambda: [TRC],
+    "nmea_log": lambda: [b"(1719820800.1) " + sentences.nmea(RMC) + b"\n", sentences.nmea(RMC) + b"\n"],
+    "toml": lambda: [_configuration_seed()],
+    "state": lambda: [_state_seed(), json.dumps(MEMORY).encode("ascii")],
+    "status": lambda: [b"status\n", b'{"request": "watch"}\n', b'{"version": 1}'],
+}
