@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import re
+import subprocess
 import sys
-import types
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from tests.physics.motions import car, steady
 from tpmsd.errors import ConfigError
-from tpmsd.physics.catalogue import EFFECTS, parse_effect
+from tpmsd.physics.catalogue import EFFECTS, parse_effect, sentence_of
+from tpmsd.physics.covariates import COVARIATES
 from tpmsd.physics.effect import Effect
 from tpmsd.physics.model_file import parse_model
 
-TEXT = (Path(__file__).resolve().parents[2] / "docs" / "physics.md").read_text(encoding="utf-8")
+REPO = Path(__file__).resolve().parents[2]
+TEXT = (REPO / "docs" / "physics.md").read_text(encoding="utf-8")
 
 
 def block(language: str) -> str:
@@ -27,11 +27,11 @@ def block(language: str) -> str:
 
 
 def test_the_table_has_every_effect_with_its_parameters() -> None:
-    """One row per effect of the catalogue, in its order, naming every parameter."""
+    """One row per effect of the catalogue, naming every parameter."""
     rows = re.findall(r"^\| `(\w+)` \| .*$", TEXT.split("## The effects")[1].split("The class of")[0], re.M)
     lines = {row: line for row in rows for line in TEXT.splitlines() if line.startswith(f"| `{row}` |")}
 
-    assert list(EFFECTS) == rows
+    assert sorted(EFFECTS) == sorted(rows)
     for name, effect in EFFECTS.items():
         for parameter in effect.parameters:
             assert f"`{parameter.name}`" in lines[name]
@@ -44,15 +44,44 @@ def test_the_table_of_hooks_is_complete() -> None:
     assert [] == [hook for hook in hooks if hook not in ("values", "unit_of") and f"| `{hook}(" not in TEXT]
 
 
-def test_the_example_of_an_effect_works(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The code as printed is an effect: -A at the start, -A/e after its length."""
-    module = types.ModuleType("flat_spot")
-    monkeypatch.setitem(sys.modules, "flat_spot", module)
-    exec(compile(block("python"), "flat_spot", "exec"), module.__dict__)
-    change = module.FlatSpot(amplitude_m=3e-4, length_m=200.0).radius_change_m(steady(20.0), car())
+AS_A_FILE = """
+import sys
+import tpmsd.physics.effects as effects
+effects.__path__.append(sys.argv[1])
+from tests.physics.motions import car, steady
+from tpmsd.cli.main import main
+from tpmsd.physics.catalogue import make_effect
+change = make_effect("aerodynamic_lift", area_m2=0.2).radius_change_m(steady(30.0), car())[0]
+print("by hand:", [float(f"{value:.3g}") for value in change])
+drive = sys.argv[2] + "/spoiler"
+effect = "aerodynamic_lift:area_m2=1.5"
+assert 0 == main(["simulate", drive, "--duration", "400", "--flat", "--effect", effect])
+assert 0 == main(["diagnose", drive, "--model-out", sys.argv[2] + "/model.toml"])
+"""
 
-    assert pytest.approx([-3e-4] * 4) == change[0]
-    assert pytest.approx([-3e-4 * np.exp(-1)] * 4) == change[-1]
+
+def test_the_example_of_an_effect_is_all_it_takes(tmp_path: Path) -> None:
+    """The text as printed, saved as one more file of the catalogue, is simulated, diagnosed and named."""
+    (tmp_path / "catalogue").mkdir()
+    (tmp_path / "catalogue" / "aerodynamic_lift.py").write_text(block("python"), encoding="utf-8")
+    arguments = [sys.executable, "-c", AS_A_FILE, str(tmp_path / "catalogue"), str(tmp_path)]
+    done = subprocess.run(arguments, capture_output=True, text=True, cwd=REPO, timeout=300)
+
+    assert 0 == done.returncode, done.stderr
+    # 0.25 mm per 500 N, 0.5 * 1.2 * 0.2 * 30^2 = 108 N on the axle, 54 N per wheel: 0.027 mm.
+    assert "by hand: [0.0, 0.0, 2.7e-05, 2.7e-05]" in done.stdout
+    found = re.search(r"1\. aerodynamic_lift .*: the air lifts the tail.*\n +area_m2 = (\S+) ", done.stdout)
+    assert found is not None, done.stdout
+    assert float(found[1]) == pytest.approx(1.5, abs=0.3)
+    assert "aerodynamic_lift" in (tmp_path / "model.toml").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", sorted(EFFECTS))
+def test_every_effect_names_its_source_and_speaks_to_the_reader(name: str) -> None:
+    """A source in the docstring, a sentence for reports, and a place where it shows."""
+    assert re.search(r"Source: .{10,}", EFFECTS[name].__doc__ or "", re.DOTALL)
+    assert len(sentence_of(name).split()) > 4
+    assert EFFECTS[name].shows_in[1] in {*COVARIATES, "wheel_angle"}
 
 
 def test_the_example_of_a_model_file_is_one() -> None:

@@ -40,6 +40,11 @@ class Parameter:
     upper: float
     """Both inclusive: what is physically thinkable, with room."""
     description: str = ""
+    probe: float = 0.0
+    """A difference from neutral in which the effect is linear, so that the diagnosis fits it; 0: it does not,
+    and takes the typical value."""
+    neutral: float = 0.0
+    """The value with which the effect does nothing."""
 
     def check(self, value: object) -> Value:
         """The value as it is stored; ValueError with the reason if it cannot be one."""
@@ -128,6 +133,14 @@ class Effect:
 
     name: ClassVar[str]
     parameters: ClassVar[tuple[AnyParameter, ...]] = ()
+    sentence: ClassVar[str] = ""
+    """What it is, as a clause for reports; the docstring's first line where it is empty."""
+    telling_drive: ClassVar[str] = ""
+    """What to drive so that it shows beside what resembles it."""
+    shows_in: ClassVar[tuple[str, str]] = ("wheel", "speed")
+    """Channel and covariate over which it shows: wheel, wheel_ratio, gnss_speed, gnss_course, yaw_rate."""
+    one_sign: ClassVar[bool] = False
+    """Whether nature knows but one sign (positive) of its first parameter."""
 
     def __post_init__(self) -> None:
         for parameter in self.parameters:

@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from html import escape
 
 from tpmsd.diagnosis.result import INSUFFICIENT, Diagnosis, Finding, Quantity, Trace
+from tpmsd.physics.catalogue import sentence_of
 from tpmsd.report.alarms_compared import AlarmsCompared
 from tpmsd.report.diagnosis_html_alarms import alarms_section
 from tpmsd.report.diagnosis_summary import (
     CHANNELS,
-    SENTENCES,
     UNITS,
     diagnosis_summary,
     place,
@@ -115,11 +115,15 @@ def _readable(quantity: Quantity) -> str:
     return quantity_text(quantity)
 
 
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
 def _finding(count: int, finding: Finding, traces: list[Trace]) -> list[str]:
     """Its sentence, its shape, and its mismatch before and after; takes its trace out of the list."""
     seen = place(finding.where)
     out = [f"<h3>{count}. {escape(finding.effect)}</h3>"]
-    out.append(f"<p>{escape(SENTENCES[finding.effect].capitalize())}. Seen in {escape(seen)}.</p>")
+    out.append(f"<p>{escape(_capital(sentence_of(finding.effect)))}. Seen in {escape(seen)}.</p>")
     if finding.drives:
         out.append(f"<p>Only in {escape(', '.join(finding.drives))}.</p>")
     if finding.indistinguishable_from:

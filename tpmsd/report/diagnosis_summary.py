@@ -9,26 +9,10 @@ from collections.abc import Sequence
 
 from tpmsd.diagnosis.reach import Reach
 from tpmsd.diagnosis.result import CONSISTENT, INSUFFICIENT, Diagnosis, Finding, Quantity, Where
+from tpmsd.physics.catalogue import sentence_of
 from tpmsd.physics.covariates import COVARIATES
 from tpmsd.report.alarms_compared import AlarmsCompared, alarms_summary
 
-SENTENCES: dict[str, str] = {
-    "radius_change": "the radius of a tyre changed during the drive: the fault itself",
-    "centrifugal_growth": "the tyres grow with speed",
-    "thermal_growth": "the tyres grow as they warm up",
-    "load_transfer_longitudinal": "driving and braking shift load between the axles and change the radii",
-    "load_transfer_lateral": "bends shift load between the sides and change the radii",
-    "longitudinal_slip": "driven wheels slip under drive force",
-    "lateral_slip": "the rear axle drifts outwards in bends",
-    "road_grade": "wheels roll along slopes, the receiver reports the horizontal",
-    "gnss_latency": "the receiver's fixes are older than they seem",
-    "antenna_lever_arm": "the antenna is not where the configuration says",
-    "track_width_error": "the track differs from the configured one",
-    "tone_ring_error": "a wheel's teeth are unevenly spaced or their number is wrong",
-    "yaw_rate_bias": "the gyro reads a rate on the straight",
-    "yaw_rate_scale": "the gyro's scale is off",
-    "unknown": "something that no effect of the catalogue explains",
-}
 CHANNELS: dict[str, str] = {
     "wheel": "wheels against receiver",
     "wheel_ratio": "wheel against wheel",
@@ -92,7 +76,7 @@ def reached(reach: Reach) -> str:
 
 def _paragraph(number: int, finding: Finding) -> list[str]:
     lines = [
-        f"{number}. {finding.effect} (confidence {finding.confidence:.2f}): {SENTENCES[finding.effect]}."
+        f"{number}. {finding.effect} (confidence {finding.confidence:.2f}): {sentence_of(finding.effect)}."
     ]
     if finding.parameters:
         lines.append(

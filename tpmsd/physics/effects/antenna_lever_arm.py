@@ -17,9 +17,12 @@ class AntennaLeverArm(Effect):
     """
 
     name: ClassVar[str] = "antenna_lever_arm"
+    sentence: ClassVar[str] = "the antenna is not where the configuration says"
+    telling_drive: ClassVar[str] = "drive full circles at walking pace, to both sides, then bends at speed"
+    shows_in: ClassVar[tuple[str, str]] = ("gnss_course", "yaw_rate")
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("forward_m", "m", 1.0, -20.0, 20.0, "true minus configured, along the body"),
-        Parameter("left_m", "m", 0.3, -5.0, 5.0, "true minus configured, to the left"),
+        Parameter("forward_m", "m", 1.0, -20.0, 20.0, "true minus configured, along the body", probe=0.5),
+        Parameter("left_m", "m", 0.3, -5.0, 5.0, "true minus configured, to the left", probe=0.2),
     )
     forward_m: float = 0.0
     left_m: float = 0.0

@@ -22,8 +22,12 @@ class CentrifugalGrowth(Effect):
     """
 
     name: ClassVar[str] = "centrifugal_growth"
+    sentence: ClassVar[str] = "the tyres grow with speed"
+    telling_drive: ClassVar[str] = "hold 30 m/s for two minutes, then coast to 15 m/s, twice"
+    shows_in: ClassVar[tuple[str, str]] = ("wheel", "speed")
+    one_sign: ClassVar[bool] = True
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("coefficient", "s2/m", 1e-6, -2e-5, 2e-5, "k in delta_r = k * v^2"),
+        Parameter("coefficient", "s2/m", 1e-6, -2e-5, 2e-5, "k in delta_r = k * v^2", probe=1e-8),
     )
     coefficient: float
 

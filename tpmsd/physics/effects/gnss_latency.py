@@ -18,8 +18,12 @@ class GnssLatency(Effect):
     """
 
     name: ClassVar[str] = "gnss_latency"
+    sentence: ClassVar[str] = "the receiver's fixes are older than they seem"
+    telling_drive: ClassVar[str] = "accelerate and brake firmly on a straight, ten times"
+    shows_in: ClassVar[tuple[str, str]] = ("gnss_speed", "accel_long")
+    one_sign: ClassVar[bool] = True
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("latency_s", "s", 0.1, -2.0, 5.0, "age of a fix on arrival"),
+        Parameter("latency_s", "s", 0.1, -2.0, 5.0, "age of a fix on arrival", probe=0.01),
     )
     latency_s: float
 

@@ -20,8 +20,14 @@ class LateralSlip(Effect):
     """
 
     name: ClassVar[str] = "lateral_slip"
+    sentence: ClassVar[str] = "the rear axle drifts outwards in bends"
+    telling_drive: ClassVar[str] = (
+        "drive the same bend slowly and fast: slip grows with speed, a lever arm does not"
+    )
+    shows_in: ClassVar[tuple[str, str]] = ("gnss_course", "accel_lat")
+    one_sign: ClassVar[bool] = True
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("coefficient", "rad.s2/m", 5e-3, -0.1, 0.1, "c, radians per m/s2"),
+        Parameter("coefficient", "rad.s2/m", 5e-3, -0.1, 0.1, "c, radians per m/s2", probe=1e-5),
     )
     coefficient: float
 

@@ -22,8 +22,12 @@ class LoadTransferLateral(Effect):
     """
 
     name: ClassVar[str] = "load_transfer_lateral"
+    sentence: ClassVar[str] = "bends shift load between the sides and change the radii"
+    telling_drive: ClassVar[str] = "drive the same bend slowly and fast, to both sides"
+    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "accel_lat")
+    one_sign: ClassVar[bool] = True
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("coefficient", "s2", 1e-4, -2e-3, 2e-3, "c, metres of radius per m/s2"),
+        Parameter("coefficient", "s2", 1e-4, -2e-3, 2e-3, "c, metres of radius per m/s2", probe=1e-6),
     )
     coefficient: float
 

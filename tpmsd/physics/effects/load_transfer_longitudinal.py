@@ -23,8 +23,12 @@ class LoadTransferLongitudinal(Effect):
     """
 
     name: ClassVar[str] = "load_transfer_longitudinal"
+    sentence: ClassVar[str] = "driving and braking shift load between the axles and change the radii"
+    telling_drive: ClassVar[str] = "brake and accelerate firmly on a straight, ten times"
+    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "accel_long")
+    one_sign: ClassVar[bool] = True
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("coefficient", "s2", 6e-5, -2e-3, 2e-3, "c, metres of radius per m/s2"),
+        Parameter("coefficient", "s2", 6e-5, -2e-3, 2e-3, "c, metres of radius per m/s2", probe=1e-6),
     )
     coefficient: float
 

@@ -24,9 +24,15 @@ class LongitudinalSlip(Effect):
     """
 
     name: ClassVar[str] = "longitudinal_slip"
+    sentence: ClassVar[str] = "driven wheels slip under drive force"
+    telling_drive: ClassVar[str] = "accelerate firmly and coast at the same speeds on a straight, ten times"
+    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "accel_long")
+    one_sign: ClassVar[bool] = True
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("slip_per_accel", "s2/m", 2e-3, -0.1, 0.1, "c, slip per m/s2"),
-        Parameter("slip_per_speed2", "s2/m2", 5e-7, -1e-4, 1e-4, "d, slip per speed squared, from drag"),
+        Parameter("slip_per_accel", "s2/m", 2e-3, -0.1, 0.1, "c, slip per m/s2", probe=1e-5),
+        Parameter(
+            "slip_per_speed2", "s2/m2", 5e-7, -1e-4, 1e-4, "d, slip per speed squared, from drag", probe=1e-8
+        ),
     )
     slip_per_accel: float
     slip_per_speed2: float = 0.0

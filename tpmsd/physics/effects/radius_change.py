@@ -23,6 +23,9 @@ class RadiusChange(Effect):
     """
 
     name: ClassVar[str] = "radius_change"
+    sentence: ClassVar[str] = "the radius of a tyre changed during the drive: the fault itself"
+    telling_drive: ClassVar[str] = "repeat the drive: a tyre that lost air stays small, warm-up starts anew"
+    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "time")
     parameters: ClassVar[tuple[Parameter | WheelParameter, ...]] = (
         WheelParameter(),
         Parameter("deviation_m", "m", -2e-3, -0.05, 0.05, "final change of the effective radius"),

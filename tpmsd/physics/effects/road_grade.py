@@ -21,6 +21,10 @@ class RoadGrade(Effect):
     """
 
     name: ClassVar[str] = "road_grade"
+    sentence: ClassVar[str] = "wheels roll along slopes, the receiver reports the horizontal"
+    telling_drive: ClassVar[str] = "drive up and down a long slope of 5 % or more at constant speed"
+    shows_in: ClassVar[tuple[str, str]] = ("wheel", "grade")
+    one_sign: ClassVar[bool] = True
 
     def horizontal_factor(self, motion: Motion) -> FloatArray:
         """(n,) cos(grade)."""

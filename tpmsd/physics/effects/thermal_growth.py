@@ -22,6 +22,10 @@ class ThermalGrowth(Effect):
     """
 
     name: ClassVar[str] = "thermal_growth"
+    sentence: ClassVar[str] = "the tyres grow as they warm up"
+    telling_drive: ClassVar[str] = "after half an hour, hold the speed of the first minutes once more"
+    shows_in: ClassVar[tuple[str, str]] = ("wheel", "time")
+    one_sign: ClassVar[bool] = True
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("amplitude_m", "m", 6e-4, -1e-2, 1e-2, "A, reached after several time constants"),
         Parameter("time_constant_s", "s", 600.0, 1.0, 1e5, "tau"),

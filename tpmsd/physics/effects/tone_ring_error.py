@@ -25,6 +25,9 @@ class ToneRingError(Effect):
     """
 
     name: ClassVar[str] = "tone_ring_error"
+    sentence: ClassVar[str] = "a wheel's teeth are unevenly spaced or their number is wrong"
+    telling_drive: ClassVar[str] = "roll at walking pace on a smooth straight for a minute"
+    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "wheel_angle")
     parameters: ClassVar[tuple[Parameter | WheelParameter, ...]] = (
         WheelParameter(),
         Parameter("amplitude_rad", "rad", 5e-3, -0.5, 0.5, "amplitude of the once-per-revolution error"),

@@ -17,9 +17,12 @@ class TrackWidthError(Effect):
     """
 
     name: ClassVar[str] = "track_width_error"
+    sentence: ClassVar[str] = "the track differs from the configured one"
+    telling_drive: ClassVar[str] = "drive full circles slowly, to both sides: load transfer is small there"
+    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "yaw_rate")
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("rear_m", "m", 0.03, -0.5, 0.5, "rear track, true minus configured"),
-        Parameter("front_m", "m", 0.03, -0.5, 0.5, "front track, true minus configured"),
+        Parameter("rear_m", "m", 0.03, -0.5, 0.5, "rear track, true minus configured", probe=1e-3),
+        Parameter("front_m", "m", 0.03, -0.5, 0.5, "front track, true minus configured", probe=1e-3),
     )
     rear_m: float = 0.0
     front_m: float = 0.0

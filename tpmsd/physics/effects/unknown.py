@@ -36,6 +36,7 @@ class Unknown(Effect):
     """
 
     name: ClassVar[str] = "unknown"
+    sentence: ClassVar[str] = "something that no effect of the catalogue explains"
     parameters: ClassVar[tuple[AnyParameter, ...]] = (
         TextParameter("on", "rl rr", "wheels with their signs, gnss_speed, gnss_course or yaw_rate"),
         TextParameter("covariate", "speed", "what the shape is a function of"),

@@ -17,8 +17,11 @@ class YawRateBias(Effect):
     """
 
     name: ClassVar[str] = "yaw_rate_bias"
+    sentence: ClassVar[str] = "the gyro reads a rate on the straight"
+    telling_drive: ClassVar[str] = "stand still for a minute with the ignition on"
+    shows_in: ClassVar[tuple[str, str]] = ("yaw_rate", "time")
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("bias", "rad/s", 1e-3, -0.2, 0.2, "reading minus truth"),
+        Parameter("bias", "rad/s", 1e-3, -0.2, 0.2, "reading minus truth", probe=1e-3),
     )
     bias: float
 

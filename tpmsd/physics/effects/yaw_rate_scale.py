@@ -17,8 +17,11 @@ class YawRateScale(Effect):
     """
 
     name: ClassVar[str] = "yaw_rate_scale"
+    sentence: ClassVar[str] = "the gyro's scale is off"
+    telling_drive: ClassVar[str] = "drive ten full circles to each side"
+    shows_in: ClassVar[tuple[str, str]] = ("yaw_rate", "yaw_rate")
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("scale", "1", 1.01, 0.5, 2.0, "reading divided by truth"),
+        Parameter("scale", "1", 1.01, 0.5, 2.0, "reading divided by truth", probe=0.01, neutral=1.0),
     )
     scale: float
 
