@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tpmsd.diagnosis.channels import CHANNELS, COURSE, GYRO, SPEED, WINDOW_S, Reader
-from tpmsd.physics.catalogue import make_effect
+from tpmsd.physics.catalogue import make_effect, probed_with, probes
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import WHEELS, FloatArray
 
@@ -24,24 +24,6 @@ SMOOTH_TERMS = 5
 TIME_TERMS = 12
 PLACES = ("fl", "fr", "rl", "rr", "gnss_speed", "gnss_course", "yaw_rate")
 """Where a smooth term may act."""
-
-# Effect, parameter, a size at which the response is taken: (value, neutral value).
-LINEAR: tuple[tuple[str, str, float, float], ...] = (
-    ("centrifugal_growth", "coefficient", 1e-6, 0.0),
-    ("load_transfer_longitudinal", "coefficient", 5e-5, 0.0),
-    ("load_transfer_lateral", "coefficient", 5e-5, 0.0),
-    ("longitudinal_slip", "slip_per_accel", 1e-3, 0.0),
-    ("longitudinal_slip", "slip_per_speed2", 5e-7, 0.0),
-    ("lateral_slip", "coefficient", 2e-3, 0.0),
-    ("road_grade", "", 1.0, 0.0),
-    ("gnss_latency", "latency_s", 0.05, 0.0),
-    ("antenna_lever_arm", "forward_m", 0.5, 0.0),
-    ("antenna_lever_arm", "left_m", 0.2, 0.0),
-    ("track_width_error", "rear_m", 0.02, 0.0),
-    ("track_width_error", "front_m", 0.02, 0.0),
-    ("yaw_rate_bias", "bias", 1e-3, 0.0),
-    ("yaw_rate_scale", "scale", 1.01, 1.0),
-)
 
 
 @dataclass
@@ -82,21 +64,15 @@ def catalogue_columns(reader: Reader, base: ExtendedModel | None = None) -> Colu
     base = ExtendedModel() if base is None else base
     start = reader.predict(base)
     out = Columns()
-    for name, parameter, value, neutral in LINEAR:
-        effect = make_effect(name, **({parameter: value} if parameter else {}), **_filler(name, parameter))
+    for name, parameter, value, neutral in probes():
+        varied = {parameter: value} if parameter else {}
+        effect = make_effect(name, **varied, **probed_with(name, parameter))
         response = (reader.predict(base.plus(effect)) - start) / (value - neutral)
         out.add((name, parameter), response)
     for tau in TIME_CONSTANTS_S:
         effect = make_effect("thermal_growth", amplitude_m=1e-3, time_constant_s=tau)
         out.add(("thermal_growth", f"{tau:g}"), (reader.predict(base.plus(effect)) - start) / 1e-3)
     return out
-
-
-def _filler(name: str, parameter: str) -> dict[str, float]:
-    """Neutral values of parameters that an effect requires beside the one that is varied."""
-    if name == "longitudinal_slip" and parameter != "slip_per_accel":
-        return {"slip_per_accel": 0.0}
-    return {}
 
 
 def thermal_column(reader: Reader, time_constant_s: float) -> FloatArray:
