@@ -13,16 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tpmsd.diagnosis.response import PLACES, RAMP_KNOTS, TIME_CONSTANTS_S
+from tpmsd.physics.catalogue import EFFECTS, groups
 from tpmsd.wheels import WHEELS, FloatArray
 
 PER_VALUE = 3.5
 """Log-likelihood that a further free value must bring: half the logarithm of a thousand windows."""
-POSITIVE = frozenset(
-    {
-        *("centrifugal_growth", "thermal_growth", "load_transfer_longitudinal", "load_transfer_lateral"),
-        *("longitudinal_slip", "lateral_slip", "road_grade", "gnss_latency"),
-    }
-)
+POSITIVE = frozenset(name for name, effect in EFFECTS.items() if effect.one_sign)
 """Effects whose first value has but one sign in nature; a wrong configuration may show the other."""
 ODD_SIGN = 4.0
 PATTERNS: dict[str, tuple[str, ...]] = {
@@ -89,24 +85,7 @@ class Term:
         return (self.effect, self.wheel, drive)
 
 
-GROUPS: tuple[tuple[str, tuple[str, ...]], ...] = (
-    ("centrifugal_growth", ("coefficient",)),
-    ("load_transfer_longitudinal", ("coefficient",)),
-    ("load_transfer_lateral", ("coefficient",)),
-    ("longitudinal_slip", ("slip_per_accel",)),
-    ("longitudinal_slip", ("slip_per_accel", "slip_per_speed2")),
-    ("lateral_slip", ("coefficient",)),
-    ("road_grade", ("",)),
-    ("gnss_latency", ("latency_s",)),
-    ("antenna_lever_arm", ("forward_m",)),
-    ("antenna_lever_arm", ("left_m",)),
-    ("antenna_lever_arm", ("forward_m", "left_m")),
-    ("track_width_error", ("rear_m",)),
-    ("track_width_error", ("front_m",)),
-    ("track_width_error", ("rear_m", "front_m")),
-    ("yaw_rate_bias", ("bias",)),
-    ("yaw_rate_scale", ("scale",)),
-)
+GROUPS = groups()
 
 
 class Hypotheses:
