@@ -11,24 +11,10 @@ from tpmsd.diagnosis.result import Where
 from tpmsd.diagnosis.selection import Chosen
 from tpmsd.diagnosis.study import DriveStudy, Study
 from tpmsd.diagnosis.terms import ANTISYMMETRIC, PATTERNS, Term
+from tpmsd.physics.catalogue import EFFECTS
 from tpmsd.wheels import WHEELS, FloatArray
 
-PLACE: dict[str, tuple[str, str | None]] = {
-    "radius_change": ("wheel_ratio", "time"),
-    "centrifugal_growth": ("wheel", "speed"),
-    "thermal_growth": ("wheel", "time"),
-    "load_transfer_longitudinal": ("wheel_ratio", "accel_long"),
-    "load_transfer_lateral": ("wheel_ratio", "accel_lat"),
-    "longitudinal_slip": ("wheel_ratio", "accel_long"),
-    "lateral_slip": ("gnss_course", "accel_lat"),
-    "road_grade": ("wheel", "grade"),
-    "gnss_latency": ("gnss_speed", "accel_long"),
-    "antenna_lever_arm": ("gnss_course", "yaw_rate"),
-    "track_width_error": ("wheel_ratio", "yaw_rate"),
-    "tone_ring_error": ("wheel_ratio", "wheel_angle"),
-    "yaw_rate_bias": ("yaw_rate", "time"),
-    "yaw_rate_scale": ("yaw_rate", "yaw_rate"),
-}
+PLACE = {name: effect.shows_in for name, effect in EFFECTS.items()}
 """Channel and covariate over which an effect shows."""
 RECEIVER = ("gnss_speed", "gnss_course", "yaw_rate")
 """Places of smooth terms that are no wheels."""
