@@ -86,7 +86,7 @@ def test_the_summary_says_where_a_shape_goes() -> None:
         ),
         (
             replace(REACH, found=0.0, left=2.0, left_std=3.0),
-            "A model of free shape gains nothing on held-out stretches either (2 +- 3 nats).",
+            "A model of free shape gains nothing sure on held-out stretches either (2 +- 3 nats).",
         ),
         (
             replace(REACH, found=0.0),

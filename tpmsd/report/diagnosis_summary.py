@@ -64,7 +64,7 @@ def reached(reach: Reach) -> str:
     """How much of what any model could gain was gained, and whether what is left has structure."""
     left = f"{round(reach.left, 1):.4g} +- {max(reach.left_std, 0.1):.2g} nats"
     if reach.share is None:
-        return f"A model of free shape gains nothing on held-out stretches either ({left})."
+        return f"A model of free shape gains nothing sure on held-out stretches either ({left})."
     share = (
         f"Of what a model of free shape gains on held-out stretches, {100 * reach.share:.0f} % was reached"
     )
