@@ -21,6 +21,8 @@ OPTIONAL_ROLES = (
     "ambient_temp",
 )
 FILTER_METHODS = ("mpf-pn", "mpf-rb")
+FILTER_GATES = ("thresholds", "slip")
+FIX_WEIGHTS = ("square", "igg3")
 ROLES = WHEEL_COUNT_ROLES + WHEEL_SPEED_ROLES + OPTIONAL_ROLES
 
 
@@ -83,6 +85,14 @@ class FilterConfig:
     """Below this the ticks do not teach a radius and the heading may come from the steering, eq. (38)."""
     max_accel_long_mps2: float = 1.2
     max_accel_lat_mps2: float = 3.0
+    gate: str = "thresholds"
+    """One of FILTER_GATES: what decides which ticks teach, accelerations or the slips that they cause."""
+    max_wheel_slip: float = 0.005
+    """For the gate `slip`: longitudinal slip of any wheel up to which a tick teaches."""
+    max_side_slip_rad: float = 0.05
+    """The same for the side slip of the rear axle."""
+    fix_weights: str = "square"
+    """One of FIX_WEIGHTS (mpf-rb): how fast a fix that does not fit loses influence."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tpmsd.config.model import FILTER_METHODS, ROLES
+from tpmsd.config.model import FILTER_GATES, FILTER_METHODS, FIX_WEIGHTS, ROLES
 from tpmsd.config.rules import Channel, Choice, FilePath, Flag, Number, Rule, SignalName, Text, Whole
 from tpmsd.wheels import WHEELS
 
@@ -57,6 +57,10 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
             "min_speed_mps": Number(0.0, 30.0, "m/s"),
             "max_accel_long_mps2": Number(0.1, 20.0, "m/s2"),
             "max_accel_lat_mps2": Number(0.1, 20.0, "m/s2"),
+            "gate": Choice(FILTER_GATES),
+            "max_wheel_slip": Number(0.0005, 0.2, "share"),
+            "max_side_slip_rad": Number(0.002, 0.5, "rad"),
+            "fix_weights": Choice(FIX_WEIGHTS),
         },
         "monitor": {
             "learn_s": Number(1.0, 86_400.0, "s"),

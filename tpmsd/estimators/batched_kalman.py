@@ -7,6 +7,8 @@ own.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from tpmsd.wheels import FloatArray
@@ -14,6 +16,14 @@ from tpmsd.wheels import FloatArray
 TAIL_DOF = 5.0
 ROBUST_FROM = 2.5
 """Innovations beyond this many standard deviations lose influence: their weight falls with the square."""
+
+Weights = Callable[[FloatArray], FloatArray]
+"""Equivalent weights, 0 < w <= 1, of residuals in standard deviations."""
+
+
+def square_weights(size: FloatArray) -> FloatArray:
+    """1 up to `ROBUST_FROM`, then falling with the square of the residual."""
+    return np.asarray(np.maximum(size / ROBUST_FROM, 1.0) ** -2)
 
 
 def predict(covariance: FloatArray, transition: FloatArray, noise: FloatArray) -> FloatArray:
@@ -30,23 +40,23 @@ def scalar_update(
     row: FloatArray,
     variance: float,
     frozen_from: int | None = None,
+    weights: Weights = square_weights,
 ) -> FloatArray:
     """One scalar measurement z = row . x + noise for all particles, robustly; changes mean and covariance in
     place.
 
-    innovation (N,): z - prediction; row (n,) or (N, n). The measurement variance of a particle is raised
-    where its innovation is beyond `ROBUST_FROM` sigma, by the square of the excess: an outlier's pull falls
-    off as its distance grows. States from `frozen_from` on are considered but not changed (Schmidt's consider
-    filter): the others' gains and covariances allow for them, their own mean and covariance stay. Returns the
-    log-likelihood (N,) under a Student-t of the same scale.
+    innovation (N,): z - prediction; row (n,) or (N, n). The measurement variance of a particle is divided by
+    the equivalent weight of its innovation: an outlier's pull falls off as its distance grows. States from
+    `frozen_from` on are considered but not changed (Schmidt's consider filter): the others' gains and
+    covariances allow for them, their own mean and covariance stay. Returns the log-likelihood (N,) under a
+    Student-t of the same scale.
     """
     gain = np.matmul(covariance, row[..., None])[..., 0] if row.ndim == 2 else covariance @ row
     projected = np.einsum("ij,ij->i", gain, row) if row.ndim == 2 else gain @ row
     total = projected + variance
     squared = innovation**2 / total
     log = -0.5 * (TAIL_DOF + 1.0) * np.log1p(squared / TAIL_DOF) - 0.5 * np.log(total)
-    excess = np.maximum(np.sqrt(squared) / ROBUST_FROM, 1.0)
-    total = projected + variance * excess**2
+    total = projected + variance / weights(np.sqrt(squared))
     scaled = gain / total[:, None]
     if frozen_from is not None:
         kept = covariance[:, frozen_from:, frozen_from:].copy()

@@ -87,17 +87,18 @@ class MotionGate:
         self.speed_mps += share * (speed_mps - before)
         self.yaw_rate_radps += share * (yaw_rate_radps - self.yaw_rate_radps)
         self.accel_mps2 += share * ((self.speed_mps - before) / tick.dt_s - self.accel_mps2)
-        accel_long = self.accel_mps2 if math.isnan(tick.accel_long_mps2) else tick.accel_long_mps2
         yaw_rate = self._witnessed_yaw_rate(tick)
-        accel_lat = self.speed_mps * yaw_rate
+        gentle = self._gentle(tick, yaw_rate)
+        slowest = self._settings.min_speed_mps
+        fast = speed_mps >= slowest and self.speed_mps >= slowest
+        return fast and gentle and abs(yaw_rate) <= MAX_CURVATURE_PER_M * self.speed_mps
+
+    def _gentle(self, tick: Tick, yaw_rate_radps: float) -> bool:
+        """Whether the forces are small enough; `yaw_rate_radps` is the witness's."""
+        accel_long = self.accel_mps2 if math.isnan(tick.accel_long_mps2) else tick.accel_long_mps2
+        accel_lat = self.speed_mps * yaw_rate_radps
         limits = self._settings
-        return (
-            speed_mps >= limits.min_speed_mps
-            and self.speed_mps >= limits.min_speed_mps
-            and abs(accel_long) <= limits.max_accel_long_mps2
-            and abs(accel_lat) <= limits.max_accel_lat_mps2
-            and abs(yaw_rate) <= MAX_CURVATURE_PER_M * self.speed_mps
-        )
+        return abs(accel_long) <= limits.max_accel_long_mps2 and abs(accel_lat) <= limits.max_accel_lat_mps2
 
     @property
     def gyro_trusted(self) -> bool:

@@ -42,10 +42,10 @@ from tpmsd.config.model import FilterConfig, GnssConfig, VehicleConfig
 from tpmsd.estimators.base import RadiusEstimate, checked_radii
 from tpmsd.estimators.fix_gate import FixGate
 from tpmsd.estimators.gnss_likelihood import position_variance, student_t_log
-from tpmsd.estimators.motion_gate import MotionGate
 from tpmsd.estimators.niw import NormalInverseWishart
 from tpmsd.estimators.pose_start import PoseFinder, PoseStart
 from tpmsd.estimators.resampling import effective_number, systematic
+from tpmsd.estimators.slip_gate import make_gate
 from tpmsd.physics.kinematics import Geometry, wheel_speeds
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import FL, FR, RL, RR, FloatArray
@@ -86,7 +86,7 @@ class MpfPn:
         self._change_rate = change_rate_per_s
         self._rng = rng
         self._forgetting = 1.0 - 1.0 / max(settings.window_s * settings.rate_hz, 2.0)
-        self._gate = MotionGate(settings)
+        self._gate = make_gate(settings, vehicle)
         self._fix_gate = FixGate()
         self._finder = PoseFinder()
         count = settings.particles or DEFAULT_PARTICLES

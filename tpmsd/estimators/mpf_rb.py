@@ -31,13 +31,13 @@ from tpmsd.config.model import FilterConfig, GnssConfig, VehicleConfig
 from tpmsd.estimators import error_state as state
 from tpmsd.estimators import measurements
 from tpmsd.estimators.base import RadiusEstimate, checked_radii
-from tpmsd.estimators.batched_kalman import scalar_update, symmetrise
+from tpmsd.estimators.batched_kalman import Weights, scalar_update, square_weights, symmetrise
 from tpmsd.estimators.error_state import BE, BN, FWD, LAT, MU, PSI, SLIP, E, Motion, N, ProcessModel
-from tpmsd.estimators.fix_gate import FixGate
-from tpmsd.estimators.motion_gate import MotionGate
+from tpmsd.estimators.fix_gate import FIX_WEIGHTS, FixGate
 from tpmsd.estimators.odometry_block import Block, BlockBuilder
 from tpmsd.estimators.pose_start import PoseFinder, PoseStart
 from tpmsd.estimators.resampling import effective_number
+from tpmsd.estimators.slip_gate import make_gate
 from tpmsd.physics.grade import GradeTracker
 from tpmsd.physics.kinematics import Geometry
 from tpmsd.timeline.tick import Fix, Tick
@@ -80,8 +80,9 @@ class MpfRb:
         self._driven_rear = vehicle.driven_axle in ("rear", "all")
         self._driven_front = vehicle.driven_axle in ("front", "all")
         self._process = ProcessModel(self._nominal, vehicle.track_rear_m, self._driven_rear)
-        self._gate = MotionGate(settings)
+        self._gate = make_gate(settings, vehicle)
         self._fix_gate = FixGate()
+        self._fix_weights = FIX_WEIGHTS[settings.fix_weights]
         self._finder = PoseFinder()
         self._grade = GradeTracker()
         self._blocks = BlockBuilder(self._order, self._nominal, self._geometry)
@@ -203,12 +204,13 @@ class MpfRb:
         self._last_fix_s = fix.time_s
         self.counts["fixes"] += 1
         variance = measurements.position_variance(fix, now)
-        self._update(measurements.Scalar(fix.east_m - east, east_row, variance))
+        self._update(measurements.Scalar(fix.east_m - east, east_row, variance), self._fix_weights)
         _, north, _, north_row = measurements.antenna_position(self._mean, fix, tick, now)
-        self._update(measurements.Scalar(fix.north_m - north, north_row, variance))
+        self._update(measurements.Scalar(fix.north_m - north, north_row, variance), self._fix_weights)
         if math.isfinite(fix.heading_rad) and now.speed_mps > self._settings.min_speed_mps / 2:
             reading = self._reading_heading(tick)
-            self._update(measurements.course(self._mean, fix, tick, now, reading, interval_s))
+            course = measurements.course(self._mean, fix, tick, now, reading, interval_s)
+            self._update(course, self._fix_weights)
 
     def _reading_heading(self, tick: Tick) -> float:
         """The counters' reading error at one instant (half of a tick's variance) as an error of heading,
@@ -290,7 +292,7 @@ class MpfRb:
             scalar = measurements.doppler_way(
                 self._mean, block, self._nominal, left, self._grade.horizontal, self._driven_rear
             )
-            self._update(scalar)
+            self._update(scalar, self._fix_weights)
         if self._gate.gyro_trusted and math.isfinite(block.gyro_turn_rad):
             self._update(measurements.gyro_turn(self._mean, block, self._geometry.track_rear_m))
         driven = float(self._driven_front) - float(self._driven_rear)
@@ -300,12 +302,12 @@ class MpfRb:
 
     # -- particles ------------------------------------------------------------------------------------------
 
-    def _update(self, scalar: measurements.Scalar) -> None:
+    def _update(self, scalar: measurements.Scalar, weights: Weights = square_weights) -> None:
         """Update all particles; in ticks that may not teach, the radii and what acts on them stay as they
         are."""
         frozen = None if self._teaches else SLIP
         self._log_weights += scalar_update(
-            self._mean, self._cov, scalar.innovation, scalar.row, scalar.variance, frozen
+            self._mean, self._cov, scalar.innovation, scalar.row, scalar.variance, frozen, weights
         )
 
     def _weights(self) -> FloatArray:

@@ -32,8 +32,9 @@ V, U, R = range(3)
 MIN_SPEED_MPS = 2.0
 """Slip angles are those of at least this speed: slower, their geometry is singular and the tyres are stiff
 springs."""
-MAX_STEP_S = 0.02
-"""Longest step of the integration: the lateral motion's time constant is 0.02 s at `MIN_SPEED_MPS`."""
+MIN_STEP_S, MAX_STEP_S = 0.02, 0.05
+STEP_S_PER_MPS = 0.01
+"""Steps of the integration grow with speed, as the lateral motion's time constant does (0.02 s at 2 m/s)."""
 _MAX_FORCE_SHARE = 0.3
 
 
@@ -127,17 +128,19 @@ def rates(car: CarDynamics, state: FloatArray, inputs: Inputs) -> FloatArray:
 
 
 def advance(car: CarDynamics, state: FloatArray, inputs: Inputs) -> FloatArray:
-    """(..., 3) state at the end of the tick: midpoint rule in steps of at most `MAX_STEP_S`."""
-    count, step = substeps(inputs)
+    """(..., 3) state at the end of the tick, by the midpoint rule in `substeps`."""
+    count, step = substeps(state, inputs)
     for _ in range(count):
         half = state + step / 2 * rates(car, state, inputs)
         state = state + step * rates(car, half, inputs)
     return state
 
 
-def substeps(inputs: Inputs) -> tuple[int, float]:
-    """Number and length of the steps in which a tick is integrated."""
-    count = max(int(np.ceil(inputs.dt_s / MAX_STEP_S - 1e-9)), 1)
+def substeps(state: FloatArray, inputs: Inputs) -> tuple[int, float]:
+    """Number and length of the steps in which a tick is integrated: those that the slowest state needs."""
+    slowest = float(np.min(state[..., U]))
+    longest = min(max(STEP_S_PER_MPS * slowest, MIN_STEP_S), MAX_STEP_S)
+    count = max(int(np.ceil(inputs.dt_s / longest - 1e-9)), 1)
     return count, inputs.dt_s / count
 
 
