@@ -124,10 +124,15 @@ def optimal(truth: CourseTruth, car: Vehicle, side_slip: bool) -> FloatArray:
     truth."""
     clean = measured(truth, None)
     reference = true_pose(truth, clean.edges_s, reference_pose(clean, car, side_slip).side_slip_rad)
-    track = car.geometry.track_rear_m
-    start = 2 * math.pi * truth.radius_m * np.ones(2)
+    return best_circumferences(clean, reference, 2 * math.pi * truth.radius_m * np.ones(2), car)
+
+
+def best_circumferences(
+    recording: Recording, reference: ReferencePose, start: FloatArray, car: Vehicle
+) -> FloatArray:
+    """(2,) those that bring the un-fused odometry of a drive closest to a reference."""
     found = minimize(
-        lambda c: pose_error_m(clean, reference, c, track),
+        lambda c: pose_error_m(recording, reference, c, car.geometry.track_rear_m),
         start,
         method="Nelder-Mead",
         options={
@@ -152,6 +157,9 @@ class Bench:
     true_poses: dict[bool, list[ReferencePose]]
     """The same, at the true place with the true heading."""
     optimal_m: dict[bool, FloatArray]
+    """(2,) of the drive without noise, as the paper has it."""
+    best_m: dict[bool, FloatArray]
+    """(s, 2) of each scenario by itself."""
 
     def judged(self, label: str, estimates: FloatArray, slip: bool, tracks: FloatArray) -> dict[str, Any]:
         """One line of the table: estimates (s, 2) and the tracks (s,) that the odometry uses with them."""
@@ -166,6 +174,7 @@ class Bench:
             "pose_error_m": float(reached.mean()),
             "pose_error_deviation_m": float(np.abs(reached - reached.mean()).mean()),
             "optimal_pose_error_m": float(self._reached(self.references[slip], best, known).mean()),
+            "best_pose_error_m": float(self._reached(self.references[slip], self.best_m[slip], known).mean()),
             "true_start": {
                 "pose_error_m": float(from_start.mean()),
                 "pose_error_deviation_m": float(np.abs(from_start - from_start.mean()).mean()),
@@ -212,6 +221,7 @@ def paper_table(scenarios: int) -> dict[str, object]:
     car = vehicle(truth)
     recordings = [measured(truth, np.random.default_rng(seed)) for seed in range(1, scenarios + 1)]
     references = {slip: [reference_pose(r, car, slip) for r in recordings] for slip in (False, True)}
+    optima = {slip: optimal(truth, car, slip) for slip in (False, True)}
     bench = Bench(
         car=car,
         true_m=2 * math.pi * truth.hub_path_m[-1, [RL, RR]] / truth.angle_rad[-1, [RL, RR]],
@@ -224,13 +234,22 @@ def paper_table(scenarios: int) -> dict[str, object]:
             ]
             for slip in (False, True)
         },
-        optimal_m={slip: optimal(truth, car, slip) for slip in (False, True)},
+        optimal_m=optima,
+        best_m={
+            slip: np.array(
+                [
+                    best_circumferences(r, reference, optima[slip], car)
+                    for r, reference in zip(recordings, references[slip], strict=True)
+                ]
+            )
+            for slip in (False, True)
+        },
     )
     print("mm per turn, rl and rr: rolled {:.2f} {:.2f};".format(*bench.true_m * 1e3), end=" ")
     print("optimal two-wheel model {:.2f} {:.2f}".format(*bench.optimal_m[False] * 1e3), end=" ")
     print("without, {:.2f} {:.2f} with side-slip".format(*bench.optimal_m[True] * 1e3))
-    print(f"{'':42s} error rl, rr / mm   to optimal / mm  pose error / m (deviation; optimal setting),")
-    print(f"{'':78s} from the reference    from the true start")
+    print(f"{'':42s} error rl, rr / mm   to optimal / mm  pose error / m (deviation; optimal setting)")
+    print(f"{'':78s} from the reference, over the scenario's best; from the true start")
     start = circumferences(car)
     rows = [
         bench.judged("start", np.tile(start, (scenarios, 1)), False, np.full(scenarios, truth.track_rear_m))
@@ -280,12 +299,13 @@ def main() -> None:
 def print_row(line: dict[str, Any]) -> None:
     """One line of the table."""
     error, apart, start = line["error_mm"], line["error_to_optimal_mm"], line["true_start"]
-    above = start["pose_error_m"] / start["optimal_pose_error_m"] - 1.0
+    above = line["pose_error_m"] / line["best_pose_error_m"] - 1.0
     print(
         f"{line['setting']:42s} {error[0]:8.2f} {error[1]:8.2f}  {apart[0]:8.2f} {apart[1]:8.2f}"
         f"  {line['pose_error_m']:7.2f} ({line['pose_error_deviation_m']:.2f}; "
-        f"{line['optimal_pose_error_m']:.2f})  {start['pose_error_m']:7.2f} "
-        f"({start['pose_error_deviation_m']:.2f}; {start['optimal_pose_error_m']:.2f}) {above:+.0%}",
+        f"{line['optimal_pose_error_m']:.2f}) {above:+5.0%} of {line['best_pose_error_m']:.2f}"
+        f"  {start['pose_error_m']:7.2f} ({start['pose_error_deviation_m']:.2f}; "
+        f"{start['optimal_pose_error_m']:.2f})",
         flush=True,
     )
 
