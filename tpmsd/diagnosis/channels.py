@@ -10,7 +10,7 @@ Channels of a window, in this order: ways of the four wheels (m), mean yaw rate 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -87,6 +87,21 @@ class Reader:
         self.left_out = driven - len(self._kept)
         self._window_of_fix = np.floor(recording.fix_time_s / WINDOW_S).astype(int)
         self.windows = self._windows()
+        self._rolled: FloatArray | None = None
+
+    @property
+    def rolled_m(self) -> FloatArray:
+        """(w, 4) ways of the wheels by the reference motion."""
+        if self._rolled is None:
+            self._rolled = self.predict(ExtendedModel())[:, :4]
+        return self._rolled
+
+    def recalibrate(self, radii_m: FloatArray) -> None:
+        """Tell everything anew with other radii (4,) of the car."""
+        car = self.reference.car
+        self.windows.measured[:, :4] *= radii_m / car.radius_m
+        self.reference = replace(self.reference, car=replace(car, radius_m=radii_m))
+        self._rolled = None
 
     def predict(self, model: ExtendedModel, radii_m: FloatArray | None = None) -> FloatArray:
         """(w, 9) what the channels would read if the car moved as the reference does and the model acted."""

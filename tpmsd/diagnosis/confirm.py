@@ -1,10 +1,11 @@
-"""Confirms faint effects that only the receiver can see, against slow noise that could make them.
+"""Confirms faint effects against slow noise that could make them.
 
 In: a `Study` and its `Selection`. Out: both without the terms that do not stand.
 
 Warm-up, growth with speed and slopes act on all wheels alike, so that only the receiver shows them, as a
 slow drift. With such a term in the model the receiver's slow error is estimated smaller than it is, and
-the term looks the surer for it. So the term is asked again under the noise that fits best without it.
+the term looks the surer for it. So the term is asked again under the noise that fits best without it. The
+same holds of a single wheel's change and of terms over time against the slow wander of tyres' radii.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from tpmsd.diagnosis.evidence import Evidence, gain_of
-from tpmsd.diagnosis.noise_fit import PRIORS, SLOW, log_posterior, refit_slow
+from tpmsd.diagnosis.noise_fit import PRIORS, SLOW, log_posterior, refit_slow, refit_wander
 from tpmsd.diagnosis.selection import ADMIT, Selection, Selector
 from tpmsd.diagnosis.study import DriveStudy, Study
 from tpmsd.diagnosis.whitening import Noise, whiten
@@ -23,18 +24,24 @@ from tpmsd.wheels import FloatArray
 
 COMMON = ("thermal_growth", "centrifugal_growth", "road_grade")
 SURE = 80.0
-"""Log-likelihood beyond which no slow noise is the reason."""
+"""Log-likelihood beyond which no slow noise of a receiver is the reason."""
+SURE_OF_WHEEL = 400.0
+"""The same of a wheel that changes against the others."""
 
 
 def confirmed(study: Study, selection: Selection, evidence: Evidence) -> tuple[Selection, Evidence]:
-    """Take out the common terms that the noise explains as well."""
+    """Take out the terms that slow noise explains as well."""
     for one in selection.chosen:
-        if not (one.term.effect in COMMON or one.term.place == "all") or one.gain > SURE:
+        common = one.term.effect in COMMON or one.term.place == "all"
+        wheel = one.term.effect == "radius_change" or one.term.covariate in ("time", "distance")
+        if one.gain > (SURE if common else SURE_OF_WHEEL if wheel else 0.0):
             continue
         terms = [other.term for other in selection.chosen if other is not one]
         selector = Selector(evidence, study.hypotheses)
         without, with_it = selector.design(terms), selector.design([*terms, one.term])
-        null = {number: _noise_without(study.drives[number], without) for number in study.acting(one.term)}
+        null = {
+            number: _noise_without(study.drives[number], without, common) for number in study.acting(one.term)
+        }
         if _gain(study, with_it, without.shape[1], null) < ADMIT + one.term.penalty:
             for number, noise in null.items():
                 study.drives[number].noise = noise
@@ -44,9 +51,12 @@ def confirmed(study: Study, selection: Selection, evidence: Evidence) -> tuple[S
     return selection, evidence
 
 
-def _noise_without(drive: DriveStudy, design: FloatArray) -> Noise:
-    """The noise that fits a drive best with this design."""
+def _noise_without(drive: DriveStudy, design: FloatArray, common: bool) -> Noise:
+    """The noise that fits a drive best with this design: the receiver's slow error, or the tyres' wander."""
     windows, columns = drive.reader.windows, drive.believed(design)
+    if not common:
+        start = replace(drive.noise, wander=max(drive.noise.wander, PRIORS["wander"][0]))
+        return refit_wander(windows, columns, start, drive.inflate)
     middles: dict[str, Any] = {name: PRIORS[name][0] for name in SLOW}
     starts = (drive.noise, replace(drive.noise, **middles))
     found = [refit_slow(windows, columns, start, drive.inflate) for start in starts]

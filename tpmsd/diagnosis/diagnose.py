@@ -16,11 +16,12 @@ from tpmsd.diagnosis.confirm import confirmed
 from tpmsd.diagnosis.drives import admitted
 from tpmsd.diagnosis.evidence import Evidence
 from tpmsd.diagnosis.findings import report
-from tpmsd.diagnosis.noise_fit import fit_noise, outliers
+from tpmsd.diagnosis.noise_fit import Stage, fit_noise, outliers
 from tpmsd.diagnosis.recording import Recording
 from tpmsd.diagnosis.refine import refine
+from tpmsd.diagnosis.relinearise import relinearise
 from tpmsd.diagnosis.result import INSUFFICIENT, Diagnosis
-from tpmsd.diagnosis.selection import Selection, Selector
+from tpmsd.diagnosis.selection import MAX_TERMS, Selection, Selector
 from tpmsd.diagnosis.study import Study, first_noise
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import FloatArray
@@ -47,28 +48,31 @@ def diagnose(
 
 def examine(study: Study, progress: Callable[[float], None]) -> tuple[Selection, Evidence]:
     """Choose terms and estimate the noise in turn."""
-    design = study.hypotheses.nuisance
-    for turn in range(2):
-        _estimate_noise(study, design, turn == 0)
+    design = study.hypotheses.everything
+    for stage in (Stage.FIRST, Stage.SECOND):
+        _estimate_noise(study, design, stage)
         evidence = study.evidence()
-        progress(0.35 + 0.25 * turn)
-        selection = Selector(evidence, study.hypotheses).select()
-        if refine(study, selection, evidence):
-            evidence = study.evidence()
-            selection = Selector(evidence, study.hypotheses).select()
+        progress(0.35 + 0.25 * stage.value)
+        # What is clearest first and exactly: a pulse half a minute off leaves more than a faint effect.
+        for most in (1, MAX_TERMS):
+            selection = Selector(evidence, study.hypotheses).select(most)
+            if refine(study, selection, evidence, again=most == 1):
+                evidence = study.evidence()
+                selection = Selector(evidence, study.hypotheses).select(most)
         for drive in study.drives:
             white = drive.residual(selection.fit.design, selection.fit.values)
             drive.inflate = outliers(white, drive.blocks, drive.inflate)
         design = selection.fit.design
-    _estimate_noise(study, design, False)
+        relinearise(study, selection)
+    _estimate_noise(study, design, Stage.LAST)
     evidence = study.evidence()
     return confirmed(study, Selector(evidence, study.hypotheses).select(), evidence)
 
 
-def _estimate_noise(study: Study, design: FloatArray, first: bool) -> None:
+def _estimate_noise(study: Study, design: FloatArray, stage: Stage) -> None:
     for drive in study.drives:
         windows = drive.reader.windows
-        drive.noise = fit_noise(windows, drive.believed(design), drive.noise, first, drive.inflate)
+        drive.noise = fit_noise(windows, drive.believed(design), drive.noise, stage, drive.inflate)
 
 
 def insufficient(notes: Sequence[str]) -> Diagnosis:

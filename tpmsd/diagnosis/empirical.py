@@ -14,9 +14,22 @@ from tpmsd.physics.effect import Std
 from tpmsd.physics.effects.unknown import CHANNELS, MAX_RADIUS_CHANGE_M, Unknown
 from tpmsd.wheels import FloatArray
 
+EDGE_S = 0.5
+"""Half the time in which a pulse rises."""
+
 
 def shape_of(one: Chosen, knots: FloatArray) -> tuple[tuple[float, float, float], ...]:
     """(covariate, height, standard deviation) at each knot; the first height is calibration's: zero."""
+    if one.term.pulse:
+        begin, end = one.term.span_s
+        height, std = float(one.values[0]), float(one.stds[0])
+        edge = min(EDGE_S, 0.25 * (end - begin))
+        return (
+            (begin - edge, 0.0, 0.0),
+            (begin + edge, height, std),
+            (end - edge, height, std),
+            (end + edge, 0.0, 0.0),
+        )
     rest = zip(knots[1:], one.values, one.stds, strict=True)
     return ((float(knots[0]), 0.0, 0.0), *((float(x), float(v), float(s)) for x, v, s in rest))
 

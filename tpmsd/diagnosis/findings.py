@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from tpmsd.diagnosis.advice import advice
-from tpmsd.diagnosis.channels import CHANNEL_NAMES
+from tpmsd.diagnosis.channels import CHANNEL_NAMES, WINDOW_S
 from tpmsd.diagnosis.empirical import empirical_effect, shape_of
 from tpmsd.diagnosis.evidence import Evidence
 from tpmsd.diagnosis.reach import Seen, reach
@@ -30,6 +30,7 @@ from tpmsd.physics.model import ExtendedModel
 
 NEUTRAL = {"scale": 1.0}
 """What a parameter is where nothing is missing; fitted is the difference from it."""
+DOPPLER_LAG = "the receiver's speed is {:.3f} +- {:.3f} s older than its position; taken into account"
 STEP_S = 3.0
 """A ramp shorter than this is a step."""
 
@@ -46,6 +47,9 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
     effects: list[Effect] = []
     effect_stds: list[Mapping[str, Std]] = []
     for k, one in enumerate(selection.chosen):
+        if one.term.calibrates:
+            notes = (*notes, DOPPLER_LAG.format(float(one.values[0]), float(one.stds[0])))
+            continue
         rest = terms[:k] + terms[k + 1 :]
         without = float(evidence.heldout(selector.design(rest)).sum())
         quantities = _quantities(_in_full(study, selection, k), stds.get(k, {}))
@@ -75,7 +79,6 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
             effect, known = _effect(one, quantities)
             effects.append(effect)
             effect_stds.append(known)
-    covariates = [finding.where.covariate for finding in findings]
     for finding in teeth(study, evidence.fit(study.hypotheses.nuisance), seconds):
         findings.append(finding)
         values = {name: quantity.value for name, quantity in finding.parameters.items()}
@@ -114,7 +117,7 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
         ),
         inner=Inner(
             _by_channel(study, selection, evidence),
-            tuple(traces(study, selection, evidence, covariates)),
+            tuple(traces(study, selection, evidence)),
             ground(study, selection, evidence),
         ),
     )
@@ -176,9 +179,12 @@ def _quantities(one: Chosen, nonlinear: dict[str, float]) -> dict[str, Quantity]
         out["time_constant_s"] = Quantity(term.time_constant_s, std, "s")
     if term.effect == "radius_change":
         onset, duration = term.span_s[0], term.span_s[1] - term.span_s[0]
-        out["onset_s"] = Quantity(onset, nonlinear.get("onset_s", STEP_S), "s")
         step = duration < STEP_S
-        out["duration_s"] = Quantity(0.0 if step else duration, nonlinear.get("duration_s", STEP_S), "s")
+        if step:
+            onset += 0.5 * duration
+        stds = [math.hypot(nonlinear.get(name, STEP_S), WINDOW_S) for name in ("onset_s", "duration_s")]
+        out["onset_s"] = Quantity(onset, stds[0], "s")
+        out["duration_s"] = Quantity(0.0 if step else duration, stds[1], "s")
     return out
 
 
@@ -199,7 +205,7 @@ def _effect(one: Chosen, quantities: dict[str, Quantity]) -> tuple[Effect, dict[
 
 def _unexplained(study: Study, selector: Selector, terms: list[Term]) -> Where | None:
     """Structure that is still significant after the chosen terms."""
-    options = selector.candidates(terms)
+    options = [entry for entry in selector.candidates(terms) if not entry[1][0].calibrates]
     for net, found in options[:3]:
         term = found[0]
         ratio = selector.ratio([*terms, term], len(terms))
@@ -222,7 +228,7 @@ def _alone(study: Study, selector: Selector) -> tuple[tuple[str, float], ...]:
     gram, b = selector.evidence.projected(selector.design([]))
     best: dict[str, float] = {}
     for term in study.hypotheses.catalogue:
-        if term.drive is not None:
+        if term.drive is not None or term.calibrates:
             continue
         gain, _ = group_gain(term.design[1:], gram, b)
         best[term.effect] = max(best.get(term.effect, 0.0), gain)

@@ -80,6 +80,15 @@ class JointHypotheses(Hypotheses):
                 out.append((gain, self._of(number, term)))
         return out
 
+    def pulse_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
+        """For each drive and wheel the best pulse and its gain."""
+        out = []
+        for number, one in enumerate(self._drives):
+            at = self._at[number][1:] - 1
+            for gain, term in one.pulse_gains(gram[np.ix_(at, at)], b[at]):
+                out.append((gain, self._of(number, term)))
+        return out
+
     def smooth_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
         """Gain of every common smooth term, and of the best of each drive."""
         out = super().smooth_gains(gram, b)

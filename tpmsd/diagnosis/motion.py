@@ -52,7 +52,7 @@ def reference(recording: Recording) -> Reference:
     car = replace(car, radius_m=_balanced(recording, car, yaw, speed) * scale)
     yaw, speed = _yaw_and_speed(recording, car)
     edges = recording.edges_s
-    accel = np.gradient(gaussian_filter1d(speed, ACCEL_SMOOTHING_S / recording.dt_s), recording.dt_s)
+    accel = np.gradient(twiced(speed, ACCEL_SMOOTHING_S / recording.dt_s), recording.dt_s)
     heading, yaw = _heading(recording, yaw, speed)
     grade, by = _grade(recording, speed, accel)
     curvature = np.divide(yaw, speed, out=np.zeros_like(speed), where=speed > 1.0)
@@ -99,8 +99,17 @@ def fill(values: FloatArray) -> FloatArray:
 
 def to_edges(ticks: FloatArray, sigma: float) -> FloatArray:
     """(n + 1,) values at the ticks' edges from their means (n,), smoothed by a Gaussian of `sigma` ticks."""
-    smooth = gaussian_filter1d(fill(ticks), sigma)
+    smooth = twiced(fill(ticks), sigma)
     return np.concatenate([smooth[:1], 0.5 * (smooth[1:] + smooth[:-1]), smooth[-1:]])
+
+
+def twiced(values: FloatArray, sigma: float) -> FloatArray:
+    """Smoothed by a Gaussian, and what that took away smoothed and given back (Tukey's twicing).
+
+    A single pass flattens every swing, and with it the answer of the channels to a latency or to slip.
+    """
+    once = gaussian_filter1d(values, sigma)
+    return np.asarray(once + gaussian_filter1d(values - once, sigma))
 
 
 def _yaw_and_speed(recording: Recording, car: Car) -> tuple[FloatArray, FloatArray]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from enum import Enum
 from typing import Any
 
 import numpy as np
@@ -34,28 +35,42 @@ LIMITS: dict[str, tuple[float, float]] = {
     "slow_tau_s": (3.0, 300.0),
     "clock_s": (1e-4, 0.3),
     "clock_tau_s": (0.5, 60.0),
+    "wander": (1e-6, 3e-3),
+    "wander_tau_s": (10.0, 600.0),
 }
 PRIORS: dict[str, tuple[float, float]] = {
     "slow_m": (1.2, 1.0),
     "slow_tau_s": (40.0, 0.2),
     "gyro_drift_radps": (2e-6, 0.7),
+    "wander": (2e-5, 1.0),
+    "wander_tau_s": (60.0, 0.5),
 }
 """Median and logarithmic spread of what a drive hardly tells."""
 SLOW = ("slow_m", "slow_tau_s")
-WANDERING = (*SLOW, "gyro_drift_radps", "speed_memory", "clock_s", "clock_tau_s")
+WANDERING = (*SLOW, "gyro_drift_radps", "speed_memory", "clock_s", "clock_tau_s", "wander", "wander_tau_s")
 """What could pass for a missing effect: not estimated before effects were looked for."""
 SLOWER = "slower"
 """A coordinate of its own: a longer memory and a larger size that wander alike over short times."""
-FIT_WINDOWS = 400
+FIT_WINDOWS = 300
 OUTLIER = 3.5
 ROUGH_STRETCH = 1.6
 """Variance of a stretch, over the usual one, from which it is believed to be noisier."""
 
 
+class Stage(Enum):
+    """How far the search for effects has come, and so what of the noise may be estimated."""
+
+    FIRST = 0
+    """Nothing was looked for: not what wanders."""
+    SECOND = 1
+    LAST = 2
+    """The rest is known: only what wanders, once more."""
+
+
 def fit_noise(
-    windows: Windows, columns: FloatArray, start: Noise, first: bool, inflate: FloatArray | None = None
+    windows: Windows, columns: FloatArray, start: Noise, stage: Stage, inflate: FloatArray | None = None
 ) -> Noise:
-    """Maximise the likelihood coordinate by coordinate; `first` leaves alone what wanders.
+    """Maximise the likelihood coordinate by coordinate.
 
     `columns` (w, 9, 1 + k): the residual and the columns that are believed, whose values are fitted along.
     """
@@ -63,16 +78,35 @@ def fit_noise(
     names = [name for name in LIMITS if measured[_channel(name)]]
     part = _part(windows, columns, inflate)
     noise = start
-    if first:
+    if stage is Stage.FIRST:
         return _climbed(part, noise, [name for name in names if name not in WANDERING], 2.2)
-    noise = _climbed(part, noise, names, 1.5)
+    if stage is Stage.LAST:
+        names = [name for name in names if name in WANDERING and name not in SLOW]
+    noise = _climbed(part, noise, names, 1.5 if stage is Stage.SECOND else 1.3)
     return refit_slow(windows, columns, noise, inflate) if measured[EAST] else noise
 
 
 def refit_slow(windows: Windows, columns: FloatArray, noise: Noise, inflate: FloatArray | None) -> Noise:
     """Only the receiver's slow error, on the whole drive."""
+    return refit(windows, columns, noise, inflate, [SLOWER, *SLOW])
+
+
+def refit_wander(windows: Windows, columns: FloatArray, noise: Noise, inflate: FloatArray | None) -> Noise:
+    """Only the slow wander of the tyres' radii, on the whole drive."""
+    return refit(windows, columns, noise, inflate, ["wander", "wander_tau_s"], 2.0)
+
+
+def refit(
+    windows: Windows,
+    columns: FloatArray,
+    noise: Noise,
+    inflate: FloatArray | None,
+    names: list[str],
+    factor: float = 1.4,
+) -> Noise:
+    """These parameters alone, on the whole drive."""
     weight = np.ones((len(windows), CHANNELS)) if inflate is None else inflate
-    return _climbed((windows, columns, weight), noise, [SLOWER, *SLOW], 1.4)
+    return _climbed((windows, columns, weight), noise, names, factor)
 
 
 def log_posterior(windows: Windows, columns: FloatArray, noise: Noise, inflate: FloatArray | None) -> float:

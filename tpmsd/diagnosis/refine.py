@@ -12,12 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.diagnosis.channels import Reader
 from tpmsd.diagnosis.evidence import Evidence
 from tpmsd.diagnosis.joint_terms import for_drive
-from tpmsd.diagnosis.response import ramp_column, ramp_knots, thermal_column
+from tpmsd.diagnosis.response import ramp_knots
 from tpmsd.diagnosis.selection import Selection, Selector
-from tpmsd.diagnosis.study import Study
+from tpmsd.diagnosis.study import Refined, Study
 from tpmsd.diagnosis.terms import Term
 from tpmsd.wheels import WHEELS, FloatArray
 
@@ -29,30 +28,35 @@ class Point:
     """A trial of a term's nonlinear parameters."""
 
     first: float
-    """Middle of a ramp (s) or time constant (s)."""
+    """Middle of a ramp (s), begin of a pulse (s) or time constant (s)."""
     second: float = 0.0
-    """Duration of a ramp (s)."""
+    """Duration of a ramp (s), end of a pulse (s)."""
 
 
-def refine(study: Study, selection: Selection, evidence: Evidence) -> bool:
+def refine(study: Study, selection: Selection, evidence: Evidence, again: bool) -> bool:
     """Give the study exact columns for the terms that have nonlinear parameters; whether there are any.
 
-    They are hypotheses like all others from then on, beside those on the grid.
+    They are hypotheses like all others from then on, beside those on the grid. With `again` those that are
+    exact are refined once more.
     """
     terms = [one.term for one in selection.chosen]
     added: list[tuple[Term, Point]] = []
-    columns: list[dict[int, FloatArray]] = []
+    columns: list[tuple[Refined, dict[int, FloatArray]]] = []
     for k, term in enumerate(terms):
-        if term.effect in ("radius_change", "thermal_growth"):
+        if term.effect in ("radius_change", "thermal_growth") or term.pulse:
+            if not again and int(np.flatnonzero(term.design[:, 0])[0]) >= study.grid:
+                continue
             others = [other for j, other in enumerate(terms) if j != k]
             point, column = _best(study, evidence, others, term)
             added.append((term, point))
-            columns.append(column)
+            columns.append((_refined(term, point), column))
     places = study.append(columns)
     for (term, point), place in zip(added, places, strict=True):
         if term.effect == "radius_change":
             onset = point.first - point.second / 2
             study.hypotheses.add_ramp(term.wheel, (onset, onset + point.second), place)
+        elif term.pulse:
+            study.hypotheses.add_pulse(term.place, (point.first, point.second), place)
         else:
             study.hypotheses.add_thermal(point.first, place)
         if term.drive is not None:
@@ -61,17 +65,25 @@ def refine(study: Study, selection: Selection, evidence: Evidence) -> bool:
     return bool(added)
 
 
-def _column(reader: Reader, term: Term, point: Point) -> FloatArray:
+def _refined(term: Term, point: Point) -> Refined:
     if term.effect == "radius_change":
         onset = point.first - point.second / 2
-        return ramp_column(reader, WHEELS.index(term.wheel), onset, point.second)
-    return thermal_column(reader, point.first)
+        return Refined(WHEELS.index(term.wheel), onset, point.second)
+    if term.pulse:
+        return Refined(WHEELS.index(term.place), point.first, point.second, pulse=True)
+    return Refined(None, point.first)
 
 
 def _trials(term: Term, centre: Point, width: Point) -> list[Point]:
     if term.effect == "radius_change":
         return [
             Point(centre.first + a * width.first, max(0.0, centre.second + b * width.second))
+            for a in np.linspace(-1.0, 1.0, 7)
+            for b in np.linspace(-1.0, 1.0, 7)
+        ]
+    if term.pulse:
+        return [
+            Point(begin := centre.first + a * width.first, max(begin + 2.0, centre.second + b * width.second))
             for a in np.linspace(-1.0, 1.0, 7)
             for b in np.linspace(-1.0, 1.0, 7)
         ]
@@ -90,6 +102,9 @@ def _best(
         step = float(np.median(np.diff(knots)))
         centre = Point(0.5 * (term.span_s[0] + term.span_s[1]), term.span_s[1] - term.span_s[0])
         width = Point(step, max(1.5 * step, 0.3 * centre.second))
+    elif term.pulse:
+        step = 0.5 * float(np.median(np.diff(ramp_knots(acting[0][1].reader))))
+        centre, width = Point(*term.span_s), Point(step, step)
     else:
         centre, width = Point(term.time_constant_s), Point(1.4)
     columns: dict[int, FloatArray] = {}
@@ -98,7 +113,9 @@ def _best(
         cross, size = np.zeros((len(believed), len(points))), np.zeros(len(points))
         trials = {}
         for number, drive in acting:
-            trial = np.stack([_column(drive.reader, term, point) for point in points], axis=2)
+            trial = np.stack(
+                [_refined(term, point).column(drive.reader, drive.base) for point in points], axis=2
+            )
             rows = drive.whitened(trial).reshape(-1, len(points))
             known = np.concatenate([drive.white[:, :, :1], drive.white @ drive.own(design)], axis=2)
             cross += known.reshape(-1, len(believed)).T @ rows
@@ -107,9 +124,8 @@ def _best(
         best = int(np.argmax(_gains(believed, cross, size)))
         centre = points[best]
         columns = {number: trial[:, :, best] for number, trial in trials.items()}
-        width = Point(
-            width.first / 2.5 if term.effect == "radius_change" else width.first**0.4, width.second / 2.5
-        )
+        thermal = term.effect == "thermal_growth"
+        width = Point(width.first**0.4 if thermal else width.first / 2.5, width.second / 2.5)
     return centre, columns
 
 

@@ -12,8 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tpmsd.diagnosis.channels import CHANNELS, COURSE, GYRO, SPEED, WINDOW_S, Reader
+from tpmsd.diagnosis.channels import CHANNELS, COURSE, EAST, GYRO, SPEED, WINDOW_S, Reader
 from tpmsd.physics.catalogue import make_effect, probed_with, probes
+from tpmsd.physics.effect import Effect
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import WHEELS, FloatArray
 
@@ -22,6 +23,8 @@ TIME_CONSTANTS_S = (120.0, 200.0, 300.0, 450.0, 650.0, 1000.0, 1600.0, 3000.0)
 RAMP_KNOTS = 40
 SMOOTH_TERMS = 5
 TIME_TERMS = 12
+SMALL_M = 1e-5
+"""A change of radius small enough to be linear."""
 PLACES = ("fl", "fr", "rl", "rr", "gnss_speed", "gnss_course", "yaw_rate")
 """Where a smooth term may act."""
 
@@ -47,6 +50,22 @@ class Columns:
         return np.stack(self.arrays, axis=2)
 
 
+def linear_columns(
+    reader: Reader, knots: dict[str, FloatArray], base: ExtendedModel | None = None
+) -> Columns:
+    """Calibration, catalogue at `base`, ramps, and smooth terms on these knots."""
+    out = Columns()
+    for part in (
+        radius_columns(reader),
+        catalogue_columns(reader, base),
+        ramp_columns(reader),
+        smooth_columns(reader, knots),
+    ):
+        out.names += part.names
+        out.arrays += part.arrays
+    return out
+
+
 def radius_columns(reader: Reader) -> Columns:
     """What a calibration takes up: a constant per wheel that is read, and the delay of the gyro's filter and
     samples.
@@ -69,26 +88,35 @@ def catalogue_columns(reader: Reader, base: ExtendedModel | None = None) -> Colu
         effect = make_effect(name, **varied, **probed_with(name, parameter))
         response = (reader.predict(base.plus(effect)) - start) / (value - neutral)
         out.add((name, parameter), response)
+    if np.isfinite(reader.windows.measured[:, [SPEED, EAST]]).sum(axis=0).min() > 60:
+        lag = np.nan_to_num(out.arrays[out.index()[("gnss_latency", "latency_s")]])
+        lag[:, EAST:] = 0.0
+        out.add(("doppler_lag", "lag_s"), lag)
     for tau in TIME_CONSTANTS_S:
-        effect = make_effect("thermal_growth", amplitude_m=1e-3, time_constant_s=tau)
-        out.add(("thermal_growth", f"{tau:g}"), (reader.predict(base.plus(effect)) - start) / 1e-3)
+        effect = make_effect("thermal_growth", amplitude_m=SMALL_M, time_constant_s=tau)
+        out.add(("thermal_growth", f"{tau:g}"), (reader.predict(base.plus(effect)) - start) / SMALL_M)
     return out
 
 
-def thermal_column(reader: Reader, time_constant_s: float) -> FloatArray:
-    """(w, 9) response to a metre of warm-up growth with this time constant."""
-    effect = make_effect("thermal_growth", amplitude_m=1e-3, time_constant_s=time_constant_s)
-    change = reader.predict(ExtendedModel((effect,))) - reader.predict(ExtendedModel())
-    return np.nan_to_num(change / 1e-3)
+def thermal_column(reader: Reader, time_constant_s: float, base: ExtendedModel | None = None) -> FloatArray:
+    """(w, 9) response to a metre of warm-up growth with this time constant, at `base`."""
+    effect = make_effect("thermal_growth", amplitude_m=SMALL_M, time_constant_s=time_constant_s)
+    return _change(reader, effect, ExtendedModel() if base is None else base) / SMALL_M
 
 
-def ramp_column(reader: Reader, wheel: int, onset_s: float, duration_s: float) -> FloatArray:
-    """(w, 9) response to a metre of `radius_change`."""
+def ramp_column(
+    reader: Reader, wheel: int, onset_s: float, duration_s: float, base: ExtendedModel | None = None
+) -> FloatArray:
+    """(w, 9) response to a metre of `radius_change`, at `base`."""
     effect = make_effect(
-        "radius_change", wheel=WHEELS[wheel], deviation_m=1e-3, onset_s=onset_s, duration_s=duration_s
+        "radius_change", wheel=WHEELS[wheel], deviation_m=SMALL_M, onset_s=onset_s, duration_s=duration_s
     )
-    change = reader.predict(ExtendedModel((effect,))) - reader.predict(ExtendedModel())
-    return np.nan_to_num(change / 1e-3)
+    return _change(reader, effect, ExtendedModel() if base is None else base) / SMALL_M
+
+
+def _change(reader: Reader, effect: Effect, base: ExtendedModel) -> FloatArray:
+    """(w, 9) what one more effect changes; zero where nothing is measured."""
+    return np.nan_to_num(reader.predict(base.plus(effect)) - reader.predict(base))
 
 
 def ramp_knots(reader: Reader) -> FloatArray:
@@ -158,9 +186,13 @@ def hat_functions(values: FloatArray, knots: FloatArray) -> FloatArray:
 
 
 def _of_radius(reader: Reader, wheel: int) -> FloatArray:
-    """(w, 9) response to a metre more radius: the wheel turns less."""
+    """(w, 9) response to a metre more radius: the wheel turns less.
+
+    By the predicted way: the measured one shares its reading errors with the residual, and with thousands
+    of windows that product adds up to a radius that grows with speed.
+    """
     out = np.zeros((len(reader.windows), CHANNELS))
-    out[:, wheel] = -reader.windows.measured[:, wheel] / reader.reference.car.radius_m[wheel]
+    out[:, wheel] = -reader.rolled_m[:, wheel] / reader.reference.car.radius_m[wheel]
     return out
 
 

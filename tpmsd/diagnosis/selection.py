@@ -27,10 +27,12 @@ ADMIT = 6.0
 """Log-likelihood beyond its penalty that a term must bring."""
 HELDOUT = 4.0
 """Log-likelihood on held-out blocks that it must bring."""
-SHARE_OF_REST = 1e-4
+SHARE_OF_REST = 1e-5
 """A term must also bring this share of what all terms together bring: no linearised model is better than
 that.
 """
+MODEL_ERROR = 4e-3
+"""Relative standard deviation of any value: the reference motion that it multiplies is no better known."""
 MAX_TERMS = 8
 RIVAL = 2.0
 """Rivals whose fit is worse by less than this are not told apart."""
@@ -47,6 +49,7 @@ BOUNDS = {
     for parameter in effect.parameters
     if isinstance(parameter, Parameter)
 }
+BOUNDS["doppler_lag", "lag_s"] = (-0.2, 0.2)
 """Of the fitted values, by effect and parameter; a scale is fitted as its difference from one."""
 
 
@@ -89,11 +92,11 @@ class Selector:
         self.evidence = evidence
         self.hypotheses = hypotheses
 
-    def select(self) -> Selection:
-        """Choose."""
+    def select(self, most: int = MAX_TERMS) -> Selection:
+        """Choose, in at most so many steps."""
         chosen: list[Term] = []
         seen: set[frozenset[int]] = set()
-        while len(chosen) < MAX_TERMS:
+        for _ in range(most):
             best = self._best_addition(chosen)
             if best is None:
                 break
@@ -146,7 +149,8 @@ class Selector:
             gain, first = group_gain(term.design[1:], gram, b)
             out.append((gain - term.price(first), [term]))
         if everything:
-            scanned = self.hypotheses.ramp_gains(gram, b) + self.hypotheses.smooth_gains(gram, b)
+            scanned = self.hypotheses.ramp_gains(gram, b) + self.hypotheses.pulse_gains(gram, b)
+            scanned += self.hypotheses.smooth_gains(gram, b)
             out += [(gain - term.penalty, [term]) for gain, term in scanned if term.key not in taken]
         return sorted(out, key=lambda entry: -entry[0])
 
@@ -296,7 +300,7 @@ class Selector:
             better = net - (gain - term.price(float(fit.values[start])))
             if name not in weights and name != term.effect:
                 weights[name] = math.exp(min(better / float(ratios.max()), 0.0))
-            if rival.effect in ("unknown", term.effect):
+            if rival.effect in ("unknown", term.effect) or rival.calibrates:
                 continue
             if raw < gain - RIVAL and 1 < term.design.shape[1] <= 2:
                 # Part of the term may stay beside the rival.
@@ -318,5 +322,5 @@ class Selector:
             confidence=confidence,
             rivals=tuple(sorted(rivals, key=lambda name: -rivals[name])),
             values=fit.values[at],
-            stds=np.sqrt(np.diag(fit.covariance)[at] * ratios),
+            stds=np.sqrt(np.diag(fit.covariance)[at] * ratios + (MODEL_ERROR * fit.values[at]) ** 2),
         )

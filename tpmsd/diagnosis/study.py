@@ -9,6 +9,7 @@ drive's own), a calibration constant is each drive's own.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -16,12 +17,11 @@ from tpmsd.diagnosis.channels import Reader
 from tpmsd.diagnosis.evidence import Evidence, part
 from tpmsd.diagnosis.joint_terms import JointHypotheses, OwnNames, is_copied, is_own
 from tpmsd.diagnosis.response import (
-    catalogue_columns,
-    radius_columns,
-    ramp_columns,
+    linear_columns,
+    ramp_column,
     ramp_knots,
-    smooth_columns,
     smooth_knots,
+    thermal_column,
 )
 from tpmsd.diagnosis.terms import Hypotheses, Name, Term
 from tpmsd.diagnosis.whitening import Noise, whiten
@@ -34,6 +34,28 @@ MAX_BLOCKS = 120
 """Of all drives together: beyond an hour blocks grow, so that memory is bounded."""
 
 
+@dataclass(frozen=True)
+class Refined:
+    """A ramp of a wheel's radius or a warm-up off the grid."""
+
+    wheel: int | None
+    """None of a warm-up."""
+    first: float
+    """Onset (s) or time constant (s)."""
+    second: float = 0.0
+    """Duration (s); of a pulse its end (s)."""
+    pulse: bool = False
+
+    def column(self, reader: Reader, base: ExtendedModel) -> FloatArray:
+        """(w, 9) the response to a metre, at `base`."""
+        if self.wheel is None:
+            return thermal_column(reader, self.first, base)
+        if self.pulse:
+            up = ramp_column(reader, self.wheel, self.first, 0.0, base)
+            return up - ramp_column(reader, self.wheel, self.second, 0.0, base)
+        return ramp_column(reader, self.wheel, self.first, self.second, base)
+
+
 class DriveStudy:
     """One drive's residual, columns and noise."""
 
@@ -42,17 +64,14 @@ class DriveStudy:
         self.reader = reader
         self.knots = knots
         windows = reader.windows
-        residual = windows.measured - reader.predict(ExtendedModel())
-        parts = [
-            radius_columns(reader),
-            catalogue_columns(reader),
-            ramp_columns(reader),
-            smooth_columns(reader, knots),
-        ]
-        self.names: list[Name] = [("data",)] + [name for one in parts for name in one.names]
-        self.columns = np.concatenate(
-            [residual[:, :, None], *(one.stack() for one in parts if one.names)], axis=2
-        )
+        self.base = ExtendedModel()
+        """About which everything is linear."""
+        self.refined: list[Refined] = []
+        """What the columns beyond the named ones are."""
+        residual = windows.measured - reader.predict(self.base)
+        columns = linear_columns(reader, knots)
+        self.names: list[Name] = [("data",), *columns.names]
+        self.columns = np.concatenate([residual[:, :, None], columns.stack()], axis=2)
         self.noise = first_noise(reader)
         self.inflate: FloatArray | None = None
         count = max(MIN_BLOCKS, round(len(windows) / block_s))
@@ -62,6 +81,21 @@ class DriveStudy:
         self.here = np.arange(len(self.names))
         """Where columns stand in the common index, and which stands there."""
         self.local = np.arange(len(self.names))
+
+    def relinearise(self, base: ExtendedModel, radii_m: FloatArray, values: FloatArray) -> None:
+        """Take a model and radii (4,) as the new origin; `values` (n - 1,) are the base's in the columns.
+
+        The values of all columns stay what they were: the change of an effect's value from zero, of a
+        radius from the former origin.
+        """
+        self.base = base
+        self.reader.recalibrate(radii_m)
+        stacks = [linear_columns(self.reader, self.knots, base).stack()]
+        if self.refined:
+            stacks.append(np.stack([one.column(self.reader, base) for one in self.refined], axis=2))
+        linear = np.concatenate(stacks, axis=2)
+        residual = self.reader.windows.measured - self.reader.predict(base) + linear @ values
+        self.columns = np.concatenate([residual[:, :, None], linear], axis=2)
 
     def own(self, design: FloatArray) -> FloatArray:
         """(n, k) a common design in this drive's columns."""
@@ -108,7 +142,9 @@ class Study:
                 knots = {c: at for c, at in knots.items() if c in ("time", "distance")} | common
             self.drives.append(DriveStudy(reader, knots, block_s))
         self.hypotheses = self._alone() if len(readers) == 1 else self._together()
-        self.width = self.hypotheses.width
+        self.grid = self.hypotheses.width
+        """Places in the common index from here on are of exact columns."""
+        self.width = self.grid
 
     @property
     def joint(self) -> bool:
@@ -135,10 +171,11 @@ class Study:
         """Knots of a smooth term."""
         return self.drives[self.acting(term)[0]].knots[term.covariate]
 
-    def append(self, columns: Sequence[Mapping[int, FloatArray]]) -> list[int]:
-        """Further columns, each (w, 9) by drive; their places in the common index."""
+    def append(self, columns: Sequence[tuple[Refined, Mapping[int, FloatArray]]]) -> list[int]:
+        """Further columns, each (w, 9) by drive, and what they are; their places in the common index."""
         for number, drive in enumerate(self.drives):
-            mine = [(k, column[number]) for k, column in enumerate(columns) if number in column]
+            mine = [(k, column[number]) for k, (_, column) in enumerate(columns) if number in column]
+            drive.refined += [what for what, column in columns if number in column]
             if mine:
                 start = drive.columns.shape[2]
                 drive.here = np.concatenate([drive.here, [self.width + k for k, _ in mine]])

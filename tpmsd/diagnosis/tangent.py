@@ -55,8 +55,8 @@ def _tangents(drive: DriveStudy, one: Chosen) -> dict[str, FloatArray]:
     term, size = one.term, float(one.values[0])
     if term.effect == "thermal_growth":
         h = 0.05 * term.time_constant_s
-        up = thermal_column(drive.reader, term.time_constant_s + h)
-        down = thermal_column(drive.reader, term.time_constant_s - h)
+        up = thermal_column(drive.reader, term.time_constant_s + h, drive.base)
+        down = thermal_column(drive.reader, term.time_constant_s - h, drive.base)
         return {"time_constant_s": size * (up - down) / (2 * h)}
     if term.effect != "radius_change":
         return {}
@@ -65,7 +65,7 @@ def _tangents(drive: DriveStudy, one: Chosen) -> dict[str, FloatArray]:
     h = max(2.0, 0.05 * duration)
 
     def column(at: float, long: float) -> FloatArray:
-        return ramp_column(drive.reader, wheel, at, max(long, 0.0))
+        return ramp_column(drive.reader, wheel, at, max(long, 0.0), drive.base)
 
     by_onset = (column(onset + h, duration) - column(onset - h, duration)) / (2 * h)
     out = {"onset_s": size * by_onset}

@@ -56,7 +56,7 @@ class Term:
     """Nats that it must bring to pay for its freedom."""
     wheel: str = ""
     span_s: tuple[float, float] = (0.0, 0.0)
-    """Of a radius change: onset and end of the ramp."""
+    """Of a radius change: onset and end of the ramp; of a pulse, from when to when."""
     time_constant_s: float = 0.0
     place: str = ""
     covariate: str = ""
@@ -75,6 +75,16 @@ class Term:
         return free or self.effect == "radius_change"
 
     @property
+    def calibrates(self) -> bool:
+        """Whether this is a constant of the receiver rather than a finding."""
+        return self.effect in CALIBRATION
+
+    @property
+    def pulse(self) -> bool:
+        """Whether this is a change of a wheel's radius that goes back after a while, in `span_s`."""
+        return self.effect == "unknown" and self.span_s[1] > self.span_s[0]
+
+    @property
     def key(self) -> tuple[str, ...]:
         """What makes two terms rivals for one place in the model: an effect may act once (per wheel, per
         place).
@@ -85,7 +95,16 @@ class Term:
         return (self.effect, self.wheel, drive)
 
 
-GROUPS = groups()
+MIDDLE_TIME_CONSTANT_S = 450.0
+CALIBRATION = frozenset({"doppler_lag"})
+"""Terms that are looked for as effects are, but tell of the receiver's own making: no findings.
+
+Receivers give a speed that is some hundredths of a second older than their position (on every real
+recording at hand). Who does not know of it takes it for an old fix.
+"""
+RECEIVERS_OWN = 2.0
+"""Further penalty of these."""
+GROUPS = (*groups(), ("doppler_lag", ("lag_s",)))
 
 
 class Hypotheses:
@@ -105,6 +124,20 @@ class Hypotheses:
         for k, (a, b) in enumerate(pairs):
             self._ramps[a:b, k] = 1.0 / (b - a)
         self._smooth = self._smooth_groups()
+
+    @property
+    def everything(self) -> FloatArray:
+        """(1 + p, k) calibration and every effect of the catalogue that is linear: the fullest model.
+
+        What it leaves is noise, whatever is missing: the noise is first estimated from it (Mallows,
+        Technometrics 15, 1973).
+        """
+        singles = [
+            term.design
+            for term in self.catalogue
+            if term.design.shape[1] == 1 and term.time_constant_s in (0.0, MIDDLE_TIME_CONSTANT_S)
+        ]
+        return np.concatenate([self.nuisance, *singles], axis=1)
 
     def widen(self, width: int) -> None:
         """Make room for columns that were added at the end."""
@@ -129,8 +162,11 @@ class Hypotheses:
     def _catalogue(self) -> list[Term]:
         out = []
         for effect, parameters in GROUPS:
+            if (effect, parameters[0]) not in self.place:
+                continue
             design = self._unit([(effect, parameter) for parameter in parameters])
-            out.append(Term(effect, design, parameters, PER_VALUE * len(parameters)))
+            extra = RECEIVERS_OWN if effect in CALIBRATION else 0.0
+            out.append(Term(effect, design, parameters, PER_VALUE * len(parameters) + extra))
         for tau in TIME_CONSTANTS_S:
             design = self._unit([("thermal_growth", f"{tau:g}")])
             out.append(
@@ -155,6 +191,39 @@ class Hypotheses:
         self.catalogue.append(
             Term("thermal_growth", design, ("amplitude_m",), price, time_constant_s=time_constant_s)
         )
+
+    def add_pulse(self, wheel: str, span_s: tuple[float, float], column: int) -> None:
+        """A pulse off the grid."""
+        self.catalogue.append(self._pulse(wheel, span_s, self._column(column)))
+
+    def _column(self, column: int) -> FloatArray:
+        design = np.zeros((self.width, 1))
+        design[column, 0] = 1.0
+        return design
+
+    @staticmethod
+    def _pulse(wheel: str, span_s: tuple[float, float], design: FloatArray) -> Term:
+        price = PER_VALUE + math.log(2 * RAMP_KNOTS * RAMP_KNOTS)
+        values = ("height_m",)
+        return Term("unknown", design, values, price, span_s=span_s, place=wheel, covariate="time")
+
+    def pulse_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
+        """For each wheel the best pulse (a ramp up between two knots, one down between two others)."""
+        out = []
+        middle = 0.5 * (self.knots_s[1:] + self.knots_s[:-1])
+        for wheel in self.wheels:
+            at = np.array([self.place[("ramp", wheel, str(k))] for k in range(RAMP_KNOTS)]) - 1
+            own = np.diag(gram)[at]
+            size = own[:, None] + own[None, :] - 2.0 * gram[np.ix_(at, at)]
+            floor = 1e-6 * float(np.max(size, initial=1e-30))
+            score = b[at][:, None] - b[at][None, :]
+            gain = np.triu(np.where(size > floor, 0.5 * score**2 / np.maximum(size, floor), 0.0), 2)
+            i, j = (int(k) for k in np.unravel_index(int(np.argmax(gain)), gain.shape))
+            design = np.zeros((self.width, 1))
+            design[at[i] + 1, 0], design[at[j] + 1, 0] = 1.0, -1.0
+            span = (float(middle[i]), float(middle[j]))
+            out.append((float(gain[i, j]), self._pulse(wheel, span, design)))
+        return out
 
     def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
         """For each wheel the best ramp and its gain."""

@@ -14,20 +14,21 @@ from tpmsd.diagnosis.evidence import Evidence
 from tpmsd.diagnosis.result import Ground, Trace
 from tpmsd.diagnosis.selection import Selection, Selector
 from tpmsd.diagnosis.study import Study
-from tpmsd.diagnosis.where import values_of
+from tpmsd.diagnosis.where import values_of, where_of
 from tpmsd.wheels import FloatArray
 
 BINS = 16
 
 
-def traces(
-    study: Study, selection: Selection, evidence: Evidence, covariates: list[str | None]
-) -> list[Trace]:
+def traces(study: Study, selection: Selection, evidence: Evidence) -> list[Trace]:
     """One trace per finding that has a covariate, over all drives in which it acts."""
     out = []
     terms = [one.term for one in selection.chosen]
     selector = Selector(evidence, study.hypotheses)
-    for k, (one, covariate) in enumerate(zip(selection.chosen, covariates, strict=True)):
+    for k, one in enumerate(selection.chosen):
+        if one.term.calibrates:
+            continue
+        covariate = where_of(study, one).covariate
         values = values_of(study, one.term, covariate)
         if covariate is None or values is None:
             continue

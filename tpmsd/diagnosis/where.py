@@ -16,6 +16,8 @@ from tpmsd.wheels import WHEELS, FloatArray
 
 PLACE = {name: effect.shows_in for name, effect in EFFECTS.items()}
 """Channel and covariate over which an effect shows."""
+ALWAYS = ("yaw_rate_bias",)
+"""Effects that act at all times alike."""
 RECEIVER = ("gnss_speed", "gnss_course", "yaw_rate")
 """Places of smooth terms that are no wheels."""
 
@@ -32,6 +34,8 @@ def where_of(study: Study, one: Chosen) -> Where:
     values = values_of(study, term, covariate)
     if values is None:
         return Where(wheels, channel, None, None)
+    if term.effect in ALWAYS:
+        return whole_range(study, term)
     weight = np.concatenate([_energy(study, study.drives[number], one) for number in study.acting(term)])
     return Where(wheels, channel, covariate, _quantiles(values, weight, 0.025, 0.975))
 
@@ -109,6 +113,8 @@ def _spans(study: Study, one: Chosen) -> tuple[tuple[float, float], ...]:
     height. Times are from the start of the drive in which the term acts.
     """
     end = float(study.drives[study.acting(one.term)[0]].reader.recording.edges_s[-1])
+    if one.term.pulse:
+        return ((max(one.term.span_s[0], 0.0), min(one.term.span_s[1], end)),)
     if one.term.effect == "radius_change":
         return ((max(one.term.span_s[0], 0.0), end),)
     knots = study.knots(one.term)

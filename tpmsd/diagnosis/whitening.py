@@ -25,7 +25,7 @@ from tpmsd.diagnosis.channels import CHANNELS, COURSE, EAST, GYRO, NORTH, SPEED,
 from tpmsd.wheels import FloatArray
 
 Q, QOLD, V, W, PSI, PE, PN, BE, BN = 0, 4, 8, 9, 10, 11, 12, 13, 14
-DS, DC, GB, CK, STATES = 15, 16, 17, 18, 19
+DS, DC, GB, CK, R, STATES = 15, 16, 17, 18, 19, 23
 _SPEED_STD, _YAW_STD, _HEADING_STD, _PLACE_STD = 1.0, 0.1, 0.5, 300.0
 
 
@@ -57,6 +57,9 @@ class Noise:
     clock_s: float = 2e-3
     """Wander of the receiver's clock against the bus's, which a constant latency does not hold."""
     clock_tau_s: float = 8.0
+    wander: float = 2e-5
+    """Of a tyre's radius, relative: load, temperature and the road's crossfall change it slowly."""
+    wander_tau_s: float = 60.0
 
 
 def whiten(
@@ -86,6 +89,8 @@ def whiten(
     F[GB, GB] = 1.0
     slow = math.exp(-WINDOW_S / noise.slow_tau_s)
     clock = math.exp(-WINDOW_S / noise.clock_tau_s)
+    wander = math.exp(-WINDOW_S / noise.wander_tau_s)
+    wheels = np.arange(R, R + 4)
     log_variance = 0.0
     fresh = True
     diag = np.arange(STATES)
@@ -101,6 +106,8 @@ def whiten(
         F[BE, BE] = F[BN, BN] = decay_b
         F[DS, DS] = F[DC, DC] = decay_d
         decay_c = clock**gap
+        decay_r = wander**gap
+        F[wheels, wheels] = decay_r
         F[CK, CK] = decay_c
         F[QOLD : QOLD + 4, Q : Q + 4] = 0.0 if fresh else eye4
         M = F @ M
@@ -118,6 +125,7 @@ def whiten(
             qd[BE] += noise.slow_m**2 * jump[k]
             qd[BN] += noise.slow_m**2 * jump[k]
         qd[CK] = noise.clock_s**2 * (1.0 - decay_c**2)
+        qd[wheels] = noise.wander**2 * (1.0 - decay_r**2)
         qd[GB] = noise.gyro_drift_radps**2 * gap
         Qm[diag, diag] = qd
         g = np.zeros((STATES, 2))  # the fresh errors of speed and yaw rate
@@ -153,16 +161,18 @@ def _start_variances(noise: Noise, reading: FloatArray) -> FloatArray:
     out[BE] = out[BN] = noise.slow_m**2
     out[DS], out[DC] = noise.speed_mps**2, noise.cross_mps**2
     out[CK] = noise.clock_s**2
+    out[R : R + 4] = noise.wander**2
     return out
 
 
 def _measurement_rows(windows: Windows, v: FloatArray) -> FloatArray:
-    """(w, 9, 18) what the channels see of the state."""
+    """(w, 9, 23) what the channels see of the state."""
     rows = np.zeros((len(windows), CHANNELS, STATES))
     rows[:, :, [V, W, PSI]] = windows.design
     for wheel in range(4):
         rows[:, wheel, Q + wheel] = 1.0
         rows[:, wheel, QOLD + wheel] = -1.0
+        rows[:, wheel, R + wheel] = -v * WINDOW_S
     rows[:, GYRO, GB] = 1.0
     rows[:, SPEED, DS] = 1.0
     rows[:, COURSE, W] -= WINDOW_S / 2  # the window's mean heading lies half a turn behind its end
