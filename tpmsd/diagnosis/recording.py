@@ -106,8 +106,8 @@ def record(ticks: Sequence[Tick], config: Config, name: str = "the drive") -> Re
         if not 0 <= at < count:
             continue
         rotation[at], std[at] = tick.rotation_rad, tick.rotation_std_rad
-        for name in INERTIAL:
-            inertial[name][at] = getattr(tick, name)
+        for role in INERTIAL:
+            inertial[role][at] = getattr(tick, role)
         for fix in tick.fixes:
             fixes.append(
                 (fix.time_s - begin, fix.east_m, fix.north_m, fix.up_m, fix.speed_mps, fix.heading_rad)
