@@ -177,6 +177,8 @@ def look(folder: Path) -> None:
                 (("track error", yaw / v, 1.0, "m"), ("lateral load", v * yaw, r / 2, "s2"), _drift(time, r)),
                 offset=-track * yaw / v,
             )
+            alone = (("lateral load", v * yaw, r / 2, "s2"), _drift(time, r))
+            _print("the same, for load alone", y, alone, offset=-track * yaw / v)
     y = np.log(seconds.angle[:, [FL, FR]].sum(axis=1) / seconds.angle[:, [RL, RR]].sum(axis=1)) + slow
     if np.isfinite(y).any():
         bend = 0.5 * (vehicle.wheelbase_m * yaw / v) ** 2
@@ -213,15 +215,18 @@ def _against_receiver(seconds: Seconds, config: Config, slow: Array, time: Array
     y = np.log(ground / v) + slow
     height = _smooth(seconds.up, 15)
     grade = _central(height) / np.maximum(_smooth(v, 15), 1.0)
-    columns = [
-        ("latency", -a / v, 1.0, "s"),
-        ("growth with v2", v**2, r, "s2/m"),
-        _drift(time, r),
+    # What the drive does not vary it cannot tell: least spread of each column.
+    candidates = [
+        (("latency", -a / v, 1.0, "s"), 0.01),
+        (("growth with v2", v**2, r, "s2/m"), 150.0),
+        (("grade, 1 expected", -0.5 * grade**2, 1.0, ""), 2e-4),
+        (("antenna left", -seconds.yaw / v, 1.0, "m"), 3e-3),
     ]
-    if np.isfinite(grade).any() and float(np.nanstd(grade)) > 0.004:
-        columns.append(("grade, 1 expected", -0.5 * grade**2, 1.0, ""))
+    columns = [column for column, least in candidates if np.nanstd(column[1] + slow) > least]
+    columns.append(_drift(time, r))
     values = _print(f"{kind} over rear wheels", y, columns)
-    _print("the same, with slip beside", y, [*columns, ("minus slip per accel", a, 1.0, "s2/m")])
+    if np.nanstd(a + slow) > 0.2:
+        _print("the same, with slip beside", y, [*columns, ("minus slip per accel", a, 1.0, "s2/m")])
     stretches = []
     for begin in range(0, len(v), STRETCH_S):
         part = slice(begin, begin + STRETCH_S)
@@ -231,7 +236,7 @@ def _against_receiver(seconds: Seconds, config: Config, slow: Array, time: Array
                 stretches.append(f"{begin}: {value:+.3f}+-{std:.3f}")
     if stretches:
         print(f"  latency by stretches of {STRETCH_S} s, alone (s)   " + "  ".join(stretches))
-    return float(values[0])
+    return float(values[0]) if columns[0][0] == "latency" else 0.0
 
 
 def _within(y: Array, column: Array) -> tuple[float, float]:

@@ -19,7 +19,7 @@ CONFIG = Config(
 
 
 def test_a_recording_keeps_its_name_and_its_gaps() -> None:
-    """A missing tick is NaN on the grid; fixes count from the start of the drive; the name is the given one."""
+    """A missing tick is NaN on the grid; fixes count from the drive's start; the name is the given one."""
     ticks = [
         Tick(k, 100.0 + 0.1 * k, 0.1, np.full(4, float(k)), np.full(4, 0.01), yaw_rate_radps=0.01 * k)
         for k in (1, 2, 4)
