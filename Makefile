@@ -19,7 +19,7 @@ DEMO_ARGS ?=
 BENCH_ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format bench bench-calibrate bench-diagnose clean
+.PHONY: help demo test lint format bench bench-calibrate bench-diagnose bench-vehicle-state clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | awk -F'\t' '{printf "  make %-15s %s\n", $$1, $$2}'
@@ -47,6 +47,10 @@ bench-calibrate: $(DEV)  ## paper 002's experiment, its method and ours (BENCH_A
 
 bench-diagnose: $(DEV)  ## the diagnosis on drives of other worlds, truth sealed (BENCH_ARGS=--full: a day)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m benchmarks.diagnosis_bench.run $(BENCH_ARGS)
+
+bench-vehicle-state: $(DEV)  ## paper 004's experiment, and what its slips do for the tyres (BENCH_ARGS=...)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) benchmarks/bench_vehicle_state.py $(BENCH_ARGS)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) benchmarks/bench_slip_gate.py
 
 clean:  ## remove the environment and everything that was made
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .coverage demo-out bench-out

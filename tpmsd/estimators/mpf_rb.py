@@ -34,6 +34,7 @@ from tpmsd.estimators.base import RadiusEstimate, checked_radii
 from tpmsd.estimators.batched_kalman import Weights, scalar_update, square_weights, symmetrise
 from tpmsd.estimators.error_state import BE, BN, FWD, LAT, MU, PSI, SLIP, E, Motion, N, ProcessModel
 from tpmsd.estimators.fix_gate import FIX_WEIGHTS, FixGate
+from tpmsd.estimators.motion_gate import MotionGate
 from tpmsd.estimators.odometry_block import Block, BlockBuilder
 from tpmsd.estimators.pose_start import PoseFinder, PoseStart
 from tpmsd.estimators.resampling import effective_number
@@ -67,9 +68,10 @@ class MpfRb:
         settings: FilterConfig,
         rng: np.random.Generator,
         front: bool,
+        gate: MotionGate | None = None,
     ) -> None:
         """`front`: whether the bus has the front wheels too. `rng` is not drawn from: histories are
-        enumerated."""
+        enumerated. `gate` None: the one that `settings` name."""
         self._order = [RL, RR, FL, FR] if front else [RL, RR]
         self._wheels = len(self._order)
         self._nominal = np.array([vehicle.wheel_radius_m[i] for i in self._order])
@@ -80,7 +82,7 @@ class MpfRb:
         self._driven_rear = vehicle.driven_axle in ("rear", "all")
         self._driven_front = vehicle.driven_axle in ("front", "all")
         self._process = ProcessModel(self._nominal, vehicle.track_rear_m, self._driven_rear)
-        self._gate = make_gate(settings, vehicle)
+        self._gate = gate or make_gate(settings, vehicle)
         self._fix_gate = FixGate()
         self._fix_weights = FIX_WEIGHTS[settings.fix_weights]
         self._finder = PoseFinder()

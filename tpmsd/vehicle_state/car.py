@@ -7,7 +7,7 @@ third of each other.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -51,6 +51,12 @@ class CarDynamics:
     brake_front_share: float = BRAKE_FRONT_SHARE
     roll_rad_per_mps2: float = 0.0
     """Roll of the body per lateral acceleration. A sensor fixed to the body reads a_y * (1 + g * roll)."""
+    forward_m: FloatArray = field(init=False, repr=False, compare=False)
+    """(4,) hubs ahead of the centre of gravity: fl, fr, rl, rr."""
+    left_m: FloatArray = field(init=False, repr=False, compare=False)
+    """(4,) hubs to the left of it."""
+    cornering_n: FloatArray = field(init=False, repr=False, compare=False)
+    """(4,) C_alpha, N/rad."""
 
     def __post_init__(self) -> None:
         for name in ("mass_kg", "yaw_inertia_kgm2", "front_m", "rear_m", "track_front_m", "track_rear_m"):
@@ -59,28 +65,20 @@ class CarDynamics:
         for name in ("cornering_front_n", "cornering_rear_n", "longitudinal_n", "friction"):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"{name} = {getattr(self, name)!r} is not above 0")
+        front, rear = self.track_front_m / 2, self.track_rear_m / 2
+        stiff, other = self.cornering_front_n, self.cornering_rear_n
+        per_wheel = {
+            "forward_m": [self.front_m, self.front_m, -self.rear_m, -self.rear_m],
+            "left_m": [front, -front, rear, -rear],
+            "cornering_n": [stiff, stiff, other, other],
+        }
+        for name, values in per_wheel.items():  # made once: the filters ask for them thousands of times
+            object.__setattr__(self, name, np.array(values))
 
     @property
     def wheelbase_m(self) -> float:
         """Front to rear axle."""
         return self.front_m + self.rear_m
-
-    @property
-    def forward_m(self) -> FloatArray:
-        """(4,) hubs ahead of the centre of gravity: fl, fr, rl, rr."""
-        return np.array([self.front_m, self.front_m, -self.rear_m, -self.rear_m])
-
-    @property
-    def left_m(self) -> FloatArray:
-        """(4,) hubs to the left of it."""
-        front, rear = self.track_front_m / 2, self.track_rear_m / 2
-        return np.array([front, -front, rear, -rear])
-
-    @property
-    def cornering_n(self) -> FloatArray:
-        """(4,) C_alpha, N/rad."""
-        front, rear = self.cornering_front_n, self.cornering_rear_n
-        return np.array([front, front, rear, rear])
 
     @property
     def understeer_gradient_s2pm(self) -> float:

@@ -68,15 +68,16 @@ def wheel_loads(car: CarDynamics, accel_long_mps2: FloatArray, accel_lat_mps2: F
     Eq. (8) with the division by the wheelbase: each axle takes the lateral transfer of the mass it carries,
     and braking moves load to the front.
     """
-    base, g = car.wheelbase_m, GRAVITY_MPS2
-    lateral = np.asarray(accel_lat_mps2) * car.height_m
-    pitch = np.asarray(accel_long_mps2) * car.height_m
-    front = (g * car.rear_m - pitch) / (2 * base)
-    rear = (g * car.front_m + pitch) / (2 * base)
-    front_roll = lateral * car.rear_m / (base * car.track_front_m)
-    rear_roll = lateral * car.front_m / (base * car.track_rear_m)
-    per_mass = [front - front_roll, front + front_roll, rear - rear_roll, rear + rear_roll]
-    return car.mass_kg * np.stack(np.broadcast_arrays(*per_mass), axis=-1)
+    base = car.wheelbase_m
+    rest = (
+        car.mass_kg * GRAVITY_MPS2 / (2 * base) * np.array([car.rear_m, car.rear_m, car.front_m, car.front_m])
+    )
+    pitch = car.mass_kg * car.height_m / (2 * base) * np.array([-1.0, -1.0, 1.0, 1.0])
+    front = car.height_m * car.mass_kg * car.rear_m / (base * car.track_front_m)
+    rear = car.height_m * car.mass_kg * car.front_m / (base * car.track_rear_m)
+    roll = np.array([-front, front, -rear, rear])
+    along, across = np.asarray(accel_long_mps2)[..., None], np.asarray(accel_lat_mps2)[..., None]
+    return np.asarray(rest + along * pitch + across * roll)
 
 
 def carried_slip(car: CarDynamics, accel_long_mps2: FloatArray | float) -> FloatArray:

@@ -19,10 +19,16 @@ _STILL_N = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class TyreForces:
-    """Forces in the wheel's own frame, N, and the derivatives that an EKF needs."""
+    """Forces in the wheel's own frame, N."""
 
     along_n: FloatArray
     left_n: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class TyreGradients:
+    """Derivatives of the forces, which an EKF needs."""
+
     along_by_angle: FloatArray
     """N/rad."""
     left_by_angle: FloatArray
@@ -45,21 +51,35 @@ def dugoff(
     D = hypot(C_sigma sigma, C_alpha tan alpha) it is friction * load * (1 - lambda / 2) when sliding
     (lambda < 1), and D / (1 + sigma) <= friction * load / 2 when not.
     """
+    along = longitudinal_n * slip
+    left = cornering_n * np.tan(slip_angle_rad)
+    lengthened = 1.0 + slip
+    linear = np.maximum(np.hypot(along, left), _STILL_N)
+    limit = np.minimum(friction * np.maximum(load_n, 0.0) * lengthened / (2.0 * linear), 1.0)
+    share = (2.0 - limit) * limit / lengthened  # f(lambda), which is 1 at lambda = 1 and stays so
+    return TyreForces(along * share, left * share)
+
+
+def dugoff_gradients(
+    slip: FloatArray,
+    slip_angle_rad: FloatArray,
+    load_n: FloatArray,
+    longitudinal_n: float | FloatArray,
+    cornering_n: float | FloatArray,
+    friction: float,
+) -> TyreGradients:
+    """Derivatives of `dugoff` by slip angle and load, the slip held."""
     tangent = np.tan(slip_angle_rad)
     linear = np.maximum(np.hypot(longitudinal_n * slip, cornering_n * tangent), _STILL_N)
-    load = np.maximum(load_n, 0.0)
-    limit = friction * load * (1.0 + slip) / (2.0 * linear)
-    sliding = limit < 1.0
-    share = np.where(sliding, (2.0 - limit) * limit, 1.0)
+    limit_by_load = np.where(load_n > 0.0, friction * (1.0 + slip) / (2.0 * linear), 0.0)
+    limit = limit_by_load * load_n
+    share = np.where(limit < 1.0, (2.0 - limit) * limit, 1.0)
+    by_limit = np.where(limit < 1.0, 2.0 - 2.0 * limit, 0.0)
     along = longitudinal_n * slip / (1.0 + slip)
     left = cornering_n * tangent / (1.0 + slip)
-    by_limit = np.where(sliding, 2.0 - 2.0 * limit, 0.0)
     limit_by_tangent = -limit * np.square(cornering_n) * tangent / linear**2
-    limit_by_load = np.where(load_n > 0.0, friction * (1.0 + slip) / (2.0 * linear), 0.0)
     by_angle = 1.0 + tangent**2
-    return TyreForces(
-        along_n=along * share,
-        left_n=left * share,
+    return TyreGradients(
         along_by_angle=along * by_limit * limit_by_tangent * by_angle,
         left_by_angle=(cornering_n / (1.0 + slip) * share + left * by_limit * limit_by_tangent) * by_angle,
         along_by_load=along * by_limit * limit_by_load,
