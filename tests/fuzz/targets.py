@@ -29,6 +29,7 @@ from tpmsd.config.load import load_config
 from tpmsd.config.model import Config
 from tpmsd.daemon.state_keeper import StateKeeper, fingerprint
 from tpmsd.errors import InputError, TpmsdError
+from tpmsd.physics.model_file import load_model
 from tpmsd.pipeline import Pipeline
 from tpmsd.sinks.state_file import load_state, save_state
 from tpmsd.sinks.status_client import StatusError, _parse
@@ -216,6 +217,15 @@ def toml(data: bytes) -> None:
     check(path)
 
 
+def model(data: bytes) -> None:
+    """A model file: read, or refused with a line that says why."""
+    try:
+        load_model(file("model.toml", data))
+    except TpmsdError as error:
+        assert 2 == error.exit_code
+        assert "\n" not in str(error)
+
+
 @functools.cache
 def quiet() -> logging.Logger:
     """A log that nobody reads."""
@@ -321,6 +331,7 @@ TARGETS: dict[str, Callable[[bytes], None]] = {
     "trc": trc,
     "nmea_log": nmea_log,
     "toml": toml,
+    "model": model,
     "state": state,
     "status": status,
 }
@@ -336,6 +347,7 @@ SEEDS: dict[str, Callable[[], list[bytes]]] = {
     "trc": lambda: [TRC],
     "nmea_log": lambda: [b"(1719820800.1) " + sentences.nmea(RMC) + b"\n", sentences.nmea(RMC) + b"\n"],
     "toml": lambda: [_configuration_seed()],
+    "model": lambda: [b'[[effect]]\nname = "centrifugal_growth"\ncoefficient = 2e-06\n[effect.std]\n'],
     "state": lambda: [_state_seed(), json.dumps(MEMORY).encode("ascii")],
     "status": lambda: [b"status\n", b'{"request": "watch"}\n', b'{"version": 1}'],
 }

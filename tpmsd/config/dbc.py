@@ -19,17 +19,23 @@ from tpmsd.config.problems import BadValueError, ConfigProblems, Problem, show
 from tpmsd.config.suggest import nearest
 
 _MOST_LISTED = 8
+MAX_BYTES = 64 << 20
+"""The greatest ARXML files of whole cars come near this."""
 
 
 def load_dbc(path: Path) -> Database:
     """Read a bus description; overlapping signals, which real files have, are no reason to refuse it."""
     try:
+        if path.stat().st_size > MAX_BYTES:
+            raise _unusable(path, f"longer than {MAX_BYTES} bytes: this is no description of a bus")
         with _quiet_cantools():
             database = cantools.database.load_file(path, strict=False)
     except OSError as error:
         raise _unusable(path, f"cannot be read: {error.strerror or error}") from None
     except RecursionError:
         raise _unusable(path, "nested too deeply") from None
+    except ConfigProblems:
+        raise
     except Exception as error:  # cantools lets KeyError, ValueError and others of its parsers through
         raise _unusable(path, *_reason(error)) from None
     if not isinstance(database, Database):

@@ -22,15 +22,21 @@ from tpmsd.physics.catalogue import make_effect
 from tpmsd.physics.effect import Effect, Std, Value
 from tpmsd.physics.model import ExtendedModel
 
+MAX_BYTES = 1 << 20
+
 
 def load_model(path: str | Path) -> ExtendedModel:
     """Read a model file; ConfigError with one line that names the file and the reason if it is none."""
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        with Path(path).open("rb") as file:
+            content = file.read(MAX_BYTES + 1)
+        text = content.decode("utf-8")
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError:
         raise ConfigError(f"{path}: is not UTF-8 text") from None
+    if len(content) > MAX_BYTES:
+        raise ConfigError(f"{path}: longer than {MAX_BYTES} bytes: this is no model")
     try:
         return parse_model(text)
     except ConfigError as error:
@@ -41,7 +47,9 @@ def parse_model(text: str) -> ExtendedModel:
     """The model that a file's text describes; ConfigError with the reason if it describes none."""
     try:
         document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except RecursionError:
+        raise ConfigError("not a model: nested too deeply") from None
+    except ValueError as error:  # TOML's own, and an integer of more digits than Python reads
         raise ConfigError(f"not TOML: {error}") from None
     for key in document:
         if key != "effect":

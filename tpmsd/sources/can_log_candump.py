@@ -23,6 +23,7 @@ from typing import IO
 
 from tpmsd.sources.can_frame import CanFrame
 
+MAX_LINE_CHARS = 4096
 _ERROR_FLAG = 0x20000000
 _EXTENDED_MASK = 0x1FFFFFFF
 
@@ -73,12 +74,16 @@ def read_candump(path: Path, note: Callable[[int, str], None]) -> Iterator[CanFr
     parse = parse_candump_line
     with _open(path) as file:
         try:
-            for number, line in enumerate(file, 1):
+            while line := file.readline(MAX_LINE_CHARS):
+                number += 1
                 frame = parse(line, number)
                 if frame is not None:
                     yield frame
                 elif line.strip():
                     note(number, f"not a candump line: {_show(line)}")
+                    # A binary file may have no line end for as long as it goes: it must not fill the memory.
+                    while len(line) == MAX_LINE_CHARS and line[-1] != "\n":
+                        line = file.readline(MAX_LINE_CHARS)
         except EOFError:
             note(number + 1, "the compressed file is cut short")
         except (OSError, zlib.error) as error:

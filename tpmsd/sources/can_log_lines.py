@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 
+MAX_LINE_CHARS = 4096
+
 
 class LogLines:
     """A text file, as far as python-can's readers need one, that knows the number of the line read last."""
@@ -27,8 +29,13 @@ class LogLines:
         return self
 
     def __next__(self) -> str:
-        self.current = next(self._file)
+        self.current = self._file.readline(MAX_LINE_CHARS)
+        if not self.current:
+            raise StopIteration
         self.number += 1
+        rest = self.current
+        while len(rest) == MAX_LINE_CHARS and rest[-1] != "\n":
+            rest = self._file.readline(MAX_LINE_CHARS)  # of what is no text: not to fill the memory
         return self.current
 
     def close(self) -> None:

@@ -27,6 +27,8 @@ HOLDBACK_MARGIN_S = 0.1
 MAX_HOLDBACK_S = 2.5
 MAX_PAUSE_S = 5.0
 """Silence of all sources longer than this is skipped as a gap instead of being filled with empty ticks."""
+MAX_AHEAD_S = 1.0
+"""No fix arrives before it is valid; what the envelope of the clocks' offset may err is far less."""
 MAX_MOVE_S = 0.03
 """A fix that missed its tick by no more than this is taken at the start of the next: 1 m on a motorway."""
 PLAUSIBLE_RATIO = 2.0
@@ -70,6 +72,7 @@ class Timeline:
         self.counts: dict[str, int] = {
             "ticks": 0,
             "late_fixes": 0,
+            "early_fixes": 0,
             "clock_steps": 0,
             "gaps": 0,
             "implausible": 0,
@@ -222,6 +225,12 @@ class Timeline:
             return valid
         if not (math.isfinite(fix.position_std_m) and math.isfinite(valid)):
             return valid  # without its uncertainty a position cannot be weighed
+        if valid > arrival + MAX_AHEAD_S:
+            # A receiver whose time leaps: kept until then, such fixes would pile up, and be false when due.
+            self.counts["early_fixes"] += 1
+            ahead_s = valid - arrival
+            self._faults.append(SourceFault(fix.arrival_s, "gnss", "early", f"fix is {ahead_s:.2f} s ahead"))
+            return arrival
         last_end = self._end(self._index)
         if valid <= last_end:
             if valid < last_end - MAX_MOVE_S:
