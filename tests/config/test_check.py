@@ -81,6 +81,14 @@ def test_losses(make: Make) -> None:
     assert "no receiver" in rear.losses["[gnss] device"]
 
 
+def test_the_slip_gate_says_what_it_lacks(make: Make) -> None:
+    """With [filter] gate = "slip" the missing inertial and steering signals cost more, and that is said."""
+    slip = plan_of(make(("[gnss]\n", '[filter]\ngate = "slip"\n\n[gnss]\n')))
+    lacking = {role for role, cost in slip.losses.items() if "slip gate" in cost}
+    assert {"accel_long", "steering_wheel_angle"} == lacking
+    assert not any("slip gate" in cost for cost in plan_of(make()).losses.values())
+
+
 @pytest.mark.parametrize(
     ("old", "new", "text"),
     [

@@ -29,6 +29,13 @@ _LOST = {
     "ambient_temp": "warm-up of the tyres cannot be told from the weather",
 }
 
+_LOST_BY_SLIP_GATE = {
+    "yaw_rate": "the slip gate takes the turn from the receiver or the wheels, half a second late",
+    "accel_long": "the slip gate takes the wheels' acceleration for the force: late, and wrong on slopes",
+    "steering_wheel_angle": "the slip gate does not see what driving through a bend costs in slip",
+}
+"""Said beside the above where [filter] gate is `slip`; without any of them it works all the same."""
+
 
 @dataclass(frozen=True, slots=True)
 class SignalPlan:
@@ -145,6 +152,8 @@ def _losses(config: Config, wheels: set[str]) -> dict[str, str]:
     for role in OPTIONAL_ROLES:
         if role not in config.can.signals:
             losses[role] = _LOST[role]
+            if config.filter.gate == "slip" and role in _LOST_BY_SLIP_GATE:
+                losses[role] += f"; {_LOST_BY_SLIP_GATE[role]}"
     if "steering_wheel_angle" not in losses and config.vehicle.steering_ratio is None:
         losses["steering_ratio"] = _LOST["steering_wheel_angle"]
     if config.gnss.device is None:
