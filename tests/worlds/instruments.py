@@ -83,7 +83,8 @@ def observe(course: Course, spec: Spec, rng: np.random.Generator, seed: int) -> 
         angle[:, k] += float(p["amplitude_rad"]) * np.sin(angle[:, k] + float(p.get("phase_rad", 0.7)))
     if spec.frame_jitter_s > 0:
         late = rng.exponential(spec.frame_jitter_s, n)
-        angle = angle - rate * late[:, None]  # the stamp is later than the sample
+        if spec.wheel_signal == "counts":  # speeds are made of edges, before the frame is late
+            angle = angle - rate * late[:, None]  # the stamp is later than the sample
     gyro = gyro_reading(course, spec) + rng.normal(0, spec.gyro_std, n)
     gyro = gyro + np.cumsum(rng.normal(0, spec.gyro_drift * step**0.5, n))
     return _received(course, spec, rng, more, angle, gyro, spec.radius_m + offset, seed)
