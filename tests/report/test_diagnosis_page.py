@@ -81,8 +81,8 @@ def test_the_summary_says_where_a_shape_goes() -> None:
         ),
         (
             replace(REACH, left=-1.25, left_std=3.0),
-            "Of what a model of free shape gains on held-out stretches, 100 % was reached; what is left is "
-            "noise (-1.2 +- 3 nats).",
+            "Of what a model of free shape gains on held-out stretches, 100 % was reached; it gains "
+            "nothing sure beyond that (-1.2 +- 3 nats).",
         ),
         (
             replace(REACH, found=0.0, left=2.0, left_std=3.0),

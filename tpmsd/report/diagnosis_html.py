@@ -128,9 +128,11 @@ def _finding(count: int, finding: Finding, traces: list[Trace]) -> list[str]:
         out.append(f"<p>Only in {escape(', '.join(finding.drives))}.</p>")
     if finding.indistinguishable_from:
         rivals = ", ".join(finding.indistinguishable_from)
-        out.append(f"<p>This drive cannot tell it from {escape(rivals)}. {escape(finding.advice)}.</p>")
+        out.append(
+            f"<p>This drive cannot tell it from {escape(rivals)}. {escape(_capital(finding.advice))}.</p>"
+        )
     elif finding.advice:
-        out.append(f"<p>{escape(finding.advice.capitalize())}.</p>")
+        out.append(f"<p>{escape(_capital(finding.advice))}.</p>")
     covariate = finding.where.covariate or "time"
     x_label = f"{covariate} ({UNITS.get(covariate, '')})"
     if finding.shape:

@@ -69,7 +69,7 @@ def reached(reach: Reach) -> str:
         f"Of what a model of free shape gains on held-out stretches, {100 * reach.share:.0f} % was reached"
     )
     if not reach.structured:
-        return f"{share}; what is left is noise ({left})."
+        return f"{share}; it gains nothing sure beyond that ({left})."
     most = max(reach.channels, key=lambda name: reach.channels[name].left)
     return f"{share}; {left} are left, most of them in {CHANNELS[most]}."
 
