@@ -17,10 +17,8 @@ import numpy as np
 from tpmsd.diagnosis.motion import Reference
 from tpmsd.diagnosis.recording import Recording
 from tpmsd.physics.covariates import COVARIATES, covariate
-from tpmsd.physics.forward import antenna_truth, gyro_rates, wheel_angles
-from tpmsd.physics.kinematics import wheel_speeds
+from tpmsd.physics.forward import antenna_truth, gyro_rates, wheel_angles, wheel_rates
 from tpmsd.physics.model import ExtendedModel
-from tpmsd.physics.motion import Car
 from tpmsd.wheels import FloatArray
 
 WINDOW_S = 1.0
@@ -96,12 +94,13 @@ class Reader:
             self._rolled = self.predict(ExtendedModel())[:, :4]
         return self._rolled
 
-    def recalibrate(self, radii_m: FloatArray) -> None:
-        """Tell everything anew with other radii (4,) of the car."""
+    def recalibrate(self, radii_m: FloatArray, base: ExtendedModel) -> None:
+        """Tell everything anew with other radii (4,) of the car, and where this model acts."""
         car = self.reference.car
         self.windows.measured[:, :4] *= radii_m / car.radius_m
         self.reference = replace(self.reference, car=replace(car, radius_m=radii_m))
         self._rolled = None
+        self.windows = replace(self.windows, design=self._designs(base))
 
     def predict(self, model: ExtendedModel, radii_m: FloatArray | None = None) -> FloatArray:
         """(w, 9) what the channels would read if the car moved as the reference does and the model acted."""
@@ -170,7 +169,7 @@ class Reader:
         ):
             measured[:, channel] = self._mean_fixes(values, np.isfinite(values))
         numbers = [self._number(np.isfinite(v)) for v in (recording.speed_mps, course, recording.east_m)]
-        design, grow = self._designs()
+        design, grow = self._designs(ExtendedModel()), self._growth()
         return Windows(kept, measured, np.stack(numbers, axis=1), self._covariates(), design, grow)
 
     def _covariates(self) -> dict[str, FloatArray]:
@@ -182,25 +181,41 @@ class Reader:
         edges["accel_kinematic"] = motion.accel_long_mps2
         return {name: self._mean_edges(values, self._count)[self._kept] for name, values in edges.items()}
 
-    def _designs(self) -> tuple[FloatArray, FloatArray]:
-        motion, car = self.reference.motion, self.reference.car
-        kept = self._kept
-        v = self._mean_edges(motion.speed_mps, self._count)[kept]
-        yaw = self._mean_edges(motion.yaw_rate_radps, self._count)[kept]
-        design = np.zeros((len(kept), CHANNELS, 3))
-        design[:, :4, 0] = _slope(v, yaw, car, 1e-3, 0.0) * WINDOW_S
-        design[:, :4, 1] = _slope(v, yaw, car, 0.0, 1e-4) * WINDOW_S
-        design[:, GYRO, 1] = 1.0
-        design[:, SPEED, 0] = 1.0
-        design[:, SPEED, 1] = -car.antenna_left_m
-        design[:, COURSE, 1] = car.antenna_forward_m / v
+    def _designs(self, model: ExtendedModel) -> FloatArray:
+        """(w, 9, 3) response to errors of the reference's speed, yaw rate and heading where the model acts.
+
+        At 30 m/s the load that a yaw rate shifts between left and right changes the wheels' ways as much as
+        the track does, so that this is no matter of the rolling model alone.
+        """
+        design = np.zeros((len(self._kept), CHANNELS, 3))
+        for state, (dv, dw) in enumerate(((1e-3, 0.0), (0.0, 1e-5))):
+            up, down = (self._seen(model, sign * dv, sign * dw) for sign in (1.0, -1.0))
+            design[:, :EAST, state] = (up - down) / (2.0 * (dv + dw))
         design[:, COURSE, 2] = 1.0
+        return design
+
+    def _seen(self, model: ExtendedModel, dv: float, dw: float) -> FloatArray:
+        """(w, 7) ways, yaw rate, GNSS speed, course off the heading, of a motion that is off by these."""
+        motion, car = self.reference.motion, self.reference.car
+        speed, yaw = motion.speed_mps + dv, motion.yaw_rate_radps + dw
+        moved = replace(motion, speed_mps=speed, yaw_rate_radps=yaw, accel_lat_mps2=speed * yaw)
+        ways = wheel_rates(moved, car, model) * car.radius_m * WINDOW_S
+        antenna = antenna_truth(moved, car, model)
+        shown = antenna.shown_east_mps + 1j * antenna.shown_north_mps
+        course = np.angle(shown * np.exp(-1j * motion.heading_rad))
+        seen = [*ways.T, gyro_rates(moved, car, model), np.abs(shown), course]
+        return np.stack([self._mean_edges(values, self._count)[self._kept] for values in seen], axis=1)
+
+    def _growth(self) -> FloatArray:
+        """(w, 2, 3) growth of the position's error by errors of speed, yaw rate and heading."""
+        motion, kept = self.reference.motion, self._kept
+        v = self._mean_edges(motion.speed_mps, self._count)[kept]
         cos = self._mean_edges(np.cos(motion.heading_rad), self._count)[kept]
         sin = self._mean_edges(np.sin(motion.heading_rad), self._count)[kept]
         grow = np.zeros((len(kept), 2, 3))
         grow[:, 0] = np.stack([cos, -0.5 * v * sin * WINDOW_S, -v * sin], axis=1) * WINDOW_S
         grow[:, 1] = np.stack([sin, 0.5 * v * cos * WINDOW_S, v * cos], axis=1) * WINDOW_S
-        return design, grow
+        return grow
 
 
 def spread(windows: np.ndarray, limit: int) -> np.ndarray:
@@ -211,9 +226,3 @@ def spread(windows: np.ndarray, limit: int) -> np.ndarray:
     length = limit // stretches
     starts = np.linspace(0, len(windows) - length, stretches).astype(int)
     return np.asarray(windows[(starts[:, None] + np.arange(length)).reshape(-1)])
-
-
-def _slope(v: FloatArray, yaw: FloatArray, car: Car, dv: float, dw: float) -> FloatArray:
-    up = wheel_speeds(v + dv, yaw + dw, car.geometry)
-    down = wheel_speeds(v - dv, yaw - dw, car.geometry)
-    return np.asarray((up - down) / (2 * (dv + dw)))

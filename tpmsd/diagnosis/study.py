@@ -89,7 +89,7 @@ class DriveStudy:
         radius from the former origin.
         """
         self.base = base
-        self.reader.recalibrate(radii_m)
+        self.reader.recalibrate(radii_m, base)
         stacks = [linear_columns(self.reader, self.knots, base).stack()]
         if self.refined:
             stacks.append(np.stack([one.column(self.reader, base) for one in self.refined], axis=2))
