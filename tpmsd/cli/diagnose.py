@@ -34,6 +34,7 @@ examples:
   tpmsd diagnose drives/monday --json monday.json --html monday.html
   tpmsd diagnose drives/monday --model-out model.toml
   tpmsd diagnose drives/monday drives/tuesday           one car, fitted together
+  tpmsd diagnose drives/monday --simulation sims/monday what your own simulator leaves out
   tpmsd diagnose drives/monday --alarms                 and what it means for the tyres
   tpmsd simulate drives/again --model model.toml        a drive that holds what was found
 
@@ -58,6 +59,13 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--config", type=Path, metavar="FILE", help="configuration instead of DRIVE/vehicle.toml"
     )
+    parser.add_argument(
+        "--simulation",
+        type=Path,
+        metavar="SIM_DRIVE",
+        help="drive folder that your own simulator wrote of the same drive: say what it lacks,"
+        " not what the rolling model lacks",
+    )
     parser.add_argument("--model-out", type=Path, metavar="FILE", help="where the extended model goes")
     parser.add_argument("--html", type=Path, metavar="FILE", help="write a page with pictures")
     parser.add_argument(
@@ -75,19 +83,25 @@ def run(args: argparse.Namespace) -> int:
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     from tpmsd.cli.diagnose_alarms import AlarmReplays
-    from tpmsd.diagnosis.diagnose import diagnose
+    from tpmsd.diagnosis.diagnose import diagnose, diagnose_against
     from tpmsd.diagnosis.result import INSUFFICIENT
     from tpmsd.report.diagnosis_document import diagnosis_document
     from tpmsd.report.diagnosis_summary import diagnosis_summary
 
+    if args.simulation is not None and len(args.drives) > 1:
+        raise ConfigError("--simulation is compared with one DRIVE, that of which it is a simulation")
     names = names_of(args.drives)
     recordings = [
         read_recording(drive, args.config, name) for drive, name in zip(args.drives, names, strict=True)
     ]
+    simulation = None if args.simulation is None else read_recording(args.simulation, name="your simulation")
     with contextlib.ExitStack() as stack:
         replays = stack.enter_context(AlarmReplays(args.drives, args.config)) if args.alarms else None
         with Progress(1.0, "diagnose") as progress:
-            diagnosis = diagnose(recordings, progress.update)
+            if simulation is None:
+                diagnosis = diagnose(recordings, progress.update)
+            else:
+                diagnosis = diagnose_against(recordings[0], simulation, progress.update)
         for note in diagnosis.notes:
             print(f"tpmsd: {note}", file=sys.stderr)
         alarms = []

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from tpmsd.diagnosis.confirm import confirmed
-from tpmsd.diagnosis.drives import admitted
+from tpmsd.diagnosis.drives import admitted, against
 from tpmsd.diagnosis.evidence import Evidence
 from tpmsd.diagnosis.findings import report
 from tpmsd.diagnosis.noise_fit import Stage, fit_noise, outliers
@@ -22,11 +22,12 @@ from tpmsd.diagnosis.refine import refine
 from tpmsd.diagnosis.relinearise import relinearise
 from tpmsd.diagnosis.result import INSUFFICIENT, Diagnosis
 from tpmsd.diagnosis.selection import MAX_TERMS, Selection, Selector
+from tpmsd.diagnosis.simulated import differences, floored
 from tpmsd.diagnosis.study import Study, first_noise
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import FloatArray
 
-__all__ = ["diagnose", "first_noise"]
+__all__ = ["diagnose", "diagnose_against", "first_noise"]
 
 
 def diagnose(
@@ -42,6 +43,24 @@ def diagnose(
     study = Study(readers)
     progress(0.2)
     selection, evidence = examine(study, progress)
+    progress(1.0)
+    return report(study, selection, evidence, notes)
+
+
+def diagnose_against(
+    recording: Recording, simulation: Recording, progress: Callable[[float], None] = lambda share: None
+) -> Diagnosis:
+    """What a recording holds that the user's own simulation of the same drive does not.
+
+    ConfigError where the two are of different cars or roads, or the simulation is of no use.
+    """
+    readers, notes = against(recording, simulation)
+    if not readers:
+        return insufficient(notes)
+    study = Study(readers, simulation=True)
+    progress(0.2)
+    selection, evidence = examine(study, progress)
+    selection, evidence = differences(study, selection, evidence)
     progress(1.0)
     return report(study, selection, evidence, notes)
 
@@ -73,6 +92,9 @@ def _estimate_noise(study: Study, design: FloatArray, stage: Stage) -> None:
     for drive in study.drives:
         windows = drive.reader.windows
         drive.noise = fit_noise(windows, drive.believed(design), drive.noise, stage, drive.inflate)
+    if study.simulation:
+        recorded, simulated = study.drives
+        simulated.noise = floored(simulated.noise, recorded.noise)
 
 
 def insufficient(notes: Sequence[str]) -> Diagnosis:

@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from tpmsd.diagnosis.channels import CHANNELS, MAX_WINDOWS, Reader
+from tpmsd.diagnosis.channels import CHANNELS, EAST, MAX_WINDOWS, NORTH, Reader
 from tpmsd.diagnosis.motion import reference
 from tpmsd.diagnosis.recording import Recording
 from tpmsd.errors import ConfigError
@@ -19,6 +20,8 @@ from tpmsd.wheels import RL, RR, WHEELS
 MIN_DRIVING_S = 90
 MAX_DRIVES = 12
 """Each has some three hundred columns of its own."""
+NEAR_M, NEAR_SHARE = 100.0, 0.03
+"""Two paths are beside each other where they are within this, and this share of the way from the start."""
 SAME_M = 1e-4
 """Configured lengths that differ by less are the same."""
 
@@ -45,6 +48,51 @@ def admitted(recordings: Sequence[Recording]) -> tuple[list[Reader], tuple[str, 
     return readers, (*notes, *more)
 
 
+def against(recording: Recording, simulation: Recording) -> tuple[list[Reader], tuple[str, ...]]:
+    """Readers of a recording and of the simulation that it is compared with; none if the recording is unfit.
+
+    ConfigError where the simulation is unfit, or of another car or another road.
+    """
+    difference = differing(recording, simulation, teeth=False)
+    if difference:
+        raise ConfigError(f"the simulation is of another car: {difference}")
+    readers = []
+    for one in (recording, simulation):
+        reason = unfit(one)
+        if not reason:
+            readers.append(Reader(one, reference(one), MAX_WINDOWS // 2))
+            reason = unfit_windows(readers[-1])
+        if reason and one is recording:
+            return [], (reason,)
+        if reason:
+            raise ConfigError(f"the simulation is of no use: {reason}")
+    reason = other_road(*readers)
+    if reason:
+        raise ConfigError(f"the simulation is of another road: {reason}")
+    return readers, tuple(_examined(reader) for reader in readers if reader.left_out)
+
+
+def other_road(recorded: Reader, simulated: Reader) -> str:
+    """Why a simulation is not of the recording's road; empty if nothing speaks against it.
+
+    Both drives' positions are counted from their own first fix.
+    """
+    paths = [one.windows.measured[:, [EAST, NORTH]] for one in (recorded, simulated)]
+    path, other = (one[np.isfinite(one).all(axis=1)] for one in paths)
+    if min(len(path), len(other)) < MIN_DRIVING_S:
+        way, driven = (float(one.reference.motion.distance_m[-1]) for one in (recorded, simulated))
+        far = abs(way - driven) > 0.3 * max(way, driven)
+        return f"{driven / 1e3:.1f} km long, the recording {way / 1e3:.1f} km" if far else ""
+    off, _ = cKDTree(other).query(path)
+    share = float(np.mean(off < NEAR_M + NEAR_SHARE * np.hypot(*path.T)))
+    if share >= 0.5:
+        return ""
+    return (
+        f"{100 * (1 - share):.0f} % of the recording lies beside it"
+        f" (by {np.median(off):.0f} m in the median, both counted from their first fix)"
+    )
+
+
 def bounded(
     readers: Sequence[Reader], windows: int = MAX_WINDOWS, drives: int = MAX_DRIVES
 ) -> tuple[list[Reader], list[str]]:
@@ -61,10 +109,7 @@ def bounded(
         if share < len(reader.windows):
             reader = Reader(reader.recording, reader.reference, share)
         if reader.left_out:
-            notes.append(
-                f"{reader.recording.name}: of {_driven(reader)} s of driving, {len(reader.windows)} s in"
-                " stretches spread over the drive were examined"
-            )
+            notes.append(_examined(reader))
         out.append(reader)
     return out, notes
 
@@ -125,6 +170,13 @@ def unfit_windows(reader: Reader) -> str:
     if gnss < MIN_DRIVING_S / 2:
         return f"the receiver speaks in only {gnss} s of the driving"
     return ""
+
+
+def _examined(reader: Reader) -> str:
+    return (
+        f"{reader.recording.name}: of {_driven(reader)} s of driving, {len(reader.windows)} s in"
+        " stretches spread over the drive were examined"
+    )
 
 
 def _driven(reader: Reader) -> int:

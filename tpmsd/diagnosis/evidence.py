@@ -164,7 +164,7 @@ def gain_of(gram: FloatArray) -> float:
 
 def _scale(gram: FloatArray) -> FloatArray:
     """(k,) factors that make the columns of a small Gram matrix of unit length."""
-    return np.asarray(1.0 / np.sqrt(np.maximum(np.diag(gram)[1:], 1e-300)))
+    return np.asarray(1.0 / np.sqrt(np.maximum(np.diag(gram)[1:], 1e-100)))
 
 
 def _solved(gram: FloatArray, scale: FloatArray) -> tuple[FloatArray, FloatArray, float]:

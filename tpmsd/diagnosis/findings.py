@@ -18,6 +18,7 @@ from tpmsd.diagnosis.evidence import Evidence
 from tpmsd.diagnosis.reach import Seen, reach
 from tpmsd.diagnosis.result import CONSISTENT, MISMATCH, Diagnosis, Finding, Inner, Quantity, Where
 from tpmsd.diagnosis.selection import ADMIT, Chosen, Selection, Selector
+from tpmsd.diagnosis.simulated import compared, simulated_effects, whole_model
 from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.tangent import nonlinear_stds
 from tpmsd.diagnosis.teeth import teeth
@@ -38,20 +39,33 @@ STEP_S = 3.0
 def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[str, ...] = ()) -> Diagnosis:
     """Write the answer down; `notes` are what the reader must know of what was left out."""
     seconds = study.driving_s
-    rows = sum(int(np.isfinite(drive.reader.windows.measured).sum()) for drive in study.drives)
+    rows = sum(int(np.isfinite(drive.reader.windows.measured).sum()) for drive in study.examined)
+    blocks = slice(0, sum(len(part.by_block) for part in evidence.parts[: len(study.examined)]))
+    versus = compared(study, selection)
     stds = nonlinear_stds(study, selection)
     terms = [one.term for one in selection.chosen]
     selector = Selector(evidence, study.hypotheses)
-    whole = float(selection.heldout.sum())
+    whole = float(selection.heldout[blocks].sum())
     findings = []
     effects: list[Effect] = []
     effect_stds: list[Mapping[str, Std]] = []
+
+    def add(one: Chosen, quantities: dict[str, Quantity]) -> None:
+        if one.term.effect == "unknown":
+            free, heights = empirical_effect(one, study.knots(one.term))
+            effects.append(free)
+            effect_stds.append(heights)
+        else:
+            effect, known = _effect(one, quantities)
+            effects.append(effect)
+            effect_stds.append(known)
+
     for k, one in enumerate(selection.chosen):
         if one.term.calibrates:
             notes = (*notes, DOPPLER_LAG.format(float(one.values[0]), float(one.stds[0])))
             continue
         rest = terms[:k] + terms[k + 1 :]
-        without = float(evidence.heldout(selector.design(rest)).sum())
+        without = float(evidence.heldout(selector.design(rest))[blocks].sum())
         quantities = _quantities(_in_full(study, selection, k), stds.get(k, {}))
         findings.append(
             Finding(
@@ -67,18 +81,14 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
                 advice=advice(one.term.effect, one.rivals),
                 shape=shape_of(one, study.knots(one.term)) if one.term.effect == "unknown" else (),
                 drives=_drives(study, terms, one.term),
+                held_by=versus[k].by if versus else "",
+                simulated=_quantities(versus[k].simulated, {}) if versus else {},
             )
         )
-        if one.term.drive is not None:
-            continue  # the model is the car's, not that of one day
-        if one.term.effect == "unknown":
-            free, heights = empirical_effect(one, study.knots(one.term))
-            effects.append(free)
-            effect_stds.append(heights)
-        else:
-            effect, known = _effect(one, quantities)
-            effects.append(effect)
-            effect_stds.append(known)
+        if one.term.drive is None:  # the model is the car's, not that of one day
+            add(one, quantities)
+    for one in whole_model(study, selection):
+        add(one, _quantities(one, {}))
     for finding in teeth(study, evidence.fit(study.hypotheses.nuisance), seconds):
         findings.append(finding)
         values = {name: quantity.value for name, quantity in finding.parameters.items()}
@@ -86,8 +96,8 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
         effect_stds.append(
             {name: q.std for name, q in finding.parameters.items() if q.std is not None and q.std > 0.0}
         )
-    baseline = float(selection.baseline_heldout.sum())
-    log_variance = sum(drive.log_variance for drive in study.drives)
+    baseline = float(selection.baseline_heldout[blocks].sum())
+    log_variance = sum(drive.log_variance for drive in study.examined)
     constant = -0.5 * log_variance - 0.5 * rows * math.log(2 * math.pi)
     return Diagnosis(
         verdict=MISMATCH if findings else CONSISTENT,
@@ -100,6 +110,8 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
         unexplained=_unexplained(study, selector, terms),
         model=ExtendedModel(tuple(effects), tuple(effect_stds)),
         evidence=_alone(study, selector),
+        baseline=("simulation",) if study.simulation else ("rolling",),
+        simulation=simulated_effects(study, selection),
         notes=notes,
         reach=reach(
             [
@@ -125,6 +137,8 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
 
 def _drives(study: Study, terms: list[Term], term: Term) -> tuple[str, ...]:
     """Names of the drives in which a term stands, if it does not stand in all."""
+    if study.simulation:
+        return ()
     names = [drive.reader.recording.name for drive in study.drives]
     if term.drive is not None:
         return (names[term.drive],)
@@ -140,7 +154,7 @@ def _of_car(term: Term) -> bool:
 def _in_full(study: Study, selection: Selection, which: int) -> Chosen:
     """A term whose value in one drive differs from that of the others, with its full value there."""
     one = selection.chosen[which]
-    if one.term.drive is None or not _of_car(one.term):
+    if one.term.drive is None or study.simulation or not _of_car(one.term):
         return one
     widths = [study.hypotheses.nuisance.shape[1]] + [c.term.design.shape[1] for c in selection.chosen]
     starts = np.cumsum(widths)
@@ -228,7 +242,7 @@ def _alone(study: Study, selector: Selector) -> tuple[tuple[str, float], ...]:
     gram, b = selector.evidence.projected(selector.design([]))
     best: dict[str, float] = {}
     for term in study.hypotheses.catalogue:
-        if term.drive is not None or term.calibrates:
+        if (term.drive is not None and not study.simulation) or term.calibrates:
             continue
         gain, _ = group_gain(term.design[1:], gram, b)
         best[term.effect] = max(best.get(term.effect, 0.0), gain)
@@ -243,9 +257,9 @@ def _by_channel(study: Study, selection: Selection, evidence: Evidence) -> dict[
     rolling = evidence.fit(study.hypotheses.nuisance)
     fits = (rolling, selection.fit)
     left = [
-        np.concatenate([drive.residual(fit.design, fit.values) for drive in study.drives]) for fit in fits
+        np.concatenate([drive.residual(fit.design, fit.values) for drive in study.examined]) for fit in fits
     ]
-    here = np.concatenate([np.isfinite(drive.reader.windows.measured) for drive in study.drives])
+    here = np.concatenate([np.isfinite(drive.reader.windows.measured) for drive in study.examined])
     out: dict[str, tuple[float, float]] = {}
     for name in dict.fromkeys(CHANNEL_NAMES):
         mask = here & np.array([channel == name for channel in CHANNEL_NAMES])[None, :]

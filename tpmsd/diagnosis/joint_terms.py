@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmsd.diagnosis.terms import Hypotheses, Name, Term
+from tpmsd.diagnosis.terms import MIDDLE_TIME_CONSTANT_S, Hypotheses, Name, Term
 from tpmsd.wheels import FloatArray
 
 BEST = 10
@@ -32,15 +32,15 @@ class OwnNames:
     unusable: frozenset[str]
 
 
-def is_own(name: Name) -> bool:
-    """Whether a column is one drive's alone."""
+def is_own(name: Name, same_road: bool) -> bool:
+    """Whether a column is one drive's alone; on the same road at the same times, time is common too."""
     over_time = name[0] == "smooth" and name[2] in ("time", "distance")
-    return name[0] in ("radius", "gyro_delay", "ramp") or over_time
+    return name[0] in ("radius", "gyro_delay", "ramp") or (over_time and not same_road)
 
 
-def is_copied(name: Name) -> bool:
-    """Whether a column stands both for all drives and for each alone: the catalogue's."""
-    return not is_own(name) and name[0] not in ("smooth", "data")
+def is_copied(name: Name, same_road: bool) -> bool:
+    """Whether a column stands both for all drives and for each alone: the catalogue's, on one road all."""
+    return not is_own(name, same_road) and name[0] != "data" and (same_road or name[0] != "smooth")
 
 
 def for_drive(term: Term, drive: int, drives: int) -> Term:
@@ -52,17 +52,34 @@ class JointHypotheses(Hypotheses):
     """All terms that several drives allow."""
 
     def __init__(
-        self, shared: list[Name], unusable: frozenset[str], drives: list[OwnNames], width: int
+        self,
+        shared: list[Name],
+        unusable: frozenset[str],
+        drives: list[OwnNames],
+        width: int,
+        same_road: bool,
     ) -> None:
-        """`unusable` effects are left out of what is shared; `width` is that of the common index."""
+        """`unusable` effects are left out of what is shared; `width` is that of the common index.
+
+        A slope acts in every drive alike, but `same_road` compares a recording with a simulation, which may
+        have left it out.
+        """
         common = Hypotheses(shared, drives[0].ramp_knots_s, unusable)
         self.width = width
         self._drives = [
-            Hypotheses(one.names, one.ramp_knots_s, one.unusable | {"road_grade"}) for one in drives
+            Hypotheses(
+                one.names, one.ramp_knots_s, one.unusable if same_road else one.unusable | {"road_grade"}
+            )
+            for one in drives
         ]
         self._at = [
             np.concatenate([[0], one.first + np.arange(len(one.names) - 1)]).astype(int) for one in drives
         ]
+        self._names = [
+            {int(at): name for at, name in zip(places[1:], one.names[1:], strict=True)}
+            for places, one in zip(self._at, drives, strict=True)
+        ]
+        self._places = [{name: at for at, name in names.items()} for names in self._names]
         self.catalogue = [replace(term, design=self._wide(term.design)) for term in common.catalogue]
         for number, one in enumerate(self._drives):
             self.catalogue += [self._of(number, term) for term in one.catalogue]
@@ -70,6 +87,28 @@ class JointHypotheses(Hypotheses):
         self.nuisance = np.concatenate(
             [self._place(number, one.nuisance) for number, one in enumerate(self._drives)], axis=1
         )
+
+    @property
+    def everything(self) -> FloatArray:
+        """As in the base, each drive with values of its own: what all of them share is told by these."""
+        own = [term for term in self.catalogue if term.drive is not None or term.effect == "road_grade"]
+        singles = [
+            term.design
+            for term in own
+            if term.design.shape[1] == 1 and term.time_constant_s in (0.0, MIDDLE_TIME_CONSTANT_S)
+        ]
+        return np.concatenate([self.nuisance, *singles], axis=1)
+
+    def mirrored(self, design: FloatArray, drive: int, other: int) -> FloatArray | None:
+        """(1 + p, k) one drive's own design in another's columns of the same names; None if it lacks them."""
+        out = np.zeros_like(design)
+        for row in np.flatnonzero(np.any(design != 0.0, axis=1)):
+            name = self._names[drive].get(int(row))
+            at = self._places[other].get(name) if name is not None else None
+            if at is None:
+                return None
+            out[at] = design[row]
+        return out
 
     def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
         """For each drive and wheel the best ramp and its gain."""

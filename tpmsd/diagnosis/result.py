@@ -56,6 +56,10 @@ class Finding:
     """Of an `unknown`: (covariate, value, std) at the knots."""
     drives: tuple[str, ...] = ()
     """Of several drives, those in which it stands; empty where it stands in all."""
+    held_by: str = ""
+    """Compared with a simulation: recording, simulation, or both at different values; else empty."""
+    simulated: dict[str, Quantity] = field(default_factory=dict)
+    """The simulation's own values; `parameters` are the recording's less these."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +79,10 @@ class Diagnosis:
     model: ExtendedModel
     evidence: tuple[tuple[str, float], ...] = ()
     """Held-in gain of every hypothesis alone against the rolling model, the best first."""
+    baseline: tuple[str, ...] = ("rolling",)
+    """With what the recording was compared: the rolling model, or the user's simulation."""
+    simulation: tuple[str, ...] = ()
+    """Effects that the user's simulation was seen to hold."""
     notes: tuple[str, ...] = ()
     """Drives and stretches that were left out, and why."""
     reach: Reach | None = None

@@ -130,16 +130,18 @@ class DriveStudy:
 class Study:
     """The drives, and what they have in common."""
 
-    def __init__(self, readers: Sequence[Reader]) -> None:
-        """At least one reader."""
+    def __init__(self, readers: Sequence[Reader], simulation: bool = False) -> None:
+        """At least one reader; with `simulation` the second of two is what the first is compared with."""
+        self.simulation = simulation
         windows = sum(len(reader.windows) for reader in readers)
         block_s = max(BLOCK_S, windows / MAX_BLOCKS)
-        common = _common_knots(readers) if len(readers) > 1 else {}
+        apart = () if simulation else ("time", "distance")
+        common = _common_knots(readers, apart) if len(readers) > 1 else {}
         self.drives = []
         for reader in readers:
             knots = smooth_knots(reader.windows.covariates)
             if len(readers) > 1:
-                knots = {c: at for c, at in knots.items() if c in ("time", "distance")} | common
+                knots = {c: at for c, at in knots.items() if c in apart} | common
             self.drives.append(DriveStudy(reader, knots, block_s))
         self.hypotheses = self._alone() if len(readers) == 1 else self._together()
         self.grid = self.hypotheses.width
@@ -147,14 +149,14 @@ class Study:
         self.width = self.grid
 
     @property
-    def joint(self) -> bool:
-        """Whether there are several drives."""
-        return len(self.drives) > 1
+    def examined(self) -> list[DriveStudy]:
+        """The drives whose physics is asked for: all but a simulation."""
+        return self.drives[:1] if self.simulation else self.drives
 
     @property
     def driving_s(self) -> float:
         """Windows that are compared."""
-        return float(sum(len(drive.reader.windows) for drive in self.drives))
+        return float(sum(len(drive.reader.windows) for drive in self.examined))
 
     def evidence(self) -> Evidence:
         """Of all drives, under the present noise."""
@@ -195,12 +197,18 @@ class Study:
         lost = [unusable(drive.reader) for drive in self.drives]
         shared: list[Name] = [("data",)]
         for drive in self.drives:
-            shared += [name for name in drive.names[1:] if not is_own(name) and name not in shared]
+            shared += [
+                name for name in drive.names[1:] if not is_own(name, self.simulation) and name not in shared
+            ]
         at = {name: k for k, name in enumerate(shared)}
         width = len(shared)
         own = []
         for drive, unused in zip(self.drives, lost, strict=True):
-            names = [name for name in drive.names[1:] if is_own(name) or is_copied(name)]
+            names = [
+                name
+                for name in drive.names[1:]
+                if is_own(name, self.simulation) or is_copied(name, self.simulation)
+            ]
             own.append(OwnNames([("data",), *names], width, ramp_knots(drive.reader), unused))
             place = {name: k for k, name in enumerate(drive.names)}
             both = [name for name in drive.names if name in at and name[0] not in unused]
@@ -208,15 +216,15 @@ class Study:
             drive.here = np.array(here)
             drive.local = np.array([place[name] for name in both] + [place[name] for name in names])
             width += len(names)
-        return JointHypotheses(shared, frozenset.intersection(*lost), own, width)
+        return JointHypotheses(shared, frozenset.intersection(*lost), own, width, self.simulation)
 
 
-def _common_knots(readers: Sequence[Reader]) -> dict[str, FloatArray]:
-    """Knots over all drives, of the covariates that all of them have."""
+def _common_knots(readers: Sequence[Reader], apart: Sequence[str]) -> dict[str, FloatArray]:
+    """Knots over all drives, of the covariates that all of them have, less some."""
     names = [
         name
         for name in readers[0].windows.covariates
-        if name not in ("time", "distance") and all(name in one.windows.covariates for one in readers)
+        if name not in apart and all(name in one.windows.covariates for one in readers)
     ]
     return smooth_knots(
         {name: np.concatenate([one.windows.covariates[name] for one in readers]) for name in names}

@@ -7,29 +7,61 @@ the ticks' edges (`tone_ring`).
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from tpmsd.diagnosis.evidence import Fit
 from tpmsd.diagnosis.result import Finding, Quantity, Where
+from tpmsd.diagnosis.simulated import BOTH, RECORDING, SEEN_STDS
 from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.tone_ring import ADMIT, Ripple, ripples, wrong_teeth
 from tpmsd.diagnosis.where import PLACE
-from tpmsd.wheels import WHEELS
 
 CHANNEL, COVARIATE = PLACE["tone_ring_error"]
 
 
 def teeth(study: Study, calibration: Fit, seconds: float) -> list[Finding]:
-    """The wheels whose teeth are uneven in some drive, or of the wrong number in all."""
+    """The wheels whose teeth are uneven in some drive, or of the wrong number in all.
+
+    Compared with a simulation: those of the recording that the simulation does not hold alike.
+    """
     choice = math.log(len(study.drives))
     by_wheel: dict[str, list[Ripple]] = {}
-    for drive in study.drives:
+    for drive in study.examined:
         for ripple in ripples(drive.reader.recording, drive.reader.reference):
             if ripple.gain >= 0.5 * ADMIT + choice:
                 by_wheel.setdefault(ripple.wheel, []).append(ripple)
+    wrong = _wrong(study, calibration)
     out = [_uneven(found, seconds) for found in by_wheel.values()]
-    return out + [_miscounted(name, teeth) for name, teeth in _wrong(study, calibration)]
+    if not study.simulation:
+        return out + [_miscounted(name, count) for name, count in sorted(set.intersection(*wrong))]
+    simulated = study.drives[1].reader
+    rings = {ring.wheel: ring for ring in ripples(simulated.recording, simulated.reference)}
+    beyond = [one for one in (_beyond(finding, rings) for finding in out) if one is not None]
+    miscounted = [_miscounted(name, count) for name, count in sorted(wrong[0] - wrong[1])]
+    return beyond + [replace(finding, held_by=RECORDING) for finding in miscounted]
+
+
+def _beyond(finding: Finding, simulated: dict[str, Ripple]) -> Finding | None:
+    """A finding less what the simulation holds of it; None if that is all."""
+    ring = simulated.get(str(finding.parameters["wheel"].value))
+    if ring is None:
+        return replace(finding, held_by=RECORDING)
+    mine = finding.parameters["amplitude_rad"]
+    assert isinstance(mine.value, float)
+    assert mine.std is not None
+    std = math.hypot(mine.std, ring.std_rad)
+    if abs(mine.value - ring.amplitude_rad) < SEEN_STDS * std:
+        return None
+    more = Quantity(mine.value - ring.amplitude_rad, std, "rad")
+    theirs = Quantity(ring.amplitude_rad, ring.std_rad, "rad")
+    return replace(
+        finding,
+        parameters={**finding.parameters, "amplitude_rad": more},
+        simulated={"amplitude_rad": theirs},
+        held_by=BOTH,
+    )
 
 
 def _uneven(found: list[Ripple], seconds: float) -> Finding:
@@ -55,8 +87,8 @@ def _uneven(found: list[Ripple], seconds: float) -> Finding:
     )
 
 
-def _wrong(study: Study, calibration: Fit) -> list[tuple[str, float]]:
-    """Wheels that every drive shows with the same wrong number of teeth."""
+def _wrong(study: Study, calibration: Fit) -> list[set[tuple[str, float]]]:
+    """By drive, the wheels that show another number of teeth than is configured, and that number."""
     found: list[set[tuple[str, float]]] = []
     at = 0
     for drive in study.drives:
@@ -66,7 +98,7 @@ def _wrong(study: Study, calibration: Fit) -> list[tuple[str, float]]:
             radii[wheel] += calibration.values[at + k]
         found.append(set(wrong_teeth(recording, radii)))
         at += sum(name[0] in ("radius", "gyro_delay") for name in drive.names)
-    return sorted(set.intersection(*found), key=lambda entry: WHEELS.index(entry[0]))
+    return found
 
 
 def _miscounted(name: str, teeth: float) -> Finding:

@@ -75,7 +75,7 @@ def ground(study: Study, selection: Selection, evidence: Evidence) -> Ground | N
     rolling = evidence.fit(study.hypotheses.nuisance)
     parts: list[FloatArray] = []
     right = 0.0
-    for drive in study.drives:
+    for drive in study.examined:
         measured = drive.reader.windows.measured
         known = np.isfinite(measured[:, EAST])
         if known.sum() < 10:

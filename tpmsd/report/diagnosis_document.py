@@ -21,7 +21,7 @@ def diagnosis_document(
         "verdict": diagnosis.verdict,
         "reason": diagnosis.reason or None,
         "baseline": {
-            "model": ["rolling"],
+            "model": list(diagnosis.baseline),
             "heldout_rms": diagnosis.baseline_rms,
             "heldout_loglik_per_s": diagnosis.baseline_loglik_per_s,
         },
@@ -36,6 +36,8 @@ def diagnosis_document(
         "evidence": [{"effect": name, "gain": gain} for name, gain in diagnosis.evidence],
         "reach": None if diagnosis.reach is None else _reach(diagnosis.reach),
     }
+    if diagnosis.baseline == ("simulation",):
+        document["simulation"] = {"effects": list(diagnosis.simulation)}
     if diagnosis.notes:
         document["notes"] = list(diagnosis.notes)
     if alarms:
@@ -79,6 +81,13 @@ def _finding(finding: Finding) -> dict[str, Any]:
         },
         "indistinguishable_from": list(finding.indistinguishable_from),
     }
+    if finding.held_by:
+        # `parameters` are the recording's values less these.
+        out["held_by"] = finding.held_by
+        out["simulation"] = {
+            name: {"value": quantity.value, "std": quantity.std, "unit": quantity.unit}
+            for name, quantity in finding.simulated.items()
+        }
     if finding.drives:
         out["drives"] = list(finding.drives)
     if finding.advice:

@@ -21,6 +21,7 @@ from tpmsd.report.diagnosis_summary import (
     quantity_text,
     reached,
 )
+from tpmsd.report.simulation_text import baseline_name
 from tpmsd.report.svg import AFTER, BEFORE, Series, bars, chart, track
 
 _STYLE = """
@@ -168,7 +169,7 @@ def _ground(diagnosis: Diagnosis) -> list[str]:
         ground.east_m.tolist(),
         ground.north_m.tolist(),
         ground.mismatch.tolist(),
-        "nats per second that the rolling model loses against the extended one",
+        f"nats per second that {baseline_name(diagnosis)} loses against the extended one",
     )
     return ["<h2>Where on the way</h2>", picture]
 
@@ -189,7 +190,7 @@ def _channels(diagnosis: Diagnosis) -> list[str]:
         rows += "</tr>"
     head = "".join(
         f'<th class="n">{title}</th>'
-        for title in ("rolling", "extended", "gain, nats", "left, nats", "next second")
+        for title in (diagnosis.baseline[0], "extended", "gain, nats", "left, nats", "next second")
     )
     out = [
         "<h2>What was reached, and what is left</h2>",
@@ -214,7 +215,8 @@ def _evidence(diagnosis: Diagnosis) -> list[str]:
     found |= {finding.effect for finding in diagnosis.findings}
     return [
         "<h2>Evidence for each effect alone</h2>",
-        '<p class="note">Log-likelihood that each effect would bring to the rolling model by itself, findings'
+        '<p class="note">Log-likelihood that each effect would bring to'
+        f" {baseline_name(diagnosis)} by itself, findings"
         " in red. Effects that resemble a true one bring something too; what counts is what an effect brings"
         " beside the others.</p>",
         bars(shown, "nats", frozenset(found)),

@@ -12,6 +12,7 @@ from tpmsd.diagnosis.result import CONSISTENT, INSUFFICIENT, Diagnosis, Finding,
 from tpmsd.physics.catalogue import sentence_of
 from tpmsd.physics.covariates import COVARIATES
 from tpmsd.report.alarms_compared import AlarmsCompared, alarms_summary
+from tpmsd.report.simulation_text import agreement, baseline_name, held_lines
 
 CHANNELS: dict[str, str] = {
     "wheel": "wheels against receiver",
@@ -35,9 +36,9 @@ def diagnosis_summary(
 def _found(diagnosis: Diagnosis, model_file: str | None) -> str:
     if diagnosis.verdict == INSUFFICIENT:
         return f"Not enough to go by: {diagnosis.reason}."
-    head = f"{diagnosis.driving_s:.0f} s of driving compared with the rolling model. "
+    head = f"{diagnosis.driving_s:.0f} s of driving compared with {baseline_name(diagnosis)}. "
     if diagnosis.verdict == CONSISTENT:
-        text = head + "They agree within the noise: no missing physics was found."
+        text = head + agreement(diagnosis)
         return text + _rest(diagnosis)
     count = len(diagnosis.findings)
     text = head + f"They differ: {count} finding{'s' if count > 1 else ''}.\n"
@@ -84,6 +85,7 @@ def _paragraph(number: int, finding: Finding) -> list[str]:
         )
     if finding.shape:
         lines.append(f"   {shape_text(finding)}")
+    lines += [f"   {line}" for line in held_lines(finding)]
     if finding.drives:
         lines.append(f"   only in {', '.join(finding.drives)}")
     lines.append(f"   seen in {place(finding.where)}; held-out gain {finding.gain:.0f} nats")
