@@ -201,7 +201,8 @@ class CanDecoder:
             for place in group.places:
                 self._faults.note(out, time_s, "lost", place, group.plan.name, arrival.lost)
         arrival.timed_out = False
-        fast = group.watch.frame(time_s)
+        watch = group.watch
+        fast = watch.frame(time_s)
 
         size = len(data)
         for number, (min_bytes, is_big, shift, mask, signal, tracker) in enumerate(group.fields):
@@ -231,8 +232,11 @@ class CanDecoder:
                     self._note_invalid(time_s, signal, bits, out)
                     continue
                 tracker.update(time_s, value, arrival.period_s, out)
-            sound = len(out) > begun and isinstance(out[-1], RotationSample)
-            odd = group.watch.value(number, value, self._faults.jumps != jumps, sound)
+            jumped = self._faults.jumps != jumps
+            odd = False
+            if jumped or watch.uneasy or watch.compares[number]:
+                sound = len(out) > begun and isinstance(out[-1], RotationSample)
+                odd = watch.value(number, value, jumped, sound)
             if fast or odd:
                 # The wheel is followed on, so that it is known when its values make sense again.
                 out[begun:] = [event for event in out[begun:] if isinstance(event, SourceFault)]

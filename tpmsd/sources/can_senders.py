@@ -82,7 +82,9 @@ class SenderWatch:
         "_sound",
         "_tokens",
         "_window_s",
+        "compares",
         "fast",
+        "uneasy",
     )
 
     def __init__(self, resolutions: tuple[float | None, ...]) -> None:
@@ -97,13 +99,17 @@ class SenderWatch:
         self._grace_until_s = self._clean_since_s = -float("inf")
         self._burst = self._tokens = 0.0
         self._odd = [0.0] * len(resolutions)
-        self._sound = [False] * len(resolutions)
+        self._sound = [True] * len(resolutions)
+        self.uneasy = False
+        """Whether something was odd lately: then every value is to be taken, else only odd ones."""
         self._rough = tuple(None if step is None else _Roughness(step) for step in resolutions)
+        self.compares = tuple(step is not None for step in resolutions)
+        """Per signal, whether its values are compared from frame to frame."""
 
     @property
     def detail(self) -> str:
         """What is known of the rate, for a fault's text."""
-        return f"more than its {1.0 / self._period_s:.0f} frames a second" if self._period_s else ""
+        return f"more than its {1.0 / self._period_s:.0f} frames a second" if self.fast else ""
 
     def restart(self, time_s: float) -> None:
         """The clock stepped, or the message was away: judge no rate across that."""
@@ -158,6 +164,9 @@ class SenderWatch:
             odd = min(odd + 1.0, 2.0 * ODD_LIMIT)
             self._sound[place] = sound
         self._odd[place] = odd
+        if odd == 0.0:
+            self._sound[place] = True
+        self.uneasy = self.fast or any(self._odd)
         if self.fast and (jumped or (rough is not None and rough.excessive)):
             self._clean_since_s = self._last_s
         return odd > ODD_LIMIT
