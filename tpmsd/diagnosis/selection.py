@@ -33,6 +33,8 @@ that.
 """
 MODEL_ERROR = 4e-3
 """Relative standard deviation of any value: the reference motion that it multiplies is no better known."""
+FREE_SHAPE = 0.03
+"""Share of its gain by which a free shape must beat an effect: no effect's formula is the last word."""
 MAX_TERMS = 8
 RIVAL = 2.0
 """Rivals whose fit is worse by less than this are not told apart."""
@@ -149,8 +151,9 @@ class Selector:
             gain, first = group_gain(term.design[1:], gram, b)
             out.append((gain - term.price(first), [term]))
         if everything:
-            scanned = self.hypotheses.ramp_gains(gram, b) + self.hypotheses.pulse_gains(gram, b)
-            scanned += self.hypotheses.smooth_gains(gram, b)
+            scanned = self.hypotheses.ramp_gains(gram, b)
+            free = self.hypotheses.pulse_gains(gram, b) + self.hypotheses.smooth_gains(gram, b)
+            scanned += [((1.0 - FREE_SHAPE) * gain, term) for gain, term in free]
             out += [(gain - term.penalty, [term]) for gain, term in scanned if term.key not in taken]
         return sorted(out, key=lambda entry: -entry[0])
 
@@ -248,7 +251,7 @@ class Selector:
             improved = False
             for k in range(len(chosen)):
                 rest = chosen[:k] + chosen[k + 1 :]
-                now = self.gain(chosen) - self.gain(rest) - chosen[k].price(self._first(chosen, k))
+                now = self._net(chosen[k], self.gain(chosen) - self.gain(rest), self._first(chosen, k))
                 better = [terms for net, terms in self.candidates(rest)[:4] if net > now + 0.5]
                 better = [terms for terms in better if self._sane([*rest, *terms])]
                 if better:
@@ -258,6 +261,11 @@ class Selector:
             if not improved:
                 break
         return chosen
+
+    @staticmethod
+    def _net(term: Term, gain: float, first: float) -> float:
+        """What a term's gain is worth against rivals for its place."""
+        return (1.0 - FREE_SHAPE if term.effect == "unknown" else 1.0) * gain - term.price(first)
 
     def _first(self, terms: Sequence[Term], which: int) -> float:
         """The first value of one of the terms in the joint fit."""
@@ -297,7 +305,7 @@ class Selector:
             name = rival.effect if rival.effect != "radius_change" else f"radius_change:{rival.wheel}"
             if rival.effect == "unknown":
                 name = "unknown"
-            better = net - (gain - term.price(float(fit.values[start])))
+            better = net - self._net(term, gain, float(fit.values[start]))
             if name not in weights and name != term.effect:
                 weights[name] = math.exp(min(better / float(ratios.max()), 0.0))
             if rival.effect in ("unknown", term.effect) or rival.calibrates:
