@@ -29,8 +29,8 @@ def recorded(name: str, seed: int, duration_s: float = 200.0, **physics: dict[st
 
 def test_two_drives_tell_what_neither_tells_alone() -> None:
     """An effect too faint for each of two short drives is named and measured by both together."""
-    truth = 1e-5
-    drives = [recorded(name, seed, load_transfer_lateral={"coefficient": truth}) for name, seed in _AB]
+    truth = 7e-6
+    drives = [recorded(name, seed, 150.0, load_transfer_lateral={"coefficient": truth}) for name, seed in _AB]
     alone = [diagnose([one]).verdict for one in drives]
     (finding,) = diagnose(drives).findings
     value = finding.parameters["coefficient"]
@@ -42,7 +42,7 @@ def test_two_drives_tell_what_neither_tells_alone() -> None:
     assert abs(value.value - truth) < 3 * value.std
 
 
-_AB = (("a", 51), ("b", 52))
+_AB = (("a", 65), ("b", 66))
 
 
 def test_a_leak_belongs_to_the_drive_in_which_it_happened() -> None:
