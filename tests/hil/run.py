@@ -1,0 +1,171 @@
+"""`make test-hil`: the daemon on a real CAN stack, as a real service of systemd, and through power cuts.
+
+Uses the machine's own vcan for the bus where it can be had without root (in a network namespace of its own),
+else a guest of User Mode Linux; systemd and the power cuts always take a guest. Where neither can be had, it
+fails and says what to install. TPMSD_SKIP_HIL=1 skips it all, and that is said, too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+from tests.hil import native, powercut, uml
+from tests.hil.prepare import BUILD, REPO, package, stage
+from tests.hil.uml import HilError
+
+TIMEOUT_S = 420.0
+"""Of a group; a third of this is usual on a busy machine."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How a group of tests went."""
+
+    tests: int
+    bad: int
+    detail: str = ""
+
+
+def main() -> int:
+    """Run the groups that are asked for; 0 only if every test of each of them passed."""
+    parser = argparse.ArgumentParser(prog="make test-hil", description=__doc__)
+    parser.add_argument("groups", nargs="*", metavar="GROUP", help=f"of {', '.join(GROUPS)} (default: all)")
+    parser.add_argument("--guest", action="store_true", help="a guest also where the machine has vcan")
+    parser.add_argument("-k", metavar="EXPRESSION", default="", help="handed on to pytest")
+    args = parser.parse_args()
+    unknown = set(args.groups) - set(GROUPS)
+    if unknown:
+        parser.error(f"no such group: {', '.join(sorted(unknown))}")
+    if os.environ.get("TPMSD_SKIP_HIL", "") not in ("", "0"):
+        print("test-hil: skipped, as TPMSD_SKIP_HIL asks")
+        return 0
+    failed = False
+    for name in args.groups or GROUPS:
+        began_s = time.monotonic()
+        try:
+            verdict = GROUPS[name](args)
+        except HilError as error:
+            verdict = Verdict(0, 1, str(error))
+        took_s = time.monotonic() - began_s
+        if verdict.detail:
+            print(verdict.detail, file=sys.stderr)
+        good = verdict.bad == 0 and verdict.tests > 0
+        failed |= not good
+        word = "passed" if good else "FAILED"
+        print(
+            f"test-hil {name}: {word}, {verdict.tests - verdict.bad} of {verdict.tests} in {took_s:.0f} s",
+            flush=True,
+        )
+    return int(failed)
+
+
+def run_package(args: argparse.Namespace) -> Verdict:
+    """Installation into a folder, and the Debian package looked at from outside."""
+    out = BUILD / "package"
+    out.mkdir(parents=True, exist_ok=True)
+    environment = {**os.environ, "TPMSD_HIL": "1", "TPMSD_DEB": str(package())}
+    command = pytest_command("tests/hil/package", out / "junit.xml", args.k)
+    done = subprocess.run(command, cwd=REPO, env=environment, capture_output=True, text=True)
+    return judge(out / "junit.xml", done.returncode, done.stdout[-6000:] + done.stderr[-2000:])
+
+
+def run_bus(args: argparse.Namespace) -> Verdict:
+    """Processes on vcan0 and vcan1."""
+    if not args.guest and native.available():
+        out = BUILD / "bus"
+        command = pytest_command("tests/hil/guest/bus", out / "junit.xml", args.k)
+        code, said = native.run(command, out, TIMEOUT_S)
+        return judge(out / "junit.xml", code, said)
+    return in_guest("bus", "plain", args.k)
+
+
+def run_service(args: argparse.Namespace) -> Verdict:
+    """The units in the guest's systemd."""
+    return in_guest("service", "systemd", args.k)
+
+
+def run_powercut(args: argparse.Namespace) -> Verdict:
+    """The state file on a disk whose machine goes off while it is saved."""
+    require_guest()
+    cuts, problems = powercut.run(BUILD / "powercut", stage(), BUILD)
+    return Verdict(cuts, len(problems), "\n".join(problems))
+
+
+GROUPS: dict[str, Callable[[argparse.Namespace], Verdict]] = {
+    "package": run_package,
+    "bus": run_bus,
+    "service": run_service,
+    "powercut": run_powercut,
+}
+
+
+def require_guest() -> None:
+    """HilError if there can be no guest here."""
+    reason = uml.missing()
+    if reason:
+        raise HilError(f"neither vcan nor a guest: {reason} (TPMSD_SKIP_HIL=1 skips these tests)")
+
+
+def pytest_command(folder: str, junit: Path, expression: str) -> list[str]:
+    """pytest on one folder of tests, without traces in the sources."""
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "-p",
+        "no:xdist",
+        "--durations=8",
+    ]
+    command += [f"--junitxml={junit}", folder]
+    return command + (["-k", expression] if expression else [])
+
+
+def in_guest(group: str, mode: str, expression: str) -> Verdict:
+    """Boot a guest for one group of tests."""
+    require_guest()
+    out = BUILD / group
+    command = [
+        *pytest_command(f"tests/hil/guest/{group}", Path("/out/junit.xml"), expression),
+        "--basetemp=/run/pytest",
+    ]
+    words = {
+        "TPMSD_HIL": "1",
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "TPMSD_HIL_COMMAND": "tpmsd",
+        "TPMSD_HIL_PROMPT": "chrt -f 10",
+        "TPMSD_RECORDINGS": os.environ.get("TPMSD_RECORDINGS", str(REPO.parent / "shared" / "recordings")),
+    }
+    job = "".join(f"export {name}={shlex.quote(value)}\n" for name, value in words.items())
+    job = f"exec >>/out/job.log 2>&1\ncd {shlex.quote(str(REPO))}\n{job}{shlex.join(command)}\n"
+    with uml.guest(job, out=out, stage=stage(), mode=mode, build=BUILD) as guest:
+        code = guest.wait(TIMEOUT_S)
+    said = (out / "job.log").read_text("utf-8", "replace")[-12000:]
+    return judge(out / "junit.xml", code, said)
+
+
+def judge(junit: Path, code: int, said: str) -> Verdict:
+    """What pytest found; a skipped test is one that did not pass, since here everything must be there."""
+    try:
+        cases = list(ElementTree.parse(junit).iter("testcase"))
+    except (OSError, ElementTree.ParseError) as error:
+        return Verdict(0, 1, f"{said}\nno result of the tests: {error}")
+    bad = sum(any(case.find(tag) is not None for tag in ("failure", "error", "skipped")) for case in cases)
+    if code and not bad:
+        bad = 1
+    return Verdict(len(cases), bad, said if bad else "")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
