@@ -61,16 +61,13 @@ def plan(args: argparse.Namespace) -> Plan:
             sizes = [size for size in sizes if size >= 0.5] if args.full else sizes[-1:]
             sizes = [0.0] if "nothing" in kind else sizes
         batches += [[(kind, size, seed) for seed in seeds] for size in sizes]
-    longest = max((len(batch) for batch in batches), default=0)
-    out: Plan = []
-    for k in range(longest):
-        # every batch is spread over the whole run
-        out += [batch[k * len(batch) // longest] for batch in batches if _turn(k, len(batch), longest)]
-    return out
-
-
-def _turn(k: int, size: int, longest: int) -> bool:
-    return k == 0 or (k * size) // longest != ((k - 1) * size) // longest
+    # every batch is spread over the whole run, each from a beginning of its own (golden section)
+    turns = [
+        ((k + (number * 0.618034) % 1.0) / len(batch), entry)
+        for number, batch in enumerate(batches)
+        for k, entry in enumerate(batch)
+    ]
+    return [entry for _, entry in sorted(turns)]
 
 
 def _number(kind: str, args: argparse.Namespace) -> int:
