@@ -81,76 +81,105 @@ def whiten(
         variance = variance * inflate
         # A position that is far off may be the first of many: the slow error has jumped.
         jump = np.minimum(inflate[:, EAST:].max(axis=1), 100.0)
+    gap = np.diff(windows.index, prepend=windows.index[:1] - 1)
     read_var = np.square(noise.reading_m)[None, :] + (noise.stamp_s * v[:, None]) ** 2
+    decay, fresh_var = _steps(noise, gap, jump, read_var)
+    motion_var = _motion_variances(windows)
+    grow_e, grow_n = windows.to_east_north[:, 0, 2], windows.to_east_north[:, 1, 2]
+    whole = here.all(axis=1)
+    number = here.sum(axis=1)
+    scale = np.ones((count, CHANNELS))
     P = np.diag(_start_variances(noise, read_var[0]))
     M = np.zeros((STATES, width))
-    F, Qm = np.zeros((STATES, STATES)), np.zeros((STATES, STATES))
-    F[[PSI, PE, PN], [PSI, PE, PN]] = 1.0
-    F[GB, GB] = 1.0
-    slow = math.exp(-WINDOW_S / noise.slow_tau_s)
-    clock = math.exp(-WINDOW_S / noise.clock_tau_s)
-    wander = math.exp(-WINDOW_S / noise.wander_tau_s)
-    wheels = np.arange(R, R + 4)
-    log_variance = 0.0
-    fresh = True
-    diag = np.arange(STATES)
-    eye4 = np.eye(4)
-    places = [np.flatnonzero(row) for row in here]
+    shift = _shift()
+    both = np.empty((CHANNELS, width + STATES))
     for k in range(count):
-        gap = 1 if k == 0 else int(windows.index[k] - windows.index[k - 1])
-        fresh = gap > 1
-        # to the window's end: fresh speed and yaw errors, then heading and position
-        grow = windows.to_east_north[k]
-        F[PE, PSI], F[PN, PSI] = grow[0, 2], grow[1, 2]
-        decay_b, decay_d = slow**gap, noise.speed_memory**gap
-        F[BE, BE] = F[BN, BN] = decay_b
-        F[DS, DS] = F[DC, DC] = decay_d
-        decay_c = clock**gap
-        decay_r = wander**gap
-        F[wheels, wheels] = decay_r
-        F[CK, CK] = decay_c
-        F[QOLD : QOLD + 4, Q : Q + 4] = 0.0 if fresh else eye4
-        M = F @ M
-        P = F @ P @ F.T
-        Qm[:] = 0.0
-        qd = np.zeros(STATES)
-        qd[Q : Q + 4] = read_var[k]
-        if fresh:
-            qd[QOLD : QOLD + 4] = read_var[k]
-            qd[PSI], qd[PE], qd[PN] = 0.1**2, 20.0**2, 20.0**2
-        qd[BE] = qd[BN] = noise.slow_m**2 * (1.0 - decay_b**2)
-        qd[DS] = noise.speed_mps**2 * (1.0 - decay_d**2)
-        qd[DC] = noise.cross_mps**2 * (1.0 - decay_d**2)
-        if jump[k] > 1.0:
-            qd[BE] += noise.slow_m**2 * jump[k]
-            qd[BN] += noise.slow_m**2 * jump[k]
-        qd[CK] = noise.clock_s**2 * (1.0 - decay_c**2)
-        qd[wheels] = noise.wander**2 * (1.0 - decay_r**2)
-        qd[GB] = noise.gyro_drift_radps**2 * gap
-        Qm[diag, diag] = qd
-        g = np.zeros((STATES, 2))  # the fresh errors of speed and yaw rate
-        g[V, 0] = _SPEED_STD
-        g[W, 1] = _YAW_STD
-        g[PSI, 1] = WINDOW_S * _YAW_STD
-        g[PE], g[PN] = grow[0, :2] * (_SPEED_STD, _YAW_STD), grow[1, :2] * (_SPEED_STD, _YAW_STD)
-        P += Qm + g @ g.T
-        use = places[k]
-        if use.size == 0:
+        # To the window's end: what was the reading at the end is the one at the start; old errors fade,
+        # heading moves the position, and new errors of speed and yaw rate come in.
+        d = decay[k]
+        M = M.take(shift, axis=0)
+        M *= d[:, None]
+        M[PE] += grow_e[k] * M[PSI]
+        M[PN] += grow_n[k] * M[PSI]
+        P = P.take(shift, axis=0).take(shift, axis=1)
+        P *= d
+        P *= d[:, None]
+        P[PE] += grow_e[k] * P[PSI]
+        P[PN] += grow_n[k] * P[PSI]
+        P[:, PE] += grow_e[k] * P[:, PSI]
+        P[:, PN] += grow_n[k] * P[:, PSI]
+        P.flat[:: STATES + 1] += fresh_var[k]
+        P[V : PN + 1, V : PN + 1] += motion_var[k]
+        n = number[k]
+        if n == 0:
             continue
-        H = reading[k][use]
-        S = H @ P @ H.T
-        S[diag[: use.size], diag[: use.size]] += variance[k][use]
+        use = here[k]
+        H, y, r = reading[k], columns[k], variance[k]
+        if not whole[k]:
+            H, y, r = H[use], y[use], r[use]
+        rows = both[:n]
+        HP = np.matmul(H, P, out=rows[:, width:])
+        S = HP @ H.T
+        S.flat[:: n + 1] += r
+        np.subtract(y, H @ M, out=rows[:, :width])
         L, failed = dpotrf(S, lower=1)
         if failed:
             raise ValueError("the noise model is not positive definite")
-        white, _ = dtrtrs(L, np.concatenate([columns[k][use] - H @ M, H @ P], axis=1), lower=1)
+        white, _ = dtrtrs(L, rows, lower=1)
         Z, B = white[:, :width], white[:, width:]
-        out[k][use] = Z
-        M = M + B.T @ Z
-        P = P - B.T @ B
-        P = 0.5 * (P + P.T)
-        log_variance += 2.0 * float(np.log(L[diag[: use.size], diag[: use.size]]).sum())
-    return out, log_variance
+        if whole[k]:
+            out[k] = Z
+        else:
+            out[k][use] = Z
+        M += B.T @ Z
+        P -= B.T @ B
+        scale[k, :n] = L.diagonal()
+    return out, 2.0 * float(np.log(scale).sum())
+
+
+def _shift() -> np.ndarray:
+    """(STATES,) which state each becomes from: a reading at a window's end is one at the next one's start."""
+    out = np.arange(STATES)
+    out[QOLD : QOLD + 4] = np.arange(Q, Q + 4)
+    return out
+
+
+def _steps(
+    noise: Noise, gap: np.ndarray, jump: FloatArray, read_var: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(w, STATES) factors by which the states fade into each window, and the variances that come in."""
+    decay = np.zeros((len(gap), STATES))
+    fresh = np.zeros((len(gap), STATES))
+    broken = gap > 1
+    decay[:, QOLD : QOLD + 4] = ~broken[:, None]
+    decay[:, [PSI, PE, PN, GB]] = 1.0
+    fresh[:, Q : Q + 4] = read_var
+    fresh[:, QOLD : QOLD + 4] = np.where(broken[:, None], read_var, 0.0)
+    fresh[:, PSI] = np.where(broken, 0.1**2, 0.0)
+    fresh[:, [PE, PN]] = np.where(broken, 20.0**2, 0.0)[:, None]
+    for states, size, per_window in (
+        ([BE, BN], noise.slow_m, math.exp(-WINDOW_S / noise.slow_tau_s)),
+        ([DS], noise.speed_mps, noise.speed_memory),
+        ([DC], noise.cross_mps, noise.speed_memory),
+        ([CK], noise.clock_s, math.exp(-WINDOW_S / noise.clock_tau_s)),
+        (list(range(R, R + 4)), noise.wander, math.exp(-WINDOW_S / noise.wander_tau_s)),
+    ):
+        faded = per_window ** gap.astype(np.float64)
+        decay[:, states] = faded[:, None]
+        fresh[:, states] = (size**2 * (1.0 - faded**2))[:, None]
+    fresh[:, [BE, BN]] += np.where(jump > 1.0, noise.slow_m**2 * jump, 0.0)[:, None]
+    fresh[:, GB] = noise.gyro_drift_radps**2 * gap
+    return decay, fresh
+
+
+def _motion_variances(windows: Windows) -> FloatArray:
+    """(w, 5, 5) covariance of the new errors of speed, yaw rate, heading, east and north."""
+    g = np.zeros((len(windows), 5, 2))
+    g[:, V - V, 0] = _SPEED_STD
+    g[:, W - V, 1] = _YAW_STD
+    g[:, PSI - V, 1] = WINDOW_S * _YAW_STD
+    g[:, PE - V :] = windows.to_east_north[:, :, :2] * (_SPEED_STD, _YAW_STD)
+    return np.asarray(g @ g.transpose(0, 2, 1))
 
 
 def _start_variances(noise: Noise, reading: FloatArray) -> FloatArray:
