@@ -1,6 +1,6 @@
 """What the slips are good for: gates and weights of the tyre filter on hard drives of the multi-body car.
 
-    python benchmarks/bench_slip_gate.py [--json FILE] [--drives 3] [--minutes 7]
+    python benchmarks/bench_slip_gate.py [--json FILE] [--drives 3] [--first 1] [--minutes 7]
 
 Three questions. (1) Which gate keeps the radii true, and how much driving does it throw away: none, one
 vendor's thresholds (4 m/s, 2 degrees at the road wheels, 2 m/s2 along and across) and those scaled, the
@@ -166,10 +166,10 @@ def weights(good: list[HardDrive], bad: list[HardDrive], rows: list[dict[str, An
                 report(f"gate {gate}, weights {kind}", [learn(d, settings) for d in drives], rows, fixes=name)
 
 
-def bare(runs: list[Run], rows: list[dict[str, Any]]) -> None:
+def bare(runs: list[Run], first: int, rows: list[dict[str, Any]]) -> None:
     """Question 1 again on a bus with wheels only."""
     print("\nno inertial signals and no steering on the bus: radius error (by drive)")
-    drives = [instrumented(r, seed, inertial=False) for seed, r in enumerate(runs, start=1)]
+    drives = [instrumented(r, seed, inertial=False) for seed, r in enumerate(runs, start=first)]
     for gate in ("thresholds", "slip"):
         report(f"gate {gate}", [learn(d, FilterConfig(gate=gate)) for d in drives], rows, bus="wheels only")
 
@@ -221,18 +221,18 @@ def _slip_errors(drive: HardDrive, car: CarDynamics) -> tuple[float, ...]:
     )  # fmt: skip
 
 
-def study(runs: list[Run]) -> list[dict[str, Any]]:
-    """All three questions on these runs."""
+def study(runs: list[Run], first: int = 1) -> list[dict[str, Any]]:
+    """All three questions on these runs; `first` is the seed of the first one's instruments."""
     rows: list[dict[str, Any]] = []
-    good = [instrumented(r, seed) for seed, r in enumerate(runs, start=1)]
-    bad = [instrumented(r, seed, bad_fixes=0.3) for seed, r in enumerate(runs, start=1)]
+    good = [instrumented(r, seed) for seed, r in enumerate(runs, start=first)]
+    bad = [instrumented(r, seed, bad_fixes=0.3) for seed, r in enumerate(runs, start=first)]
     accel = np.concatenate([np.abs(d.accel) for d in good])
     print(f"{len(runs)} drives; above 2 m/s2 along {np.mean(accel[:, 0] > 2):.0%} of the time,", end=" ")
     print(f"across {np.mean(accel[:, 1] > 2):.0%}, above 5 m/s2 across {np.mean(accel[:, 1] > 5):.0%}")
     slips(good, rows)
     gates(good, rows)
     weights(good, bad, rows)
-    bare(runs, rows)
+    bare(runs, first, rows)
     return rows
 
 
@@ -242,12 +242,14 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--drives", type=int, default=3)
+    parser.add_argument("--first", type=int, default=1, help="seed of the first drive")
     parser.add_argument("--minutes", type=float, default=7.0)
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
     if args.minutes * 60 / TICK_S <= SETTLED_TICK:
         parser.error("a drive must be longer than two minutes")
-    rows = study([truth(seed, 60.0 * args.minutes) for seed in range(1, args.drives + 1)])
+    seeds = range(args.first, args.first + args.drives)
+    rows = study([truth(seed, 60.0 * args.minutes) for seed in seeds], args.first)
     if args.json is not None:
         args.json.write_text(json.dumps(rows, indent=2), encoding="utf-8")
 

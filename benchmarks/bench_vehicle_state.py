@@ -1,6 +1,6 @@
 """Paper 004's experiment on a multi-body car: EKF, UKF, UPF and ARUPF, with and without outliers.
 
-    make bench-vehicle-state    or: python benchmarks/bench_vehicle_state.py [--json FILE] [--seeds 6]
+    make bench-vehicle-state    or: python benchmarks/bench_vehicle_state.py [--json FILE] [--seeds 4]
 
 Manoeuvres: sine with dwell at 80 km/h, double lane change at 60 and 80 km/h, slowly rising steer at 80 km/h.
 The truth is `multibody_car`; the filters know of it what a workshop would: masses and lengths, and the tyres'
@@ -320,7 +320,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--seeds", type=int, default=6)
+    parser.add_argument("--seeds", type=int, default=4)
     parser.add_argument("--particles", type=int, default=100)
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
