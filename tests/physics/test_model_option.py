@@ -60,8 +60,8 @@ def test_replay_says_what_it_does_not_compensate(tmp_path: Path, capsys: pytest.
     start = f"tpmsd: {file}: "
     said = [line for line in capsys.readouterr().err.splitlines() if "compensated" in line]
     assert [
-        f"{start}radius_change is not compensated: the radius of fl is what is watched, and its change the fault "
-        "itself",
+        f"{start}radius_change is not compensated: the radius of fl is what is watched, and its change the "
+        "fault itself",
         f"{start}unknown is not compensated: a shape over time belongs to the drive on which it was found",
         f"{start}unknown is not compensated: it depends on temperature, and the bus has no ambient_temp",
     ] == said
