@@ -151,10 +151,10 @@ class Selector:
             gain, first = group_gain(term.design[1:], gram, b)
             out.append((gain - term.price(first), [term]))
         if everything:
+            shapes = self.hypotheses.pulse_gains(gram, b) + self.hypotheses.smooth_gains(gram, b)
             scanned = self.hypotheses.ramp_gains(gram, b)
-            free = self.hypotheses.pulse_gains(gram, b) + self.hypotheses.smooth_gains(gram, b)
-            scanned += [((1.0 - FREE_SHAPE) * gain, term) for gain, term in free]
-            out += [(gain - term.penalty, [term]) for gain, term in scanned if term.key not in taken]
+            scanned += [((1.0 - FREE_SHAPE) * brings, shape) for brings, shape in shapes]
+            out += [(brings - one.penalty, [one]) for brings, one in scanned if one.key not in taken]
         return sorted(out, key=lambda entry: -entry[0])
 
     def pairs(self, chosen: Sequence[Term]) -> list[tuple[float, list[Term]]]:

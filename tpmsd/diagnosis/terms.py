@@ -102,8 +102,6 @@ CALIBRATION = frozenset({"doppler_lag"})
 Receivers give a speed that is some hundredths of a second older than their position (on every real
 recording at hand). Who does not know of it takes it for an old fix.
 """
-RECEIVERS_OWN = 2.0
-"""Further penalty of these."""
 GROUPS = (*groups(), ("doppler_lag", ("lag_s",)))
 
 
@@ -165,8 +163,7 @@ class Hypotheses:
             if (effect, parameters[0]) not in self.place:
                 continue
             design = self._unit([(effect, parameter) for parameter in parameters])
-            extra = RECEIVERS_OWN if effect in CALIBRATION else 0.0
-            out.append(Term(effect, design, parameters, PER_VALUE * len(parameters) + extra))
+            out.append(Term(effect, design, parameters, PER_VALUE * len(parameters)))
         for tau in TIME_CONSTANTS_S:
             design = self._unit([("thermal_growth", f"{tau:g}")])
             out.append(

@@ -72,7 +72,7 @@ def whiten(
     """
     count, _, width = columns.shape
     out = np.zeros_like(columns)
-    here = np.isfinite(columns[:, :, 0])
+    here: np.ndarray = np.isfinite(columns[:, :, 0])
     v = np.maximum(windows.covariates["speed"], 1.0)
     reading = _measurement_rows(windows, v)
     variance = _variances(windows, noise, v)
@@ -86,7 +86,7 @@ def whiten(
     decay, fresh_var = _steps(noise, gap, jump, read_var)
     motion_var = _motion_variances(windows)
     grow_e, grow_n = windows.to_east_north[:, 0, 2], windows.to_east_north[:, 1, 2]
-    whole = here.all(axis=1)
+    whole = np.asarray(here.all(axis=1))
     number = here.sum(axis=1)
     scale = np.ones((count, CHANNELS))
     P = np.diag(_start_variances(noise, read_var[0]))

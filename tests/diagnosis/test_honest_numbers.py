@@ -1,0 +1,86 @@
+"""What a diagnosis measures is right to well below its standard deviation's own size, and what receivers and
+wheels do beside is not taken for physics.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.recorded import recording_of
+from tests.worlds.kinematic import Spec, drive
+from tpmsd.diagnosis.channels import Reader
+from tpmsd.diagnosis.diagnose import diagnose
+from tpmsd.diagnosis.motion import reference
+from tpmsd.diagnosis.response import catalogue_columns, radius_columns
+from tpmsd.diagnosis.result import Diagnosis
+from tpmsd.diagnosis.study import first_noise
+from tpmsd.diagnosis.whitening import whiten
+from tpmsd.physics.model import ExtendedModel
+
+SILENT = {"position_slow_m": 1e-9, "position_white_m": 1e-9, "doppler_mps": 1e-9}
+"""A receiver without errors."""
+
+
+def diagnosed(seed: int, spec: Spec) -> Diagnosis:
+    """The diagnosis of a drive in memory."""
+    return diagnose([recording_of(drive(spec, seed))])
+
+
+def growth(seed: int) -> float:
+    """Least squares of growth with speed on a drive without any, its receiver silent, in s2/m."""
+    spec = Spec(duration_s=900.0, teeth=44.0, **SILENT)
+    recording = recording_of(drive(spec, seed))
+    reader = Reader(recording, reference(recording))
+    columns = catalogue_columns(reader)
+    at = columns.index()[("centrifugal_growth", "coefficient")]
+    residual = reader.windows.measured - reader.predict(ExtendedModel())
+    rows = np.concatenate(
+        [residual[:, :, None], radius_columns(reader).stack(), columns.arrays[at][:, :, None]], axis=2
+    )
+    noise = replace(first_noise(reader), slow_m=1.2, slow_tau_s=40.0, wander=1e-6)
+    white, _ = whiten(reader.windows, noise, rows)
+    flat = white.reshape(-1, rows.shape[2])
+    return float(np.linalg.lstsq(flat[:, 1:], flat[:, 0], rcond=None)[0][-1])
+
+
+def test_reading_errors_of_counters_feign_no_growth_with_speed() -> None:
+    """The error of a count is in the residual and in the way; their product must not add up.
+
+    It did: 7e-8 s2/m on the mean of such drives, a twentieth of what tyres show.
+    """
+    found = [growth(seed) for seed in range(4)]
+
+    assert float(np.mean(found)) == pytest.approx(0.0, abs=2.5e-8)
+
+
+def test_a_receiver_whose_speed_is_older_than_its_position_is_no_finding() -> None:
+    """Every receiver filters its speed; taken for the age of its fixes it would be a false alarm."""
+    diagnosis = diagnosed(31, Spec(duration_s=700.0, doppler_age_s=0.08))
+
+    assert ("consistent", ()) == (diagnosis.verdict, diagnosis.findings)
+    assert any("older than its position" in note for note in diagnosis.notes)
+
+
+def test_a_radius_that_goes_down_and_comes_back_is_unknown_in_that_span() -> None:
+    """No change of radius that stays would explain it: the span is found to the second."""
+    span = {"wheels": [3], "from_s": 260.0, "to_s": 430.0, "size_m": -1.4e-3}
+    diagnosis = diagnosed(32, Spec(duration_s=700.0, physics={"strange_span": span}))
+
+    assert ["unknown"] == [finding.effect for finding in diagnosis.findings]
+    where = diagnosis.findings[0].where
+    assert ("rr",) == where.wheels
+    assert where.time_spans[0] == pytest.approx((260.0, 430.0), abs=2.0)
+
+
+def test_a_step_of_a_radius_is_measured_to_a_third_of_a_per_cent() -> None:
+    """What is linear about the configured car is off by the step's own half a per cent and more."""
+    truth = {"wheel": "fr", "deviation_m": -1.6e-3, "onset_s": 300.0, "duration_s": 0.0}
+    diagnosis = diagnosed(33, Spec(duration_s=700.0, teeth=96.0, physics={"radius_change": truth}))
+
+    values = {name: quantity.value for name, quantity in diagnosis.findings[0].parameters.items()}
+    assert "fr" == values["wheel"]
+    assert values["deviation_m"] == pytest.approx(-1.6e-3, rel=0.0035)
+    assert values["onset_s"] == pytest.approx(300.0, abs=2.0)
