@@ -19,9 +19,17 @@ DEMO_ARGS ?=
 BENCH_ARGS ?=
 SOAK_ARGS ?=
 FUZZ_ARGS ?=
+HIL_ARGS ?=
+
+# Where `make install` puts things; DESTDIR comes before all of them.
+PREFIX ?= /opt/tpmsd
+BINDIR ?= /usr/local/bin
+UNITDIR ?= /usr/local/lib/systemd/system
+DOCDIR ?= /usr/local/share/doc/tpmsd
+MANDIR ?= /usr/local/share/man
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format bench bench-live bench-calibrate bench-diagnose bench-vehicle-state soak fuzz clean
+.PHONY: help demo test lint format bench bench-live bench-calibrate bench-diagnose test-hil install uninstall deb bench-vehicle-state soak fuzz clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | awk -F'\t' '{printf "  make %-15s %s\n", $$1, $$2}'
@@ -49,6 +57,20 @@ bench-live: $(RUNTIME)  ## rate, lateness and CPU time of the daemon on a full b
 
 bench-calibrate: $(DEV)  ## paper 002's experiment, its method and ours (BENCH_ARGS=...)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) benchmarks/bench_calibrate.py $(BENCH_ARGS)
+
+test-hil: $(DEV)  ## the daemon on a real CAN stack and as a real service (HIL_ARGS=..., TPMSD_SKIP_HIL=1)
+	$(PY) -m tests.hil.run $(HIL_ARGS)
+
+install uninstall: export DESTDIR PREFIX BINDIR UNITDIR DOCDIR MANDIR
+install: export PIP := $(PIP)
+install: $(RUNTIME)  ## program and service onto this machine (PREFIX=..., DESTDIR=...)
+	@sh tools/install.sh install
+
+uninstall:  ## take them away again; configuration and what was learned stay
+	@sh tools/install.sh uninstall
+
+deb: $(RUNTIME)  ## a Debian package, to build/deb
+	@PIP="$(abspath $(PY)) -m pip --disable-pip-version-check -q" sh tools/make_deb.sh
 
 bench-diagnose: $(DEV)  ## the diagnosis on drives of other worlds, truth sealed (BENCH_ARGS=--full: a day)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m benchmarks.diagnosis_bench.run $(BENCH_ARGS)

@@ -56,7 +56,7 @@ fi
 
 # --- systemd: what would keep it from starting, or cost time, on a machine that it does not own
 # (and what a tpmsd of this machine may have left)
-rm -rf .dockerenv etc/.pwd.lock etc/tpmsd var/lib/tpmsd*
+rm -rf .dockerenv etc/.pwd.lock etc/tpmsd var/lib/tpmsd* usr/sbin/policy-rc.d
 : >etc/fstab
 rm -rf etc/systemd/system/*.wants etc/systemd/system/*.requires etc/machine-id
 printf '%032d\n' 7 | tr 0 a >etc/machine-id

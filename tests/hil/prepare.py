@@ -11,6 +11,7 @@ import os
 import shutil
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 from tests.hil.uml import HilError
@@ -18,6 +19,7 @@ from tests.hil.uml import HilError
 REPO = Path(__file__).resolve().parent.parent.parent
 BUILD = REPO / "build" / "hil"
 STAGE = BUILD / "root"
+_lock = threading.Lock()
 KEEP = bool(os.environ.get("TPMSD_HIL_KEEP"))
 """Take the package as it was built last: for those who work on the tests alone."""
 SOURCES = ("tpmsd", "dbc", "docs", "systemd", "tools", "packaging", "pyproject.toml", "README.md", "LICENSE")
@@ -36,6 +38,11 @@ def sources_id() -> str:
 
 def package() -> Path:
     """The Debian package of the sources as they are."""
+    with _lock:
+        return _package()
+
+
+def _package() -> Path:
     stamp, wanted = BUILD / "package.id", sources_id()
     built = sorted((REPO / "build" / "deb").glob("*.deb"))
     if built and stamp.exists() and (KEEP or stamp.read_text("ascii") == wanted):
@@ -53,7 +60,12 @@ def package() -> Path:
 
 def stage() -> Path:
     """The package unpacked, with its modules compiled as its postinst does."""
-    deb = package()
+    with _lock:
+        return _stage()
+
+
+def _stage() -> Path:
+    deb = _package()
     stamp = BUILD / "stage.id"
     wanted = (BUILD / "package.id").read_text("ascii")
     if STAGE.is_dir() and stamp.exists() and stamp.read_text("ascii") == wanted:

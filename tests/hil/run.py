@@ -12,8 +12,10 @@ import os
 import shlex
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -24,6 +26,9 @@ from tests.hil.uml import HilError
 
 TIMEOUT_S = 420.0
 """Of a group; a third of this is usual on a busy machine."""
+
+
+_printing = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -40,6 +45,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="make test-hil", description=__doc__)
     parser.add_argument("groups", nargs="*", metavar="GROUP", help=f"of {', '.join(GROUPS)} (default: all)")
     parser.add_argument("--guest", action="store_true", help="a guest also where the machine has vcan")
+    parser.add_argument(
+        "--jobs", type=int, default=min(2, len(os.sched_getaffinity(0))), help="groups at a time"
+    )
     parser.add_argument("-k", metavar="EXPRESSION", default="", help="handed on to pytest")
     args = parser.parse_args()
     unknown = set(args.groups) - set(GROUPS)
@@ -48,24 +56,29 @@ def main() -> int:
     if os.environ.get("TPMSD_SKIP_HIL", "") not in ("", "0"):
         print("test-hil: skipped, as TPMSD_SKIP_HIL asks")
         return 0
-    failed = False
-    for name in args.groups or GROUPS:
-        began_s = time.monotonic()
-        try:
-            verdict = GROUPS[name](args)
-        except HilError as error:
-            verdict = Verdict(0, 1, str(error))
-        took_s = time.monotonic() - began_s
+    # One guest per processor; the groups that take longest come first.
+    with ThreadPoolExecutor(args.jobs) as pool:
+        return int(not all(list(pool.map(lambda name: run_group(name, args), args.groups or GROUPS))))
+
+
+def run_group(name: str, args: argparse.Namespace) -> bool:
+    """Run one group and say how it went."""
+    began_s = time.monotonic()
+    try:
+        verdict = GROUPS[name](args)
+    except HilError as error:
+        verdict = Verdict(0, 1, str(error))
+    took_s = time.monotonic() - began_s
+    good = verdict.bad == 0 and verdict.tests > 0
+    word = "passed" if good else "FAILED"
+    with _printing:
         if verdict.detail:
-            print(verdict.detail, file=sys.stderr)
-        good = verdict.bad == 0 and verdict.tests > 0
-        failed |= not good
-        word = "passed" if good else "FAILED"
+            print(f"--- {name}\n{verdict.detail}", file=sys.stderr, flush=True)
         print(
             f"test-hil {name}: {word}, {verdict.tests - verdict.bad} of {verdict.tests} in {took_s:.0f} s",
             flush=True,
         )
-    return int(failed)
+    return good
 
 
 def run_package(args: argparse.Namespace) -> Verdict:
@@ -101,9 +114,9 @@ def run_powercut(args: argparse.Namespace) -> Verdict:
 
 
 GROUPS: dict[str, Callable[[argparse.Namespace], Verdict]] = {
-    "package": run_package,
     "bus": run_bus,
     "service": run_service,
+    "package": run_package,
     "powercut": run_powercut,
 }
 

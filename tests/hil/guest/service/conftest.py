@@ -45,7 +45,7 @@ def car(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Car]:
 def machine(car: Car) -> Iterator[Car]:
     """Configuration and drop-in in place; the service not started yet."""
     CONFIG.parent.mkdir(exist_ok=True)
-    more = "\n[monitor]\nlearn_s = 20.0\n\n[state]\ninterval_s = 2.0\n"
+    more = "\n[monitor]\nlearn_s = 10.0\n\n[state]\ninterval_s = 2.0\n"
     CONFIG.write_text((car.folder / "vehicle.toml").read_text() + more)
     shutil.copy(car.folder / "bus.dbc", CONFIG.parent)
     for file in CONFIG.parent.iterdir():

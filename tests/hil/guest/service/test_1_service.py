@@ -10,7 +10,9 @@ import os
 import re
 import signal
 import subprocess
+import time
 from pathlib import Path
+from typing import Any
 
 from tests.hil.guest.rig import ask, wait_until
 from tests.hil.guest.service.conftest import CONFIG, PTY, TOOLS, WATCHDOG_S, Car
@@ -57,7 +59,7 @@ def test_two_that_hang_are_started_beside_it(machine: Car) -> None:
     changes = {"Restart": "no", "WatchdogSec": str(WATCHDOG_S)}
     never = f"{PYTHON} {TOOLS}/hung.py 0 {hung_config('never')}"
     hung = f"{PYTHON} {TOOLS}/hung.py 20 {hung_config('hung')}"
-    sibling("never", {**changes, "ExecStart": never, "TimeoutStartSec": "30"})
+    sibling("never", {**changes, "ExecStart": never})
     sibling("hung", {**changes, "ExecStart": hung})
     systemctl("start", "--no-block", "never.service", "hung.service")
 
@@ -106,21 +108,28 @@ def test_it_can_do_its_work_and_nothing_else(machine: Car) -> None:
 
 
 def test_a_killed_daemon_is_restarted_with_what_it_had_learned() -> None:
-    """`kill -9` in the midst of learning: back within seconds, and learning goes on where it was saved."""
-    before = wait_until(lambda: (d := ask(SOCKET)) and d["learning_fraction"] >= 0.3 and d, "it learns")
-    wait_until(lambda: state_file().exists(), "the state is saved")
+    """`kill -9` once the tyres are learned: back within seconds, and monitoring without learning again."""
+    wait_until(lambda: ask(SOCKET).get("learning_fraction") == 1.0, "it has learned", 180.0)
     saved_s = state_file().stat().st_mtime
-    wait_until(lambda: state_file().stat().st_mtime > saved_s, "it is saved again")
+    wait_until(lambda: state_file().stat().st_mtime > saved_s, "that is saved")
     killed = pid(UNIT)
     os.kill(killed, signal.SIGKILL)
     wait_until(
         lambda: show(UNIT, "NRestarts") == "1" and show(UNIT, "ActiveState") == "active", "it is restarted"
     )
-    after = ask(SOCKET)
+    after = wait_until(watching, "its wheels are heard")
 
     assert pid(UNIT) not in (0, killed)
-    assert after["learning_fraction"] >= before["learning_fraction"] - 0.05
+    assert 1.0 == after["learning_fraction"]
+    assert {"monitoring"} >= {wheel["state"] for wheel in after["wheels"].values()} - {"unavailable"}
     wait_for_message(UNIT, "taken up what was learned before")
+
+
+def watching() -> dict[str, Any]:
+    """The status once wheels are learned or monitored; empty before."""
+    document = ask(SOCKET)
+    states = {wheel["state"] for wheel in document.get("wheels", {}).values()}
+    return document if states & {"learning", "monitoring"} else {}
 
 
 def state_file() -> Path:
@@ -157,12 +166,14 @@ def test_a_hung_estimator_is_caught_by_the_watchdog() -> None:
 
 
 def test_one_that_never_ticks_is_never_ready() -> None:
-    """A loop without ticks is no start: systemd gives up on it."""
-    wait_until(lambda: "failed" == show("never.service", "ActiveState"), "systemd gives up")
+    """A loop that turns without ticks is no start: systemd still waits for it."""
+    wait_for_message("never.service", "tpmsd watches")
+    time.sleep(2.0)
 
-    assert "timeout" == show("never.service", "Result")
+    assert "activating" == show("never.service", "ActiveState")
+    assert ask("/run/never/status.sock")["ticks"] == 0
+    systemctl("stop", "never.service")
     assert "0" == show("never.service", "ActiveEnterTimestampMonotonic")
-    assert any("tpmsd watches" in line for line in messages("never.service"))
 
 
 def test_the_journal_is_readable() -> None:
@@ -180,16 +191,9 @@ def test_the_journal_is_readable() -> None:
 def test_nothing_is_written_outside_its_folders() -> None:
     """Every file on this machine that belongs to the service's user lies in its state or runtime folder."""
     user = str(Path(f"/proc/{pid(UNIT)}").stat().st_uid)
-    places = [
-        "/",
-        "/run",
-        "/dev/shm",
-        "/tmp",
-        "/var/tmp",
-        "/var/lib/private",
-        "/var/cache/private",
-        "/var/log/private",
-    ]
+    # All that was ever written to this machine's root is in the upper layer of its overlay.
+    places = ["/mnt/machine/mnt/upper", "/run", "/dev/shm"]
+    places += [f"/var/{folder}/private" for folder in ("lib", "cache", "log")]
     found = subprocess.run(
         ["find", *places, "-xdev", "-user", user], capture_output=True, text=True
     ).stdout.split()
