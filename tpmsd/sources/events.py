@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 NAN = math.nan
 
 
-@dataclass(frozen=True, slots=True)
-class RotationSample:
-    """One reading of one wheel's rotation, as an exact unwrapped angle (paper 000, eq. 37)."""
+class RotationSample(NamedTuple):
+    """One reading of one wheel's rotation, as an exact unwrapped angle (paper 000, eq. 37).
+
+    A named tuple, because a drive has hundreds of thousands.
+    """
 
     time_s: float
     wheel: int
@@ -28,9 +31,8 @@ class RotationSample:
     must never be subtracted."""
 
 
-@dataclass(frozen=True, slots=True)
-class InertialSample:
-    """One reading of an optional signal, in SI units and ISO 8855 signs."""
+class InertialSample(NamedTuple):
+    """One reading of an optional signal, in SI units and ISO 8855 signs; a named tuple as above."""
 
     time_s: float
     role: str

@@ -7,6 +7,8 @@ the timeline.
 
 from __future__ import annotations
 
+import math
+
 BACKWARD_STEP_S = 0.5
 """Smaller set-backs are late frames of another queue, not a step of the clock."""
 ASSUMED_ADVANCE_S = 0.01
@@ -18,18 +20,20 @@ class HostClock:
 
     def __init__(self) -> None:
         self._shift_s = 0.0
-        self._latest_s: float | None = None
+        self.latest_s = -math.inf
+        """The greatest logical time so far."""
         self.steps = 0
 
     def logical(self, host_s: float) -> float:
         """Logical time of a stamp; notices a backward step."""
         logical = host_s + self._shift_s
-        if self._latest_s is not None and logical < self._latest_s - BACKWARD_STEP_S:
-            self._shift_s += self._latest_s + ASSUMED_ADVANCE_S - logical
+        if logical > self.latest_s:
+            self.latest_s = logical
+        elif logical < self.latest_s - BACKWARD_STEP_S:
+            self._shift_s += self.latest_s + ASSUMED_ADVANCE_S - logical
             self.steps += 1
             logical = host_s + self._shift_s
-        if self._latest_s is None or logical > self._latest_s:
-            self._latest_s = logical
+            self.latest_s = max(logical, self.latest_s)
         return logical
 
     def placed(self, host_s: float) -> float:

@@ -32,7 +32,10 @@ class TickSource:
     ) -> list[Tick]:
         """Take one CAN data frame."""
         ticks = self.advance(time_s)
-        return ticks + self._take(self.decoder.decode(time_s, arbitration_id, is_extended, data, is_fd))
+        add = self.timeline.add
+        for event in self.decoder.decode(time_s, arbitration_id, is_extended, data, is_fd):
+            ticks += add(event)
+        return ticks
 
     def on_sentence(self, time_s: float, line: bytes) -> list[Tick]:
         """Take one NMEA line."""
@@ -47,13 +50,15 @@ class TickSource:
         """Let time pass: ends epochs, finds time-outs, completes ticks."""
         # Ticks that were due while the receiver's epoch was still open come before its fix, whether or not
         # anybody told the time in between: else a run that is told it more often would make other ticks.
-        steps = self.timeline.counts["clock_steps"]
+        timeline, ticks = self.timeline, []
+        steps = timeline.counts["clock_steps"]
         deadline_s = self.assembler.deadline_s
-        ticks = self.timeline.advance(deadline_s) if deadline_s < time_s else []
-        ticks += self._take(self.assembler.advance(time_s))
-        ticks += self._take(self.decoder.poll(time_s))
-        ticks += self.timeline.advance(time_s)
-        if self.timeline.counts["clock_steps"] != steps:
+        if deadline_s < time_s:
+            ticks = timeline.advance(deadline_s) + self._take(self.assembler.advance(time_s))
+        if overdue := self.decoder.poll(time_s):
+            ticks += self._take(overdue)
+        ticks += timeline.advance(time_s)
+        if timeline.counts["clock_steps"] != steps:
             # A message by itself would need a second of late frames to tell a step from a late frame.
             self.decoder.clock_stepped()
         return ticks

@@ -20,7 +20,6 @@ from tpmsd.timeline.local_plane import LocalPlane
 from tpmsd.timeline.rotation_track import RotationTrack, rotation_between
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.timeline.utc_offset import UtcOffsetTracker
-from tpmsd.wheels import FloatArray
 
 HOLDBACK_S = 0.45
 HOLDBACK_MARGIN_S = 0.1
@@ -67,7 +66,8 @@ class Timeline:
         self._faults: list[SourceFault] = []
         self._origin_s = 0.0
         self._index = 0
-        self._now_s: float | None = None
+        self._due_s = -math.inf
+        """When the next tick is made; before the first event there is none."""
         self._gap_s = 0.0
         self.counts: dict[str, int] = {
             "ticks": 0,
@@ -82,11 +82,16 @@ class Timeline:
         """Take one event; the ticks that its stamp completes."""
         if isinstance(event, GnssFix):
             return self._add_fix(event)
-        ticks = self.advance(event.time_s)
-        now = self._clock.logical(event.time_s)
+        clock = self._clock
+        now = clock.placed(event.time_s)
+        ticks: list[Tick] = []
+        if now != clock.latest_s:  # as a rule the frame that brought the event let time pass already
+            ticks = self.advance(event.time_s)
+            now = clock.placed(event.time_s)
         if isinstance(event, RotationSample):
-            shifted = RotationSample(now, event.wheel, event.angle_rad, event.quantum_rad, event.segment)
-            self._tracks[event.wheel].add(shifted)
+            if now != event.time_s:
+                event = RotationSample(now, event.wheel, event.angle_rad, event.quantum_rad, event.segment)
+            self._tracks[event.wheel].add(event)
         elif isinstance(event, InertialSample):
             if math.isfinite(event.value):
                 self._inertial.setdefault(event.role, []).append((now, event.value))
@@ -101,40 +106,40 @@ class Timeline:
         stamp is no step of the clock, and the holdback grows to what the receiver needs (and stays there).
         """
         arrival = self._clock.placed(fix.arrival_s)
-        ahead = self._now_s is None or arrival > self._now_s
-        ticks = self.advance(fix.arrival_s) if ahead else []
+        ticks = self.advance(fix.arrival_s) if arrival > self._clock.latest_s else []
         arrival = self._clock.placed(fix.arrival_s)
-        assert self._now_s is not None
         valid = self._place(fix, arrival)
-        needed = self._now_s - valid + HOLDBACK_MARGIN_S
+        needed = self._clock.latest_s - valid + HOLDBACK_MARGIN_S
         if self._holdback_s < needed < MAX_HOLDBACK_S:
             self._holdback_s = needed
+            self._due_s = self._end(self._index + 1) + needed
         return ticks
 
     def advance(self, host_time_s: float) -> list[Tick]:
         """Let time pass to a host stamp; the ticks that are complete by then."""
-        steps = self._clock.steps
-        now = self._clock.logical(host_time_s)
-        if self._clock.steps != steps:
+        clock = self._clock
+        before, steps = clock.latest_s, clock.steps
+        now = clock.logical(host_time_s)
+        if clock.steps != steps:
             self.counts["clock_steps"] += 1
             self._faults.append(SourceFault(host_time_s, "clock", "step_back", "the host clock stepped back"))
-        if self._now_s is None:
+        if before == -math.inf:
             self._start(now)
-        elif now - self._now_s > MAX_PAUSE_S:
-            ticks = self._emit(self._now_s + self._holdback_s)
+        elif now - before > MAX_PAUSE_S:
+            ticks = self._emit(before + self._holdback_s)
             self._skip(now)
             return ticks
-        self._now_s = max(now, self._now_s or now)
-        return self._emit(self._now_s)
+        return self._emit(clock.latest_s) if clock.latest_s >= self._due_s else []
 
     def finish(self) -> list[Tick]:
         """The ticks that the end of a recording completes."""
-        return [] if self._now_s is None else self._emit(self._now_s + self._holdback_s)
+        latest_s = self._clock.latest_s
+        return [] if latest_s == -math.inf else self._emit(latest_s + self._holdback_s)
 
     def _start(self, now: float) -> None:
         self._origin_s = math.floor(now / self._dt_s) * self._dt_s
         self._index_base = self._index
-        self._now_s = now
+        self._due_s = self._end(self._index + 1) + self._holdback_s
 
     def _skip(self, now: float) -> None:
         """A pause of all sources, or a forward step of the clock: begin again behind it."""
@@ -152,18 +157,23 @@ class Timeline:
 
     def _emit(self, now: float) -> list[Tick]:
         ticks: list[Tick] = []
-        while self._end(self._index + 1) + self._holdback_s <= now:
+        while self._due_s <= now:
             self._index += 1
+            self._due_s = self._end(self._index + 1) + self._holdback_s
             # The very number at which the tick before ended: rotations then add up without a seam.
             ticks.append(self._make(self._end(self._index - 1), self._end(self._index)))
         return ticks
 
     def _make(self, begin: float, end: float) -> Tick:
-        rotation, std = np.empty(4), np.empty(4)
-        for wheel, track in enumerate(self._tracks):
-            rotation[wheel], std[wheel] = rotation_between(track, begin, end)
+        readings = [rotation_between(track, begin, end) for track in self._tracks]
+        for track in self._tracks:
             track.forget_before(end)
-        self._judge(rotation, std, end)
+        rotation, std = [turned for turned, _ in readings], [error for _, error in readings]
+        for wheel in _odd_wheels(rotation, self._dt_s):
+            rotation[wheel] = std[wheel] = math.nan
+            self.counts["implausible"] += 1
+            at_s = self._clock.host(end)
+            self._faults.append(SourceFault(at_s, "can", "implausible", "turns unlike the others", wheel))
         fixes = tuple(self._take_fixes(begin, end))
         faults, self._faults = tuple(self._faults), []
         gap, self._gap_s = self._gap_s, 0.0
@@ -173,36 +183,14 @@ class Timeline:
             index=self._index,
             time_s=end,
             dt_s=self._dt_s,
-            rotation_rad=rotation,
-            rotation_std_rad=std,
+            rotation_rad=np.array(rotation),
+            rotation_std_rad=np.array(std),
             fixes=fixes,
             host_time_s=self._clock.host(end),
             gap_s=gap,
             faults=faults,
             **inertial,
         )
-
-    def _judge(self, rotation: FloatArray, std: FloatArray, end: float) -> None:
-        """Take out readings that cannot be the rotation of a wheel of this car; in place."""
-        valid = np.isfinite(rotation)
-        if not np.any(valid):
-            return
-        middle = float(np.median(rotation[valid]))
-        limit = PLAUSIBLE_FROM_RAD * self._dt_s / 0.1
-        highest = float(np.max(rotation[valid]))
-        if highest < limit:
-            return
-        odd = valid & ((rotation < middle / PLAUSIBLE_RATIO) | (rotation > middle * PLAUSIBLE_RATIO))
-        if valid.sum() == 2 and float(np.min(rotation[valid])) < highest / PLAUSIBLE_RATIO:
-            odd = valid  # of two that disagree, neither can be told to be right
-        for wheel in np.flatnonzero(odd):
-            rotation[wheel] = std[wheel] = math.nan
-            self.counts["implausible"] += 1
-            self._faults.append(
-                SourceFault(
-                    self._clock.host(end), "can", "implausible", "turns unlike the others", int(wheel)
-                )
-            )
 
     def _mean(self, role: str, begin: float, end: float) -> float:
         """Mean of a signal's readings in the tick; the last one held for a while where none fell into it."""
@@ -263,6 +251,8 @@ class Timeline:
 
     def _take_fixes(self, begin: float, end: float) -> list[Fix]:
         """The fixes valid in the tick, oldest first, with their place in it."""
+        if not self._fixes:
+            return []
         due = sorted((f for f in self._fixes if f.time_s <= end), key=lambda f: f.time_s)
         if not due:
             return []
@@ -282,3 +272,19 @@ class Timeline:
             )
             for f in due
         ]
+
+
+def _odd_wheels(rotation_rad: list[float], dt_s: float) -> list[int]:
+    """Wheels whose readings cannot be the rotation of a wheel of this car."""
+    valid = sorted(turned for turned in rotation_rad if math.isfinite(turned))
+    if not valid or valid[-1] < PLAUSIBLE_FROM_RAD * dt_s / 0.1:
+        return []
+    low, high = valid[(len(valid) - 1) // 2], valid[len(valid) // 2]
+    least, most = (low + high) / 2 / PLAUSIBLE_RATIO, (low + high) / 2 * PLAUSIBLE_RATIO
+    if len(valid) == 2 and valid[0] < valid[-1] / PLAUSIBLE_RATIO:
+        least = most = math.nan  # of two that disagree, neither can be told to be right
+    return [
+        wheel
+        for wheel, turned in enumerate(rotation_rad)
+        if math.isfinite(turned) and not least <= turned <= most
+    ]
