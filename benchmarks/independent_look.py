@@ -1,6 +1,7 @@
 """An independent look at recorded drives: plain least squares on windows of a second.
 
     python benchmarks/independent_look.py ../shared/recordings/*
+    python benchmarks/independent_look.py --together ../shared/recordings/van-*
 
 It shares nothing with `tpmsd diagnose` but the reading of the files: no filter, no noise model, no catalogue,
 no selection. Ratios of wheels and of wheel and receiver are regressed on what physics might make them depend
@@ -271,14 +272,41 @@ def _print(
     y: Array,
     columns: Sequence[tuple[str, Array, float, str]],
     offset: Array | float = 0.0,
+    shown: int | None = None,
 ) -> Array:
-    """One regression: values with standard deviations, in the units of the physics. Returns the values."""
+    """One regression: values with standard deviations (the first so many), in the units of the physics."""
     values, stds, count = regress(y + offset, [column for _, column, _, _ in columns])
     print(f"  {title} ({count} windows)")
-    for (name, _, scale, unit), value, std in zip(columns, values, stds, strict=True):
+    for (name, _, scale, unit), value, std in list(zip(columns, values, stds, strict=True))[:shown]:
         sure = abs(value) / max(std, 1e-300)
         print(f"    {name:<24}{scale * value:>12.3g} +- {scale * std:<9.2g}{unit:<10}{sure:6.1f} sigma")
     return values
+
+
+def look_together(folders: Sequence[Path]) -> None:
+    """The rear pair of several drives of one car: radius and drift per drive, track and load in common."""
+    ys, yaws, loads, owns = [], [], [], []
+    for k, folder in enumerate(folders):
+        config = load_config(folder)
+        seconds = read(folder, config)
+        v, yaw = seconds.rolled, seconds.yaw
+        slow = np.where((v > MIN_SPEED_MPS) & (np.abs(yaw) < 0.35), 0.0, np.nan)
+        pair = np.log(seconds.angle[:, RR] / seconds.angle[:, RL]) + slow
+        ys.append(pair - config.vehicle.track_rear_m * yaw / v)
+        yaws.append(yaw / v)
+        loads.append(v * yaw)
+        own = np.zeros((len(v), 2 * len(folders)))
+        own[:, 2 * k], own[:, 2 * k + 1] = 1.0, np.arange(len(v)) / 600.0
+        owns.append(own)
+    own = np.concatenate(owns)[:, 1:]  # the first drive's radius is the constant
+    r = config.vehicle.wheel_radius_m[RL]
+    columns = [
+        ("track error", np.concatenate(yaws), 1.0, "m"),
+        ("lateral load", np.concatenate(loads), r / 2, "s2"),
+    ]
+    columns += [(f"own {k}", own[:, k], r, "m") for k in range(own.shape[1])]
+    print(f"\n{', '.join(folder.name for folder in folders)} together")
+    _print("rear right over left", np.concatenate(ys), columns, shown=2)
 
 
 def main() -> int:
@@ -287,8 +315,15 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("drives", type=Path, nargs="+", metavar="DRIVE")
-    for folder in parser.parse_args().drives:
-        with np.errstate(divide="ignore", invalid="ignore"):  # standing seconds, which are masked
+    parser.add_argument(
+        "--together", action="store_true", help="drives of one car: their rear wheels jointly"
+    )
+    args = parser.parse_args()
+    with np.errstate(divide="ignore", invalid="ignore"):  # standing seconds, which are masked
+        if args.together:
+            look_together(args.drives)
+            return 0
+        for folder in args.drives:
             look(folder)
     return 0
 
