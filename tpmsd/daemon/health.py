@@ -20,7 +20,7 @@ from tpmsd.sinks.status_document import LoopHealth, SourceHealth, SourceState, b
 BUS_SILENT_S = 2.0
 RECEIVER_SILENT_S = 3.0
 _COUNTS_OF_DECODING = frozenset({"frames", "ignored"})
-_GNSS_FAULTS = ("checksum", "garbage", "range", "no_fix", "frozen", "repeated", "week_rollover")
+GNSS_FAULTS = ("checksum", "garbage", "range", "no_fix", "frozen", "leap", "repeated", "week_rollover")
 
 
 class Health:
@@ -87,6 +87,7 @@ class Health:
             queue_overflow=self._queue.counts["overflow"],
             too_late=self._queue.counts["late"],
             bad_stamp=self._queue.counts["bad_stamp"],
+            implausible=pipeline.timeline.counts["implausible"],
         )
         age_s = now_s - self._frame_s
         state = _state(bus.is_down, bus.counts["frames"] > 0, age_s, BUS_SILENT_S)
@@ -99,8 +100,14 @@ class Health:
         if receiver is None:
             return SourceHealth(SourceState.OFF)
         counts = pipeline.assembler.counts
-        faults = Counter({kind: counts[kind] for kind in _GNSS_FAULTS})
-        faults += Counter(unplugged=receiver.downs, overlong=receiver.overlong)  # leaves the zeros out
+        faults = Counter({kind: counts[kind] for kind in GNSS_FAULTS})
+        placed = pipeline.timeline.counts
+        faults += Counter(  # leaves the zeros out
+            unplugged=receiver.downs,
+            overlong=receiver.overlong,
+            late=placed["late_fixes"],
+            early=placed["early_fixes"],
+        )
         age_s = now_s - self._fix_s
         state = _state(receiver.is_down, self._fixes > 0, age_s, RECEIVER_SILENT_S)
         detail = receiver.reason or receiver.hint
