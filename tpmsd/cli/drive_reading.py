@@ -87,14 +87,14 @@ def play(drive: Drive, core: Core[Out], label: str) -> Iterator[Out]:
     start: float | None = None
     with Progress(drive.span_s() if sys.stderr.isatty() else 0.0, label) as progress:
         for number, item in enumerate(drive):
-            start = item.time_s if start is None else start
-            if not isinstance(item, CanFrame):
+            if isinstance(item, CanFrame):
+                time_s, _, identifier, is_extended, is_fd, is_error, is_remote, data, _ = item
+                if not (is_error or is_remote):
+                    yield from core.on_frame(time_s, identifier, is_extended, data, is_fd)
+            else:
                 yield from core.on_sentence(item.time_s, item.line)
-            elif not (item.is_error or item.is_remote):
-                yield from core.on_frame(
-                    item.time_s, item.arbitration_id, item.is_extended, item.data, item.is_fd
-                )
             if number % 2000 == 0:
+                start = item.time_s if start is None else start
                 progress.update(item.time_s - start)
     yield from core.finish()
     counts = core.decoder.counts

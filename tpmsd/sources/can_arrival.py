@@ -32,6 +32,10 @@ class Verdict(IntEnum):
     """First frame after the clock was set back: used, but times before and after must not be compared."""
 
 
+_USE = Verdict.USE
+"""Looked up for every frame: a member of an enumeration is found more slowly."""
+
+
 class MessageArrival:
     """The arrival of one message."""
 
@@ -91,7 +95,7 @@ class MessageArrival:
             return self._step(time_s, data)
         if self._data is None:
             self.last_s, self._data = time_s, data
-            return Verdict.USE
+            return _USE
         interval = time_s - self.last_s
         if interval <= 0.0:
             return self._judge_late(time_s, interval, data)
@@ -105,7 +109,7 @@ class MessageArrival:
         self._to_learn -= 1
         if self._to_learn == 0:
             self._learn()
-        return Verdict.USE
+        return _USE
 
     def _close_gap(self, interval: float) -> None:
         """What a gap was is known after it: frames that follow at once were held up, the others are lost."""

@@ -25,7 +25,7 @@ from collections.abc import Iterator
 from cantools.database.can import Database
 
 from tpmsd.config.model import WHEEL_COUNT_ROLES, Config
-from tpmsd.sources.can_arrival import MessageArrival, Verdict
+from tpmsd.sources.can_arrival import MIN_TIMEOUT_S, MessageArrival, Verdict
 from tpmsd.sources.can_faults import FaultLog
 from tpmsd.sources.can_senders import SenderWatch
 from tpmsd.sources.events import Event, InertialSample, RotationSample, SourceFault
@@ -44,6 +44,7 @@ from tpmsd.sources.wheel_speed import FrozenSpeeds, WheelSpeedIntegrator
 __all__ = ["CanDecoder", "can_filters", "load_database"]
 
 Tracker = WheelCounter | WheelSpeedIntegrator
+_USE = Verdict.USE
 
 FRESH_S = 0.5
 """A wheel that was heard of within this time can bear witness against another one."""
@@ -123,6 +124,8 @@ class CanDecoder:
         self._wheels = list(self._trackers.values())
         self._heard_s = dict.fromkeys((tracker.wheel for tracker in self._wheels), -math.inf)
         self._witnesses: dict[int, _Witness] = {}
+        self._polled_s = self._calm_until_s = -math.inf
+        """Between these times no message can become overdue."""
 
     def _tracker(self, config: Config, signal: SignalPlan, wheel: int) -> Tracker:
         vehicle = config.vehicle
@@ -147,9 +150,11 @@ class CanDecoder:
             return out
         plan, groups = entry
         size = len(data)
-        little = int.from_bytes(data[: plan.little_bytes], "little")
-        big_bytes = plan.big_bytes
-        if size < big_bytes:
+        little_bytes, big_bytes = plan.little_bytes, plan.big_bytes
+        little = int.from_bytes(data if size <= little_bytes else data[:little_bytes], "little")
+        if not big_bytes:
+            big = 0
+        elif size < big_bytes:
             big = int.from_bytes(data, "big") << 8 * (big_bytes - size)
         else:
             big = int.from_bytes(data[:big_bytes], "big")
@@ -171,12 +176,19 @@ class CanDecoder:
     def poll(self, time_s: float) -> list[Event]:
         """Time-outs at this time; each is reported once, until the message is back."""
         out: list[Event] = []
+        if self._polled_s <= time_s < self._calm_until_s:
+            return out
+        oldest_s = time_s
         for group in self._groups:
             arrival = group.arrival
             if arrival is None:
-                group.arrival = MessageArrival(time_s)
+                arrival = group.arrival = MessageArrival(time_s)
             elif not arrival.timed_out and arrival.is_overdue(time_s):
                 self._time_out(time_s, group, arrival, out)
+            if not arrival.timed_out and arrival.last_s < oldest_s:
+                oldest_s = arrival.last_s
+        # Half of the shortest time-out there is: stamps are rounded, and time-outs become known later.
+        self._polled_s, self._calm_until_s = time_s, oldest_s + 0.5 * MIN_TIMEOUT_S
         return out
 
     def _decode_group(
@@ -189,11 +201,12 @@ class CanDecoder:
             # Nobody polled in the silence; it was one all the same.
             self._time_out(time_s, group, arrival, out)
         verdict = arrival.judge(time_s, data)
-        if verdict is not Verdict.USE:
+        if verdict is not _USE:
             for place in group.places:
                 self._faults.note(out, time_s, verdict.name.lower(), place)
             if verdict is not Verdict.CLOCK_STEP:
                 return
+            self._calm_until_s = -math.inf
             group.watch.restart(time_s)
             for wheel_tracker in group.trackers:
                 wheel_tracker.restart()
@@ -204,7 +217,7 @@ class CanDecoder:
         watch = group.watch
         fast = watch.frame(time_s)
 
-        size = len(data)
+        size, faults = len(data), self._faults
         for number, (min_bytes, is_big, shift, mask, signal, tracker) in enumerate(group.fields):
             if min_bytes > size:
                 self._note_short(time_s, signal, size, out)
@@ -222,7 +235,7 @@ class CanDecoder:
                 else:
                     out.append(InertialSample(time_s, signal.role, value))
                 continue
-            begun, jumps = len(out), self._faults.jumps
+            begun, jumps = len(out), faults.jumps
             if isinstance(tracker, WheelCounter):
                 value = 0.0
                 tracker.update(time_s, bits, arrival.period_s, out)
@@ -232,7 +245,7 @@ class CanDecoder:
                     self._note_invalid(time_s, signal, bits, out)
                     continue
                 tracker.update(time_s, value, arrival.period_s, out)
-            jumped = self._faults.jumps != jumps
+            jumped = faults.jumps != jumps
             odd = False
             if jumped or watch.uneasy or watch.compares[number]:
                 sound = len(out) > begun and isinstance(out[-1], RotationSample)

@@ -36,10 +36,20 @@ _LINE = re.compile(
     r"(?:[ \t]+[RT])?[ \t]*$",
     re.ASCII,
 )
+_USUAL = re.compile(
+    r"\((\d{1,12}\.\d{1,9})\)[ \t]+(\S+)[ \t]+([0-7][0-9A-Fa-f]{2})#([0-9A-Fa-f]{0,16})$", re.ASCII
+)
+"""What nearly all lines are, a standard identifier with classic data, is matched in half the time."""
 
 
 def parse_candump_line(line: str, number: int = 0) -> CanFrame | None:
     """The frame of one line; None if the line is not one."""
+    usual = _USUAL.match(line)
+    if usual is not None:
+        stamp, name, standard, data = usual.groups()
+        if len(data) % 2 == 0:
+            identifier, payload = int(standard, 16), bytes.fromhex(data)
+            return CanFrame(float(stamp), name, identifier, False, False, False, False, payload, number)
     match = _LINE.match(line)
     if match is None:
         return None

@@ -11,6 +11,7 @@ A single stamp that leaps away and back is a damaged line and is left out.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -68,16 +69,17 @@ class Drive:
         gnss = _Stream("gnss", self._undamaged(self._sentences(), "gnss"))
         while can.head is not None or gnss.head is not None:
             stream = _next(can, gnss)
-            assert stream.head is not None
-            item = stream.head
-            if stream.advance():
+            steps = stream.steps
+            # As a rule hundreds of frames stand before the next sentence, and none of them needs a decision.
+            yield from stream.up_to(_limit_s(stream, can, gnss))
+            if stream.steps != steps:
                 self.counts[f"{stream.source} clock steps"] += 1
-            yield item
 
     def _frames(self) -> Iterator[CanFrame]:
-        for frame in read_can_log(self.can_log, self._noting("can", self.can_log)):
-            if self.channel is None or frame.channel == self.channel:
-                yield frame
+        frames = read_can_log(self.can_log, self._noting("can", self.can_log))
+        if self.channel is None:
+            return frames
+        return (frame for frame in frames if frame.channel == self.channel)
 
     def _sentences(self) -> Iterator[Sentence]:
         path = self.nmea_log
@@ -98,6 +100,10 @@ class Drive:
         before: float | None = None
         doubted: list[Item] = []
         for item in items:
+            if before is not None and not doubted and abs(item.time_s - before) <= LEAP_S:
+                yield item
+                before = item.time_s
+                continue
             if before is None:
                 # The first of a file has no neighbour but the one behind it.
                 if doubted and abs(item.time_s - doubted[0].time_s) <= LEAP_S:
@@ -109,10 +115,6 @@ class Drive:
                     doubted = [item]
                 else:
                     doubted.append(item)
-                continue
-            if not doubted and abs(item.time_s - before) <= LEAP_S:
-                yield item
-                before = item.time_s
                 continue
             if doubted and _follows(before, item.time_s) and not _follows(doubted[-1].time_s, item.time_s):
                 self.counts[f"{source} damaged stamps"] += len(doubted)
@@ -157,16 +159,25 @@ class _Stream:
         self.step_from_s = 0.0
         self.step_to_s = 0.0
 
-    def advance(self) -> bool:
-        """Go to the next item; whether the clock stepped back before it."""
-        assert self.head is not None
-        before = self.head.time_s
-        self.head = next(self._items, None)
-        if self.head is None or self.head.time_s >= before - BACKWARD_STEP_S:
-            return False
-        self.steps += 1
-        self.step_from_s, self.step_to_s = before, self.head.time_s
-        return True
+    def up_to(self, limit_s: float) -> Iterator[CanFrame | Sentence]:
+        """The next item and those behind it up to a time, but none behind a backward step of the clock."""
+        item = self.head
+        assert item is not None
+        before_s = item.time_s
+        for following in self._items:
+            yield item
+            item, time_s = following, following.time_s
+            if time_s < before_s - BACKWARD_STEP_S:
+                self.steps += 1
+                self.step_from_s, self.step_to_s = before_s, time_s
+                break
+            if time_s > limit_s:
+                break
+            before_s = time_s
+        else:
+            yield item
+            item = None
+        self.head = item
 
 
 def _next(one: _Stream, other: _Stream) -> _Stream:
@@ -182,3 +193,13 @@ def _next(one: _Stream, other: _Stream) -> _Stream:
             return behind  # it has yet to come to the step
         behind.steps = ahead.steps
     return one if one.head.time_s <= other.head.time_s else other
+
+
+def _limit_s(stream: _Stream, one: _Stream, other: _Stream) -> float:
+    """Up to when `_next` would choose this stream again, as long as it does not step."""
+    rival = other if stream is one else one
+    if rival.head is None:
+        return math.inf
+    if one.steps != other.steps:
+        return -math.inf  # one at a time
+    return rival.head.time_s if stream is one else math.nextafter(rival.head.time_s, -math.inf)

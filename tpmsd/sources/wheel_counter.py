@@ -202,8 +202,12 @@ class WheelCounter:
         way = speed * interval
         slack = self._slack(interval)
         if speed >= 0.0:
-            low = min(-SLACK_BITS, way - slack)
-            high = min(way + slack + speed * stamp_s, limit)
+            # Comparisons take half the time of min and max, and this is asked for every reading.
+            low, high = way - slack, way + slack + speed * stamp_s
+            if low > -SLACK_BITS:
+                low = -SLACK_BITS
+            if high > limit:
+                high = limit
         else:
             low = max(way - slack + speed * stamp_s, -limit)
             high = max(SLACK_BITS, way + slack)
@@ -236,7 +240,8 @@ class WheelCounter:
         self._raw, self._time_s, self._same_s = raw, time_s, time_s
         self.still_since = None
         self._released = False
-        self._odd.clear()
+        if self._odd:
+            self._odd.clear()
         self._follow(time_s)
         self._emit(time_s, out)
 
