@@ -94,7 +94,7 @@ def _table(diagnosis: Diagnosis) -> list[str]:
         )
         rows += (
             f'<tr><td>{escape(finding.effect)}</td><td class="w">{values or "free shape, below"}</td>'
-            f'<td class="n">{finding.confidence:.3f}</td><td class="n">{finding.gain:,.0f}</td>'
+            f'<td class="n">{finding.confidence:.3f}</td><td class="n">{_nats(finding.gain)}</td>'
             f'<td class="n">{finding.rms_before:.3f} → {finding.rms_after:.3f}</td></tr>'
         )
     return [
@@ -185,7 +185,7 @@ def _channels(diagnosis: Diagnosis) -> list[str]:
         rows += f'<td class="n">{before:.3f}</td><td class="n">{after:.3f}</td>'
         channel = None if reach is None else reach.channels.get(name)
         if channel is not None:
-            rows += f'<td class="n">{channel.found:,.0f}</td><td class="n">{channel.left:,.0f}</td>'
+            rows += f'<td class="n">{_nats(channel.found)}</td><td class="n">{_nats(channel.left)}</td>'
             rows += f'<td class="n">{channel.correlation:+.2f}</td>'
         rows += "</tr>"
     head = "".join(
@@ -205,6 +205,10 @@ def _channels(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.unexplained is not None:
         out.append(f"<p>Still unexplained: {escape(place(diagnosis.unexplained))}.</p>")
     return out
+
+
+def _nats(value: float) -> str:
+    return f"{round(value) + 0:,}".replace(",", " ")
 
 
 def _evidence(diagnosis: Diagnosis) -> list[str]:

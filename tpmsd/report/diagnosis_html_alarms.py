@@ -17,6 +17,8 @@ from tpmsd.report.wording import alarm_label, drive_time, wheel_name
 from tpmsd.wheels import WHEELS, FloatArray
 
 _POINTS = 300
+_UNSURE = 3.0
+"""Times the median standard deviation: what is less sure is not drawn."""
 
 
 def alarms_section(compared: AlarmsCompared) -> list[str]:
@@ -91,5 +93,9 @@ def _tracks(compared: AlarmsCompared, wheel: int) -> str:
 
 
 def _thinned(result: ReplayResult, wheel: int) -> tuple[FloatArray, FloatArray]:
+    """Times and deviations at few points, without the first swings of an estimate that knows nothing yet."""
     every = max(1, len(result.time_s) // _POINTS)
-    return (result.time_s - result.start_s)[::every], result.deviation_m[::every, wheel]
+    std = result.std_m[::every, wheel]
+    known = np.isfinite(std) & (std < _UNSURE * np.nanmedian(std)) if np.isfinite(std).any() else std > 0
+    time_s, deviation = (result.time_s - result.start_s)[::every], result.deviation_m[::every, wheel]
+    return time_s[known], deviation[known]
