@@ -61,13 +61,13 @@ bench-calibrate: $(DEV)  ## paper 002's experiment, its method and ours (BENCH_A
 test-hil: $(DEV)  ## the daemon on a real CAN stack and as a real service (HIL_ARGS=..., TPMSD_SKIP_HIL=1)
 	$(PY) -m tests.hil.run $(HIL_ARGS)
 
-install uninstall: export DESTDIR PREFIX BINDIR UNITDIR DOCDIR MANDIR
-install: export PIP := $(PIP)
+PLACES = DESTDIR="$(DESTDIR)" PREFIX="$(PREFIX)" BINDIR="$(BINDIR)" UNITDIR="$(UNITDIR)" DOCDIR="$(DOCDIR)" MANDIR="$(MANDIR)"
+
 install: $(RUNTIME)  ## program and service onto this machine (PREFIX=..., DESTDIR=...)
-	@sh tools/install.sh install
+	@$(PLACES) PIP="$(PIP)" sh tools/install.sh install
 
 uninstall:  ## take them away again; configuration and what was learned stay
-	@sh tools/install.sh uninstall
+	@$(PLACES) sh tools/install.sh uninstall
 
 deb: $(RUNTIME)  ## a Debian package, to build/deb
 	@PIP="$(abspath $(PY)) -m pip --disable-pip-version-check -q" sh tools/make_deb.sh
