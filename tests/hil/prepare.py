@@ -12,6 +12,7 @@ import shutil
 import subprocess
 import sys
 import threading
+from functools import cache
 from pathlib import Path
 
 from tests.hil.uml import HilError
@@ -42,7 +43,9 @@ def package() -> Path:
         return _package()
 
 
+@cache
 def _package() -> Path:
+    # Once: what is tested together was built together, although somebody may be at work on the sources.
     stamp, wanted = BUILD / "package.id", sources_id()
     built = sorted((REPO / "build" / "deb").glob("*.deb"))
     if built and stamp.exists() and (KEEP or stamp.read_text("ascii") == wanted):
@@ -64,6 +67,7 @@ def stage() -> Path:
         return _stage()
 
 
+@cache
 def _stage() -> Path:
     deb = _package()
     stamp = BUILD / "stage.id"
