@@ -7,7 +7,7 @@ time are driven as people drive in a hurry, a third calmly; nothing is held stil
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from multibody_car import DT_S, GRAVITY_MPS2, Now, Run, parameters, rolling_radius_m, run
@@ -75,8 +75,19 @@ class HardDrive:
 
 
 def truth(seed: int, duration_s: float, hard: bool = True) -> Run:
-    """The car's run."""
-    return run(HurriedDriver(np.random.default_rng(seed), hard), duration_s, 15.0)
+    """The car's run, up to five seconds before it spins or all but stops, if it does.
+
+    Near standstill the library's model is another one, without slip.
+    """
+    return until_spun(run(HurriedDriver(np.random.default_rng(seed), hard), duration_s, 15.0))
+
+
+def until_spun(whole: Run) -> Run:
+    """The part of a run that is driving."""
+    side_slip = np.abs(np.arctan2(whole.left_mps, whole.forward_mps))
+    lost = (side_slip > math.radians(10.0)) | (whole.forward_mps < 5.0)
+    end = max(int(np.argmax(lost)) - round(5.0 / DT_S), 1) if lost.any() else len(lost)
+    return Run(**{part.name: getattr(whole, part.name)[:end] for part in fields(Run)})
 
 
 def vehicle() -> VehicleConfig:
