@@ -22,6 +22,8 @@ ACCEL_SMOOTHING_S = 0.25
 """On top of the speed's own."""
 GRADE_SMOOTHING_S = 0.5
 HEIGHT_SMOOTHING_S = 12.0
+FLAT_BELOW = 0.006
+"""Scatter of the slope by heights alone below which it is the heights' own error."""
 HEADING_SMOOTHING_S = 8.0
 COURSE_FROM_MPS = 3.0
 
@@ -209,7 +211,10 @@ def _grade(recording: Recording, speed: FloatArray, accel: FloatArray) -> tuple[
         have_heights = True
     force = recording.inertial["accel_long_mps2"]
     if np.isfinite(force).mean() < 0.8:
-        return np.arcsin(slow), "heights" if have_heights else "nothing"
+        moving = speed > 3.0
+        if not have_heights or not moving.any() or float(np.std(slow[moving])) < FLAT_BELOW:
+            return np.zeros_like(edges), "nothing"
+        return np.arcsin(slow), "heights"
     gravity = (to_edges(force, 1.0) - accel) / GRAVITY_MPS2
     gravity = gaussian_filter1d(gravity, GRADE_SMOOTHING_S / dt, mode="nearest")
     moving = speed > 3.0

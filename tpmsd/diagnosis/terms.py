@@ -102,6 +102,8 @@ CALIBRATION = frozenset({"doppler_lag"})
 Receivers give a speed that is some hundredths of a second older than their position (on every real
 recording at hand). Who does not know of it takes it for an old fix.
 """
+RECEIVERS_OWN = 6.0
+"""Further penalty of these: where the positions do not tell, the catalogue's name is preferred."""
 GROUPS = (*groups(), ("doppler_lag", ("lag_s",)))
 
 
@@ -163,7 +165,8 @@ class Hypotheses:
             if (effect, parameters[0]) not in self.place:
                 continue
             design = self._unit([(effect, parameter) for parameter in parameters])
-            out.append(Term(effect, design, parameters, PER_VALUE * len(parameters)))
+            price = PER_VALUE * len(parameters) + (RECEIVERS_OWN if effect in CALIBRATION else 0.0)
+            out.append(Term(effect, design, parameters, price))
         for tau in TIME_CONSTANTS_S:
             design = self._unit([("thermal_growth", f"{tau:g}")])
             out.append(
