@@ -295,7 +295,7 @@ def failing(rows: Sequence[Row], state: str) -> str:
             f"accelerometers) {row.get('bus')}, held-out {row.get('heldout')}, F1 {row.get('f1')}"
         )
         out.append(
-            f"- `python -m benchmarks.diagnosis_bench.run --write /tmp/case --kind {row['kind']} "
+            f"- `python -m benchmarks.diagnosis_bench.run --write CASE --kind {row['kind']} "
             f"--strength {row['strength']:g} --seed {row['seed']}`"
         )
         out.append("")

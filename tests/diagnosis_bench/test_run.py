@@ -108,4 +108,4 @@ def test_a_failure_is_listed_with_the_command_that_makes_its_drive_again() -> No
     text = failing([ROW], "abc")
 
     assert "false: lateral_slip | missed" in text
-    assert "--write /tmp/case --kind gnss_latency --strength 1 --seed 7" in text
+    assert "--write CASE --kind gnss_latency --strength 1 --seed 7" in text
