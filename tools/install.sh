@@ -40,7 +40,7 @@ find_python() {
 make_environment() {
     python=$(find_python) || die "no Python to install with"
     case $(readlink -f "$python") in
-        /root/* | /home/*) echo "tpmsd: $python is below a home: a service with ProtectHome= will not see it" >&2 ;;
+        /root[/]* | /home/*) echo "tpmsd: $python is below a home: a service with ProtectHome= will not see it" >&2 ;;
     esac
     mkdir -p "$(dirname "$program")"
     "$python" -m venv --clear --without-pip "$program"

@@ -45,7 +45,7 @@ def reader() -> Reader:
 def test_the_effect_is_the_shape_that_was_fitted(
     reader: Reader, place: str, covariate: str, size: float
 ) -> None:
-    """The forward model with the effect moves the channels as the columns of the fit do: by 10 % on the whole.
+    """The forward model with the effect moves the channels as the columns of the fit do: by 10 % in all.
 
     Window by window they differ more, for the mean of a shape is not the shape of a mean.
     """
