@@ -217,7 +217,8 @@ class CanDecoder:
         watch = group.watch
         fast = watch.frame(time_s)
 
-        size, faults = len(data), self._faults
+        size, faults, period_s = len(data), self._faults, arrival.period_s
+        doubted, heard_s = group.doubted, self._heard_s
         for number, (min_bytes, is_big, shift, mask, signal, tracker) in enumerate(group.fields):
             if min_bytes > size:
                 self._note_short(time_s, signal, size, out)
@@ -238,13 +239,13 @@ class CanDecoder:
             begun, jumps = len(out), faults.jumps
             if isinstance(tracker, WheelCounter):
                 value = 0.0
-                tracker.update(time_s, bits, arrival.period_s, out)
+                tracker.update(time_s, bits, period_s, out)
             else:
                 value = signal.gain * signal.field.number(bits) + signal.bias
                 if not math.isfinite(value):
                     self._note_invalid(time_s, signal, bits, out)
                     continue
-                tracker.update(time_s, value, arrival.period_s, out)
+                tracker.update(time_s, value, period_s, out)
             jumped = faults.jumps != jumps
             odd = False
             if jumped or watch.uneasy or watch.compares[number]:
@@ -254,15 +255,15 @@ class CanDecoder:
                 # The wheel is followed on, so that it is known when its values make sense again.
                 out[begun:] = [event for event in out[begun:] if isinstance(event, SourceFault)]
                 self._note_spoofed(time_s, group, number, out)
-                group.doubted[number] = True
+                doubted[number] = True
                 continue
-            if group.doubted[number]:
+            if doubted[number]:
                 # What it counted meanwhile may be another's: what follows is a new segment.
-                group.doubted[number] = False
+                doubted[number] = False
                 del out[begun:]
                 tracker.restart()
                 continue
-            self._heard_s[tracker.wheel] = time_s
+            heard_s[tracker.wheel] = time_s
             if tracker.still_since is not None and not tracker.stuck:
                 self._judge_still(time_s, tracker, out)
 

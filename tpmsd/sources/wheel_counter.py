@@ -231,7 +231,7 @@ class WheelCounter:
         self.stuck = self._released = False
         self._suspect = self._held = None
         self._odd.clear()
-        self._emit(time_s, out)
+        out.append(RotationSample(time_s, self.wheel, 0.0, self.rad_per_bit, self.segment))
 
     def _accept(self, time_s: float, raw: int, bits: int, out: list[Event]) -> None:
         if self._suspect is not None:
@@ -242,23 +242,21 @@ class WheelCounter:
         self._released = False
         if self._odd:
             self._odd.clear()
-        self._follow(time_s)
-        self._emit(time_s, out)
+        self._follow(time_s, out)
 
-    def _follow(self, time_s: float) -> None:
-        """Speed over the last SPEED_WINDOW_S."""
-        history = self._history
-        history.append((time_s, self._total))
+    def _follow(self, time_s: float, out: list[Event]) -> None:
+        """The reading's sample, and the speed over the last SPEED_WINDOW_S."""
+        history, total = self._history, self._total
+        history.append((time_s, total))
         while len(history) > 2 and time_s - history[1][0] >= SPEED_WINDOW_S:
             history.popleft()
         first_s, first = history[0]
         span = time_s - first_s
         if span >= 0.8 * SPEED_WINDOW_S:
-            self._speed, self._span = (self._total - first) / span, span
-
-    def _emit(self, time_s: float, out: list[Event]) -> None:
-        angle = (self._total - self._base) * self.rad_per_bit
-        out.append(RotationSample(time_s, self.wheel, angle, self.rad_per_bit, self.segment))
+            self._speed, self._span = (total - first) / span, span
+        rad_per_bit = self.rad_per_bit
+        angle = (total - self._base) * rad_per_bit
+        out.append(RotationSample(time_s, self.wheel, angle, rad_per_bit, self.segment))
 
     def _accept_same(self, time_s: float, out: list[Event]) -> None:
         """The same value again: a wheel that stands (or creeps), or a value that was not renewed."""
@@ -278,8 +276,7 @@ class WheelCounter:
                 self._faults.note(out, time_s, "repeated", self.wheel)
                 return
         self._time_s = time_s
-        self._follow(time_s)
-        self._emit(time_s, out)
+        self._follow(time_s, out)
 
     def _doubt(self, time_s: float, raw: int, period_s: float, out: list[Event]) -> None:
         """A reading that cannot follow the last one: odd itself, or the first of a new level."""

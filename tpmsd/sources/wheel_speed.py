@@ -51,9 +51,14 @@ class FrozenSpeeds:
         """The wheels that are found frozen with the frame at `time_s`."""
         if math.isnan(self._since_s) or time_s < self._since_s:
             self._since_s = time_s
-        still_s = max(math.inf if t.still_since is None else t.still_since for t in self._trackers)
-        moving = all(abs(t.speed_mps) > FROZEN_MPS and not t.stuck for t in self._trackers)
-        if still_s == math.inf or not moving:
+        still_s = -math.inf
+        for tracker in self._trackers:
+            since_s = tracker.still_since
+            if since_s is None or tracker.stuck or not abs(tracker.speed_mps) > FROZEN_MPS:
+                still_s = math.inf
+                break
+            still_s = max(still_s, since_s)
+        if still_s == math.inf:
             self._longest_s = max(self._run_s, FORGET * self._longest_s)
             self._run_s = 0.0
             return ()

@@ -11,6 +11,7 @@ jitter and known latency.
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 
 import numpy as np
 
@@ -60,7 +61,7 @@ class Timeline:
         self._offset = UtcOffsetTracker(latency_s=latency_s)
         self._plane = LocalPlane()
         self._tracks = [RotationTrack() for _ in range(4)]
-        self._inertial: dict[str, list[tuple[float, float]]] = {}
+        self._inertial: defaultdict[str, list[tuple[float, float]]] = defaultdict(list)
         self._held: dict[str, tuple[float, float]] = {}
         self._fixes: list[Fix] = []
         self._faults: list[SourceFault] = []
@@ -94,7 +95,7 @@ class Timeline:
             self._tracks[event.wheel].add(event)
         elif isinstance(event, InertialSample):
             if math.isfinite(event.value):
-                self._inertial.setdefault(event.role, []).append((now, event.value))
+                self._inertial[event.role].append((now, event.value))
         else:
             self._faults.append(event)
         return ticks
