@@ -66,8 +66,11 @@ class Listener:
         self._file = file
         target = ",".join((channel, *filters))
         self._out = file.open("wb")
+        before = sockets()
         self._process = subprocess.Popen(["candump", "-L", target], stdout=self._out, stderr=subprocess.PIPE)
-        wait_until(lambda: socket_count() > 0, "candump listens")
+        # It ends at once where there is no such interface.
+        wait_until(lambda: sockets() > before or self._process.poll() is not None, "candump listens")
+        assert self._process.poll() is None, f"candump cannot listen on {channel}"
 
     def frames(self, *identifiers: int) -> list[Frame]:
         """All that was heard so far, or that of some identifiers."""
@@ -80,12 +83,10 @@ class Listener:
         self._out.close()
 
 
-def socket_count() -> int:
-    """Raw CAN sockets that are bound on this machine."""
-    return sum(
-        len(Path("/proc/net/can", name).read_text("ascii").splitlines()) > 3
-        for name in ("rcvlist_all", "rcvlist_fil", "rcvlist_sff")
-    )
+def sockets() -> int:
+    """Receivers of CAN frames that this machine's kernel knows."""
+    lists = Path("/proc/net/can").glob("rcvlist_*")
+    return sum(len(file.read_text("ascii").splitlines()) for file in lists)
 
 
 def decode(frames: list[Frame]) -> list[dict[str, Any]]:

@@ -50,6 +50,8 @@ def repacked_dbc(text: str) -> str:
 @pytest.fixture(scope="module")
 def played(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
     folder = tmp_path_factory.mktemp("formats")
+    run("ip", "link", "add", "dev", "vcan1", "type", "vcan")
+    run("ip", "link", "set", "vcan1", "mtu", "72", "up")
     drive, twin = folder / "drive", folder / "twin"
     run(*TPMSD, "simulate", drive, "--duration", f"{SECONDS + 4:g}", "--route", "test-track", "--seed", "7")
     run(*TPMSD, "simulate", twin, "--duration", f"{SECONDS + 4:g}", "--route", "city", "--seed", "8")
