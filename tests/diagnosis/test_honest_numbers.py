@@ -84,3 +84,16 @@ def test_a_step_of_a_radius_is_measured_to_a_third_of_a_per_cent() -> None:
     assert "fr" == values["wheel"]
     assert values["deviation_m"] == pytest.approx(-1.6e-3, rel=0.0035)
     assert values["onset_s"] == pytest.approx(300.0, abs=2.0)
+
+
+@pytest.mark.parametrize(("wheel", "teeth"), [(1, 47), (2, 49)])
+def test_a_ring_with_another_number_of_teeth_is_told_from_another_radius(wheel: int, teeth: int) -> None:
+    """Two per cent on one wheel, just what a tooth makes: wheel and number are named."""
+    world = drive(Spec(duration_s=300.0, teeth=48.0), 34)
+    shown = world.shown_rad.copy()
+    shown[:, wheel] *= teeth / 48.0
+    diagnosis = diagnose([recording_of(replace(world, shown_rad=shown))])
+
+    assert ["tone_ring_error"] == [finding.effect for finding in diagnosis.findings]
+    values = {name: quantity.value for name, quantity in diagnosis.findings[0].parameters.items()}
+    assert (("fl", "fr", "rl", "rr")[wheel], teeth) == (values["wheel"], values["teeth_per_rev"])
