@@ -285,7 +285,7 @@ def _print(
 
 def look_together(folders: Sequence[Path]) -> None:
     """The rear pair of several drives of one car: radius and drift per drive, track and load in common."""
-    ys, yaws, loads, owns = [], [], [], []
+    ys, yaws, loads, squares, owns = [], [], [], [], []
     for k, folder in enumerate(folders):
         config = load_config(folder)
         seconds = read(folder, config)
@@ -295,6 +295,7 @@ def look_together(folders: Sequence[Path]) -> None:
         ys.append(pair - config.vehicle.track_rear_m * yaw / v)
         yaws.append(yaw / v)
         loads.append(v * yaw)
+        squares.append(v**2)
         own = np.zeros((len(v), 2 * len(folders)))
         own[:, 2 * k], own[:, 2 * k + 1] = 1.0, np.arange(len(v)) / 600.0
         owns.append(own)
@@ -307,6 +308,8 @@ def look_together(folders: Sequence[Path]) -> None:
     columns += [(f"own {k}", own[:, k], r, "m") for k in range(own.shape[1])]
     print(f"\n{', '.join(folder.name for folder in folders)} together")
     _print("rear right over left", np.concatenate(ys), columns, shown=2)
+    growth = ("left grows with v2", np.concatenate(squares), r, "s2/m")
+    _print("the same, with growth of one", np.concatenate(ys), [growth, *columns], shown=3)
 
 
 def main() -> int:
