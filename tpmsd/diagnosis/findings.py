@@ -28,10 +28,13 @@ from tpmsd.diagnosis.where import where_of, whole_range
 from tpmsd.physics.catalogue import make_effect, parameters_of
 from tpmsd.physics.effect import Effect, Parameter, Std
 from tpmsd.physics.model import ExtendedModel
+from tpmsd.wheels import WHEELS
 
 NEUTRAL = {"scale": 1.0}
 """What a parameter is where nothing is missing; fitted is the difference from it."""
 DOPPLER_LAG = "the receiver's speed is {:.3f} +- {:.3f} s older than its position; taken into account"
+WANDERS = 2e-4
+"""Relative standard deviation of the radii's slow wander from which it is told."""
 STEP_S = 3.0
 """A ramp shorter than this is a step."""
 
@@ -107,7 +110,7 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
         baseline_rms=_rms(baseline, rows),
         baseline_loglik_per_s=(baseline + constant) / seconds,
         model_rms=_rms(whole, rows),
-        unexplained=_unexplained(study, selector, terms),
+        unexplained=_unexplained(study, selector, terms) or _wandering(study),
         model=ExtendedModel(tuple(effects), tuple(effect_stds)),
         evidence=_alone(study, selector),
         baseline=("simulation",) if study.simulation else ("rolling",),
@@ -228,6 +231,16 @@ def _unexplained(study: Study, selector: Selector, terms: list[Term]) -> Where |
         if gain > 2 * ADMIT and rest > ADMIT:
             return whole_range(study, term)
     return None
+
+
+def _wandering(study: Study) -> Where | None:
+    """Radii that wander by more than tyres and roads make them do: something acts that no term holds."""
+    drive = max(study.drives, key=lambda one: one.noise.wander)
+    if drive.noise.wander < WANDERS:
+        return None
+    wheels = tuple(WHEELS[k] for k in drive.reader.recording.wheels)
+    end = float(drive.reader.recording.edges_s[-1])
+    return Where(wheels, "wheel_ratio", "time", (0.0, end))
 
 
 def evidence_gain(selector: Selector, terms: list[Term], more: Term) -> float:

@@ -30,8 +30,10 @@ ADMIT = 11.0
 """Log-likelihood for amplitude and phase of one of four wheels."""
 MAX_TEETH = 150.0
 """Beyond, one tooth more or less is within what radii differ by."""
-FROM_OFFSET, WITHIN = 0.012, 0.004
-"""Offset of a radius from which a wrong number of teeth is thought of, and how well it must fit."""
+FROM_OFFSET, WITHIN = 0.012, 0.35
+"""Offset of a radius from which a wrong number of teeth is thought of, and how near (in teeth) to a whole
+number it must be: radii themselves differ by some tenths of a per cent.
+"""
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ def wrong_teeth(recording: Recording, radii_m: FloatArray) -> list[tuple[str, fl
         if abs(off - 1.0) < FROM_OFFSET:
             continue
         more = round(teeth / off - teeth)
-        if more != 0 and abs(more) <= 3 and abs(off - teeth / (teeth + more)) < WITHIN:
+        if more != 0 and abs(more) <= 3 and abs(teeth / off - teeth - more) < WITHIN:
             out.append((WHEELS[k], teeth + more))
     return out
 
