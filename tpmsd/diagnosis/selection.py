@@ -262,6 +262,10 @@ class Selector:
                 break
         return chosen
 
+    def _independent(self, terms: list[Term], term: Term, gain: float) -> bool:
+        """Whether a term brings most of its gain beside its rival too: then they explain different things."""
+        return self.gain([*terms, term]) - self.gain(terms) > 0.5 * gain
+
     @staticmethod
     def _net(term: Term, gain: float, first: float) -> float:
         """What a term's gain is worth against rivals for its place."""
@@ -301,6 +305,8 @@ class Selector:
             rival = terms[0]
             raw = net + rival.penalty
             if rival.effect == term.effect and (rival.wheel, rival.place) == (term.wheel, term.place):
+                continue
+            if raw > 0.5 * gain and self._independent([*rest, rival], term, gain):
                 continue
             name = rival.effect if rival.effect != "radius_change" else f"radius_change:{rival.wheel}"
             if rival.effect == "unknown":
