@@ -42,7 +42,10 @@ def score(case: Case, truth: Truth, document: dict[str, Any], model: dict[str, A
     told = [k for k in wanted if truth.effects[k].told]
     right = {k for k in matched if k is not None}
     strays = [n for n, k in enumerate(matched) if k is None and not _beyond(truth, findings[n])]
-    own = [n for n, k in enumerate(matched) if k is None or not truth.effects[k].inherent]
+    # what the world does of itself is neither asked for nor in the way
+    own = [
+        n for n, k in enumerate(matched) if n in strays or (k is not None and not truth.effects[k].inherent)
+    ]
     first = bool(own) and matched[own[0]] in wanted
     row: dict[str, Any] = {
         "names": [_label(finding) for finding in findings],
