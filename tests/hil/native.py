@@ -12,8 +12,12 @@ import subprocess
 import sys
 from pathlib import Path
 
-_MAKE = "ip link set lo up && ip link add dev vcan0 type vcan && ip link set vcan0 mtu 72 up"
-_UNSHARE = ["unshare", "--user", "--map-root-user", "--net"]
+# The machine's /sys shows the machine's interfaces; the daemon looks there whether its own is up.
+_MAKE = (
+    "{ mount -t sysfs sysfs /sys || true; } && ip link set lo up && ip link add dev vcan0 type vcan "
+    "&& ip link set vcan0 mtu 72 up"
+)
+_UNSHARE = ["unshare", "--user", "--map-root-user", "--net", "--mount"]
 
 
 def available() -> bool:
