@@ -219,7 +219,7 @@ def _rows(args: argparse.Namespace, todo: Plan, courses: Path) -> Iterator[dict[
             for future in as_completed(waiting):
                 yield future.result()
         finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+            pool.shutdown(wait=True, cancel_futures=True)
 
 
 def write_drive(args: argparse.Namespace) -> None:
