@@ -25,6 +25,8 @@ from tpmsd.wheels import FloatArray
 COMMON = ("thermal_growth", "centrifugal_growth", "road_grade")
 SURE = 80.0
 """Log-likelihood beyond which no slow noise of a receiver is the reason."""
+SURE_OF_LATENCY = 0.7
+"""Confidence below which an age of the fixes is not told from an age of their speed alone."""
 SURE_OF_WHEEL = 3000.0
 """The same of a wheel that changes against the others."""
 
@@ -48,7 +50,19 @@ def confirmed(study: Study, selection: Selection, evidence: Evidence) -> tuple[S
             evidence = study.evidence()
             selection = Selector(evidence, study.hypotheses).judged(terms)
             return confirmed(study, selection, evidence)
-    return selection, evidence
+    return _receivers_own(study, selection, evidence), evidence
+
+
+def _receivers_own(study: Study, selection: Selection, evidence: Evidence) -> Selection:
+    """A latency that may as well be the speed's alone is the receiver's own affair, and no finding."""
+    terms = [one.term for one in selection.chosen]
+    for k, one in enumerate(selection.chosen):
+        if one.term.effect != "gnss_latency" or one.confidence >= SURE_OF_LATENCY:
+            continue
+        same = [t for t in study.hypotheses.catalogue if t.calibrates and t.drive == one.term.drive]
+        if same and not any(term.calibrates for term in terms):
+            return Selector(evidence, study.hypotheses).judged([*terms[:k], *terms[k + 1 :], same[0]])
+    return selection
 
 
 def _noise_without(drive: DriveStudy, design: FloatArray, common: bool) -> Noise:

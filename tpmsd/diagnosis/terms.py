@@ -64,7 +64,9 @@ class Term:
     """Number of the one drive in which it acts; None where it acts in all."""
 
     def price(self, first: float) -> float:
-        """The penalty, given the first value: a sign that nature does not know must be paid for."""
+        """The penalty, given the first value: what nature seldom shows must be paid for."""
+        if self.calibrates:
+            return self.penalty + (RECEIVERS_OWN if abs(first) > USUAL_LAG_S else 0.0)
         odd = self.effect in POSITIVE and first < 0.0
         return self.penalty + (ODD_SIGN if odd else 0.0)
 
@@ -103,7 +105,10 @@ Receivers give a speed that is some hundredths of a second older than their posi
 recording at hand). Who does not know of it takes it for an old fix.
 """
 RECEIVERS_OWN = 6.0
-"""Further penalty of these: where the positions do not tell, the catalogue's name is preferred."""
+"""Further penalty of these beyond the lag that receivers usually have: where the positions do not tell, the
+catalogue's name is preferred for more.
+"""
+USUAL_LAG_S = 0.05
 GROUPS = (*groups(), ("doppler_lag", ("lag_s",)))
 
 
@@ -165,8 +170,7 @@ class Hypotheses:
             if (effect, parameters[0]) not in self.place:
                 continue
             design = self._unit([(effect, parameter) for parameter in parameters])
-            price = PER_VALUE * len(parameters) + (RECEIVERS_OWN if effect in CALIBRATION else 0.0)
-            out.append(Term(effect, design, parameters, price))
+            out.append(Term(effect, design, parameters, PER_VALUE * len(parameters)))
         for tau in TIME_CONSTANTS_S:
             design = self._unit([("thermal_growth", f"{tau:g}")])
             out.append(
