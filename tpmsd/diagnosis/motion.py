@@ -26,6 +26,7 @@ FLAT_BELOW = 0.006
 """Scatter of the slope by heights alone below which it is the heights' own error."""
 HEADING_SMOOTHING_S = 8.0
 COURSE_FROM_MPS = 3.0
+DRIFT_WITHIN_S = 3.0
 
 
 @dataclass(frozen=True)
@@ -175,11 +176,27 @@ def _heading(recording: Recording, yaw: FloatArray, speed: FloatArray) -> tuple[
     moving = np.interp(time_s, edges, speed) > COURSE_FROM_MPS
     if moving.sum() < 10:
         return turned, yaw
+    drift = _drift(time_s[moving], course[moving] - np.interp(time_s[moving], edges, turned))
+    turned, yaw = turned + drift * edges, yaw + drift
     off = np.unwrap(course[moving] - np.interp(time_s[moving], edges, turned))
     off = median_filter(off, size=9, mode="nearest")
     grid = np.interp(edges, time_s[moving], off)
     lead = gaussian_filter1d(grid, HEADING_SMOOTHING_S / recording.dt_s, mode="nearest")
     return turned + lead, yaw + np.gradient(lead, recording.dt_s)
+
+
+def _drift(time_s: FloatArray, off_rad: FloatArray) -> float:
+    """(rad/s) at which the receiver's course leaves the integrated yaw rate, in the median of neighbours.
+
+    The gyro's zero was taken from wheels whose radii may differ: over a minute without fixes that is more
+    than half a turn.
+    """
+    step = np.diff(time_s)
+    near = (step > 0.0) & (step < DRIFT_WITHIN_S)
+    if near.sum() < 10:
+        return 0.0
+    turn = np.remainder(np.diff(off_rad)[near] + np.pi, 2.0 * np.pi) - np.pi
+    return float(np.median(turn / step[near]))
 
 
 def _courses(recording: Recording) -> tuple[FloatArray, FloatArray]:

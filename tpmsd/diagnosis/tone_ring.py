@@ -28,7 +28,7 @@ BLOCK_TICKS = 300
 FOLDS = 5
 ADMIT = 11.0
 """Log-likelihood for amplitude and phase of one of four wheels."""
-MAX_TEETH = 150.0
+MAX_TEETH = 75.0
 """Beyond, one tooth more or less is within what radii differ by."""
 FROM_OFFSET, WITHIN = 0.012, 0.35
 """Offset of a radius from which a wrong number of teeth is thought of, and how near (in teeth) to a whole
