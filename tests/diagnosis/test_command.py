@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -81,3 +82,30 @@ def test_a_folder_that_is_not_there_is_one_line(tmp_path: Path, capsys: pytest.C
     """Unusable input ends with code 3 and the folder's name."""
     assert 3 == main(["diagnose", str(tmp_path / "none")])
     assert f"tpmsd: {tmp_path / 'none'}: no such drive folder\n" == capsys.readouterr().err
+
+
+def test_a_configuration_that_cannot_be_used_is_one_line_and_code_2(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A signal that the DBC lacks is the configuration's fault, told once with the file."""
+    broken = tmp_path / "broken"
+    shutil.copytree(folder, broken)
+    config = broken / "vehicle.toml"
+    config.write_text(config.read_text(encoding="utf-8").replace('.RL"', '.NOWHERE"'), encoding="utf-8")
+
+    assert 2 == main(["diagnose", str(broken)])
+    line = capsys.readouterr().err.strip().splitlines()[-1]
+    assert 1 == line.count(str(broken))
+    assert "NOWHERE" in line
+
+
+def test_two_can_logs_are_one_line_and_code_3(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The folder is named once."""
+    twofold = tmp_path / "twofold"
+    shutil.copytree(folder, twofold)
+    (twofold / "can.asc").write_text("", encoding="utf-8")
+
+    assert 3 == main(["diagnose", str(twofold)])
+    assert 1 == capsys.readouterr().err.strip().splitlines()[-1].count(str(twofold))

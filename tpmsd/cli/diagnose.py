@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tpmsd.cli.output import Progress, Subparsers, add_json_option, write_json
-from tpmsd.errors import ConfigError, InputError
+from tpmsd.errors import ConfigError, InputError, TpmsdError
 
 if TYPE_CHECKING:
     from tpmsd.diagnosis.recording import Recording
@@ -145,6 +145,8 @@ def read_recording(folder: Path, config_file: Path | None = None, name: str = "t
     config = load_config(config_file if config_file is not None else folder)
     try:
         return record(read_ticks(folder, config), config, name)
+    except TpmsdError:
+        raise
     except ValueError as error:
         raise InputError(folder, str(error)) from None
 
