@@ -68,6 +68,10 @@ class Pipeline:
         """Let time pass: ends epochs, finds time-outs, completes ticks."""
         return self._run(self._source.advance(time_s))
 
+    def on_tick(self, tick: Tick) -> Step:
+        """Take a tick made elsewhere: campaigns of simulated drives come without frames and sentences."""
+        return self._run([tick])[0]
+
     def finish(self) -> list[Step]:
         """What the end of a recording completes."""
         return self._run(self._source.finish())

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from tests.worlds.instruments import Array, Drive
 from tests.worlds.spec import FINE_TEETH, Spec
 
-START_S = 1_719_820_800.0
 LATITUDE, LONGITUDE, HEIGHT = 48.7, 9.1, 380.0
 WHEELS = ("fl", "fr", "rl", "rr")
 HALF_WINDOW_S = 0.01
@@ -69,7 +68,7 @@ class Message:
 def write_folder(drive: Drive, folder: Path) -> None:
     """Write the drive as another program's recording would be."""
     folder.mkdir(parents=True, exist_ok=True)
-    messages = [*_wheel_messages(drive), *_inertial_messages(drive)]
+    messages = [*wheel_messages(drive), *inertial_messages(drive)]
     dbc = 'VERSION ""\n\nNS_ :\n\nBS_:\n\nBU_: CAR\n\n' + "".join(each.dbc() for each in messages)
     (folder / "bus.dbc").write_text(dbc, encoding="utf-8")
     (folder / "vehicle.toml").write_text(_vehicle(drive.spec, messages), encoding="utf-8")
@@ -104,7 +103,8 @@ antenna_left_m = {spec.antenna_left_m!r}
 """
 
 
-def _wheel_messages(drive: Drive) -> list[Message]:
+def wheel_messages(drive: Drive) -> list[Message]:
+    """The frames of the wheels, none lost."""
     spec = drive.spec
     fine = spec.teeth >= FINE_TEETH and spec.wheel_signal == "counts"
     groups = ((0, 1), (2, 3)) if spec.split_wheels or fine else ((0, 1, 2, 3),)
@@ -151,7 +151,8 @@ def _speeds(drive: Drive, time_s: Array, wheels: tuple[int, ...]) -> NDArray[np.
     return np.stack(out, axis=1).astype(np.int64)
 
 
-def _inertial_messages(drive: Drive) -> list[Message]:
+def inertial_messages(drive: Drive) -> list[Message]:
+    """The frames of gyro, accelerometers and steering wheel; none where the bus has no such signal."""
     spec = drive.spec
     there = (spec.with_gyro, spec.with_accel, spec.with_accel, spec.with_steering)
     values = (drive.gyro, drive.accel_long, drive.accel_lat, drive.steering_wheel)
@@ -183,7 +184,7 @@ def _can_log(drive: Drive, messages: list[Message]) -> str:
         lost = rng.random(len(each.time_s)) < spec.lost_share
         twice = rng.random(len(each.time_s)) < spec.repeated_share
         for k, (t, data) in enumerate(zip(each.time_s.tolist(), each.payloads(), strict=True)):
-            stamp = START_S + spec.host_offset_s + t
+            stamp = drive.start_s + spec.host_offset_s + t
             line = f"({stamp:.6f}) can0 {each.identifier:03X}#{data}\n"
             if not lost[k]:
                 lines.append((stamp, line))
@@ -209,7 +210,7 @@ def _sentences(drive: Drive) -> list[str]:
         meridian, prime = a * (1 - e2) / w**3 + HEIGHT, a / w + HEIGHT
         latitude += dn / meridian
         longitude += de / (prime * math.cos(latitude - 0.5 * dn / meridian))
-        utc = START_S + float(t)
+        utc = drive.start_s + float(t)
         when = datetime.fromtimestamp(utc, UTC)
         clock = when.strftime("%H%M%S.") + f"{when.microsecond // 10000:02d}"
         place = f"{_degrees(latitude, 2, spec, 'N', 'S')},{_degrees(longitude, 3, spec, 'E', 'W')}"

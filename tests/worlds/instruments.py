@@ -17,6 +17,7 @@ from tests.worlds.spec import Spec
 
 Array = NDArray[np.float64]
 WHEELS = ("fl", "fr", "rl", "rr")
+START_S = 1_719_820_800.0
 
 
 @dataclass
@@ -46,6 +47,8 @@ class Drive:
     fix_lag_s: Array = field(default_factory=lambda: np.zeros(0))
     """(m,) delay of each sentence on its way, beyond the age."""
     seed: int = 0
+    start_s: float = START_S
+    """UTC of the drive's beginning."""
 
     def counts(self) -> NDArray[np.int64]:
         """(n, 4) edges counted by each wheel at the samples of 20 ms."""

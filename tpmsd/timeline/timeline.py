@@ -170,7 +170,7 @@ class Timeline:
         for track in self._tracks:
             track.forget_before(end)
         rotation, std = [turned for turned, _ in readings], [error for _, error in readings]
-        for wheel in _odd_wheels(rotation, self._dt_s):
+        for wheel in odd_wheels(rotation, self._dt_s):
             rotation[wheel] = std[wheel] = math.nan
             self.counts["implausible"] += 1
             at_s = self._clock.host(end)
@@ -275,7 +275,7 @@ class Timeline:
         ]
 
 
-def _odd_wheels(rotation_rad: list[float], dt_s: float) -> list[int]:
+def odd_wheels(rotation_rad: list[float], dt_s: float) -> list[int]:
     """Wheels whose readings cannot be the rotation of a wheel of this car."""
     valid = sorted(turned for turned in rotation_rad if math.isfinite(turned))
     if not valid or valid[-1] < PLAUSIBLE_FROM_RAD * dt_s / 0.1:
