@@ -135,6 +135,60 @@ def test_a_restarted_controller_is_no_bus_that_is_down() -> None:
     assert not link.is_down
 
 
+def test_a_bus_off_that_comes_again_and_again_is_said_once(caplog: pytest.LogCaptureFixture) -> None:
+    """Error frames are no sign of life: one warning, and tries that grow further apart."""
+    caplog.set_level(logging.INFO)
+    bus = FakeBus()
+    off = wheels_frame(1.0)._replace(is_error=True, arbitration_id=0x40)
+    link, now_s, tries = link_of(bus), 0.0, []
+    link.service(0.0)
+    while now_s < 20.0:
+        bus.waiting = [off]
+        assert [] == link.read(now_s)
+        tries.append(link.next_try_s)
+        now_s = link.next_try_s
+        link.service(now_s)
+
+    assert [0.2, 0.4, 0.8, 1.6, 3.2, 5.0] == [
+        round(later - earlier, 6) for earlier, later in pairwise([0.0, *tries])
+    ][:6]
+    assert 1 == link.downs
+    assert len(tries) == link.error_counts["bus_off"]
+    assert 1 == len(caplog.messages)
+
+
+def test_a_controller_at_its_limit_is_told_and_taken_back(caplog: pytest.LogCaptureFixture) -> None:
+    """Error-passive is a hint in the status and a log line once a minute until error-active."""
+    bus = FakeBus()
+    good = wheels_frame(1.0)
+    passive = good._replace(is_error=True, arbitration_id=0x04, data=bytes((0, 0x20, 0, 0, 0, 0, 130, 0)))
+    active = passive._replace(data=bytes((0, 0x40, 0, 0, 0, 0, 90, 0)))
+    link = link_of(bus)
+    link.service(0.0)
+    hints = []
+    for now_s in (1.0, 2.0, 70.0):
+        for error in (passive, active):
+            bus.waiting = [good, error, good]
+            assert [good, good] == link.read(now_s)
+            hints.append(link.hint)
+
+    assert 3 * ["error-passive: most frames are damaged (wiring, termination or bit rate)", ""] == hints
+    assert {"error_passive": 3, "error_active": 3} == link.error_counts
+    assert 2 == sum("error-passive" in message for message in caplog.messages)
+    assert not link.is_down
+
+
+def test_error_frames_of_another_backend_are_only_counted() -> None:
+    """Where identifiers of error frames mean nothing that is known, nothing is read into them."""
+    bus = FakeBus()
+    bus.waiting = [wheels_frame(1.0)._replace(is_error=True, arbitration_id=0x44)]
+    link = BusLink(lambda: bus.opener()(CONFIG, None, "fake"), "CAN fake", LOG, error_classes=False)
+    link.service(0.0)
+    link.read(1.0)
+
+    assert (1, {}, False) == (link.counts["error_frames"], link.error_counts, link.is_down)
+
+
 def test_a_burst_is_read_to_its_end() -> None:
     """Frames that piled up during a pause are all read at once, so that none is late for the others."""
     bus = FakeBus()

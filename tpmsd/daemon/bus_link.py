@@ -7,12 +7,14 @@ for anything that a bus can do.
 from __future__ import annotations
 
 import logging
+import math
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
 
 from tpmsd.config.model import AlarmsConfig, CanConfig
+from tpmsd.daemon.can_errors import BUS_OFF, error_names, hint_after
 from tpmsd.daemon.link import Link
 from tpmsd.sinks.can_frames import OutFrame
 from tpmsd.sources.can_frame import CanFrame
@@ -22,8 +24,8 @@ READ_AT_ONCE = 1000
 READS_AT_ONCE = 100
 """Frames are read until there are none: after a pause they may be many, but not without end."""
 _IFF_UP = 0x1
-_ERROR_BUS_OFF = 0x40
-"""CAN_ERR_BUSOFF of linux/can/error.h: bit of an error frame's identifier."""
+HINT_PERIOD_S = 60.0
+"""A controller at the limit changes its state many times a second; the log tells of it this often."""
 
 
 class Bus(Protocol):
@@ -76,6 +78,7 @@ class BusLink(Link):
     """One channel.
 
     `counts`: `frames` read, `error_frames`, `sent`, `tx_full` (queue full) and `tx_down` (bus down) not sent.
+    `error_counts`: what the error frames told, by the names of `can_errors`.
     """
 
     def __init__(
@@ -88,7 +91,11 @@ class BusLink(Link):
         self._bus: Bus | None = None
         self._dropped_before = 0
         self._full = False
+        self._hint_told_s = -math.inf
+        self.hint = ""
+        """What is wrong with a bus that is not down, in a few words."""
         self.counts: Counter[str] = Counter()
+        self.error_counts: Counter[str] = Counter()
 
     @property
     def dropped(self) -> int:
@@ -122,7 +129,8 @@ class BusLink(Link):
                 break
             frames += got
             if len(got) < READ_AT_ONCE:
-                self._well(now_s, bool(frames))
+                # Error frames are no sign of life: a bus-off that comes again and again is one, not many.
+                self._well(now_s, any(not frame.is_error for frame in frames))
                 break
         self.counts["frames"] += len(frames)
         errors = [frame for frame in frames if frame.is_error]
@@ -133,11 +141,23 @@ class BusLink(Link):
     def _take_errors(self, errors: list[CanFrame], last: CanFrame, now_s: float) -> None:
         """Count error frames; a controller that has switched itself off is a bus that is down."""
         self.counts["error_frames"] += len(errors)
-        off = any(frame.arbitration_id & _ERROR_BUS_OFF for frame in errors)
+        if not self._error_classes:
+            return
+        off, hint = False, self.hint
+        for frame in errors:
+            names = error_names(frame.arbitration_id, frame.data)
+            self.error_counts.update(names)
+            off |= BUS_OFF in names
+            hint = hint_after(names, hint)
         # Data after it: the controller has been restarted meanwhile.
-        if off and self._error_classes and last.is_error and self._bus is not None:
+        if off and last.is_error and self._bus is not None:
             self.close()
             self._failed(now_s, "bus-off: the controller has switched itself off", until_data=True)
+        elif hint != self.hint:
+            self.hint = hint
+            if hint and now_s >= self._hint_told_s + HINT_PERIOD_S:
+                self._hint_told_s = now_s
+                self._log.warning("%s: %s", self.label, hint)
 
     def send(self, frames: list[OutFrame], now_s: float) -> None:
         """Send what can be sent; the rest is counted."""
@@ -163,6 +183,7 @@ class BusLink(Link):
         """Close it for good."""
         bus, self._bus = self._bus, None
         self._is_open = False
+        self.hint = ""
         self.generation += 1
         if bus is not None:
             self._dropped_before += bus.dropped

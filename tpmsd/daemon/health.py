@@ -79,6 +79,7 @@ class Health:
             if name not in _COUNTS_OF_DECODING and not name.startswith("decode."):
                 faults[name.rpartition(".")[2]] += count
         bus = self._bus
+        faults += bus.error_counts
         faults += Counter(
             down=bus.downs,
             dropped_by_kernel=bus.dropped,
@@ -91,8 +92,9 @@ class Health:
         )
         age_s = now_s - self._frame_s
         state = _state(bus.is_down, bus.counts["frames"] > 0, age_s, BUS_SILENT_S)
+        detail = bus.reason or bus.hint
         return SourceHealth(
-            state, self._config.can.channel, bus.counts["frames"], dict(faults), age_s, bus.reason
+            state, self._config.can.channel, bus.counts["frames"], dict(faults), age_s, detail
         )
 
     def _gnss(self, pipeline: Pipeline, now_s: float) -> SourceHealth:

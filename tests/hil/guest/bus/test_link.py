@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import contextlib
 import signal
+import socket
 import statistics
+import struct
 import subprocess
 import time
 from collections.abc import Iterator
@@ -33,19 +35,35 @@ FRAME_BITS = 111
 WATCH_S = 6.0
 FLOOD = 12_000
 """Frames: twice what the greatest receive buffer holds."""
+CAN_ERR_FLAG = 0x20000000
+CRTL, BUS_ERROR, NO_ACK, BUS_OFF, RESTARTED = 0x004, 0x088, 0x020, 0x040, 0x100
+RX_OVERFLOW, TX_PASSIVE, ACTIVE = 0x01, 0x20, 0x40
+"""Of linux/can/error.h."""
 WHEELS = "0B0"
 """The identifier of the rear wheels' message, as the simulator sends it."""
 
 
 @pytest.fixture(scope="module")
-def daemon(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Daemon]:
-    folder = tmp_path_factory.mktemp("link")
-    car, pty = folder / "car", folder / "gnss"
-    with simulating(car, "--duration", "200", "--route", "rural", "--live", "vcan0", "--pty", pty):
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("link")
+
+
+@pytest.fixture(scope="module")
+def car(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """The simulator, driving on vcan0."""
+    pty = folder / "gnss"
+    with simulating(
+        folder / "car", "--duration", "200", "--route", "rural", "--live", "vcan0", "--pty", pty
+    ) as it:
         wait_until(pty.exists, "the car drives")
-        with running(car, "--device", str(pty)) as running_daemon:
-            running_daemon.until(lambda status: status["can"]["frames"] > 100, "frames are read")
-            yield running_daemon
+        yield it
+
+
+@pytest.fixture(scope="module")
+def daemon(folder: Path, car: subprocess.Popen[bytes]) -> Iterator[Daemon]:
+    with running(folder / "car", "--device", str(folder / "gnss")) as running_daemon:
+        running_daemon.until(lambda status: status["can"]["frames"] > 100, "frames are read")
+        yield running_daemon
 
 
 @contextlib.contextmanager
@@ -55,6 +73,15 @@ def cangen(*arguments: str) -> Iterator[subprocess.Popen[bytes]]:
         yield process
     finally:
         end(process)
+
+
+def inject(*errors: tuple[int, int]) -> None:
+    """Error frames as a controller's driver would raise them: class (linux/can/error.h) and data[1]."""
+    with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as raw:
+        raw.bind(("vcan0",))
+        for error, detail in errors:
+            data = bytes((0, detail, 0, 0, 0, 0, 130, 0))
+            raw.send(struct.pack("=IB3x8s", CAN_ERR_FLAG | error, len(data), data))
 
 
 def packets(channel: str) -> int:
@@ -84,6 +111,58 @@ def test_a_full_bus_costs_no_tick_and_no_frame(daemon: Daemon) -> None:
     assert (after["can"]["frames"] - before["can"]["frames"]) / took_s == pytest.approx(170.0, rel=0.1)
     assert "ok" == after["can"]["state"]
     assert {"dropped_by_kernel", "jump", "too_late"}.isdisjoint(after["can"]["faults"])
+
+
+def test_error_frames_are_counted_by_what_they_say(daemon: Daemon) -> None:
+    """Each kind in the status, error-passive in words until it ends; ticks and the wheels' frames go on."""
+    before = daemon.status()
+    inject((CRTL, TX_PASSIVE), *20 * [(BUS_ERROR, 0)], *7 * [(NO_ACK, 0)], (CRTL, RX_OVERFLOW))
+    said = daemon.until(
+        lambda status: status["can"]["faults"].get("controller_overflow"), "errors are counted"
+    )
+    later = daemon.until(lambda status: status["ticks"] > said["ticks"] + 20, "ticks go on")
+    inject((CRTL, ACTIVE))
+    well = daemon.until(lambda status: not status["can"]["detail"], "the controller is well again")
+
+    expected = {
+        "error_frames": 29,
+        "error_passive": 1,
+        "bus_error": 20,
+        "not_acknowledged": 7,
+        "controller_overflow": 1,
+    }
+    faults = said["can"]["faults"]
+    assert expected == {name: faults[name] - before["can"]["faults"].get(name, 0) for name in expected}
+    assert "ok" == said["can"]["state"] == later["can"]["state"] == well["can"]["state"]
+    assert said["can"]["detail"].startswith("error-passive")
+    assert later["can"]["frames"] > said["can"]["frames"] + 100
+    assert "jump" not in later["can"]["faults"]
+    assert 1 == daemon.log().count("error-passive")
+
+
+def test_bus_off_is_said_and_ends_with_the_cars_frames(daemon: Daemon, car: subprocess.Popen[bytes]) -> None:
+    """A controller that is off hears nothing: a bus that is down, one log line each way, no restart."""
+    lines = len(daemon.log().splitlines())
+    car.send_signal(signal.SIGSTOP)
+    try:
+        inject((BUS_OFF, 0))
+        down = daemon.until(lambda status: status["can"]["state"] == "down", "the bus is off")
+        # Restarted by the kernel, and off again: nothing that was heard says that it is well.
+        inject((RESTARTED, 0), (BUS_OFF, 0))
+        daemon.until(lambda status: status["ticks"] > down["ticks"] + 30, "ticks go on")
+        still = daemon.status()
+    finally:
+        car.send_signal(signal.SIGCONT)
+    up = daemon.until(lambda status: status["can"]["state"] == "ok", "the bus is back")
+    daemon.until(lambda status: status["can"]["frames"] > up["can"]["frames"] + 100, "frames are read")
+    told = [line for line in daemon.log().splitlines()[lines:] if "CAN vcan0" in line]
+
+    assert "bus-off: the controller has switched itself off" == down["can"]["detail"]
+    assert ("down", down["can"]["faults"]["down"]) == (still["can"]["state"], still["can"]["faults"]["down"])
+    assert "" == up["can"]["detail"]
+    assert 1 == sum("bus-off" in line and "trying again until it is back" in line for line in told)
+    assert 1 == sum("is back after" in line for line in told)
+    assert daemon.process.poll() is None
 
 
 def test_an_overflow_of_the_receive_buffer_is_counted_and_survived(daemon: Daemon) -> None:
