@@ -52,8 +52,8 @@ format: $(DEV)  ## put the sources into the house style
 bench: $(RUNTIME)  ## the figures of the README, measured on this machine (BENCH_ARGS=...)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) benchmarks/bench.py $(BENCH_ARGS)
 
-bench-live: $(RUNTIME)  ## rate, lateness and CPU time of the daemon on a full bus, in real time (BENCH_ARGS=...)
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) benchmarks/bench_live.py $(BENCH_ARGS)
+bench-live: $(RUNTIME)  ## rate, lateness and CPU time of the daemon on a full bus, in real time (BENCH_ARGS=--guest)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m benchmarks.bench_live $(BENCH_ARGS)
 
 bench-calibrate: $(DEV)  ## paper 002's experiment, its method and ours (BENCH_ARGS=...)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) benchmarks/bench_calibrate.py $(BENCH_ARGS)
