@@ -29,7 +29,7 @@ DOCDIR ?= /usr/local/share/doc/tpmsd
 MANDIR ?= /usr/local/share/man
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format bench bench-live bench-calibrate bench-diagnose test-hil install uninstall deb bench-vehicle-state soak fuzz clean
+.PHONY: help demo test lint format bench bench-live bench-calibrate bench-diagnose bench-alarms test-hil install uninstall deb bench-vehicle-state soak fuzz clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | awk -F'\t' '{printf "  make %-15s %s\n", $$1, $$2}'
@@ -74,6 +74,9 @@ deb: $(RUNTIME)  ## a Debian package, to build/deb
 
 bench-diagnose: $(DEV)  ## the diagnosis on drives of other worlds, truth sealed (BENCH_ARGS=--full: a day)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m benchmarks.diagnosis_bench.run $(BENCH_ARGS)
+
+bench-alarms: $(DEV)  ## soft tyres and harmless drives: detection, false alarms per km (BENCH_ARGS=--full: hours)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m benchmarks.alarms_bench.run $(BENCH_ARGS)
 
 bench-vehicle-state: $(DEV)  ## paper 004's experiment, and what its slips do for the tyres (BENCH_ARGS=...)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) benchmarks/bench_vehicle_state.py $(BENCH_ARGS)

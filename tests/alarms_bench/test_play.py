@@ -1,0 +1,121 @@
+"""Ticks without frames give the program the same drive as the folder does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.alarms_bench.cars import Car, draw_car
+from benchmarks.alarms_bench.legs import Driven, Leg, Loss, drive_leg
+from benchmarks.alarms_bench.one import story, write_story
+from benchmarks.alarms_bench.play import fast_seconds, hear
+from benchmarks.alarms_bench.ticks import ticks_of
+from tests.worlds.folder import write_folder
+from tpmsd.cli.drive_reading import read_ticks
+from tpmsd.cli.replay import replay
+from tpmsd.config.load import load_config
+
+BUSES = {
+    "counts": {"wheel_signal": "counts", "teeth": 48.0, "split_wheels": True},
+    "speeds": {"wheel_signal": "speeds", "speed_step_kmh": 0.03, "split_wheels": False},
+}
+
+
+def car_with(bus: str) -> Car:
+    drawn = draw_car(np.random.default_rng(6), "development", 6)
+    spec = replace(drawn.spec, **BUSES[bus], receiver_hz=5.0, with_gyro=True, with_accel=True)  # type: ignore[arg-type]
+    return replace(drawn, spec=spec)
+
+
+@pytest.fixture(scope="module", params=sorted(BUSES))
+def leaking(request: pytest.FixtureRequest) -> Driven:
+    """Learned within two minutes, then a quarter of a tyre's pressure goes."""
+    leg = Leg(seed=2, road="track", duration_s=330.0, losses=(Loss(3, 0.3, 200.0, 10.0),))
+    return drive_leg(car_with(request.param), leg)
+
+
+def test_ticks_are_those_of_the_written_folder(leaking: Driven, tmp_path: Path) -> None:
+    """Rotations agree to a hundredth of a count, fixes and gyro to what the text rounds."""
+    write_folder(leaking.drive, tmp_path)
+    read = {round(tick.time_s, 3): tick for tick in read_ticks(tmp_path, load_config(tmp_path))}
+    made = {round(tick.time_s, 3): tick for tick in ticks_of(leaking.drive)}
+    both = sorted(read.keys() & made.keys())[20:-20]
+
+    assert len(both) > 3200
+    turned = np.array([[read[t].rotation_rad, made[t].rotation_rad] for t in both])
+    assert np.abs(turned[:, 0] - turned[:, 1]).max() < 2e-3
+    gyro = np.array([[read[t].yaw_rate_radps, made[t].yaw_rate_radps] for t in both])
+    assert np.abs(gyro[:, 0] - gyro[:, 1]).max() < 3e-3
+    fixes = [[[f for t in both for f in ticks[t].fixes] for ticks in (read, made)]][0]
+    assert len(fixes[0]) == pytest.approx(len(fixes[1]), abs=1)
+    speed = np.array([[a.speed_mps, b.speed_mps] for a, b in zip(*fixes, strict=False)])
+    assert np.abs(speed[:, 0] - speed[:, 1]).max() < 1e-6
+
+
+def test_ticks_give_the_alarms_of_a_replay_of_the_folder(leaking: Driven, tmp_path: Path) -> None:
+    """Kind, wheel and state of each alarm of a tyre are the same, and its time to within 3 s."""
+    write_folder(leaking.drive, tmp_path)
+    replayed = [a for a in replay(tmp_path, load_config(tmp_path)).alarms if a.kind != "malfunction"]
+    heard = [said for said in hear(leaking).said if said.kind != "malfunction"]
+
+    assert [("deflation", "rr")] == [(said.kind, said.wheel) for said in heard]
+    assert [(str(a.kind), a.wheel, a.state) for a in replayed] == [(s.kind, s.wheel, s.state) for s in heard]
+    late = [a.time_s - leaking.leg.start_s - s.time_s for a, s in zip(replayed, heard, strict=True)]
+    assert max(map(abs, late)) < 3.0
+
+
+def test_a_leg_by_frames_is_a_replay_of_its_folder(leaking: Driven, tmp_path: Path) -> None:
+    """Alarms and radii are those of `tpmsd replay`, to the last bit."""
+    write_folder(leaking.drive, tmp_path)
+    replayed = replay(tmp_path, load_config(tmp_path))
+    heard = hear(leaking, frames=True)
+
+    expected = [(a.time_s - leaking.leg.start_s, str(a.kind), a.wheel, a.state) for a in replayed.alarms]
+    assert expected == [(s.time_s, s.kind, s.wheel, s.state) for s in heard.said]
+    assert [wheel.change_m for wheel in replayed.wheels] == [x for x, _ in heard.change.values()]
+
+
+def test_what_was_learned_is_carried_over_a_restart() -> None:
+    """Already flat at the start: the alarm comes without learning anew, on the right wheel."""
+    car = car_with("counts")
+    healthy = hear(drive_leg(car, Leg(seed=1, road="track", duration_s=240.0)))
+    flat = drive_leg(car, Leg(seed=2, road="track", duration_s=150.0, losses=(Loss(0, 0.3),)))
+    heard = hear(flat, healthy.state, lambda so_far: so_far.said[0].time_s)
+    unlearned = hear(replace(flat, leg=flat.leg))
+
+    assert healthy.learned
+    assert not healthy.raised("deflation")
+    assert ["fl"] == [said.wheel for said in heard.raised("deflation")]
+    assert heard.played_s == heard.said[0].time_s
+    assert not unlearned.raised("deflation")
+
+
+def test_a_story_is_written_as_one_folder_with_the_car_parked_in_between(tmp_path: Path) -> None:
+    """Three legs, the learning ones first; time goes on, and the receiver starts where the car was left."""
+    told = story("development/3/" + _name("development", 3))
+    short = replace(told, legs=tuple(replace(leg, duration_s=30.0, losses=()) for leg in told.legs))
+    write_story(short, tmp_path)
+    stamps = [float(line[1:18]) for line in (tmp_path / "can.log").read_text().splitlines()]
+    pauses = np.diff(stamps)
+
+    assert ["bus.dbc", "can.log", "gnss.nmea", "vehicle.toml"] == sorted(p.name for p in tmp_path.iterdir())
+    assert 2 == int((pauses > 60.0).sum())
+    assert pauses.min() >= 0.0
+    assert replay(tmp_path, load_config(tmp_path)).tick_gaps == 2
+
+
+def _name(pool: str, seed: int) -> str:
+    from benchmarks.alarms_bench.cases import group
+
+    return group(pool, seed).cases[0].name.split("/")[-1]
+
+
+def test_driving_above_40_kmh_is_counted_between_two_instants() -> None:
+    """On a road of 52 to 97 km/h, after the start, all of it."""
+    driven = drive_leg(car_with("counts"), Leg(seed=1, road="track", duration_s=100.0))
+
+    assert 50.0 == pytest.approx(fast_seconds(driven, 40.0, 90.0), abs=0.05)
+    assert 0.0 == fast_seconds(driven, 0.0, 2.0)
