@@ -1,12 +1,14 @@
 """Recorded traffic for a bus that is not ours to pace: logs for `canplayer`, sentences for a pseudo terminal.
 
-In: a drive folder. Out: candump lines at another pace or in another form; a receiver.
+In: a drive folder. Out: candump lines at another pace or in another form; a receiver; what a recording holds,
+to be compared with what was played.
 """
 
 from __future__ import annotations
 
 import contextlib
 import gzip
+import math
 import os
 import pty
 import re
@@ -53,6 +55,30 @@ def write_log(
             out.write(f"({start_s + (time_s - start_s) / pace:.6f}) {change(rest)}\n")
             count += 1
     return count
+
+
+def frames_of(log: Path) -> list[tuple[int, bytes]]:
+    """Identifier (29-bit ones with bit 31) and data of each data frame of a log, in its order."""
+    frames = []
+    for _, rest in stamped(log):
+        identifier, _, data = rest.split()[1].partition("#")
+        # Behind the second # of CAN FD stands a digit of flags.
+        data = data[2:] if data.startswith("#") else data
+        frames.append((int(identifier, 16) | (len(identifier) > 3) << 31, bytes.fromhex(data)))
+    return frames
+
+
+def sentences_of(drive: Path, from_s: float = -math.inf, to_s: float = math.inf) -> list[str]:
+    """What the receiver said in that time since the first frame, without the daemon's own marks."""
+    start_s = next(iter(stamped(can_log(drive))))[0]
+    lines = [rest for time_s, rest in stamped(drive / "gnss.nmea") if from_s <= time_s - start_s <= to_s]
+    return [line for line in lines if not line.startswith("$PTPMSD")]
+
+
+def span_s(log: Path) -> float:
+    """From the first line to the last."""
+    times = [time_s for time_s, _ in stamped(log)]
+    return times[-1] - times[0]
 
 
 @contextlib.contextmanager
