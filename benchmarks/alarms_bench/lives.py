@@ -1,6 +1,7 @@
-"""Cars in order through weeks of confounding drives: any alarm is a false one.
+"""Cars in order through confounding drives: any alarm is a false one.
 
-In: the pool and a seed. Out: `Life`: a car, the drive on which it is learned, and the drives after.
+In: the pool and a seed. Out: `Life`: a car, the drives on which it is learned, and drives that confound, each
+from what was learned on the former, so that any of them can be played alone.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from benchmarks.alarms_bench.legs import Leg
 from benchmarks.alarms_bench.road import POOL_ROADS
 from tests.worlds.instruments import START_S
 
-LEGS = 9
+TEACHING = 2
+LEGS = TEACHING + 8
 WITH_OTHERS = ("load", "season", "sun", "outages", "multipath", "slip")
 SLOW_ROADS = ("city", "suburb", "alpine")
 DAY_S = 90_000.0
@@ -24,7 +26,7 @@ DAY_S = 90_000.0
 
 @dataclass(frozen=True)
 class Life:
-    """A car and its legs, the first of which teaches."""
+    """A car and its legs; the first `TEACHING` ones teach."""
 
     car: Car
     legs: tuple[Leg, ...]
@@ -39,9 +41,21 @@ def life(pool: str, seed: int) -> Life:
     usual = float(rng.uniform(0.0, 0.3))
     roads = POOL_ROADS[pool]
     names = list(TAGS)
-    legs = [Leg(0, roads[1], 1500.0, base_k, filled_k, usual, tags=("plain",))]
-    for k in range(1, LEGS):
-        tags: tuple[str, ...] = (names[(seed * (LEGS - 1) + k) % len(names)],)
+    legs = [
+        Leg(
+            k,
+            roads[1 + k],
+            1500.0 - 600.0 * k,
+            base_k,
+            filled_k,
+            usual,
+            tags=("plain",),
+            start_s=START_S + k * DAY_S,
+        )
+        for k in range(TEACHING)
+    ]
+    for k in range(TEACHING, LEGS):
+        tags: tuple[str, ...] = (names[(seed * (LEGS - TEACHING) + k) % len(names)],)
         if tags != ("plain",) and rng.random() < 0.35:
             other = str(rng.choice(WITH_OTHERS))
             tags = tags if other in tags else (*tags, other)

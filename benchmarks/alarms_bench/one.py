@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.alarms_bench.cars import POOLS, Car
 from benchmarks.alarms_bench.cases import group
 from benchmarks.alarms_bench.legs import Driven, Leg, drive_leg
-from benchmarks.alarms_bench.lives import life
+from benchmarks.alarms_bench.lives import TEACHING, life
 from benchmarks.alarms_bench.play import Heard, hear
 from benchmarks.alarms_bench.tyre import Array
 from tests.worlds.folder import write_folder
@@ -37,9 +37,9 @@ def story(name: str) -> Story:
     try:
         if len(parts) == 4:
             whole = life(parts[0], int(parts[2]))
-            legs = whole.legs[: int(parts[3]) + 1]
-            # wheels of another size, and what came of them, are not kept for the next leg
-            return Story(whole.car, tuple(leg for leg in legs[:-1] if not any(leg.resized_m)) + legs[-1:])
+            number = int(parts[3])
+            asked = whole.legs[number : number + 1] if number >= TEACHING else ()
+            return Story(whole.car, (*whole.legs[: min(number + 1, TEACHING)], *asked))
         of_car = group(parts[0], int(parts[1]))
     except ValueError:
         raise ValueError(f"{name}: seeds and legs are whole numbers") from None

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.alarms_bench.cache import RememberedEstimator, key_of
 from benchmarks.alarms_bench.events import FRAMES_NEEDED
 from benchmarks.alarms_bench.legs import Driven
 from benchmarks.alarms_bench.ticks import ticks_of
@@ -51,6 +52,7 @@ class Heard:
 
     said: list[Said] = field(default_factory=list)
     state: State = field(default_factory=dict)
+    """What is learned at the end; empty if it was not heard to the end."""
     learned: bool = False
     """Whether there is a baseline at the end."""
     learned_at_s: float = math.nan
@@ -77,10 +79,12 @@ def hear(
     before: State | None = None,
     stop: Callable[[Heard], float | None] | None = None,
     frames: bool | None = None,
+    memory: Path | None = None,
 ) -> Heard:
     """Play a leg. `stop` may say, after an alarm, at which time since the start enough was heard.
 
-    `frames`: through the decoder instead of by ticks; None: where the leg needs it.
+    `frames`: through the decoder instead of by ticks; None: where the leg needs it. `memory`: a folder that
+    keeps what the estimator made of it.
     """
     if frames is None:
         frames = any(tag in FRAMES_NEEDED for tag in driven.leg.tags)
@@ -94,6 +98,10 @@ def hear(
             config = config_of(short, folder)
             drive, database = None, load_database(config.can.dbc)
         pipeline = Pipeline(config, database)
+        remembered = None
+        if memory is not None:
+            key = key_of(driven.drive, config, pipeline.estimator, frames)
+            remembered = pipeline.estimator = RememberedEstimator(pipeline.estimator, memory, key)
         if before:
             pipeline.restore(json.loads(json.dumps(before)))
         steps: Iterator[Step]
@@ -101,7 +109,10 @@ def hear(
             steps = play(drive, pipeline, "leg")
         else:
             steps = (pipeline.on_tick(tick) for tick in ticks_of(driven.drive))
-        return _listen(driven, pipeline, steps, stop)
+        heard = _listen(driven, pipeline, steps, stop)
+        if remembered is not None:
+            remembered.keep()
+        return heard
 
 
 def _beginning(driven: Driven) -> Driven:
@@ -139,7 +150,8 @@ def _listen(
                 end_s = math.inf if wanted is None else max(wanted, now)
         if now >= end_s:
             break
-    heard.state = json.loads(json.dumps(pipeline.snapshot()))
+    else:
+        heard.state = json.loads(json.dumps(pipeline.snapshot()))
     if report is not None:
         heard.played_s = report.time_s - start_s
         heard.learned = report.learning_fraction >= 1.0

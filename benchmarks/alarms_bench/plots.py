@@ -106,6 +106,8 @@ def _rates(axes: Any, legs: Sequence[Row]) -> None:
     axes.axvline(1.0, color="0.8", lw=0.8, zorder=0)
     axes.set_yticks(range(len(names)), list(reversed(names)), fontsize=8)
     axes.set(
-        xscale="log", xlim=(0.08, 3000.0), xlabel="deflation alarms per 10,000 km (0.1: none), 95 % interval"
+        xscale="log",
+        xlim=(0.08, 30_000.0),
+        xlabel="deflation alarms per 10,000 km (0.1: none), 95 % interval",
     )
     axes.set_title("No fault, by what confounds", fontsize=10, loc="left")

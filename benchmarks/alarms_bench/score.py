@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from benchmarks.alarms_bench.cars import Car
 from benchmarks.alarms_bench.cases import Case, Group
 from benchmarks.alarms_bench.legs import Driven, drive_leg
-from benchmarks.alarms_bench.lives import Life
+from benchmarks.alarms_bench.lives import TEACHING, Life
 from benchmarks.alarms_bench.play import Heard, Said, State, fast_seconds, hear
 from benchmarks.alarms_bench.tyre import Array
 
@@ -23,12 +24,11 @@ Row = dict[str, Any]
 WHEELS = ("fl", "fr", "rl", "rr")
 AFTER_S = 45.0
 """A case is heard for this long after its alarm, to see which other wheels are named."""
-AFTER_FALSE_S = 60.0
 ONE_INCIDENT_S = 120.0
 """Alarms this close to each other are one incident."""
 
 
-def learned(car: Car, group: Group) -> tuple[Row, State, Array]:
+def learned(car: Car, group: Group, memory: Path | None) -> tuple[Row, State, Array]:
     """Drive the healthy legs; a row on how that went, what was learned and how warm the tyres were."""
     state: State = {}
     tyre_k = None
@@ -37,7 +37,7 @@ def learned(car: Car, group: Group) -> tuple[Row, State, Array]:
     heard = Heard()
     for leg in group.healthy:
         driven = drive_leg(car, leg, tyre_k)
-        heard = hear(driven, state)
+        heard = hear(driven, state, memory=memory)
         state, tyre_k = heard.state, driven.temperature_k
         kilometres += driven.kilometres
         false += [said for kind in ("deflation", "radius_deviation") for said in heard.raised(kind)]
@@ -46,21 +46,21 @@ def learned(car: Car, group: Group) -> tuple[Row, State, Array]:
     return row, state, tyre_k
 
 
-def play_group(group: Group) -> Iterator[Row]:
+def play_group(group: Group, memory: Path | None = None) -> Iterator[Row]:
     """A row for the learning and one for each case."""
     car = group.car
     begun = time.process_time()
-    first, state, tyre_k = learned(car, group)
+    first, state, tyre_k = learned(car, group, memory)
     about = _about(car)
     pool, seed, _ = group.cases[0].name.split("/")
     yield {"what": "learning", "name": f"{pool}/{seed}/learning", **about, **first, **_spent(begun)}
     for case in group.cases:
         begun = time.process_time()
-        row = play_case(car, case, state, tyre_k)
+        row = play_case(car, case, state, tyre_k, memory)
         yield {"what": "case", "name": case.name, **about, **row, **_spent(begun)}
 
 
-def play_case(car: Car, case: Case, state: State, tyre_k: Array | None) -> Row:
+def play_case(car: Car, case: Case, state: State, tyre_k: Array | None, memory: Path | None = None) -> Row:
     """Play one case from what was learned."""
     driven = drive_leg(car, case.leg, tyre_k)
     onset = case.leg.losses[0].onset_s
@@ -69,7 +69,7 @@ def play_case(car: Car, case: Case, state: State, tyre_k: Array | None) -> Row:
         real = [said for said in heard.raised("deflation") if said.time_s >= onset]
         return real[0].time_s + AFTER_S if real else None
 
-    heard = hear(driven, state, stop)
+    heard = hear(driven, state, stop, memory=memory)
     return judge(case, driven, heard)
 
 
@@ -134,26 +134,24 @@ def why_missed(case: Case, driven: Driven, heard: Heard, late: Said | None) -> s
     return f"{cause}: " + "; ".join(texts)
 
 
-def play_life(life: Life, pool: str, seed: int) -> Iterator[Row]:
-    """A row for each leg. After a false alarm, or on other wheels, the state before is taken up again."""
-    car = life.car
-    about = _about(car)
+def play_life(life: Life, pool: str, seed: int, memory: Path | None = None) -> Iterator[Row]:
+    """A row for each leg, all of it heard, alarms or not."""
+    about = _about(life.car)
     state: State = {}
     tyre_k: Array | None = None
     for k, leg in enumerate(life.legs):
         begun = time.process_time()
-        driven = drive_leg(car, leg, tyre_k)
-
-        def stop(heard: Heard) -> float | None:
-            false = heard.raised("deflation")
-            return false[0].time_s + AFTER_FALSE_S if false else None
-
-        heard = hear(driven, state, stop)
-        row = judge_leg(driven, heard)
-        if not row["deflation"] and not row["radius_deviation"] and not any(leg.resized_m):
-            state = heard.state
-        tyre_k = driven.temperature_k
-        yield {"what": "leg", "name": f"{pool}/life/{seed}/{k}", **about, **row, **_spent(begun)}
+        driven = drive_leg(life.car, leg, tyre_k)
+        heard = hear(driven, state, memory=memory)
+        if k < TEACHING:
+            state, tyre_k = heard.state, driven.temperature_k
+        yield {
+            "what": "leg",
+            "name": f"{pool}/life/{seed}/{k}",
+            **about,
+            **judge_leg(driven, heard),
+            **_spent(begun),
+        }
 
 
 def judge_leg(driven: Driven, heard: Heard) -> Row:
