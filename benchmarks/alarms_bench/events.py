@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.alarms_bench.road import ROADS, STEP_S, Profile, profile
+from benchmarks.alarms_bench.road import STEP_S, Profile, profile
 from benchmarks.alarms_bench.tyre import Array
 from tests.worlds.instruments import markov
 
@@ -171,10 +171,12 @@ def _lay(tag: str, surface: Surface, ride_: Profile, rng: np.random.Generator) -
             surface.sky[spell, 2] = 0.0
 
 
-def road_for(tags: tuple[str, ...], road: str) -> str:
-    """Where such a thing happens."""
+def road_for(tags: tuple[str, ...], road: str, roads: tuple[str, ...]) -> str:
+    """Where such a thing happens; `roads` are those of the pool: town, country, motorway, hills."""
     if "canyon" in tags:
-        return "city"
+        return roads[0]
+    if "gravel" in tags:
+        return roads[1]
     if "slip" in tags or "snow_chains" in tags:
-        return "hills" if road in ROADS else road
+        return roads[3]
     return road

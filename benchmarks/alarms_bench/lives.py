@@ -65,7 +65,7 @@ def life(pool: str, seed: int) -> Life:
                 for road in roads
             ]
         )
-        road = road_for(tags, str(rng.choice(roads, p=weights / weights.sum())))
+        road = road_for(tags, str(rng.choice(roads, p=weights / weights.sum())), roads)
         legs.append(
             Leg(
                 seed=k,
