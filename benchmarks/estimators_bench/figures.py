@@ -1,0 +1,269 @@
+"""The figures, as PNG.
+
+In: the bench's result as plain numbers. Out: files. Needs matplotlib (the extra `plot`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from benchmarks.estimators_bench.methods import SAMPLED, WANTED
+from benchmarks.estimators_bench.route import paper_route
+from benchmarks.estimators_bench.summary import diverged, fig9, mean, pick
+from benchmarks.estimators_bench.tasks import NUMBERS, RECEIVERS, SERIES_EVERY, USUAL
+from benchmarks.estimators_bench.world import SCENARIOS, TICK_S
+
+Row = dict[str, Any]
+COLOURS = dict(
+    zip(
+        WANTED,
+        ("tab:red", "black", "tab:gray", "tab:blue", "tab:green", "tab:olive", "tab:purple"),
+        strict=True,
+    )
+)
+MARKERS = dict(zip(WANTED, "*os^vDP", strict=True))
+
+
+def _save(figure: Figure, out: Path, name: str) -> Path:
+    figure.tight_layout()
+    path = out / name
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+    return path
+
+
+def _legend(axes: Axes, **where: Any) -> None:
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(fontsize=8, **where)
+
+
+def draw_route(_: dict[str, Any], out: Path) -> Path:
+    """The drive, as Fig 3, and its speed."""
+    route = paper_route()
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4.5))
+    left.plot(route.east_m / 1e3, route.north_m / 1e3, color="black")
+    left.plot(route.east_m[0] / 1e3, route.north_m[0] / 1e3, "go", label="start")
+    left.set(xlabel="east, km", ylabel="north, km", title="The drive: 12 km", aspect="equal")
+    _legend(left)
+    right.plot(route.time_s[::10] / 60, route.speed_mps[::10], color="black")
+    right.set(xlabel="time, min", ylabel="speed, m/s", title="18 min")
+    return _save(figure, out, "route.png")
+
+
+def draw_fig8(result: dict[str, Any], out: Path) -> Path | None:
+    """mu3 - mu4 over time, scenario by receiver (Figs 5, 7 and 8)."""
+    rows = [row for row in result.get("rows", []) if "series" in row and not row["front"]]
+    if not rows:
+        return None
+    names = [n for n in SCENARIOS if pick(rows, scenario=n)]
+    figure, axes = plt.subplots(
+        len(names), len(RECEIVERS), figsize=(13, 3.2 * len(names)), sharex=True, squeeze=False
+    )
+    for i, scenario in enumerate(names):
+        for j, receiver in enumerate(RECEIVERS):
+            here = axes[i, j]
+            some = pick(rows, scenario=scenario, receiver=receiver)
+            for row in sorted(some, key=lambda r: -WANTED.index(r["method"])):
+                series = row["series"]["difference_mm"]
+                time = [k * SERIES_EVERY * TICK_S / 60 for k in range(len(series))]
+                method = row["method"]
+                here.plot(time, series, color=COLOURS[method], lw=1.0, label=method)
+            if some:
+                truth = some[0]["series"]["truth_mm"]
+                here.plot(time, truth, "k--", lw=1.6, label="truth")
+                middle = (max(truth) + min(truth)) / 2
+                here.set_ylim(middle - 3.2, middle + 3.2)
+            here.set(title=f"{scenario}, {receiver} errors", ylabel="mu3 - mu4, mm")
+            here.grid(alpha=0.3)
+    for here in axes[-1]:
+        here.set_xlabel("time, min")
+    _legend(axes[0, -1], ncols=2, loc="upper right")
+    return _save(figure, out, "fig8-difference.png")
+
+
+def draw_fig9(result: dict[str, Any], out: Path) -> Path | None:
+    """RMSE over N (Fig 9)."""
+    rows = result.get("rows", [])
+    if not rows:
+        return None
+    figure, axes = plt.subplots(1, len(RECEIVERS), figsize=(12, 4.5), sharey=True)
+    for here, receiver in zip(axes, RECEIVERS, strict=True):
+        for method, numbers in fig9(rows, receiver).items():
+            if method in SAMPLED:
+                here.plot(
+                    list(numbers),
+                    list(numbers.values()),
+                    marker=MARKERS[method],
+                    color=COLOURS[method],
+                    label=method,
+                )
+            else:
+                here.axhline(numbers[0], color=COLOURS[method], ls="--", label=method)
+        here.set(xscale="log", yscale="log", xlabel="particles N", title=f"slow puncture, {receiver} errors")
+        here.set_xticks(NUMBERS, [str(n) for n in NUMBERS])
+        here.minorticks_off()
+        here.grid(alpha=0.3)
+    axes[0].set_ylabel("RMSE of mu3 - mu4, mm")
+    _legend(axes[1])
+    return _save(figure, out, "fig9-rmse.png")
+
+
+def draw_fig10(result: dict[str, Any], out: Path) -> Path | None:
+    """Share of diverged runs over N (Fig 10)."""
+    rows = result.get("rows", []) + result.get("batches", [])
+    if not rows:
+        return None
+    figure, axes = plt.subplots(1, len(RECEIVERS), figsize=(12, 4), sharey=True)
+    for here, receiver in zip(axes, RECEIVERS, strict=True):
+        for k, method in enumerate(m for m in WANTED if m in SAMPLED):
+            some = pick(rows, scenario="puncture", receiver=receiver, front=False, method=method)
+            counts = [(n, *diverged(pick(some, particles=n))) for n in NUMBERS]
+            at = [i + 0.2 * (k - 1.5) for i, (_, _, of) in enumerate(counts) if of]
+            shares = [100 * bad / of for _, bad, of in counts if of]
+            bars = here.bar(at, shares, width=0.2, color=COLOURS[method], label=method)
+            here.bar_label(bars, [f"{bad}/{of}" for _, bad, of in counts if of], fontsize=6)
+        here.set_xticks(range(len(NUMBERS)), [str(n) for n in NUMBERS])
+        here.set(xlabel="particles N", title=f"slow puncture, {receiver} errors", ylim=(0, 110))
+    axes[0].set_ylabel("diverged runs, %")
+    _legend(axes[1])
+    return _save(figure, out, "fig10-divergence.png")
+
+
+def draw_truthfulness(result: dict[str, Any], out: Path) -> Path | None:
+    """Coverage of the 95 % intervals, per method and receiver."""
+    rows = result.get("rows", [])
+    methods = [m for m in WANTED if pick(rows, method=m)]
+    if not methods:
+        return None
+    figure, axes = plt.subplots(1, 2, figsize=(12, 4), sharey=True)
+    for here, key, title in zip(
+        axes, ("cover_difference", "cover_radius"), ("left-right difference", "absolute radius"), strict=True
+    ):
+        for k, receiver in enumerate(RECEIVERS):
+            values = []
+            for method in methods:
+                number = USUAL if method in SAMPLED else 0
+                values.append(
+                    100
+                    * mean(pick(rows, method=method, receiver=receiver, particles=number, front=False), key)
+                )
+            here.bar([i + 0.4 * k - 0.2 for i in range(len(methods))], values, width=0.4, label=receiver,
+                     color=("0.7", "tab:blue")[k])  # fmt: skip
+        here.axhspan(90, 98, color="tab:green", alpha=0.25, label="90 to 98 %")
+        here.set_xticks(range(len(methods)), methods, rotation=25, ha="right")
+        here.set(title=f"95 % intervals of the {title}", ylim=(0, 105))
+    axes[0].set_ylabel("truth inside, %")
+    _legend(axes[0], loc="lower right")
+    return _save(figure, out, "coverage.png")
+
+
+def draw_speed(result: dict[str, Any], out: Path) -> Path | None:
+    """Run time over N (Table III), with the library and the kernel."""
+    speed = result.get("speed")
+    if speed is None:
+        return None
+    figure, (left, right) = plt.subplots(1, 2, figsize=(12, 4.5), width_ratios=(3, 2))
+    for method, cost in speed["methods_ms"].items():
+        if "0" in cost:
+            plain = method.split(",")[0]
+            left.axhline(cost["0"], color=COLOURS[plain], ls=":" if "four" in method else "--", label=method)
+        else:
+            left.plot(
+                [int(n) for n in cost],
+                list(cost.values()),
+                marker=MARKERS[method],
+                color=COLOURS[method],
+                label=method,
+            )
+    for number, ms in speed["library_ms"].items():
+        left.plot(int(number), ms, "x", color="tab:orange", ms=10, mew=2, label="library `particles`, AUG-PF")
+    if not isinstance(speed["kernel_ms"], str):
+        kernel = speed["kernel_ms"]
+        left.plot(
+            [int(n) for n in kernel],
+            list(kernel.values()),
+            color="tab:cyan",
+            marker=".",
+            label="compiled MPF-PN",
+        )
+    left.set(
+        xscale="log", yscale="log", xlabel="particles N", ylabel="ms per tick", title="run time per tick"
+    )
+    left.grid(alpha=0.3)
+    _legend(left)
+    where = {k: v for k, v in speed["where"].items() if k != "calls_per_tick"}
+    names = list(where)[::-1]
+    right.barh(names, [100 * where[name] for name in names], color="0.6")
+    right.set(xlabel="share of a tick, %", title=f"where MPF-PN spends it, N={USUAL}")
+    return _save(figure, out, "run-time.png")
+
+
+def draw_recordings(result: dict[str, Any], out: Path) -> Path | None:
+    """The artificial drop on real recordings."""
+    rows = result.get("recordings", [])
+    folders = sorted({row["folder"] for row in rows})
+    if not folders:
+        return None
+    figure, axes = plt.subplots(len(folders), 1, figsize=(9, 2.8 * len(folders)), squeeze=False)
+    for here, folder in zip(axes[:, 0], folders, strict=True):
+        some = pick(rows, folder=folder)
+        for row in sorted(some, key=lambda r: -WANTED.index(r["method"])):
+            series = row["series"]["difference_mm"]
+            time = [2.0 * k / 60 for k in range(len(series))]
+            here.plot(time, series, color=COLOURS[row["method"]], lw=1.0, label=row["method"])
+        here.plot(time, some[0]["series"]["truth_mm"], "k--", lw=1.6, label="laid over, and the tyres' own")
+        here.set(title=Path(folder).name, ylabel="mu3 - mu4, mm", ylim=(-2.0, 4.5))
+        here.grid(alpha=0.3)
+    axes[-1, 0].set_xlabel("time, min")
+    _legend(axes[0, 0], ncols=2)
+    return _save(figure, out, "recordings.png")
+
+
+def draw_survival(result: dict[str, Any], out: Path) -> Path | None:
+    """Errors and stated errors hour by hour."""
+    rows = result.get("survival", [])
+    if not rows:
+        return None
+    figure, axes = plt.subplots(1, 2, figsize=(12, 4), sharex=True)
+    for row in rows:
+        hours = range(1, len(row["hourly"]) + 1)
+        for here, key in zip(axes, ("rmse_difference_mm", "std_difference_mm"), strict=True):
+            here.plot(
+                hours,
+                [h[key] for h in row["hourly"]],
+                color=COLOURS[row["method"]],
+                marker=".",
+                label=row["method"],
+            )
+    for here, title in zip(axes, ("RMSE of mu3 - mu4", "stated standard deviation"), strict=True):
+        here.set(title=title, xlabel="hour", ylabel="mm", yscale="log")
+        here.grid(alpha=0.3)
+    _legend(axes[1])
+    return _save(figure, out, "survival.png")
+
+
+DRAWERS: tuple[Callable[[dict[str, Any], Path], Path | None], ...] = (
+    draw_route,
+    draw_fig8,
+    draw_fig9,
+    draw_fig10,
+    draw_truthfulness,
+    draw_speed,
+    draw_recordings,
+    draw_survival,
+)
+
+
+def draw_all(result: dict[str, Any], out: Path) -> list[Path]:
+    """All figures that the result has something for."""
+    return [path for drawer in DRAWERS if (path := drawer(result, out)) is not None]

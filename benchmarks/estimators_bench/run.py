@@ -1,0 +1,188 @@
+"""Paper 000's comparison of estimators, and what goes beyond it.
+
+    make bench-estimators                            a few minutes on two cores
+    make bench-estimators BENCH_ARGS="--full"        100 Monte-Carlo runs of everything: hours
+    make bench-estimators BENCH_ARGS="--survive 10"  10 h of driving with stops, outages and resets
+    make bench-estimators BENCH_ARGS="--tune"        the grid from which each method's setting was taken
+
+Writes results.json, results.md and the figures to OUT (bench-out/estimators). Progress goes to standard
+error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from benchmarks.estimators_bench import batches, recordings, speed, survive, tune
+from benchmarks.estimators_bench.methods import available
+from benchmarks.estimators_bench.report import markdown
+from benchmarks.estimators_bench.tasks import Task, perform, plan
+
+REPO = Path(__file__).resolve().parent.parent.parent
+DEFAULT_RUNS = 2
+FULL_RUNS = 100
+
+
+def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """The command line."""
+    about = (__doc__ or "").split("\n\n")
+    parser = argparse.ArgumentParser(
+        prog="make bench-estimators",
+        description=about[0],
+        epilog="\n\n".join(about[1:]),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "--full", action="store_true", help=f"{FULL_RUNS} Monte-Carlo runs instead of {DEFAULT_RUNS}"
+    )
+    parser.add_argument("--runs", type=int, metavar="N", help="that many Monte-Carlo runs")
+    parser.add_argument(
+        "--jobs", type=int, metavar="N", default=os.cpu_count() or 1, help="processes (all cores)"
+    )
+    parser.add_argument("--out", type=Path, metavar="FOLDER", default=Path("bench-out/estimators"))
+    parser.add_argument("--only", metavar="PARTS", default="runs,batches,speed,recordings",
+                        help="of runs,batches,speed,recordings (all)")  # fmt: skip
+    parser.add_argument(
+        "--tune", action="store_true", help="play the tuning grid and print the best settings"
+    )
+    parser.add_argument("--survive", type=float, metavar="HOURS", help="long drives, and nothing else")
+    parser.add_argument("--recordings", type=Path, metavar="FOLDER", default=recordings.root(),
+                        help="drive folders (TPMSD_RECORDINGS, or ../shared/recordings)")  # fmt: skip
+    args = parser.parse_args(arguments)
+    args.parts = set(args.only.split(","))
+    unknown = args.parts - {"runs", "batches", "speed", "recordings"}
+    if unknown:
+        parser.error(f"--only: unknown part {', '.join(sorted(unknown))}")
+    args.runs = args.runs if args.runs is not None else FULL_RUNS if args.full else DEFAULT_RUNS
+    if args.runs < 1 or args.jobs < 1 or (args.survive is not None and args.survive <= 0.0):
+        parser.error("--runs, --jobs and --survive must be positive")
+    return args
+
+
+class Progress:
+    """One line per finished run on standard error."""
+
+    def __init__(self, total: int) -> None:
+        self._total, self._done, self._begun = total, 0, time.monotonic()
+
+    def say(self, line: str, counts: bool = False) -> None:
+        """Print a line; `counts`: it ends one of the runs."""
+        self._done += counts
+        spent = time.monotonic() - self._begun
+        left = spent / self._done * (self._total - self._done) if self._done else 0.0
+        head = (
+            f"[{self._done}/{self._total} {spent:.0f} s, {left:.0f} s to go]"
+            if counts
+            else f"[{spent:.0f} s]"
+        )
+        print(head, line, file=sys.stderr, flush=True)
+
+
+def spread(
+    items: Sequence[Any], work: Callable[[Any], Any], label: Callable[[Any], str], jobs: int
+) -> list[Any]:
+    """Do all items in some processes; results in the order of the items. Interrupted, keeps what is done."""
+    progress = Progress(len(items))
+    results: dict[int, Any] = {}
+    if jobs == 1:
+        for k, item in enumerate(items):
+            results[k] = work(item)
+            progress.say(label(item), counts=True)
+        return [results[k] for k in sorted(results)]
+    with ProcessPoolExecutor(jobs) as pool:
+        futures = {pool.submit(work, item): k for k, item in enumerate(items)}
+        try:
+            for future in as_completed(futures):
+                results[futures[future]] = future.result()
+                progress.say(label(items[futures[future]]), counts=True)
+        except KeyboardInterrupt:
+            print("Interrupted: the tables are of what was done", file=sys.stderr)
+            pool.shutdown(wait=False, cancel_futures=True)
+    return [results[k] for k in sorted(results)]
+
+
+def commit() -> str:
+    """The program's state, as git names it."""
+    found = subprocess.run(
+        ["git", "describe", "--always", "--dirty"], cwd=REPO, capture_output=True, text=True, check=False
+    )
+    return found.stdout.strip() or "unknown"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """The bench; its exit code."""
+    args = parse(arguments)
+    begun = time.monotonic()
+    have, missing = available()
+    result: dict[str, Any] = {
+        "commit": commit(),
+        "machine": f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}",
+        "runs": args.runs,
+        "methods": have,
+        "missing": missing,
+    }
+    if missing:
+        print(f"Not among this program's methods, so left out: {', '.join(missing)}", file=sys.stderr)
+    args.out.mkdir(parents=True, exist_ok=True)
+    if args.tune:
+        rows = spread(tune.tasks(), perform, lambda t: f"{t.label} {t.setting}", args.jobs)
+        settings, lines = tune.best(rows)
+        print("\n".join(lines))
+        print("\n".join(f"{key!r}: {setting!r}," for key, setting in sorted(settings.items())))
+        (args.out / "tuning.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return 0
+    if args.survive is not None:
+        plans = [(method, args.survive) for method in have]
+        result["survival"] = spread(plans, survive.survive, lambda p: f"{p[0]}: {p[1]:g} h", args.jobs)
+        return finish(args.out, result, "survival", begun)
+    if "speed" in args.parts:  # first, while nothing else of ours runs
+        progress = Progress(0)
+        result["speed"] = speed.all_figures(args.full, progress.say)
+    if "runs" in args.parts:
+        tasks: list[Task] = plan(args.runs)
+        result["rows"] = spread(tasks, perform, lambda t: t.label, args.jobs)
+    if "batches" in args.parts:
+        found = spread(batches.plan(args.full), batches.perform, lambda b: b.label, args.jobs)
+        result["batches"] = [row for rows in found for row in rows]
+    if "recordings" in args.parts:
+        drives = recordings.plan(args.recordings)
+        if not drives:
+            print(
+                f"No recordings in {args.recordings}: that part is left out",
+                file=sys.stderr,
+            )
+        result["recordings"] = spread(drives, recordings.perform, lambda r: r.label, args.jobs)
+    return finish(args.out, result, "results", begun)
+
+
+def finish(out: Path, result: dict[str, Any], name: str, begun: float) -> int:
+    """Write JSON, Markdown and figures; print the Markdown."""
+    result["elapsed_s"] = time.monotonic() - begun
+    (out / f"{name}.json").write_text(json.dumps(result, default=float), encoding="utf-8")
+    text = markdown(result)
+    (out / f"{name}.md").write_text(text, encoding="utf-8")
+    print(text)
+    try:
+        from benchmarks.estimators_bench.figures import draw_all  # matplotlib is an extra
+    except ImportError:
+        print("No figures: they take the extra `plot`", file=sys.stderr)
+    else:
+        for path in draw_all(result, out):
+            print(f"Wrote {path}", file=sys.stderr)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
