@@ -1,6 +1,7 @@
 """What the slips are good for: gates and weights of the tyre filter on hard drives of the multi-body car.
 
     python benchmarks/bench_slip_gate.py [--json FILE] [--drives 3] [--first 1] [--minutes 7]
+    python benchmarks/bench_slip_gate.py --roads --first 11 --minutes 8     three cars, dry and wet
 
 Three questions. (1) Which gate keeps the radii true, and how much driving does it throw away: none, one
 vendor's thresholds (4 m/s, 2 degrees at the road wheels, 2 m/s2 along and across) and those scaled, the
@@ -24,8 +25,8 @@ from typing import Any
 
 import numpy as np
 from bench_vehicle_state import workshop
-from hard_drives import OFFSETS_M, STEERING_RATIO, TICK_S, HardDrive, instrumented, truth
-from multibody_car import Run, parameters
+from hard_drives import OFFSETS_M, SETTINGS, STEERING_RATIO, TICK_S, HardDrive, instrumented, truth
+from multibody_car import Run
 
 from tpmsd.config.model import FilterConfig, GnssConfig
 from tpmsd.estimators.motion_gate import MotionGate
@@ -81,7 +82,7 @@ def oracle(drive: HardDrive, slip: float, side_slip_rad: float) -> Rule:
 def true_side_slip(drive: HardDrive) -> FloatArray:
     """(n,) of the rear axle's middle."""
     v, u, r = drive.state.T
-    return np.arctan2(v - parameters().b * r, u)
+    return np.arctan2(v - drive.rear_m * r, u)
 
 
 @dataclass(frozen=True)
@@ -236,6 +237,30 @@ def study(runs: list[Run], first: int = 1) -> list[dict[str, Any]]:
     return rows
 
 
+def roads(first: int, drives: int, minutes: float) -> list[dict[str, Any]]:
+    """Question 1 for three cars on dry and wet roads, `drives` of each; errors in the order of `SETTINGS`."""
+    rows: list[dict[str, Any]] = []
+    seeds = range(first, first + drives)
+    made = [
+        instrumented(truth(seed, 60.0 * minutes, setting=setting), seed, setting=setting)
+        for seed in seeds
+        for setting in SETTINGS.values()
+    ]
+    print(f"{len(made)} drives: {'; '.join(SETTINGS)}{', in turn' if drives > 1 else ''}")
+    base = FilterConfig()
+    report("none (above 6 m/s)", [learn(d, base, lambda tick, speed: speed >= 6.0) for d in made], rows)
+    for scale in (1.0, 0.6):
+        report(f"vendor, times {scale:g}", [learn(d, base, vendor(scale)) for d in made], rows)
+    for scale in (1.0, 0.75, 0.5):
+        scaled = FilterConfig(max_accel_long_mps2=1.2 * scale, max_accel_lat_mps2=3.0 * scale)
+        report(f"thresholds, times {scale:g}", [learn(d, scaled) for d in made], rows)
+    for slip in (0.0075, 0.005):
+        report(
+            f"slip {slip:g}", [learn(d, FilterConfig(gate="slip", max_wheel_slip=slip)) for d in made], rows
+        )
+    return rows
+
+
 def main() -> None:
     """Run and print."""
     parser = argparse.ArgumentParser(
@@ -244,12 +269,16 @@ def main() -> None:
     parser.add_argument("--drives", type=int, default=3)
     parser.add_argument("--first", type=int, default=1, help="seed of the first drive")
     parser.add_argument("--minutes", type=float, default=7.0)
+    parser.add_argument("--roads", action="store_true", help="gates alone, three cars on dry and wet roads")
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
     if args.minutes * 60 / TICK_S <= SETTLED_TICK:
         parser.error("a drive must be longer than two minutes")
     seeds = range(args.first, args.first + args.drives)
-    rows = study([truth(seed, 60.0 * args.minutes) for seed in seeds], args.first)
+    if args.roads:
+        rows = roads(args.first, args.drives, args.minutes)
+    else:
+        rows = study([truth(seed, 60.0 * args.minutes) for seed in seeds], args.first)
     if args.json is not None:
         args.json.write_text(json.dumps(rows, indent=2), encoding="utf-8")
 

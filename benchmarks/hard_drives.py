@@ -1,13 +1,14 @@
-"""Hard driving of the multi-body car as ticks: bends up to the tyres' limit, hard braking, hard pulling.
+"""Hard driving of multi-body cars as ticks: bends up to the tyres' limit, hard braking, hard pulling.
 
-In: a seed. Out: `HardDrive`: the ticks that its instruments would make, and the truth. Two thirds of the
-time are driven as people drive in a hurry, a third calmly; nothing is held still for the estimator.
+In: a seed and a car. Out: `HardDrive`: the ticks that its instruments would make, and the truth. Two thirds
+of the time are driven as people drive in a hurry, a third calmly; nothing is held still for the estimator.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields, replace
+from typing import Any, Literal
 
 import numpy as np
 from multibody_car import DT_S, GRAVITY_MPS2, Now, Run, parameters, rolling_radius_m, run
@@ -28,8 +29,8 @@ START_S = 1_700_000_000.0
 class HurriedDriver:
     """Legs of some seconds, each with a speed to reach and a bend to take, calm ones among them."""
 
-    def __init__(self, rng: np.random.Generator, hard: bool) -> None:
-        self._rng, self._hard = rng, hard
+    def __init__(self, rng: np.random.Generator, hard: bool, grip: float = 1.0, base_m: float = 2.58) -> None:
+        self._rng, self._hard, self._grip, self._base_m = rng, hard, grip, base_m
         self._until = 0.0
         self._lateral = self._speed = self._pull = self._steer = 0.0
         self._brake, self._push = -2.0, 1.0
@@ -41,21 +42,21 @@ class HurriedDriver:
             calm = not self._hard or rng.random() < 0.35
             self._until = now.time_s + float(rng.uniform(5.0, 10.0) if calm else rng.uniform(2.0, 6.0))
             self._speed = float(rng.uniform(9.0, 30.0))
-            self._brake = -float(rng.uniform(0.5, 1.0) if calm else rng.uniform(2.0, 6.0))
-            self._push = float(rng.uniform(0.3, 0.9) if calm else rng.uniform(1.0, 2.5))
-            size = rng.uniform(0.0, 1.5) if calm else rng.uniform(2.0, 6.5)
+            grip = self._grip
+            self._brake = -float(rng.uniform(0.5, 1.0) if calm else grip * rng.uniform(2.0, 6.0))
+            self._push = float(rng.uniform(0.3, 0.9) if calm else grip * rng.uniform(1.0, 2.5))
+            size = rng.uniform(0.0, 1.5) if calm else grip * rng.uniform(2.0, 6.5)
             self._lateral = float(size * rng.choice([-1.0, 1.0])) if rng.random() < 0.75 else 0.0
         # Grip for both at once: in a bend there is less left for the brakes, and a rear-driven car spins.
-        used = min(abs(now.forward_mps * now.yaw_rate_radps) / 8.0, 1.0)
+        used = min(abs(now.forward_mps * now.yaw_rate_radps) / (8.0 * self._grip), 1.0)
         left = math.sqrt(max(1.0 - used**2, 0.0))
         wanted = 1.2 * (self._speed - now.forward_mps)
         wanted = max(min(wanted, self._push * left), self._brake * left)
         self._pull += float(np.clip(wanted - self._pull, -0.15, 0.10))
         speed = max(now.forward_mps, 5.0)
         curvature = float(np.clip(self._lateral / speed**2, -1 / 15, 1 / 15))
-        base = 2.58
         yaw = curvature * speed
-        steer = base * curvature + 0.0008 * curvature * speed**2 + 0.05 * (yaw - now.yaw_rate_radps)
+        steer = self._base_m * curvature + 0.0008 * curvature * speed**2 + 0.05 * (yaw - now.yaw_rate_radps)
         self._steer += float(np.clip(steer - self._steer, -0.002, 0.002))
         return self._steer, self._pull
 
@@ -72,14 +73,44 @@ class HardDrive:
     """(n, 4) longitudinal slip of the wheels over each tick, sigma."""
     accel: FloatArray
     """(n, 2) longitudinal and lateral, means over the ticks."""
+    rear_m: float
+    """Centre of gravity to rear axle."""
 
 
-def truth(seed: int, duration_s: float, hard: bool = True) -> Run:
+@dataclass(frozen=True)
+class Setting:
+    """A car on a road, with a driver who knows the grip."""
+
+    car: int = 2
+    friction: float = 1.0
+    slip_stiffness: float = 1.0
+
+    def parameters(self) -> Any:
+        """Of the multi-body car."""
+        return parameters(self.car, self.friction, self.slip_stiffness)
+
+
+BMW_DRY = Setting()
+SETTINGS = {
+    f"{name}, {road}": Setting(car, friction, stiffness)
+    for name, car, stiffness in (("Escort", 1, 0.8), ("BMW", 2, 1.0), ("Vanagon", 3, 1.25))
+    for road, friction in (("dry", 1.0), ("wet", 0.6))
+}
+"""Three cars on two roads, each car with tyres of its own."""
+
+
+def truth(seed: int, duration_s: float, hard: bool = True, setting: Setting = BMW_DRY) -> Run:
     """The car's run, up to five seconds before it spins or all but stops, if it does.
 
     Near standstill the library's model is another one, without slip.
     """
-    return until_spun(run(HurriedDriver(np.random.default_rng(seed), hard), duration_s, 15.0))
+    p = setting.parameters()
+    rng = np.random.default_rng(seed)
+    # The Vanagon is tall: it would fall over where the others slide.
+    driver = HurriedDriver(
+        rng, hard, setting.friction * (0.8 if setting.car == 3 else 1.0), round(p.a + p.b, 2)
+    )
+    return until_spun(run(driver, duration_s, 15.0, p))
 
 
 def until_spun(whole: Run) -> Run:
@@ -90,16 +121,17 @@ def until_spun(whole: Run) -> Run:
     return Run(**{part.name: getattr(whole, part.name)[:end] for part in fields(Run)})
 
 
-def vehicle() -> VehicleConfig:
+def vehicle(p: Any = None) -> VehicleConfig:
     """What the operator knows: geometry, and nominal radii that are a millimetre off."""
-    p = parameters()
+    p = parameters() if p is None else p
+    driven: Literal["front", "rear"] = "front" if p.T_se > 0.5 else "rear"
     nominal = rolling_radius_m(p) - OFFSETS_M
     return VehicleConfig(
         wheel_radius_m=(float(nominal[0]), float(nominal[1]), float(nominal[2]), float(nominal[3])),
         track_rear_m=p.T_r,
         track_front_m=p.T_f,
         wheelbase_m=p.a + p.b,
-        driven_axle="rear",
+        driven_axle=driven,
         steering_ratio=STEERING_RATIO,
         teeth_per_rev=TEETH,
     )
@@ -117,9 +149,8 @@ def _correlated(
     return out
 
 
-def _fixes(truth_: Run, rng: np.random.Generator, bad: float) -> list[Fix]:
+def _fixes(truth_: Run, rng: np.random.Generator, bad: float, p: Any) -> list[Fix]:
     """Fixes of the rear axle's middle; `bad` is the share of time with reflected signals."""
-    p = parameters()
     at = np.arange(0.07, truth_.time_s[-1], FIX_PERIOD_S)
     n = len(at)
     cos, sin = np.cos(truth_.heading_rad), np.sin(truth_.heading_rad)
@@ -156,8 +187,11 @@ def _fixes(truth_: Run, rng: np.random.Generator, bad: float) -> list[Fix]:
     ]
 
 
-def instrumented(truth_: Run, seed: int, bad_fixes: float = 0.0, inertial: bool = True) -> HardDrive:
+def instrumented(
+    truth_: Run, seed: int, bad_fixes: float = 0.0, inertial: bool = True, setting: Setting = BMW_DRY
+) -> HardDrive:
     """Ticks of 0.1 s as the timeline would make them; without `inertial` the bus has wheels only."""
+    p = setting.parameters()
     rng = np.random.default_rng(seed)
     n = len(truth_.time_s)
     quantum = 2 * math.pi / TEETH
@@ -177,7 +211,7 @@ def instrumented(truth_: Run, seed: int, bad_fixes: float = 0.0, inertial: bool 
     gyro = mean(truth_.yaw_rate_radps + error(math.radians(0.15), math.radians(0.15)))
     accel_long, accel_lat = mean(along + error(0.06, 0.1)), mean(lateral + error(0.06, 0.1))
     steer = STEERING_RATIO * mean(truth_.steer_rad + error(0.0005, 0.001))
-    fixes = _fixes(truth_, rng, bad_fixes)
+    fixes = _fixes(truth_, rng, bad_fixes, p)
     rotation = np.diff(counted[edges], axis=0)
     ticks, at = [], 0
     for k in range(len(rotation)):
@@ -205,8 +239,8 @@ def instrumented(truth_: Run, seed: int, bad_fixes: float = 0.0, inertial: bool 
             )
         )
     ends = edges[1:]
-    radius = rolling_radius_m(parameters())
+    radius = rolling_radius_m(p)
     slip = np.diff(truth_.angle_rad[edges], axis=0) * radius / np.diff(truth_.path_m[edges], axis=0) - 1.0
     state = np.stack([truth_.left_mps, truth_.forward_mps, truth_.yaw_rate_radps], axis=1)[ends]
     accel = np.stack([mean(truth_.accel_long_mps2), mean(truth_.accel_lat_mps2)], axis=1)
-    return HardDrive(ticks, vehicle(), state, slip, accel)
+    return HardDrive(ticks, vehicle(p), state, slip, accel, p.b)

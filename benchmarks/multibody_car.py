@@ -1,8 +1,9 @@
 """The multi-body car of CommonRoad, driven by a function: the truth that the vehicle-state benchmark uses.
 
-In: a driver, called a hundred times a second. Out: `Run`, at 100 Hz. The car is vehicle 2 of
-`commonroad-vehicle-models` (BMW 320i: 29 states, roll and pitch, load transfer, compliant axles, Magic
-Formula tyres with combined slip, spinning wheels); it shares no line with tpmsd's own physics.
+In: a driver, called a hundred times a second. Out: `Run`, at 100 Hz. The cars are those of
+`commonroad-vehicle-models` (29 states, roll and pitch, load transfer, compliant axles, Magic Formula tyres
+with combined slip, spinning wheels): 1 a Ford Escort (front-driven), 2 a BMW 320i and 3 a VW Vanagon (both
+rear-driven). They share no line with tpmsd's own physics.
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ from typing import Any
 
 import numpy as np
 from vehiclemodels.init_mb import init_mb
+from vehiclemodels.parameters_vehicle1 import parameters_vehicle1
 from vehiclemodels.parameters_vehicle2 import parameters_vehicle2
+from vehiclemodels.parameters_vehicle3 import parameters_vehicle3
 from vehiclemodels.vehicle_dynamics_mb import vehicle_dynamics_mb
 
 from tpmsd.wheels import FloatArray
@@ -27,10 +30,20 @@ STEER_SERVO_PER_S = 25.0
 MAX_STEER_RATE_RADPS = 1.2
 
 
-def parameters() -> Any:
-    """The car's parameters; the steering is let turn faster than the library's planner does (0.4 rad/s)."""
-    p = parameters_vehicle2()
+_CARS = {1: parameters_vehicle1, 2: parameters_vehicle2, 3: parameters_vehicle3}
+
+
+def parameters(car: int = 2, friction: float = 1.0, slip_stiffness: float = 1.0) -> Any:
+    """A car's parameters; the steering is let turn faster than the library's planner does (0.4 rad/s).
+
+    `friction` scales the tyres' largest forces (0.6: a wet road), `slip_stiffness` their longitudinal slip
+    stiffness: the library has one tyre for all its cars.
+    """
+    p = _CARS[car]()
     p.steering.v_min, p.steering.v_max = -MAX_STEER_RATE_RADPS, MAX_STEER_RATE_RADPS
+    p.tire.p_dx1 *= friction
+    p.tire.p_dy1 *= friction
+    p.tire.p_kx1 *= slip_stiffness
     return p
 
 
@@ -88,9 +101,9 @@ class Run:
     """Rolled by each hub."""
 
 
-def run(driver: Driver, duration_s: float, speed_mps: float) -> Run:
-    """Drive for so long from a straight start."""
-    p = parameters()
+def run(driver: Driver, duration_s: float, speed_mps: float, car: Any = None) -> Run:
+    """Drive for so long from a straight start; `car`: of `parameters`, the default one if None."""
+    p = parameters() if car is None else car
     x = np.array(init_mb([0.0, 0.0, 0.0, speed_mps, 0.0, 0.0, 0.0], p))
     angle, path = np.zeros(4), np.zeros(4)
     rows = []
