@@ -48,7 +48,7 @@ class Pipeline:
         self.assembler = self._source.assembler
         self.timeline = self._source.timeline
         self.estimator = build_estimator(config, np.random.default_rng(config.filter.seed))
-        self.monitor = Monitor(config.vehicle, config.monitor, monitored_wheels(config))
+        self.monitor = Monitor(config.vehicle, config.monitor, monitored_wheels(config), config.tyre)
 
     def on_frame(
         self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, is_fd: bool = False

@@ -106,6 +106,7 @@ def test_schema_and_records_have_the_same_keys() -> None:
         "gnss": model.GnssConfig,
         "filter": model.FilterConfig,
         "monitor": model.MonitorConfig,
+        "tyre": model.TyreConfig,
         "alarms": model.AlarmsConfig,
         "status": model.StatusConfig,
         "state": model.StateConfig,

@@ -77,7 +77,9 @@ def test_everything_configured_is_recorded(tmp_path: Path) -> None:
     """The recorded vehicle.toml holds every value with which the daemon ran, given or not."""
     extra = (
         '[gnss]\ndevice = "/dev/gps \\"0\\""\nlatency_s = 0.1\n'
-        "[monitor]\nlearn_s = 33.3\n[alarms]\nextended_ids = true\nstatus_id = 0x18FF1234\n"
+        "[monitor]\nlearn_s = 33.3\ndeflation_pressure_percent = 15\n"
+        '[tyre]\nsize = "205/60R15"\ncurve_pressure_percent = [10, 20]\ncurve_radius_mm = [0.6, 1.4]\n'
+        "[alarms]\nextended_ids = true\nstatus_id = 0x18FF1234\n"
         '[calibration]\nmade = "2024-07-01"\nmethod = "joint"\ndrives = "a, b"\nradius_std_rl_m = 0.0001\n'
     )
     config, _ = car(tmp_path, extra)

@@ -22,7 +22,7 @@ DOWN = SourceFault(0.0, "can", "down", "can0: network is down")
 def learned(wheels: tuple[int, ...] = ALL, **settings_: float) -> Player:
     player = Player(monitor(wheels, **settings_))
     assert [] == player.play(70.0)
-    assert player.monitor.baseline is not None
+    assert player.monitor.baseline.ready
     return player
 
 
@@ -33,14 +33,15 @@ def test_the_baseline_is_frozen_after_the_informative_time() -> None:
     """Only driving that teaches counts; the fraction rises to one; then each wheel is monitored."""
     player = Player(monitor(learn_s=45.0))
     player.play(300.0, informative=False)
-    assert (0.0, None) == (player.last.learning_fraction, player.monitor.baseline)
+    assert (0.0, False) == (player.last.learning_fraction, player.monitor.baseline.ready)
     player.play(22.5)
     assert 0.5 == pytest.approx(player.last.learning_fraction, abs=0.01)
     assert {WheelState.LEARNING} == {wheel.state for wheel in player.last.wheels}
     player.play(23.0)
     assert 1.0 == player.last.learning_fraction
-    assert player.monitor.baseline is not None
-    assert list(player.offset_m) == pytest.approx(player.monitor.baseline.deviation_m.tolist())
+    player.play(1.0)
+    changes = [wheel.change_m for wheel in player.last.wheels]
+    assert [0.0] * 4 == pytest.approx(changes, abs=2e-5)
     assert {WheelState.MONITORING} == {wheel.state for wheel in player.last.wheels}
 
 
@@ -48,10 +49,10 @@ def test_learning_goes_on_until_the_wheels_are_known_against_each_other() -> Non
     """However long the drive, no baseline is frozen while the wheels' contrast is uncertain."""
     player = Player(monitor())
     player.play(200.0, std_m=0.002)
-    assert player.monitor.baseline is None
+    assert not player.monitor.baseline.ready
     assert player.last.learning_fraction < 1.0
     player.play(1.0)
-    assert player.monitor.baseline is not None
+    assert player.monitor.baseline.ready
 
 
 def test_a_common_uncertainty_does_not_hold_learning_up() -> None:
@@ -61,16 +62,17 @@ def test_a_common_uncertainty_does_not_hold_learning_up() -> None:
     d = np.eye(4) - np.full((4, 4), 0.25)
     assert math.sqrt(max(np.diag(d @ estimate_covariance @ d))) < 0.0008 * RADIUS_M
     player.play(70.0)
-    assert player.monitor.baseline is not None
+    assert player.monitor.baseline.ready
 
 
 def test_the_baseline_does_not_follow_a_leak() -> None:
-    """Radii that shrink slowly for an hour are held against what was learned at first."""
+    """Radii that shrink slowly for an hour are held against what was learned at first, warm-up (here none,
+    expected are 0.4 mm) aside."""
     player = learned()
     player.dt_s = 1.0
     for step in range(60):
         player.play(60.0, one(2, -0.0002 * step))
-    assert -0.0002 * 59 * RADIUS_M == pytest.approx(player.last.wheels[2].change_m)
+    assert -0.0002 * 59 * RADIUS_M == pytest.approx(player.last.wheels[2].change_m, abs=7e-4)
     assert (AlarmKind.DEFLATION, "rl") in player.active()
 
 
@@ -80,13 +82,13 @@ def test_the_baseline_does_not_follow_a_leak() -> None:
 @pytest.mark.parametrize("wheel", range(4))
 @pytest.mark.parametrize("loss", [0.006, 0.02])
 def test_a_soft_tyre_is_announced_once_and_named(wheel: int, loss: float) -> None:
-    """A lasting loss raises the deflation of that very wheel, once, within ten seconds, and of no other."""
+    """A lasting loss raises the deflation of that very wheel, once, within 15 s, and of no other."""
     player = learned()
     begun = player.time_s
     events = player.play(120.0, one(wheel, -loss))
     deflations = [event for event in events if event.kind is AlarmKind.DEFLATION]
     assert [("deflation", WHEELS[wheel], "raised")] == said(deflations)
-    assert deflations[0].time_s + 500.0 - begun < 10.0  # told in the host's time
+    assert deflations[0].time_s + 500.0 - begun < 15.0  # told in the host's time
     assert deflations[0].probability >= 0.99
     assert player.offset_m[wheel] - loss * RADIUS_M == pytest.approx(deflations[0].deviation_m)
     assert {WHEELS[wheel]} == {event.wheel for event in events}
@@ -149,10 +151,12 @@ def test_a_radius_that_grew_is_a_deviation() -> None:
 def test_deviation_probability_is_the_normal_tail() -> None:
     """At a change of exactly the limit, half of the probability lies beyond it."""
     player = learned()
-    player.play(5.0, one(0, -0.008))
+    base = player.last.wheels[0].change_m
+    player.play(5.0, one(0, -0.008 - base / RADIUS_M))
     report = player.last.wheels[0]
-    assert 0.5 == pytest.approx(report.deviation_probability, abs=1e-6)
-    assert math.sqrt(2) * 1e-4 == pytest.approx(report.change_std_m)
+    assert -0.008 * RADIUS_M == pytest.approx(report.change_m, abs=3e-5)
+    assert 0.5 == pytest.approx(report.deviation_probability, abs=0.02)
+    assert 1e-4 < report.change_std_m
 
 
 def test_a_rear_pair_is_monitored_alone() -> None:
@@ -184,7 +188,7 @@ def test_estimates_that_are_not_known_are_left_out() -> None:
     )
 )
 def test_no_history_of_radii_flaps(stretches: list[tuple[list[float], bool, int]]) -> None:
-    """Of every kind and wheel, raised and cleared alternate, a raise takes 5 s and a clear 60 s of driving,
+    """Of every kind and wheel, raised and cleared alternate, a raise takes 10 s and a clear 60 s of driving,
     and what stands is what was raised and not cleared."""
     player = learned()
     standing: dict[tuple[str, str | None], float] = {}
@@ -196,7 +200,7 @@ def test_no_history_of_radii_flaps(stretches: list[tuple[list[float], bool, int]
                 now = player.informative_s
                 if event.state == "raised":
                     assert key not in standing
-                    assert now - cleared.get(key, -math.inf) >= 5.0 - 0.1
+                    assert now - cleared.get(key, -math.inf) >= 10.0 - 0.1
                     standing[key] = now
                 else:
                     assert now - standing.pop(key) >= 60.0 - 0.1
@@ -312,7 +316,7 @@ def restarted(player: Player, wheels: tuple[int, ...] = ALL) -> Player:
 
 
 def test_baseline_and_standing_alarms_survive_a_restart() -> None:
-    """After a restart the alarm stands at once, is cleared by health alone, and nothing is learned anew."""
+    """After a restart the alarm stands at once, stays while the tyre is soft, and health alone clears it."""
     player = learned()
     player.play(60.0, one(2, -0.02))
     assert {(AlarmKind.DEFLATION, "rl"), (AlarmKind.RADIUS_DEVIATION, "rl")} == set(player.active())
@@ -322,9 +326,8 @@ def test_baseline_and_standing_alarms_survive_a_restart() -> None:
     assert WheelState.ALARM is after.last.wheels[2].state
     assert 1.0 == after.last.learning_fraction
     assert [] == after.play(120.0, one(2, -0.02))
-    assert {("deflation", "rl", "cleared"), ("radius_deviation", "rl", "cleared")} == set(
-        said(after.play(70.0))
-    )
+    cleared = said(after.play(75.0))
+    assert {("deflation", "rl", "cleared"), ("radius_deviation", "rl", "cleared")} == set(cleared)
 
 
 def test_a_snapshot_is_the_same_after_a_round_trip() -> None:
@@ -340,7 +343,7 @@ def test_an_unlearned_snapshot_learns_on() -> None:
     player.play(10.0)
     after = restarted(player)
     after.play(70.0)
-    assert after.monitor.baseline is not None
+    assert after.monitor.baseline.ready
 
 
 def test_malfunctions_do_not_survive() -> None:
@@ -366,16 +369,28 @@ def _broken(saved: dict[str, Any], path: list[Any], value: object) -> dict[str, 
     ("path", "value"),
     [
         (["wheels"], ["rl", "rr"]),
-        (["baseline"], {}),
-        (["baseline"], 7),
-        (["baseline", "deviation_m"], [0.0, 0.0]),
-        (["baseline", "deviation_m", 1], None),
-        (["baseline", "deviation_m", 1], 0.5),
-        (["baseline", "deviation_m", 1], "soft"),
-        (["baseline", "covariance_m2"], [[0.0]]),
-        (["baseline", "covariance_m2", 0, 0], -1.0),
-        (["baseline", "covariance_m2", 0, 1], 5.0),
-        (["baseline", "covariance_m2", 0, 0], None),
+        (["sets"], None),
+        (["sets", "tyres"], "Winter tyres"),
+        (["sets", "others"], {"../x": {}}),
+        (["sets", "reset"], "maybe"),
+        (["sets", "baseline"], {}),
+        (["sets", "baseline"], 7),
+        (["sets", "before"], 7),
+        (["sets", "baseline", "ready"], "yes"),
+        (["sets", "baseline", "learned_s"], -1.0),
+        (["sets", "baseline", "learned_s"], math.inf),
+        (["sets", "baseline", "conditions", "cold"], [2.0, 0.0]),
+        (["sets", "baseline", "conditions", "time_s"], math.inf),
+        (["sets", "baseline", "conditions", "speed2"], -1.0),
+        (["sets", "baseline", "reference", "mean"], [0.0, 0.0]),
+        (["sets", "baseline", "reference", "mean", 1], None),
+        (["sets", "baseline", "reference", "mean", 1], 0.5),
+        (["sets", "baseline", "reference", "mean", 1], "soft"),
+        (["sets", "baseline", "reference", "ranges"], [1]),
+        (["sets", "baseline", "reference", "covariance"], [[0.0]]),
+        (["sets", "baseline", "reference", "covariance", 0, 0], -1.0),
+        (["sets", "baseline", "reference", "covariance", 0, 1], 5.0),
+        (["sets", "baseline", "reference", "covariance", 0, 0], None),
         (["alarms"], [{}]),
         (["alarms"], None),
         (["alarms", 0, "kind"], "flat"),
@@ -395,19 +410,3 @@ def test_nonsense_is_refused_and_nothing_of_it_taken_up(path: list[Any], value: 
         other.monitor.restore(saved)
     assert before == other.monitor.snapshot()
     assert [] == other.play(1.0)
-
-
-def test_forgetting_learns_anew_and_takes_alarms_back() -> None:
-    """After new tyres: baseline, alarms and the last judgement are gone, and the new radii become normal."""
-    player = learned()
-    player.play(30.0, one(2, -0.02))
-    player.monitor.forget()
-    player.play(1.0, one(2, -0.02))
-    assert [] == player.active()
-    wheel = player.last.wheels[2]
-    assert WheelState.LEARNING is wheel.state
-    assert (0.0, 0.0) == (wheel.deflation_probability, wheel.deviation_probability)
-    assert math.isnan(wheel.change_m)
-    assert [] == player.play(200.0, one(2, -0.02))
-    assert WheelState.MONITORING is player.last.wheels[2].state
-    assert 0.0 == pytest.approx(player.last.wheels[2].change_m)

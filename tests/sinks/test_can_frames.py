@@ -389,7 +389,11 @@ def test_the_frames_shown_in_the_documentation_are_these_very_frames() -> None:
         wheel_report("rl", state=WheelState.ALARM, deviation_m=-0.00437, std_m=0.00009, change_m=-0.00318),
         wheel_report("rr", state=WheelState.LEARNING, deviation_m=-0.00115, std_m=0.0003, change_m=NAN),
     )
-    wheels = (*wheels[:2], dataclasses.replace(wheels[2], deflation_probability=0.998), wheels[3])
+    wheels = (
+        *wheels[:2],
+        dataclasses.replace(wheels[2], deflation_probability=0.998, pressure_loss=0.37),
+        wheels[3],
+    )
     frames = CanReporter(AlarmsConfig()).frames(0.0, report(0.0, wheels, (alarm(),), (alarm(),)))
     documentation = (REPO / "docs" / "can-output.md").read_text()
     shown = re.findall(r"\b6F[01]#[0-9A-F]{16}\b", documentation)

@@ -17,12 +17,27 @@ from tpmsd import __version__
 from tpmsd.cli.status import colour_wanted, show, watch
 from tpmsd.cli.status_table import render_status
 from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.monitor.records import AlarmEvent, AlarmKind, MonitorReport, WheelReport, WheelState
+from tpmsd.monitor.records import (
+    AlarmEvent,
+    AlarmKind,
+    LearningReport,
+    MonitorReport,
+    WheelReport,
+    WheelState,
+)
 from tpmsd.sinks.status_document import LoopHealth, SourceHealth, SourceState, build_status
 
 NAN = math.nan
 DEFLATION = AlarmEvent(
-    1000.0, AlarmKind.DEFLATION, "rl", "raised", -0.0032, 0.0001, 0.997, "lost 3.2 mm against the others"
+    1000.0,
+    AlarmKind.DEFLATION,
+    "rl",
+    "raised",
+    -0.0032,
+    0.0001,
+    0.997,
+    "lost 3.2 mm against the others",
+    pressure_loss=0.31,
 )
 REPORT = MonitorReport(
     time_s=1190.0,
@@ -35,6 +50,9 @@ REPORT = MonitorReport(
     active=(DEFLATION,),
     events=(),
     learning_fraction=0.4,
+    learning=LearningReport(
+        "winter", ("default", "winter"), 40.0, ((29, 3), (58, 0)), "accepted", "learning winter anew"
+    ),
 )
 ESTIMATE = RadiusEstimate(
     time_s=1190.0,
@@ -69,6 +87,14 @@ def test_the_document_holds_all_in_the_units_it_states() -> None:
         "ticks": 37250,
         "missed_deadlines": 2,
         "learning_fraction": 0.4,
+        "baseline": {
+            "tyres": "winter",
+            "sets": ["default", "winter"],
+            "learned_s": 40.0,
+            "samples_by_kmh": {"29": 3, "58": 0},
+            "reset": "accepted",
+            "reset_reason": "learning winter anew",
+        },
         "can": {
             "state": "ok",
             "channel": "can0",
@@ -94,6 +120,8 @@ def test_the_document_holds_all_in_the_units_it_states() -> None:
                 "deviation_mm": -3.2,
                 "std_mm": 0.1,
                 "probability": 0.997,
+                "pressure_loss_percent": 31.0,
+                "pressure_loss_std_percent": None,
                 "reason": "lost 3.2 mm against the others",
             }
         ],
@@ -116,6 +144,8 @@ def test_the_document_holds_all_in_the_units_it_states() -> None:
         "change_std_mm": None,
         "deflation_probability": None,
         "deviation_probability": None,
+        "pressure_loss_percent": None,
+        "pressure_loss_std_percent": None,
     } == DOCUMENT["wheels"]["rr"]
     assert DOCUMENT == json.loads(json.dumps(DOCUMENT, allow_nan=False))
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, Protocol
 
-from tpmsd.config.model import AlarmsConfig, MonitorConfig, VehicleConfig
+from tpmsd.config.model import AlarmsConfig, MonitorConfig, TyreConfig, VehicleConfig
 from tpmsd.config.problems import BadValueError, show
 from tpmsd.config.schema import RADIUS
 from tpmsd.config.suggest import nearest
@@ -151,6 +151,15 @@ def monitor(settings: MonitorConfig, given: Collection[str], report: Reporter) -
             "monitor",
             key,
         )
+
+
+def tyre(settings: TyreConfig, given: Collection[str], report: Reporter) -> None:
+    """A measured curve needs as many radii as pressures."""
+    pressures, radii = len(settings.curve_pressure_percent), len(settings.curve_radius_mm)
+    if pressures != radii:
+        key = "curve_radius_mm" if "curve_radius_mm" in given else "curve_pressure_percent"
+        found = f"{pressures} pressures, {radii} radii"
+        report(BadValueError("the two lists of the curve differ in length", found, "as many"), "tyre", key)
 
 
 def alarms(settings: AlarmsConfig, given: Collection[str], report: Reporter) -> None:

@@ -22,6 +22,7 @@ from tpmsd.config.model import (
     MonitorConfig,
     StateConfig,
     StatusConfig,
+    TyreConfig,
 )
 from tpmsd.config.problems import BadValueError, ConfigProblems, Problem, show, show_key
 from tpmsd.config.rules import Rule
@@ -81,6 +82,8 @@ class _Parser:
         vehicle = agree.vehicle(raw_vehicle, good["vehicle"], given["vehicle"], wheels, steered, self._report)
         monitor = MonitorConfig(**good["monitor"])
         agree.monitor(monitor, given["monitor"], self._report)
+        tyre = TyreConfig(**good["tyre"])
+        agree.tyre(tyre, given["tyre"], self._report)
         alarms = AlarmsConfig(**good["alarms"])
         agree.alarms(alarms, given["alarms"], self._report)
         dbc = self._dbc(dbc, good["can"])
@@ -93,6 +96,7 @@ class _Parser:
                 gnss=GnssConfig(**good["gnss"]),
                 filter=FilterConfig(**good["filter"]),
                 monitor=monitor,
+                tyre=tyre,
                 alarms=alarms,
                 status=StatusConfig(**good["status"]),
                 state=StateConfig(**good["state"]),

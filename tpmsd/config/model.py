@@ -103,16 +103,36 @@ class MonitorConfig:
     """Informative driving before the baseline is frozen."""
     deflation_percent: float = 0.25
     """Loss of radius, in per cent of nominal, from which a wheel counts as deflated."""
+    deflation_pressure_percent: float | None = None
+    """The same as a loss of pressure, in per cent, by the table [tyre]; takes the place of the former."""
     deviation_percent: float = 0.8
     """Change of radius of either sign, in per cent of nominal, from which radius_deviation is raised."""
     raise_probability: float = 0.99
     clear_probability: float = 0.2
-    raise_hold_s: float = 5.0
+    raise_hold_s: float = 10.0
     """Driving time for which the probability must stay above before an alarm is raised."""
     clear_hold_s: float = 60.0
     malfunction_s: float = 30.0
     """Time without usable wheels (or, moving, without fixes) before malfunction is raised."""
     gnss_malfunction_s: float = 300.0
+
+
+@dataclass(frozen=True, slots=True)
+class TyreConfig:
+    """What turns a loss of radius into one of pressure (`tpmsd.physics.tyre`)."""
+
+    size: str | None = None
+    """As on the side wall, say 205/60R15; None if not known."""
+    load_n: float = 4000.0
+    """Vertical load of one tyre."""
+    pressure_kpa: float = 220.0
+    """Nominal, above the atmosphere's."""
+    stiffness_npm: float | None = None
+    """Vertical, N/m; None: from the size."""
+    curve_pressure_percent: tuple[float, ...] = ()
+    """A measured curve: losses of pressure, rising, ..."""
+    curve_radius_mm: tuple[float, ...] = ()
+    """... and the loss of radius at each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,6 +192,7 @@ class Config:
     gnss: GnssConfig = field(default_factory=GnssConfig)
     filter: FilterConfig = field(default_factory=FilterConfig)
     monitor: MonitorConfig = field(default_factory=MonitorConfig)
+    tyre: TyreConfig = field(default_factory=TyreConfig)
     alarms: AlarmsConfig = field(default_factory=AlarmsConfig)
     status: StatusConfig = field(default_factory=StatusConfig)
     state: StateConfig = field(default_factory=StateConfig)

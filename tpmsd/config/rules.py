@@ -7,7 +7,9 @@ with what was found and what is allowed. A rule knows neither file nor key.
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Protocol
 
@@ -21,6 +23,11 @@ _OTHER_UNITS = {
     "share": ((1e-2, "a share, not per cent"),),
 }
 _UNIX_SOCKET_BYTES = 107  # sun_path of Linux without its closing zero
+
+
+TYRE_SIZE = re.compile(r"(?:P|LT)?(\d{3})/(\d{2,3})\s?Z?RF?(\d{2}(?:\.5)?)C?\b", re.IGNORECASE)
+"""Width in mm, height in per cent of it, rim in inches; load index and speed symbol may follow."""
+_SIZE_ALLOWED = "a size as on the side wall, such as '205/60R15'"
 
 
 class Rule(Protocol):
@@ -135,6 +142,37 @@ class Text:
     def read(self, value: object) -> str:
         """The text without blanks around it."""
         return _text(value, "a text in quotes").strip()
+
+
+@dataclass(frozen=True, slots=True)
+class Rising:
+    """At least two numbers in a list, each greater than the one before."""
+
+    each: Number
+
+    def read(self, value: object) -> tuple[float, ...]:
+        """The numbers."""
+        allowed = f"a list of 2 to 50 rising numbers, {self.each.allowed}"
+        if not isinstance(value, list):
+            raise BadValueError("not a list", show(value), allowed)
+        numbers = tuple(self.each.read(one) for one in value)
+        if not 2 <= len(numbers) <= 50:
+            raise BadValueError("too short" if len(numbers) < 2 else "too long", show(value), allowed)
+        if any(later <= earlier for earlier, later in pairwise(numbers)):
+            raise BadValueError("not rising", show(value), allowed)
+        return numbers
+
+
+@dataclass(frozen=True, slots=True)
+class TyreSize:
+    """A tyre's size as on its side wall."""
+
+    def read(self, value: object) -> str:
+        """The size without blanks around it."""
+        text = _text(value, _SIZE_ALLOWED).strip()
+        if TYRE_SIZE.match(text) is None:
+            raise BadValueError("not a tyre's size", show(text), _SIZE_ALLOWED)
+        return text
 
 
 @dataclass(frozen=True, slots=True)

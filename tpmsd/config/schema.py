@@ -9,7 +9,19 @@ from __future__ import annotations
 from pathlib import Path
 
 from tpmsd.config.model import FILTER_GATES, FILTER_METHODS, FIX_WEIGHTS, ROLES
-from tpmsd.config.rules import Channel, Choice, FilePath, Flag, Number, Rule, SignalName, Text, Whole
+from tpmsd.config.rules import (
+    Channel,
+    Choice,
+    FilePath,
+    Flag,
+    Number,
+    Rising,
+    Rule,
+    SignalName,
+    Text,
+    TyreSize,
+    Whole,
+)
 from tpmsd.wheels import WHEELS
 
 DRIVEN_AXLES = ("front", "rear", "all")
@@ -65,6 +77,7 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
         "monitor": {
             "learn_s": Number(1.0, 86_400.0, "s"),
             "deflation_percent": _PERCENT,
+            "deflation_pressure_percent": Number(5.0, 50.0, "%"),
             "deviation_percent": _PERCENT,
             "raise_probability": _PROBABILITY,
             "clear_probability": _PROBABILITY,
@@ -72,6 +85,14 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
             "clear_hold_s": _DURATION,
             "malfunction_s": Number(1.0, 86_400.0, "s"),
             "gnss_malfunction_s": Number(1.0, 86_400.0, "s"),
+        },
+        "tyre": {
+            "size": TyreSize(),
+            "load_n": Number(500.0, 60_000.0, "N"),
+            "pressure_kpa": Number(80.0, 1200.0, "kPa"),
+            "stiffness_npm": Number(2e4, 5e6, "N/m"),
+            "curve_pressure_percent": Rising(Number(0.0, 100.0, "%", open=True)),
+            "curve_radius_mm": Rising(Number(0.0, 100.0, "mm", open=True)),
         },
         "alarms": {
             "can": Flag(),

@@ -13,7 +13,7 @@ from pathlib import Path
 from tpmsd.config.model import Config
 from tpmsd.wheels import WHEELS
 
-_TABLES = ("vehicle", "can", "gnss", "filter", "monitor", "alarms", "status", "state", "calibration")
+_TABLES = ("vehicle", "can", "gnss", "filter", "monitor", "tyre", "alarms", "status", "state", "calibration")
 
 
 def config_toml(config: Config, dbc: str) -> str:
@@ -28,8 +28,9 @@ def config_toml(config: Config, dbc: str) -> str:
                 value = dbc
             if value is None and (table, field.name) == ("state", "file"):
                 value = ""  # None says: keep none; leaving the key out would say: the usual one
-            if value is not None and not isinstance(value, dict):
-                lines.append(f"{field.name} = {_toml(value)}")
+            if value is not None and value != () and not isinstance(value, dict):
+                text = repr(list(value)) if table == "tyre" and isinstance(value, tuple) else _toml(value)
+                lines.append(f"{field.name} = {text}")
         lines.append("")
         if table == "can":
             lines.append("[can.signals]")

@@ -1,49 +1,218 @@
-"""The radii this car had when it was known to be in order.
+"""When the baseline is learned, and from what: it must never learn a fault.
 
-In: radius estimates while learning. Out: a frozen baseline, and changes against it with their covariance.
-Frozen, not tracked: a baseline that followed the radii would follow a slow leak too.
+In: ticks, estimates, and whether anything is suspected. Out: the `Reference` and the change against it.
+
+It is ready when `learn_s` of driving have taught the wheels against each other. Then, while nothing is
+suspected, samples refine it: each range of speed takes `RANGE_SAMPLES`, after which it is frozen. Load and
+day are learned in the first `DRIVE_SAMPLES` after a standstill. An estimate is a mean over its memory, so
+samples are `SAMPLE_EVERY_S` apart.
 """
 
 from __future__ import annotations
 
+import math
+from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.stats import chi2
 
+from tpmsd.config.model import VehicleConfig
+from tpmsd.estimators.base import RadiusEstimate
+from tpmsd.monitor.conditions import NEW_DAY_S, PARKED_S, ConditionTracker
+from tpmsd.monitor.reference import GROWTH_PRIOR, KNOTS_MPS, PER_SPEED2, Reference, speed_range
+from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import FloatArray
+
+SAMPLE_EVERY_S = 20.0
+RANGE_SAMPLES = 40
+DRIVE_SAMPLES = 8
+MAX_CONTRAST_STD = 0.0008
+"""Learning goes on until the contrast between the wheels is known this well, relative to the radius."""
+FIT_LIMIT = {d: float(chi2.ppf(0.999, d)) for d in range(1, 5)}
+"""A sample that fits worse than this quantile of chi-square is not learned; by number of wheels."""
+RECENT_SAMPLES = 9
+UNSETTLED_SHARE = 0.5
+"""Of the growth that the estimate's memory has yet to follow: how well its lag is known."""
+UNSETTLED_SPEED2 = 150.0
+"""(m/s)^2; while speed changes faster, nothing is learned."""
+
+
+_Sample = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+"""Deviation (d,), its covariance, that of what the memory has not followed (d, d), features (d, n)."""
 
 
 @dataclass(frozen=True, slots=True)
-class Baseline:
-    """Radius minus nominal of each wheel when learning ended."""
+class Change:
+    """Radii against the baseline, of the monitored wheels."""
 
-    deviation_m: FloatArray
+    change_m: FloatArray
+    """(d,)"""
     covariance_m2: FloatArray
+    """(d, d) of estimate and baseline."""
+    own_m2: FloatArray
+    """(d, d) of the estimate alone."""
+    fits: bool
+    """Whether it is what the baseline expects, harmless changes allowed for."""
+
+
+class Baseline:
+    """One set of tyres."""
+
+    def __init__(self, vehicle: VehicleConfig, wheels: list[int], learn_s: float) -> None:
+        self._vehicle = vehicle
+        self._wheels = wheels
+        self._radius = np.array(vehicle.wheel_radius_m)[wheels]
+        self._learn_s = learn_s
+        self._conditions = ConditionTracker()
+        self.reference = Reference(vehicle)
+        self.ready = False
+        self._learned_s = 0.0
+        self._since_s = 0.0
+        self._drive_samples = 0
+        self._recent: deque[_Sample] = deque(maxlen=RECENT_SAMPLES)
+        self._recent_s = 0.0
+
+    @property
+    def fraction(self) -> float:
+        """How much of the first learning is done, 0 to 1."""
+        return 1.0 if self.ready else min(self._learned_s / self._learn_s, 0.99)
+
+    @property
+    def learned_s(self) -> float:
+        """Driving time that it was learned from."""
+        return self._learned_s
+
+    def update(self, tick: Tick, estimate: RadiusEstimate) -> None:
+        """Take every tick: conditions, and what a standstill changes."""
+        stood_s = self._conditions.update(tick, estimate)
+        if stood_s >= PARKED_S:
+            self.reference.forget_drive(load_only=stood_s < NEW_DAY_S)
+            self._drive_samples = 0
+            self._recent.clear()
+        if estimate.informative:
+            self._since_s += tick.dt_s
+            self._recent_s += tick.dt_s
+            if not self.ready:
+                self._learned_s += tick.dt_s
+
+    def changes(self, estimate: RadiusEstimate, harmless_m2: FloatArray) -> tuple[Change, Change] | None:
+        """The change now, and its mean over the last minutes; None where it is not known.
+
+        `harmless_m2` (d, d): what is not the baseline's. What is slow (a leak of two or four tyres) shows
+        better in the mean, for an estimate of the radius common to all wheels is known less well than
+        differences between them.
+        """
+        found = self._known(estimate)
+        if found is None:
+            return None
+        now = (*found, self._unsettled(), self.reference.features(self._conditions.now)[self._wheels])
+        if self._recent and self._jumped(now, harmless_m2):
+            self._recent.clear()
+        recent = [*self._recent, now]
+        if self._recent_s >= SAMPLE_EVERY_S:
+            self._recent.append(now)
+            self._recent_s = 0.0
+        return self._change([now], harmless_m2), self._change(recent, harmless_m2)
+
+    def _jumped(self, now: _Sample, harmless_m2: FloatArray) -> bool:
+        """Whether the radii are others than in the last minutes, so that a mean would mix two states."""
+        before = self._change(list(self._recent), harmless_m2)
+        change = now[0] - now[3] @ self.reference.mean * self._radius
+        off = change - before.change_m
+        covariance = now[1] + now[2] + harmless_m2 + before.own_m2
+        return float(off @ np.linalg.solve(covariance, off)) > FIT_LIMIT[off.size]
+
+    def _change(self, samples: list[_Sample], harmless_m2: FloatArray) -> Change:
+        """Mean of samples against the mean of what is expected."""
+        deviation, own, unsettled, h = (
+            sum(parts[1:], parts[0]) / len(samples) for parts in zip(*samples, strict=True)
+        )
+        scale = np.outer(self._radius, self._radius)
+        change = deviation - h @ self.reference.mean * self._radius
+        covariance = own / len(samples) + unsettled + h @ self.reference.covariance @ h.T * scale
+        nis = float(change @ np.linalg.solve(covariance + harmless_m2, change))
+        return Change(change, covariance, own / len(samples) + unsettled, nis <= FIT_LIMIT[change.size])
+
+    def learn(self, estimate: RadiusEstimate, harmless_m2: FloatArray, trusted: bool) -> None:
+        """Learn from the present estimate if it is time. `trusted`: nothing is suspected of any tyre."""
+        found = self._known(estimate)
+        if found is None or self._since_s < SAMPLE_EVERY_S:
+            return
+        if not self.ready and not self._may_begin(found[1]):
+            return
+        at = self._conditions.now
+        if self.ready and (not trusted or abs(at.unsettled) > UNSETTLED_SPEED2):
+            return
+        car = not self.ready or self.reference.ranges[speed_range(at)] < RANGE_SAMPLES
+        if not car and self._drive_samples >= DRIVE_SAMPLES:
+            return
+        noise = found[1] + self._unsettled() + harmless_m2
+        self.reference.wander(self._since_s)
+        self.reference.learn(found[0], noise, self._wheels, at, car=car)
+        if self.ready:
+            self._learned_s += self._since_s
+        self.ready = True
+        self._drive_samples += 1
+        self._since_s = 0.0
+
+    def _may_begin(self, covariance_m2: FloatArray) -> bool:
+        """Whether enough was driven and the wheels are known against each other."""
+        if self._learned_s < self._learn_s:
+            return False
+        d = len(self._wheels)
+        centring = np.eye(d) - np.ones((d, d)) / d
+        contrast = math.sqrt(float(np.max(np.diag(centring @ covariance_m2 @ centring))))
+        return contrast <= MAX_CONTRAST_STD * float(self._radius.mean())
+
+    def _known(self, estimate: RadiusEstimate) -> tuple[FloatArray, FloatArray] | None:
+        deviation = estimate.deviation_m[self._wheels]
+        covariance = estimate.covariance_m2[np.ix_(self._wheels, self._wheels)]
+        if not (np.all(np.isfinite(deviation)) and np.all(np.isfinite(covariance))):
+            return None
+        return deviation, covariance
+
+    def _unsettled(self) -> FloatArray:
+        """(d, d) covariance of the growth that the estimate has yet to follow."""
+        off = UNSETTLED_SHARE * GROWTH_PRIOR[0] * self._conditions.now.unsettled / PER_SPEED2
+        return off**2 * np.outer(self._radius, self._radius)
+
+    def follow(self, other: Baseline) -> None:
+        """Take over from another baseline of the same car how it is being driven."""
+        self._conditions.take_up(other._conditions.to_json())
+
+    @property
+    def samples_by_kmh(self) -> tuple[tuple[int, int], ...]:
+        """Samples learned in each range of speed, by its middle in km/h."""
+        return tuple((round(3.6 * k), n) for k, n in zip(KNOTS_MPS, self.reference.ranges, strict=True))
+
+    # -- what survives a restart -----------------------------------------------------------------------------
 
     def to_json(self) -> dict[str, Any]:
-        """Plain numbers (NaN as None) for the state file."""
+        """Plain numbers for the state file."""
         return {
-            "deviation_m": [None if np.isnan(x) else float(x) for x in self.deviation_m],
-            "covariance_m2": [[None if np.isnan(x) else float(x) for x in row] for row in self.covariance_m2],
+            "ready": self.ready,
+            "learned_s": self._learned_s,
+            "since_s": self._since_s,
+            "drive_samples": self._drive_samples,
+            "conditions": self._conditions.to_json(),
+            "reference": self.reference.to_json(),
         }
 
-    @classmethod
-    def from_json(cls, saved: dict[str, Any], wheels: list[int]) -> Baseline:
-        """Back from the state file; ValueError if it is not a baseline of these wheels (their indices)."""
-        nan = float("nan")
+    def take_up(self, saved: dict[str, Any]) -> None:
+        """Take up what was saved; ValueError (nothing taken up) if it does not fit."""
         try:
-            deviation = np.array([nan if x is None else float(x) for x in saved["deviation_m"]])
-            covariance = np.array(
-                [[nan if x is None else float(x) for x in row] for row in saved["covariance_m2"]]
-            )
-        except (KeyError, TypeError, ValueError) as error:
-            raise ValueError(f"the saved baseline is not one: {error}") from error
-        if deviation.shape != (4,) or covariance.shape != (4, 4) or np.any(np.abs(deviation) > 0.1):
-            raise ValueError("the saved baseline has another shape or is absurd")
-        own = covariance[np.ix_(wheels, wheels)]
-        if not (np.all(np.isfinite(deviation[wheels])) and np.all(np.isfinite(own))):
-            raise ValueError("the saved baseline lacks a wheel")
-        if np.linalg.eigvalsh((own + own.T) / 2)[0] < -1e-12 or not np.allclose(own, own.T, atol=1e-12):
-            raise ValueError("the saved baseline has no covariance")
-        return cls(deviation, covariance)
+            learned_s, since_s = float(saved["learned_s"]), float(saved["since_s"])
+            drive_samples, ready = int(saved["drive_samples"]), saved["ready"]
+            reference = Reference.from_json(saved["reference"], self._vehicle)
+            conditions = ConditionTracker()
+            conditions.take_up(saved["conditions"])
+        except (KeyError, TypeError, OverflowError) as error:
+            raise ValueError(f"the saved baseline is not one: {type(error).__name__}: {error}") from error
+        if not isinstance(ready, bool) or drive_samples < 0:
+            raise ValueError("the saved baseline is not one")
+        if not (math.isfinite(learned_s + since_s) and learned_s >= 0.0 and since_s >= 0.0):
+            raise ValueError("the saved learning time is absurd")
+        self.reference, self._conditions, self.ready = reference, conditions, ready
+        self._learned_s, self._since_s, self._drive_samples = learned_s, since_s, drive_samples

@@ -13,7 +13,9 @@ are judged together, a common growth is not taken for a loss and the right wheel
 
 from __future__ import annotations
 
+import functools
 import itertools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,8 +24,9 @@ from tpmsd.wheels import IS_FRONT, IS_LEFT, FloatArray
 
 LOSS_GRID = np.geomspace(0.0008, 0.05, 24)
 """Losses of radius considered, relative; 0.46 % is a 20 % loss of pressure, 5 % a flat tyre."""
-PRIOR_BY_SIZE = {1: 1e-3, 2: 1e-4, 3: 3e-5, 4: 1e-4}
-"""Prior probability of each subset of that size: one tyre loses air much more often than several at once."""
+PRIOR_BY_SIZE = {1: 1e-3, 2: 3e-4, 3: 1e-4, 4: 1e-3}
+"""Prior probability of each subset of that size: one tyre loses air more often than two or three at once; all
+four lose it together, by diffusion and neglect."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +58,8 @@ class Verdict:
     """Probability that no wheel has lost anything."""
     loss_m: FloatArray
     """(d,) expected loss of each wheel, m."""
+    suspicion: float
+    """Log-likelihood ratio of the best loss beyond the threshold to none at all, whatever its prior."""
 
 
 def compare(
@@ -70,27 +75,29 @@ def compare(
     """
     d = change_m.size
     whitener = np.linalg.inv(np.linalg.cholesky(covariance_m2))
-    seen = whitener @ (change_m / 1.0)
-    logs = [-0.5 * float(seen @ seen)]
-    cases: list[tuple[tuple[int, ...], float]] = [((), 0.0)]
-    total = sum(PRIOR_BY_SIZE[k] for k in range(1, d + 1) for _ in itertools.combinations(range(d), k))
-    logs[0] += float(np.log1p(-total))
-    for size in range(1, d + 1):
-        for subset in itertools.combinations(range(d), size):
-            direction = np.zeros(d)
-            direction[list(subset)] = radius_m[list(subset)]
-            white = whitener @ direction
-            rest = seen[None, :] + LOSS_GRID[:, None] * white[None, :]
-            log = -0.5 * np.einsum("ij,ij->i", rest, rest) + np.log(PRIOR_BY_SIZE[size] / LOSS_GRID.size)
-            logs.extend(log.tolist())
-            cases.extend((subset, float(loss)) for loss in LOSS_GRID)
-    values = np.array(logs)
-    posterior = np.exp(values - values.max())
-    posterior /= posterior.sum()
-    deflated, loss_m = np.zeros(d), np.zeros(d)
-    for weight, (subset, loss) in zip(posterior, cases, strict=True):
-        for wheel in subset:
-            loss_m[wheel] += weight * loss * radius_m[wheel]
-            if loss >= threshold:
-                deflated[wheel] += weight
-    return Verdict(np.minimum(deflated, 1.0), float(posterior[0]), loss_m)
+    seen = whitener @ change_m
+    members, weights = _subsets(d)
+    white = (members * radius_m) @ whitener.T
+    rest = seen + LOSS_GRID[None, :, None] * white[:, None, :]
+    fit = -0.5 * np.einsum("slk,slk->sl", rest, rest)
+    none = -0.5 * float(seen @ seen)
+    logs = fit + np.log(weights / LOSS_GRID.size)[:, None]
+    log_none = none + math.log1p(-float(weights.sum()))
+    top = max(float(logs.max()), log_none)
+    posterior = np.exp(logs - top)
+    weight_none = math.exp(log_none - top)
+    total = weight_none + float(posterior.sum())
+    posterior /= total
+    beyond = threshold <= LOSS_GRID
+    deflated = posterior[:, beyond].sum(axis=1) @ members
+    loss_m = (posterior @ LOSS_GRID) @ members * radius_m
+    suspicion = float(fit[:, beyond].max()) - none
+    return Verdict(np.minimum(deflated, 1.0), weight_none / total, loss_m, suspicion)
+
+
+@functools.cache
+def _subsets(d: int) -> tuple[FloatArray, FloatArray]:
+    """All subsets of d wheels as (s, d) memberships, and their prior probabilities (s,)."""
+    found = [c for size in range(1, d + 1) for c in itertools.combinations(range(d), size)]
+    members = np.array([[float(wheel in subset) for wheel in range(d)] for subset in found])
+    return members, np.array([PRIOR_BY_SIZE[len(subset)] for subset in found])

@@ -6,6 +6,7 @@ Times are seconds of the host clock, as in `tpmsd.timeline.tick.Tick`; NaN stand
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
@@ -48,6 +49,9 @@ class WheelReport:
     change_std_m: float
     deflation_probability: float
     deviation_probability: float
+    pressure_loss: float = math.nan
+    """Estimated share of the pressure that is lost since the baseline; NaN while learning."""
+    pressure_loss_std: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +69,27 @@ class AlarmEvent:
     probability: float
     reason: str
     """One sentence for the driver or the journal."""
+    pressure_loss: float = math.nan
+    """Estimated share of the pressure that is lost; NaN where the alarm speaks of no single tyre."""
+    pressure_loss_std: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class LearningReport:
+    """What the baseline is, for people and programs."""
+
+    tyres: str
+    """Name of the set of tyres that is driven."""
+    sets: tuple[str, ...]
+    """All sets that are kept, this one included."""
+    learned_s: float
+    """Driving time that this set's baseline was learned from."""
+    samples_by_kmh: tuple[tuple[int, int], ...]
+    """Samples learned in each range of speed, by its middle in km/h."""
+    reset: Literal["none", "learning", "accepted", "refused"]
+    """What became of the last reset."""
+    reset_reason: str
+    """One sentence on it; empty if there was none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,3 +104,4 @@ class MonitorReport:
     """The alarms raised or cleared in this very tick."""
     learning_fraction: float
     """How much of the baseline is learned, 0 to 1."""
+    learning: LearningReport | None = None

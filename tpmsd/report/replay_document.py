@@ -81,6 +81,8 @@ def alarm_entry(alarm: AlarmEvent, start_s: float) -> dict[str, Any]:
         "deviation_mm": _mm(alarm.deviation_m),
         "std_mm": _mm(alarm.std_m),
         "probability": _number(alarm.probability),
+        "pressure_loss_percent": _number(100.0 * alarm.pressure_loss),
+        "pressure_loss_std_percent": _number(100.0 * alarm.pressure_loss_std),
         "drive_time_s": _number(alarm.time_s - start_s),
         "reason": alarm.reason,
     }

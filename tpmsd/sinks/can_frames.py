@@ -169,6 +169,7 @@ class CanReporter:
             values |= dict.fromkeys(_summary_bits(active), 1)
         wheel = next((w for w in report.wheels if w.wheel == event.wheel), None)
         values["AlarmChange"] = _NAN if wheel is None else _mm(wheel.change_m)
+        values["AlarmPressureLoss"] = 100 * _pressure_loss(event, wheel)
         values["AlarmProbability"] = 100 * _probability(event, wheel)
         self._alarm_counter = (self._alarm_counter + 1) % layout.COUNTER_MODULO
         data = layout.pack(layout.ALARM_FIELDS, values, layout.ALARM_DATA_ID)
@@ -200,6 +201,13 @@ def _summary_bits(alarm: AlarmEvent) -> list[str]:
     name = "Deflation" if alarm.kind == AlarmKind.DEFLATION else "RadiusDeviation"
     # An alarm that names no single wheel concerns them all.
     return [f"{name}_{wheel.upper()}" for wheel in ((alarm.wheel,) if alarm.wheel else WHEELS)]
+
+
+def _pressure_loss(event: AlarmEvent, wheel: WheelReport | None) -> float:
+    """Share of the pressure that is lost, as it is now or as it was at the event; a gain is no loss."""
+    live = _NAN if wheel is None else wheel.pressure_loss
+    loss = event.pressure_loss if math.isnan(live) else live
+    return _NAN if math.isnan(loss) else max(loss, 0.0)
 
 
 def _probability(event: AlarmEvent, wheel: WheelReport | None) -> float:

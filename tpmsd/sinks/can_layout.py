@@ -112,6 +112,7 @@ ALARM_FIELDS = (
     Field("AlarmWheel", 29, 3),
     Field("AlarmSequence", 32, 8),
     Field("AlarmChange", 40, 12, signed=True, factor=0.01, unit="mm", not_available=-2048),
+    Field("AlarmPressureLoss", 52, 4, factor=5.0, unit="%", not_available=15),
     # Rounded down: 99.8 % must not become a certainty.
     Field("AlarmProbability", 56, 8, factor=0.5, unit="%", not_available=255, rounding="down"),
 )

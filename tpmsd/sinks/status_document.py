@@ -14,7 +14,7 @@ from typing import Any
 
 from tpmsd import __version__
 from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.monitor.records import AlarmEvent, MonitorReport, WheelReport
+from tpmsd.monitor.records import AlarmEvent, LearningReport, MonitorReport, WheelReport
 
 DOCUMENT_VERSION = 1
 """Rises when a field changes its meaning or goes; new fields do not raise it."""
@@ -78,6 +78,7 @@ def build_status(
         "ticks": loop.ticks,
         "missed_deadlines": loop.missed_deadlines,
         "learning_fraction": None if report is None else _number(report.learning_fraction),
+        "baseline": None if report is None or report.learning is None else _baseline(report.learning),
         "can": {**_source(can, "channel"), "frames": can.received},
         "gnss": {**_source(gnss, "device"), "fixes": gnss.received},
         "wheels": {} if report is None else {wheel.wheel: _wheel(wheel) for wheel in report.wheels},
@@ -114,6 +115,8 @@ def _wheel(wheel: WheelReport) -> dict[str, Any]:
         "change_std_mm": _mm(wheel.change_std_m),
         "deflation_probability": _number(wheel.deflation_probability),
         "deviation_probability": _number(wheel.deviation_probability),
+        "pressure_loss_percent": _number(100.0 * wheel.pressure_loss),
+        "pressure_loss_std_percent": _number(100.0 * wheel.pressure_loss_std),
     }
 
 
@@ -126,7 +129,20 @@ def _alarm(alarm: AlarmEvent) -> dict[str, Any]:
         "deviation_mm": _mm(alarm.deviation_m),
         "std_mm": _mm(alarm.std_m),
         "probability": _number(alarm.probability),
+        "pressure_loss_percent": _number(100.0 * alarm.pressure_loss),
+        "pressure_loss_std_percent": _number(100.0 * alarm.pressure_loss_std),
         "reason": alarm.reason,
+    }
+
+
+def _baseline(learning: LearningReport) -> dict[str, Any]:
+    return {
+        "tyres": learning.tyres,
+        "sets": list(learning.sets),
+        "learned_s": _number(learning.learned_s),
+        "samples_by_kmh": {str(kmh): samples for kmh, samples in learning.samples_by_kmh},
+        "reset": learning.reset,
+        "reset_reason": learning.reset_reason,
     }
 
 

@@ -1,0 +1,161 @@
+"""Resets and sets of tyres: learning anew, and what a soft tyre does to it."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+
+from tests.monitor.drives import ALL, RADIUS_M, Player, monitor, one, said
+from tpmsd.monitor.records import AlarmKind, LearningReport, MonitorReport, WheelState
+
+SOFT = 0.006
+"""A little more than 25 % of the pressure."""
+
+
+def learned(seconds: float = 200.0) -> Player:
+    player = Player(monitor(ALL))
+    assert [] == player.play(seconds)
+    return player
+
+
+def learning(report: MonitorReport) -> LearningReport:
+    assert report.learning is not None
+    return report.learning
+
+
+def test_a_reset_learns_anew_and_then_counts() -> None:
+    """With tyres in order (say, pumped up a little) the new radii are learned and become normal."""
+    player = learned()
+    assert (True, "learning default anew; it will be compared with what was normal before") == (
+        player.monitor.reset()
+    )
+    player.play(10.0, [0.001] * 4)
+    assert {WheelState.LEARNING} == {wheel.state for wheel in player.last.wheels}
+    assert "learning" == learning(player.last).reset
+    assert [] == player.play(70.0, [0.001] * 4)
+    assert ("accepted", "default is learned anew") == (
+        learning(player.last).reset,
+        learning(player.last).reset_reason,
+    )
+    assert {WheelState.MONITORING} == {wheel.state for wheel in player.last.wheels}
+    assert all(abs(wheel.change_m) < 1e-4 for wheel in player.last.wheels)
+
+
+@pytest.mark.parametrize("wheel", range(4))
+def test_a_reset_with_a_soft_tyre_is_noticed_and_refused(wheel: int) -> None:
+    """A tyre that went soft at a standstill, and a driver who resets before driving: refused, with a reason,
+    the old baseline counts, and the alarm is raised."""
+    name = ("fl", "fr", "rl", "rr")[wheel]
+    player = learned()
+    assert player.monitor.reset()[0]
+    events = player.play(90.0, one(wheel, -SOFT))
+    report = learning(player.last)
+    assert "refused" == report.reset
+    assert f"{name} had a smaller radius than before" in report.reset_reason
+    assert ("deflation", name, "raised") in said(events)
+    assert 1.0 == player.last.learning_fraction
+
+
+def test_a_reset_while_an_alarm_stands_is_refused_at_once() -> None:
+    """The best-known misuse: an alarm, and the button pressed to be rid of it."""
+    player = learned()
+    player.play(60.0, one(2, -SOFT))
+    taken, reason = player.monitor.reset()
+    assert (False, True) == (taken, "the alarm of rl stands" in reason)
+    player.play(30.0, one(2, -SOFT))
+    assert (AlarmKind.DEFLATION, "rl") in player.active()
+    assert "refused" == learning(player.last).reset
+
+
+def test_another_set_does_not_hide_a_soft_tyre_either() -> None:
+    """Naming a set that is not known keeps the alarm standing until it is decided; the soft tyre is found."""
+    player = learned()
+    player.play(60.0, one(2, -SOFT))
+    assert player.monitor.reset("winter")[0]
+    events = player.play(90.0, one(2, -SOFT))
+    assert [] == said(events)
+    assert (AlarmKind.DEFLATION, "rl") in player.active()
+    assert ("refused", "default") == (learning(player.last).reset, learning(player.last).tyres)
+
+
+def test_four_other_tyres_are_learned_though_they_are_smaller() -> None:
+    """Winter tyres 1 % smaller all round, put on after a puncture: the alarm is taken back with a reason."""
+    player = learned()
+    player.play(60.0, one(2, -SOFT))
+    assert player.monitor.reset("winter")[0]
+    events = player.play(90.0, [-0.01, -0.0102, -0.0098, -0.01])
+    taken = [event for event in events if event.kind is AlarmKind.DEFLATION]
+    assert [("deflation", "rl", "cleared")] == said(taken)
+    assert "taken back by a reset" in taken[0].reason
+    assert ("accepted", "winter") == (learning(player.last).reset, learning(player.last).tyres)
+    assert [] == player.active()
+
+
+def test_each_set_keeps_its_baseline() -> None:
+    """Back to the tyres of before: nothing is learned again, and a soft one among them is found."""
+    player = learned()
+    player.monitor.reset("winter")
+    player.play(120.0, [-0.01] * 4)
+    taken, reason = player.monitor.reset("default")
+    assert (True, "changed to default, as learned before") == (taken, reason)
+    player.play(5.0)
+    assert ("default", "winter") == learning(player.last).sets
+    assert {WheelState.MONITORING} == {wheel.state for wheel in player.last.wheels}
+    assert ("deflation", "fr", "raised") in said(player.play(60.0, one(1, -SOFT)))
+
+
+@pytest.mark.parametrize("name", ["", "Winter", "../x", "a" * 25, "a b", "ü"])
+def test_a_name_that_is_none_is_refused(name: str) -> None:
+    """Names go into files and sentences: small letters, digits, _ and -."""
+    player = learned(60.0)
+    taken, reason = player.monitor.reset(name)
+    assert (False, True) == (taken, "no name of a set" in reason)
+
+
+def test_sets_are_not_without_end() -> None:
+    """Eight sets are kept; a ninth is refused."""
+    player = learned(60.0)
+    for number in range(7):
+        assert player.monitor.reset(f"set{number}")[0]
+        player.play(70.0)
+    taken, reason = player.monitor.reset("one-more")
+    assert (False, True) == (taken, "8 sets of tyres" in reason)
+
+
+def test_an_undecided_reset_survives_a_restart() -> None:
+    """Switching the ignition off and on does not help a soft tyre through a reset."""
+    player = learned()
+    player.monitor.reset()
+    player.play(20.0, one(0, -SOFT))
+    fresh = monitor(ALL)
+    fresh.restore(json.loads(json.dumps(player.monitor.snapshot(), allow_nan=False)))
+    after = Player(fresh, time_s=player.time_s + 60.0)
+    after.play(10.0, one(0, -SOFT))
+    assert 0.3 < after.last.learning_fraction < 0.8  # goes on where it was
+    after.play(80.0, one(0, -SOFT))
+    assert "refused" == learning(after.last).reset
+
+
+def test_a_reset_before_anything_was_learned_is_no_question() -> None:
+    """There is nothing to compare with: learning begins again, and counts."""
+    player = Player(monitor(ALL))
+    player.play(20.0)
+    assert (True, "learning default anew") == player.monitor.reset()
+    player.play(60.0)
+    assert {WheelState.MONITORING} == {wheel.state for wheel in player.last.wheels}
+
+
+def test_pressure_is_told_with_its_uncertainty() -> None:
+    """A loss of 0.46 % of the radius is told as 20 % of the pressure, within what it claims to know."""
+    player = learned()
+    events = player.play(60.0, one(3, -0.0046))
+    alarm = next(event for event in events if event.kind is AlarmKind.DEFLATION)
+    assert abs(alarm.pressure_loss - 0.20) < 2.0 * alarm.pressure_loss_std
+    assert 0.02 < alarm.pressure_loss_std < 0.15
+    assert "% of its pressure" in alarm.reason
+    wheel = player.last.wheels[3]
+    assert (True, True) == (math.isfinite(wheel.pressure_loss), wheel.pressure_loss_std > 0.0)
+    assert abs(player.last.wheels[0].pressure_loss) < 0.1
+    assert 0.316 == RADIUS_M

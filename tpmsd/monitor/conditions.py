@@ -1,0 +1,140 @@
+"""Under which conditions the car rolls: what its radii depend on while nothing is wrong with a tyre.
+
+In: ticks and estimates. Out: `Conditions`: speed, slope and coldness of the tyres, as far behind the present
+as the estimates are. An estimate of a radius is a mean over its filter's memory; what it is held against must
+be a mean over the same time. The memory follows from the estimate itself: a random walk of q per square root
+of a second that is known with the variance P is known by the last P / q^2 seconds.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tpmsd.estimators.base import RadiusEstimate
+from tpmsd.estimators.error_state import DRIFT_COMMON
+from tpmsd.physics.grade import GradeTracker
+from tpmsd.physics.motion import GRAVITY_MPS2
+from tpmsd.timeline.tick import Tick
+
+MEMORY_S = (4.0, 40.0)
+"""Shortest and longest memory that is believed."""
+STANDING_MPS = 0.5
+PARKED_S = 90.0
+"""From so long a standstill the car may have been loaded otherwise."""
+NEW_DAY_S = 3600.0
+"""After so long tyres and air may have another temperature."""
+WARMING_S = (400.0, 1000.0)
+"""Two time constants of warm-up by driving; real ones lie between (`thermal_growth`: ten minutes, give or
+take)."""
+COOLING_S = 1800.0
+"""Time constant of cooling down at a standstill."""
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """What the radii are functions of, over the estimate's memory."""
+
+    speed2: float
+    """Speed squared, (m/s)^2."""
+    slope_mps2: float
+    """g sin(grade): what the driven wheels must carry beyond the acceleration itself."""
+    cold: tuple[float, float]
+    """How cold the tyres are, 1 cold to 0 warm, for each time constant of warm-up."""
+    unsettled: float
+    """Present minus remembered speed squared, (m/s)^2: what the memory has not followed yet."""
+
+
+class ConditionTracker:
+    """Follows the conditions; says when the car has stood so long that load or day may be others."""
+
+    def __init__(self) -> None:
+        self._grade = GradeTracker()
+        self._speed2 = math.nan
+        self._slope = 0.0
+        self._present2 = 0.0
+        self._cold = [1.0] * len(WARMING_S)
+        self._stood_s = 0.0
+        self._time_s = math.nan
+
+    @property
+    def now(self) -> Conditions:
+        """The conditions now."""
+        speed2 = 0.0 if math.isnan(self._speed2) else self._speed2
+        return Conditions(speed2, self._slope, (self._cold[0], self._cold[1]), self._present2 - speed2)
+
+    def update(self, tick: Tick, estimate: RadiusEstimate) -> float:
+        """Take one tick; for how long the car has stood, s, where it sets off with it, else 0."""
+        if math.isfinite(self._time_s):
+            self._stand(max(tick.time_s - tick.dt_s - self._time_s, 0.0))
+        self._time_s = tick.time_s
+        speed = estimate.speed_mps
+        if not math.isfinite(speed) or speed < STANDING_MPS:
+            self._stand(tick.dt_s)
+            return 0.0
+        self._cold = [c * math.exp(-tick.dt_s / tau) for c, tau in zip(self._cold, WARMING_S, strict=True)]
+        if tick.gap_s > 0.0:
+            self._grade.reset()
+        self._grade.move(speed * tick.dt_s)
+        for fix in tick.fixes:
+            self._grade.update(fix.up_m)
+        share = 1.0 - math.exp(-tick.dt_s / _memory_s(estimate))
+        self._present2 = speed * speed
+        if math.isnan(self._speed2):
+            self._speed2 = self._present2
+        if estimate.informative:  # in other ticks the estimate learns nothing
+            self._speed2 += share * (self._present2 - self._speed2)
+            self._slope += share * (GRAVITY_MPS2 * self._grade.sine - self._slope)
+        stood_s, self._stood_s = self._stood_s, 0.0
+        return stood_s
+
+    def _stand(self, seconds: float) -> None:
+        self._stood_s += seconds
+        self._cold = [1.0 - (1.0 - c) * math.exp(-seconds / COOLING_S) for c in self._cold]
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers for the state file."""
+        time_s = self._time_s if math.isfinite(self._time_s) else None
+        speed2 = self._speed2 if math.isfinite(self._speed2) else None
+        return {
+            "cold": list(self._cold),
+            "stood_s": self._stood_s,
+            "time_s": time_s,
+            "speed2": speed2,
+            "present2": self._present2,
+            "slope": self._slope,
+        }
+
+    def take_up(self, saved: dict[str, Any]) -> None:
+        """Take up what was saved; ValueError if it is nothing of that kind.
+
+        Until the next tick the car is taken to have stood: the daemon ran on for as long as it was driven.
+        """
+        try:
+            cold = [float(c) for c in saved["cold"]]
+            stood_s = float(saved["stood_s"])
+            time_s = math.nan if saved["time_s"] is None else float(saved["time_s"])
+            speed2 = math.nan if saved["speed2"] is None else float(saved["speed2"])
+            present2, slope = float(saved["present2"]), float(saved["slope"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise ValueError(f"the saved conditions are none: {error}") from error
+        if len(cold) != len(WARMING_S) or not all(0.0 <= c <= 1.0 for c in cold):
+            raise ValueError("the saved coldness of the tyres is absurd")
+        if not (math.isfinite(stood_s) and stood_s >= 0.0) or math.isinf(time_s):
+            raise ValueError("the saved times are absurd")
+        if not (math.isfinite(present2 + slope) and (math.isnan(speed2) or 0.0 <= speed2 < 1e5)):
+            raise ValueError("the saved speed is absurd")
+        self._cold, self._stood_s, self._time_s = cold, stood_s, time_s
+        self._speed2, self._present2, self._slope = speed2, present2, slope
+
+
+def _memory_s(estimate: RadiusEstimate) -> float:
+    """Memory of the estimate for what acts on all wheels."""
+    known = np.isfinite(np.diag(estimate.covariance_m2))
+    if not known.any():
+        return MEMORY_S[1]
+    variance = float(estimate.covariance_m2[np.ix_(known, known)].mean())
+    return min(max(variance / DRIFT_COMMON**2, MEMORY_S[0]), MEMORY_S[1])

@@ -1,0 +1,124 @@
+"""What the change of the radii says of each tyre.
+
+In: the changes against the baseline, now and over the last minutes. Out: a `Judgement`: for each wheel how
+probable a deflation and a deviation are, how much radius and how much pressure are lost.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr
+
+from tpmsd.config.model import MonitorConfig, TyreConfig, VehicleConfig
+from tpmsd.monitor.baseline import Change
+from tpmsd.monitor.hypotheses import Nuisance, Verdict, compare
+from tpmsd.physics.tyre import tyre_model
+from tpmsd.wheels import FloatArray
+
+HARMLESS = Nuisance(common=3e-4, axle=4e-4, side=3e-4, own=3e-4)
+"""What comes and goes within seconds beyond what the baseline explains: wind, camber, ruts, load in bends."""
+UNEXPLAINED = Nuisance()
+"""What speed, warmth, load and slip can do where they are not compensated: a radius that is off by this is no
+wrong tyre."""
+SUSPICIOUS = 0.5
+"""Log-likelihood ratio of a loss to none from which nothing is learned: what might be a fault must not become
+normal, however improbable faults are beforehand."""
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """(4,) each; NaN for a wheel that is not monitored, or before anything was judged."""
+
+    change_m: FloatArray
+    change_std_m: FloatArray
+    deflated: FloatArray
+    """Probability of a loss beyond the threshold."""
+    deviates: FloatArray
+    """Probability of a change of either sign beyond its threshold."""
+    loss_m: FloatArray
+    pressure_loss: FloatArray
+    """Share of the pressure."""
+    pressure_loss_std: FloatArray
+    trusted: bool
+    """Whether nothing is suspected, so that the baseline may learn."""
+
+    @classmethod
+    def unknown(cls) -> Judgement:
+        """Before anything was judged."""
+        nan = np.full(4, math.nan)
+        return cls(nan, nan, nan, nan, nan, nan, nan, False)
+
+
+class Judge:
+    """Thresholds and tyres of one car."""
+
+    def __init__(
+        self,
+        vehicle: VehicleConfig,
+        settings: MonitorConfig,
+        tyre: TyreConfig,
+        wheels: list[int],
+        harmless: Nuisance = HARMLESS,
+    ) -> None:
+        self._wheels = wheels
+        self._radius = np.array(vehicle.wheel_radius_m)[wheels]
+        self.harmless_m2 = harmless.covariance(wheels, self._radius)
+        self._unexplained_m2 = UNEXPLAINED.covariance(wheels, self._radius)
+        self._tyres = [tyre_model(tyre, float(radius)) for radius in self._radius]
+        self._threshold = settings.deflation_percent / 100.0
+        if settings.deflation_pressure_percent is not None:
+            share = settings.deflation_pressure_percent / 100.0
+            losses = [-one.radius_change_m(share) for one in self._tyres]
+            self._threshold = float(np.mean(np.array(losses) / self._radius))
+        self._limit_m = settings.deviation_percent / 100.0 * self._radius
+
+    def judge(self, now: Change, mean: Change) -> Judgement:
+        """Judge both changes; what either says of a wheel counts."""
+        verdicts = [self._compare(change, self.harmless_m2) for change in (now, mean)]
+        # What shows in the mean alone is slow; what shows now alone is fast.
+        likelier = verdicts[int(verdicts[1].deflated.max() > verdicts[0].deflated.max())]
+        wide = np.sqrt(np.diag(now.covariance_m2 + self._unexplained_m2))
+        limit, change = self._limit_m, now.change_m
+        deviates = ndtr((-limit - change) / wide) + ndtr((change - limit) / wide)
+        std = np.sqrt(np.diag(now.covariance_m2))
+        steady_std = np.sqrt(np.diag(mean.covariance_m2 + self.harmless_m2))
+        pressure = [
+            tyre.pressure_loss(float(x), float(s))
+            for tyre, x, s in zip(self._tyres, mean.change_m, steady_std, strict=True)
+        ]
+        trusted = now.fits and mean.fits and max(v.suspicion for v in verdicts) < SUSPICIOUS
+        return Judgement(
+            change_m=self._on_all(change),
+            change_std_m=self._on_all(std),
+            deflated=self._on_all(np.maximum(verdicts[0].deflated, verdicts[1].deflated)),
+            deviates=self._on_all(deviates),
+            loss_m=self._on_all(likelier.loss_m),
+            pressure_loss=self._on_all(np.array([loss for loss, _ in pressure])),
+            pressure_loss_std=self._on_all(np.array([own for _, own in pressure])),
+            trusted=trusted,
+        )
+
+    def soft_after_reset(self, change: Change, other_tyres: bool) -> FloatArray:
+        """(4,) how probable it is that a tyre was soft when the baseline was reset.
+
+        The change is that against the baseline before. Other tyres may be larger or smaller all together, or
+        by axle; a soft one among them still stands out.
+        """
+        d = len(self._wheels)
+        tolerance = OTHER_TYRES.covariance(self._wheels, self._radius) if other_tyres else np.zeros((d, d))
+        return self._on_all(self._compare(change, self.harmless_m2 + tolerance).deflated)
+
+    def _compare(self, change: Change, harmless_m2: FloatArray) -> Verdict:
+        return compare(change.change_m, change.covariance_m2 + harmless_m2, self._radius, self._threshold)
+
+    def _on_all(self, values: FloatArray) -> FloatArray:
+        out = np.full(4, math.nan)
+        out[self._wheels] = values
+        return out
+
+
+OTHER_TYRES = Nuisance(common=0.02, axle=0.01, side=0.0, own=5e-4)
+"""How tyres of another set differ: by size and wear of all and of an axle, and little among themselves."""

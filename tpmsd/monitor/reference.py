@@ -1,0 +1,220 @@
+"""The radii this car has while its tyres are in order, as a function of how it is driven.
+
+In: estimates with their covariance and conditions, while nothing is suspected. Out: the radii to expect under
+any conditions, with their covariance.
+
+A Bayesian linear regression (Kalman filter without measurement lag), relative to the nominal radii. What acts
+is taken from the physics catalogue, each with a prior of what cars have:
+
+    OWN         each wheel's radius, warm, extrapolated to standstill
+    GROWTH      centrifugal_growth of all wheels, GROWTH_OWN what one wheel grows more, both per v^2
+    DRAG        longitudinal_slip of the driven axle by air drag, per v^2
+    SPEED       what all wheels do else by speed, learned per range of speed
+    WARM        thermal_growth, two time constants; WARM_AXLE: front more than rear
+    HILL        longitudinal_slip and load_transfer_longitudinal on slopes, for each axle
+    LOAD        load of each axle: another after the car has stood
+    DAY         temperature and pressure of the air: another on another day
+    WANDER      what comes and goes within a drive; WANDER_OWN of one wheel
+
+The first seven belong to the car and are learned once, each range of speed for itself, then frozen: what
+followed the radii would follow a slow leak too. The last three belong to the drive; they are learned in its
+first minutes and forgotten with it. So nothing that a leak does can be taken for longer than a drive, nor for
+more than load and weather can do.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from tpmsd.config.model import VehicleConfig
+from tpmsd.monitor.conditions import Conditions
+from tpmsd.wheels import IS_FRONT, FloatArray
+
+OWN, GROWTH_OWN, SPEED = slice(0, 4), slice(4, 8), slice(8, 13)
+GROWTH, DRAG = 13, 14
+WARM, WARM_AXLE, HILL = slice(15, 17), 17, slice(18, 20)
+CAR = 20
+"""So many parameters belong to the car; the rest to the drive."""
+LOAD, DAY, WANDER, WANDER_OWN = slice(20, 22), 22, 23, slice(24, 28)
+SIZE = 28
+
+KNOTS_MPS = np.array([8.0, 16.0, 24.0, 32.0, 40.0])
+PER_SPEED2 = 1000.0
+"""Unit of speed squared: 32 m/s."""
+OWN_STD = 0.01
+GROWTH_PRIOR = (3.0e-3, 2.0e-3)
+"""k of 1e-6 s2/m, give or take two thirds, on 0.316 m."""
+GROWTH_OWN_STD = 5e-4
+"""Between wheels of different load, tread and make."""
+DRAG_PRIOR = (5e-4, 4e-4)
+SPEED_STD = 1.5e-4
+WARM_PRIOR = (7e-4, 7e-4)
+"""Twice 0.22 mm: 15 K."""
+WARM_AXLE_STD = 2e-4
+HILL_PRIOR = (-2e-3, 1.5e-3)
+"""Of a driven axle, per m/s2."""
+HILL_FREE_STD = 3e-4
+"""Of an axle that is not driven: load."""
+LOAD_STD = (1.5e-4, 4e-4)
+"""Front and rear: 0.13 mm are 250 N on each rear tyre; a full car is four times that."""
+DAY_STD = 3e-4
+"""0.1 mm: 3.5 K."""
+WANDER_STD, WANDER_OWN_STD, WANDER_S = 2e-4, 2e-4, 900.0
+
+
+class Reference:
+    """What is known of the car's radii."""
+
+    def __init__(self, vehicle: VehicleConfig) -> None:
+        self._radius = np.array(vehicle.wheel_radius_m)
+        self._driven = np.array(
+            [vehicle.driven_axle in ("front", "all"), vehicle.driven_axle in ("rear", "all")]
+        )
+        self.mean, self.covariance = self._prior()
+        self.ranges = [0] * KNOTS_MPS.size
+        """Samples learned in each range of speed, by its knot."""
+
+    def _prior(self) -> tuple[FloatArray, FloatArray]:
+        mean, std = np.zeros(SIZE), np.zeros(SIZE)
+        mean[GROWTH], std[GROWTH] = GROWTH_PRIOR
+        mean[DRAG], std[DRAG] = DRAG_PRIOR
+        mean[WARM], std[WARM] = WARM_PRIOR
+        std[GROWTH_OWN], std[SPEED], std[WARM_AXLE] = GROWTH_OWN_STD, SPEED_STD, WARM_AXLE_STD
+        share = 1.0 / max(int(self._driven.sum()), 1)
+        mean[HILL] = np.where(self._driven, HILL_PRIOR[0] * share, 0.0)
+        std[HILL] = np.where(self._driven, HILL_PRIOR[1], HILL_FREE_STD)
+        covariance = np.diag(std**2)
+        # A guessed nominal is wrong for all wheels alike; wheels differ among themselves by half as much.
+        covariance[OWN, OWN] = OWN_STD**2 * (0.75 + 0.25 * np.eye(4))
+        covariance[CAR:, CAR:] = np.diag(_drive_std() ** 2)
+        return mean, covariance
+
+    def features(self, at: Conditions) -> FloatArray:
+        """(4, SIZE) how each parameter acts on each wheel, relative to its radius."""
+        out = np.zeros((4, SIZE))
+        speed2 = at.speed2 / PER_SPEED2
+        driven = np.where(IS_FRONT, self._driven[0], self._driven[1])
+        out[:, OWN] = np.eye(4)
+        out[:, GROWTH_OWN] = np.eye(4) * speed2
+        out[:, SPEED] = hats(math.sqrt(at.speed2))
+        out[:, GROWTH] = speed2
+        out[:, DRAG] = -speed2 * driven
+        out[:, WARM] = -np.array(at.cold)
+        out[:, WARM_AXLE] = -at.cold[1] * np.where(IS_FRONT, 1.0, -1.0)
+        for axle, mask in enumerate((IS_FRONT, ~IS_FRONT)):
+            out[mask, HILL.start + axle] = at.slope_mps2
+            out[mask, LOAD.start + axle] = 1.0
+        out[:, DAY] = out[:, WANDER] = 1.0
+        out[:, WANDER_OWN] = np.eye(4)
+        return out
+
+    def expected(self, at: Conditions) -> tuple[FloatArray, FloatArray]:
+        """Radius minus nominal to expect (4,), m, and its covariance (4, 4), m2."""
+        h = self.features(at)
+        return h @ self.mean * self._radius, h @ self.covariance @ h.T * np.outer(self._radius, self._radius)
+
+    def learn(
+        self,
+        deviation_m: FloatArray,
+        covariance_m2: FloatArray,
+        wheels: list[int],
+        at: Conditions,
+        *,
+        car: bool,
+    ) -> None:
+        """Take an estimate of these wheels, (d,) and (d, d), independent of those before.
+
+        `car`: whether it may teach what belongs to the car; else only what belongs to the drive (Schmidt's
+        consider update: what is not taught keeps its mean and covariance).
+        """
+        radius = self._radius[wheels]
+        h = self.features(at)[wheels]
+        noise = covariance_m2 / np.outer(radius, radius)
+        innovation = deviation_m / radius - h @ self.mean
+        spread = h @ self.covariance @ h.T + noise
+        gain = np.linalg.solve(spread, h @ self.covariance).T
+        if not car:
+            gain[:CAR] = 0.0
+        self.mean = self.mean + gain @ innovation
+        # Joseph's form: right for any gain.
+        kept = np.eye(SIZE) - gain @ h
+        out = kept @ self.covariance @ kept.T + gain @ noise @ gain.T
+        self.covariance = (out + out.T) / 2
+        if car:
+            self.ranges[speed_range(at)] += 1
+
+    def wander(self, seconds: float) -> None:
+        """Driving goes on: what comes and goes within a drive has come and gone a little."""
+        decay = math.exp(-seconds / WANDER_S)
+        factor = np.ones(SIZE)
+        factor[WANDER] = factor[WANDER_OWN] = decay
+        self.mean = self.mean * factor
+        self.covariance = self.covariance * np.outer(factor, factor)
+        grown = (1.0 - decay**2) * _drive_std() ** 2
+        for place in (WANDER, *range(WANDER_OWN.start, WANDER_OWN.stop)):
+            self.covariance[place, place] += grown[place - CAR]
+
+    def forget_drive(self, load_only: bool) -> None:
+        """The car has stood: its load is another, and unless `load_only` so is the day."""
+        std = _drive_std()
+        places = list(range(LOAD.start, LOAD.stop)) if load_only else list(range(CAR, SIZE))
+        self.mean[places] = 0.0
+        self.covariance[places, :] = 0.0
+        self.covariance[:, places] = 0.0
+        for place in places:
+            self.covariance[place, place] = std[place - CAR] ** 2
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers for the state file."""
+        return {
+            "mean": self.mean.tolist(),
+            "covariance": self.covariance.tolist(),
+            "ranges": list(self.ranges),
+        }
+
+    @classmethod
+    def from_json(cls, saved: dict[str, Any], vehicle: VehicleConfig) -> Reference:
+        """Back from the state file; ValueError if it is no baseline."""
+        try:
+            mean = np.array([float(x) for x in saved["mean"]])
+            covariance = np.array([[float(x) for x in row] for row in saved["covariance"]])
+            ranges = [int(n) for n in saved["ranges"]]
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            raise ValueError(f"the saved baseline is not one: {error}") from error
+        if mean.shape != (SIZE,) or covariance.shape != (SIZE, SIZE) or len(ranges) != KNOTS_MPS.size:
+            raise ValueError("the saved baseline has another shape")
+        if not (np.all(np.isfinite(mean)) and np.all(np.isfinite(covariance))) or min(ranges) < 0:
+            raise ValueError("the saved baseline is not finite")
+        if np.any(np.abs(mean[OWN]) > 0.1):
+            raise ValueError("the saved baseline is absurd (more than 10 % off nominal)")
+        if (
+            not np.allclose(covariance, covariance.T, atol=1e-12)
+            or np.linalg.eigvalsh(covariance)[0] < -1e-10
+        ):
+            raise ValueError("the saved baseline has no covariance")
+        out = cls(vehicle)
+        out.mean, out.covariance, out.ranges = mean, covariance, ranges
+        return out
+
+
+def _drive_std() -> FloatArray:
+    """(SIZE - CAR,) prior standard deviations of what belongs to the drive."""
+    out = np.empty(SIZE - CAR)
+    for place, std in ((LOAD, LOAD_STD), (DAY, DAY_STD), (WANDER, WANDER_STD), (WANDER_OWN, WANDER_OWN_STD)):
+        span = slice(place.start - CAR, place.stop - CAR) if isinstance(place, slice) else place - CAR
+        out[span] = std
+    return out
+
+
+def hats(speed_mps: float) -> FloatArray:
+    """(knots,) piecewise linear weights of the ranges of speed; their sum is 1."""
+    place = float(np.interp(speed_mps, KNOTS_MPS, np.arange(KNOTS_MPS.size)))
+    return np.asarray(np.maximum(1.0 - np.abs(np.arange(KNOTS_MPS.size) - place), 0.0))
+
+
+def speed_range(at: Conditions) -> int:
+    """In which range of speed these conditions are: the index of the nearest knot."""
+    return int(np.argmax(hats(math.sqrt(at.speed2))))

@@ -1,0 +1,176 @@
+"""Sets of tyres, each with its own baseline, and resets that a soft tyre cannot pass.
+
+In: requests to learn anew. Out: the baseline that counts, and what became of the request.
+
+A reset keeps the baseline before it until the new one is ready. Then the radii are held against the old one:
+a tyre that was soft when the driver pressed the button is found, the reset is refused and the old baseline
+counts again (UN R141 forbids learning at low pressure; it is the field's best-known misuse). A set that was
+learned before needs no learning: its baseline is taken up as it is.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any, Literal
+
+from tpmsd.config.model import VehicleConfig
+from tpmsd.estimators.base import RadiusEstimate
+from tpmsd.monitor.baseline import Baseline
+from tpmsd.monitor.judge import Judge
+from tpmsd.monitor.records import LearningReport
+from tpmsd.timeline.tick import Tick
+from tpmsd.wheels import WHEELS, FloatArray
+
+DEFAULT_SET = "default"
+MAX_SETS = 8
+NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,23}")
+"""Names of sets: they go into files, sentences and JSON."""
+SOFT_PROBABILITY = 0.9
+
+ResetState = Literal["none", "learning", "accepted", "refused"]
+
+
+class TyreSets:
+    """The baselines of one car."""
+
+    def __init__(self, vehicle: VehicleConfig, wheels: list[int], learn_s: float, judge: Judge) -> None:
+        self._vehicle = vehicle
+        self._wheels = wheels
+        self._learn_s = learn_s
+        self._judge = judge
+        self.name = DEFAULT_SET
+        self.baseline = self._fresh()
+        self._others: dict[str, dict[str, Any]] = {}
+        self._before: Baseline | None = None
+        self._name_before = DEFAULT_SET
+        self.state: ResetState = "none"
+        self.reason = ""
+
+    def _fresh(self) -> Baseline:
+        return Baseline(self._vehicle, self._wheels, self._learn_s)
+
+    def update(self, tick: Tick, estimate: RadiusEstimate) -> None:
+        """Take every tick."""
+        self.baseline.update(tick, estimate)
+        if self._before is not None:
+            self._before.update(tick, estimate)
+
+    def request(self, name: str | None, standing: list[str]) -> bool:
+        """Learn anew, or change to another set; False if refused, `reason` says why.
+
+        `standing`: wheels for which a deflation is announced now.
+        """
+        wanted = self.name if name is None else name
+        if NAME.fullmatch(wanted) is None:
+            return self._refuse(f"{wanted!r:.40} is no name of a set of tyres (a-z 0-9 _ -, at most 24)")
+        if standing and wanted == self.name:
+            return self._refuse(
+                f"the alarm of {' '.join(standing)} stands: inflate the tyre and drive on until it is cleared"
+            )
+        if wanted != self.name and wanted not in self._others and len(self._others) + 1 >= MAX_SETS:
+            return self._refuse(f"{MAX_SETS} sets of tyres are kept already")
+        if self._before is not None:
+            # Asked again before the first was decided: what was known before both still counts.
+            before, name_before = self._before, self._name_before
+        else:
+            before, name_before = self.baseline, self.name
+        if name_before != wanted and before.ready:
+            self._others[name_before] = before.to_json()
+        saved = self._others.pop(wanted, None) if wanted != self.name else None
+        fresh = self._fresh()
+        if saved is not None:
+            fresh.take_up(saved)
+        fresh.follow(self.baseline)
+        self.baseline, self.name = fresh, wanted
+        known = saved is not None and fresh.ready
+        self._before = None if known or not before.ready else before
+        self._name_before = name_before
+        self.state = "learning" if self._before is not None else "accepted"
+        self.reason = (
+            f"changed to {wanted}, as learned before"
+            if known
+            else f"learning {wanted} anew"
+            if self._before is None
+            else f"learning {wanted} anew; it will be compared with what was normal before"
+        )
+        return True
+
+    def _refuse(self, why: str) -> bool:
+        self.state, self.reason = "refused", f"reset refused: {why}"
+        return False
+
+    def decide(self, estimate: RadiusEstimate) -> ResetState | None:
+        """Once the new baseline is ready: whether it counts. The decision, if one was made just now."""
+        if self._before is None or not self.baseline.ready:
+            return None
+        changes = self._before.changes(estimate, self._judge.harmless_m2)
+        if changes is None:
+            return None
+        soft = self._judge.soft_after_reset(changes[0], self.name != self._name_before)
+        named = [WHEELS[w] for w in self._wheels if soft[w] >= SOFT_PROBABILITY]
+        before, self._before = self._before, None
+        if not named:
+            self.state, self.reason = "accepted", f"{self.name} is learned anew"
+            return self.state
+        if self.name != self._name_before:
+            self._others.pop(self._name_before, None)
+        self.baseline, self.name = before, self._name_before
+        loss = ", ".join(f"{1e3 * x:+.1f} mm" for x in self._of(named, changes[0].change_m))
+        self._refuse(f"{' '.join(named)} had a smaller radius than before ({loss}): inflate and ask again")
+        return self.state
+
+    def _of(self, named: list[str], values: FloatArray) -> list[float]:
+        return [float(values[self._wheels.index(WHEELS.index(wheel))]) for wheel in named]
+
+    @property
+    def undecided(self) -> bool:
+        """Whether a reset waits for its new baseline."""
+        return self._before is not None
+
+    def report(self) -> LearningReport:
+        """For people and programs."""
+        return LearningReport(
+            tyres=self.name,
+            sets=tuple(sorted({self.name, *self._others})),
+            learned_s=self.baseline.learned_s,
+            samples_by_kmh=self.baseline.samples_by_kmh,
+            reset=self.state,
+            reset_reason=self.reason,
+        )
+
+    # -- what survives a restart -----------------------------------------------------------------------------
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers for the state file."""
+        return {
+            "tyres": self.name,
+            "baseline": self.baseline.to_json(),
+            "others": {name: dict(saved) for name, saved in self._others.items()},
+            "before": None if self._before is None else self._before.to_json(),
+            "tyres_before": self._name_before,
+            "reset": self.state,
+            "reset_reason": self.reason,
+        }
+
+    def take_up(self, saved: dict[str, Any]) -> None:
+        """Take up what was saved; ValueError (nothing taken up) if it does not fit."""
+        try:
+            names = [saved["tyres"], saved["tyres_before"], *saved["others"]]
+            state, reason = saved["reset"], str(saved["reset_reason"])
+            baseline = self._read(saved["baseline"])
+            others = {name: self._read(entry).to_json() for name, entry in saved["others"].items()}
+            before = None if saved["before"] is None else self._read(saved["before"])
+        except (KeyError, TypeError, AttributeError) as error:
+            raise ValueError(f"the saved sets of tyres are none: {error}") from error
+        if not all(isinstance(name, str) and NAME.fullmatch(name) for name in names):
+            raise ValueError("a saved set of tyres has no name")
+        if state not in ("none", "learning", "accepted", "refused") or len(others) >= MAX_SETS:
+            raise ValueError("the saved sets of tyres are none")
+        self.name, self._name_before = names[0], names[1]
+        self.baseline, self._others, self._before = baseline, others, before
+        self.state, self.reason = state, reason
+
+    def _read(self, saved: dict[str, Any]) -> Baseline:
+        out = self._fresh()
+        out.take_up(saved)
+        return out
