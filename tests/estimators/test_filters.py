@@ -1,4 +1,4 @@
-"""Both filters on cars in plain kinematics: right within their own uncertainty, and not upset by anything."""
+"""All filters on cars in plain kinematics: right within their own uncertainty, and not upset by anything."""
 
 from __future__ import annotations
 
@@ -31,11 +31,12 @@ from tests.estimators.world import (
 from tpmsd.config.model import FilterConfig, GnssConfig
 from tpmsd.estimators import error_state, measurements
 from tpmsd.estimators.base import RadiusEstimate
+from tpmsd.estimators.build import METHODS
 from tpmsd.estimators.mpf_rb import MpfRb
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import FloatArray
 
-BOTH = pytest.mark.parametrize("method", ["mpf-rb", "mpf-pn"])
+EACH = pytest.mark.parametrize("method", sorted(METHODS))
 POSITIONS_ALONE = Receiver(period_s=1.0, doppler=False, course=False)
 
 
@@ -305,7 +306,7 @@ TROUBLES: dict[str, tuple[World, Callable[[list[Tick]], list[Tick]]]] = {
 }
 
 
-@BOTH
+@EACH
 @pytest.mark.parametrize("name", TROUBLES)
 def test_trouble_passes(method: str, name: str) -> None:
     """Never a NaN in the radii, never an exception, and a minute later radii and place are right again."""
@@ -323,14 +324,15 @@ def test_trouble_passes(method: str, name: str) -> None:
     error = last.deviation_m - drive.offsets_m[-1]
     known = [2, 3] if name == "front wheels never there" else [0, 1, 2, 3]
     # A bootstrap filter that drove for a minute without weighing its particles has lost some of the prior.
-    slow_start = method == "mpf-pn" and name == "no fix for long at the start"
+    sampled = method in ("mpf-pn", "aug-pf", "mpf-mn")
+    slow_start = sampled and name == "no fix for long at the start"
     assert np.all(np.abs(error[known]) < (3.0e-3 if slow_start else 1.0e-3))
     assert math.dist((last.east_m, last.north_m), drive.pose[-1, :2]) < (15.0 if slow_start else 6.0)
     assert abs(math.remainder(last.heading_rad - drive.pose[-1, 2], 2 * math.pi)) < 0.12
     assert last.gnss_age_s < 1.0
 
 
-@BOTH
+@EACH
 def test_no_receiver_at_all(method: str) -> None:
     """Without a single fix there is no place, age is infinite, radii stay finite near nominal."""
     drive = World(duration_s=60.0, receiver=Receiver(outage=(0.0, 1e9))).drive()
@@ -341,7 +343,7 @@ def test_no_receiver_at_all(method: str) -> None:
     assert np.all(np.abs(last.deviation_m) < 0.02 * RADIUS_M)
 
 
-@BOTH
+@EACH
 def test_lost_wheels_have_no_speed(method: str) -> None:
     """A bus that dies at 20 m/s: after some seconds of coasting the speed is no longer claimed."""
     drive = World(duration_s=60.0).drive()
@@ -417,7 +419,7 @@ def test_mpf_rb_draws_nothing() -> None:
 # -- low speed ----------------------------------------------------------------------------------------------
 
 
-@BOTH
+@EACH
 def test_at_low_speed_the_steering_tells_the_turn(method: str) -> None:
     """Eq. (38c): at 4 m/s with a wrong rear radius, a left turn without fixes keeps its heading by the
     steering; without the signal the wheels' error turns the car."""
@@ -456,7 +458,7 @@ def test_at_low_speed_the_steering_tells_the_turn(method: str) -> None:
 # -- what survives a restart --------------------------------------------------------------------------------
 
 
-@BOTH
+@EACH
 def test_a_restart_knows_the_radii(method: str) -> None:
     """A new filter that took up the snapshot's JSON begins at the old radii, a little less sure, and drives
     on to the same ones."""
@@ -482,7 +484,7 @@ def _saved(method: str) -> tuple[Any, dict[str, Any]]:
     return filter_, json.loads(json.dumps(filter_.snapshot()))
 
 
-@BOTH
+@EACH
 @pytest.mark.parametrize(
     "change",
     [

@@ -11,7 +11,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tpmsd.estimators import measurements
-from tpmsd.estimators.error_state import BE, FWD, LAT, LATV, LOAD, MU, PSI, SLIP, TRK, E, N, initial_state
+from tpmsd.estimators.error_state import (
+    BE,
+    FWD,
+    GAIN,
+    LAT,
+    LATV,
+    LOAD,
+    MU,
+    PSI,
+    SLIP,
+    TRK,
+    E,
+    N,
+    initial_state,
+)
 from tpmsd.estimators.measurements import Present
 from tpmsd.estimators.odometry_block import Block, BlockBuilder
 from tpmsd.physics.kinematics import Geometry
@@ -157,7 +171,7 @@ def test_row_of_a_front_wheel(seed: int, driven: float, place: int) -> None:
     made = block(seed, np.zeros(4))
     front = made.front[place - 2]
     assert front is not None
-    check(lambda at: measurements.front_wheel(at, made, front, place, driven), seed, 0.02)
+    check(lambda at: measurements.front_wheel(at, made, front, place, driven, 0.14), seed, 0.02)
 
 
 @QUIET
@@ -165,7 +179,7 @@ def test_row_of_a_front_wheel(seed: int, driven: float, place: int) -> None:
 def test_row_of_the_gyro(seed: int) -> None:
     """The gyro's turn, derived by radii, track, load, bias and gain."""
     made = block(seed, np.zeros(4))
-    check(lambda at: measurements.gyro_turn(at, made, TRACK_M), seed, 0.02)
+    check(lambda at: measurements.gyro_turn(at, made, TRACK_M, 0.14), seed, 0.02)
 
 
 def test_perfect_instruments_leave_no_innovation() -> None:
@@ -188,24 +202,29 @@ def test_perfect_instruments_leave_no_innovation() -> None:
     assert made is not None
     scalars = [
         measurements.doppler_way(mean, made, NOMINAL, 0.0, 1.0, False),
-        measurements.gyro_turn(mean, made, TRACK_M),
+        measurements.gyro_turn(mean, made, TRACK_M, 0.0),
     ]
     for place, front in enumerate(made.front, start=2):
         assert front is not None
-        scalars.append(measurements.front_wheel(mean, made, front, place, 1.0))
+        scalars.append(measurements.front_wheel(mean, made, front, place, 1.0, 0.0))
     for scalar in scalars:
         assert 0.0 == pytest.approx(float(scalar.innovation[0]), abs=5e-4)  # second order of the hub
 
 
 def test_a_wrong_track_shows_in_bends_alone() -> None:
-    """TRK acts on the turn: rows of gyro and front wheels by the track are proportional to it."""
+    """TRK acts on the turn: rows of gyro and front wheels by the track are proportional to it, and to the
+    turn of the witness, not to what these wheels read."""
     mean, _ = initial_state(1, NOMINAL)
     made = block(1, np.zeros(4))
-    assert made.turn_rad == pytest.approx(measurements.gyro_turn(mean, made, TRACK_M).row[TRK])
+    row = measurements.gyro_turn(mean, made, TRACK_M, 0.14).row
+    assert (0.14, 0.14) == (row[TRK], row[GAIN])
     left, right = made.front
     assert left is not None
     assert right is not None
-    assert left.by_track == pytest.approx(-right.by_track)
-    row = measurements.gyro_turn(mean, made, TRACK_M).row
+    rows = [
+        measurements.front_wheel(mean, made, front, place, 0.0, 0.14).row[TRK]
+        for place, front in ((2, left), (3, right))
+    ]
+    assert [-0.14 * 1.5 / 2, 0.14 * 1.5 / 2] == pytest.approx(rows)
     assert (0.0, 0.0, 0.0) == (row[E], row[BE], row[SLIP])
     assert row[LOAD] * made.turn_rad < 0.0

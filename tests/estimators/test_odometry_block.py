@@ -134,7 +134,7 @@ def test_derivatives_of_the_hub_paths() -> None:
             numeric = (moved.residual_m - front.residual_m) / 1e-4
             assert numeric == pytest.approx(front.by_rear[k], rel=0.05, abs=1.0)
         sign = (-1.0, 1.0)[side]
-        assert sign * base.turn_rad * TRACK_M / 2 == pytest.approx(front.by_track)
+        assert sign * TRACK_M / 2 == pytest.approx(front.by_track_m)
 
 
 def test_a_wheel_without_signal_leaves_its_residual_out() -> None:

@@ -15,8 +15,7 @@ import numpy as np
 
 from tpmsd.config.model import FilterConfig, GnssConfig, VehicleConfig
 from tpmsd.estimators.base import Estimator, RadiusEstimate
-from tpmsd.estimators.mpf_pn import MpfPn
-from tpmsd.estimators.mpf_rb import MpfRb
+from tpmsd.estimators.build import METHODS
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import FloatArray
 
@@ -214,12 +213,9 @@ def _gauss_markov(
     return out
 
 
-METHODS = {"mpf-rb": MpfRb, "mpf-pn": MpfPn}
-
-
 def estimator(
     method: str, world: World, *, front: bool = True, seed: int = 1, particles: int | None = None
-) -> MpfRb | MpfPn:
+) -> Estimator:
     settings = FilterConfig(method=method, rate_hz=1.0 / world.dt_s, particles=particles)
     forward, left = world.antenna
     gnss = GnssConfig(antenna_forward_m=forward, antenna_left_m=left)

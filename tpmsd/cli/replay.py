@@ -14,7 +14,7 @@ from pathlib import Path
 from tpmsd.cli.drive_reading import open_drive, play
 from tpmsd.cli.output import Subparsers, add_json_option, write_json
 from tpmsd.config.load import load_config
-from tpmsd.config.model import Config
+from tpmsd.config.model import FILTER_METHODS, Config
 from tpmsd.errors import ConfigError, InputError
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.physics.model_file import load_model
@@ -56,7 +56,8 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--model", type=Path, metavar="FILE", help="physics of a model.toml to be compensated"
     )
-    parser.add_argument("--method", help="estimator instead of the configured one: mpf-rb or mpf-pn")
+    known = ", ".join(FILTER_METHODS)
+    parser.add_argument("--method", help=f"estimator instead of the configured one: {known}")
     parser.add_argument("--seed", type=int, help="seed of the estimator instead of the configured one")
     add_json_option(parser)
 

@@ -20,7 +20,7 @@ OPTIONAL_ROLES = (
     "drive_torque",
     "ambient_temp",
 )
-FILTER_METHODS = ("mpf-pn", "mpf-rb")
+FILTER_METHODS = ("aug-ekf", "aug-pf", "aug-ukf", "mpf-mn", "mpf-pn", "mpf-rb")
 FILTER_GATES = ("thresholds", "slip")
 FIX_WEIGHTS = ("square", "igg3")
 ROLES = WHEEL_COUNT_ROLES + WHEEL_SPEED_ROLES + OPTIONAL_ROLES
@@ -73,11 +73,11 @@ class FilterConfig:
     """The estimator."""
 
     method: str = "mpf-rb"
-    """One of FILTER_METHODS: mpf-rb, or mpf-pn as published."""
+    """One of FILTER_METHODS: mpf-rb, or one of the published ones."""
     rate_hz: float = 10.0
     """Ticks per second, 1 to 100."""
     particles: int | None = None
-    """None: the method's own default (mpf-rb 40, mpf-pn 500)."""
+    """None: the method's own default (mpf-rb 40, the published ones 500; aug-ekf and aug-ukf have none)."""
     window_s: float = 60.0
     """Memory of the forgetting factor: lambda = 1 - 1/(window_s * rate_hz), paper 000 eq. (20)."""
     seed: int = 1

@@ -9,12 +9,22 @@ import numpy as np
 
 from tpmsd.config.model import Config
 from tpmsd.errors import ConfigError
+from tpmsd.estimators.aug_kf import AugEkf, AugUkf
+from tpmsd.estimators.aug_pf import AugPf
 from tpmsd.estimators.base import Estimator
+from tpmsd.estimators.mpf_mn import MpfMn
 from tpmsd.estimators.mpf_pn import MpfPn
 from tpmsd.estimators.mpf_rb import MpfRb
 from tpmsd.wheels import FL, FR, RL, RR
 
-METHODS: dict[str, type[MpfRb] | type[MpfPn]] = {"mpf-rb": MpfRb, "mpf-pn": MpfPn}
+METHODS: dict[str, type[MpfRb | MpfPn | AugPf | AugEkf | AugUkf | MpfMn]] = {
+    "mpf-rb": MpfRb,
+    "mpf-pn": MpfPn,
+    "aug-pf": AugPf,
+    "aug-ekf": AugEkf,
+    "aug-ukf": AugUkf,
+    "mpf-mn": MpfMn,
+}
 """Method name -> class."""
 
 

@@ -35,6 +35,8 @@ DRIFT_AXLE = 0.020e-3
 """The same for front against rear (slip of the driven axle, load)."""
 DRIFT_COMMON = 0.040e-3
 """The same for all wheels together (centrifugal growth, warm-up)."""
+CALM_COMMON = 0.5
+"""Least share of `DRIFT_COMMON` that a calm particle has."""
 TURN_NOISE = 0.0004
 """Heading noise per sqrt(m) of way: side-slip, road crown, roughness; rad."""
 TURN_RELATIVE = 0.02
@@ -125,6 +127,8 @@ class ProcessModel:
         self._driven_rear = driven_rear
         self._wheels = nominal_m.size
         self.drift = drift_covariance(self._wheels)
+        self._drift_common = np.full((self._wheels, self._wheels), DRIFT_COMMON**2)
+        self._drift_own = self.drift - self._drift_common
 
     def way_and_turn(self, mean: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
         """(N,) way of the rear axle's middle and turn of each particle, eqs (6a), (6b)."""
@@ -143,9 +147,17 @@ class ProcessModel:
         return -motion.accel_lat_mps2 * float(motion.rear_rad.sum()) / self._track
 
     def propagate(
-        self, mean: FloatArray, covariance: FloatArray, motion: Motion, position_std_m: float
+        self,
+        mean: FloatArray,
+        covariance: FloatArray,
+        motion: Motion,
+        position_std_m: float,
+        restless: FloatArray | float = 1.0,
     ) -> tuple[FloatArray, float, float]:
         """Move mean (in place) and covariance (returned) through eq. (7), heading at mid-step.
+
+        `restless` (N,) is what each particle takes the wheels' drift to be, relative to `DRIFT_OWN` and
+        `DRIFT_AXLE`; `DRIFT_COMMON` follows it down to `CALM_COMMON` only and never up.
 
         Returns the covariance and the mean way and turn of the tick.
         """
@@ -162,7 +174,12 @@ class ProcessModel:
         mean_way, mean_turn = float(way.mean()), float(turn.mean())
         noise = self._noise(motion, abs(mean_way), mean_turn)
         noise[BE, BE] = noise[BN, BN] = position_std_m**2 * (1.0 - decay**2)
-        return predict(covariance, jacobian, noise), mean_way, mean_turn
+        out = predict(covariance, jacobian, noise)
+        levels = np.broadcast_to(np.asarray(restless), way.shape)[:, None, None]
+        common = np.clip(levels, CALM_COMMON, 1.0)
+        drift = np.square(levels) * self._drift_own + np.square(common) * self._drift_common
+        out[:, MU:, MU:] += drift * motion.dt_s
+        return out, mean_way, mean_turn
 
     def _jacobian(
         self, way: FloatArray, turn: FloatArray, cos: FloatArray, sin: FloatArray, motion: Motion
@@ -196,5 +213,4 @@ class ProcessModel:
         out[PSI, PSI] += (ROUGH_TURN * distance / self._track) ** 2 * rough
         out[LAT, LAT] = LATENCY_DRIFT**2 * motion.dt_s
         out[GYRO, GYRO] = GYRO_DRIFT**2 * motion.dt_s
-        out[MU:, MU:] = self.drift * motion.dt_s
         return out

@@ -123,9 +123,15 @@ def doppler_way(
 
 
 def front_wheel(
-    mean: FloatArray, block: Block, front: FrontResidual, place: int, driven_front_minus_rear: float
+    mean: FloatArray,
+    block: Block,
+    front: FrontResidual,
+    place: int,
+    driven_front_minus_rear: float,
+    turn_rad: float,
 ) -> Scalar:
     """One front wheel against the hub path that the rear pair predicts; `place` is 2 (fl) or 3 (fr).
+    `turn_rad` as for `gyro_turn`.
 
     A driven rear pair makes the predicted path shorter (omega r = v (1 + slip)), a driven front wheel its
     own. Lateral load transfer acts on both axles alike and cancels, so LOAD does not enter.
@@ -133,7 +139,7 @@ def front_wheel(
     row = np.zeros(mean.shape[1])
     row[MU : MU + 2] = front.by_rear
     row[MU + place] = -block.angle_rad[place]
-    row[TRK] = front.by_track
+    row[TRK] = front.by_track_m * turn_rad
     row[SLIP] = driven_front_minus_rear * block.way_m * block.accel_mps2
     residual = front.residual_m + (mean[:, MU:] - block.at_radii) @ row[MU:]
     residual += mean[:, TRK] * row[TRK] + mean[:, SLIP] * row[SLIP]
@@ -141,15 +147,21 @@ def front_wheel(
     return Scalar(-residual, row, rough**2 + front.reading_m**2)
 
 
-def gyro_turn(mean: FloatArray, block: Block, track_rear_m: float) -> Scalar:
-    """The bus's yaw rate over a block against the turn of the rear wheels, its bias and gain being states."""
+def gyro_turn(mean: FloatArray, block: Block, track_rear_m: float, turn_rad: float) -> Scalar:
+    """The bus's yaw rate over a block against the turn of the rear wheels, its bias and gain being states.
+
+    `turn_rad` is the block's turn as something other than these wheels in this second tells it. It is what
+    gain, track and load are multiplied by: with the wheels' own turn there, whose reading error is the
+    innovation's too, that error would be taken for a gain (errors in variables) and on a straight road, where
+    it is all there is, pull gain, track and load away without end.
+    """
     row = np.zeros(mean.shape[1])
     row[MU : MU + 2] = np.array([-block.angle_rad[0], block.angle_rad[1]]) / track_rear_m
-    row[TRK] = block.turn_rad
-    row[LOAD] = block.load_turn
-    row[GYRO], row[GAIN] = block.duration_s, block.turn_rad
+    row[TRK] = row[GAIN] = turn_rad
+    row[LOAD] = block.load_per_turn * turn_rad
+    row[GYRO] = block.duration_s
     change = (mean[:, MU:] - block.at_radii) @ row[MU:]
     others = mean[:, [TRK, LOAD, GYRO, GAIN]] @ row[[TRK, LOAD, GYRO, GAIN]]
-    noise = GYRO_NOISE_RADPS**2 * block.duration_s + (GYRO_RELATIVE * block.turn_rad) ** 2
+    noise = GYRO_NOISE_RADPS**2 * block.duration_s + (GYRO_RELATIVE * turn_rad) ** 2
     off = block.gyro_turn_rad - (block.turn_rad + change + others)
     return Scalar(off, row, noise + block.reading_turn_rad**2)

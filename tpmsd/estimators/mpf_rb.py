@@ -23,6 +23,7 @@ left against right on the front axle steadies the rear one where the receiver is
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -32,17 +33,16 @@ from tpmsd.estimators import error_state as state
 from tpmsd.estimators import measurements
 from tpmsd.estimators.base import RadiusEstimate, checked_radii
 from tpmsd.estimators.batched_kalman import Weights, scalar_update, square_weights, symmetrise
-from tpmsd.estimators.error_state import BE, BN, FWD, LAT, MU, PSI, SLIP, E, Motion, N, ProcessModel
-from tpmsd.estimators.fix_gate import FIX_WEIGHTS, FixGate
+from tpmsd.estimators.error_state import BE, BN, FWD, GYRO, LAT, MU, PSI, SLIP, E, Motion, N, ProcessModel
+from tpmsd.estimators.fix_gate import FIX_WEIGHTS
 from tpmsd.estimators.motion_gate import MotionGate
 from tpmsd.estimators.odometry_block import Block, BlockBuilder
-from tpmsd.estimators.pose_start import PoseFinder, PoseStart
+from tpmsd.estimators.pose_keeper import COAST_LIMIT_S, Pose, PoseKeeper
+from tpmsd.estimators.pose_start import PoseStart
 from tpmsd.estimators.resampling import effective_number
-from tpmsd.estimators.slip_gate import make_gate
 from tpmsd.physics.grade import GradeTracker
-from tpmsd.physics.kinematics import Geometry
 from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.wheels import FL, FR, RL, RR, FloatArray
+from tpmsd.wheels import FloatArray
 
 DEFAULT_PARTICLES = 40
 CHANGE_RATE_PER_S = 1.0 / 3600.0
@@ -51,14 +51,20 @@ CHANGE_STD = 0.008
 """Size of a supposed change, relative to the radius."""
 CHANGE_HEADING_STD = 0.05
 """Heading error that a change may have caused before it was supposed, rad."""
+RESTLESS = ((1.0, 0.1), (0.15, 0.895), (4.0, 0.005))
+"""Levels of the wheels' own drift, relative to `error_state`'s, and their prior probabilities. The first is
+that of a filter with few particles."""
+LEVEL_FLOOR = math.log(0.003)
+"""Least weight of each level, relative to the best history."""
+YAW_TAU_S = 0.5
+SLOW_YAW_TAU_S = 3.0
 FIX_INTERVAL_S = 0.45
 """Positions and courses are used at most this often: between, their errors are the same."""
-COAST_LIMIT_S = 3.0
 UNUSED = -1e9
 """Log-weight of a particle that holds no history yet."""
 
 
-class MpfRb:
+class MpfRb(PoseKeeper):
     """The estimator; `step` takes one tick and gives one estimate."""
 
     def __init__(
@@ -72,34 +78,24 @@ class MpfRb:
     ) -> None:
         """`front`: whether the bus has the front wheels too. `rng` is not drawn from: histories are
         enumerated. `gate` None: the one that `settings` name."""
-        self._order = [RL, RR, FL, FR] if front else [RL, RR]
-        self._wheels = len(self._order)
-        self._nominal = np.array([vehicle.wheel_radius_m[i] for i in self._order])
-        self._geometry = Geometry(vehicle.track_front_m, vehicle.track_rear_m, vehicle.wheelbase_m)
-        self._steering_ratio = vehicle.steering_ratio
-        self._antenna = (gnss.antenna_forward_m, gnss.antenna_left_m)
-        self._settings = settings
+        super().__init__(vehicle, gnss, settings, front, gate)
         self._driven_rear = vehicle.driven_axle in ("rear", "all")
         self._driven_front = vehicle.driven_axle in ("front", "all")
         self._process = ProcessModel(self._nominal, vehicle.track_rear_m, self._driven_rear)
-        self._gate = gate or make_gate(settings, vehicle)
-        self._fix_gate = FixGate()
         self._fix_weights = FIX_WEIGHTS[settings.fix_weights]
-        self._finder = PoseFinder()
         self._grade = GradeTracker()
         self._blocks = BlockBuilder(self._order, self._nominal, self._geometry)
         count = settings.particles or DEFAULT_PARTICLES
         self._mean, self._cov = state.initial_state(count, self._nominal)
         self._log_weights = np.full(count, UNUSED)
-        self._log_weights[0] = 0.0
+        self._restless = np.ones(count)
+        self._begin_histories(range(min(len(RESTLESS), max(count // 8, 1))))
         self._position_std_m = state.DEFAULT_POSITION_STD_M
-        self._located = self._teaches = False
-        self._informative_s = 0.0
-        self._last_fix_s = self._last_used_s = -math.inf
-        self._coasting_s = 0.0
+        self._teaches = False
+        self._last_used_s = -math.inf
         self._next_wheel = 0
-        self._rate = (0.0, 0.0)
-        self.counts: dict[str, int] = {"fixes": 0, "refused_fixes": 0, "lost_pose": 0}
+        self._yaw_rate = self._slow_yaw_rate = 0.0
+        """The wheels' by the present radii, smoothed over `YAW_TAU_S` and `SLOW_YAW_TAU_S`."""
 
     # -- one tick -------------------------------------------------------------------------------------------
 
@@ -113,6 +109,7 @@ class MpfRb:
         block = self._blocks.add(tick, teaches, self._radii(), self._gate.accel_mps2)
         if block is not None:
             if block.teaches:
+                self._suppose_drift()
                 self._suppose_changes(block)
                 self._learn(block)
             symmetrise(self._cov)
@@ -124,53 +121,41 @@ class MpfRb:
         """Propagate all particles through the tick; whether it may teach the radii."""
         rear = tick.rotation_rad[self._order[:2]]
         if not (math.isfinite(rear[0]) and math.isfinite(rear[1])):
-            self._coast(tick)
+            self._coast(tick.dt_s)
             return False
         self._coasting_s = 0.0
-        roll = rear * self._nominal[:2]
-        speed = float(roll[0] + roll[1]) / 2 / tick.dt_s
-        yaw_rate = float(roll[1] - roll[0]) / self._geometry.track_rear_m / tick.dt_s
-        teaches = self._gate.update(tick, speed, yaw_rate)
-        if roll[0] + roll[1] == 0.0:
+        virtual_way, virtual_turn = self._virtual_motion(rear)
+        speed = virtual_way / tick.dt_s
+        teaches = self._gate.update(tick, speed, virtual_turn / tick.dt_s)
+        if virtual_way == 0.0:
             self._rate = (0.0, 0.0)
             return False
         gate = self._gate
         curvature = None if teaches else self._steered_curvature(tick)
-        accel_lat = gate.speed_mps * gate.yaw_rate_radps
+        accel_lat = gate.speed_mps * self._yaw_rate
         self._grade.move(speed * tick.dt_s)
         horizontal = self._grade.horizontal
         motion = Motion(tick.dt_s, rear, gate.accel_mps2, accel_lat, teaches, horizontal, curvature)
         std = self._position_std_m
-        self._cov, way, turn = self._process.propagate(self._mean, self._cov, motion, std)
+        self._cov, way, turn = self._process.propagate(self._mean, self._cov, motion, std, self._restless)
         self._rate = (way / tick.dt_s, turn / tick.dt_s)
+        # By the present radii: with nominal ones a bend would be seen wherever left and right differ.
+        self._yaw_rate += (1.0 - math.exp(-tick.dt_s / YAW_TAU_S)) * (self._rate[1] - self._yaw_rate)
+        slow = 1.0 - math.exp(-tick.dt_s / SLOW_YAW_TAU_S)
+        self._slow_yaw_rate += slow * (self._rate[1] - self._slow_yaw_rate)
         if teaches:
             self._informative_s += tick.dt_s
         return teaches
 
-    def _steered_curvature(self, tick: Tick) -> float | None:
-        """Curvature by the steering at low speed, eq. (38c); None where the wheels tell the turn."""
-        steering = tick.steering_wheel_angle_rad
-        slow = self._gate.speed_mps < self._settings.min_speed_mps
-        if not slow or self._steering_ratio is None or not math.isfinite(steering):
-            return None
-        return math.tan(steering / self._steering_ratio) / self._geometry.wheelbase_m
-
-    def _coast(self, tick: Tick) -> None:
-        """No rear rotation: go on as before, ever less sure; give the pose up after a while."""
+    def _drift_on(self, dt_s: float) -> None:
         self._blocks.reset()
-        self._coasting_s += tick.dt_s
-        if self._coasting_s > COAST_LIMIT_S:
-            if self._located:
-                self._lose_pose()
-            self._rate = (0.0, 0.0)  # no longer known
-            return
         speed, yaw_rate = self._rate
-        mean, dt = self._mean, tick.dt_s
-        mean[:, E] += speed * dt * np.cos(mean[:, PSI])
-        mean[:, N] += speed * dt * np.sin(mean[:, PSI])
-        mean[:, PSI] += yaw_rate * dt
-        self._cov[:, [E, N], [E, N]] += dt**2 + (speed * dt * 0.1) ** 2
-        self._cov[:, PSI, PSI] += 0.1**2 * dt
+        mean = self._mean
+        mean[:, E] += speed * dt_s * np.cos(mean[:, PSI])
+        mean[:, N] += speed * dt_s * np.sin(mean[:, PSI])
+        mean[:, PSI] += yaw_rate * dt_s
+        self._cov[:, [E, N], [E, N]] += dt_s**2 + (speed * dt_s * 0.1) ** 2
+        self._cov[:, PSI, PSI] += 0.1**2 * dt_s
 
     # -- fixes ----------------------------------------------------------------------------------------------
 
@@ -179,12 +164,7 @@ class MpfRb:
         self._blocks.add_fix(fix, tick)
         self._grade.update(fix.up_m)
         moving = self._rate[0] > 0.5
-        if not self._located and self._coasting_s > 0.0:
-            return  # a pose is of no use before the wheels turn again
-        if not self._located:
-            start = self._finder.update(fix, moving)
-            if start is not None:
-                self._place(start, tick)
+        if not self._found(fix, tick, moving):
             return
         if not moving or fix.time_s - self._last_used_s < FIX_INTERVAL_S:
             # At a standstill correlated fixes would only sharpen a wrong position.
@@ -199,12 +179,8 @@ class MpfRb:
         weights = self._weights()
         off = math.hypot(fix.east_m - float(weights @ east), fix.north_m - float(weights @ north))
         own = float(weights @ (self._cov[:, E, E] + self._cov[:, N, N]))
-        verdict = self._fix_gate.judge(off, own + fix.position_std_m**2, fix.time_s)
-        if verdict != "use":
-            self._refuse(fix, tick, lost=verdict == "lost")
+        if self._refused(fix, tick, off, own + fix.position_std_m**2):
             return
-        self._last_fix_s = fix.time_s
-        self.counts["fixes"] += 1
         variance = measurements.position_variance(fix, now)
         self._update(measurements.Scalar(fix.east_m - east, east_row, variance), self._fix_weights)
         _, north, _, north_row = measurements.antenna_position(self._mean, fix, tick, now)
@@ -220,25 +196,9 @@ class MpfRb:
         rolls = tick.rotation_std_rad[self._order[:2]] * self._nominal[:2]
         return math.hypot(*np.nan_to_num(rolls)) / math.sqrt(2.0) / self._geometry.track_rear_m
 
-    def _refuse(self, fix: Fix, tick: Tick, lost: bool) -> None:
-        """Leave an outlying fix out; if the receiver insists, find the pose anew."""
-        self.counts["refused_fixes"] += 1
-        if not lost:
-            return
-        self._lose_pose()
-        start = self._finder.update(fix, True)
-        if start is not None:
-            self._place(start, tick)
-
-    def _lose_pose(self) -> None:
-        """Give the pose up and keep what was learned of the radii."""
-        self._located = False
-        self._finder.reset()
-        self._gate.reset()
+    def _pose_lost(self) -> None:
         self._blocks.reset()
         self._grade.reset()
-        self._fix_gate.reset()
-        self.counts["lost_pose"] += 1
 
     def _place(self, start: PoseStart, tick: Tick) -> None:
         """Set every particle's pose to what the fixes tell, uncorrelated with the radii."""
@@ -261,10 +221,33 @@ class MpfRb:
             self._cov[:, pose, bias] = self._cov[:, bias, pose] = -slow
         self._cov[:, PSI, PSI] = start.heading_std_rad**2
         self._position_std_m = fix.position_std_m
-        self._located = True
-        self._last_fix_s = self._last_used_s = fix.time_s
+        self._last_used_s = fix.time_s
 
     # -- radii ----------------------------------------------------------------------------------------------
+
+    def _begin_histories(self, first: Iterable[int]) -> None:
+        """Give these particles the levels of drift, by their prior."""
+        for particle in first:
+            self._restless[particle], chance = RESTLESS[particle]
+            self._log_weights[particle] = math.log(chance)
+
+    def _suppose_drift(self) -> None:
+        """Keep one history of each level of drift in play, with at least a share of the best one's weight.
+
+        What a level has lost beyond that it has lost with radii of its own; it begins again at the best ones.
+        """
+        if self._log_weights.size < 8 * len(RESTLESS):
+            return
+        best = int(np.argmax(self._log_weights))
+        least = self._log_weights[best] + LEVEL_FLOOR
+        for level, _ in RESTLESS:
+            if np.any(self._log_weights[self._restless == level] >= least):
+                continue
+            child = int(np.argmin(self._log_weights))
+            self._mean[child] = self._mean[best]
+            self._cov[child] = self._cov[best]
+            self._restless[child] = level
+            self._log_weights[child] = least
 
     def _suppose_changes(self, block: Block) -> None:
         """For each wheel, one history branches off the best: this wheel has just changed.
@@ -285,6 +268,7 @@ class MpfRb:
             self._cov[child] = self._cov[best]
             self._cov[child, MU + wheel, MU + wheel] += (CHANGE_STD * self._nominal[wheel]) ** 2
             self._cov[child, PSI, PSI] += CHANGE_HEADING_STD**2
+            self._restless[child] = self._restless[best]
             self._log_weights[child] = self._log_weights[best] + chance
 
     def _learn(self, block: Block) -> None:
@@ -295,12 +279,14 @@ class MpfRb:
                 self._mean, block, self._nominal, left, self._grade.horizontal, self._driven_rear
             )
             self._update(scalar, self._fix_weights)
+        turn = self._slow_yaw_rate * block.duration_s
         if self._gate.gyro_trusted and math.isfinite(block.gyro_turn_rad):
-            self._update(measurements.gyro_turn(self._mean, block, self._geometry.track_rear_m))
+            turn = block.gyro_turn_rad - float(self._weights() @ self._mean[:, GYRO]) * block.duration_s
+            self._update(measurements.gyro_turn(self._mean, block, self._geometry.track_rear_m, turn))
         driven = float(self._driven_front) - float(self._driven_rear)
         for place, front in enumerate(block.front, start=2):
             if front is not None:
-                self._update(measurements.front_wheel(self._mean, block, front, place, driven))
+                self._update(measurements.front_wheel(self._mean, block, front, place, driven, turn))
 
     # -- particles ------------------------------------------------------------------------------------------
 
@@ -331,28 +317,17 @@ class MpfRb:
 
     def _estimate(self, tick: Tick, teaches: bool) -> RadiusEstimate:
         mean, cov = self._moments()
-        deviation, full, noise = np.full(4, np.nan), np.full((4, 4), np.nan), np.full(4, np.nan)
-        deviation[self._order] = mean[MU:]
-        full[np.ix_(self._order, self._order)] = cov[MU:, MU:]
-        noise[self._order] = np.sqrt(np.diag(self._process.drift))
-        found = self._located
-        return RadiusEstimate(
-            time_s=tick.time_s,
-            deviation_m=deviation,
-            covariance_m2=full,
-            noise_std_m=noise,
-            informative=teaches,
-            informative_s=self._informative_s,
-            speed_mps=self._rate[0],
-            yaw_rate_radps=self._rate[1],
-            east_m=float(mean[E]) if found else math.nan,
-            north_m=float(mean[N]) if found else math.nan,
-            heading_rad=math.remainder(float(mean[PSI]), 2 * math.pi) if found else math.nan,
-            position_std_m=math.sqrt(max(cov[E, E] + cov[N, N], 0.0) / 2) if found else math.inf,
-            heading_std_rad=math.sqrt(max(cov[PSI, PSI], 0.0)) if found else math.inf,
-            gnss_age_s=tick.time_s - self._last_fix_s,
-            effective_particles=effective_number(self._weights()),
+        variance = np.maximum(np.diag(cov), 0.0)
+        pose = Pose(
+            east_m=float(mean[E]),
+            north_m=float(mean[N]),
+            heading_rad=math.remainder(float(mean[PSI]), 2 * math.pi),
+            position_std_m=math.sqrt((variance[E] + variance[N]) / 2),
+            heading_std_rad=math.sqrt(variance[PSI]),
         )
+        radii = (mean[MU:], cov[MU:, MU:])
+        noise = np.sqrt(np.diag(self._process.drift))
+        return self._radius_estimate(tick, teaches, radii, noise, pose, effective_number(self._weights()))
 
     # -- what survives a restart ----------------------------------------------------------------------------
 

@@ -90,6 +90,26 @@ class NormalInverseWishart:
             out[:, 1] += l21 * normal[:, 0] + l22 * normal[:, 1]
         return out
 
+    def log_predictive(self, noise: FloatArray) -> FloatArray:
+        """Log density (N,) of noise (N, d) under the predictive, eq. (21) in its exact form, up to a constant
+        that is the same for all particles.
+
+        The Cholesky factor goes down the few columns, over all particles at once.
+        """
+        size, dof = self.dimension, self.predictive_dof
+        rest = self.predictive_scale()
+        off = noise - self.mean
+        squared, log = np.zeros(off.shape[0]), np.zeros(off.shape[0])
+        for k in range(size):
+            pivot = rest[:, k, k]
+            white = off[:, k] / np.sqrt(pivot)
+            squared += white**2
+            log -= 0.5 * np.log(pivot)
+            column = rest[:, k + 1 :, k] / np.sqrt(pivot)[:, None]
+            off[:, k + 1 :] -= column * white[:, None]
+            rest[:, k + 1 :, k + 1 :] -= column[:, :, None] * column[:, None, :]
+        return np.asarray(log - 0.5 * (dof + size) * np.log1p(squared / dof))
+
     def predictive_scale_block(self, leading: int) -> FloatArray:
         """Scale matrix of the marginal predictive of the first components, (N, leading, leading)."""
         factor = (1.0 + self.gamma) / (self.nu - self.dimension + 1.0)

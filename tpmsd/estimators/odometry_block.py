@@ -28,8 +28,8 @@ class FrontResidual:
     residual_m: float
     by_rear: FloatArray
     """(2,) derivative of the predicted path by the radii of rl and rr."""
-    by_track: float
-    """Derivative of the predicted path by the relative error of the track."""
+    by_track_m: float
+    """Derivative of the predicted path by the relative error of the track, per turn."""
     reading_m: float
 
 
@@ -59,8 +59,9 @@ class Block:
     """(d,) radius errors at which turn and front residuals were formed."""
     gyro_turn_rad: float
     """The yaw rate signal integrated over the block; NaN where it was missing."""
-    load_turn: float
-    """Derivative of the wheels' turn by the lateral load transfer (`error_state.ProcessModel.load_turn`)."""
+    load_per_turn: float
+    """Derivative of the wheels' turn by the lateral load transfer (`error_state.ProcessModel.load_turn`), per
+    turn."""
     reading_turn_rad: float
     """Reading error of the counters as a turn."""
 
@@ -138,7 +139,7 @@ class BlockBuilder:
             else (None, None)
         )
         duration = float(share @ times_s)
-        accel_lat = float(ways.sum()) * float(turns.sum()) / max(duration, 1e-3) ** 2
+        accel_per_turn = float(ways.sum()) / max(duration, 1e-3) ** 2
         reading_roll_m = float(np.hypot(reading[0] * radius[0], reading[1] * radius[1]))
         return Block(
             duration_s=max(duration, 1e-3),
@@ -154,7 +155,7 @@ class BlockBuilder:
             front=front,
             at_radii=radii.copy(),
             gyro_turn_rad=float(share @ (gyro * times_s)),
-            load_turn=-accel_lat * float(angle[:2].sum()) / self._geometry.track_rear_m,
+            load_per_turn=-accel_per_turn * float(angle[:2].sum()) / self._geometry.track_rear_m,
             reading_turn_rad=reading_roll_m / self._geometry.track_rear_m,
         )
 
@@ -190,7 +191,6 @@ class BlockBuilder:
                     * radius[0]
                 ),
             )
-            by_track = side * float(turns.sum()) * self._geometry.track_front_m / 2
             residual = float(paths[:, wheel].sum() - angle[column] * radius[column])
-            out.append(FrontResidual(residual, by_rear, by_track, noise))
+            out.append(FrontResidual(residual, by_rear, side * self._geometry.track_front_m / 2, noise))
         return out[0], out[1]

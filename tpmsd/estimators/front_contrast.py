@@ -1,0 +1,81 @@
+"""Front wheels for the filters of paper 000, which know the rear pair alone.
+
+In: rotations, and the rear radii's moments. Out: the moments of all four. The rear wheels point along the
+body; a steered front wheel rolls along the path of its own hub, which way and turn of the rear axle tell
+without any steering signal (`physics.kinematics`). So its radius error is realised, w_f = path_f / a_f - r_f,
+and what it has beyond the rear pair's share in that path does not depend on the trajectory: one set of
+Normal-inverse-Wishart statistics learns it beside the filter. It never acts back on the rear pair or the
+trajectory: the hub's path leaves out side-slip and steer geometry, and an error there must not bend what rear
+pair and receiver agree on.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tpmsd.estimators.niw import NormalInverseWishart
+from tpmsd.physics.kinematics import Geometry, wheel_speeds
+from tpmsd.wheels import FL, FR, FloatArray
+
+PRIOR_STD = 0.01
+"""Prior spread of front against rear, relative to the radius."""
+NOISE_STD_M = 0.003
+"""Prior standard deviation of one tick's radius error."""
+SMOOTHING_S = 0.5
+
+
+class FrontContrast:
+    """Radius errors of fl and fr beyond what the rear pair's explain."""
+
+    def __init__(self, nominal_m: FloatArray, geometry: Geometry, forgetting_factor: float) -> None:
+        """`nominal_m` (4,) in the order rl, rr, fl, fr."""
+        self._nominal, self._geometry, self._forgetting = nominal_m, geometry, forgetting_factor
+        ratio = geometry.track_front_m / geometry.track_rear_m
+        self.by_rear = np.array([[1 + ratio, 1 - ratio], [1 - ratio, 1 + ratio]]) / 2
+        """(2, 2) derivative of the hub paths' radius errors (fl, fr) by those of rl, rr."""
+        spread = (PRIOR_STD * float(nominal_m.mean())) ** 2
+        scale = np.eye(2)[None] * NOISE_STD_M**2 * 2.0
+        self._stats = NormalInverseWishart(spread / NOISE_STD_M**2, np.zeros((1, 2)), 5.0, scale)
+        self._turn = 0.0
+
+    def learn(self, angle_rad: FloatArray, rear_m: FloatArray, dt_s: float) -> None:
+        """Take a tick that teaches: rotations (4,) and the present rear radius errors (2,)."""
+        roll = angle_rad[:2] * (self._nominal[:2] + rear_m)
+        way, turn = float(roll.sum()) / 2, float(roll[1] - roll[0]) / self._geometry.track_rear_m
+        # The hub's lateral part enters squared, so quantisation in the turn would bias it: there it is
+        # smoothed.
+        self._turn += (1.0 - math.exp(-dt_s / SMOOTHING_S)) * (turn / dt_s - self._turn)
+        lateral = (self._turn * dt_s - turn) * self._geometry.wheelbase_m
+        paths = wheel_speeds(way, turn, self._geometry, lateral)
+        own = self._stats.mean[0].copy()  # a wheel without a reading in this tick is taken at its mean
+        for place, wheel in enumerate((FL, FR)):
+            angle = float(angle_rad[2 + place])
+            if angle > 0.0:  # false for NaN
+                realised = float(paths[wheel]) / angle - self._nominal[2 + place]
+                own[place] = realised - self.by_rear[place] @ rear_m
+        self._stats.forget(self._forgetting)
+        self._stats.learn(own[None, :])
+
+    def moments(self, rear_m: FloatArray, rear_m2: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean (4,) and covariance (4, 4) of all radius errors, from those of the rear pair."""
+        own, own_m2 = self._stats.mean_moments(np.ones(1))
+        spread = np.zeros((4, 4))
+        spread[:2, :2] = rear_m2
+        spread[2:, :2] = self.by_rear @ rear_m2
+        spread[:2, 2:] = spread[2:, :2].T
+        spread[2:, 2:] = spread[2:, :2] @ self.by_rear.T + own_m2
+        return np.concatenate([rear_m, self.by_rear @ rear_m + own]), spread
+
+    def noise_std(self) -> FloatArray:
+        """(2,) standard deviation of one tick's radius error of fl and fr."""
+        return np.sqrt(np.diag(self._stats.noise_covariance(np.ones(1))))
+
+    def restore(self, mean_m: FloatArray, covariance_m2: FloatArray) -> None:
+        """Take up the moments (4,), (4, 4) of a snapshot."""
+        rows = np.hstack([-self.by_rear, np.eye(2)])
+        own_m2 = rows @ covariance_m2 @ rows.T
+        self._stats.mean = (rows @ mean_m)[None, :]
+        noise = np.diag(self._stats.noise_covariance(np.ones(1)))
+        self._stats.gamma = float(np.max(np.diag(own_m2) / noise))
