@@ -28,6 +28,7 @@ ALLOWED |= {
     "wheels": set(),
     "physics": {"config"},
     "vehicle_state": {"physics"},
+    "resonance": {"physics", "config", "sources"},
     "config": set(),
     "simulator": {"physics", "config", "sources", "timeline"},
     "calibration": {"physics", "config", "sources", "timeline"},
@@ -41,10 +42,12 @@ ALLOWED |= {
 }
 for _room in ("estimators", "diagnosis"):
     ALLOWED[_room] = ALLOWED[_room] | {"vehicle_state"}
+for _room in ("monitor", "sinks", "pipeline", "report", "daemon", "cli"):
+    ALLOWED[_room] = ALLOWED[_room] | {"resonance"}
 
 PURE_ROOMS = {
     *("sources", "timeline", "estimators", "monitor", "pipeline"),
-    *("physics", "vehicle_state", "diagnosis", "errors", "wheels"),
+    *("physics", "vehicle_state", "resonance", "diagnosis", "errors", "wheels"),
 }
 SHELLS = {
     *(f"tpmsd.sources.{name}" for name in ("can_live", "can_log", "can_log_candump", "can_log_others")),

@@ -1,0 +1,137 @@
+"""Likelihood of 'soft' against 'not soft' from the resonances, and its fusion with other evidence.
+
+In: for each wheel the resonance's likelihood now and when the tyre was known to be in order. Out: a
+`ResonanceEvidence`: log likelihood ratios per wheel and per set of wheels, to be added to those of the radii.
+
+    L_i(x)  = sum over f, z of L_then(f, z) L_now(f e^x, z)    x: change of ln f of wheel i, z: damping
+    x_i     = c + u_i + s_i                                    c, u: harmless, common and own; s: of a soft
+    tyre L(S)    = average over c of  prod over S of E[L_i | s soft] * prod over the others of L_i(c + u)
+
+c is what warmth does to all tyres alike, so four frequencies that fall together say little, and one that
+falls alone says much. Nothing is taken to be Gaussian: a wheel whose resonance was not found has a flat L_i
+and says nothing. With probability 1 - TRUST the evidence is worth nothing, which bounds all ratios.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tpmsd.resonance.peak_fit import LOG_STEP
+from tpmsd.resonance.torsion import soft_shifts
+from tpmsd.wheels import FloatArray
+
+MIN_SHIFT, MAX_SHIFT = -0.40, 0.20
+SHIFTS = LOG_STEP * np.arange(round(MIN_SHIFT / LOG_STEP), round(MAX_SHIFT / LOG_STEP) + 1)
+"""Changes of ln f that are considered."""
+COMMON_STD, OWN_STD = 0.02, 0.006
+"""Harmless changes of ln f: warmth and load of all tyres; what each wheel has to itself."""
+TRUST = 0.9
+"""Probability that the evidence is worth anything; else every set of wheels is as likely as any other."""
+_COMMON = LOG_STEP * np.arange(-12, 13)
+_COMMON_LOG = -0.5 * (_COMMON / COMMON_STD) ** 2
+
+
+def shift_likelihood(then: FloatArray, now: FloatArray) -> FloatArray:
+    """(len(SHIFTS),) log L(x) of one wheel, against that of a change nobody can know.
+
+    `then`, `now`: (frequencies, dampings) log likelihoods, 0 where a resonance would not be seen. Damping is
+    the road contact's, the same at the same speed, so what is wrong with it then is wrong now and falls out.
+    """
+    size = then.shape[0]
+    # Off the grid a resonance is not seen either: 0.
+    padded = np.zeros((size + 2 * SHIFTS.size, then.shape[1]))
+    padded[SHIFTS.size : SHIFTS.size + size] = now
+    offset = SHIFTS.size + np.round(SHIFTS / LOG_STEP).astype(int)
+    joint = then + np.stack([padded[start : start + size] for start in offset])
+    logs = _log_sum(joint.reshape(SHIFTS.size, -1), axis=1)
+    return np.asarray(logs - _log_sum(logs, axis=0) + math.log(SHIFTS.size))
+
+
+@dataclass(frozen=True, slots=True)
+class ResonanceEvidence:
+    """What the resonances of a car's wheels say together."""
+
+    wheels: tuple[int, ...]
+    """The wheels it speaks of, as indices of `tpmsd.wheels.WHEELS`."""
+    subsets: Mapping[tuple[int, ...], float]
+    """For every set of these wheels: log of (likelihood that just they are soft / that none is)."""
+
+    @classmethod
+    def silent(cls) -> ResonanceEvidence:
+        """Of no wheel: changes nothing."""
+        return cls((), {(): 0.0})
+
+    @classmethod
+    def of(cls, shifts: Mapping[int, FloatArray]) -> ResonanceEvidence:
+        """From `shift_likelihood` of each wheel that has one."""
+        wheels = tuple(sorted(shifts))
+        if not wheels:
+            return cls.silent()
+        sound, soft = {}, {}
+        for wheel in wheels:
+            own = _blurred(shifts[wheel], OWN_STD)
+            sound[wheel] = np.interp(_COMMON, SHIFTS, own)
+            shifted = np.interp(_COMMON[:, None] + soft_shifts(), SHIFTS, own)
+            soft[wheel] = _log_sum(shifted, axis=1) - math.log(shifted.shape[1])
+        logs: dict[tuple[int, ...], float] = {}
+        for size in range(len(wheels) + 1):
+            for subset in itertools.combinations(wheels, size):
+                terms = (soft[wheel] if wheel in subset else sound[wheel] for wheel in wheels)
+                logs[subset] = float(_log_sum(_COMMON_LOG + sum(terms), axis=0))
+        total = float(_log_sum(np.array(list(logs.values())), 0))
+        even = math.log1p(-TRUST) - math.log(len(logs))
+        mixed = {s: float(np.logaddexp(math.log(TRUST) + log - total, even)) for s, log in logs.items()}
+        return cls(wheels, {subset: log - mixed[()] for subset, log in mixed.items()})
+
+    def log_ratio(self, subset: Sequence[int]) -> float:
+        """Log of (likelihood that just these wheels are soft / that none is); of wheels without a resonance
+        nothing is known, so they neither add nor take."""
+        return self.subsets[tuple(sorted(wheel for wheel in subset if wheel in self.wheels))]
+
+    def wheel_llr(self, wheel: int) -> float:
+        """Log of (likelihood that just this wheel is soft / that none is)."""
+        return self.log_ratio((wheel,))
+
+
+def fuse(
+    log_weights: Mapping[tuple[int, ...], float], evidence: ResonanceEvidence
+) -> dict[tuple[int, ...], float]:
+    """Posterior over sets of soft wheels, by other evidence and by the resonance.
+
+    The two are taken to be independent given which wheels are soft.
+    `log_weights`: log of prior times likelihood of each set, unnormalised. The result sums to one.
+    """
+    logs = {subset: log + evidence.log_ratio(subset) for subset, log in log_weights.items()}
+    total = float(_log_sum(np.array(list(logs.values())), 0))
+    return {subset: math.exp(log - total) for subset, log in logs.items()}
+
+
+def fused_probability(probability: float, log_ratio: float) -> float:
+    """A probability after independent evidence: its odds times the likelihood ratio."""
+    if not 0.0 < probability < 1.0:
+        return probability
+    return 1.0 / (1.0 + math.exp(-(math.log(probability / (1.0 - probability)) + log_ratio)))
+
+
+def _blurred(log_values: FloatArray, std: float) -> FloatArray:
+    """Log of the values averaged over a normal error of this standard deviation."""
+    reach = math.ceil(3.0 * std / LOG_STEP)
+    error = LOG_STEP * np.arange(-reach, reach + 1)
+    kernel = -0.5 * (error / std) ** 2
+    kernel -= _log_sum(kernel, 0)
+    padded = np.pad(log_values, reach, mode="edge")
+    pieces = np.stack([padded[start : start + log_values.size] for start in range(2 * reach + 1)])
+    return _log_sum(pieces + kernel[:, None], axis=0)
+
+
+def _log_sum(logs: NDArray[np.floating[Any]], axis: int) -> FloatArray:
+    """log(sum(exp(logs))) along an axis."""
+    top = logs.max(axis=axis, keepdims=True)
+    return np.asarray(np.log(np.exp(logs - top).sum(axis=axis)) + np.squeeze(top, axis))

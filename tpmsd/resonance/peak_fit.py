@@ -1,0 +1,148 @@
+"""Where in a spectrum the resonance is: its likelihood over the frequency.
+
+In: an averaged spectrum. Out: a `Peak`: log likelihood on a fixed grid, mean, standard deviation, or none
+found.
+
+The density is taken as a resonance of the rim's speed over a floor, a part that falls with frequency (the
+road) and one that rises (rounding of angles, uneven teeth),
+
+    S(f) = a * (2 z f0 f)^2 / ((f0^2 - f^2)^2 + (2 z f0 f)^2) + b + c * (f_low / f)^2 + d * (f / f_high)^2
+
+and the spectrum as K averages of exponentially distributed ordinates (Whittle): log L = -w sum(log S + P /
+S), with w = K / 2, because half-overlapped segments say everything twice. For every f0 and damping z the
+amplitudes a, b, c, d >= 0 maximise L (multiplicative updates for the Itakura-Saito divergence: Fevotte and
+Idier, Neural Computation 23 (2011) 2421); the likelihood is kept over both. Real spectra have more bumps
+than the model, which makes a likelihood too sure: it is raised to the power of one over the misfit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.resonance.spectrum import HIGH_HZ, LOW_HZ, OVERLAP_VARIANCE, Spectrum, bins_hz
+from tpmsd.resonance.torsion import MAX_RESONANCE_HZ, MIN_RESONANCE_HZ
+from tpmsd.wheels import FloatArray
+
+LOG_STEP = 0.005
+"""Step of the grid in ln f."""
+LOG_GRID = np.arange(math.log(MIN_RESONANCE_HZ), math.log(MAX_RESONANCE_HZ), LOG_STEP)
+FREQUENCY_HZ = np.exp(LOG_GRID)
+DAMPING = np.array([0.06, 0.10, 0.16, 0.25, 0.38])
+UPDATES, NULL_UPDATES = 30, 300
+RESONANCE_SHARE = 0.2
+FOUND_LOG = 15.0
+"""By so much the likelihood with a resonance must exceed the one without."""
+MIN_REACH_HZ = 30.0
+"""Sampling so slow that only lower resonances would be seen is too slow: few tyres have them there."""
+MAX_REL_STD = 0.06
+"""A baseline that is known no better than this tells no soft tyre from a sound one."""
+EDGE = 0.985
+BINS_ABOVE = 3
+"""Bins above a resonance that are needed to see its far side."""
+
+
+@dataclass(frozen=True, slots=True)
+class Peak:
+    """What a spectrum says of the resonance."""
+
+    log_likelihood: FloatArray
+    """(len(FREQUENCY_HZ), len(DAMPING)) log likelihood against that of a spectrum without resonance."""
+    averages: float
+    """Segments behind it."""
+
+    @property
+    def gain(self) -> float:
+        """By how much a resonance explains the spectrum better than none."""
+        return float(self.log_likelihood.max())
+
+    @property
+    def found(self) -> bool:
+        """Whether there is one at all."""
+        return self.gain > FOUND_LOG
+
+    def faded(self, averages: float) -> FloatArray:
+        """The log likelihood when only so many of the averages still count."""
+        return self.log_likelihood * min(averages / self.averages, 1.0)
+
+    def useful(self, reach_hz: float) -> bool:
+        """Whether a resonance was found, well inside, and so well that a soft tyre's would be another.
+
+        `reach_hz`: see `PeakFit.reach_of`. A peak at either end may be the flank of something beyond it.
+        """
+        mean, std = self.moments()
+        inside = mean - 2.0 * std > MIN_RESONANCE_HZ / EDGE and mean + 2.0 * std < EDGE * reach_hz
+        return self.found and std < MAX_REL_STD * mean and inside
+
+    def moments(self) -> tuple[float, float]:
+        """Mean and standard deviation of the frequency, Hz, over the grid."""
+        weight = np.exp(self.log_likelihood - self.log_likelihood.max()).sum(axis=1)
+        weight /= weight.sum()
+        mean = float(weight @ FREQUENCY_HZ)
+        # The grid itself is not finer than this.
+        fine = (LOG_STEP * mean) ** 2 / 12.0
+        return mean, math.sqrt(float(weight @ (FREQUENCY_HZ - mean) ** 2) + fine)
+
+
+class PeakFit:
+    """Fits spectra of one sampling rate."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._bins_hz = frequency = bins_hz(rate_hz)
+        self._reach = _reach(frequency)
+        f0 = FREQUENCY_HZ[: self._reach, None, None]
+        damped = 2.0 * DAMPING[None, :, None] * f0 * frequency
+        resonance = damped**2 / ((f0 * f0 - frequency**2) ** 2 + damped**2)
+        floor = np.broadcast_to(np.ones_like(frequency), resonance.shape)
+        slope = np.broadcast_to((LOW_HZ / np.maximum(frequency, 1.0)) ** 2, resonance.shape)
+        rise = np.broadcast_to((frequency / HIGH_HZ) ** 2, resonance.shape)
+        shapes = np.stack([resonance, floor, slope, rise], axis=2)
+        self._shapes = shapes.reshape(-1, shapes.shape[2], frequency.size)
+        self._null = self._shapes[:1, 1:]
+
+    @staticmethod
+    def reach_of(rate_hz: float) -> float:
+        """Up to which frequency a resonance can be seen, Hz; 0 where sampling is too slow for any."""
+        reach = _reach(bins_hz(rate_hz))
+        return float(FREQUENCY_HZ[reach - 1]) if reach else 0.0
+
+    def fit(self, spectrum: Spectrum) -> Peak:
+        """The likelihood over the frequency."""
+        density = spectrum.mean()
+        weight = 0.5 * spectrum.averages
+        even = np.full((1, self._null.shape[1]), float(density.mean()) / self._null.shape[1])
+        none_amplitude, _, none = _likelihood(self._null, density, even, NULL_UPDATES)
+        # From there on a resonance has to take its share.
+        begin = np.empty(self._shapes.shape[:2])
+        begin[:, 0] = RESONANCE_SHARE * float(density.mean())
+        begin[:, 1:] = (1.0 - RESONANCE_SHARE) * none_amplitude
+        _, fits, logs = _likelihood(self._shapes, density, begin, UPDATES)
+        best = fits[int(np.argmax(logs))]
+        misfit = 2.0 * weight * float(np.mean((density / best - 1.0) ** 2)) / OVERLAP_VARIANCE
+        weight /= max(misfit, 1.0)
+        # Beyond reach a resonance looks like none.
+        log_likelihood = np.zeros((LOG_GRID.size, DAMPING.size))
+        log_likelihood[: self._reach] = (weight * (logs - none[0])).reshape(self._reach, DAMPING.size)
+        return Peak(log_likelihood, spectrum.averages)
+
+
+def _reach(frequency: FloatArray) -> int:
+    """How many frequencies of the grid have bins above them; 0 where those that have are too few."""
+    top_hz = frequency[-1 - BINS_ABOVE] if frequency.size > BINS_ABOVE else 0.0
+    return int(np.searchsorted(FREQUENCY_HZ, top_hz)) if top_hz >= MIN_REACH_HZ else 0
+
+
+def _likelihood(
+    shapes: FloatArray, density: FloatArray, amplitude: FloatArray, updates: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(models, shapes) amplitudes, (models, bins) fitted densities, (models,) sums of -(log S + P / S)."""
+    fitted = np.einsum("mk,mkb->mb", amplitude, shapes)
+    for _ in range(updates):
+        inverse = 1.0 / fitted
+        rise = np.einsum("mkb,mb->mk", shapes, density * inverse * inverse)
+        fall = np.einsum("mkb,mb->mk", shapes, inverse)
+        amplitude = amplitude * (rise / fall)
+        fitted = np.einsum("mk,mkb->mb", amplitude, shapes)
+    return amplitude, fitted, -np.sum(np.log(fitted) + density / fitted, axis=1)

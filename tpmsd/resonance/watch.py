@@ -1,0 +1,269 @@
+"""Follows the torsional resonances of a car's wheels and says what they mean, or why they say nothing.
+
+In: rotation samples of all wheels. Out: `ResonanceEvidence` against a learned baseline, and a status per
+wheel.
+
+Frequency and damping depend on speed (the contact's slip is a damper that goes with 1 / v), so there are
+spectra and baselines per class of speed. A baseline is learned over LEARN_S of steady driving in its class
+and then frozen; after it spectra fade over MEMORY_S. Where the bus samples too slowly, too coarsely, or the
+road is too smooth, no resonance is found, and the watch is off and says so.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+
+from tpmsd.resonance.evidence import ResonanceEvidence, shift_likelihood
+from tpmsd.resonance.peak_fit import Peak, PeakFit
+from tpmsd.resonance.ring_errors import RingErrors
+from tpmsd.resonance.spectrum import SEGMENT_S, Spectrum, bins_hz, periodograms
+from tpmsd.resonance.wheel_stream import SpeedBlock, WheelStream
+from tpmsd.sources.events import RotationSample
+from tpmsd.wheels import WHEELS, FloatArray
+
+SPEED_CLASSES_MPS = (8.0, 12.0, 17.0, 23.0, 30.0)
+"""Lower ends; below the first nothing is taken, the last is open."""
+LEARN_S = 300.0
+"""Steady driving in a class of speed before its baseline is frozen."""
+JUDGE_S = 60.0
+"""Steady driving in a class before its spectrum says anything."""
+FIT_EVERY_S = 30.0
+"""A fit takes a tenth of a second."""
+MEMORY_S = 300.0
+OFF_AFTER_S = 600.0
+"""Without a resonance found in this time there is none to be found."""
+EDGE_NAMED = 0.94
+"""Of the highest frequency that can be seen: a peak beyond it is named as being too high."""
+RATE_TOLERANCE = 0.02
+
+
+class ResonanceState(StrEnum):
+    """How it stands with one wheel."""
+
+    WAITING = "waiting"
+    """Not enough steady driving yet."""
+    OFF = "off"
+    """The signal does not carry the resonance; `reason` says why."""
+    LEARNING = "learning"
+    MONITORING = "monitoring"
+
+
+@dataclass(frozen=True, slots=True)
+class ResonanceStatus:
+    """One wheel, for status and report."""
+
+    state: ResonanceState
+    reason: str
+    frequency_hz: float = math.nan
+    """Newest estimate, in the class of speed most driven in; NaN while unknown."""
+    std_hz: float = math.nan
+    baseline_hz: float = math.nan
+    llr: float = 0.0
+    """Log of (likelihood soft / not soft)."""
+
+
+@dataclass(slots=True)
+class _Class:
+    """One wheel in one class of speed."""
+
+    spectrum: Spectrum
+    learned: Spectrum | None = None
+    """Of the sound tyre; None while it is being learned."""
+    baseline: Peak | None = None
+    """What `learned` says."""
+    now: Peak | None = None
+    unjudged_s: float = math.inf
+    """Driving since the last fit."""
+
+
+@dataclass(slots=True)
+class _Wheel:
+    """One wheel."""
+
+    stream: WheelStream = field(default_factory=WheelStream)
+    ring: RingErrors = field(default_factory=RingErrors)
+    rate_hz: float = math.nan
+    classes: dict[int, _Class] = field(default_factory=dict)
+    driven_s: float = 0.0
+    rounding: float = 0.0
+    """Density that the signal's resolution alone makes."""
+
+
+class ResonanceWatch:
+    """All wheels of a car."""
+
+    def __init__(self, wheel_radius_m: tuple[float, float, float, float]) -> None:
+        self._radius_m = wheel_radius_m
+        self._wheels = [_Wheel() for _ in WHEELS]
+        self._fits: dict[float, PeakFit] = {}
+        self._evidence = ResonanceEvidence.silent()
+
+    @property
+    def evidence(self) -> ResonanceEvidence:
+        """What is known now; silent where nothing is."""
+        return self._evidence
+
+    def add(self, sample: RotationSample) -> None:
+        """Take one sample."""
+        wheel = self._wheels[sample.wheel]
+        block = wheel.stream.add(sample)
+        if block is None:
+            return
+        if not math.isfinite(wheel.rate_hz):
+            wheel.rate_hz = round(block.rate_hz, 1)
+        if abs(block.rate_hz / wheel.rate_hz - 1.0) > RATE_TOLERANCE:
+            return
+        speed_mps = float(block.speed_radps.mean()) * self._radius_m[sample.wheel]
+        number = int(np.searchsorted(SPEED_CLASSES_MPS, speed_mps, side="right")) - 1
+        if number >= 0 and PeakFit.reach_of(wheel.rate_hz) > 0.0:
+            self._take(wheel, number, block)
+            self._judge()
+
+    def forget(self) -> None:
+        """Learn the baselines anew."""
+        for wheel in self._wheels:
+            wheel.classes.clear()
+            wheel.driven_s = 0.0
+        self._evidence = ResonanceEvidence.silent()
+
+    def status(self) -> tuple[ResonanceStatus, ...]:
+        """One entry per wheel."""
+        return tuple(self._status(number) for number in range(len(WHEELS)))
+
+    # -- per block -------------------------------------------------------------------------------------------
+
+    def _fit_of(self, wheel: _Wheel) -> PeakFit:
+        if wheel.rate_hz not in self._fits:
+            self._fits[wheel.rate_hz] = PeakFit(wheel.rate_hz)
+        return self._fits[wheel.rate_hz]
+
+    def _take(self, wheel: _Wheel, number: int, block: SpeedBlock) -> None:
+        """A block of steady driving into the spectrum of its class."""
+        segments = periodograms(block, wheel.ring.remove(block), wheel.rate_hz)
+        duration_s = block.speed_radps.size / block.rate_hz
+        wheel.driven_s += duration_s
+        wheel.rounding = block.rounding_density()
+        entry = wheel.classes.get(number)
+        if entry is None:
+            entry = wheel.classes[number] = _Class(Spectrum.empty(bins_hz(wheel.rate_hz).size))
+        for other in wheel.classes.values():
+            # What was seen minutes ago fades, in whichever class one has driven since.
+            if other.baseline is not None:
+                other.spectrum.fade(math.exp(-duration_s / MEMORY_S))
+        entry.spectrum.add(segments)
+        seen_s = entry.spectrum.averages * 0.5 * SEGMENT_S
+        entry.unjudged_s += duration_s
+        if seen_s < JUDGE_S or entry.unjudged_s < FIT_EVERY_S:
+            return
+        entry.unjudged_s = 0.0
+        entry.now = self._fit_of(wheel).fit(entry.spectrum)
+        useful = entry.now.useful(PeakFit.reach_of(wheel.rate_hz))
+        if (
+            entry.baseline is None
+            and seen_s >= LEARN_S
+            and useful
+            and not entry.spectrum.is_rounding(wheel.rounding)
+        ):
+            entry.learned, entry.baseline, entry.now = entry.spectrum, entry.now, None
+            entry.spectrum = Spectrum.empty(bins_hz(wheel.rate_hz).size)
+
+    def _judge(self) -> None:
+        """The evidence of all wheels and classes together."""
+        shifts: dict[int, FloatArray] = {}
+        for number, wheel in enumerate(self._wheels):
+            logs = [
+                shift_likelihood(entry.baseline.log_likelihood, entry.now.faded(entry.spectrum.averages))
+                for entry in wheel.classes.values()
+                if entry.baseline is not None and entry.now is not None
+            ]
+            if logs:
+                shifts[number] = np.sum(logs, axis=0)
+        self._evidence = ResonanceEvidence.of(shifts)
+
+    def _status(self, number: int) -> ResonanceStatus:
+        wheel = self._wheels[number]
+        heard_hz = wheel.rate_hz if math.isfinite(wheel.rate_hz) else wheel.stream.rate_hz
+        if not math.isfinite(heard_hz):
+            return ResonanceStatus(ResonanceState.WAITING, "no steady driving yet")
+        reach_hz = PeakFit.reach_of(heard_hz)
+        if reach_hz <= 0.0:
+            reason = f"sampled at {heard_hz:.0f} Hz; a resonance of 25 Hz and more needs 65 Hz or faster"
+            return ResonanceStatus(ResonanceState.OFF, reason)
+        known = [entry for entry in wheel.classes.values() if entry.now or entry.baseline]
+        if not known:
+            return ResonanceStatus(ResonanceState.WAITING, "too little steady driving yet")
+        entry = max(known, key=lambda one: (one.baseline is not None, one.spectrum.averages))
+        newest = entry.now or entry.baseline
+        assert newest is not None
+        monitoring = any(other.baseline is not None for other in wheel.classes.values())
+        if not monitoring and not newest.useful(reach_hz):
+            if wheel.driven_s < OFF_AFTER_S:
+                return ResonanceStatus(ResonanceState.LEARNING, "no resonance found yet")
+            return ResonanceStatus(ResonanceState.OFF, self._why_none(wheel, entry, reach_hz))
+        mean, std = newest.moments()
+        baseline = math.nan if entry.baseline is None else entry.baseline.moments()[0]
+        state = ResonanceState.MONITORING if monitoring else ResonanceState.LEARNING
+        reason = "" if monitoring else "learning the resonance of the sound tyre"
+        return ResonanceStatus(state, reason, mean, std, baseline, self._evidence.wheel_llr(number))
+
+    @staticmethod
+    def _why_none(wheel: _Wheel, entry: _Class, reach_hz: float) -> str:
+        """Why a wheel that was driven long enough shows no resonance."""
+        if entry.spectrum.is_rounding(wheel.rounding):
+            return "the signal's resolution hides it"
+        newest = entry.now
+        if newest is not None and newest.found and newest.moments()[0] > EDGE_NAMED * reach_hz:
+            return f"the resonance lies above {reach_hz:.0f} Hz, too close to half the sampling rate"
+        return f"no resonance stands out between 25 and {reach_hz:.0f} Hz"
+
+    # -- what survives a restart -----------------------------------------------------------------------------
+
+    def snapshot(self) -> dict[str, Any]:
+        """Baselines as plain numbers."""
+        return {
+            name: {
+                "rate_hz": wheel.rate_hz if math.isfinite(wheel.rate_hz) else None,
+                "ring_scale": wheel.ring.scale,
+                "baselines": {
+                    str(number): entry.learned.to_json()
+                    for number, entry in sorted(wheel.classes.items())
+                    if entry.learned is not None
+                },
+            }
+            for name, wheel in zip(WHEELS, self._wheels, strict=True)
+        }
+
+    def restore(self, saved: Mapping[str, Any]) -> None:
+        """Take up a snapshot; ValueError if it is none (then nothing is taken up)."""
+        try:
+            wheels = [self._restored(saved[name]) for name in WHEELS]
+        except (KeyError, TypeError, AttributeError) as error:
+            raise ValueError(f"the saved resonances are none: {type(error).__name__}: {error}") from error
+        self._wheels = wheels
+        self._evidence = ResonanceEvidence.silent()
+
+    @staticmethod
+    def _restored(saved: Mapping[str, Any]) -> _Wheel:
+        wheel = _Wheel()
+        baselines = saved["baselines"].items()
+        if saved["rate_hz"] is None:
+            return wheel
+        wheel.rate_hz = float(saved["rate_hz"])
+        if not 1.0 <= wheel.rate_hz <= 10_000.0:
+            raise ValueError("the saved resonances have an absurd sampling rate")
+        if baselines:
+            wheel.ring.restore(float(saved["ring_scale"]))
+        for name, entry in baselines:
+            bins = bins_hz(wheel.rate_hz).size
+            number, learned = int(name), Spectrum.from_json(entry, bins)
+            if not (0 <= number < len(SPEED_CLASSES_MPS) and PeakFit.reach_of(wheel.rate_hz) > 0.0):
+                raise ValueError("the saved resonances are of another signal")
+            baseline = PeakFit(wheel.rate_hz).fit(learned)
+            wheel.classes[number] = _Class(Spectrum.empty(bins), learned, baseline)
+        return wheel
