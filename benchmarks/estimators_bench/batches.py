@@ -130,7 +130,7 @@ class Batch:
 
 def plan(full: bool) -> list[Batch]:
     """100 runs where few particles make that cheap; the rest with --full."""
-    sizes = {100: 100, 500: 100 if full else 20}
+    sizes = {100: 100, 500: 100 if full else 10}
     return [
         Batch(method, receiver, count, runs)
         for receiver in ("white", "correlated")

@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import platform
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from pathlib import Path
 from typing import Any
 
@@ -60,14 +61,21 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--survive", type=float, metavar="HOURS", help="long drives, and nothing else")
     parser.add_argument("--recordings", type=Path, metavar="FOLDER", default=recordings.root(),
                         help="drive folders (TPMSD_RECORDINGS, or ../shared/recordings)")  # fmt: skip
+    parser.add_argument("--minutes", type=float, metavar="M", default=math.inf,
+                        help="begin no Monte-Carlo run after that time (no limit)")  # fmt: skip
     args = parser.parse_args(arguments)
     args.parts = set(args.only.split(","))
     unknown = args.parts - {"runs", "batches", "speed", "recordings"}
     if unknown:
         parser.error(f"--only: unknown part {', '.join(sorted(unknown))}")
     args.runs = args.runs if args.runs is not None else FULL_RUNS if args.full else DEFAULT_RUNS
-    if args.runs < 1 or args.jobs < 1 or (args.survive is not None and args.survive <= 0.0):
-        parser.error("--runs, --jobs and --survive must be positive")
+    if (
+        args.runs < 1
+        or args.jobs < 1
+        or not args.minutes > 0.0
+        or (args.survive is not None and args.survive <= 0.0)
+    ):
+        parser.error("--runs, --jobs, --minutes and --survive must be positive")
     return args
 
 
@@ -91,25 +99,37 @@ class Progress:
 
 
 def spread(
-    items: Sequence[Any], work: Callable[[Any], Any], label: Callable[[Any], str], jobs: int
+    items: Sequence[Any],
+    work: Callable[[Any], Any],
+    label: Callable[[Any], str],
+    jobs: int,
+    minutes: float = math.inf,
 ) -> list[Any]:
-    """Do all items in some processes; results in the order of the items. Interrupted, keeps what is done."""
+    """Do all items in some processes; results in the order of the items.
+
+    Interrupted, or when the time is up, it keeps what is done; items that have begun are finished.
+    """
     progress = Progress(len(items))
     results: dict[int, Any] = {}
-    if jobs == 1:
-        for k, item in enumerate(items):
-            results[k] = work(item)
-            progress.say(label(item), counts=True)
-        return [results[k] for k in sorted(results)]
+    ends = time.monotonic() + 60.0 * minutes
+    waiting = list(enumerate(items))[::-1]
+    running: dict[Future[Any], int] = {}
+    # One process works apart, too: what runs piled up in memory does not burden the next part's timing.
     with ProcessPoolExecutor(jobs) as pool:
-        futures = {pool.submit(work, item): k for k, item in enumerate(items)}
         try:
-            for future in as_completed(futures):
-                results[futures[future]] = future.result()
-                progress.say(label(items[futures[future]]), counts=True)
+            while waiting or running:
+                while waiting and len(running) < jobs and time.monotonic() < ends:
+                    number, item = waiting.pop()
+                    running[pool.submit(work, item)] = number
+                if not running:
+                    print(f"Time is up: {len(waiting)} runs were not begun", file=sys.stderr)
+                    break
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    number = running.pop(future)
+                    results[number] = future.result()
+                    progress.say(label(items[number]), counts=True)
         except KeyboardInterrupt:
             print("Interrupted: the tables are of what was done", file=sys.stderr)
-            pool.shutdown(wait=False, cancel_futures=True)
     return [results[k] for k in sorted(results)]
 
 
@@ -150,9 +170,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if "speed" in args.parts:  # first, while nothing else of ours runs
         progress = Progress(0)
         result["speed"] = speed.all_figures(args.full, progress.say)
-    if "runs" in args.parts:
-        tasks: list[Task] = plan(args.runs)
-        result["rows"] = spread(tasks, perform, lambda t: t.label, args.jobs)
     if "batches" in args.parts:
         found = spread(batches.plan(args.full), batches.perform, lambda b: b.label, args.jobs)
         result["batches"] = [row for rows in found for row in rows]
@@ -164,6 +181,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 file=sys.stderr,
             )
         result["recordings"] = spread(drives, recordings.perform, lambda r: r.label, args.jobs)
+    if "runs" in args.parts:
+        tasks: list[Task] = plan(args.runs)
+        result["rows"] = spread(tasks, perform, lambda t: t.label, args.jobs, args.minutes)
     return finish(args.out, result, "results", begun)
 
 

@@ -81,7 +81,7 @@ def plan(runs: int, receivers: tuple[str, ...] = RECEIVERS) -> list[Task]:
                 numbers: tuple[int, ...] = (0,)
                 if method in SAMPLED:
                     numbers = NUMBERS if scenario == "puncture" else (USUAL,)
-                    if method == TEXTBOOK and scenario != "puncture":
+                    if method == TEXTBOOK and scenario != "puncture" and receiver == "correlated":
                         numbers = (USUAL, NUMBERS[-1])
                 for number in numbers:
                     out += [Task(scenario, receiver, s, method, number) for s in range(runs_of(number, runs))]

@@ -11,6 +11,7 @@ import pytest
 from benchmarks.estimators_bench import tune
 from benchmarks.estimators_bench.methods import TEXTBOOK, Setting
 from benchmarks.estimators_bench.play import LOST_S, Played, longest, score
+from benchmarks.estimators_bench.run import spread
 from benchmarks.estimators_bench.speed import linearity, owners
 from benchmarks.estimators_bench.summary import diverged, paper_claims, pick, ratios
 from benchmarks.estimators_bench.survive import verdict
@@ -182,3 +183,9 @@ def test_survival_is_judged_by_what_changes_with_the_hours(
     result = verdict(hours, finite)
     assert faults == len(result["faults"])
     assert (faults == 0) == result["survived"]
+
+
+def test_work_ends_when_its_time_is_up() -> None:
+    """What was begun is kept, in the order asked for; what was not is left out."""
+    assert spread([3, 1, 2], abs, str, 2) == [3, 1, 2]
+    assert spread([3, 1, 2], abs, str, 1, minutes=-1.0) == []
