@@ -23,6 +23,7 @@ from tpmsd.report.replay_document import replay_document
 from tpmsd.report.replay_recorder import ReplayRecorder
 from tpmsd.report.replay_result import ReplayResult
 from tpmsd.report.replay_summary import replay_summary
+from tpmsd.resonance.watch import ResonanceWatch
 from tpmsd.timeline.compensation import left_alone
 
 _DESCRIPTION = """\
@@ -111,9 +112,14 @@ def replay(folder: Path, config: Config, model: ExtendedModel | None = None) -> 
     drive, database = open_drive(folder, config)
     recorder = ReplayRecorder(folder.resolve().name, config.vehicle, config.monitor)
     begun = time.perf_counter()
-    for step in play(drive, Pipeline(config, database, model), "replay"):
+    pipeline = Pipeline(config, database, model)
+    watch = ResonanceWatch(config.vehicle.wheel_radius_m)
+    pipeline.timeline.observe = watch.add
+    for step in play(drive, pipeline, "replay"):
         recorder.add(step.tick, step.estimate, step.report)
     result = recorder.result(0.0)
     return dataclasses.replace(
-        result, realtime_factor=result.duration_s / max(time.perf_counter() - begun, 1e-9)
+        result,
+        realtime_factor=result.duration_s / max(time.perf_counter() - begun, 1e-9),
+        resonance=watch.status(),
     )

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tpmsd.config.model import MonitorConfig, VehicleConfig
 from tpmsd.monitor.records import AlarmEvent, WheelState
+from tpmsd.resonance.watch import ResonanceStatus
 from tpmsd.wheels import FloatArray
 
 GNSS_GAP_S = 5.0
@@ -127,6 +128,8 @@ class ReplayResult:
     tick_gaps: int
     """Pauses in which there were no ticks, and their sum."""
     tick_gap_s: float
+    resonance: tuple[ResonanceStatus, ...] = ()
+    """The torsional resonance of each wheel, in the order of WHEELS; empty where nobody looked."""
 
     @property
     def thresholds_m(self) -> dict[str, FloatArray]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
+from collections.abc import Callable
 
 import numpy as np
 
@@ -70,6 +71,8 @@ class Timeline:
         self._due_s = -math.inf
         """When the next tick is made; before the first event there is none."""
         self._gap_s = 0.0
+        self.observe: Callable[[RotationSample], None] | None = None
+        """Is shown every rotation sample at its own stamp, for what ticks are too slow for."""
         self.counts: dict[str, int] = {
             "ticks": 0,
             "late_fixes": 0,
@@ -93,6 +96,8 @@ class Timeline:
             if now != event.time_s:
                 event = RotationSample(now, event.wheel, event.angle_rad, event.quantum_rad, event.segment)
             self._tracks[event.wheel].add(event)
+            if self.observe is not None:
+                self.observe(event)
         elif isinstance(event, InertialSample):
             if math.isfinite(event.value):
                 self._inertial[event.role].append((now, event.value))
