@@ -55,8 +55,22 @@ class Setting:
     """Arguments of the method's constructor."""
 
 
-TUNED: dict[tuple[str, str], Setting] = {}
-"""(method, receiver) -> setting."""
+_WALK = (("drift_std_m", 0.06e-3),)
+TUNED: dict[tuple[str, str], Setting] = {
+    (TEXTBOOK, "white"): Setting(10.0, 3.0),
+    (TEXTBOOK, "correlated"): Setting(20.0, 3.0),
+    ("mpf-pn", "white"): Setting(10.0, 3.0),
+    ("mpf-pn", "correlated"): Setting(20.0, 3.0),
+    ("aug-pf", "white"): Setting(60.0, 3.0, _WALK),
+    ("aug-pf", "correlated"): Setting(60.0, 3.0, _WALK),
+    ("aug-ekf", "white"): Setting(60.0, 3.0, _WALK),
+    ("aug-ekf", "correlated"): Setting(60.0, 3.0, _WALK),
+    ("aug-ukf", "white"): Setting(60.0, 1.0, _WALK),
+    ("aug-ukf", "correlated"): Setting(60.0, 1.0, _WALK),
+    ("mpf-mn", "white"): Setting(180.0, 3.0, (("yaw_accel_std_radps2", 0.1),)),
+    ("mpf-mn", "correlated"): Setting(20.0, 3.0, (("yaw_accel_std_radps2", 0.25),)),
+}
+"""(method, receiver) -> setting. MPF-MN loses its way with white errors in nearly all of the grid."""
 
 
 def setting_of(method: str, receiver: str) -> Setting:

@@ -134,11 +134,15 @@ def spread(
 
 
 def commit() -> str:
-    """The program's state, as git names it."""
-    found = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], cwd=REPO, capture_output=True, text=True, check=False
-    )
-    return found.stdout.strip() or "unknown"
+    """The program's state, as git names it; `-dirty` where what is measured was changed since."""
+
+    def git(*words: str) -> str:
+        done = subprocess.run(["git", *words], cwd=REPO, capture_output=True, text=True, check=False)
+        return done.stdout.strip()
+
+    measured = ("tpmsd/estimators", "tpmsd/physics", "tpmsd/timeline", "benchmarks/estimators_bench")
+    changed = git("status", "--porcelain", "--", *measured)
+    return (git("rev-parse", "--short", "HEAD") or "unknown") + ("-dirty" if changed else "")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
