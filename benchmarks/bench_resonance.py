@@ -105,9 +105,14 @@ class Ride:
 
 
 def ride(road: Road, pressure: float, seconds: float, wheels: int, seed: tuple[int, ...]) -> list[Ride]:
-    """Drive some wheels; each has the ring that its number gives, whatever it is driven for."""
+    """Drive some wheels; each has the ring that its number gives, whatever it is driven for.
+
+    All rides of the same length have the same speeds, as wheels of one car: how an estimate depends on the
+    speed is common to all four, and no news of a tyre.
+    """
+    pace = np.random.default_rng((*seed[:2], round(seconds)))
+    speed = wandering_speed(pace, seconds, road.speed_mps, 0.06 * road.speed_mps)
     rng = np.random.default_rng(seed)
-    speed = wandering_speed(rng, seconds, road.speed_mps, 0.06 * road.speed_mps)
     angle = roll(rng, Tyre().at_pressure(pressure), speed, road.density, wheels)
     every = int(RATE_HZ / 200.0)
     out = []

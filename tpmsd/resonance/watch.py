@@ -34,7 +34,7 @@ LEARN_S = 300.0
 JUDGE_S = 60.0
 """Steady driving in a class before its spectrum says anything."""
 FIT_EVERY_S = 30.0
-"""A fit takes a tenth of a second."""
+"""A fit takes 10 to 20 ms."""
 MEMORY_S = 300.0
 OFF_AFTER_S = 600.0
 """Without a resonance found in this time there is none to be found."""
