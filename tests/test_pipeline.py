@@ -180,7 +180,7 @@ def test_half_a_snapshot_is_refused_whole(tmp_path: Path, damage: dict[str, obje
     for item in inputs(learn):
         feed(first, item)
     saved = json.loads(json.dumps(first.snapshot()))
-    assert saved["monitor"]["baseline"] is not None
+    assert saved["monitor"]["sets"]["baseline"]["ready"] is True
     second = pipeline(tmp_path)
     before = repr(second.snapshot())
     for broken in ({**saved, **damage}, {k: v for k, v in saved.items() if k not in damage}):

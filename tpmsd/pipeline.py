@@ -7,6 +7,7 @@ same alarms.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,10 +20,14 @@ from tpmsd.estimators.build import build_estimator, monitored_wheels
 from tpmsd.monitor.monitor import Monitor
 from tpmsd.monitor.records import MonitorReport
 from tpmsd.physics.model import ExtendedModel
+from tpmsd.sinks.reset_request import PREFIX, from_frame, from_sentence
 from tpmsd.sources.events import Event
 from tpmsd.timeline.compensation import Compensation, adjusted
 from tpmsd.timeline.tick import Tick
 from tpmsd.timeline.tick_source import TickSource
+
+REPEATED_S = 5.0
+"""Frames that ask for a reset within so long after another are the same request."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,17 +53,29 @@ class Pipeline:
         self.assembler = self._source.assembler
         self.timeline = self._source.timeline
         self.estimator = build_estimator(config, np.random.default_rng(config.filter.seed))
+        self._reset_id, self._extended = config.alarms.reset_id, config.alarms.extended_ids
+        self._reset_s = -math.inf
         self.monitor = Monitor(config.vehicle, config.monitor, monitored_wheels(config), config.tyre)
 
     def on_frame(
         self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, is_fd: bool = False
     ) -> list[Step]:
         """Take one CAN data frame."""
-        return self._run(self._source.on_frame(time_s, arbitration_id, is_extended, data, is_fd))
+        steps = self._run(self._source.on_frame(time_s, arbitration_id, is_extended, data, is_fd))
+        if arbitration_id == self._reset_id and is_extended == self._extended:
+            request = from_frame(data)
+            # Frames that ask alike within seconds are one request.
+            if request is not None and not 0.0 <= time_s - self._reset_s < REPEATED_S:
+                self._reset_s = time_s
+                self.monitor.reset(request.tyres)
+        return steps
 
     def on_sentence(self, time_s: float, line: bytes) -> list[Step]:
         """Take one NMEA line."""
-        return self._run(self._source.on_sentence(time_s, line))
+        steps = self._run(self._source.on_sentence(time_s, line))
+        if line.startswith(PREFIX) and (request := from_sentence(line)) is not None:
+            self.monitor.reset(request.tyres)
+        return steps
 
     def on_event(self, event: Event) -> list[Step]:
         """Take a source's own event (an interface that went down, a receiver unplugged)."""

@@ -298,10 +298,7 @@ def test_an_alarm_outlives_a_restart(tmp_path: Path) -> None:
     config, database = car(tmp_path)
     assert config.state.file is not None
     snapshot = Pipeline(config, database).snapshot()
-    snapshot["monitor"]["baseline"] = {
-        "deviation_m": [0.0] * 4,
-        "covariance_m2": [[1e-8 if i == j else 0.0 for j in range(4)] for i in range(4)],
-    }
+    snapshot["monitor"]["sets"]["baseline"]["ready"] = True
     snapshot["monitor"]["alarms"] = [
         {"kind": "deflation", "wheel": "rl", "time_s": 1.0, "probability": 0.99, "reason": "lost 2 mm"}
     ]

@@ -109,7 +109,7 @@ def test_the_state_of_another_car_is_set_aside(tmp_path: Path, caplog: pytest.Lo
     [
         {},
         {"estimator": 1, "monitor": 2},
-        {"estimator": {}, "monitor": {"wheels": ["fl", "fr", "rl", "rr"], "baseline": 7}},
+        {"estimator": {}, "monitor": {"wheels": ["fl", "fr", "rl", "rr"], "alarms": [], "sets": 7}},
         {"estimator": {"order": None}, "monitor": {"wheels": ["fl", "fr", "rl", "rr"], "alarms": [None]}},
     ],
 )
@@ -146,10 +146,8 @@ def test_what_was_saved_is_what_is_restored(tmp_path: Path) -> None:
     """The baseline of a car that was learned once is there after a restart."""
     config, database = car(tmp_path)
     snapshot = Pipeline(config, database).snapshot()
-    snapshot["monitor"]["baseline"] = {
-        "deviation_m": [1e-3, -1e-3, 2e-3, 0.0],
-        "covariance_m2": [[1e-8 if i == j else 0.0 for j in range(4)] for i in range(4)],
-    }
+    snapshot["monitor"]["sets"]["baseline"] |= {"ready": True, "learned_s": 700.5}
+    snapshot["monitor"]["sets"]["baseline"]["reference"]["mean"][:4] = [3e-3, -3e-3, 6e-3, 0.0]
     StateKeeper(config, LOG).save(0.0, snapshot)
     restored = StateKeeper(config, LOG).restored(lambda: Pipeline(config, database))
 

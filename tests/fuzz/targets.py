@@ -309,7 +309,7 @@ TRC = (
 )
 MEMORY = {
     "estimator": {"order": [2, 3, 0, 1], "nominal_m": [0.3] * 4, "mean_m": [0.0] * 4},
-    "monitor": {"baseline": None, "wheels": ["fl", "fr", "rl", "rr"], "alarms": []},
+    "monitor": {"sets": {"baseline": None, "others": {}}, "wheels": ["fl", "fr", "rl", "rr"], "alarms": []},
 }
 
 

@@ -51,7 +51,7 @@ REPORT = MonitorReport(
     events=(),
     learning_fraction=0.4,
     learning=LearningReport(
-        "winter", ("default", "winter"), 40.0, ((29, 3), (58, 0)), "accepted", "learning winter anew"
+        "winter", ("default", "winter"), 40.0, ((29, 3), (58, 0)), "accepted", "learning winter anew", 2
     ),
 )
 ESTIMATE = RadiusEstimate(
@@ -94,6 +94,7 @@ def test_the_document_holds_all_in_the_units_it_states() -> None:
             "samples_by_kmh": {"29": 3, "58": 0},
             "reset": "accepted",
             "reset_reason": "learning winter anew",
+            "resets": 2,
         },
         "can": {
             "state": "ok",

@@ -25,6 +25,7 @@ Commands = tuple[tuple[str, str, str], ...]
 COMMANDS: Commands = (
     ("run", "tpmsd.cli.run", "watch the tyres of this car: the daemon"),
     ("status", "tpmsd.cli.status", "ask the running daemon how the tyres are"),
+    ("reset", "tpmsd.cli.reset", "tell the running daemon to learn the tyres anew"),
     ("replay", "tpmsd.cli.replay", "run a recorded drive through the same core, at full speed"),
     ("simulate", "tpmsd.cli.simulate", "make a drive, with a puncture if wanted: to a folder or live"),
     ("check", "tpmsd.cli.check", "check a configuration and say what would be monitored with what"),

@@ -165,13 +165,15 @@ def tyre(settings: TyreConfig, given: Collection[str], report: Reporter) -> None
 def alarms(settings: AlarmsConfig, given: Collection[str], report: Reporter) -> None:
     """The two identifiers must differ and fit their format."""
     limit = 0x1FFF_FFFF if settings.extended_ids else _STANDARD_ID_LIMIT
-    for key in ("status_id", "alarm_id"):
-        value: int = getattr(settings, key)
-        if value > limit:
+    for key in ("status_id", "alarm_id", "reset_id"):
+        value: int | None = getattr(settings, key)
+        if value is not None and value > limit:
             allowed = f"0x0 to 0x{limit:X}, or extended_ids = true"
             report(
                 BadValueError("out of range of 11-bit identifiers", f"0x{value:X}", allowed), "alarms", key
             )
+    if settings.reset_id in (settings.status_id, settings.alarm_id):
+        report(BadValueError("taken by tpmsd's own frames", f"0x{settings.reset_id:X}"), "alarms", "reset_id")
     if settings.status_id == settings.alarm_id:
         key = "alarm_id" if "alarm_id" in given else "status_id"
         report(

@@ -99,6 +99,7 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
             "channel": Channel(),
             "status_id": Whole(0, _LONGEST_CAN_ID, base=16),
             "alarm_id": Whole(0, _LONGEST_CAN_ID, base=16),
+            "reset_id": Whole(0, _LONGEST_CAN_ID, base=16),
             "extended_ids": Flag(),
             "status_period_s": Number(0.01, 60.0, "s"),
             "alarm_period_s": Number(0.01, 60.0, "s"),

@@ -74,6 +74,14 @@ def own_filters(alarms: AlarmsConfig) -> list[dict[str, Any]]:
     return [{"can_id": alarms.alarm_id, "can_mask": mask, "extended": alarms.extended_ids}]
 
 
+def reset_filters(alarms: AlarmsConfig) -> list[dict[str, Any]]:
+    """The filter that lets a request for a reset through, where one is configured."""
+    if alarms.reset_id is None:
+        return []
+    mask = 0x1FFFFFFF if alarms.extended_ids else 0x7FF
+    return [{"can_id": alarms.reset_id, "can_mask": mask, "extended": alarms.extended_ids}]
+
+
 class BusLink(Link):
     """One channel.
 

@@ -21,7 +21,7 @@ from typing import Any
 from cantools.database import Database
 
 from tpmsd.config.model import Config
-from tpmsd.daemon.bus_link import BusLink, OpenBus, open_can, own_filters
+from tpmsd.daemon.bus_link import BusLink, OpenBus, open_can, own_filters, reset_filters
 from tpmsd.daemon.clock import Clock
 from tpmsd.daemon.deadlines import Deadlines, Every
 from tpmsd.daemon.descriptors import Descriptors
@@ -35,8 +35,10 @@ from tpmsd.daemon.recorder import DriveRecorder
 from tpmsd.daemon.service_manager import ServiceManager
 from tpmsd.daemon.signals import SignalPipe
 from tpmsd.daemon.state_keeper import StateKeeper
+from tpmsd.monitor.tyre_sets import NAME
 from tpmsd.pipeline import Pipeline, Step
 from tpmsd.sinks.can_frames import CanReporter
+from tpmsd.sinks.reset_request import PREFIX, ResetRequest, to_sentence
 from tpmsd.sinks.sd_notify import Notifier
 from tpmsd.sinks.status_server import StatusServer, StatusSocketError
 from tpmsd.sources.can_decoder import can_filters
@@ -91,7 +93,7 @@ class Daemon:
         self._state = StateKeeper(config, self._log)
         self._pipeline = self._state.restored(lambda: make_pipeline(config, database))
         self._queue = InputQueue()
-        filters = can_filters(config, database)
+        filters = [*can_filters(config, database), *reset_filters(config.alarms)]
         channel, out = config.can.channel, config.alarms.channel
         self._bus = BusLink(
             lambda: open_bus(config.can, filters, channel), f"CAN {channel}", self._log, kernel
@@ -111,7 +113,7 @@ class Daemon:
         self._deadlines = Deadlines(1.0 / config.filter.rate_hz, start_s)
         self._health = Health(config, self._bus, self._receiver, self._queue, start_s)
         self._server: StatusServer | None = StatusServer(
-            config.status.socket, self.document, mode=config.status.mode
+            config.status.socket, self.document, mode=config.status.mode, reset=self.reset
         )
         self._descriptors = Descriptors()
         self._stopping = ""
@@ -138,6 +140,15 @@ class Daemon:
     def document(self) -> dict[str, Any]:
         """The status document as it is now."""
         return self._health.document(self._pipeline, self._clock.monotonic(), self._deadlines.missed)
+
+    def reset(self, tyres: str | None) -> str:
+        """Let the pipeline learn the tyres anew with its next inputs; why it cannot be, or nothing."""
+        if tyres is not None and NAME.fullmatch(tyres) is None:
+            return "that is no name of a set of tyres (a-z 0-9 _ -, at most 24 characters)"
+        # As an input among the others: so the recording holds it, and its replay does the same.
+        self._queue.put_sentence(to_sentence(ResetRequest(tyres)), self._clock.now())
+        self._log.info("asked to learn the tyres anew%s", "" if tyres is None else f" ({tyres})")
+        return ""
 
     def stop(self, why: str = "asked to") -> None:
         """End the loop in its next round; for hooks that run within it, and for signals."""
@@ -215,7 +226,8 @@ class Daemon:
             self._out.read(monotonic_s)
         if self._receiver is not None:
             for stamp_s, line in self._receiver.read(monotonic_s, now_s):
-                self._queue.put_sentence(line, stamp_s)
+                if not line.startswith(PREFIX):  # only the daemon itself makes these
+                    self._queue.put_sentence(line, stamp_s)
 
     def _tick(self) -> None:
         now_s, monotonic_s = self._clock.read()

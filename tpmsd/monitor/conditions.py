@@ -119,7 +119,7 @@ class ConditionTracker:
             time_s = math.nan if saved["time_s"] is None else float(saved["time_s"])
             speed2 = math.nan if saved["speed2"] is None else float(saved["speed2"])
             present2, slope = float(saved["present2"]), float(saved["slope"])
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise ValueError(f"the saved conditions are none: {error}") from error
         if len(cold) != len(WARMING_S) or not all(0.0 <= c <= 1.0 for c in cold):
             raise ValueError("the saved coldness of the tyres is absurd")

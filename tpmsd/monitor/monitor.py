@@ -17,7 +17,14 @@ from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.alarm_state import Hysteresis
 from tpmsd.monitor.baseline import Baseline
 from tpmsd.monitor.judge import Judge, Judgement
-from tpmsd.monitor.records import AlarmEvent, AlarmKind, MonitorReport, WheelReport, WheelState
+from tpmsd.monitor.records import (
+    AlarmEvent,
+    AlarmKind,
+    LearningReport,
+    MonitorReport,
+    WheelReport,
+    WheelState,
+)
 from tpmsd.monitor.signal_watch import SignalWatch
 from tpmsd.monitor.tyre_sets import TyreSets
 from tpmsd.timeline.tick import Tick
@@ -55,11 +62,16 @@ class Monitor:
         self._standing: dict[tuple[AlarmKind, int], AlarmEvent] = {}
         self._taken_back: list[tuple[AlarmKind, int]] = []
         self._signals = SignalWatch(settings, self._wheels)
+        self._learning = self.learning()
 
     @property
     def baseline(self) -> Baseline:
         """The baseline that counts."""
         return self._sets.baseline
+
+    def learning(self) -> LearningReport:
+        """What is learned, of which tyres."""
+        return self._sets.report()
 
     # -- per tick --------------------------------------------------------------------------------------------
 
@@ -79,7 +91,7 @@ class Monitor:
             active=(*self._standing.values(), *self._signals.standing),
             events=tuple(events),
             learning_fraction=self.baseline.fraction,
-            learning=self._sets.report(),
+            learning=self._learning,
         )
 
     def _judge_now(self, tick: Tick, estimate: RadiusEstimate, elapsed_s: float) -> list[AlarmEvent]:
@@ -100,6 +112,7 @@ class Monitor:
         self.baseline.learn(estimate, self._judge.harmless_m2, trusted)
         if self._sets.decide(estimate) == "accepted":
             self._take_back()
+        self._learning = self.learning()
         return events
 
     def _probability(self, kind: AlarmKind, wheel: int) -> float:
@@ -156,6 +169,7 @@ class Monitor:
                 alarm.held_s = 0.0
             if self._sets.state == "accepted":
                 self._take_back()
+        self._learning = self.learning()
         return taken, self._sets.reason
 
     def _take_back(self) -> None:
@@ -246,7 +260,7 @@ class Monitor:
             if standing and not (sets["baseline"]["ready"] or sets["before"] is not None):
                 raise ValueError("the saved alarms have no baseline that they stand against")
             self._sets.take_up(sets)
-        except (KeyError, TypeError, AttributeError) as error:
+        except (KeyError, TypeError, AttributeError, OverflowError) as error:
             raise ValueError(f"the saved monitor is not one: {type(error).__name__}: {error}") from error
         self._since_judged_s = 0.0
         self._judged = Judgement.unknown()
@@ -258,6 +272,7 @@ class Monitor:
             key = (event.kind, WHEELS.index(event.wheel or ""))
             self._alarms[key].active = True
             self._standing[key] = event
+        self._learning = self.learning()
 
     def _parsed(self, entry: dict[str, Any]) -> AlarmEvent:
         event = AlarmEvent(
@@ -269,8 +284,8 @@ class Monitor:
             std_m=math.nan,
             probability=float(entry["probability"]),
             reason=str(entry["reason"]),
-            pressure_loss=_or_nan(entry["pressure_loss"]),
-            pressure_loss_std=_or_nan(entry["pressure_loss_std"]),
+            pressure_loss=_or_nan(entry.get("pressure_loss")),
+            pressure_loss_std=_or_nan(entry.get("pressure_loss_std")),
         )
         if event.wheel not in WHEELS or (event.kind, WHEELS.index(event.wheel)) not in self._alarms:
             raise ValueError(f"the saved {event.kind} alarm of {event.wheel} is not one of this car")

@@ -90,6 +90,8 @@ class LearningReport:
     """What became of the last reset."""
     reset_reason: str
     """One sentence on it; empty if there was none."""
+    resets: int = 0
+    """Requests for a reset since the start of the process."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,6 +45,7 @@ class TyreSets:
         self._name_before = DEFAULT_SET
         self.state: ResetState = "none"
         self.reason = ""
+        self._requests = 0
 
     def _fresh(self) -> Baseline:
         return Baseline(self._vehicle, self._wheels, self._learn_s)
@@ -60,6 +61,7 @@ class TyreSets:
 
         `standing`: wheels for which a deflation is announced now.
         """
+        self._requests += 1
         wanted = self.name if name is None else name
         if NAME.fullmatch(wanted) is None:
             return self._refuse(f"{wanted!r:.40} is no name of a set of tyres (a-z 0-9 _ -, at most 24)")
@@ -136,6 +138,7 @@ class TyreSets:
             samples_by_kmh=self.baseline.samples_by_kmh,
             reset=self.state,
             reset_reason=self.reason,
+            resets=self._requests,
         )
 
     # -- what survives a restart -----------------------------------------------------------------------------
@@ -160,7 +163,7 @@ class TyreSets:
             baseline = self._read(saved["baseline"])
             others = {name: self._read(entry).to_json() for name, entry in saved["others"].items()}
             before = None if saved["before"] is None else self._read(saved["before"])
-        except (KeyError, TypeError, AttributeError) as error:
+        except (KeyError, TypeError, AttributeError, OverflowError) as error:
             raise ValueError(f"the saved sets of tyres are none: {error}") from error
         if not all(isinstance(name, str) and NAME.fullmatch(name) for name in names):
             raise ValueError("a saved set of tyres has no name")

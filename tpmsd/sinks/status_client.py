@@ -33,18 +33,29 @@ def read_status(path: Path, timeout_s: float = TIMEOUT_S) -> dict[str, Any]:
         return next(documents)
 
 
+def request_reset(path: Path, tyres: str | None, timeout_s: float = TIMEOUT_S) -> dict[str, Any]:
+    """Ask to learn the tyres anew; the status as it was when the request was taken. Raises StatusError."""
+    with contextlib.closing(_documents(path, "reset", timeout_s, tyres)) as documents:
+        return next(documents)
+
+
 def watch_status(path: Path, timeout_s: float = TIMEOUT_S) -> Generator[dict[str, Any], None, None]:
     """The status now and with every update; ends only by StatusError (the daemon has gone)."""
     return _documents(path, "watch", timeout_s)
 
 
-def _documents(path: Path, request: str, timeout_s: float) -> Generator[dict[str, Any], None, None]:
+def _documents(
+    path: Path, request: str, timeout_s: float, tyres: str | None = None
+) -> Generator[dict[str, Any], None, None]:
     check_socket_path(path)
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
         connection.settimeout(timeout_s)
         try:
             connection.connect(str(path))
-            connection.sendall(json.dumps({"request": request}).encode("ascii") + b"\n")
+            connection.sendall(
+                json.dumps({"request": request} | ({} if tyres is None else {"tyres": tyres})).encode("ascii")
+                + b"\n"
+            )
         except TimeoutError as error:
             raise StatusError(_silence(path, timeout_s)) from error
         except BrokenPipeError:

@@ -143,6 +143,7 @@ def _baseline(learning: LearningReport) -> dict[str, Any]:
         "samples_by_kmh": {str(kmh): samples for kmh, samples in learning.samples_by_kmh},
         "reset": learning.reset,
         "reset_reason": learning.reset_reason,
+        "resets": learning.resets,
     }
 
 

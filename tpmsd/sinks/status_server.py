@@ -2,7 +2,8 @@
 
 In: connections on a stream socket, and a function that makes the status document. Out: JSON lines.
 
-A client connects and sends one line: `status`, `watch`, or `{"request": "status" | "watch"}`; one that sends
+A client connects and sends one line: `status`, `watch`, `reset`, or the same as a JSON object
+`{"request": "status" | "watch" | "reset", "tyres": NAME}`; one that sends
 nothing (for a second, or by closing its side) is taken to ask for the status. `status` is answered by one
 line, then the connection is closed; `watch` by one line now and one with every `publish`. What is no request
 is answered by `{"error": "..."}`.
@@ -69,8 +70,20 @@ class StatusServer:
     second all the same (for the time-outs). `now_s` is any clock that does not step back.
     """
 
-    def __init__(self, path: Path, document: Callable[[], Mapping[str, Any]], *, mode: int = 0o660) -> None:
-        """Nothing is opened yet. `document` is asked whenever a client is answered."""
+    def __init__(
+        self,
+        path: Path,
+        document: Callable[[], Mapping[str, Any]],
+        *,
+        mode: int = 0o660,
+        reset: Callable[[str | None], str] | None = None,
+    ) -> None:
+        """Nothing is opened yet. `document` is asked whenever a client is answered.
+
+        `reset` takes a request to learn the tyres anew, with the name of the set if one is given; it answers
+        with why it cannot be taken, or with nothing.
+        """
+        self._reset = reset
         self._path = path
         self._document = document
         self._mode = mode
@@ -215,7 +228,10 @@ class StatusServer:
         client.answered = True
         client.deadline_s = now_s + REQUEST_S
         try:
-            client.watching = _is_watch(bytes(client.request))
+            asked, tyres = _request(bytes(client.request))
+            client.watching = asked == "watch"
+            if asked == "reset":
+                self._take_reset(tyres)
         except ValueError as error:
             line = _error_line(str(error))
         else:
@@ -223,6 +239,12 @@ class StatusServer:
         if client.watching:
             client.deadline_s = math.inf
         self._send(client, line)
+
+    def _take_reset(self, tyres: str | None) -> None:
+        """Hand a reset on; ValueError says why it cannot be."""
+        why = "this daemon takes no resets" if self._reset is None else self._reset(tyres)
+        if why:
+            raise ValueError(why)
 
     def _line(self) -> bytes:
         if self._latest is None:
@@ -285,20 +307,24 @@ def check_socket_path(path: Path) -> None:
         )
 
 
-def _is_watch(request: bytes) -> bool:
-    """Whether the request is `watch` (else `status`); ValueError says what is wrong with it."""
+def _request(request: bytes) -> tuple[str, str | None]:
+    """What is asked (`status`, `watch` or `reset`), and of which tyres; ValueError says what is wrong."""
     if b"\n" not in request and len(request) > MAX_REQUEST_BYTES:
         raise ValueError(f"request longer than {MAX_REQUEST_BYTES} bytes")
+    tyres = None
     try:
         line = request.split(b"\n", 1)[0].decode("utf-8").strip()
         asked: Any = line or "status"
         if line.startswith("{"):
-            asked = json.loads(line).get("request")
+            document = json.loads(line)
+            asked, tyres = document.get("request"), document.get("tyres")
     except (ValueError, RecursionError) as error:
         raise ValueError("the request is neither a word nor a JSON object") from error
-    if asked not in ("status", "watch"):
-        raise ValueError("unknown request; known are status and watch")
-    return bool(asked == "watch")
+    if asked not in ("status", "watch", "reset"):
+        raise ValueError("unknown request; known are status, watch and reset")
+    if tyres is not None and not isinstance(tyres, str):
+        raise ValueError("tyres must be a name")
+    return str(asked), tyres
 
 
 def _error_line(reason: str) -> bytes:

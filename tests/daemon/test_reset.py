@@ -1,0 +1,102 @@
+"""A reset reaches the pipeline as an input among the others: live, recorded and replayed alike."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+from tests.daemon.fakes import DrivingBus, car
+from tpmsd.config.model import AlarmsConfig
+from tpmsd.daemon.bus_link import reset_filters
+from tpmsd.daemon.clock import Clock
+from tpmsd.daemon.loop import Daemon
+from tpmsd.daemon.recorder import DriveRecorder
+from tpmsd.pipeline import Pipeline, Step
+from tpmsd.sinks.reset_request import ResetRequest, to_frame, to_sentence
+from tpmsd.sinks.sd_notify import Notifier
+from tpmsd.sources.can_frame import CanFrame
+from tpmsd.sources.drive import Drive
+
+SCALE = 20.0
+
+
+def test_a_reset_is_recorded_and_its_replay_resets_at_the_same_tick(tmp_path: Path) -> None:
+    """Asked after ten seconds: the tick that takes it live is the tick that takes it in the replay."""
+    config, database = car(tmp_path / "car")
+    clock = Clock(SCALE)
+    recorder = DriveRecorder(tmp_path / "drive", config)
+    live: list[Step] = []
+    answers: list[str] = []
+
+    def watch(step: Step) -> None:
+        live.append(step)
+        if len(live) == 100:
+            answers.append(daemon.reset("winter"))
+            answers.append(daemon.reset("No name"))
+
+    daemon = Daemon(
+        config,
+        database,
+        clock,
+        Notifier(None),
+        open_bus=DrivingBus(clock.now).opener(),
+        recorder=recorder,
+        on_step=watch,
+        frame_time=lambda stamp_s: stamp_s,
+        grace_s=0.05 * SCALE,
+    )
+    daemon.run(30.0)
+    assert ["", True] == [answers[0], "no name of a set" in answers[1]]
+
+    pipeline = Pipeline(config, database)
+    steps: list[Step] = []
+    for item in Drive(recorder.folder):
+        if isinstance(item, CanFrame):
+            steps += pipeline.on_frame(item.time_s, item.arbitration_id, item.is_extended, item.data)
+        else:
+            steps += pipeline.on_sentence(item.time_s, item.line)
+    steps += pipeline.finish()
+    was, again = _tyres(live), _tyres(steps)
+    common = was.keys() & again.keys()
+    assert len(common) > 100
+    assert {time_s: was[time_s] for time_s in common} == {time_s: again[time_s] for time_s in common}
+    assert {("default", 0), ("winter", 1)} == {again[time_s] for time_s in common}
+
+
+def _tyres(steps: list[Step]) -> dict[float, tuple[str, int]]:
+    """Set of tyres and number of resets by the tick's time."""
+    reports = {step.tick.time_s: step.report.learning for step in steps}
+    return {time_s: (one.tyres, one.resets) for time_s, one in reports.items() if one is not None}
+
+
+def test_the_bus_may_ask_only_where_that_is_configured(tmp_path: Path) -> None:
+    """With an identifier configured a right frame resets, a wrong one does not; repetitions are one request;
+    without, nothing does."""
+    config, database = car(tmp_path)
+    assert [] == reset_filters(config.alarms)
+    pipeline = Pipeline(config, database)
+    pipeline.on_frame(1000.0, 0x6F2, False, to_frame(2))
+    assert "default" == pipeline.monitor.learning().tyres
+
+    config = dataclasses.replace(config, alarms=AlarmsConfig(reset_id=0x6F2))
+    assert [{"can_id": 0x6F2, "can_mask": 0x7FF, "extended": False}] == reset_filters(config.alarms)
+    pipeline = Pipeline(config, database)
+    pipeline.on_frame(1000.0, 0x6F2, False, b"\0" + to_frame(2)[1:])
+    pipeline.on_frame(1000.5, 0x6F2, True, to_frame(2))
+    assert 0 == pipeline.monitor.learning().resets
+    for k in range(5):
+        pipeline.on_frame(1001.0 + 0.1 * k, 0x6F2, False, to_frame(2))
+    assert ("set2", 1) == (pipeline.monitor.learning().tyres, pipeline.monitor.learning().resets)
+    pipeline.on_frame(1010.0, 0x6F2, False, to_frame())
+    assert ("set2", 2) == (pipeline.monitor.learning().tyres, pipeline.monitor.learning().resets)
+
+
+def test_a_sentence_with_a_wrong_checksum_resets_nothing(tmp_path: Path) -> None:
+    """A torn line of a recording is none."""
+    config, database = car(tmp_path)
+    pipeline = Pipeline(config, database)
+    right = to_sentence(ResetRequest("winter"))
+    pipeline.on_sentence(1000.0, right[:-1] + b"!")
+    assert 0 == pipeline.monitor.learning().resets
+    pipeline.on_sentence(1000.0, right)
+    assert 1 == pipeline.monitor.learning().resets

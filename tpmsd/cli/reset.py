@@ -1,0 +1,79 @@
+"""`tpmsd reset`: tells the running daemon to learn the tyres anew, or that another set is on the car.
+
+In: the daemon's Unix socket. Out: one line that says what the daemon made of it; exit code 1 if it refused.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+from tpmsd.cli.output import Subparsers, add_json_option, write_json
+from tpmsd.config.load import load_config
+from tpmsd.config.model import StatusConfig
+from tpmsd.errors import TpmsdError
+from tpmsd.sinks.status_client import printable, read_status, request_reset
+
+WAIT_S = 5.0
+"""For the daemon's next tick."""
+POLL_S = 0.1
+
+_EPILOG = """\
+examples:
+  tpmsd reset                     the pressures were set: learn what is normal anew
+  tpmsd reset --tyres winter      the winter tyres are on; known ones need no learning
+
+The daemon compares what it learns with what was normal before: a tyre that is soft is found, the reset is
+refused, and the alarm stays. `tpmsd status --json` shows it as .baseline.reset and .baseline.reset_reason.
+"""
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Declare the command's arguments."""
+    parser = subparsers.add_parser(
+        "reset",
+        help="tell the running daemon to learn the tyres anew",
+        description="Call it after pressures were set or wheels were changed. Then drive: learning takes a\n"
+        "minute of steady driving, and goes on for half an hour.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--tyres", metavar="NAME", help="the set of tyres that is on the car now")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        "--socket", metavar="PATH", type=Path, help=f"the daemon's socket ({StatusConfig().socket})"
+    )
+    where.add_argument(
+        "--config", metavar="FILE", type=Path, help="take the socket from this configuration: [status] socket"
+    )
+    add_json_option(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Ask, wait for the tick that takes it, and say what became of it."""
+    path = StatusConfig().socket
+    if args.socket is not None:
+        path = args.socket
+    elif args.config is not None:
+        path = load_config(args.config).status.socket
+    before = _resets(request_reset(path, args.tyres))
+    until_s = time.monotonic() + WAIT_S
+    while _resets(document := read_status(path)) <= before:
+        if time.monotonic() > until_s:
+            raise TpmsdError(f"{path}: tpmsd has not taken up the reset (waited {WAIT_S:g} s): do ticks run?")
+        time.sleep(POLL_S)
+    baseline: dict[str, Any] = document["baseline"]
+    if args.json is not None:
+        write_json({"baseline": baseline}, args.json)
+    if args.json != "-":
+        print(printable(str(baseline.get("reset_reason", ""))))
+    return 1 if baseline.get("reset") == "refused" else 0
+
+
+def _resets(document: dict[str, Any]) -> int:
+    """How many requests the daemon has taken."""
+    baseline = document.get("baseline")
+    count = baseline.get("resets") if isinstance(baseline, dict) else None
+    return count if isinstance(count, int) else 0
