@@ -86,7 +86,7 @@ bench-estimators: $(DEV)  ## paper 000's comparison of filters, and beyond it (B
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m benchmarks.estimators_bench.run $(BENCH_ARGS)
 
 bench-resonance: $(DEV)  ## which sampling shows the torsional resonance of a soft tyre (BENCH_ARGS=...)
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) benchmarks/bench_resonance.py $(BENCH_ARGS)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m benchmarks.bench_resonance $(BENCH_ARGS)
 
 soak: $(DEV)  ## a day of driving with one fault after the other, in logical time (SOAK_ARGS="--hours 1")
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tests.faults.soak $(SOAK_ARGS)

@@ -24,9 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
-from rigid_ring import (
+from benchmarks.rigid_ring import (
     ISO_CLASS_A,
     RATE_HZ,
     ToneRing,
@@ -35,7 +33,6 @@ from rigid_ring import (
     roll,
     wandering_speed,
 )
-
 from tpmsd.resonance.evidence import SHIFTS, ResonanceEvidence, shift_likelihood
 from tpmsd.resonance.peak_fit import Peak, PeakFit
 from tpmsd.resonance.ring_errors import RingErrors
@@ -92,6 +89,7 @@ SIGNALS = (
     Signal("speed 1/16 km/h", kmh_step=0.0625),
     Signal("counter 48/rev", counts_per_rev=TEETH),
     Signal("counter 4096/rev", counts_per_rev=FINE_COUNTS),
+    Signal("counter 10^6/rev", counts_per_rev=10**6),
 )
 
 
