@@ -106,6 +106,18 @@ def test_slow_sampling_is_off_with_the_reason() -> None:
     assert "sampled at 50 Hz" in watch.status()[0].reason
 
 
+def test_another_rate_is_believed_when_it_lasts() -> None:
+    """After a first block at 50 Hz a minute at 100 Hz makes the wheel one of 100 Hz."""
+    watch = ResonanceWatch(RADIUS_M)
+    rng = np.random.default_rng(8)
+    begin_s = drive(watch, SPEED_RADPS + 0.02 * rng.normal(size=(1, 600)), 0.0, rate_hz=50.0)
+    begin_s = drive(watch, SPEED_RADPS + 0.02 * rng.normal(size=(1, 5500)), begin_s)
+    assert ResonanceState.OFF == watch.status()[0].state
+    drive(watch, SPEED_RADPS + 0.02 * rng.normal(size=(1, 2500)), begin_s)
+
+    assert ResonanceState.WAITING == watch.status()[0].state
+
+
 def test_a_coarse_counter_is_off_with_the_reason() -> None:
     """48 counts a turn hide the resonance; after ten minutes that is what is said."""
     watch = ResonanceWatch(RADIUS_M)

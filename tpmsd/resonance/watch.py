@@ -41,6 +41,8 @@ OFF_AFTER_S = 600.0
 EDGE_NAMED = 0.94
 """Of the highest frequency that can be seen: a peak beyond it is named as being too high."""
 RATE_TOLERANCE = 0.02
+ODD_BLOCKS = 6
+"""So many blocks in a row at another rate are the signal's, not a moment's: everything is learned anew."""
 
 
 class ResonanceState(StrEnum):
@@ -91,6 +93,7 @@ class _Wheel:
     rate_hz: float = math.nan
     classes: dict[int, _Class] = field(default_factory=dict)
     driven_s: float = 0.0
+    odd_blocks: int = 0
     rounding: float = 0.0
     """Density that the signal's resolution alone makes."""
 
@@ -118,7 +121,13 @@ class ResonanceWatch:
         if not math.isfinite(wheel.rate_hz):
             wheel.rate_hz = round(block.rate_hz, 1)
         if abs(block.rate_hz / wheel.rate_hz - 1.0) > RATE_TOLERANCE:
-            return
+            wheel.odd_blocks += 1
+            if wheel.odd_blocks < ODD_BLOCKS:
+                return
+            # What was learned is of another signal.
+            wheel.classes.clear()
+            wheel.rate_hz, wheel.driven_s = round(block.rate_hz, 1), 0.0
+        wheel.odd_blocks = 0
         speed_mps = float(block.speed_radps.mean()) * self._radius_m[sample.wheel]
         number = int(np.searchsorted(SPEED_CLASSES_MPS, speed_mps, side="right")) - 1
         if number >= 0 and PeakFit.reach_of(wheel.rate_hz) > 0.0:
