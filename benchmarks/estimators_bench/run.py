@@ -54,7 +54,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--out", type=Path, metavar="FOLDER", default=Path("bench-out/estimators"))
     parser.add_argument("--only", metavar="PARTS", default="runs,batches,speed,recordings",
-                        help="of runs,batches,speed,recordings (all)")  # fmt: skip
+                        help="of runs,batches,speed,recordings (all); what another call did at the same commit stays")  # fmt: skip
     parser.add_argument(
         "--tune", action="store_true", help="play the tuning grid and print the best settings"
     )
@@ -191,9 +191,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return finish(args.out, result, "results", begun)
 
 
+def earlier(path: Path, state: str) -> dict[str, Any]:
+    """The parts that an earlier call with --only has left there, if of the same state of the program."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) and found.get("commit") == state else {}
+
+
 def finish(out: Path, result: dict[str, Any], name: str, begun: float) -> int:
     """Write JSON, Markdown and figures; print the Markdown."""
     result["elapsed_s"] = time.monotonic() - begun
+    result = earlier(out / f"{name}.json", result["commit"]) | result
     (out / f"{name}.json").write_text(json.dumps(result, default=float), encoding="utf-8")
     text = markdown(result)
     (out / f"{name}.md").write_text(text, encoding="utf-8")
