@@ -17,9 +17,9 @@ from benchmarks.alarms_bench.play import Heard, hear
 
 @pytest.fixture(scope="module")
 def leaking() -> Driven:
-    """A tyre that is flat from two minutes on."""
+    """A tyre that goes flat."""
     car = draw_car(np.random.default_rng(6), "development", 6)
-    return drive_leg(car, Leg(seed=2, road="track", duration_s=240.0, losses=(Loss(3, 0.35, 120.0),)))
+    return drive_leg(car, Leg(seed=2, road="track", duration_s=180.0, losses=(Loss(3, 0.35, 120.0),)))
 
 
 def at_alarm(heard: Heard) -> float | None:
