@@ -130,7 +130,7 @@ def test_lintian_finds_no_error() -> None:
     if lintian is None:
         pytest.fail("no lintian here (Debian: apt-get install lintian)")
     done = subprocess.run(
-        [lintian, "--fail-on", "none", os.environ["TPMSD_DEB"]], capture_output=True, text=True, timeout=300
+        [lintian, "--fail-on", "none", os.environ["TPMSD_DEB"]], capture_output=True, text=True, timeout=1800
     )
     found = [line for line in done.stdout.splitlines() if line[:2] in ("E:", "W:")]
 
