@@ -53,8 +53,12 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--jobs", type=int, metavar="N", default=os.cpu_count() or 1, help="processes (all cores)"
     )
     parser.add_argument("--out", type=Path, metavar="FOLDER", default=Path("bench-out/estimators"))
-    parser.add_argument("--only", metavar="PARTS", default="runs,batches,speed,recordings",
-                        help="of runs,batches,speed,recordings (all); what another call did at the same commit stays")  # fmt: skip
+    parser.add_argument(
+        "--only",
+        metavar="PARTS",
+        default="runs,batches,speed,recordings",
+        help="of runs,batches,speed,recordings (all); what stands in OUT of the same commit is kept",
+    )
     parser.add_argument(
         "--tune", action="store_true", help="play the tuning grid and print the best settings"
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from itertools import islice, pairwise
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from benchmarks.estimators_bench.limit import limit
 from benchmarks.estimators_bench.methods import TEXTBOOK, Setting, build, config_of, heard
 from benchmarks.estimators_bench.play import difference, play
 from benchmarks.estimators_bench.recordings import dropped, own_difference_m
-from benchmarks.estimators_bench.run import main, parse
+from benchmarks.estimators_bench.run import earlier, main, parse
 from benchmarks.estimators_bench.survive import legs
 from benchmarks.estimators_bench.world import PUNCTURE_M, RADIUS_M, RL, RR, SCENARIOS, Driven, drive
 from tests.estimators_bench.drives import RURAL, piece
@@ -158,3 +159,12 @@ def test_the_bench_writes_its_tables(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(arguments) == 0
     assert "# Estimators" in capsys.readouterr().out
     assert (tmp_path / "results.md").exists()
+
+
+def test_parts_of_another_state_of_the_program_are_not_kept(tmp_path: Path) -> None:
+    """Nor is what cannot be read."""
+    file = tmp_path / "results.json"
+    assert earlier(file, "abc") == {}
+    file.write_text(json.dumps({"commit": "abc", "rows": [1]}), encoding="utf-8")
+    assert earlier(file, "abc")["rows"] == [1]
+    assert earlier(file, "abd") == {}
