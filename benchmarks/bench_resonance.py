@@ -306,15 +306,28 @@ def picture(results: list[dict[str, Any]], file: Path) -> None:
         axis.set_title(road, fontsize=10)
         axis.set_xlabel("minutes of driving")
         axis.grid(alpha=0.3)
-        if axis.lines[1:]:
-            axis.legend(fontsize=6)
-        else:
+        if not axis.lines[1:]:
             axis.text(0.5, 0.5, "off at every rate", transform=axis.transAxes, ha="center")
     for axis in list(axes.flat)[len(roads) :]:
         axis.set_visible(False)
     for row in axes:
         row[0].set_ylabel("d', sound to -20 %")
-    figure.tight_layout()
+    drawn = {
+        label: handle
+        for axis in axes.flat
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True)
+    }
+    figure.tight_layout(rect=(0.0, 0.62 / (3.4 * rows), 1.0, 1.0))
+    if drawn:
+        figure.legend(
+            drawn.values(),
+            drawn.keys(),
+            loc="lower center",
+            ncols=3,
+            fontsize=7,
+            handlelength=3.5,
+            frameon=False,
+        )
     figure.savefig(file, dpi=90)
     plt.close(figure)
 

@@ -20,7 +20,8 @@ from tpmsd.estimators.build import build_estimator, monitored_wheels
 from tpmsd.monitor.monitor import Monitor
 from tpmsd.monitor.records import MonitorReport
 from tpmsd.physics.model import ExtendedModel
-from tpmsd.sinks.reset_request import PREFIX, from_frame, from_sentence
+from tpmsd.resonance.watch import ResonanceWatch
+from tpmsd.sinks.reset_request import PREFIX, ResetRequest, from_frame, from_sentence
 from tpmsd.sources.events import Event
 from tpmsd.timeline.compensation import Compensation, adjusted
 from tpmsd.timeline.tick import Tick
@@ -56,6 +57,10 @@ class Pipeline:
         self._reset_id, self._extended = config.alarms.reset_id, config.alarms.extended_ids
         self._reset_s = -math.inf
         self.monitor = Monitor(config.vehicle, config.monitor, monitored_wheels(config), config.tyre)
+        self.resonance: ResonanceWatch | None = None
+        if config.monitor.resonance:
+            self.resonance = ResonanceWatch(config.vehicle.wheel_radius_m)
+            self.timeline.observe = self.resonance.add
 
     def on_frame(
         self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, is_fd: bool = False
@@ -67,15 +72,21 @@ class Pipeline:
             # Frames that ask alike within seconds are one request.
             if request is not None and not 0.0 <= time_s - self._reset_s < REPEATED_S:
                 self._reset_s = time_s
-                self.monitor.reset(request.tyres)
+                self._reset(request)
         return steps
 
     def on_sentence(self, time_s: float, line: bytes) -> list[Step]:
         """Take one NMEA line."""
         steps = self._run(self._source.on_sentence(time_s, line))
         if line.startswith(PREFIX) and (request := from_sentence(line)) is not None:
-            self.monitor.reset(request.tyres)
+            self._reset(request)
         return steps
+
+    def _reset(self, request: ResetRequest) -> None:
+        """Learn the tyres anew, if the monitor agrees."""
+        taken, _ = self.monitor.reset(request.tyres)
+        if taken and self.resonance is not None:
+            self.resonance.forget()
 
     def on_event(self, event: Event) -> list[Step]:
         """Take a source's own event (an interface that went down, a receiver unplugged)."""
@@ -98,12 +109,16 @@ class Pipeline:
         for raw in ticks:
             tick = raw if self._compensation is None else self._compensation.apply(raw)
             estimate = self.estimator.step(tick)
-            steps.append(Step(tick, estimate, self.monitor.update(tick, estimate)))
+            heard = None if self.resonance is None else self.resonance.evidence_at(tick.time_s)
+            steps.append(Step(tick, estimate, self.monitor.update(tick, estimate, heard)))
         return steps
 
     def snapshot(self) -> dict[str, Any]:
         """What was learned, as plain numbers for the state file."""
-        return {"estimator": self.estimator.snapshot(), "monitor": self.monitor.snapshot()}
+        saved = {"estimator": self.estimator.snapshot(), "monitor": self.monitor.snapshot()}
+        if self.resonance is not None:
+            saved["resonance"] = self.resonance.snapshot()
+        return saved
 
     def restore(self, saved: dict[str, Any]) -> None:
         """Take up a snapshot; ValueError if it does not fit this configuration (then nothing is taken up)."""
@@ -118,3 +133,9 @@ class Pipeline:
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             self.monitor.restore(before)
             raise ValueError(str(error)) from error
+        if self.resonance is not None:
+            try:
+                self.resonance.restore(saved["resonance"])
+            except (ValueError, KeyError):
+                # Saved without it, or by another version: learned anew, and the radii are kept.
+                self.resonance.forget()

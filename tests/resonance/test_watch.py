@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Protocol
 
 import numpy as np
 import pytest
@@ -24,8 +25,15 @@ def readings(seed: int, seconds: float, frequencies_hz: tuple[float, ...], std: 
     return np.stack([SPEED_RADPS + jitter(rng, seconds, RATE_HZ, hz, 0.12, std) for hz in frequencies_hz])
 
 
+class Takes(Protocol):
+    """Whatever takes samples."""
+
+    def add(self, sample: RotationSample) -> None:
+        """Take one."""
+
+
 def drive(
-    watch: ResonanceWatch, speeds: FloatArray, begin_s: float, rate_hz: float = RATE_HZ, quantum: float = 0.0
+    watch: Takes, speeds: FloatArray, begin_s: float, rate_hz: float = RATE_HZ, quantum: float = 0.0
 ) -> float:
     """Hand a drive over, wheel after wheel at each instant; when it ends."""
     angles = np.cumsum(0.5 * (speeds[:, 1:] + speeds[:, :-1]), axis=1) / rate_hz

@@ -113,8 +113,10 @@ def replay(folder: Path, config: Config, model: ExtendedModel | None = None) -> 
     recorder = ReplayRecorder(folder.resolve().name, config.vehicle, config.monitor)
     begun = time.perf_counter()
     pipeline = Pipeline(config, database, model)
-    watch = ResonanceWatch(config.vehicle.wheel_radius_m)
-    pipeline.timeline.observe = watch.add
+    watch = pipeline.resonance
+    if watch is None:  # a report all the same
+        watch = ResonanceWatch(config.vehicle.wheel_radius_m)
+        pipeline.timeline.observe = watch.add
     for step in play(drive, pipeline, "replay"):
         recorder.add(step.tick, step.estimate, step.report)
     result = recorder.result(0.0)

@@ -115,6 +115,8 @@ class MonitorConfig:
     malfunction_s: float = 30.0
     """Time without usable wheels (or, moving, without fixes) before malfunction is raised."""
     gnss_malfunction_s: float = 300.0
+    resonance: bool = False
+    """Whether the torsional resonances of the wheels bear witness, too (docs/resonance.md)."""
 
 
 @dataclass(frozen=True, slots=True)

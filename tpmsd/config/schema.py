@@ -85,6 +85,7 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
             "clear_hold_s": _DURATION,
             "malfunction_s": Number(1.0, 86_400.0, "s"),
             "gnss_malfunction_s": Number(1.0, 86_400.0, "s"),
+            "resonance": Flag(),
         },
         "tyre": {
             "size": TyreSize(),

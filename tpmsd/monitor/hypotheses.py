@@ -58,6 +58,8 @@ class Verdict:
     """Probability that no wheel has lost anything."""
     loss_m: FloatArray
     """(d,) expected loss of each wheel, m."""
+    alone: FloatArray
+    """(d,) probability that it has, and no other wheel with it."""
     suspicion: float
     """Log-likelihood ratio of the best loss beyond the threshold to none at all, whatever its prior."""
 
@@ -67,11 +69,13 @@ def compare(
     covariance_m2: FloatArray,
     radius_m: FloatArray,
     threshold: float,
+    log_ratios: FloatArray | None = None,
 ) -> Verdict:
     """Posterior over all subsets and losses.
 
     change_m (d,), covariance_m2 (d, d) of change including nuisance, radius_m (d,) nominal; threshold
-    relative.
+    relative. log_ratios (s,): log likelihood ratio of each of `subsets` to none lost by other, independent
+    evidence; None if there is none. It shifts the posterior, not the suspicion.
     """
     d = change_m.size
     whitener = np.linalg.inv(np.linalg.cholesky(covariance_m2))
@@ -82,6 +86,8 @@ def compare(
     fit = -0.5 * np.einsum("slk,slk->sl", rest, rest)
     none = -0.5 * float(seen @ seen)
     logs = fit + np.log(weights / LOSS_GRID.size)[:, None]
+    if log_ratios is not None:
+        logs += log_ratios[:, None]
     log_none = none + math.log1p(-float(weights.sum()))
     top = max(float(logs.max()), log_none)
     posterior = np.exp(logs - top)
@@ -90,14 +96,20 @@ def compare(
     posterior /= total
     beyond = threshold <= LOSS_GRID
     deflated = posterior[:, beyond].sum(axis=1) @ members
+    alone = (posterior[:, beyond].sum(axis=1) * (members.sum(axis=1) == 1.0)) @ members
     loss_m = (posterior @ LOSS_GRID) @ members * radius_m
     suspicion = float(fit[:, beyond].max()) - none
-    return Verdict(np.minimum(deflated, 1.0), weight_none / total, loss_m, suspicion)
+    return Verdict(np.minimum(deflated, 1.0), weight_none / total, loss_m, alone, suspicion)
+
+
+def subsets(d: int) -> list[tuple[int, ...]]:
+    """All subsets of d wheels but the empty one, in the order in which they are compared."""
+    return [c for size in range(1, d + 1) for c in itertools.combinations(range(d), size)]
 
 
 @functools.cache
 def _subsets(d: int) -> tuple[FloatArray, FloatArray]:
     """All subsets of d wheels as (s, d) memberships, and their prior probabilities (s,)."""
-    found = [c for size in range(1, d + 1) for c in itertools.combinations(range(d), size)]
+    found = subsets(d)
     members = np.array([[float(wheel in subset) for wheel in range(d)] for subset in found])
     return members, np.array([PRIOR_BY_SIZE[len(subset)] for subset in found])

@@ -14,8 +14,9 @@ from scipy.special import ndtr
 
 from tpmsd.config.model import MonitorConfig, TyreConfig, VehicleConfig
 from tpmsd.monitor.baseline import Change
-from tpmsd.monitor.hypotheses import Nuisance, Verdict, compare
+from tpmsd.monitor.hypotheses import Nuisance, Verdict, compare, subsets
 from tpmsd.physics.tyre import tyre_model
+from tpmsd.resonance.evidence import ResonanceEvidence
 from tpmsd.wheels import FloatArray
 
 HARMLESS = Nuisance(common=3e-4, axle=4e-4, side=3e-4, own=3e-4)
@@ -23,6 +24,10 @@ HARMLESS = Nuisance(common=3e-4, axle=4e-4, side=3e-4, own=3e-4)
 UNEXPLAINED = Nuisance()
 """What speed, warmth, load and slip can do where they are not compensated: a radius that is off by this is no
 wrong tyre."""
+FULL_SAMPLES = 7
+"""Of the mean, from which it speaks of several tyres: two minutes of driving."""
+UNDECIDED = 0.5
+"""A probability that neither raises nor clears."""
 SUSPICIOUS = 0.5
 """Log-likelihood ratio of a loss to none from which nothing is learned: what might be a fault must not become
 normal, however improbable faults are beforehand."""
@@ -75,9 +80,13 @@ class Judge:
             self._threshold = float(np.mean(np.array(losses) / self._radius))
         self._limit_m = settings.deviation_percent / 100.0 * self._radius
 
-    def judge(self, now: Change, mean: Change) -> Judgement:
-        """Judge both changes; what either says of a wheel counts."""
-        verdicts = [self._compare(change, self.harmless_m2) for change in (now, mean)]
+    def judge(self, now: Change, mean: Change, resonance: ResonanceEvidence | None = None) -> Judgement:
+        """Judge both changes; what either says of a wheel counts. `resonance` bears witness beside them."""
+        ratios = None
+        if resonance is not None and resonance.wheels:
+            sets = subsets(len(self._wheels))
+            ratios = np.array([resonance.log_ratio([self._wheels[i] for i in one]) for one in sets])
+        verdicts = [self._compare(change, self.harmless_m2, ratios) for change in (now, mean)]
         # What shows in the mean alone is slow; what shows now alone is fast.
         likelier = verdicts[int(verdicts[1].deflated.max() > verdicts[0].deflated.max())]
         wide = np.sqrt(np.diag(now.covariance_m2 + self._unexplained_m2))
@@ -93,7 +102,7 @@ class Judge:
         return Judgement(
             change_m=self._on_all(change),
             change_std_m=self._on_all(std),
-            deflated=self._on_all(np.maximum(verdicts[0].deflated, verdicts[1].deflated)),
+            deflated=self._on_all(_deflated(*verdicts, mean.samples)),
             deviates=self._on_all(deviates),
             loss_m=self._on_all(likelier.loss_m),
             pressure_loss=self._on_all(np.array([loss for loss, _ in pressure])),
@@ -111,13 +120,28 @@ class Judge:
         tolerance = OTHER_TYRES.covariance(self._wheels, self._radius) if other_tyres else np.zeros((d, d))
         return self._on_all(self._compare(change, self.harmless_m2 + tolerance).deflated)
 
-    def _compare(self, change: Change, harmless_m2: FloatArray) -> Verdict:
-        return compare(change.change_m, change.covariance_m2 + harmless_m2, self._radius, self._threshold)
+    def _compare(
+        self, change: Change, harmless_m2: FloatArray, log_ratios: FloatArray | None = None
+    ) -> Verdict:
+        covariance_m2 = change.covariance_m2 + harmless_m2
+        return compare(change.change_m, covariance_m2, self._radius, self._threshold, log_ratios)
 
     def _on_all(self, values: FloatArray) -> FloatArray:
         out = np.full(4, math.nan)
         out[self._wheels] = values
         return out
+
+
+def _deflated(now: Verdict, mean: Verdict, samples: int) -> FloatArray:
+    """(d,) probability of a deflation by what both say.
+
+    One tyre alone stands out at once. Two or more look like slip, slopes or load for a while: so they are
+    believed of the mean over minutes, and what shows of them now is only reason not to clear.
+    """
+    several = now.deflated if samples >= FULL_SAMPLES else np.minimum(now.deflated, UNDECIDED)
+    at_once = np.maximum(now.alone, np.minimum(now.deflated, UNDECIDED))
+    lasting = np.minimum(mean.deflated, np.maximum(several, UNDECIDED)) if samples >= FULL_SAMPLES else 0.0
+    return np.asarray(np.maximum(at_once, lasting))
 
 
 OTHER_TYRES = Nuisance(common=0.02, axle=0.01, side=0.0, own=5e-4)

@@ -27,6 +27,7 @@ from tpmsd.monitor.records import (
 )
 from tpmsd.monitor.signal_watch import SignalWatch
 from tpmsd.monitor.tyre_sets import TyreSets
+from tpmsd.resonance.evidence import ResonanceEvidence
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import WHEELS
 
@@ -62,6 +63,7 @@ class Monitor:
         self._standing: dict[tuple[AlarmKind, int], AlarmEvent] = {}
         self._taken_back: list[tuple[AlarmKind, int]] = []
         self._signals = SignalWatch(settings, self._wheels)
+        self._resonance: ResonanceEvidence | None = None
         self._learning = self.learning()
 
     @property
@@ -75,8 +77,11 @@ class Monitor:
 
     # -- per tick --------------------------------------------------------------------------------------------
 
-    def update(self, tick: Tick, estimate: RadiusEstimate) -> MonitorReport:
-        """Take one tick and its estimate."""
+    def update(
+        self, tick: Tick, estimate: RadiusEstimate, resonance: ResonanceEvidence | None = None
+    ) -> MonitorReport:
+        """Take one tick and its estimate, and what the wheels' resonances say if they are listened to."""
+        self._resonance = resonance
         events = self._signals.update(tick, estimate)
         events += self._announce_taken_back(tick, estimate)
         self._sets.update(tick, estimate)
@@ -102,7 +107,7 @@ class Monitor:
             changes = self.baseline.changes(estimate, self._judge.harmless_m2)
             if changes is None:
                 return []
-            self._judged = self._judge.judge(*changes)
+            self._judged = self._judge.judge(*changes, self._resonance)
             trusted = self._judged.trusted and not self._standing
             for (kind, wheel), alarm in self._alarms.items():
                 probability = self._probability(kind, wheel)

@@ -12,6 +12,7 @@ road is too smooth, no resonance is found, and the watch is off and says so.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -43,6 +44,9 @@ EDGE_NAMED = 0.94
 RATE_TOLERANCE = 0.02
 ODD_BLOCKS = 6
 """So many blocks in a row at another rate are the signal's, not a moment's: everything is learned anew."""
+
+
+MAX_PAST = 64
 
 
 class ResonanceState(StrEnum):
@@ -106,11 +110,23 @@ class ResonanceWatch:
         self._wheels = [_Wheel() for _ in WHEELS]
         self._fits: dict[float, PeakFit] = {}
         self._evidence = ResonanceEvidence.silent()
+        self._past: deque[tuple[float, ResonanceEvidence]] = deque()
 
     @property
     def evidence(self) -> ResonanceEvidence:
         """What is known now; silent where nothing is."""
         return self._evidence
+
+    def evidence_at(self, time_s: float) -> ResonanceEvidence:
+        """What was known by an instant; ask in the order of time.
+
+        A tick is made some time after its end, and by then a live run may have seen a frame more or less
+        than a replay. What was known at its end is the same in both.
+        """
+        past = self._past
+        while len(past) > 1 and past[1][0] <= time_s:
+            past.popleft()
+        return past[0][1] if past and past[0][0] <= time_s else ResonanceEvidence.silent()
 
     def add(self, sample: RotationSample) -> None:
         """Take one sample."""
@@ -133,6 +149,9 @@ class ResonanceWatch:
         if number >= 0 and PeakFit.reach_of(wheel.rate_hz) > 0.0:
             self._take(wheel, number, block)
             self._judge()
+            self._past.append((sample.time_s, self._evidence))
+            if len(self._past) > MAX_PAST:  # nobody asks
+                self._past.popleft()
 
     def forget(self) -> None:
         """Learn the baselines anew."""
@@ -140,6 +159,7 @@ class ResonanceWatch:
             wheel.classes.clear()
             wheel.driven_s = 0.0
         self._evidence = ResonanceEvidence.silent()
+        self._past.clear()
 
     def status(self) -> tuple[ResonanceStatus, ...]:
         """One entry per wheel."""
@@ -256,6 +276,7 @@ class ResonanceWatch:
             raise ValueError(f"the saved resonances are none: {type(error).__name__}: {error}") from error
         self._wheels = wheels
         self._evidence = ResonanceEvidence.silent()
+        self._past.clear()
 
     @staticmethod
     def _restored(saved: Mapping[str, Any]) -> _Wheel:
