@@ -12,6 +12,7 @@ error.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import math
 import os
@@ -108,10 +109,12 @@ def spread(
     label: Callable[[Any], str],
     jobs: int,
     minutes: float = math.inf,
+    keep: Callable[[Any], None] = lambda _: None,
 ) -> list[Any]:
     """Do all items in some processes; results in the order of the items.
 
-    Interrupted, or when the time is up, it keeps what is done; items that have begun are finished.
+    Interrupted, or when the time is up, it keeps what is done; items that have begun are finished. `keep`
+    gets each result at once.
     """
     progress = Progress(len(items))
     results: dict[int, Any] = {}
@@ -131,10 +134,41 @@ def spread(
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     number = running.pop(future)
                     results[number] = future.result()
+                    keep(results[number])
                     progress.say(label(items[number]), counts=True)
         except KeyboardInterrupt:
             print("Interrupted: the tables are of what was done", file=sys.stderr)
     return [results[k] for k in sorted(results)]
+
+
+def play_all(tasks: list[Task], args: argparse.Namespace, state: str) -> list[dict[str, Any]]:
+    """All Monte-Carlo runs; those that stand in OUT/rows.jsonl, of this commit, are not done again."""
+    file = args.out / "rows.jsonl"
+    there: dict[str, dict[str, Any]] = {}
+    if file.exists():
+        for line in file.read_text(encoding="utf-8").splitlines():
+            with contextlib.suppress(ValueError, KeyError, TypeError):  # a line cut short by a power cut
+                entry = json.loads(line)
+                if entry["commit"] == state and not state.endswith("-dirty"):
+                    there[entry["task"]] = entry["row"]
+    left = [task for task in tasks if task.label not in there]
+    if len(left) < len(tasks):
+        print(f"{len(tasks) - len(left)} runs of this commit stand in {file}", file=sys.stderr)
+    with file.open("a", encoding="utf-8") as notes:
+
+        def keep(row: dict[str, Any]) -> None:
+            task = Task(
+                row["scenario"], row["receiver"], row["seed"], row["method"], row["particles"], row["front"]
+            )
+            there[task.label] = row
+            entry = {"commit": state, "task": task.label, "row": row}
+            notes.write(
+                "\n" + json.dumps(entry, default=float) + "\n"
+            )  # the last line may have been cut short
+            notes.flush()
+
+        spread(left, perform, lambda t: t.label, args.jobs, args.minutes, keep)
+    return [there[task.label] for task in tasks if task.label in there]
 
 
 def commit() -> str:
@@ -190,8 +224,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             )
         result["recordings"] = spread(drives, recordings.perform, lambda r: r.label, args.jobs)
     if "runs" in args.parts:
-        tasks: list[Task] = plan(args.runs)
-        result["rows"] = spread(tasks, perform, lambda t: t.label, args.jobs, args.minutes)
+        result["rows"] = play_all(plan(args.runs), args, result["commit"])
     return finish(args.out, result, "results", begun)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from itertools import islice, pairwise
 from pathlib import Path
 
@@ -16,8 +17,9 @@ from benchmarks.estimators_bench.limit import limit
 from benchmarks.estimators_bench.methods import TEXTBOOK, Setting, build, config_of, heard
 from benchmarks.estimators_bench.play import difference, play
 from benchmarks.estimators_bench.recordings import dropped, own_difference_m
-from benchmarks.estimators_bench.run import earlier, main, parse
+from benchmarks.estimators_bench.run import earlier, main, parse, play_all
 from benchmarks.estimators_bench.survive import legs
+from benchmarks.estimators_bench.tasks import Task
 from benchmarks.estimators_bench.world import PUNCTURE_M, RADIUS_M, RL, RR, SCENARIOS, Driven, drive
 from tests.estimators_bench.drives import RURAL, piece
 
@@ -168,3 +170,14 @@ def test_parts_of_another_state_of_the_program_are_not_kept(tmp_path: Path) -> N
     file.write_text(json.dumps({"commit": "abc", "rows": [1]}), encoding="utf-8")
     assert earlier(file, "abc")["rows"] == [1]
     assert earlier(file, "abd") == {}
+
+
+def test_a_run_that_was_done_is_not_done_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its row is read from the file, at the same commit only; a line cut short does no harm."""
+    args = parse(["--out", str(tmp_path), "--jobs", "1"])
+    task = Task("puncture", "white", 0, "mpf-rb", 0)
+    row = {**asdict(task), "rmse_difference_m": 0.5}
+    lines = [json.dumps({"commit": "abc", "task": task.label, "row": row}), '{"commit": "ab']
+    (tmp_path / "rows.jsonl").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    assert play_all([task], args, "abc") == [row]
+    assert "1 runs of this commit stand" in capsys.readouterr().err
