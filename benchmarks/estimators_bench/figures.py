@@ -16,6 +16,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator, ScalarFormatter
 
 from benchmarks.estimators_bench.methods import SAMPLED, WANTED
 from benchmarks.estimators_bench.route import paper_route
@@ -81,8 +82,7 @@ def draw_fig8(result: dict[str, Any], out: Path) -> Path | None:
             if some:
                 truth = some[0]["series"]["truth_mm"]
                 here.plot(time, truth, "k--", lw=1.6, label="truth")
-                middle = (max(truth) + min(truth)) / 2
-                here.set_ylim(middle - 3.2, middle + 3.2)
+                here.set_ylim(min(truth) - 0.8, max(truth) + 0.8)
             here.set(title=f"{scenario}, {receiver} errors", ylabel="mu3 - mu4, mm")
             here.grid(alpha=0.3)
     for here in axes[-1]:
@@ -110,8 +110,11 @@ def draw_fig9(result: dict[str, Any], out: Path) -> Path | None:
             else:
                 here.axhline(numbers[0], color=COLOURS[method], ls="--", label=method)
         here.set(xscale="log", yscale="log", xlabel="particles N", title=f"slow puncture, {receiver} errors")
+        here.set_xlim(80, 6300)
         here.set_xticks(NUMBERS, [str(n) for n in NUMBERS])
-        here.minorticks_off()
+        here.yaxis.set_major_formatter(ScalarFormatter())
+        here.yaxis.set_minor_formatter(ScalarFormatter())
+        here.xaxis.set_minor_locator(NullLocator())
         here.grid(alpha=0.3)
     axes[0].set_ylabel("RMSE of mu3 - mu4, mm")
     _legend(axes[1])
@@ -128,12 +131,16 @@ def draw_fig10(result: dict[str, Any], out: Path) -> Path | None:
         for k, method in enumerate(m for m in WANTED if m in SAMPLED):
             some = pick(rows, scenario="puncture", receiver=receiver, front=False, method=method)
             counts = [(n, *diverged(pick(some, particles=n))) for n in NUMBERS]
+            if not any(of for _, _, of in counts):
+                continue
             at = [i + 0.2 * (k - 1.5) for i, (_, _, of) in enumerate(counts) if of]
             shares = [100 * bad / of for _, bad, of in counts if of]
             bars = here.bar(at, shares, width=0.2, color=COLOURS[method], label=method)
             here.bar_label(bars, [f"{bad}/{of}" for _, bad, of in counts if of], fontsize=6)
         here.set_xticks(range(len(NUMBERS)), [str(n) for n in NUMBERS])
-        here.set(xlabel="particles N", title=f"slow puncture, {receiver} errors", ylim=(0, 110))
+        here.set(
+            xlabel="particles N", title=f"slow puncture, {receiver} errors", xlim=(-0.6, 3.6), ylim=(0, 110)
+        )
     axes[0].set_ylabel("diverged runs, %")
     _legend(axes[1])
     return _save(figure, out, "fig10-divergence.png")
@@ -200,7 +207,7 @@ def draw_speed(result: dict[str, Any], out: Path) -> Path | None:
         xscale="log", yscale="log", xlabel="particles N", ylabel="ms per tick", title="run time per tick"
     )
     left.grid(alpha=0.3)
-    _legend(left)
+    _legend(left, loc="upper left")
     where = {k: v for k, v in speed["where"].items() if k != "calls_per_tick"}
     names = list(where)[::-1]
     right.barh(names, [100 * where[name] for name in names], color="0.6")
