@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.estimators.batched_kalman import ROBUST_FROM, TAIL_DOF, predict, scalar_update, symmetrise
+from tpmsd.estimators.batched_kalman import ROBUST_FROM, TAIL_DOF, scalar_update, symmetrise
 from tpmsd.wheels import FloatArray
 
 
@@ -110,15 +110,6 @@ def test_considered_states_are_allowed_for_but_not_changed() -> None:
         gain[3:] = 0.0
         part = np.eye(5) - np.outer(gain, row)
         assert part @ cov[k] @ part.T + np.outer(gain, gain) == pytest.approx(new_cov[k])
-
-
-def test_prediction_is_f_p_f_plus_q() -> None:
-    """Each filter moves by its own transition."""
-    _, cov = filters(4, 3, 1)
-    transition = np.random.default_rng(2).standard_normal((4, 3, 3))
-    noise = np.diag([0.1, 0.2, 0.3])
-    expected = np.stack([f @ p @ f.T + noise for f, p in zip(transition, cov, strict=True)])
-    assert expected == pytest.approx(predict(cov, transition, noise))
 
 
 def test_symmetrising_keeps_what_is_symmetric() -> None:

@@ -183,6 +183,70 @@ def test_radii_are_found_within_their_own_uncertainty(world: World, limit_m: flo
     assert np.all(inside >= least)
 
 
+def with_gyro(drive: Drive, seed: int) -> list[Tick]:
+    """The ticks with a yaw rate: that of the true pose, with a bias and white noise."""
+    rng = np.random.default_rng(seed)
+    turned = np.diff(drive.pose[:, 2], prepend=0.3)
+    noise = 0.003 + 0.002 * rng.standard_normal(len(turned))
+    return [
+        replace(tick, yaw_rate_radps=float(turned[k] / tick.dt_s + noise[k]))
+        for k, tick in enumerate(drive.ticks)
+    ]
+
+
+def test_a_straight_road_teaches_no_gain() -> None:
+    """Five minutes all but straight on, left and right 1.6 mm apart, with a gyro: what only bends can tell
+    (track, gain and load) stays within its prior, the gyro's bias and left against right within their doubt.
+
+    A counter's reading error is in the wheels' turn and in what is expected of the gyro. Were it multiplied
+    by the gain, it would be taken for one; and were the lateral acceleration that of nominal radii, so a
+    constant one, load transfer would be taken for the radii.
+    """
+    world = World(
+        duration_s=300.0,
+        yaw_radps=lambda t: country_yaw(t) * np.where(t < 40.0, 1.0, 0.05),
+        offsets_m=(0.0003, -0.0016, 0.0009, -0.0007),
+    )
+    drive = world.drive()
+    filter_ = estimator("mpf-rb", world)
+    last = run(filter_, with_gyro(drive, 1))[-1]
+    nuisance = np.array(filter_.snapshot()["nuisance"])
+    places = {"trk": 2, "gyro": 4, "gain": 5, "load": 7}
+    assert abs(nuisance[places["trk"]]) < 2 * error_state.TRACK_PRIOR
+    assert abs(nuisance[places["gain"]]) < 2 * error_state.GAIN_PRIOR
+    assert abs(nuisance[places["load"]]) < 2 * error_state.LOAD_PRIOR_S2
+    own = np.array(filter_.snapshot()["nuisance_covariance"])
+    bias = places["gyro"]
+    assert 0.003 == pytest.approx(nuisance[bias], abs=3 * math.sqrt(own[bias, bias]))
+    across = np.array([0.0, 0.0, 1.0, -1.0])
+    error = float(across @ (last.deviation_m - drive.offsets_m[-1]))
+    assert abs(error) < 3 * math.sqrt(float(across @ last.covariance_m2 @ across))
+    assert abs(error) < 0.1e-3
+
+
+def test_intervals_are_truthful_under_correlated_errors() -> None:
+    """Receivers whose errors last for half a minute or so, over seeds and time: 95 % intervals of a radius
+    and of left against right hold the truth, and are no more than three times as wide as the errors."""
+    radius, across, width = [], [], []
+    for seed in range(6):
+        tau = (20.0, 40.0, 80.0)[seed % 3]
+        receiver = Receiver(position_std_m=1.0 + 0.2 * seed, position_tau_s=tau)
+        world = World(duration_s=200.0, seed=20 + seed, receiver=receiver)
+        drive = world.drive()
+        estimates = run(estimator("mpf-rb", world), drive.ticks)
+        error, std = errors_m(drive, estimates)[1000::50], stds_m(estimates)[1000::50]
+        radius.append(np.abs(error) < 1.96 * std)
+        difference = error[:, 2] - error[:, 3]
+        covariance = np.array([e.covariance_m2 for e in estimates[1000::50]])
+        variance = covariance[:, 2, 2] + covariance[:, 3, 3] - 2 * covariance[:, 2, 3]
+        across.append(np.abs(difference) < 1.96 * np.sqrt(variance))
+        width.append([np.mean(std**2), np.mean(error**2)])
+    assert np.mean(radius) > 0.85
+    assert np.mean(across) > 0.85
+    mean_std2, mean_error2 = np.mean(width, axis=0)
+    assert math.sqrt(mean_std2) < 3.0 * math.sqrt(mean_error2)
+
+
 @pytest.mark.parametrize("receiver", [Receiver(), POSITIONS_ALONE], ids=["5Hz", "positions-1Hz"])
 def test_mpf_pn_finds_the_radii(receiver: Receiver) -> None:
     """The published filter: absolute radii to about a millimetre, left against right to below one."""

@@ -20,18 +20,23 @@ from abc import abstractmethod
 import numpy as np
 
 from tpmsd.config.model import FilterConfig, GnssConfig, VehicleConfig
-from tpmsd.estimators.aug_pf import DRIFT_STD_M, SIGMA_STEP_STD
+from tpmsd.estimators.aug_pf import SIGMA_STEP_STD
 from tpmsd.estimators.batched_kalman import Weights, scalar_update, square_weights, symmetrise
 from tpmsd.estimators.gnss_likelihood import position_variance
 from tpmsd.estimators.pose_keeper import Pose
 from tpmsd.estimators.pose_start import PoseStart
-from tpmsd.estimators.position_filter import NOISE_STD_M, PRIOR_RADIUS_STD, PositionFilter
+from tpmsd.estimators.position_filter import PRIOR_RADIUS_STD, PositionFilter
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import FloatArray
 
 E, N, PSI, MU, SIGMA = 0, 1, 2, 3, 5
 SIZE = 7
 """Places in the state; MU and SIGMA take two each, rl before rr."""
+DRIFT_STD_M = 0.02e-3
+"""Square root of Q over a second, m per sqrt(s); particles need a longer walk to explore at all."""
+FIXED_NOISE_STD_M = 0.001
+"""Square root of the first and only Sigma; 3 mm, right for one tick, is far too much for the sum of many: a
+counter's reading error does not add up."""
 SIGMA_STD_LIMIT = 0.3
 """The variance of Sigma is held at this share of its square."""
 
@@ -47,7 +52,7 @@ class AugKalman(PositionFilter):
         rng: np.random.Generator,
         front: bool,
         drift_std_m: float = DRIFT_STD_M,
-        noise_std_m: float = NOISE_STD_M,
+        noise_std_m: float = FIXED_NOISE_STD_M,
         weights: Weights = square_weights,
     ) -> None:
         """`front`: whether the bus has the front wheels. `rng` is not drawn from. `drift_std_m`: random walk

@@ -22,12 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tpmsd.config.model import FilterConfig, GnssConfig, VehicleConfig
+from tpmsd.estimators.gnss_likelihood import PositionLog, student_t_log
 from tpmsd.estimators.pose_particles import PoseParticles
 from tpmsd.estimators.position_filter import NOISE_FLOOR_M, NOISE_STD_M, PRIOR_RADIUS_STD
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import FloatArray
 
-DRIFT_STD_M = 0.02e-3
+DRIFT_STD_M = 0.06e-3
 """Square root of Q over a second: random walk of mu, m per sqrt(s)."""
 SIGMA_STEP_STD = 0.05
 """Standard deviation of one step of Sigma, relative, eqs (28c), (28d)."""
@@ -52,10 +53,11 @@ class AugPf(PoseParticles):
         front: bool,
         drift_std_m: float = DRIFT_STD_M,
         noise_std_m: float = NOISE_STD_M,
+        position_log: PositionLog = student_t_log,
     ) -> None:
         """`front`: whether the bus has the front wheels; `drift_std_m`: random walk of mu over a second;
         `noise_std_m`: square root of the first Sigma."""
-        super().__init__(vehicle, gnss, settings, rng, front)
+        super().__init__(vehicle, gnss, settings, rng, front, position_log)
         self._drift = drift_std_m
         spread = PRIOR_RADIUS_STD * self._nominal[:2, None]
         self._mu = rng.standard_normal((2, self._count)) * spread

@@ -26,13 +26,6 @@ def square_weights(size: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(size / ROBUST_FROM, 1.0) ** -2)
 
 
-def predict(covariance: FloatArray, transition: FloatArray, noise: FloatArray) -> FloatArray:
-    """F P F' + Q for all particles; noise is (n, n) or (N, n, n)."""
-    out: FloatArray = transition @ covariance @ transition.swapaxes(-1, -2)
-    out += noise
-    return out
-
-
 def scalar_update(
     mean: FloatArray,
     covariance: FloatArray,

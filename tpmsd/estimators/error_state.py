@@ -21,11 +21,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.estimators.batched_kalman import predict
 from tpmsd.wheels import FloatArray
 
 E, N, PSI, BE, BN, LAT, LATV, TRK, FWD, GYRO, GAIN, SLIP, LOAD, MU = range(14)
 """Places in the state; the radius errors (rl, rr[, fl, fr]) come last, from MU on."""
+BENDS = [PSI, TRK, SLIP, LOAD, MU, MU + 1]
+"""What moves the pose in a tick."""
 
 PRIOR_RADIUS_STD = 0.01
 """Relative: nominal radii are often guessed."""
@@ -114,6 +115,8 @@ class Motion:
     teaches: bool
     horizontal: float = 1.0
     """Way over the map per way along the road (`grade`)."""
+    witness_turn_rad: float | None = None
+    """The tick's turn as something smoother than the wheels' reading tells it, for TRK; None: the wheels'."""
     steered_curvature: float | None = None
     """Curvature by the steering, eq. (38c), where it replaces the wheels' turn."""
 
@@ -129,6 +132,12 @@ class ProcessModel:
         self.drift = drift_covariance(self._wheels)
         self._drift_common = np.full((self._wheels, self._wheels), DRIFT_COMMON**2)
         self._drift_own = self.drift - self._drift_common
+
+    def drift_at(self, levels: FloatArray) -> FloatArray:
+        """(N, d, d) growth of the radii's covariance per second at levels (N,), which are relative to
+        `DRIFT_OWN` and `DRIFT_AXLE`; `DRIFT_COMMON` follows them down to `CALM_COMMON` only and never up."""
+        own, common = levels[:, None, None], np.clip(levels, CALM_COMMON, 1.0)[:, None, None]
+        return np.asarray(np.square(own) * self._drift_own + np.square(common) * self._drift_common)
 
     def way_and_turn(self, mean: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
         """(N,) way of the rear axle's middle and turn of each particle, eqs (6a), (6b)."""
@@ -152,12 +161,11 @@ class ProcessModel:
         covariance: FloatArray,
         motion: Motion,
         position_std_m: float,
-        restless: FloatArray | float = 1.0,
+        drift: FloatArray | None = None,
     ) -> tuple[FloatArray, float, float]:
         """Move mean (in place) and covariance (returned) through eq. (7), heading at mid-step.
 
-        `restless` (N,) is what each particle takes the wheels' drift to be, relative to `DRIFT_OWN` and
-        `DRIFT_AXLE`; `DRIFT_COMMON` follows it down to `CALM_COMMON` only and never up.
+        `drift` (N, d, d): growth of the radii's covariance per second, of each particle; None: `drift`.
 
         Returns the covariance and the mean way and turn of the tick.
         """
@@ -169,39 +177,43 @@ class ProcessModel:
         mean[:, PSI] += turn
         decay = math.exp(-motion.dt_s / BIAS_TAU_S)
         mean[:, BE : BN + 1] *= decay
-        jacobian = self._jacobian(way, turn, cos, sin, motion)
-        jacobian[:, BE, BE] = jacobian[:, BN, BN] = decay
         mean_way, mean_turn = float(way.mean()), float(turn.mean())
         noise = self._noise(motion, abs(mean_way), mean_turn)
         noise[BE, BE] = noise[BN, BN] = position_std_m**2 * (1.0 - decay**2)
-        out = predict(covariance, jacobian, noise)
-        levels = np.broadcast_to(np.asarray(restless), way.shape)[:, None, None]
-        common = np.clip(levels, CALM_COMMON, 1.0)
-        drift = np.square(levels) * self._drift_own + np.square(common) * self._drift_common
-        out[:, MU:, MU:] += drift * motion.dt_s
+        # F P F' row by row: only the pose's rows of F hold anything beside the diagonal.
+        bend = self._pose_by_bends(way, turn, cos, sin, motion)
+        out = covariance.copy()
+        out[:, BE : BN + 1, :] *= decay
+        out[:, :, BE : BN + 1] *= decay
+        out[:, : PSI + 1, :] += bend @ out[:, BENDS, :]
+        out[:, :, : PSI + 1] += out[:, :, BENDS] @ bend.swapaxes(1, 2)
+        out += noise
+        out[:, MU:, MU:] += (self.drift if drift is None else drift) * motion.dt_s
         return out, mean_way, mean_turn
 
-    def _jacobian(
+    def _pose_by_bends(
         self, way: FloatArray, turn: FloatArray, cos: FloatArray, sin: FloatArray, motion: Motion
     ) -> FloatArray:
-        size = MU + self._wheels
-        out = np.zeros((way.size, size, size))
-        out[:, range(size), range(size)] = 1.0
-        out[:, E, PSI] = -way * sin
-        out[:, N, PSI] = way * cos
+        """(N, 3, 6) derivative of the tick's change of E, N, PSI by the states `BENDS`."""
+        out = np.zeros((way.size, 3, len(BENDS)))
+        east, north, heading = out[:, E], out[:, N], out[:, PSI]
+        psi, trk, slip, load = range(4)
+        east[:, psi] = -way * sin
+        north[:, psi] = way * cos
         by_wheels = motion.steered_curvature is None
         for k, sign in enumerate((-1.0, 1.0)):
             half = motion.rear_rad[k] / 2 * motion.horizontal
             bend = sign * motion.rear_rad[k] / self._track * by_wheels
-            out[:, E, MU + k] = half * cos - way * sin * bend / 2
-            out[:, N, MU + k] = half * sin + way * cos * bend / 2
-            out[:, PSI, MU + k] = bend
+            east[:, load + 1 + k] = half * cos - way * sin * bend / 2
+            north[:, load + 1 + k] = half * sin + way * cos * bend / 2
+            heading[:, load + 1 + k] = bend
         if self._driven_rear:
-            out[:, E, SLIP] = -way * motion.accel_long_mps2 * cos
-            out[:, N, SLIP] = -way * motion.accel_long_mps2 * sin
+            east[:, slip] = -way * motion.accel_long_mps2 * cos
+            north[:, slip] = -way * motion.accel_long_mps2 * sin
         if by_wheels:
-            out[:, PSI, TRK] = turn
-            out[:, PSI, LOAD] = self.load_turn(motion)
+            # The wheels' own reading error here would be taken for a track (errors in variables).
+            heading[:, trk] = turn if motion.witness_turn_rad is None else motion.witness_turn_rad
+            heading[:, load] = self.load_turn(motion)
         return out
 
     def _noise(self, motion: Motion, distance: float, turn: float) -> FloatArray:

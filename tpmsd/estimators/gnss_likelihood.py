@@ -10,12 +10,16 @@ in the paper, which makes the posterior too narrow; `mpf_rb` carries them as a s
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from tpmsd.timeline.tick import Fix
 from tpmsd.wheels import FloatArray
 
 TAIL_DOF = 4.0
+PositionLog = Callable[[FloatArray, int], FloatArray]
+"""Squared Mahalanobis distances (N,) and dimension -> log density up to a constant."""
 POSITION_FLOOR_M = 0.3
 """Below this the bootstrap proposal of Table I would starve; it also covers what the clocks leave."""
 
@@ -25,6 +29,11 @@ def student_t_log(squared: FloatArray, dimension: int) -> FloatArray:
     distance."""
     out: FloatArray = -0.5 * (TAIL_DOF + dimension) * np.log1p(squared / TAIL_DOF)
     return out
+
+
+def gaussian_log(squared: FloatArray, dimension: int) -> FloatArray:
+    """The same of a Gaussian, the paper's (10d)."""
+    return -0.5 * squared
 
 
 def position_variance(fix: Fix) -> float:

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tpmsd.config.model import FilterConfig, GnssConfig, VehicleConfig
+from tpmsd.estimators.gnss_likelihood import PositionLog, student_t_log
 from tpmsd.estimators.mpf_pn import keep_noise, prior_statistics
 from tpmsd.estimators.pose_particles import PoseParticles
 from tpmsd.estimators.pose_start import PoseStart
@@ -50,9 +51,10 @@ class MpfMn(PoseParticles):
         front: bool,
         yaw_accel_std_radps2: float = YAW_ACCEL_STD_RADPS2,
         accel_std_mps2: float = ACCEL_STD_MPS2,
+        position_log: PositionLog = student_t_log,
     ) -> None:
         """`front`: whether the bus has the front wheels; the others are the random walks' sizes."""
-        super().__init__(vehicle, gnss, settings, rng, front)
+        super().__init__(vehicle, gnss, settings, rng, front, position_log)
         self._walk = np.array([[yaw_accel_std_radps2], [accel_std_mps2]])
         self._stats = prior_statistics(self._count, self._nominal[:2], rng)
         self._motion = np.zeros((2, self._count))

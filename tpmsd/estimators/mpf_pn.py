@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tpmsd.config.model import FilterConfig, GnssConfig, VehicleConfig
+from tpmsd.estimators.gnss_likelihood import PositionLog, student_t_log
 from tpmsd.estimators.niw import NormalInverseWishart
 from tpmsd.estimators.pose_particles import PoseParticles
 from tpmsd.estimators.position_filter import NOISE_FLOOR_M, NOISE_STD_M, PRIOR_RADIUS_STD
@@ -67,11 +68,14 @@ class MpfPn(PoseParticles):
         rng: np.random.Generator,
         front: bool,
         change_rate_per_s: float = CHANGE_RATE_PER_S,
+        position_log: PositionLog = student_t_log,
+        statistics: NormalInverseWishart | None = None,
     ) -> None:
-        """`front`: whether the bus has the front wheels; `change_rate_per_s`: of supposed sudden changes."""
-        super().__init__(vehicle, gnss, settings, rng, front)
+        """`front`: whether the bus has the front wheels; `change_rate_per_s`: of supposed sudden changes;
+        `position_log`: how probable a position is; `statistics` before the first tick; None: a wide prior."""
+        super().__init__(vehicle, gnss, settings, rng, front, position_log)
         self._change_rate = change_rate_per_s
-        self._stats = prior_statistics(self._count, self._nominal[:2], rng)
+        self._stats = statistics or prior_statistics(self._count, self._nominal[:2], rng)
 
     def _advance(self, tick: Tick, rear_rad: FloatArray, teaches: bool) -> tuple[float, float]:
         if teaches:

@@ -56,7 +56,6 @@ RESTLESS = ((1.0, 0.1), (0.15, 0.895), (4.0, 0.005))
 that of a filter with few particles."""
 LEVEL_FLOOR = math.log(0.003)
 """Least weight of each level, relative to the best history."""
-YAW_TAU_S = 0.5
 SLOW_YAW_TAU_S = 3.0
 FIX_INTERVAL_S = 0.45
 """Positions and courses are used at most this often: between, their errors are the same."""
@@ -90,12 +89,16 @@ class MpfRb(PoseKeeper):
         self._log_weights = np.full(count, UNUSED)
         self._restless = np.ones(count)
         self._begin_histories(range(min(len(RESTLESS), max(count // 8, 1))))
+        self._drift = self._process.drift_at(self._restless)
+        self._radii = np.zeros(self._wheels)
+        """Radius errors at the end of the last tick."""
         self._position_std_m = state.DEFAULT_POSITION_STD_M
         self._teaches = False
         self._last_used_s = -math.inf
         self._next_wheel = 0
-        self._yaw_rate = self._slow_yaw_rate = 0.0
-        """The wheels' by the present radii, smoothed over `YAW_TAU_S` and `SLOW_YAW_TAU_S`."""
+        self._slow_yaw_rate = 0.0
+        """The wheels' by the present radii, smoothed over `SLOW_YAW_TAU_S`."""
+        self._gyro_bias = 0.0
 
     # -- one tick -------------------------------------------------------------------------------------------
 
@@ -106,12 +109,13 @@ class MpfRb(PoseKeeper):
         teaches = self._teaches = self._move(tick)
         for fix in tick.fixes:
             self._take_fix(fix, tick)
-        block = self._blocks.add(tick, teaches, self._radii(), self._gate.accel_mps2)
+        block = self._blocks.add(tick, teaches, self._radii, self._gate.accel_mps2)
         if block is not None:
             if block.teaches:
                 self._suppose_drift()
                 self._suppose_changes(block)
                 self._learn(block)
+            self._drift = self._process.drift_at(self._restless)
             symmetrise(self._cov)
             self._log_weights -= self._log_weights.max()
             np.maximum(self._log_weights, UNUSED, out=self._log_weights)
@@ -132,20 +136,27 @@ class MpfRb(PoseKeeper):
             return False
         gate = self._gate
         curvature = None if teaches else self._steered_curvature(tick)
-        accel_lat = gate.speed_mps * self._yaw_rate
+        yaw_rate = self._witnessed_yaw_rate(tick)
+        accel_lat = gate.speed_mps * yaw_rate
         self._grade.move(speed * tick.dt_s)
         horizontal = self._grade.horizontal
-        motion = Motion(tick.dt_s, rear, gate.accel_mps2, accel_lat, teaches, horizontal, curvature)
+        witness = yaw_rate * tick.dt_s
+        motion = Motion(tick.dt_s, rear, gate.accel_mps2, accel_lat, teaches, horizontal, witness, curvature)
         std = self._position_std_m
-        self._cov, way, turn = self._process.propagate(self._mean, self._cov, motion, std, self._restless)
+        self._cov, way, turn = self._process.propagate(self._mean, self._cov, motion, std, self._drift)
         self._rate = (way / tick.dt_s, turn / tick.dt_s)
         # By the present radii: with nominal ones a bend would be seen wherever left and right differ.
-        self._yaw_rate += (1.0 - math.exp(-tick.dt_s / YAW_TAU_S)) * (self._rate[1] - self._yaw_rate)
         slow = 1.0 - math.exp(-tick.dt_s / SLOW_YAW_TAU_S)
         self._slow_yaw_rate += slow * (self._rate[1] - self._slow_yaw_rate)
         if teaches:
             self._informative_s += tick.dt_s
         return teaches
+
+    def _witnessed_yaw_rate(self, tick: Tick) -> float:
+        """Yaw rate that does not hold this tick's reading error: the gyro's, else the wheels' smoothed."""
+        if self._gate.gyro_trusted and math.isfinite(tick.yaw_rate_radps):
+            return tick.yaw_rate_radps - self._gyro_bias
+        return self._slow_yaw_rate
 
     def _drift_on(self, dt_s: float) -> None:
         self._blocks.reset()
@@ -281,7 +292,8 @@ class MpfRb(PoseKeeper):
             self._update(scalar, self._fix_weights)
         turn = self._slow_yaw_rate * block.duration_s
         if self._gate.gyro_trusted and math.isfinite(block.gyro_turn_rad):
-            turn = block.gyro_turn_rad - float(self._weights() @ self._mean[:, GYRO]) * block.duration_s
+            self._gyro_bias = float(self._weights() @ self._mean[:, GYRO])
+            turn = block.gyro_turn_rad - self._gyro_bias * block.duration_s
             self._update(measurements.gyro_turn(self._mean, block, self._geometry.track_rear_m, turn))
         driven = float(self._driven_front) - float(self._driven_rear)
         for place, front in enumerate(block.front, start=2):
@@ -302,45 +314,44 @@ class MpfRb(PoseKeeper):
         weights = np.exp(self._log_weights - self._log_weights.max())
         return np.asarray(weights / weights.sum())
 
-    def _radii(self) -> FloatArray:
-        """(d,) present estimate of the radius errors."""
-        return np.asarray(self._weights() @ self._mean[:, MU:])
-
-    def _moments(self) -> tuple[FloatArray, FloatArray]:
-        """Mean and covariance of the whole state over the mixture."""
+    def _moments(self, places: slice) -> tuple[FloatArray, FloatArray]:
+        """Mean and covariance of these places of the state over the mixture."""
         weights = self._weights()
-        mean = weights @ self._mean
-        centred = self._mean - mean
+        own = self._mean[:, places]
+        mean = weights @ own
+        centred = own - mean
+        within = self._cov[:, places][:, :, places].reshape(weights.size, -1)
         size = mean.size
-        own = (weights @ self._cov.reshape(weights.size, -1)).reshape(size, size)
-        return mean, own + (centred * weights[:, None]).T @ centred
+        return mean, (weights @ within).reshape(size, size) + (centred * weights[:, None]).T @ centred
 
     def _estimate(self, tick: Tick, teaches: bool) -> RadiusEstimate:
-        mean, cov = self._moments()
+        self._radii, radii_m2 = self._moments(slice(MU, None))
+        (east, north, heading), cov = self._moments(slice(0, PSI + 1))
         variance = np.maximum(np.diag(cov), 0.0)
         pose = Pose(
-            east_m=float(mean[E]),
-            north_m=float(mean[N]),
-            heading_rad=math.remainder(float(mean[PSI]), 2 * math.pi),
+            east_m=float(east),
+            north_m=float(north),
+            heading_rad=math.remainder(float(heading), 2 * math.pi),
             position_std_m=math.sqrt((variance[E] + variance[N]) / 2),
             heading_std_rad=math.sqrt(variance[PSI]),
         )
-        radii = (mean[MU:], cov[MU:, MU:])
         noise = np.sqrt(np.diag(self._process.drift))
-        return self._radius_estimate(tick, teaches, radii, noise, pose, effective_number(self._weights()))
+        effective = effective_number(self._weights())
+        return self._radius_estimate(tick, teaches, (self._radii, radii_m2), noise, pose, effective)
 
     # -- what survives a restart ----------------------------------------------------------------------------
 
     def snapshot(self) -> dict[str, Any]:
         """Mean and covariance of everything but the pose, as plain numbers."""
-        mean, cov = self._moments()
+        mean, cov = self._moments(slice(LAT, None))
+        radii, others = slice(MU - LAT, None), slice(0, MU - LAT)
         return {
             "order": list(self._order),
             "nominal_m": self._nominal.tolist(),
-            "mean_m": mean[MU:].tolist(),
-            "covariance_m2": cov[MU:, MU:].tolist(),
-            "nuisance": mean[LAT:MU].tolist(),
-            "nuisance_covariance": cov[LAT:MU, LAT:MU].tolist(),
+            "mean_m": mean[radii].tolist(),
+            "covariance_m2": cov[radii, radii].tolist(),
+            "nuisance": mean[others].tolist(),
+            "nuisance_covariance": cov[others, others].tolist(),
             "informative_s": self._informative_s,
         }
 
@@ -359,7 +370,7 @@ class MpfRb(PoseKeeper):
             raise ValueError("the saved nuisance parameters have another shape")
         if not (np.all(np.isfinite(nuisance)) and np.all(np.isfinite(nuisance_cov))):
             raise ValueError("the saved nuisance parameters are not finite")
-        self._mean[:, MU:] = mean
+        self._mean[:, MU:] = self._radii = mean
         self._cov[:, MU:, MU:] = cov + self._process.drift * 1000.0
         self._mean[:, LAT:MU] = nuisance
         self._cov[:, LAT:MU, LAT:MU] = nuisance_cov * 2.0

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tpmsd.config.model import FilterConfig, GnssConfig, VehicleConfig
-from tpmsd.estimators.gnss_likelihood import position_variance, student_t_log
+from tpmsd.estimators.gnss_likelihood import PositionLog, position_variance, student_t_log
 from tpmsd.estimators.pose_keeper import Pose
 from tpmsd.estimators.pose_start import PoseStart
 from tpmsd.estimators.position_filter import PositionFilter
@@ -37,10 +37,12 @@ class PoseParticles(PositionFilter):
         settings: FilterConfig,
         rng: np.random.Generator,
         front: bool,
+        position_log: PositionLog = student_t_log,
     ) -> None:
-        """`front`: whether the bus has the front wheels."""
+        """`front`: whether the bus has the front wheels; `position_log`: how probable a position is."""
         super().__init__(vehicle, gnss, settings, front)
         self._rng = rng
+        self._position_log = position_log
         self._count = settings.particles or DEFAULT_PARTICLES
         self._pose = np.zeros((3, self._count))
         """East, north, heading."""
@@ -98,7 +100,7 @@ class PoseParticles(PositionFilter):
 
     def _weigh(self, fix: Fix) -> None:
         east, north = self._off(fix)
-        self._multiply(student_t_log((east * east + north * north) / position_variance(fix), 2))
+        self._multiply(self._position_log((east * east + north * north) / position_variance(fix), 2))
 
     def _multiply(self, log_likelihood: FloatArray) -> None:
         """Multiply the weights, eq. (22)."""
