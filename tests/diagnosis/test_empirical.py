@@ -16,7 +16,7 @@ from tpmsd.config.load import load_config
 from tpmsd.diagnosis.channels import Reader
 from tpmsd.diagnosis.empirical import place_of
 from tpmsd.diagnosis.motion import reference
-from tpmsd.diagnosis.response import smooth_columns, smooth_knots
+from tpmsd.diagnosis.response import first_hat, smooth_columns, smooth_knots
 from tpmsd.physics.effects.unknown import Unknown
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.physics.model_file import load_model
@@ -52,12 +52,15 @@ def test_the_effect_is_the_shape_that_was_fitted(
     knots = {covariate: smooth_knots(reader.windows.covariates)[covariate]}
     columns = smooth_columns(reader, knots)
     on = place_of(place)
-    heights = size * (np.arange(1.0, len(knots[covariate])) / 2.0 - 1.0)
+    heights = size * np.maximum(np.arange(len(knots[covariate])) / 2.0 - 1.0, -0.5)
+    first = first_hat(on.split()[0].removeprefix("-"))
+    heights[:first] = 0.0
     fitted: FloatArray = np.zeros_like(reader.windows.measured)
     for name, column in zip(columns.names, columns.arrays, strict=True):
         sign = 1.0 if name[1] == on or name[1] in on.split() else -1.0 if f"-{name[1]}" in on.split() else 0.0
-        fitted += sign * heights[int(name[3])] * column
-    effect = Unknown(on, covariate, tuple(knots[covariate]), (0.0, *heights))
+        if sign:
+            fitted += sign * heights[int(name[3]) + first] * column
+    effect = Unknown(on, covariate, tuple(knots[covariate]), tuple(heights))
     moved = reader.predict(ExtendedModel((effect,))) - reader.predict(ExtendedModel())
 
     assert float(np.nanmax(np.abs(fitted))) > 0.5 * size

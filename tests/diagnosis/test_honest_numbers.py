@@ -97,3 +97,19 @@ def test_a_ring_with_another_number_of_teeth_is_told_from_another_radius(wheel: 
     assert ["tone_ring_error"] == [finding.effect for finding in diagnosis.findings]
     values = {name: quantity.value for name, quantity in diagnosis.findings[0].parameters.items()}
     assert (("fl", "fr", "rl", "rr")[wheel], teeth) == (values["wheel"], values["teeth_per_rev"])
+
+
+def test_heights_that_wander_on_a_flat_road_are_no_slopes() -> None:
+    """Without an accelerometer slopes come from heights; what slip lacks by them is no finding."""
+    slip = {"slip_per_accel": 2.3e-3, "slip_per_speed2": 6e-7}
+    spec = Spec(duration_s=700.0, road="city", position_slow_m=3.0, position_tau_s=20.0)
+    recording = recording_of(drive(replace(spec, physics={"longitudinal_slip": slip}), 35))
+    silent = np.full_like(recording.inertial["accel_long_mps2"], np.nan)
+    recording = replace(recording, inertial={**recording.inertial, "accel_long_mps2": silent})
+    assert "heights" == reference(recording).grade_by
+    diagnosis = diagnose([recording])
+
+    assert ["longitudinal_slip"] == [finding.effect for finding in diagnosis.findings]
+    values = {name: quantity.value for name, quantity in diagnosis.findings[0].parameters.items()}
+    assert values["slip_per_accel"] == pytest.approx(2.3e-3, rel=0.03)
+    assert any("heights" in note for note in diagnosis.notes)

@@ -38,7 +38,7 @@ def prepare(folder: Path, say: Callable[[str], None] = lambda text: None) -> Non
     """Integrate the long drives that are not there yet."""
     folder.mkdir(parents=True, exist_ok=True)
     for number, (car, road) in enumerate(BASES):
-        target = _file(folder, number)
+        target = file_of(folder, number)
         if not target.exists():
             say(f"multi-body drive {number + 1} of {len(BASES)} (car {car}, {road}): some minutes, once")
             arrays = integrated(car, road, BASE_S, number)
@@ -51,7 +51,7 @@ def prepare(folder: Path, say: Callable[[str], None] = lambda text: None) -> Non
 def piece(spec: Spec, rng: np.random.Generator, folder: Path) -> tuple[Course, Spec]:
     """A piece of a long drive, and the specification with that car's measures."""
     number = int(rng.integers(len(BASES)))
-    with np.load(_file(folder, number)) as loaded:
+    with np.load(file_of(folder, number)) as loaded:
         arrays = dict(loaded)
     p = parameters(BASES[number][0])
     whole = course_of(arrays, p)
@@ -76,7 +76,8 @@ def parameters(car: int) -> Any:
     return p
 
 
-def _file(folder: Path, number: int) -> Path:
+def file_of(folder: Path, number: int) -> Path:
+    """Where a long drive is kept."""
     car, road = BASES[number]
     return folder / f"multibody-{FORMAT}-{number}-car{car}-{road}-{BASE_S:.0f}s.npz"
 

@@ -102,9 +102,16 @@ class Reader:
         self._rolled = None
         self.windows = replace(self.windows, design=self._designs(base))
 
-    def predict(self, model: ExtendedModel, radii_m: FloatArray | None = None) -> FloatArray:
-        """(w, 9) what the channels would read if the car moved as the reference does and the model acted."""
+    def predict(
+        self, model: ExtendedModel, radii_m: FloatArray | None = None, grade_share: float = 1.0
+    ) -> FloatArray:
+        """(w, 9) what the channels would read if the car moved as the reference does and the model acted.
+
+        With `grade_share` slopes are so many times what the reference says.
+        """
         recording, motion, car = self.recording, self.reference.motion, self.reference.car
+        if grade_share != 1.0:
+            motion = replace(motion, grade_rad=grade_share * motion.grade_rad)
         out = np.full((len(self._kept), CHANNELS), np.nan)
         base = None if radii_m is None else radii_m + model.radius_change_m(motion, car)
         angles = wheel_angles(motion, car, model, base)

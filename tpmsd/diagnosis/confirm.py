@@ -59,8 +59,10 @@ def _receivers_own(study: Study, selection: Selection, evidence: Evidence) -> Se
     for k, one in enumerate(selection.chosen):
         if one.term.effect != "gnss_latency" or one.confidence >= SURE_OF_LATENCY:
             continue
-        same = [t for t in study.hypotheses.catalogue if t.calibrates and t.drive == one.term.drive]
-        if same and not any(term.calibrates for term in terms):
+        same = [
+            t for t in study.hypotheses.catalogue if t.effect == "doppler_lag" and t.drive == one.term.drive
+        ]
+        if same and not any(term.effect == "doppler_lag" for term in terms):
             return Selector(evidence, study.hypotheses).judged([*terms[:k], *terms[k + 1 :], same[0]])
     return selection
 

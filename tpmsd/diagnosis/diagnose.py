@@ -12,20 +12,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from tpmsd.diagnosis.confirm import confirmed
 from tpmsd.diagnosis.drives import admitted, against
 from tpmsd.diagnosis.evidence import Evidence
 from tpmsd.diagnosis.findings import report
 from tpmsd.diagnosis.noise_fit import Stage, fit_noise, outliers
 from tpmsd.diagnosis.recording import Recording
-from tpmsd.diagnosis.refine import refine
+from tpmsd.diagnosis.refine import plainest_shape, refine
 from tpmsd.diagnosis.relinearise import relinearise
 from tpmsd.diagnosis.result import INSUFFICIENT, Diagnosis
 from tpmsd.diagnosis.selection import MAX_TERMS, Selection, Selector
-from tpmsd.diagnosis.simulated import differences, floored
+from tpmsd.diagnosis.simulated import differences, floored, widened
 from tpmsd.diagnosis.study import Study, first_noise
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import FloatArray
+
+SHAPES = 3
+"""Free shapes that are taken out before the noise is first estimated."""
 
 __all__ = ["diagnose", "diagnose_against", "first_noise"]
 
@@ -71,6 +76,8 @@ def examine(study: Study, progress: Callable[[float], None]) -> tuple[Selection,
     for stage in (Stage.FIRST, Stage.SECOND):
         _estimate_noise(study, design, stage)
         evidence = study.evidence()
+        if stage is Stage.FIRST:
+            evidence = _without_shapes(study, design, evidence)
         progress(0.35 + 0.25 * stage.value)
         # What is clearest first and exactly: a pulse half a minute off leaves more than a faint effect.
         for most in (1, MAX_TERMS):
@@ -86,6 +93,21 @@ def examine(study: Study, progress: Callable[[float], None]) -> tuple[Selection,
     _estimate_noise(study, design, Stage.LAST)
     evidence = study.evidence()
     return confirmed(study, Selector(evidence, study.hypotheses).select(), evidence)
+
+
+def _without_shapes(study: Study, design: FloatArray, evidence: Evidence) -> Evidence:
+    """Estimate the first noise once more with the free shapes in the model that the drive shows plainly.
+
+    What no effect of the catalogue holds would pass for noise, and noise of that size would hide its shape.
+    """
+    for _ in range(SHAPES):
+        term = plainest_shape(study, evidence, design)
+        if term is None:
+            break
+        design = np.concatenate([widened(design, study.hypotheses.width), term.design], axis=1)
+        _estimate_noise(study, design, Stage.FIRST)
+        evidence = study.evidence()
+    return evidence
 
 
 def _estimate_noise(study: Study, design: FloatArray, stage: Stage) -> None:

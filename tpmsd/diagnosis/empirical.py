@@ -19,7 +19,7 @@ EDGE_S = 0.5
 
 
 def shape_of(one: Chosen, knots: FloatArray) -> tuple[tuple[float, float, float], ...]:
-    """(covariate, height, standard deviation) at each knot; the first height is calibration's: zero."""
+    """(covariate, height, standard deviation) at each knot; a wheel's first height is calibration's: zero."""
     if one.term.pulse:
         begin, end = one.term.span_s
         height, std = float(one.values[0]), float(one.stds[0])
@@ -30,8 +30,10 @@ def shape_of(one: Chosen, knots: FloatArray) -> tuple[tuple[float, float, float]
             (end - edge, height, std),
             (end + edge, 0.0, 0.0),
         )
-    rest = zip(knots[1:], one.values, one.stds, strict=True)
-    return ((float(knots[0]), 0.0, 0.0), *((float(x), float(v), float(s)) for x, v, s in rest))
+    first = len(knots) - len(one.values)
+    rest = zip(knots[first:], one.values, one.stds, strict=True)
+    heights = tuple((float(x), float(v), float(s)) for x, v, s in rest)
+    return heights if first == 0 else ((float(knots[0]), 0.0, 0.0), *heights)
 
 
 def empirical_effect(one: Chosen, knots: FloatArray) -> tuple[Unknown, dict[str, Std]]:

@@ -162,6 +162,13 @@ def gain_of(gram: FloatArray) -> float:
     return _solved(gram, _scale(gram))[2]
 
 
+def fitted(gram: FloatArray) -> tuple[FloatArray, float]:
+    """(k,) fitted values of a small Gram matrix's columns, the data first, and the gain."""
+    scale = _scale(gram)
+    values, _, gain = _solved(gram, scale)
+    return values * scale, gain
+
+
 def _scale(gram: FloatArray) -> FloatArray:
     """(k,) factors that make the columns of a small Gram matrix of unit length."""
     return np.asarray(1.0 / np.sqrt(np.maximum(np.diag(gram)[1:], 1e-100)))

@@ -30,9 +30,14 @@ from tpmsd.physics.effect import Effect, Parameter, Std
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import WHEELS
 
-NEUTRAL = {"scale": 1.0}
+NEUTRAL = {"scale": 1.0, "share": 1.0}
 """What a parameter is where nothing is missing; fitted is the difference from it."""
-DOPPLER_LAG = "the receiver's speed is {:.3f} +- {:.3f} s older than its position; taken into account"
+OWN = {
+    "doppler_lag": "the receiver's speed is {:.3f} +- {:.3f} s older than its position; taken into account",
+    "grade_share": "the wheels feel {:.2f} +- {:.2f} of the slopes that the receiver's heights show;"
+    " taken into account",
+}
+"""What is said of terms that are the receiver's own."""
 WANDERS = 2e-4
 """Relative standard deviation of the radii's slow wander from which it is told."""
 STEP_S = 3.0
@@ -65,7 +70,8 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
 
     for k, one in enumerate(selection.chosen):
         if one.term.calibrates:
-            notes = (*notes, DOPPLER_LAG.format(float(one.values[0]), float(one.stds[0])))
+            value = float(one.values[0]) + NEUTRAL.get(one.term.parameters[0], 0.0)
+            notes = (*notes, OWN[one.term.effect].format(value, float(one.stds[0])))
             continue
         rest = terms[:k] + terms[k + 1 :]
         without = float(evidence.heldout(selector.design(rest))[blocks].sum())

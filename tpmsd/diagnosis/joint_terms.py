@@ -8,12 +8,11 @@ constants of each drive.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmsd.diagnosis.terms import MIDDLE_TIME_CONSTANT_S, Hypotheses, Name, Term
+from tpmsd.diagnosis.terms import MIDDLE_TIME_CONSTANT_S, Hypotheses, Name, Term, for_drive
 from tpmsd.wheels import FloatArray
 
 BEST = 10
@@ -41,11 +40,6 @@ def is_own(name: Name, same_road: bool) -> bool:
 def is_copied(name: Name, same_road: bool) -> bool:
     """Whether a column stands both for all drives and for each alone: the catalogue's, on one road all."""
     return not is_own(name, same_road) and name[0] != "data" and (same_road or name[0] != "smooth")
-
-
-def for_drive(term: Term, drive: int, drives: int) -> Term:
-    """A term as that of one of so many drives: the choice must be paid for."""
-    return replace(term, drive=drive, penalty=term.penalty + math.log(drives))
 
 
 class JointHypotheses(Hypotheses):

@@ -7,6 +7,7 @@ else, so it need only be near the truth.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +23,8 @@ ACCEL_SMOOTHING_S = 0.25
 """On top of the speed's own."""
 GRADE_SMOOTHING_S = 0.5
 HEIGHT_SMOOTHING_S = 12.0
+LEAST_SMOOTHING_S = 3.0
+SLOPE_ERROR = 1e-3
 FLAT_BELOW = 0.006
 """Scatter of the slope by heights alone below which it is the heights' own error."""
 HEADING_SMOOTHING_S = 8.0
@@ -213,6 +216,28 @@ def _courses(recording: Recording) -> tuple[FloatArray, FloatArray]:
     return 0.5 * (time_s + time_s[later])[fit], np.arctan2(dn, de)[fit]
 
 
+def _slope(height_m: FloatArray, speed: FloatArray, sigma: float, dt: float) -> FloatArray:
+    """(n + 1,) rise over way of heights smoothed by a Gaussian of `sigma` ticks."""
+    height = twiced(height_m, sigma)
+    way = gaussian_filter1d(speed, sigma, mode="nearest")
+    slope = np.where(way > 1.0, np.gradient(height, dt) / np.maximum(way, 1.0), 0.0)
+    return np.asarray(np.clip(slope, -0.25, 0.25))
+
+
+def _smoothing_s(time_s: FloatArray, up_m: FloatArray, speed_mps: float) -> float:
+    """Width of the Gaussian that leaves of the heights' scatter an error of the slope of SLOPE_ERROR.
+
+    White errors of standard deviation s, one per T seconds, leave s T^(1/2) / (2 pi^(1/4) w^(3/2)) of a
+    rate behind a Gaussian of width w. The scatter is that of second differences, by their median.
+    """
+    second = np.diff(up_m, 2)
+    scatter = max(float(np.median(np.abs(second))) / 0.6745 / math.sqrt(6.0), 0.03)
+    every_s = float(np.median(np.diff(time_s)))
+    rate = SLOPE_ERROR * max(speed_mps, 1.0)
+    width = (scatter * math.sqrt(every_s) / (2.0 * math.pi**0.25 * rate)) ** (2.0 / 3.0)
+    return float(np.clip(width, LEAST_SMOOTHING_S, HEIGHT_SMOOTHING_S))
+
+
 def _grade(recording: Recording, speed: FloatArray, accel: FloatArray) -> tuple[FloatArray, str]:
     """(n + 1,) slope: slow part from the receiver's heights, fast part from the accelerometer's gravity."""
     edges = recording.edges_s
@@ -221,17 +246,15 @@ def _grade(recording: Recording, speed: FloatArray, accel: FloatArray) -> tuple[
     known = np.isfinite(recording.up_m)
     if known.sum() > 30:
         time_s, up = recording.fix_time_s[known], recording.up_m[known]
-        height = gaussian_filter1d(np.interp(edges, time_s, up), HEIGHT_SMOOTHING_S / dt, mode="nearest")
-        way = gaussian_filter1d(speed, HEIGHT_SMOOTHING_S / dt, mode="nearest")
-        slow = np.where(way > 1.0, np.gradient(height, dt) / np.maximum(way, 1.0), 0.0)
-        slow = np.clip(slow, -0.25, 0.25)
+        slow = _slope(np.interp(edges, time_s, up), speed, HEIGHT_SMOOTHING_S / dt, dt)
         have_heights = True
     force = recording.inertial["accel_long_mps2"]
     if np.isfinite(force).mean() < 0.8:
         moving = speed > 3.0
         if not have_heights or not moving.any() or float(np.std(slow[moving])) < FLAT_BELOW:
             return np.zeros_like(edges), "nothing"
-        return np.arcsin(slow), "heights"
+        width_s = _smoothing_s(time_s, up, float(np.median(speed[moving])))
+        return np.arcsin(_slope(np.interp(edges, time_s, up), speed, width_s / dt, dt)), "heights"
     gravity = (to_edges(force, 1.0) - accel) / GRAVITY_MPS2
     gravity = gaussian_filter1d(gravity, GRADE_SMOOTHING_S / dt, mode="nearest")
     moving = speed > 3.0

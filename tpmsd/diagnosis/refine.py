@@ -13,14 +13,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.diagnosis.evidence import Evidence
-from tpmsd.diagnosis.joint_terms import for_drive
+from tpmsd.diagnosis.finer import Shape, finer_shape, finest_shape
 from tpmsd.diagnosis.response import ramp_knots
 from tpmsd.diagnosis.selection import Selection, Selector
 from tpmsd.diagnosis.study import Refined, Study
-from tpmsd.diagnosis.terms import Term
+from tpmsd.diagnosis.terms import Term, for_drive
 from tpmsd.wheels import WHEELS, FloatArray
 
 ROUNDS = 4
+PLAIN = 40.0
+"""Log-likelihood beyond its penalty from which a free shape is no noise."""
+BEST = 3
+"""Candidates among which a shape is looked for."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +54,13 @@ def refine(study: Study, selection: Selection, evidence: Evidence, again: bool) 
             point, column = _best(study, evidence, others, term)
             added.append((term, point))
             columns.append((_refined(term, point), column))
-    places = study.append(columns)
-    for (term, point), place in zip(added, places, strict=True):
+    shapes = [] if study.simulation else _shapes(study, evidence, terms)
+    places = study.append([*columns, *(column for shape in shapes for column in shape.columns)])
+    at = len(columns)
+    for shape in shapes:
+        shape.add_to(study, places[at : at + len(shape.columns)])
+        at += len(shape.columns)
+    for (term, point), place in zip(added, places[: len(columns)], strict=True):
         if term.effect == "radius_change":
             onset = point.first - point.second / 2
             study.hypotheses.add_ramp(term.wheel, (onset, onset + point.second), place)
@@ -59,10 +68,61 @@ def refine(study: Study, selection: Selection, evidence: Evidence, again: bool) 
             study.hypotheses.add_pulse(term.place, (point.first, point.second), place)
         else:
             study.hypotheses.add_thermal(point.first, place)
-        if term.drive is not None:
-            exact = study.hypotheses.catalogue.pop()
-            study.hypotheses.catalogue.append(for_drive(exact, term.drive, len(study.drives)))
-    return bool(added)
+        _of_its_drive(study, term)
+    return bool(added or shapes)
+
+
+def plainest_shape(study: Study, evidence: Evidence, design: FloatArray) -> Term | None:
+    """The free shape that brings most beyond a design, on its finest knots; None if none is plain.
+
+    It is a hypothesis like all others from then on.
+    """
+    hypotheses = study.hypotheses
+    gram, b = evidence.projected(design)
+    found = (
+        hypotheses.ramp_gains(gram, b) + hypotheses.pulse_gains(gram, b) + hypotheses.smooth_gains(gram, b)
+    )
+    gain, term = max(found, key=lambda entry: entry[0] - entry[1].penalty)
+    if gain - term.penalty < PLAIN:
+        return None
+    if study.simulation or not _is_coarse(term):
+        return term
+    shape = finest_shape(study, term)
+    shape.add_to(study, study.append(shape.columns))
+    return next(one for one in hypotheses.catalogue if one.knots == shape.knots and one.key == term.key)
+
+
+def _of_its_drive(study: Study, term: Term) -> None:
+    """Make the hypothesis added last one drive's, if the term that it refines is."""
+    if term.drive is not None:
+        exact = study.hypotheses.catalogue.pop()
+        study.hypotheses.catalogue.append(for_drive(exact, term.drive, len(study.drives)))
+
+
+def _shapes(study: Study, evidence: Evidence, terms: list[Term]) -> list[Shape]:
+    """Finer shapes for the smooth terms that need them.
+
+    Also of the best that was not chosen: on few knots a narrow shape leaves so much in some blocks that its
+    heights look unsure.
+    """
+    asked = [(term, terms[:k] + terms[k + 1 :]) for k, term in enumerate(terms)]
+    for _, found in Selector(evidence, study.hypotheses).candidates(terms)[:BEST]:
+        if _is_coarse(found[0]):
+            asked.append((found[0], terms))
+            break
+    out = []
+    for term, others in asked:
+        if _is_coarse(term):
+            finer = finer_shape(study, evidence, others, term)
+            if finer is not None:
+                out.append(finer)
+    return out
+
+
+def _is_coarse(term: Term) -> bool:
+    """Over time knots stay as wide as the blocks that are held out: finer ones predict none of them."""
+    shape = term.effect == "unknown" and not term.pulse and not term.knots
+    return shape and term.covariate not in ("time", "distance")
 
 
 def _refined(term: Term, point: Point) -> Refined:

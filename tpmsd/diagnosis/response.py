@@ -25,8 +25,13 @@ SMOOTH_TERMS = 5
 TIME_TERMS = 12
 SMALL_M = 1e-5
 """A change of radius small enough to be linear."""
-PLACES = ("fl", "fr", "rl", "rr", "gnss_speed", "gnss_course", "yaw_rate")
+READINGS = {"gnss_speed": SPEED, "gnss_course": COURSE, "yaw_rate": GYRO}
+PLACES = ("fl", "fr", "rl", "rr", *READINGS)
 """Where a smooth term may act."""
+FEWEST = 6
+"""Windows between two of the finest knots."""
+FINER = 4
+"""Intervals of the finest shape, per interval of the first look."""
 
 
 @dataclass
@@ -92,6 +97,9 @@ def catalogue_columns(reader: Reader, base: ExtendedModel | None = None) -> Colu
         lag = np.nan_to_num(out.arrays[out.index()[("gnss_latency", "latency_s")]])
         lag[:, EAST:] = 0.0
         out.add(("doppler_lag", "lag_s"), lag)
+    if reader.reference.grade_by == "heights":
+        more = reader.predict(base, grade_share=1.1) - start
+        out.add(("grade_share", "share"), more / 0.1)
     for tau in TIME_CONSTANTS_S:
         effect = make_effect("thermal_growth", amplitude_m=SMALL_M, time_constant_s=tau)
         out.add(("thermal_growth", f"{tau:g}"), (reader.predict(base.plus(effect)) - start) / SMALL_M)
@@ -162,21 +170,52 @@ def smooth_columns(reader: Reader, knots: dict[str, FloatArray]) -> Columns:
     gyro's of its reading (rad/s).
     """
     out = Columns()
-    responses: dict[str, FloatArray] = {}
-    for wheel in reader.recording.wheels:
-        responses[WHEELS[wheel]] = _of_radius(reader, wheel)
-    for place, channel in (("gnss_speed", SPEED), ("gnss_course", COURSE), ("yaw_rate", GYRO)):
+    places = [WHEELS[wheel] for wheel in reader.recording.wheels]
+    for place, channel in READINGS.items():
         if np.isfinite(reader.windows.measured[:, channel]).sum() > 60:
-            response = np.zeros((len(reader.windows), CHANNELS))
-            response[:, channel] = 1.0
-            responses[place] = response
+            places.append(place)
+    responses = {place: response_at(reader, place) for place in places}
     for covariate, at in knots.items():
-        # The first hat is the constant's, which calibration holds.
-        hats = hat_functions(reader.windows.covariates[covariate], at)[:, 1:]
+        hats = hat_functions(reader.windows.covariates[covariate], at)
         for place, response in responses.items():
-            for k in range(hats.shape[1]):
-                out.add(("smooth", place, covariate, str(k)), response * hats[:, k : k + 1])
+            for k in range(first_hat(place), hats.shape[1]):
+                name = ("smooth", place, covariate, str(k - first_hat(place)))
+                out.add(name, response * hats[:, k : k + 1])
     return out
+
+
+def first_hat(place: str) -> int:
+    """Number of the first hat that a shape at a place needs.
+
+    All hats together are a constant. Calibration holds that of a wheel, so its first is left out. A reading
+    has none: without its own, a shape of the gyro would need a bias beside it.
+    """
+    return 0 if place in READINGS else 1
+
+
+def response_at(reader: Reader, place: str) -> FloatArray:
+    """(w, 9) response to a wheel's radius (m) or to a reading (m/s, rad, rad/s)."""
+    if place in WHEELS:
+        return _of_radius(reader, WHEELS.index(place))
+    out = np.zeros((len(reader.windows), CHANNELS))
+    out[:, READINGS[place]] = 1.0
+    return out
+
+
+def finer_knots(values: FloatArray, intervals: int) -> FloatArray:
+    """(at most intervals + 1,) knots between the 0.2 % and 99.8 % quantiles, half by quantile, half evenly.
+
+    By quantiles alone the tails, where the effects are largest, would have none.
+    """
+    share = np.linspace(0.002, 0.998, intervals + 1)
+    low, high = np.quantile(values, [share[0], share[-1]])
+    knots = np.unique(0.5 * (np.quantile(values, share) + np.linspace(low, high, intervals + 1)))
+    kept = [float(knots[0])]
+    for knot in knots[1:]:
+        here = np.count_nonzero((values > kept[-1]) & (values <= knot))
+        if here >= FEWEST and knot - kept[-1] > 1e-6 * max(float(high - low), 1e-12):
+            kept.append(float(knot))
+    return np.array(kept)
 
 
 def hat_functions(values: FloatArray, knots: FloatArray) -> FloatArray:

@@ -38,6 +38,8 @@ FREE_SHAPE = 0.03
 MAX_TERMS = 8
 RIVAL = 2.0
 """Rivals whose fit is worse by less than this are not told apart."""
+SPLITS = (("front", "rear"), ("left", "right"))
+"""Pairs of places that may act each in its own way."""
 MIN_EIGENVALUE = 1e-6
 """Of the terms' correlation matrix, calibration included."""
 SMALLEST_M = 3e-5
@@ -52,6 +54,7 @@ BOUNDS = {
     if isinstance(parameter, Parameter)
 }
 BOUNDS["doppler_lag", "lag_s"] = (-0.2, 0.2)
+BOUNDS["grade_share", "share"] = (-1.5, 1.0)
 """Of the fitted values, by effect and parameter; a scale is fitted as its difference from one."""
 
 
@@ -102,7 +105,7 @@ class Selector:
             best = self._best_addition(chosen)
             if best is None:
                 break
-            chosen = self._prune(self._exchange(chosen + best))
+            chosen = self._prune(self._regrouped(self._exchange(chosen + best)))
             state = frozenset(id(term.design) for term in chosen)
             if state in seen:
                 break
@@ -116,7 +119,7 @@ class Selector:
             worst = int(np.argmin(heldout))
             if heldout[worst] >= HELDOUT:
                 break
-            chosen = chosen[:worst] + chosen[worst + 1 :]
+            chosen = chosen[:worst] + self._coarser(chosen, worst) + chosen[worst + 1 :]
         judged = [self._judge(chosen, k) for k in range(len(chosen))]
         order = sorted(judged, key=lambda one: -one.heldout_gain)
         design = self.design(chosen)
@@ -126,6 +129,19 @@ class Selector:
             baseline_heldout=self.evidence.heldout(self.hypotheses.nuisance),
             heldout=self.evidence.heldout(design),
         )
+
+    def _coarser(self, chosen: list[Term], which: int) -> list[Term]:
+        """The finest of a shape's coarser forms, if there is any: too many knots predict nothing."""
+        term = chosen[which]
+        if term.effect != "unknown" or term.pulse:
+            return []
+        size = term.design.shape[1]
+        coarser = [
+            other
+            for other in self.hypotheses.shapes_over(term)
+            if other.key == term.key and other.design.shape[1] < size
+        ]
+        return sorted(coarser, key=lambda one: -one.design.shape[1])[:1]
 
     def design(self, terms: Sequence[Term]) -> FloatArray:
         """Calibration and these terms."""
@@ -149,7 +165,7 @@ class Selector:
                 continue
             usable.append(term)
             gain, first = group_gain(term.design[1:], gram, b)
-            out.append((gain - term.price(first), [term]))
+            out.append((self._net(term, gain, first), [term]))
         if everything:
             shapes = self.hypotheses.pulse_gains(gram, b) + self.hypotheses.smooth_gains(gram, b)
             scanned = self.hypotheses.ramp_gains(gram, b)
@@ -177,7 +193,9 @@ class Selector:
             - 2 * np.outer(score, score) * G
             + (score**2)[None, :] * d[:, None]
         )
-        gain = np.where(det > 1e-4 * np.outer(d, d), 0.5 * number / np.maximum(det, 1e-300), 0.0)
+        gain = np.where(
+            det > 1e-4 * np.outer(d, d), 0.5 * number / np.maximum(det, 1e-30 + 1e-4 * np.outer(d, d)), 0.0
+        )
         out = []
         for i in range(len(at)):
             for j in range(i + 1, len(at)):
@@ -261,6 +279,29 @@ class Selector:
             if not improved:
                 break
         return chosen
+
+    def _regrouped(self, chosen: list[Term]) -> list[Term]:
+        """Let a shape act on other wheels, if a term beside it is then not needed.
+
+        A shape of both axles' difference puts half of what one axle does on the other, and the speed of the
+        free wheels is then wrong by what looks like an old fix.
+        """
+        for shape in [term for term in chosen if term.effect == "unknown" and not term.pulse]:
+            same = [term for term in self.hypotheses.shapes_over(shape) if term.knots == shape.knots]
+            by_place = {term.place: term for term in same}
+            options = [[term] for term in same if term is not shape]
+            options += [[by_place[a], by_place[b]] for a, b in SPLITS if a in by_place and b in by_place]
+            for other in [term for term in chosen if term is not shape]:
+                rest = [term for term in chosen if term is not shape and term is not other]
+                trials = [[*rest, *terms] for terms in options]
+                best = max([chosen, *(terms for terms in trials if self._sane(terms))], key=self._worth)
+                if best is not chosen and self._worth(best) > self._worth(chosen) + 0.5:
+                    return self._regrouped(best)
+        return chosen
+
+    def _worth(self, terms: Sequence[Term]) -> float:
+        """Log-likelihood of calibration and terms, less what these cost."""
+        return self.gain(terms) - sum(term.penalty for term in terms)
 
     def _independent(self, terms: list[Term], term: Term, gain: float) -> bool:
         """Whether a term brings most of its gain beside its rival too: then they explain different things."""

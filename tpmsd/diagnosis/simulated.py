@@ -255,16 +255,16 @@ def _take(
     if places:
         evidence = study.evidence()
         for k, one in enumerate(common):
-            common[k] = Common(replace(one.term, design=_widened(one.term.design, study.width)))
+            common[k] = Common(replace(one.term, design=widened(one.term.design, study.width)))
     for term in wanted:
         if term in exact:
             tied, alone = places[2 * exact.index(term) :][:2]
             design = evidence.unit(tied)
             joint.catalogue.append(replace(term, design=evidence.unit(alone), drive=0))
         elif term.drive is None:
-            design = _widened(term.design, study.width)
+            design = widened(term.design, study.width)
         else:
-            design = _widened(term.design, study.width)
+            design = widened(term.design, study.width)
             mirror = joint.mirrored(design, term.drive, 1 - term.drive)
             if mirror is None:
                 silent.add(key_of(term))
@@ -303,5 +303,6 @@ def _told(evidence: Evidence, nuisance: FloatArray, design: FloatArray) -> float
     return float(np.min(simulated / np.maximum(recorded, 1e-300)))
 
 
-def _widened(design: FloatArray, width: int) -> FloatArray:
+def widened(design: FloatArray, width: int) -> FloatArray:
+    """(1 + width, k) a design with room for columns that were added since."""
     return np.concatenate([design, np.zeros((width - len(design), design.shape[1]))])

@@ -17,13 +17,15 @@ from tpmsd.diagnosis.channels import Reader
 from tpmsd.diagnosis.evidence import Evidence, part
 from tpmsd.diagnosis.joint_terms import JointHypotheses, OwnNames, is_copied, is_own
 from tpmsd.diagnosis.response import (
+    hat_functions,
     linear_columns,
     ramp_column,
     ramp_knots,
+    response_at,
     smooth_knots,
     thermal_column,
 )
-from tpmsd.diagnosis.terms import Hypotheses, Name, Term
+from tpmsd.diagnosis.terms import ANTISYMMETRIC, PATTERNS, Hypotheses, Name, Term
 from tpmsd.diagnosis.whitening import Noise, whiten
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import FloatArray
@@ -35,19 +37,39 @@ MAX_BLOCKS = 120
 
 
 @dataclass(frozen=True)
+class Hat:
+    """One of the hat functions of a smooth term."""
+
+    place: str
+    covariate: str
+    knots: tuple[float, ...]
+    number: int
+
+    def column(self, reader: Reader) -> FloatArray:
+        """(w, 9) the response to its height."""
+        weight = hat_functions(reader.windows.covariates[self.covariate], np.array(self.knots))
+        signs = dict(ANTISYMMETRIC.get(self.place, ())) or dict.fromkeys(PATTERNS[self.place], 1.0)
+        response = sum(sign * response_at(reader, place) for place, sign in signs.items())
+        return np.asarray(response * weight[:, self.number : self.number + 1])
+
+
+@dataclass(frozen=True)
 class Refined:
-    """A ramp of a wheel's radius or a warm-up off the grid."""
+    """A ramp of a wheel's radius, a warm-up or a shape's hat off the grid."""
 
     wheel: int | None
-    """None of a warm-up."""
-    first: float
+    """None of a warm-up or a hat."""
+    first: float = 0.0
     """Onset (s) or time constant (s)."""
     second: float = 0.0
     """Duration (s); of a pulse its end (s)."""
     pulse: bool = False
+    hat: Hat | None = None
 
     def column(self, reader: Reader, base: ExtendedModel) -> FloatArray:
-        """(w, 9) the response to a metre, at `base`."""
+        """(w, 9) the response to a metre (of a hat on a reading: to its unit), at `base`."""
+        if self.hat is not None:
+            return self.hat.column(reader)
         if self.wheel is None:
             return thermal_column(reader, self.first, base)
         if self.pulse:
@@ -171,6 +193,8 @@ class Study:
 
     def knots(self, term: Term) -> FloatArray:
         """Knots of a smooth term."""
+        if term.knots:
+            return np.array(term.knots)
         return self.drives[self.acting(term)[0]].knots[term.covariate]
 
     def append(self, columns: Sequence[tuple[Refined, Mapping[int, FloatArray]]]) -> list[int]:

@@ -1,18 +1,25 @@
 """Standard deviations of parameters that enter nonlinearly.
 
 In: the final selection. Out: per chosen term the standard deviations of its linear and nonlinear
-parameters, by Gauss-Newton: the response's derivative by an onset, a duration or a time constant is one
-more column of the fit.
+parameters. Of an onset or a duration by Gauss-Newton: the response's derivative is one more column of the
+fit. Of a time constant by the profile likelihood: on a drive that is short against it, all long ones do
+alike, which no derivative shows.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from tpmsd.diagnosis.evidence import fitted
 from tpmsd.diagnosis.response import ramp_column, thermal_column
 from tpmsd.diagnosis.selection import Chosen, Selection
 from tpmsd.diagnosis.study import DriveStudy, Study
 from tpmsd.wheels import WHEELS, FloatArray
+
+WARM_UPS_S = (60.0, 6000.0)
+"""Time constants that are thinkable."""
+WITHIN = 1.92
+"""Fall of the log-likelihood at the ends of a 95 % interval."""
 
 
 def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, float]]:
@@ -24,8 +31,13 @@ def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, fl
         for name in dict.fromkeys(name for found in by_drive.values() for name in found):
             tangents.append({number: found[name] for number, found in by_drive.items()})
             owner.append((k, name))
+    out = {
+        k: _of_warm_up(study, selection, k)
+        for k, one in enumerate(selection.chosen)
+        if one.term.effect == "thermal_growth"
+    }
     if not tangents:
-        return {}
+        return out
     first = selection.fit.design.shape[1]
     gram = np.zeros((first + len(tangents), first + len(tangents)))
     for number, drive in enumerate(study.drives):
@@ -40,24 +52,57 @@ def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, fl
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     A = gram / np.outer(scale, scale) + 1e-7 * np.eye(len(gram))
     std = np.sqrt(np.diag(np.linalg.inv(A))) / scale
-    out: dict[int, dict[str, float]] = {}
     for j, (k, name) in enumerate(owner):
         out.setdefault(k, {})[name] = float(std[first + j])
     start = study.hypotheses.nuisance.shape[1]
     for k, one in enumerate(selection.chosen):
-        if k in out:
+        if any(owned == k for owned, _ in owner):
             out[k][one.term.parameters[0]] = float(std[start])
         start += one.term.design.shape[1]
     return out
 
 
+def _of_warm_up(study: Study, selection: Selection, which: int) -> dict[str, float]:
+    """Standard deviations of a warm-up's amplitude and time constant.
+
+    The farthest end of the interval in which the likelihood, all linear values fitted, is within 1.92 of its
+    maximum (Wilks, Annals of Mathematical Statistics 9, 1938) counts as 1.96 of them.
+    """
+    one, others = selection.chosen[which], [c.term for k, c in enumerate(selection.chosen) if k != which]
+    tau, size = one.term.time_constant_s, float(one.values[0])
+    trials = np.concatenate([[tau], np.geomspace(*WARM_UPS_S, 19)])
+    rest = np.concatenate([study.hypotheses.nuisance, *(term.design for term in others)], axis=1)
+    known = 1 + rest.shape[1]
+    gram = np.zeros((known + len(trials), known + len(trials)))
+    acting = study.acting(one.term)
+    for number, drive in enumerate(study.drives):
+        rows = np.zeros((*drive.white.shape[:2], len(gram)))
+        rows[:, :, 0] = drive.white[:, :, 0]
+        rows[:, :, 1:known] = drive.white @ drive.own(rest)
+        if number in acting:
+            columns = [thermal_column(drive.reader, trial, drive.base) for trial in trials]
+            rows[:, :, known:] = drive.whitened(np.stack(columns, axis=2))
+        flat = rows.reshape(-1, len(gram))
+        gram += flat.T @ flat
+    gains, sizes = np.zeros(len(trials)), np.zeros(len(trials))
+    for k in range(len(trials)):
+        at = np.concatenate([np.arange(known), [known + k]])
+        values, gains[k] = fitted(gram[np.ix_(at, at)])
+        sizes[k] = values[-1]
+    inside = gains > gains.max() - WITHIN
+    inside[0] = True
+    reach = float(np.abs(trials[inside] - tau).max())
+    spread = float(np.abs(sizes[inside] - sizes[0]).max())
+    linear = float(one.stds[0])
+    scale = linear / max(abs(size), 1e-12)
+    return {
+        "time_constant_s": max(reach / 1.96, scale * tau),
+        "amplitude_m": float(np.hypot(linear, spread / 1.96)),
+    }
+
+
 def _tangents(drive: DriveStudy, one: Chosen) -> dict[str, FloatArray]:
     term, size = one.term, float(one.values[0])
-    if term.effect == "thermal_growth":
-        h = 0.05 * term.time_constant_s
-        up = thermal_column(drive.reader, term.time_constant_s + h, drive.base)
-        down = thermal_column(drive.reader, term.time_constant_s - h, drive.base)
-        return {"time_constant_s": size * (up - down) / (2 * h)}
     if term.effect != "radius_change":
         return {}
     wheel = WHEELS.index(term.wheel)

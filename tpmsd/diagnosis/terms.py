@@ -43,6 +43,11 @@ def thermal_price(time_constant_s: float) -> float:
     return PER_VALUE + 1.5 + 0.5 * (math.log(time_constant_s / 500.0) / 0.7) ** 2
 
 
+def shape_price(hats: int) -> float:
+    """Penalty of a smooth term: its heights, and the choice of its place and covariate."""
+    return PER_VALUE * hats + math.log(120.0)
+
+
 @dataclass(frozen=True, eq=False)
 class Term:
     """One hypothesis."""
@@ -60,13 +65,16 @@ class Term:
     time_constant_s: float = 0.0
     place: str = ""
     covariate: str = ""
+    knots: tuple[float, ...] = ()
+    """Of a smooth term with finer knots than its covariate's usual ones."""
     drive: int | None = None
     """Number of the one drive in which it acts; None where it acts in all."""
 
     def price(self, first: float) -> float:
         """The penalty, given the first value: what nature seldom shows must be paid for."""
         if self.calibrates:
-            return self.penalty + (RECEIVERS_OWN if abs(first) > USUAL_LAG_S else 0.0)
+            unusual = self.effect == "doppler_lag" and abs(first) > USUAL_LAG_S
+            return self.penalty + (RECEIVERS_OWN if unusual else 0.0)
         odd = self.effect in POSITIVE and first < 0.0
         return self.penalty + (ODD_SIGN if odd else 0.0)
 
@@ -98,18 +106,19 @@ class Term:
 
 
 MIDDLE_TIME_CONSTANT_S = 450.0
-CALIBRATION = frozenset({"doppler_lag"})
+CALIBRATION = frozenset({"doppler_lag", "grade_share"})
 """Terms that are looked for as effects are, but tell of the receiver's own making: no findings.
 
 Receivers give a speed that is some hundredths of a second older than their position (on every real
-recording at hand). Who does not know of it takes it for an old fix.
+recording at hand). Who does not know of it takes it for an old fix. And their heights wander by metres: on
+a flat road that looks like slopes, and slip or load transfer by the pull of these slopes would be missing.
 """
 RECEIVERS_OWN = 6.0
 """Further penalty of these beyond the lag that receivers usually have: where the positions do not tell, the
 catalogue's name is preferred for more.
 """
 USUAL_LAG_S = 0.05
-GROUPS = (*groups(), ("doppler_lag", ("lag_s",)))
+GROUPS = (*groups(), ("doppler_lag", ("lag_s",)), ("grade_share", ("share",)))
 
 
 class Hypotheses:
@@ -200,6 +209,18 @@ class Hypotheses:
         """A pulse off the grid."""
         self.catalogue.append(self._pulse(wheel, span_s, self._column(column)))
 
+    def add_shapes(
+        self, like: Term, knots: tuple[float, ...], columns: dict[str, list[int]], drives: int
+    ) -> None:
+        """Smooth terms over a term's covariate with finer knots, whose hats are these columns by place."""
+        for pattern, places in _patterns():
+            if all(place in columns for place, _ in places):
+                design = np.zeros((self.width, len(columns[places[0][0]])))
+                for place, sign in places:
+                    design[columns[place], np.arange(design.shape[1])] = sign
+                term = self._shape(pattern, like.covariate, design, knots)
+                self.catalogue.append(term if like.drive is None else for_drive(term, like.drive, drives))
+
     def _column(self, column: int) -> FloatArray:
         design = np.zeros((self.width, 1))
         design[column, 0] = 1.0
@@ -253,30 +274,51 @@ class Hypotheses:
         return Term("radius_change", design, ("deviation_m",), penalty, wheel=wheel, span_s=span)
 
     def _smooth_groups(self) -> list[Term]:
-        covariates = sorted({name[2] for name in self.place if name[0] == "smooth"})
-        number = {
-            c: max(int(name[3]) for name in self.place if name[0] == "smooth" and name[2] == c) + 1
-            for c in covariates
-        }
-        patterns = [(p, tuple((place, 1.0) for place in places)) for p, places in PATTERNS.items()]
-        patterns += list(ANTISYMMETRIC.items())
+        number: dict[tuple[str, str], int] = {}
+        for name in self.place:
+            if name[0] == "smooth":
+                at = (name[1], name[2])
+                number[at] = max(number.get(at, 0), int(name[3]) + 1)
+        covariates = sorted({covariate for _, covariate in number})
         out = []
         for covariate in covariates:
-            for pattern, places in patterns:
+            for pattern, places in _patterns():
                 if any(("smooth", place, covariate, "0") not in self.place for place, _ in places):
                     continue
-                design = np.zeros((self.width, number[covariate]))
+                hats = number[places[0][0], covariate]
+                design = np.zeros((self.width, hats))
                 for place, sign in places:
-                    for k in range(number[covariate]):
+                    for k in range(hats):
                         design[self.place[("smooth", place, covariate, str(k))], k] = sign
-                penalty = PER_VALUE * design.shape[1] + math.log(120.0)
-                values = tuple(f"at_{k + 1}" for k in range(number[covariate]))
-                out.append(Term("unknown", design, values, penalty, place=pattern, covariate=covariate))
+                out.append(self._shape(pattern, covariate, design))
         return out
+
+    @staticmethod
+    def _shape(place: str, covariate: str, design: FloatArray, knots: tuple[float, ...] = ()) -> Term:
+        values = tuple(f"at_{k + 1}" for k in range(design.shape[1]))
+        penalty = shape_price(design.shape[1])
+        return Term("unknown", design, values, penalty, place=place, covariate=covariate, knots=knots)
+
+    def shapes_over(self, like: Term) -> list[Term]:
+        """All smooth terms over a term's covariate, of any pattern and knots."""
+        pool = [term for term in self.catalogue if term.effect == "unknown" and not term.pulse]
+        both = (like.covariate, like.drive)
+        return [term for term in (*pool, *self._smooth) if (term.covariate, term.drive) == both]
 
     def smooth_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
         """Gain of every smooth term."""
         return [(group_gain(term.design[1:], gram, b)[0], term) for term in self._smooth]
+
+
+def _patterns() -> list[tuple[str, tuple[tuple[str, float], ...]]]:
+    """Where a smooth term may act: its name, and the places with their signs."""
+    alike = [(name, tuple((place, 1.0) for place in places)) for name, places in PATTERNS.items()]
+    return [*alike, *ANTISYMMETRIC.items()]
+
+
+def for_drive(term: Term, drive: int, drives: int) -> Term:
+    """A term as that of one of so many drives: the choice must be paid for."""
+    return replace(term, drive=drive, penalty=term.penalty + math.log(drives))
 
 
 def group_gain(design: FloatArray, gram: FloatArray, b: FloatArray) -> tuple[float, float]:

@@ -118,7 +118,7 @@ def _spans(study: Study, one: Chosen) -> tuple[tuple[float, float], ...]:
     if one.term.effect == "radius_change":
         return ((max(one.term.span_s[0], 0.0), end),)
     knots = study.knots(one.term)
-    level = np.concatenate([[0.0], one.values])
+    level = np.concatenate([np.zeros(len(knots) - len(one.values)), one.values])
     level = level - np.median(level)
     grid = np.linspace(0.0, end, 400)
     on = np.abs(np.interp(grid, knots, level)) > 0.5 * np.abs(level).max()

@@ -1,0 +1,67 @@
+"""Free shapes: enough knots, a constant of their own, the right wheels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.recorded import recording_of
+from tests.worlds.kinematic import Spec, drive
+from tpmsd.diagnosis.diagnose import diagnose
+from tpmsd.diagnosis.response import FEWEST, finer_knots, hat_functions
+from tpmsd.diagnosis.result import Diagnosis
+
+
+def diagnosed(seed: int, spec: Spec) -> Diagnosis:
+    """The diagnosis of a drive of the tests' own world."""
+    return diagnose([recording_of(drive(spec, seed))])
+
+
+def test_a_narrow_hump_is_found_in_its_place_and_size() -> None:
+    """Between the few knots of the first look it left so much that it passed for noise, 3000 nats of it."""
+    hump = {"at_mps": 17.0, "width_mps": 1.5, "wheels": [0, 1], "size_m": -1.4e-3}
+    diagnosis = diagnosed(41, Spec(duration_s=600.0, physics={"strange_speed_hump": hump}))
+
+    assert ["unknown"] == [finding.effect for finding in diagnosis.findings]
+    finding = diagnosis.findings[0]
+    assert (("fl", "fr"), "speed") == (finding.where.wheels, finding.where.covariate)
+    speeds, heights = (np.array(x) for x in list(zip(*finding.shape, strict=True))[:2])
+    assert speeds[np.argmin(heights)] == pytest.approx(17.0, abs=1.5)
+    assert np.ptp(heights) == pytest.approx(1.4e-3, rel=0.25)
+
+
+def test_a_gyro_that_bends_needs_no_bias_beside_it() -> None:
+    """A shape of the gyro's reading holds its own constant."""
+    spec = Spec(duration_s=600.0, road="rural", physics={"strange_gyro_square": {"per_rad": 0.6}})
+    diagnosis = diagnosed(43, spec)
+
+    assert ["unknown"] == [finding.effect for finding in diagnosis.findings]
+    assert ("yaw_rate", "yaw_rate") == (
+        diagnosis.findings[0].where.channel,
+        diagnosis.findings[0].where.covariate,
+    )
+
+
+def test_a_warm_up_longer_than_the_drive_has_an_interval_that_says_so() -> None:
+    """All long time constants do alike within ten minutes: the interval reaches to the true one."""
+    truth = {"amplitude_m": 2.5e-3, "time_constant_s": 1500.0}
+    diagnosis = diagnosed(44, Spec(duration_s=700.0, physics={"thermal_growth": truth}))
+
+    assert "thermal_growth" == diagnosis.findings[0].effect
+    for name, value in truth.items():
+        quantity = diagnosis.findings[0].parameters[name]
+        assert isinstance(quantity.value, float)
+        assert quantity.std is not None
+        assert abs(quantity.value - value) < 1.96 * quantity.std
+
+
+def test_finer_knots_reach_into_the_tails_and_never_stand_on_too_little() -> None:
+    """Most readings near nothing, few far out: knots on both, each interval with its readings."""
+    rng = np.random.default_rng(5)
+    values = np.concatenate([rng.normal(0.0, 0.02, 900), rng.uniform(-3.0, 2.0, 100)])
+    knots = finer_knots(values, 20)
+
+    counts = np.histogram(values, np.concatenate([[-np.inf], knots[1:-1], [np.inf]]))[0]
+    assert int(counts.min()) >= FEWEST
+    assert np.count_nonzero(np.abs(knots) > 0.5) >= 5
+    assert hat_functions(values, knots).sum(axis=1) == pytest.approx(np.ones(len(values)))
