@@ -105,14 +105,17 @@ def judge(case: Case, driven: Driven, heard: Heard) -> Row:
         "other": [_short(said) for said in heard.said if said.kind != "deflation"],
         "lost_mm": _per_wheel(1e3 * driven.lost_m[min(round(heard.played_s / 0.02), len(driven.lost_m) - 1)]),
         "told_mm": {name: [_number(1e3 * x), _number(1e3 * s)] for name, (x, s) in heard.change.items()},
-        "reason": "" if detected else why_missed(case, driven, heard, first),
+        "reason": "" if detected else why_missed(case, driven, heard, before, first),
     }
 
 
-def why_missed(case: Case, driven: Driven, heard: Heard, late: Said | None) -> str:
+def why_missed(case: Case, driven: Driven, heard: Heard, before: list[Said], late: Said | None) -> str:
     """The proximate cause, from what is known of both sides."""
     if not heard.learned:
         return "nothing was learned: no baseline"
+    if before:
+        names = ", ".join(str(said.wheel) for said in before)
+        return f"an alarm before the air was let out, of {names}"
     if late is not None:
         return f"late: {fast_seconds(driven, case.done_s, late.time_s):.0f} s above 40 km/h"
     fast = fast_seconds(driven, case.done_s, heard.played_s)

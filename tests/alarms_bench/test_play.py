@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from benchmarks.alarms_bench.cars import Car, draw_car
+from benchmarks.alarms_bench.cases import group
 from benchmarks.alarms_bench.legs import Driven, Leg, Loss, drive_leg
 from benchmarks.alarms_bench.one import story, write_story
-from benchmarks.alarms_bench.play import fast_seconds, hear
+from benchmarks.alarms_bench.play import Heard, Said, fast_seconds, hear
+from benchmarks.alarms_bench.score import judge
 from benchmarks.alarms_bench.ticks import ticks_of
 from tests.worlds.folder import write_folder
 from tpmsd.cli.drive_reading import read_ticks
@@ -117,8 +120,6 @@ def test_a_story_is_written_as_one_folder_with_the_car_parked_in_between(tmp_pat
 
 
 def _name(pool: str, seed: int) -> str:
-    from benchmarks.alarms_bench.cases import group
-
     return group(pool, seed).cases[0].name.split("/")[-1]
 
 
@@ -128,3 +129,33 @@ def test_driving_above_40_kmh_is_counted_between_two_instants() -> None:
 
     assert 50.0 == pytest.approx(fast_seconds(driven, 40.0, 90.0), abs=0.05)
     assert 0.0 == fast_seconds(driven, 0.0, 2.0)
+
+
+def test_a_case_is_judged_by_what_was_raised_after_the_loss() -> None:
+    """In time and on the soft wheel; late; on another wheel; never; and already before the loss."""
+    case = next(
+        each for each in group("development", 3).cases if each.onset == "fast" and len(each.wheels) == 1
+    )
+    driven = drive_leg(group("development", 3).car, case.leg)
+    soft = ("fl", "fr", "rl", "rr")[case.wheels[0]]
+    other = "rr" if soft == "fl" else "fl"
+
+    def judged(*alarms: tuple[float, str]) -> dict[str, Any]:
+        said = [Said(at, "deflation", wheel, "raised", "why") for at, wheel in alarms]
+        change = dict.fromkeys(("fl", "fr", "rl", "rr"), (-1.4e-3, 2e-4))
+        end = float(driven.drive.time_s[-1])
+        return judge(case, driven, Heard(said=said, learned=True, played_s=end, change=change))
+
+    prompt, wrong = judged((case.done_s + 30.0, soft)), judged((case.done_s + 30.0, other))
+    late, never = judged((float(driven.drive.time_s[-1]) - 1.0, soft)), judged()
+    before = judged((case.leg.losses[0].onset_s - 20.0, other))
+
+    assert (True, True, "") == (prompt["detected"], prompt["right_wheel"], prompt["reason"])
+    assert prompt["fast_s"] <= 30.0
+    assert (True, False, [other]) == (wrong["detected"], wrong["right_wheel"], wrong["named"])
+    assert not late["detected"]
+    assert late["reason"].startswith("late: ")
+    assert not never["detected"]
+    assert never["reason"].startswith("the change is seen, and not believed: ")
+    assert before["reason"] == f"an alarm before the air was let out, of {other}"
+    assert 1 == len(before["false_before"])
