@@ -21,6 +21,7 @@ from scipy.stats import chi2
 from tpmsd.config.model import VehicleConfig
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.conditions import NEW_DAY_S, PARKED_S, ConditionTracker
+from tpmsd.monitor.hypotheses import Nuisance
 from tpmsd.monitor.reference import GROWTH_PRIOR, KNOTS_MPS, PER_SPEED2, Reference, speed_range
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import FloatArray
@@ -39,6 +40,10 @@ UNSETTLED_SPEED2 = 150.0
 """(m/s)^2; while speed changes faster, nothing is learned."""
 
 
+STEEP_COMMON, STEEP_AXLE, STEEP_OWN = 2e-3, 3e-3, 2e-4
+"""Relative changes of radius per m/s2 of slope, standard deviations: heights are known late, and slip is not
+quite in proportion to force."""
+
 _Sample = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 """Deviation (d,), its covariance, that of what the memory has not followed (d, d), features (d, n)."""
 
@@ -51,6 +56,8 @@ class Change:
     """(d,)"""
     covariance_m2: FloatArray
     """(d, d) of estimate and baseline."""
+    samples: int
+    """How many estimates it is the mean of."""
     own_m2: FloatArray
     """(d, d) of the estimate alone."""
     fits: bool
@@ -133,7 +140,9 @@ class Baseline:
         change = deviation - h @ self.reference.mean * self._radius
         covariance = own / len(samples) + unsettled + h @ self.reference.covariance @ h.T * scale
         nis = float(change @ np.linalg.solve(covariance + harmless_m2, change))
-        return Change(change, covariance, own / len(samples) + unsettled, nis <= FIT_LIMIT[change.size])
+        return Change(
+            change, covariance, len(samples), own / len(samples) + unsettled, nis <= FIT_LIMIT[change.size]
+        )
 
     def learn(self, estimate: RadiusEstimate, harmless_m2: FloatArray, trusted: bool) -> None:
         """Learn from the present estimate if it is time. `trusted`: nothing is suspected of any tyre."""
@@ -174,9 +183,14 @@ class Baseline:
         return deviation, covariance
 
     def _unsettled(self) -> FloatArray:
-        """(d, d) covariance of the growth that the estimate has yet to follow."""
-        off = UNSETTLED_SHARE * GROWTH_PRIOR[0] * self._conditions.now.unsettled / PER_SPEED2
-        return off**2 * np.outer(self._radius, self._radius)
+        """(d, d) covariance of what the baseline cannot follow: growth while speed changes, and slopes."""
+        at = self._conditions.now
+        off = UNSETTLED_SHARE * GROWTH_PRIOR[0] * at.unsettled / PER_SPEED2
+        slope = Nuisance(
+            STEEP_COMMON * at.steep_mps2, STEEP_AXLE * at.steep_mps2, 0.0, STEEP_OWN * at.steep_mps2
+        )
+        growth = off**2 * np.outer(self._radius, self._radius)
+        return growth + slope.covariance(self._wheels, self._radius)
 
     def follow(self, other: Baseline) -> None:
         """Take over from another baseline of the same car how it is being driven."""

@@ -44,6 +44,8 @@ class Conditions:
     """g sin(grade): what the driven wheels must carry beyond the acceleration itself."""
     cold: tuple[float, float]
     """How cold the tyres are, 1 cold to 0 warm, for each time constant of warm-up."""
+    steep_mps2: float
+    """The steepest slope of late, up or down, as g sin(grade); fades with the estimate's memory."""
     unsettled: float
     """Present minus remembered speed squared, (m/s)^2: what the memory has not followed yet."""
 
@@ -55,6 +57,7 @@ class ConditionTracker:
         self._grade = GradeTracker()
         self._speed2 = math.nan
         self._slope = 0.0
+        self._steep = 0.0
         self._present2 = 0.0
         self._cold = [1.0] * len(WARMING_S)
         self._stood_s = 0.0
@@ -64,7 +67,8 @@ class ConditionTracker:
     def now(self) -> Conditions:
         """The conditions now."""
         speed2 = 0.0 if math.isnan(self._speed2) else self._speed2
-        return Conditions(speed2, self._slope, (self._cold[0], self._cold[1]), self._present2 - speed2)
+        cold = (self._cold[0], self._cold[1])
+        return Conditions(speed2, self._slope, cold, self._steep, self._present2 - speed2)
 
     def update(self, tick: Tick, estimate: RadiusEstimate) -> float:
         """Take one tick; for how long the car has stood, s, where it sets off with it, else 0."""
@@ -82,6 +86,7 @@ class ConditionTracker:
         for fix in tick.fixes:
             self._grade.update(fix.up_m)
         share = 1.0 - math.exp(-tick.dt_s / _memory_s(estimate))
+        self._steep = max(abs(GRAVITY_MPS2 * self._grade.sine), self._steep * (1.0 - share))
         self._present2 = speed * speed
         if math.isnan(self._speed2):
             self._speed2 = self._present2

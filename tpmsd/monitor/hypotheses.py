@@ -58,6 +58,8 @@ class Verdict:
     """Probability that no wheel has lost anything."""
     loss_m: FloatArray
     """(d,) expected loss of each wheel, m."""
+    alone: FloatArray
+    """(d,) probability that it has, and no other wheel with it."""
     suspicion: float
     """Log-likelihood ratio of the best loss beyond the threshold to none at all, whatever its prior."""
 
@@ -94,9 +96,10 @@ def compare(
     posterior /= total
     beyond = threshold <= LOSS_GRID
     deflated = posterior[:, beyond].sum(axis=1) @ members
+    alone = (posterior[:, beyond].sum(axis=1) * (members.sum(axis=1) == 1.0)) @ members
     loss_m = (posterior @ LOSS_GRID) @ members * radius_m
     suspicion = float(fit[:, beyond].max()) - none
-    return Verdict(np.minimum(deflated, 1.0), weight_none / total, loss_m, suspicion)
+    return Verdict(np.minimum(deflated, 1.0), weight_none / total, loss_m, alone, suspicion)
 
 
 def subsets(d: int) -> list[tuple[int, ...]]:

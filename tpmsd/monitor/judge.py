@@ -24,6 +24,10 @@ HARMLESS = Nuisance(common=3e-4, axle=4e-4, side=3e-4, own=3e-4)
 UNEXPLAINED = Nuisance()
 """What speed, warmth, load and slip can do where they are not compensated: a radius that is off by this is no
 wrong tyre."""
+FULL_SAMPLES = 7
+"""Of the mean, from which it speaks of several tyres: two minutes of driving."""
+UNDECIDED = 0.5
+"""A probability that neither raises nor clears."""
 SUSPICIOUS = 0.5
 """Log-likelihood ratio of a loss to none from which nothing is learned: what might be a fault must not become
 normal, however improbable faults are beforehand."""
@@ -98,7 +102,7 @@ class Judge:
         return Judgement(
             change_m=self._on_all(change),
             change_std_m=self._on_all(std),
-            deflated=self._on_all(np.maximum(verdicts[0].deflated, verdicts[1].deflated)),
+            deflated=self._on_all(_deflated(verdicts[0], verdicts[1], mean.samples)),
             deviates=self._on_all(deviates),
             loss_m=self._on_all(likelier.loss_m),
             pressure_loss=self._on_all(np.array([loss for loss, _ in pressure])),
@@ -126,6 +130,16 @@ class Judge:
         out = np.full(4, math.nan)
         out[self._wheels] = values
         return out
+
+
+def _deflated(now: Verdict, mean: Verdict, samples: int) -> FloatArray:
+    """(d,) probability of a deflation by what both say.
+
+    One tyre alone stands out at once. Two or more look like slip, slopes or load for a while: so they are
+    believed of the mean over minutes, and what shows of them now is only reason not to clear.
+    """
+    at_once = np.maximum(now.alone, np.minimum(now.deflated, UNDECIDED))
+    return np.maximum(at_once, mean.deflated) if samples >= FULL_SAMPLES else at_once
 
 
 OTHER_TYRES = Nuisance(common=0.02, axle=0.01, side=0.0, own=5e-4)
