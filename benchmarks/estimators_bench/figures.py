@@ -87,7 +87,8 @@ def draw_fig8(result: dict[str, Any], out: Path) -> Path | None:
             here.grid(alpha=0.3)
     for here in axes[-1]:
         here.set_xlabel("time, min")
-    _legend(axes[0, -1], ncols=2, loc="upper right")
+    crowded = names.index("puncture") if "puncture" in names else 0
+    _legend(axes[crowded, -1], ncols=2, loc="lower right")
     return _save(figure, out, "fig8-difference.png")
 
 
