@@ -134,7 +134,7 @@ def test_the_text_names_what_was_missed_and_why() -> None:
 
 def arguments(**changed: Any) -> argparse.Namespace:
     args = bench.options().parse_args([])
-    return argparse.Namespace(**{**vars(args), "cars": 3, "km": 800.0, "jobs": 1, **changed})
+    return argparse.Namespace(**{**vars(args), "cars": 3, "km": 4 * bench.LIFE_KM, "jobs": 1, **changed})
 
 
 def test_the_held_out_half_is_another_plan() -> None:
