@@ -33,8 +33,12 @@ that.
 """
 MODEL_ERROR = 4e-3
 """Relative standard deviation of any value: the reference motion that it multiplies is no better known."""
-FREE_SHAPE = 0.03
+FREE_SHAPE = 0.08
 """Share of its gain by which a free shape must beat an effect: no effect's formula is the last word."""
+FREE_DRIFT = 0.25
+"""The same over time or distance on all wheels, where the receiver's slow error looks alike."""
+BESIDE = 0.03
+"""Share of what effects bring that a free shape beside them must bring: so well their formulas hold."""
 MAX_TERMS = 8
 RIVAL = 2.0
 """Rivals whose fit is worse by less than this are not told apart."""
@@ -169,7 +173,7 @@ class Selector:
         if everything:
             shapes = self.hypotheses.pulse_gains(gram, b) + self.hypotheses.smooth_gains(gram, b)
             scanned = self.hypotheses.ramp_gains(gram, b)
-            scanned += [((1.0 - FREE_SHAPE) * brings, shape) for brings, shape in shapes]
+            scanned += [((1.0 - _handicap(shape)) * brings, shape) for brings, shape in shapes]
             out += [(brings - one.penalty, [one]) for brings, one in scanned if one.key not in taken]
         return sorted(out, key=lambda entry: -entry[0])
 
@@ -219,6 +223,8 @@ class Selector:
         singles = self.candidates(chosen)[:6]
         best: tuple[float, list[Term]] | None = None
         threshold = self._threshold(chosen)
+        free = [term for term in chosen if term.effect in ("unknown", "radius_change")]
+        beside = BESIDE * (self.gain(chosen) - self.gain(free))
         for gain, terms in [*singles, *self.pairs(chosen)[:3]]:
             price = sum(term.penalty for term in terms)
             now = chosen + terms
@@ -232,7 +238,8 @@ class Selector:
                 if weakest < threshold:
                     continue
                 sure -= ADMIT
-            if sure > threshold and (best is None or sure > best[0]):
+            needed = max(threshold, beside) if terms[0].effect == "unknown" else threshold
+            if sure > needed and (best is None or sure > best[0]):
                 best = (sure, terms)
         return None if best is None else best[1]
 
@@ -310,7 +317,9 @@ class Selector:
     @staticmethod
     def _net(term: Term, gain: float, first: float) -> float:
         """What a term's gain is worth against rivals for its place."""
-        return (1.0 - FREE_SHAPE if term.effect == "unknown" else 1.0) * gain - term.price(first)
+        if term.effect != "unknown":
+            return gain - term.price(first)
+        return (1.0 - _handicap(term)) * gain - term.price(first)
 
     def _first(self, terms: Sequence[Term], which: int) -> float:
         """The first value of one of the terms in the joint fit."""
@@ -379,3 +388,9 @@ class Selector:
             values=fit.values[at],
             stds=np.sqrt(np.diag(fit.covariance)[at] * ratios + (MODEL_ERROR * fit.values[at]) ** 2),
         )
+
+
+def _handicap(shape: Term) -> float:
+    """Share of its gain that a free shape must bring more than an effect."""
+    drift = shape.place == "all" and shape.covariate in ("time", "distance")
+    return FREE_DRIFT if drift else FREE_SHAPE
