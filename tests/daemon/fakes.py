@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import socket
 from collections.abc import Callable
 from pathlib import Path
@@ -158,3 +159,12 @@ class DrivingBus(FakeBus):
             self.waiting.append(wheels_frame(self._next_s, turned_rad))
             self._next_s += 0.02
         return super().read(limit)
+
+
+def hear_signals() -> None:
+    """For `preexec_fn`: a program hears what stops it, also where the tests run under `nohup` or in the background.
+
+    Both make children ignore SIGHUP or SIGINT, and a daemon leaves ignored what it finds ignored.
+    """
+    for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_DFL)

@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from tests.daemon.fakes import ServiceManagerSocket, car
+from tests.daemon.fakes import ServiceManagerSocket, car, hear_signals
 from tpmsd.cli.main import main
 from tpmsd.sinks.state_file import load_state
 from tpmsd.sinks.status_client import read_status
@@ -37,6 +37,7 @@ def daemon(*arguments: str | Path, **environment: str) -> Iterator[subprocess.Po
         stdout=subprocess.PIPE,
         text=True,
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1", **environment},
+        preexec_fn=hear_signals,
     )
     try:
         yield process

@@ -18,6 +18,7 @@ from typing import Any
 
 import pytest
 
+from tests.daemon.fakes import hear_signals
 from tpmsd.cli.main import main
 from tpmsd.cli.status_table import render_status
 from tpmsd.config.model import StatusConfig
@@ -141,7 +142,9 @@ def test_ctrl_c_ends_watching_in_peace(tmp_path: Path) -> None:
     """An interrupt while watching is the normal way out: exit code 0 and no message."""
     command = [sys.executable, "-m", "tpmsd", "status", "--watch", "--json", "--socket", str(tmp_path / "s")]
     with daemon(tmp_path / "s"):
-        process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        process = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, preexec_fn=hear_signals
+        )
         assert process.stdout is not None
         process.stdout.readline()
         process.send_signal(signal.SIGINT)
