@@ -162,9 +162,10 @@ class DrivingBus(FakeBus):
 
 
 def hear_signals() -> None:
-    """For `preexec_fn`: a program hears what stops it, also where the tests run under `nohup` or in the background.
+    """For `preexec_fn`: a program hears what stops it, also where the tests run under `nohup`.
 
-    Both make children ignore SIGHUP or SIGINT, and a daemon leaves ignored what it finds ignored.
+    That, or a shell's background, makes children ignore SIGHUP or SIGINT, and a daemon leaves ignored what it
+    finds ignored.
     """
     for number in (signal.SIGHUP, signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_DFL)
