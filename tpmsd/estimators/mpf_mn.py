@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 
 from tpmsd.config.model import FilterConfig, GnssConfig, VehicleConfig
 from tpmsd.estimators.gnss_likelihood import PositionLog, student_t_log
-from tpmsd.estimators.mpf_pn import keep_noise, prior_statistics
-from tpmsd.estimators.pose_particles import PoseParticles
+from tpmsd.estimators.mpf_pn import RadiusParticles, keep_noise, prior_statistics
 from tpmsd.estimators.pose_start import PoseStart
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import FloatArray
@@ -39,7 +38,7 @@ START_STD = (0.05, 0.5)
 """Spread of yaw rate (rad/s) and speed (m/s) about the wheels' when they are taken up anew."""
 
 
-class MpfMn(PoseParticles):
+class MpfMn(RadiusParticles):
     """The estimator; `step` takes one tick and gives one estimate."""
 
     def __init__(
@@ -108,16 +107,5 @@ class MpfMn(PoseParticles):
         self._rolling = False
 
     def _select(self, index: NDArray[np.intp]) -> None:
-        self._stats.select(index)
+        super()._select(index)
         self._motion = self._motion[:, index]
-
-    def _rear_moments(self) -> tuple[FloatArray, FloatArray]:
-        return self._stats.mean_moments(self._weights)
-
-    def _rear_noise(self) -> FloatArray:
-        return np.diag(self._stats.noise_covariance(self._weights))
-
-    def _take_radii(self, mean_m: FloatArray, covariance_m2: FloatArray, noise_m2: FloatArray) -> None:
-        spread = covariance_m2 + np.eye(2) * 1e-10
-        self._stats.mean = self._rng.multivariate_normal(mean_m, spread, self._count)
-        self._stats.scale = np.tile(np.diag(noise_m2) * (self._stats.nu - 3.0), (self._count, 1, 1))

@@ -57,7 +57,27 @@ def keep_noise(stats: NormalInverseWishart) -> None:
         np.maximum(stats.scale[:, k, k], floor, out=stats.scale[:, k, k])
 
 
-class MpfPn(PoseParticles):
+class RadiusParticles(PoseParticles):
+    """Base of the filters whose particles each carry the statistics of the radii (8-12)."""
+
+    _stats: NormalInverseWishart
+
+    def _select(self, index: NDArray[np.intp]) -> None:
+        self._stats.select(index)
+
+    def _rear_moments(self) -> tuple[FloatArray, FloatArray]:
+        return self._stats.mean_moments(self._weights)
+
+    def _rear_noise(self) -> FloatArray:
+        return np.diag(self._stats.noise_covariance(self._weights))
+
+    def _take_radii(self, mean_m: FloatArray, covariance_m2: FloatArray, noise_m2: FloatArray) -> None:
+        spread = covariance_m2 + np.eye(2) * 1e-10
+        self._stats.mean = self._rng.multivariate_normal(mean_m, spread, self._count)
+        self._stats.scale = np.tile(np.diag(noise_m2) * (self._stats.nu - 3.0), (self._count, 1, 1))
+
+
+class MpfPn(RadiusParticles):
     """The estimator; `step` takes one tick and gives one estimate."""
 
     def __init__(
@@ -104,17 +124,3 @@ class MpfPn(PoseParticles):
         wheel = self._rng.integers(2, size=number)
         self._stats.mean[who, wheel] += self._rng.standard_normal(number) * CHANGE_STD * self._nominal[wheel]
         self._pose[2, who] += self._rng.standard_normal(number) * 0.03
-
-    def _select(self, index: NDArray[np.intp]) -> None:
-        self._stats.select(index)
-
-    def _rear_moments(self) -> tuple[FloatArray, FloatArray]:
-        return self._stats.mean_moments(self._weights)
-
-    def _rear_noise(self) -> FloatArray:
-        return np.diag(self._stats.noise_covariance(self._weights))
-
-    def _take_radii(self, mean_m: FloatArray, covariance_m2: FloatArray, noise_m2: FloatArray) -> None:
-        spread = covariance_m2 + np.eye(2) * 1e-10
-        self._stats.mean = self._rng.multivariate_normal(mean_m, spread, self._count)
-        self._stats.scale = np.tile(np.diag(noise_m2) * (self._stats.nu - 3.0), (self._count, 1, 1))
