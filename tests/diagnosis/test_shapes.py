@@ -18,7 +18,7 @@ def diagnosed(seed: int, spec: Spec) -> Diagnosis:
 
 
 def test_a_narrow_hump_is_found_in_its_place_and_size() -> None:
-    """Between the few knots of the first look it left so much that it passed for noise, 3000 nats of it."""
+    """Its depth to a quarter, its speed to the spacing of the knots."""
     hump = {"at_mps": 17.0, "width_mps": 1.5, "wheels": [0, 1], "size_m": -1.4e-3}
     diagnosis = diagnosed(41, Spec(duration_s=600.0, physics={"strange_speed_hump": hump}))
 
@@ -28,6 +28,20 @@ def test_a_narrow_hump_is_found_in_its_place_and_size() -> None:
     speeds, heights = (np.array(x) for x in list(zip(*finding.shape, strict=True))[:2])
     assert speeds[np.argmin(heights)] == pytest.approx(17.0, abs=1.5)
     assert np.ptp(heights) == pytest.approx(1.4e-3, rel=0.25)
+
+
+def test_a_hump_narrower_than_the_first_knots_does_not_pass_for_noise() -> None:
+    """Between the few knots of the first look it left so much that 12,000 nats were no finding."""
+    hump = {"at_mps": 17.0, "width_mps": 0.8, "wheels": [0, 1], "size_m": -1.4e-3}
+    spec = Spec(duration_s=600.0, road="rural", physics={"strange_speed_hump": hump})
+    diagnosis = diagnosed(45, spec)
+
+    assert ["unknown"] == [finding.effect for finding in diagnosis.findings]
+    finding = diagnosis.findings[0]
+    assert (("fl", "fr"), "speed") == (finding.where.wheels, finding.where.covariate)
+    speeds, heights = (np.array(x) for x in list(zip(*finding.shape, strict=True))[:2])
+    assert speeds[np.argmin(heights)] == pytest.approx(17.0, abs=0.8)
+    assert finding.gain > 6000.0
 
 
 def test_a_gyro_that_bends_needs_no_bias_beside_it() -> None:
