@@ -30,7 +30,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 from benchmarks.estimators_bench import batches, recordings, speed, survive, tune
 from benchmarks.estimators_bench.methods import available
 from benchmarks.estimators_bench.report import markdown
-from benchmarks.estimators_bench.tasks import Task, perform, plan
+from benchmarks.estimators_bench.tasks import LIMIT, Task, perform, plan
 
 REPO = Path(__file__).resolve().parent.parent.parent
 DEFAULT_RUNS = 2
@@ -40,6 +40,7 @@ FULL_RUNS = 100
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     """The command line."""
     about = (__doc__ or "").split("\n\n")
+    have = [*available()[0], LIMIT]
     parser = argparse.ArgumentParser(
         prog="make bench-estimators",
         description=about[0],
@@ -50,6 +51,8 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--full", action="store_true", help=f"{FULL_RUNS} Monte-Carlo runs instead of {DEFAULT_RUNS}"
     )
     parser.add_argument("--runs", type=int, metavar="N", help="that many Monte-Carlo runs")
+    parser.add_argument("--methods", metavar="NAMES", default=",".join(have),
+                        help="Monte-Carlo runs and survival of these methods alone (all)")  # fmt: skip
     parser.add_argument(
         "--jobs", type=int, metavar="N", default=os.cpu_count() or 1, help="processes (all cores)"
     )
@@ -73,6 +76,10 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     unknown = args.parts - {"runs", "batches", "speed", "recordings"}
     if unknown:
         parser.error(f"--only: unknown part {', '.join(sorted(unknown))}")
+    args.methods = args.methods.split(",")
+    strange = set(args.methods) - set(have)
+    if strange:
+        parser.error(f"--methods: unknown method {', '.join(sorted(strange))}")
     args.runs = args.runs if args.runs is not None else FULL_RUNS if args.full else DEFAULT_RUNS
     if (
         args.runs < 1
@@ -172,15 +179,17 @@ def play_all(tasks: list[Task], args: argparse.Namespace, state: str) -> list[di
 
 
 def commit() -> str:
-    """The program's state, as git names it; `-dirty` where what is measured was changed since."""
+    """The commit that last changed what is measured, so that runs outlive commits to other things; `-dirty`
+    where it was changed since."""
 
     def git(*words: str) -> str:
         done = subprocess.run(["git", *words], cwd=REPO, capture_output=True, text=True, check=False)
         return done.stdout.strip()
 
-    measured = ("tpmsd/estimators", "tpmsd/physics", "tpmsd/timeline", "benchmarks/estimators_bench")
+    shown = (f":(exclude)benchmarks/estimators_bench/{name}.py" for name in ("figures", "report"))
+    measured = ("tpmsd/estimators", "tpmsd/physics", "tpmsd/timeline", "benchmarks/estimators_bench", *shown)
     changed = git("status", "--porcelain", "--", *measured)
-    return (git("rev-parse", "--short", "HEAD") or "unknown") + ("-dirty" if changed else "")
+    return (git("log", "-1", "--format=%h", "--", *measured) or "unknown") + ("-dirty" if changed else "")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -206,7 +215,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         (args.out / "tuning.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
         return 0
     if args.survive is not None:
-        plans = [(method, args.survive) for method in have]
+        plans = [(method, args.survive) for method in have if method in args.methods]
         result["survival"] = spread(plans, survive.survive, lambda p: f"{p[0]}: {p[1]:g} h", args.jobs)
         return finish(args.out, result, "survival", begun)
     if "speed" in args.parts:  # first, while nothing else of ours runs
@@ -224,7 +233,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             )
         result["recordings"] = spread(drives, recordings.perform, lambda r: r.label, args.jobs)
     if "runs" in args.parts:
-        result["rows"] = play_all(plan(args.runs), args, result["commit"])
+        result["rows"] = play_all(
+            [task for task in plan(args.runs) if task.method in args.methods], args, result["commit"]
+        )
     return finish(args.out, result, "results", begun)
 
 

@@ -146,7 +146,8 @@ def test_hours_of_driving_join_without_a_jump() -> None:
 
 
 @pytest.mark.parametrize(
-    "bad", [["--only", "runs,figs"], ["--runs", "0"], ["--survive", "-1"], ["--nothing"]]
+    "bad",
+    [["--only", "runs,figs"], ["--runs", "0"], ["--survive", "-1"], ["--methods", "mpf-xy"], ["--nothing"]],
 )
 def test_a_wrong_command_line_ends_with_exit_code_two(bad: list[str]) -> None:
     """argparse's own."""
