@@ -25,6 +25,7 @@ from tpmsd.monitor.records import (
     WheelReport,
     WheelState,
 )
+from tpmsd.resonance.watch import ResonanceState, ResonanceStatus
 from tpmsd.sinks.status_document import LoopHealth, SourceHealth, SourceState, build_status
 
 NAN = math.nan
@@ -112,6 +113,7 @@ def test_the_document_holds_all_in_the_units_it_states() -> None:
             "age_s": 12.34,
             "detail": "no such device",
         },
+        "resonance": None,
         "alarms": [
             {
                 "time": 1000.0,
@@ -296,3 +298,31 @@ def test_a_document_of_the_wrong_shape_still_gives_a_table(data: st.DataObject) 
     text = render_status(document)
     assert "tpmsd" == text[:5]
     assert ["bus", "receiver", "loop"] == [line.split()[0] for line in text.splitlines()[-3:]]
+
+
+def test_resonances_are_shown_where_they_are_listened_to() -> None:
+    """Frequency now and when learned, the odds that the tyre is soft, or why nothing is known."""
+    off = ResonanceStatus(ResonanceState.OFF, "sampled at 10 Hz")
+    on = ResonanceStatus(ResonanceState.MONITORING, "", 36.5, 0.4, 37.5, math.log(3.0))
+    document = build_status(REPORT, loop=LOOP, can=CAN, gnss=GNSS, resonance=(off, off, on, off))
+    lines = render_status(json.loads(json.dumps(document))).splitlines()
+
+    assert ["fl", "fr", "rl", "rr"] == list(document["resonance"])
+    assert document["resonance"]["fl"] == {
+        "state": "off",
+        "reason": "sampled at 10 Hz",
+        "frequency_hz": None,
+        "std_hz": None,
+        "baseline_hz": None,
+        "log_ratio_soft": 0.0,
+    }
+    shown = [" ".join(line.split()) for line in lines if "Hz" in line or "to 1" in line]
+    assert "rear left monitoring 36.50 ± 0.40 37.50 3 to 1" in shown
+    assert "front left off - - (sampled at 10 Hz)" in shown
+    assert {} == build_status(None, loop=LOOP, can=CAN, gnss=GNSS, resonance=(off,) * 4)["resonance"]
+
+
+@pytest.mark.parametrize("strange", [None, 3, [], {"fl": 7}, {"fl": {"frequency_hz": "x", "state": 4}}])
+def test_strange_resonances_do_not_stop_the_table(strange: object) -> None:
+    """The document comes from another process."""
+    assert "No alarms" in render_status({**DOCUMENT, "alarms": [], "resonance": strange})

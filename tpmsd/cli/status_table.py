@@ -38,6 +38,7 @@ def render_status(document: Mapping[str, Any], *, colour: bool = False) -> str:
         "",
         *_wheel_lines(document, alarms, paint),
         "",
+        *_resonance_lines(document, paint),
         *_alarm_lines(document, alarms, paint),
         "",
         _can_line(document, paint),
@@ -66,6 +67,26 @@ def _wheel_lines(document: Mapping[str, Any], alarms: list[dict[str, Any]], pain
         label = printable(wheel_name(name))
         lines.append(f"{label:<13} {paint(f'{word:<15}', style)} {change:>15}  {deviation:>15}")
     return lines
+
+
+def _resonance_lines(document: Mapping[str, Any], paint: _Paint) -> list[str]:
+    """What the wheels' resonances say, where they are listened to."""
+    wheels = _dict(document, "resonance")
+    if not wheels:
+        return []
+    lines = [paint(f"{'resonance':<13} {'state':<15} {'in Hz':>15}  {'when learned':>15}  soft tyre", _DIM)]
+    for name in [w for w in WHEELS if w in wheels]:
+        wheel = _dict(wheels, name)
+        now = _number(wheel, "frequency_hz")
+        learned, ratio = _number(wheel, "baseline_hz"), _number(wheel, "log_ratio_soft")
+        text = "-" if now is None else f"{now:.2f} ± {_number(wheel, 'std_hz') or 0.0:.2f}"
+        before = "-" if learned is None else f"{learned:.2f}"
+        # As odds, for few people think in natural logarithms.
+        odds = "" if ratio is None or learned is None else f"  {math.exp(min(ratio, 50.0)):.2g} to 1"
+        reason = _text(wheel, "reason")
+        told = f"{wheel_name(name):<13} {_text(wheel, 'state')[:15]:<15} {text:>15}  {before:>15}{odds}"
+        lines.append(told + (f"  ({reason})" if reason else ""))
+    return [*lines, ""]
 
 
 def _tyre(

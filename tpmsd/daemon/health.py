@@ -61,6 +61,7 @@ class Health:
             gnss=self._gnss(pipeline, now_s),
             estimate=None if self.last is None else self.last.estimate,
             method=self._config.filter.method,
+            resonance=None if pipeline.resonance is None else pipeline.resonance.status(),
         )
 
     def line(self, pipeline: Pipeline, now_s: float, missed: int) -> str:

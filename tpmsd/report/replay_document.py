@@ -11,7 +11,6 @@ from typing import Any
 
 from tpmsd.monitor.records import AlarmEvent
 from tpmsd.report.replay_result import ReplayResult, WheelOutcome
-from tpmsd.resonance.watch import ResonanceStatus
 from tpmsd.wheels import WHEELS
 
 
@@ -46,7 +45,7 @@ def replay_document(result: ReplayResult) -> dict[str, Any]:
         "tick_gaps": {"count": result.tick_gaps, "total_s": _number(result.tick_gap_s)},
         "pose": _pose(result),
         "resonance": {
-            outcome.wheel: _resonance(status)
+            outcome.wheel: status.to_json()
             for outcome, status in zip(result.wheels, result.resonance, strict=False)
             if outcome.seen_s > 0
         },
@@ -91,17 +90,6 @@ def alarm_entry(alarm: AlarmEvent, start_s: float) -> dict[str, Any]:
         "pressure_loss_std_percent": _number(100.0 * alarm.pressure_loss_std),
         "drive_time_s": _number(alarm.time_s - start_s),
         "reason": alarm.reason,
-    }
-
-
-def _resonance(status: ResonanceStatus) -> dict[str, Any]:
-    return {
-        "state": str(status.state),
-        "reason": status.reason,
-        "frequency_hz": _number(status.frequency_hz),
-        "std_hz": _number(status.std_hz),
-        "baseline_hz": _number(status.baseline_hz),
-        "log_ratio_soft": _number(status.llr),
     }
 
 

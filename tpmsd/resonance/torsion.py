@@ -15,8 +15,7 @@ the square root of c. Sidewall stiffness is a constant of the carcass plus a par
 
 Sources: Zegelaar, The dynamic response of tyres to brake torque variations and road unevennesses (Delft
 1998); Pacejka, Tire and Vehicle Dynamics, ch. 9; Besselink, Schmeitz and Pacejka, Vehicle System Dynamics 48
-(2010) S1 337 (stiffness linear in pressure); Umeno, Asano and others, Control Engineering Practice 9 (2001)
-711; Persson, Gustafsson and Drevoe, SAE 2002-01-1250.
+(2010) S1 337 (tyre stiffness against pressure); Persson, Gustafsson and Drevoe, SAE 2002-01-1250.
 """
 
 from __future__ import annotations

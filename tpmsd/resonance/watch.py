@@ -73,6 +73,17 @@ class ResonanceStatus:
     llr: float = 0.0
     """Log of (likelihood soft / not soft)."""
 
+    def to_json(self) -> dict[str, Any]:
+        """For status and report; numbers nobody knows are None."""
+        return {
+            "state": str(self.state),
+            "reason": self.reason,
+            "frequency_hz": _number(self.frequency_hz),
+            "std_hz": _number(self.std_hz),
+            "baseline_hz": _number(self.baseline_hz),
+            "log_ratio_soft": _number(self.llr),
+        }
+
 
 @dataclass(slots=True)
 class _Class:
@@ -297,3 +308,7 @@ class ResonanceWatch:
             baseline = PeakFit(wheel.rate_hz).fit(learned)
             wheel.classes[number] = _Class(Spectrum.empty(bins), learned, baseline)
         return wheel
+
+
+def _number(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

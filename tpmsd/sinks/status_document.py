@@ -1,13 +1,14 @@
 """The daemon's status as one JSON document, for `tpmsd status` and for other programs.
 
-In: the last `MonitorReport` and `RadiusEstimate`, and the health of loop and sources. Out: a dictionary of
-plain JSON types; numbers nobody knows are null. Lengths are in mm, as in the report of `tpmsd replay --json`.
+In: the last `MonitorReport` and `RadiusEstimate`, the health of loop and sources, and the resonances if they
+are listened to. Out: a dictionary of plain JSON types; numbers nobody knows are null. Lengths are in mm, as
+in the report of `tpmsd replay --json`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -15,6 +16,8 @@ from typing import Any
 from tpmsd import __version__
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.records import AlarmEvent, LearningReport, MonitorReport, WheelReport
+from tpmsd.resonance.watch import ResonanceStatus
+from tpmsd.wheels import WHEELS
 
 DOCUMENT_VERSION = 1
 """Rises when a field changes its meaning or goes; new fields do not raise it."""
@@ -68,8 +71,12 @@ def build_status(
     gnss: SourceHealth,
     estimate: RadiusEstimate | None = None,
     method: str = "",
+    resonance: Sequence[ResonanceStatus] | None = None,
 ) -> dict[str, Any]:
-    """The document; `report` and `estimate` are None until the first tick."""
+    """The document; `report` and `estimate` are None until the first tick.
+
+    `resonance`: of each wheel in the order of WHEELS; None where nobody listens.
+    """
     return {
         "version": DOCUMENT_VERSION,
         "tpmsd": __version__,
@@ -82,6 +89,7 @@ def build_status(
         "can": {**_source(can, "channel"), "frames": can.received},
         "gnss": {**_source(gnss, "device"), "fixes": gnss.received},
         "wheels": {} if report is None else {wheel.wheel: _wheel(wheel) for wheel in report.wheels},
+        "resonance": None if resonance is None else _resonance(report, resonance),
         "alarms": [] if report is None else [_alarm(alarm) for alarm in report.active],
         "estimator": None if estimate is None else _estimator(estimate, method),
     }
@@ -104,6 +112,12 @@ def _source(source: SourceHealth, name_key: str) -> dict[str, Any]:
         "age_s": _number(source.age_s),
         "detail": source.detail,
     }
+
+
+def _resonance(report: MonitorReport | None, resonance: Sequence[ResonanceStatus]) -> dict[str, Any]:
+    """Of the wheels that the bus has."""
+    watched = [] if report is None else [wheel.wheel for wheel in report.wheels]
+    return {name: status.to_json() for name, status in zip(WHEELS, resonance, strict=True) if name in watched}
 
 
 def _wheel(wheel: WheelReport) -> dict[str, Any]:
