@@ -5,7 +5,7 @@ In: the bench's result as plain numbers. Out: files. Needs matplotlib (the extra
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullLocator, ScalarFormatter
+from matplotlib.ticker import LogLocator, NullFormatter, NullLocator, ScalarFormatter
 
 from benchmarks.estimators_bench.methods import SAMPLED, WANTED
 from benchmarks.estimators_bench.route import paper_route
@@ -36,7 +36,8 @@ MARKERS = dict(zip(WANTED, "*os^vDP", strict=True))
 
 
 def _save(figure: Figure, out: Path, name: str) -> Path:
-    figure.tight_layout()
+    if figure.get_layout_engine() is None:
+        figure.tight_layout()
     path = out / name
     figure.savefig(path, dpi=110)
     plt.close(figure)
@@ -46,6 +47,17 @@ def _save(figure: Figure, out: Path, name: str) -> Path:
 def _legend(axes: Axes, **where: Any) -> None:
     if axes.get_legend_handles_labels()[0]:
         axes.legend(fontsize=8, **where)
+
+
+def _legend_below(figure: Figure, axes: Iterable[Axes]) -> None:
+    """One legend for all, where it hides nothing; methods in the order of the tables, each once."""
+    found: dict[str, Any] = {}
+    for each in axes:
+        handles, labels = each.get_legend_handles_labels()
+        found = dict(zip(labels, handles, strict=True)) | found
+    names = sorted(found, key=lambda name: WANTED.index(name) if name in WANTED else len(WANTED))
+    if names:
+        figure.legend([found[name] for name in names], names, loc="outside lower center", ncols=8, fontsize=8)
 
 
 def draw_route(_: dict[str, Any], out: Path) -> Path:
@@ -63,33 +75,50 @@ def draw_route(_: dict[str, Any], out: Path) -> Path:
 
 def draw_fig8(result: dict[str, Any], out: Path) -> Path | None:
     """mu3 - mu4 over time, scenario by receiver (Figs 5, 7 and 8)."""
+    return _over_time(result, out, "fig8-difference.png", error=False)
+
+
+def draw_error(result: dict[str, Any], out: Path) -> Path | None:
+    """The same less the truth: on the ramps only the errors tell the methods apart."""
+    return _over_time(result, out, "error-over-time.png", error=True)
+
+
+def _over_time(result: dict[str, Any], out: Path, file: str, error: bool) -> Path | None:
     rows = [row for row in result.get("rows", []) if "series" in row and not row["front"]]
     if not rows:
         return None
     names = [n for n in SCENARIOS if pick(rows, scenario=n)]
     figure, axes = plt.subplots(
-        len(names), len(RECEIVERS), figsize=(13, 3.2 * len(names)), sharex=True, squeeze=False
+        len(names),
+        len(RECEIVERS),
+        figsize=(13, 3.2 * len(names)),
+        sharex=True,
+        sharey="row",
+        squeeze=False,
+        layout="constrained",
     )
     for i, scenario in enumerate(names):
         for j, receiver in enumerate(RECEIVERS):
             here = axes[i, j]
             some = pick(rows, scenario=scenario, receiver=receiver)
             for row in sorted(some, key=lambda r: -WANTED.index(r["method"])):
-                series = row["series"]["difference_mm"]
-                time = [k * SERIES_EVERY * TICK_S / 60 for k in range(len(series))]
-                method = row["method"]
-                here.plot(time, series, color=COLOURS[method], lw=1.0, label=method)
-            if some:
-                truth = some[0]["series"]["truth_mm"]
+                truth = row["series"]["truth_mm"]
+                less = truth if error else [0.0] * len(truth)
+                time = [k * SERIES_EVERY * TICK_S / 60 for k in range(len(truth))]
+                shown = [v - t for v, t in zip(row["series"]["difference_mm"], less, strict=True)]
+                here.plot(time, shown, color=COLOURS[row["method"]], lw=1.0, label=row["method"])
+            if some and not error:
                 here.plot(time, truth, "k--", lw=1.6, label="truth")
                 here.set_ylim(min(truth) - 0.8, max(truth) + 0.8)
-            here.set(title=f"{scenario}, {receiver} errors", ylabel="mu3 - mu4, mm")
+            elif error:
+                here.set_ylim(-0.5, 0.5)
+            here.set(title=f"{scenario}, {receiver} errors")
             here.grid(alpha=0.3)
+        axes[i, 0].set_ylabel("error of mu3 - mu4, mm" if error else "mu3 - mu4, mm")
     for here in axes[-1]:
         here.set_xlabel("time, min")
-    crowded = names.index("puncture") if "puncture" in names else 0
-    _legend(axes[crowded, -1], ncols=2, loc="lower right")
-    return _save(figure, out, "fig8-difference.png")
+    _legend_below(figure, axes.flat)
+    return _save(figure, out, file)
 
 
 def draw_fig9(result: dict[str, Any], out: Path) -> Path | None:
@@ -97,8 +126,9 @@ def draw_fig9(result: dict[str, Any], out: Path) -> Path | None:
     rows = result.get("rows", [])
     if not rows:
         return None
-    figure, axes = plt.subplots(1, len(RECEIVERS), figsize=(12, 4.5), sharey=True)
+    figure, axes = plt.subplots(1, len(RECEIVERS), figsize=(12, 4.8), sharey=True, layout="constrained")
     for here, receiver in zip(axes, RECEIVERS, strict=True):
+        some = pick(rows, scenario="puncture", receiver=receiver, front=False)
         for method, numbers in fig9(rows, receiver).items():
             if method in SAMPLED:
                 here.plot(
@@ -110,15 +140,26 @@ def draw_fig9(result: dict[str, Any], out: Path) -> Path | None:
                 )
             else:
                 here.axhline(numbers[0], color=COLOURS[method], ls="--", label=method)
+            lost = [n for n in numbers if diverged(pick(some, method=method, particles=n))[0]]
+            here.plot(
+                [n or NUMBERS[0] for n in lost],
+                [numbers[n] for n in lost],
+                "o",
+                ms=14,
+                mfc="none",
+                mec="black",
+                label="some runs diverged",
+            )
         here.set(xscale="log", yscale="log", xlabel="particles N", title=f"slow puncture, {receiver} errors")
         here.set_xlim(80, 6300)
         here.set_xticks(NUMBERS, [str(n) for n in NUMBERS])
+        here.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         here.yaxis.set_major_formatter(ScalarFormatter())
-        here.yaxis.set_minor_formatter(ScalarFormatter())
+        here.yaxis.set_minor_formatter(NullFormatter())
         here.xaxis.set_minor_locator(NullLocator())
         here.grid(alpha=0.3)
     axes[0].set_ylabel("RMSE of mu3 - mu4, mm")
-    _legend(axes[1])
+    _legend_below(figure, axes)
     return _save(figure, out, "fig9-rmse.png")
 
 
@@ -127,7 +168,7 @@ def draw_fig10(result: dict[str, Any], out: Path) -> Path | None:
     rows = result.get("rows", []) + result.get("batches", [])
     if not rows:
         return None
-    figure, axes = plt.subplots(1, len(RECEIVERS), figsize=(12, 4), sharey=True)
+    figure, axes = plt.subplots(1, len(RECEIVERS), figsize=(12, 4.3), sharey=True, layout="constrained")
     for here, receiver in zip(axes, RECEIVERS, strict=True):
         for k, method in enumerate(m for m in WANTED if m in SAMPLED):
             some = pick(rows, scenario="puncture", receiver=receiver, front=False, method=method)
@@ -137,13 +178,13 @@ def draw_fig10(result: dict[str, Any], out: Path) -> Path | None:
             at = [i + 0.2 * (k - 1.5) for i, (_, _, of) in enumerate(counts) if of]
             shares = [100 * bad / of for _, bad, of in counts if of]
             bars = here.bar(at, shares, width=0.2, color=COLOURS[method], label=method)
-            here.bar_label(bars, [f"{bad}/{of}" for _, bad, of in counts if of], fontsize=6)
+            here.bar_label(bars, [f"{bad}/{of}" for _, bad, of in counts if of], fontsize=7)
         here.set_xticks(range(len(NUMBERS)), [str(n) for n in NUMBERS])
         here.set(
             xlabel="particles N", title=f"slow puncture, {receiver} errors", xlim=(-0.6, 3.6), ylim=(0, 110)
         )
     axes[0].set_ylabel("diverged runs, %")
-    _legend(axes[1])
+    _legend_below(figure, axes)
     return _save(figure, out, "fig10-divergence.png")
 
 
@@ -153,7 +194,7 @@ def draw_truthfulness(result: dict[str, Any], out: Path) -> Path | None:
     methods = [m for m in WANTED if pick(rows, method=m)]
     if not methods:
         return None
-    figure, axes = plt.subplots(1, 2, figsize=(12, 4), sharey=True)
+    figure, axes = plt.subplots(1, 2, figsize=(12, 4.5), sharey=True, layout="constrained")
     for here, key, title in zip(
         axes, ("cover_difference", "cover_radius"), ("left-right difference", "absolute radius"), strict=True
     ):
@@ -165,13 +206,14 @@ def draw_truthfulness(result: dict[str, Any], out: Path) -> Path | None:
                     100
                     * mean(pick(rows, method=method, receiver=receiver, particles=number, front=False), key)
                 )
-            here.bar([i + 0.4 * k - 0.2 for i in range(len(methods))], values, width=0.4, label=receiver,
-                     color=("0.7", "tab:blue")[k])  # fmt: skip
-        here.axhspan(90, 98, color="tab:green", alpha=0.25, label="90 to 98 %")
+            at = [i + 0.4 * k - 0.2 for i in range(len(methods))]
+            bars = here.bar(at, values, width=0.4, label=receiver, color=("0.7", "tab:blue")[k])
+            here.bar_label(bars, fmt="%.0f", fontsize=7)
+        here.axhspan(90, 98, color="tab:green", alpha=0.4, zorder=0, label="90 to 98 %")
         here.set_xticks(range(len(methods)), methods, rotation=25, ha="right")
         here.set(title=f"95 % intervals of the {title}", ylim=(0, 105))
     axes[0].set_ylabel("truth inside, %")
-    _legend(axes[0], loc="lower right")
+    _legend_below(figure, axes)
     return _save(figure, out, "coverage.png")
 
 
@@ -242,7 +284,7 @@ def draw_survival(result: dict[str, Any], out: Path) -> Path | None:
     rows = result.get("survival", [])
     if not rows:
         return None
-    figure, axes = plt.subplots(1, 2, figsize=(12, 4), sharex=True)
+    figure, axes = plt.subplots(1, 2, figsize=(12, 4.3), sharex=True, layout="constrained")
     for row in rows:
         hours = range(1, len(row["hourly"]) + 1)
         for here, key in zip(axes, ("rmse_difference_mm", "std_difference_mm"), strict=True):
@@ -256,13 +298,14 @@ def draw_survival(result: dict[str, Any], out: Path) -> Path | None:
     for here, title in zip(axes, ("RMSE of mu3 - mu4", "stated standard deviation"), strict=True):
         here.set(title=title, xlabel="hour", ylabel="mm", yscale="log")
         here.grid(alpha=0.3)
-    _legend(axes[1])
+    _legend_below(figure, axes)
     return _save(figure, out, "survival.png")
 
 
 DRAWERS: tuple[Callable[[dict[str, Any], Path], Path | None], ...] = (
     draw_route,
     draw_fig8,
+    draw_error,
     draw_fig9,
     draw_fig10,
     draw_truthfulness,
