@@ -14,14 +14,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmsd.diagnosis.motion import Reference
+from tpmsd.diagnosis.motion import WINDOW_S, Reference, moved
 from tpmsd.diagnosis.recording import Recording
 from tpmsd.physics.covariates import COVARIATES, covariate
 from tpmsd.physics.forward import antenna_truth, gyro_rates, wheel_angles, wheel_rates
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import FloatArray
 
-WINDOW_S = 1.0
 MIN_SPEED_MPS = 5.0
 MAX_YAW_RATE_RADPS = 0.4
 """Beyond, tyres scrub, and a second is too long to be linear in."""
@@ -84,7 +83,7 @@ class Reader:
         self._kept = spread(self._kept, limit)
         self.left_out = driven - len(self._kept)
         self._window_of_fix = np.floor(recording.fix_time_s / WINDOW_S).astype(int)
-        self.windows = self._windows()
+        self.windows = self._windows(ExtendedModel())
         self._rolled: FloatArray | None = None
 
     @property
@@ -94,13 +93,15 @@ class Reader:
             self._rolled = self.predict(ExtendedModel())[:, :4]
         return self._rolled
 
-    def recalibrate(self, radii_m: FloatArray, base: ExtendedModel) -> None:
-        """Tell everything anew with other radii (4,) of the car, and where this model acts."""
-        car = self.reference.car
-        self.windows.measured[:, :4] *= radii_m / car.radius_m
-        self.reference = replace(self.reference, car=replace(car, radius_m=radii_m))
+    def recalibrate(self, radii_m: FloatArray, base: ExtendedModel, errors: FloatArray) -> None:
+        """Tell everything anew with other radii (4,) of the car, where this model acts, and with a motion
+        moved by the errors (w, 3) of its speed, its yaw rate and its heading at the windows' ends.
+        """
+        car = replace(self.reference.car, radius_m=radii_m)
+        end_s = (self.windows.index + 1.0) * WINDOW_S
+        self.reference = moved(self.recording, replace(self.reference, car=car), end_s, errors)
         self._rolled = None
-        self.windows = replace(self.windows, design=self._designs(base))
+        self.windows = self._windows(base)
 
     def predict(
         self, model: ExtendedModel, radii_m: FloatArray | None = None, grade_share: float = 1.0
@@ -158,7 +159,7 @@ class Reader:
         inside = known & (self._window_of_fix >= 0) & (self._window_of_fix < self._count)
         return np.bincount(self._window_of_fix[inside], minlength=self._count)[self._kept].astype(np.float64)
 
-    def _windows(self) -> Windows:
+    def _windows(self, base: ExtendedModel) -> Windows:
         recording, motion, car = self.recording, self.reference.motion, self.reference.car
         kept, per, count = self._kept, self._per, self._count
         measured = np.full((len(kept), CHANNELS), np.nan)
@@ -176,7 +177,7 @@ class Reader:
         ):
             measured[:, channel] = self._mean_fixes(values, np.isfinite(values))
         numbers = [self._number(np.isfinite(v)) for v in (recording.speed_mps, course, recording.east_m)]
-        design, grow = self._designs(ExtendedModel()), self._growth()
+        design, grow = self._designs(base), self._growth()
         return Windows(kept, measured, np.stack(numbers, axis=1), self._covariates(), design, grow)
 
     def _covariates(self) -> dict[str, FloatArray]:

@@ -12,9 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from tpmsd.diagnosis.advice import advice
-from tpmsd.diagnosis.channels import CHANNEL_NAMES, WINDOW_S
+from tpmsd.diagnosis.channels import CHANNEL_NAMES
 from tpmsd.diagnosis.empirical import empirical_effect, shape_of
 from tpmsd.diagnosis.evidence import Evidence
+from tpmsd.diagnosis.motion import WINDOW_S
 from tpmsd.diagnosis.reach import Seen, reach
 from tpmsd.diagnosis.result import CONSISTENT, MISMATCH, Diagnosis, Finding, Inner, Quantity, Where
 from tpmsd.diagnosis.selection import ADMIT, Chosen, Selection, Selector

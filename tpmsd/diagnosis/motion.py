@@ -18,6 +18,8 @@ from tpmsd.physics.kinematics import wheel_speeds
 from tpmsd.physics.motion import GRAVITY_MPS2, Car, Motion, integrate
 from tpmsd.wheels import FL, FR, RL, RR, FloatArray
 
+WINDOW_S = 1.0
+"""Over which the channels are compared."""
 SPEED_SMOOTHING_S = 0.35
 ACCEL_SMOOTHING_S = 0.25
 """On top of the speed's own."""
@@ -57,24 +59,48 @@ def reference(recording: Recording) -> Reference:
     scale = _radius_scale(recording, speed)
     car = replace(car, radius_m=_balanced(recording, car, yaw, speed) * scale)
     yaw, speed = _yaw_and_speed(recording, car)
-    edges = recording.edges_s
-    accel = np.gradient(twiced(speed, ACCEL_SMOOTHING_S / recording.dt_s), recording.dt_s)
     heading, yaw = _heading(recording, yaw, speed)
-    grade, by = _grade(recording, speed, accel)
+    motion = _motion(recording, car, speed, yaw, heading)
+    grade, by = _grade(recording, speed, motion.accel_long_mps2)
+    motion = replace(motion, grade_rad=grade, measured=_measured(recording))
+    return Reference(motion=motion, car=car, valid=valid, grade_known=by != "nothing", grade_by=by)
+
+
+def moved(recording: Recording, before: Reference, end_s: FloatArray, errors: FloatArray) -> Reference:
+    """The reference, moved by its errors (w, 3) of speed, yaw rate and heading; windows end at `end_s`."""
+    old, edges = before.motion, recording.edges_s
+    window = np.round(end_s / WINDOW_S).astype(int) - 1
+    slower = np.zeros(len(edges) // round(WINDOW_S / recording.dt_s) + 2)
+    slower[window] = errors[:, 0]
+    speed = np.interp(edges, (np.arange(len(slower)) + 0.5) * WINDOW_S, slower)
+    first = np.diff(window, prepend=-9) > 1
+    at = np.concatenate([end_s, end_s[first] - WINDOW_S])
+    turned = np.concatenate([errors[:, 2], errors[first, 2] - WINDOW_S * errors[first, 1]])
+    order = np.argsort(at, kind="stable")
+    turn = np.interp(edges, at[order], turned[order])
+    yaw = old.yaw_rate_radps + np.gradient(turn, recording.dt_s)
+    speed = np.maximum(old.speed_mps + speed, 0.0)
+    motion = _motion(recording, before.car, speed, yaw, old.heading_rad + turn)
+    return replace(before, motion=replace(motion, grade_rad=old.grade_rad, measured=old.measured))
+
+
+def _motion(
+    recording: Recording, car: Car, speed: FloatArray, yaw: FloatArray, heading: FloatArray
+) -> Motion:
+    """On level ground, from (n + 1,) each."""
+    edges = recording.edges_s
     curvature = np.divide(yaw, speed, out=np.zeros_like(speed), where=speed > 1.0)
-    motion = Motion(
+    return Motion(
         time_s=edges,
         distance_m=integrate(speed, edges),
         speed_mps=speed,
-        accel_long_mps2=accel,
+        accel_long_mps2=np.gradient(twiced(speed, ACCEL_SMOOTHING_S / recording.dt_s), recording.dt_s),
         accel_lat_mps2=speed * yaw,
         yaw_rate_radps=yaw,
-        grade_rad=grade,
+        grade_rad=np.zeros_like(speed),
         heading_rad=heading,
         steering_rad=np.arctan(car.geometry.wheelbase_m * curvature),
-        measured=_measured(recording),
     )
-    return Reference(motion=motion, car=car, valid=valid, grade_known=by != "nothing", grade_by=by)
 
 
 def _measured(recording: Recording) -> dict[str, FloatArray]:

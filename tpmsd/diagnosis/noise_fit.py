@@ -79,7 +79,7 @@ def fit_noise(
     part = _part(windows, columns, inflate)
     noise = start
     if stage is Stage.FIRST:
-        return _climbed(part, noise, [name for name in names if name not in WANDERING], 2.2)
+        return _climbed(_apart(part), noise, [name for name in names if name not in WANDERING], 2.2)
     if stage is Stage.LAST:
         names = [name for name in names if name in WANDERING and name not in SLOW]
     noise = _climbed(part, noise, names, 1.5 if stage is Stage.SECOND else 1.3)
@@ -216,6 +216,21 @@ def _part(
         to_east_north=windows.to_east_north[at],
     )
     return cut, columns[at], weight[at]
+
+
+def _apart(
+    part: tuple[Windows, FloatArray, FloatArray],
+) -> tuple[Windows, FloatArray, FloatArray]:
+    """With radii of its own for each stretch: a tyre that changed between them is no noise in them."""
+    windows, columns, weight = part
+    gaps = np.flatnonzero(np.diff(windows.index) > 1)
+    if not len(gaps):
+        return part
+    cut = gaps[int(np.argmax(np.diff(windows.index)[gaps]))] + 1
+    wheels = np.flatnonzero(np.isfinite(columns[:, :GYRO, 0]).any(axis=0))
+    own = np.zeros((*columns.shape[:2], len(wheels)))
+    own[cut:, wheels, np.arange(len(wheels))] = windows.covariates["speed"][cut:, None]
+    return windows, np.concatenate([columns, own], axis=2), weight
 
 
 def _log_likelihood(windows: Windows, columns: FloatArray, inflate: FloatArray, noise: Noise) -> float:

@@ -42,7 +42,7 @@ def relinearise(study: Study, selection: Selection) -> None:
                 wheel = WHEELS.index(name[1])
                 most = MAX_CALIBRATION * radii[wheel]
                 radii[wheel] += float(np.clip(own[k], -most, most))
-        drive.relinearise(ExtendedModel(tuple(effects)), radii, drive.own(origin[:, None])[1:, 0])
+        drive.relinearise(ExtendedModel(tuple(effects)), radii, drive.own(origin[:, None])[1:, 0], own[1:])
 
 
 def _effect(one: Chosen) -> tuple[Effect, FloatArray] | None:

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tpmsd.diagnosis.channels import CHANNELS, COURSE, EAST, GYRO, SPEED, WINDOW_S, Reader
+from tpmsd.diagnosis.channels import CHANNELS, COURSE, EAST, GYRO, SPEED, Reader
+from tpmsd.diagnosis.motion import WINDOW_S
 from tpmsd.physics.catalogue import make_effect, probed_with, probes
 from tpmsd.physics.effect import Effect
 from tpmsd.physics.model import ExtendedModel

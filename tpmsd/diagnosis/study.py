@@ -25,6 +25,7 @@ from tpmsd.diagnosis.response import (
     smooth_knots,
     thermal_column,
 )
+from tpmsd.diagnosis.smoother import motion_errors
 from tpmsd.diagnosis.terms import ANTISYMMETRIC, PATTERNS, Hypotheses, Name, Term
 from tpmsd.diagnosis.whitening import Noise, whiten
 from tpmsd.physics.model import ExtendedModel
@@ -104,14 +105,20 @@ class DriveStudy:
         """Where columns stand in the common index, and which stands there."""
         self.local = np.arange(len(self.names))
 
-    def relinearise(self, base: ExtendedModel, radii_m: FloatArray, values: FloatArray) -> None:
-        """Take a model and radii (4,) as the new origin; `values` (n - 1,) are the base's in the columns.
+    def relinearise(
+        self, base: ExtendedModel, radii_m: FloatArray, values: FloatArray, fitted: FloatArray
+    ) -> None:
+        """Take a model, radii (4,) and the motion that go with them as the new origin.
+
+        `values` (n - 1,) are the base's in the columns, `fitted` (n - 1,) those of the whole fit.
 
         The values of all columns stay what they were: the change of an effect's value from zero, of a
         radius from the former origin.
         """
         self.base = base
-        self.reader.recalibrate(radii_m, base)
+        left = self.columns[:, :, 0] - self.columns[:, :, 1:] @ fitted
+        errors = motion_errors(self.reader.windows, self.noise, left, self.inflate)
+        self.reader.recalibrate(radii_m, base, errors)
         stacks = [linear_columns(self.reader, self.knots, base).stack()]
         if self.refined:
             stacks.append(np.stack([one.column(self.reader, base) for one in self.refined], axis=2))

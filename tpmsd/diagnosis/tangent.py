@@ -32,7 +32,7 @@ def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, fl
             tangents.append({number: found[name] for number, found in by_drive.items()})
             owner.append((k, name))
     out = {
-        k: _of_warm_up(study, selection, k)
+        k: _of_warm_up(study, selection, k, tangents)
         for k, one in enumerate(selection.chosen)
         if one.term.effect == "thermal_growth"
     }
@@ -62,8 +62,10 @@ def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, fl
     return out
 
 
-def _of_warm_up(study: Study, selection: Selection, which: int) -> dict[str, float]:
-    """Standard deviations of a warm-up's amplitude and time constant.
+def _of_warm_up(
+    study: Study, selection: Selection, which: int, tangents: list[dict[int, FloatArray]]
+) -> dict[str, float]:
+    """Standard deviations of a warm-up's amplitude and time constant; `tangents` by drive, of what is beside.
 
     The farthest end of the interval in which the likelihood, all linear values fitted, is within 1.92 of its
     maximum (Wilks, Annals of Mathematical Statistics 9, 1938) counts as 1.96 of them.
@@ -72,13 +74,17 @@ def _of_warm_up(study: Study, selection: Selection, which: int) -> dict[str, flo
     tau, size = one.term.time_constant_s, float(one.values[0])
     trials = np.concatenate([[tau], np.geomspace(*WARM_UPS_S, 19)])
     rest = np.concatenate([study.hypotheses.nuisance, *(term.design for term in others)], axis=1)
-    known = 1 + rest.shape[1]
+    linear_only = 1 + rest.shape[1]
+    known = linear_only + len(tangents)
     gram = np.zeros((known + len(trials), known + len(trials)))
     acting = study.acting(one.term)
     for number, drive in enumerate(study.drives):
         rows = np.zeros((*drive.white.shape[:2], len(gram)))
         rows[:, :, 0] = drive.white[:, :, 0]
-        rows[:, :, 1:known] = drive.white @ drive.own(rest)
+        rows[:, :, 1:linear_only] = drive.white @ drive.own(rest)
+        for j, tangent in enumerate(tangents):
+            if number in tangent:
+                rows[:, :, linear_only + j] = drive.whitened(tangent[number][:, :, None])[:, :, 0]
         if number in acting:
             columns = [thermal_column(drive.reader, trial, drive.base) for trial in trials]
             rows[:, :, known:] = drive.whitened(np.stack(columns, axis=2))
@@ -89,16 +95,31 @@ def _of_warm_up(study: Study, selection: Selection, which: int) -> dict[str, flo
         at = np.concatenate([np.arange(known), [known + k]])
         values, gains[k] = fitted(gram[np.ix_(at, at)])
         sizes[k] = values[-1]
-    inside = gains > gains.max() - WITHIN
-    inside[0] = True
-    reach = float(np.abs(trials[inside] - tau).max())
-    spread = float(np.abs(sizes[inside] - sizes[0]).max())
+    lowest = min(float(gains.max()) - WITHIN, float(gains[0]))
+    order = np.argsort(trials, kind="stable")
+    inside = np.flatnonzero(gains[order] >= lowest)
+    ends = [
+        _crossing(gains[order], lowest, int(inside[0]), -1),
+        _crossing(gains[order], lowest, int(inside[-1]), 1),
+    ]
+    places = np.arange(len(trials), dtype=np.float64)
+    reach = float(np.abs(np.interp(ends, places, trials[order]) - tau).max())
+    spread = float(np.abs(np.interp(ends, places, sizes[order]) - sizes[0]).max())
     linear = float(one.stds[0])
     scale = linear / max(abs(size), 1e-12)
     return {
         "time_constant_s": max(reach / 1.96, scale * tau),
         "amplitude_m": float(np.hypot(linear, spread / 1.96)),
     }
+
+
+def _crossing(gains: FloatArray, level: float, inside: int, step: int) -> float:
+    """Where, from a place that is inside outwards, the gains fall to the level; between places, linearly."""
+    outside = inside + step
+    if not 0 <= outside < len(gains):
+        return float(inside)
+    fall = float(gains[inside] - gains[outside])
+    return inside + step * float(np.clip((gains[inside] - level) / max(fall, 1e-12), 0.0, 1.0))
 
 
 def _tangents(drive: DriveStudy, one: Chosen) -> dict[str, FloatArray]:

@@ -28,6 +28,10 @@ BLOCK_TICKS = 300
 FOLDS = 5
 ADMIT = 11.0
 """Log-likelihood for amplitude and phase of one of four wheels."""
+BETWEEN_READINGS = 0.1
+"""Relative standard deviation of an amplitude: at a few readings per turn, what is interpolated between them
+(or averaged, where the bus has speeds) is flatter than the ripple, by an unknown share.
+"""
 MAX_TEETH = 75.0
 """Beyond, one tooth more or less is within what radii differ by."""
 FROM_OFFSET, WITHIN = 0.012, 0.35
@@ -133,7 +137,7 @@ def _judged(k: int, rows: FloatArray, regressors: FloatArray, blocks: np.ndarray
     return Ripple(
         wheel=WHEELS[k],
         amplitude_rad=amplitude,
-        std_rad=std,
+        std_rad=math.hypot(std, BETWEEN_READINGS * amplitude),
         phase_rad=float(math.atan2(values[1], values[0])),
         phase_std_rad=std / amplitude,
         gain=heldout,

@@ -21,7 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtrs
 
-from tpmsd.diagnosis.channels import CHANNELS, COURSE, EAST, GYRO, NORTH, SPEED, WINDOW_S, Windows
+from tpmsd.diagnosis.channels import CHANNELS, COURSE, EAST, GYRO, NORTH, SPEED, Windows
+from tpmsd.diagnosis.motion import WINDOW_S
 from tpmsd.wheels import FloatArray
 
 Q, QOLD, V, W, PSI, PE, PN, BE, BN = 0, 4, 8, 9, 10, 11, 12, 13, 14
@@ -72,26 +73,15 @@ def whiten(
     """
     count, _, width = columns.shape
     out = np.zeros_like(columns)
-    here: np.ndarray = np.isfinite(columns[:, :, 0])
-    v = np.maximum(windows.covariates["speed"], 1.0)
-    reading = _measurement_rows(windows, v)
-    variance = _variances(windows, noise, v)
-    jump = np.ones(count)
-    if inflate is not None:
-        variance = variance * inflate
-        # A position that is far off may be the first of many: the slow error has jumped.
-        jump = np.minimum(inflate[:, EAST:].max(axis=1), 100.0)
-    gap = np.diff(windows.index, prepend=windows.index[:1] - 1)
-    read_var = np.square(noise.reading_m)[None, :] + (noise.stamp_s * v[:, None]) ** 2
-    decay, fresh_var = _steps(noise, gap, jump, read_var)
-    motion_var = _motion_variances(windows)
-    grow_e, grow_n = windows.to_east_north[:, 0, 2], windows.to_east_north[:, 1, 2]
+    made = system(windows, noise, np.isfinite(columns[:, :, 0]), inflate)
+    here, reading, variance = made.here, made.rows, made.variance
+    decay, fresh_var, motion_var = made.decay, made.fresh, made.motion
+    grow_e, grow_n, shift = made.grow_e, made.grow_n, made.shift
     whole = np.asarray(here.all(axis=1))
     number = here.sum(axis=1)
     scale = np.ones((count, CHANNELS))
-    P = np.diag(_start_variances(noise, read_var[0]))
+    P = np.diag(made.start)
     M = np.zeros((STATES, width))
-    shift = _shift()
     both = np.empty((CHANNELS, width + STATES))
     for k in range(count):
         # To the window's end: what was the reading at the end is the one at the start; old errors fade,
@@ -135,6 +125,57 @@ def whiten(
         P -= B.T @ B
         scale[k, :n] = L.diagonal()
     return out, 2.0 * float(np.log(scale).sum())
+
+
+@dataclass(frozen=True)
+class System:
+    """How the states move, and what the channels see of them, window by window."""
+
+    here: np.ndarray
+    """(w, 9) what was measured."""
+    rows: FloatArray
+    """(w, 9, STATES)"""
+    variance: FloatArray
+    """(w, 9) of what is new in every window."""
+    start: FloatArray
+    """(STATES,) variances at the beginning."""
+    shift: np.ndarray
+    """(STATES,) which state each becomes from."""
+    decay: FloatArray
+    """(w, STATES)"""
+    fresh: FloatArray
+    """(w, STATES) variances that come in."""
+    motion: FloatArray
+    """(w, 5, 5) covariance of the new errors of the motion."""
+    grow_e: FloatArray
+    """(w,) growth of the position's error by an error of the heading."""
+    grow_n: FloatArray
+
+
+def system(windows: Windows, noise: Noise, here: np.ndarray, inflate: FloatArray | None) -> System:
+    """The linear system of a drive under a noise; `here` (w, 9) says what was measured."""
+    v = np.maximum(windows.covariates["speed"], 1.0)
+    variance = _variances(windows, noise, v)
+    jump = np.ones(len(v))
+    if inflate is not None:
+        variance = variance * inflate
+        # A position that is far off may be the first of many: the slow error has jumped.
+        jump = np.minimum(inflate[:, EAST:].max(axis=1), 100.0)
+    gap = np.diff(windows.index, prepend=windows.index[:1] - 1)
+    read_var = np.square(noise.reading_m)[None, :] + (noise.stamp_s * v[:, None]) ** 2
+    decay, fresh = _steps(noise, gap, jump, read_var)
+    return System(
+        here=here,
+        rows=_measurement_rows(windows, v),
+        variance=variance,
+        start=_start_variances(noise, read_var[0]),
+        shift=_shift(),
+        decay=decay,
+        fresh=fresh,
+        motion=_motion_variances(windows),
+        grow_e=windows.to_east_north[:, 0, 2],
+        grow_n=windows.to_east_north[:, 1, 2],
+    )
 
 
 def _shift() -> np.ndarray:

@@ -1,0 +1,116 @@
+"""The reference motion, moved to where all channels agree."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.recorded import recording_of
+from tests.worlds.kinematic import Spec, drive
+from tpmsd.diagnosis.channels import GYRO, Reader
+from tpmsd.diagnosis.diagnose import diagnose, first_noise
+from tpmsd.diagnosis.motion import reference
+from tpmsd.diagnosis.recording import Recording
+from tpmsd.diagnosis.smoother import motion_errors
+from tpmsd.diagnosis.whitening import PE, PN, PSI, STATES, System, V, W, system
+from tpmsd.physics.model import ExtendedModel
+from tpmsd.wheels import FloatArray
+
+
+def without_gyro(recording: Recording) -> Recording:
+    """As a bus without inertial signals gives it."""
+    gyro = np.full(recording.ticks, np.nan)
+    return dataclasses.replace(recording, inertial={**recording.inertial, "yaw_rate_radps": gyro})
+
+
+@pytest.fixture(scope="module")
+def reader() -> Reader:
+    """Ten minutes of mixed driving."""
+    recording = recording_of(drive(Spec(duration_s=600.0), 5))
+    return Reader(recording, reference(recording))
+
+
+def transition(made: System, k: int) -> FloatArray:
+    """(STATES, STATES) what takes the states of the window before into this one."""
+    F = np.zeros((STATES, STATES))
+    F[np.arange(STATES), made.shift] = made.decay[k]
+    F[PE] += made.grow_e[k] * F[PSI]
+    F[PN] += made.grow_n[k] * F[PSI]
+    return F
+
+
+def test_the_smoother_is_the_conditional_mean(reader: Reader) -> None:
+    """Of a few windows it equals the mean of a multivariate normal given all channels at once, computed with
+    the covariance of all states and all readings written out.
+    """
+    few, rng = 8, np.random.default_rng(2)
+    windows = dataclasses.replace(
+        reader.windows,
+        index=reader.windows.index[:few],
+        fixes=reader.windows.fixes[:few],
+        covariates={name: values[:few] for name, values in reader.windows.covariates.items()},
+        design=reader.windows.design[:few],
+        to_east_north=reader.windows.to_east_north[:few],
+        measured=reader.windows.measured[:few],
+    )
+    noise = first_noise(reader)
+    here = np.isfinite(windows.measured)
+    here[3, :] = False
+    here[5, GYRO:] = False
+    residual = np.where(here, 0.1 * rng.standard_normal(here.shape), np.nan)
+    made = system(windows, noise, here, None)
+    covariance = np.zeros((few * STATES, few * STATES))
+    P = np.diag(made.start)
+    for k in range(few):
+        F, at = transition(made, k), slice(k * STATES, (k + 1) * STATES)
+        Q = np.diag(made.fresh[k])
+        Q[V : PN + 1, V : PN + 1] += made.motion[k]
+        covariance[at, : k * STATES] = (
+            F @ covariance[at.start - STATES : at.start, : k * STATES] if k else 0.0
+        )
+        covariance[: k * STATES, at] = covariance[at, : k * STATES].T
+        P = F @ P @ F.T + Q
+        covariance[at, at] = P
+    H = np.zeros((few * 9, few * STATES))
+    for k in range(few):
+        H[9 * k : 9 * k + 9, k * STATES : (k + 1) * STATES] = made.rows[k]
+    seen = here.ravel()
+    H, R = H[seen], np.diag(made.variance.ravel()[seen])
+    mean = covariance @ H.T @ np.linalg.solve(H @ covariance @ H.T + R, residual.ravel()[seen])
+
+    expected = mean.reshape(few, STATES)[:, [V, W, PSI]]
+    assert motion_errors(windows, noise, residual) == pytest.approx(expected, rel=1e-5, abs=1e-8)
+
+
+def test_a_motion_that_was_bent_is_put_right(reader: Reader) -> None:
+    """A speed and a yaw rate that were made wrong come out with the opposite sign."""
+    windows = reader.windows
+    bent = np.zeros((len(windows), 3))
+    bent[40:60, 0] = 0.3
+    bent[40:60, 1] = 0.02
+    bent[:, 2] = np.cumsum(bent[:, 1])
+    whole = Reader(reader.recording, reader.reference)
+    whole.recalibrate(reader.reference.car.radius_m, ExtendedModel(), bent)
+    left = whole.windows.measured - whole.predict(ExtendedModel())
+    straight = windows.measured - reader.predict(ExtendedModel())
+    noise = first_noise(reader)
+    found = motion_errors(whole.windows, noise, left) - motion_errors(windows, noise, straight)
+
+    assert found[42:58, 0] == pytest.approx(-bent[42:58, 0], abs=0.02)
+    assert found[42:58, 1] == pytest.approx(-bent[42:58, 1], abs=0.002)
+
+
+@pytest.mark.parametrize("coefficient", [4e-4, 8e-4, -4e-4])
+def test_a_load_transfer_that_bends_the_motion_itself_is_measured(coefficient: float) -> None:
+    """Without a gyro the yaw rate comes from the very wheels that a strong load transfer changes: at 30 m/s
+    by more than half of it. The coefficient is found within three per cent all the same.
+    """
+    physics: dict[str, dict[str, object]] = {"load_transfer_lateral": {"coefficient": coefficient}}
+    recording = recording_of(drive(Spec(duration_s=500.0, physics=physics), 21))
+    diagnosis = diagnose([without_gyro(recording)])
+    finding = diagnosis.findings[0]
+
+    assert "load_transfer_lateral" == finding.effect
+    assert finding.parameters["coefficient"].value == pytest.approx(coefficient, rel=0.03)
