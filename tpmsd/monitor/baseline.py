@@ -6,6 +6,10 @@ It is ready when `learn_s` of driving have taught the wheels against each other.
 suspected, samples refine it: each range of speed takes `RANGE_SAMPLES`, after which it is frozen. Load and
 day are learned in the first `DRIVE_SAMPLES` after a standstill. An estimate is a mean over its memory, so
 samples are `SAMPLE_EVERY_S` apart.
+
+A leak of half an hour looks like nothing from one sample to the next, and what learned it would hide it. So
+from `SETTLED_SAMPLES` on what a drive teaches of the car is learned aside (`_lessons`) and counts from the
+next drive on, unless something was suspected when this one ended.
 """
 
 from __future__ import annotations
@@ -34,6 +38,12 @@ MAX_CONTRAST_STD = 0.0008
 FIT_LIMIT = {d: float(chi2.ppf(0.999, d)) for d in range(1, 5)}
 """A sample that fits worse than this quantile of chi-square is not learned; by number of wheels."""
 RECENT_SAMPLES = 9
+SETTLED_SAMPLES = 45
+"""From so many (15 min of driving) on a drive is held against what was known before it, ..."""
+NEXT_DRIVE_SAMPLES = 20
+"""... and on the next drive from so many."""
+DOUBT_S = 180.0
+"""Time constant of the share of driving during which something was suspected."""
 UNSETTLED_SHARE = 0.5
 """Of the growth that the estimate's memory has yet to follow: how well its lag is known."""
 UNSETTLED_SPEED2 = 150.0
@@ -74,6 +84,10 @@ class Baseline:
         self._learn_s = learn_s
         self._conditions = ConditionTracker()
         self.reference = Reference(vehicle)
+        self._lessons: Reference | None = None
+        """What counts from the next drive on; None as long as the car is learned for the first time."""
+        self._doubt = 0.0
+        """Share of the last minutes of driving during which something was suspected."""
         self.ready = False
         self._learned_s = 0.0
         self._since_s = 0.0
@@ -95,7 +109,10 @@ class Baseline:
         """Take every tick: conditions, and what a standstill changes."""
         stood_s = self._conditions.update(tick, estimate)
         if stood_s >= PARKED_S:
-            self.reference.forget_drive(load_only=stood_s < NEW_DAY_S)
+            if stood_s >= NEW_DAY_S:
+                self._heed_lessons()
+            for reference in self._references():
+                reference.forget_drive(load_only=stood_s < NEW_DAY_S)
             self._drive_samples = 0
             self._recent.clear()
         if estimate.informative:
@@ -103,6 +120,22 @@ class Baseline:
             self._recent_s += tick.dt_s
             if not self.ready:
                 self._learned_s += tick.dt_s
+
+    @property
+    def settled(self) -> bool:
+        """Whether the car has been learned once, so that drives are held against what was known before."""
+        return self._lessons is not None
+
+    def _references(self) -> tuple[Reference, ...]:
+        return (self.reference,) if self._lessons is None else (self.reference, self._lessons)
+
+    def _heed_lessons(self) -> None:
+        """Another drive begins: what the last ones taught counts now, unless they ended in doubt."""
+        if self._lessons is not None and self._doubt < 0.5:
+            self.reference = self._lessons
+        if self._lessons is not None or sum(self.reference.ranges) >= NEXT_DRIVE_SAMPLES:
+            self._lessons = self.reference.copy()
+        self._doubt = 0.0
 
     def changes(self, estimate: RadiusEstimate, harmless_m2: FloatArray) -> tuple[Change, Change] | None:
         """The change now, and its mean over the last minutes; None where it is not known.
@@ -144,22 +177,36 @@ class Baseline:
             change, covariance, len(samples), own / len(samples) + unsettled, nis <= FIT_LIMIT[change.size]
         )
 
-    def learn(self, estimate: RadiusEstimate, harmless_m2: FloatArray, trusted: bool) -> None:
-        """Learn from the present estimate if it is time. `trusted`: nothing is suspected of any tyre."""
+    def learn(
+        self, estimate: RadiusEstimate, harmless_m2: FloatArray, trusted: bool, elapsed_s: float
+    ) -> None:
+        """Learn from the present estimate if it is time. `trusted`: nothing is suspected of any tyre;
+        `elapsed_s`: driving since the last call."""
         found = self._known(estimate)
-        if found is None or self._since_s < SAMPLE_EVERY_S:
+        if found is None:
+            return
+        if self.ready:
+            self._doubt += (float(not trusted) - self._doubt) * min(elapsed_s / DOUBT_S, 1.0)
+        if self._since_s < SAMPLE_EVERY_S:
             return
         if not self.ready and not self._may_begin(found[1]):
             return
         at = self._conditions.now
         if self.ready and (not trusted or abs(at.unsettled) > UNSETTLED_SPEED2):
             return
-        car = not self.ready or self.reference.ranges[speed_range(at)] < RANGE_SAMPLES
-        if not car and self._drive_samples >= DRIVE_SAMPLES:
-            return
         noise = found[1] + self._unsettled() + harmless_m2
-        self.reference.wander(self._since_s)
-        self.reference.learn(found[0], noise, self._wheels, at, car=car)
+        taught = self._lessons or self.reference
+        car = not self.ready or taught.ranges[speed_range(at)] < RANGE_SAMPLES
+        first = self._drive_samples < DRIVE_SAMPLES
+        if not car and not first:
+            return
+        taught.wander(self._since_s)
+        taught.learn(found[0], noise, self._wheels, at, car=car)
+        if self._lessons is not None and first:
+            self.reference.wander(self._since_s)
+            self.reference.learn(found[0], noise, self._wheels, at, car=False)
+        elif self._lessons is None and sum(self.reference.ranges) >= SETTLED_SAMPLES:
+            self._lessons = self.reference.copy()
         if self.ready:
             self._learned_s += self._since_s
         self.ready = True
@@ -198,8 +245,9 @@ class Baseline:
 
     @property
     def samples_by_kmh(self) -> tuple[tuple[int, int], ...]:
-        """Samples learned in each range of speed, by its middle in km/h."""
-        return tuple((round(3.6 * k), n) for k, n in zip(KNOTS_MPS, self.reference.ranges, strict=True))
+        """Samples learned in each range of speed, by its middle in km/h; those of this drive among them."""
+        ranges = (self._lessons or self.reference).ranges
+        return tuple((round(3.6 * k), n) for k, n in zip(KNOTS_MPS, ranges, strict=True))
 
     # -- what survives a restart -----------------------------------------------------------------------------
 
@@ -212,6 +260,8 @@ class Baseline:
             "drive_samples": self._drive_samples,
             "conditions": self._conditions.to_json(),
             "reference": self.reference.to_json(),
+            "lessons": None if self._lessons is None else self._lessons.to_json(),
+            "doubt": self._doubt,
         }
 
     def take_up(self, saved: dict[str, Any]) -> None:
@@ -220,13 +270,20 @@ class Baseline:
             learned_s, since_s = float(saved["learned_s"]), float(saved["since_s"])
             drive_samples, ready = int(saved["drive_samples"]), saved["ready"]
             reference = Reference.from_json(saved["reference"], self._vehicle)
+            lessons = saved.get("lessons")  # states of before have none: the next drive begins anew
+            if lessons is not None:
+                lessons = Reference.from_json(lessons, self._vehicle)
+            doubt = float(saved.get("doubt", 0.0))
             conditions = ConditionTracker()
             conditions.take_up(saved["conditions"])
-        except (KeyError, TypeError, OverflowError) as error:
+        except (KeyError, TypeError, AttributeError, OverflowError) as error:
             raise ValueError(f"the saved baseline is not one: {type(error).__name__}: {error}") from error
         if not isinstance(ready, bool) or drive_samples < 0:
             raise ValueError("the saved baseline is not one")
         if not (math.isfinite(learned_s + since_s) and learned_s >= 0.0 and since_s >= 0.0):
             raise ValueError("the saved learning time is absurd")
+        if not 0.0 <= doubt <= 1.0:
+            raise ValueError("the saved baseline is not one")
+        self._lessons, self._doubt = lessons, doubt
         self.reference, self._conditions, self.ready = reference, conditions, ready
         self._learned_s, self._since_s, self._drive_samples = learned_s, since_s, drive_samples

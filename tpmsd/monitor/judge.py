@@ -31,6 +31,9 @@ UNDECIDED = 0.5
 SUSPICIOUS = 0.5
 """Log-likelihood ratio of a loss to none from which nothing is learned: what might be a fault must not become
 normal, however improbable faults are beforehand."""
+SUSPICIOUS_AT_FIRST = 3.0
+"""The same while the car is learned for the first time. A baseline of a few samples is off by half a
+millimetre; held to the former limit it would take its own error for a fault and never learn better."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,14 +50,18 @@ class Judgement:
     pressure_loss: FloatArray
     """Share of the pressure."""
     pressure_loss_std: FloatArray
-    trusted: bool
-    """Whether nothing is suspected, so that the baseline may learn."""
+    suspicion: float
+    """Log-likelihood ratio of the best loss to none; infinite if the change is nothing that is known."""
+
+    def trusted(self, settled: bool) -> bool:
+        """Whether the baseline may learn; `settled`: whether it has been learned once."""
+        return self.suspicion < (SUSPICIOUS if settled else SUSPICIOUS_AT_FIRST)
 
     @classmethod
     def unknown(cls) -> Judgement:
         """Before anything was judged."""
         nan = np.full(4, math.nan)
-        return cls(nan, nan, nan, nan, nan, nan, nan, False)
+        return cls(nan, nan, nan, nan, nan, nan, nan, math.inf)
 
 
 class Judge:
@@ -98,7 +105,7 @@ class Judge:
             tyre.pressure_loss(float(x), float(s))
             for tyre, x, s in zip(self._tyres, mean.change_m, steady_std, strict=True)
         ]
-        trusted = now.fits and mean.fits and max(v.suspicion for v in verdicts) < SUSPICIOUS
+        fits = now.fits and mean.fits
         return Judgement(
             change_m=self._on_all(change),
             change_std_m=self._on_all(std),
@@ -107,7 +114,7 @@ class Judge:
             loss_m=self._on_all(likelier.loss_m),
             pressure_loss=self._on_all(np.array([loss for loss, _ in pressure])),
             pressure_loss_std=self._on_all(np.array([own for _, own in pressure])),
-            trusted=trusted,
+            suspicion=max(v.suspicion for v in verdicts) if fits else math.inf,
         )
 
     def soft_after_reset(self, change: Change, other_tyres: bool) -> FloatArray:

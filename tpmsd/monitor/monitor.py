@@ -108,13 +108,13 @@ class Monitor:
             if changes is None:
                 return []
             self._judged = self._judge.judge(*changes, self._resonance)
-            trusted = self._judged.trusted and not self._standing
+            trusted = self._judged.trusted(self.baseline.settled) and not self._standing
             for (kind, wheel), alarm in self._alarms.items():
                 probability = self._probability(kind, wheel)
                 turned = alarm.update(probability, elapsed_s)
                 if turned is not None:
                     events.append(self._tyre_event(kind, wheel, turned, probability, tick, estimate))
-        self.baseline.learn(estimate, self._judge.harmless_m2, trusted)
+        self.baseline.learn(estimate, self._judge.harmless_m2, trusted, elapsed_s)
         if self._sets.decide(estimate) == "accepted":
             self._take_back()
         self._learning = self.learning()

@@ -167,6 +167,13 @@ class Reference:
         for place in places:
             self.covariance[place, place] = std[place - CAR] ** 2
 
+    def copy(self) -> Reference:
+        """One that learns apart from this one."""
+        out = Reference.__new__(Reference)
+        out._radius, out._driven = self._radius, self._driven
+        out.mean, out.covariance, out.ranges = self.mean.copy(), self.covariance.copy(), list(self.ranges)
+        return out
+
     def to_json(self) -> dict[str, Any]:
         """Plain numbers for the state file."""
         return {
