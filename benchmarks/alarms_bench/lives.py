@@ -22,6 +22,8 @@ LEGS = TEACHING + 8
 WITH_OTHERS = ("load", "season", "sun", "outages", "multipath", "slip")
 SLOW_ROADS = ("city", "suburb", "alpine")
 DAY_S = 90_000.0
+KIND_S = 420.0
+"""Of each leg of `kinds`; what a ferry or a tow adds comes on top."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,31 @@ def life(pool: str, seed: int) -> Life:
             )
         )
     return Life(car, tuple(legs))
+
+
+def kinds(pool: str, seed: int) -> Life:
+    """One short leg for each kind of confounder, alone: so that even a short run has met them all."""
+    rng = np.random.default_rng([seed, 79, len(pool)])
+    taught = life(pool, seed)
+    usual = taught.legs[0]
+    roads = POOL_ROADS[pool]
+    legs = list(taught.legs[:TEACHING])
+    for k, tag in enumerate(TAGS, start=TEACHING):
+        legs.append(
+            Leg(
+                seed=100 + k,
+                road=road_for((tag,), roads[1 + k % 2], roads),
+                duration_s=KIND_S,
+                ambient_k=usual.ambient_k + float(rng.normal(0.0, 3.0)) + _season((tag,), rng),
+                filled_k=usual.filled_k,
+                pause_s=40_000.0,
+                resized_m=_resized((tag,), rng),
+                tags=(tag,),
+                start_s=START_S + k * DAY_S,
+                **_load((tag,), usual.load, rng),
+            )
+        )
+    return Life(taught.car, tuple(legs))
 
 
 def _season(tags: tuple[str, ...], rng: np.random.Generator) -> float:

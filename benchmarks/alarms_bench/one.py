@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.alarms_bench.cars import POOLS, Car
 from benchmarks.alarms_bench.cases import group
 from benchmarks.alarms_bench.legs import Driven, Leg, drive_leg
-from benchmarks.alarms_bench.lives import TEACHING, life
+from benchmarks.alarms_bench.lives import TEACHING, kinds, life
 from benchmarks.alarms_bench.play import Heard, hear
 from benchmarks.alarms_bench.tyre import Array
 from tests.worlds.folder import write_folder
@@ -36,11 +36,13 @@ def story(name: str) -> Story:
         raise ValueError(f"{name}: names are POOL/SEED/CASE or POOL/life/SEED/LEG; pools: {', '.join(POOLS)}")
     try:
         if len(parts) == 4:
-            whole = life(parts[0], int(parts[2]))
+            whole = {"life": life, "kinds": kinds}[parts[1]](parts[0], int(parts[2]))
             number = int(parts[3])
             asked = whole.legs[number : number + 1] if number >= TEACHING else ()
             return Story(whole.car, (*whole.legs[: min(number + 1, TEACHING)], *asked))
         of_car = group(parts[0], int(parts[1]))
+    except KeyError:
+        raise ValueError(f"{name}: legs are those of `life` or of `kinds`") from None
     except ValueError:
         raise ValueError(f"{name}: seeds and legs are whole numbers") from None
     found = [case for case in of_car.cases if case.name == name]

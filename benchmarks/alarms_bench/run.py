@@ -2,6 +2,7 @@
 
     make bench-alarms                              some minutes on two cores
     make bench-alarms BENCH_ARGS="--full"          60 cars of 10 cases, 20,000 km without a fault: hours
+    make bench-alarms BENCH_ARGS="--campaign"      20,000 km without a fault, few cases: 45 min of two cores
     make bench-alarms BENCH_ARGS="--held-out"      other cars, routes and receivers: for the end alone
     python -m benchmarks.alarms_bench.run --one development/3/r141-puncture-fl-fast-city
     python -m benchmarks.alarms_bench.run --one development/life/3/5 --write FOLDER
@@ -27,7 +28,7 @@ from typing import Any
 import tpmsd
 from benchmarks.alarms_bench.cases import CASES_PER_CAR, group
 from benchmarks.alarms_bench.figures import figures
-from benchmarks.alarms_bench.lives import life
+from benchmarks.alarms_bench.lives import kinds, life
 from benchmarks.alarms_bench.one import one
 from benchmarks.alarms_bench.recorded import play_recordings
 from benchmarks.alarms_bench.score import play_group, play_life
@@ -36,7 +37,7 @@ from benchmarks.alarms_bench.text import markdown
 REPO = Path(__file__).resolve().parent.parent.parent
 Row = dict[str, Any]
 Unit = tuple[str, str, int, int]
-"""What (cases, life, recordings), pool, seed, and for cases how many."""
+"""What (cases, life, kinds, recordings), pool, seed, and for cases how many."""
 LIFE_KM = 230.0
 """What a life has on average; for the plan alone."""
 
@@ -47,7 +48,9 @@ def plan(args: argparse.Namespace) -> list[Unit]:
     first = args.seed * 1000
     cases: list[Unit] = [("cases", pool, first + k, args.cases) for k in range(args.cars)]
     lives: list[Unit] = [("life", pool, first + k, 0) for k in range(round(args.km / LIFE_KM))]
-    turns = [((k + 0.5) / len(units), unit) for units in (cases, lives) for k, unit in enumerate(units)]
+    every: list[Unit] = [("kinds", pool, first + k, 0) for k in range(args.kinds)]
+    plans = (cases, lives, every)
+    turns = [((k + 0.5) / len(units), unit) for units in plans for k, unit in enumerate(units)]
     recorded: list[Unit] = [] if args.held_out else [("recordings", str(args.recordings), 0, 0)]
     return recorded + [unit for _, unit in sorted(turns)]
 
@@ -61,6 +64,8 @@ def work(unit: Unit, memory: Path | None = None) -> list[Row]:
             rows += play_group(group(pool, seed, number), memory)
         elif what == "life":
             rows += play_life(life(pool, seed), pool, seed, memory)
+        elif what == "kinds":
+            rows += play_life(kinds(pool, seed), pool, seed, memory, what)
         else:
             rows += play_recordings(Path(pool))
     except Exception as error:
@@ -180,10 +185,18 @@ def options() -> argparse.ArgumentParser:
     parser.add_argument(
         "--full", action="store_true", help="60 cars of cases and 20,000 km; run again to go on"
     )
+    parser.add_argument(
+        "--campaign", action="store_true", help="20,000 km without a fault, few cases; run again to go on"
+    )
     parser.add_argument("--held-out", action="store_true", help="the other half: run it once, at the end")
-    parser.add_argument("--cars", type=int, help="cars whose cases are played (default: 6, full: 60)")
+    parser.add_argument(
+        "--cars", type=int, help="cars whose cases are played (default: 6, full: 60, campaign: 4)"
+    )
     parser.add_argument("--cases", type=int, default=CASES_PER_CAR, help="cases of each car, at most 10")
-    parser.add_argument("--km", type=float, help="kilometres without a fault (default: 600, full: 20000)")
+    parser.add_argument(
+        "--km", type=float, help="kilometres without a fault (default: 600, full and campaign: 20000)"
+    )
+    parser.add_argument("--kinds", type=int, default=1, help="cars that meet each confounder alone")
     parser.add_argument("--seed", type=int, default=1, help="other cars, roads and noise")
     parser.add_argument(
         "--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: one per core)"
@@ -217,8 +230,10 @@ def main(arguments: list[str] | None = None) -> int:
         except ValueError as error:
             parser.error(str(error))
         return 0
-    args.cars = args.cars if args.cars is not None else 60 if args.full else 6
-    args.km = args.km if args.km is not None else 20_000.0 if args.full else 600.0
+    if args.cars is None:
+        args.cars = 60 if args.full else 4 if args.campaign else 6
+    if args.km is None:
+        args.km = 20_000.0 if args.full or args.campaign else 600.0
     args.out = args.out.resolve() / ("held-out" if args.held_out else "development")
     if args.report_only:
         entries = read_results(args.out / "results.jsonl")

@@ -137,8 +137,10 @@ def why_missed(case: Case, driven: Driven, heard: Heard, before: list[Said], lat
     return f"{cause}: " + "; ".join(texts)
 
 
-def play_life(life: Life, pool: str, seed: int, memory: Path | None = None) -> Iterator[Row]:
-    """A row for each leg, all of it heard, alarms or not."""
+def play_life(
+    life: Life, pool: str, seed: int, memory: Path | None = None, what: str = "life"
+) -> Iterator[Row]:
+    """A row for each leg, all of it heard, alarms or not; `what`: `life` or `kinds`, for the names."""
     about = _about(life.car)
     state: State = {}
     tyre_k: Array | None = None
@@ -150,7 +152,7 @@ def play_life(life: Life, pool: str, seed: int, memory: Path | None = None) -> I
             state, tyre_k = heard.state, driven.temperature_k
         yield {
             "what": "leg",
-            "name": f"{pool}/life/{seed}/{k}",
+            "name": f"{pool}/{what}/{seed}/{k}",
             **about,
             **judge_leg(driven, heard),
             **_spent(begun),

@@ -134,7 +134,9 @@ def test_the_text_names_what_was_missed_and_why() -> None:
 
 def arguments(**changed: Any) -> argparse.Namespace:
     args = bench.options().parse_args([])
-    return argparse.Namespace(**{**vars(args), "cars": 3, "km": 4 * bench.LIFE_KM, "jobs": 1, **changed})
+    return argparse.Namespace(
+        **{**vars(args), "cars": 3, "km": 4 * bench.LIFE_KM, "kinds": 0, "jobs": 1, **changed}
+    )
 
 
 def test_the_held_out_half_is_another_plan() -> None:
@@ -144,6 +146,13 @@ def test_the_held_out_half_is_another_plan() -> None:
     assert {"development"} == {pool for what, pool, _, _ in usual if what != "recordings"}
     assert {"held-out"} == {pool for _, pool, _, _ in other}
     assert (3, 4) == (sum(u[0] == "cases" for u in other), sum(u[0] == "life" for u in other))
+
+
+def test_a_short_run_meets_every_confounder_too() -> None:
+    """One unit of the default plan is a car that meets each of them alone."""
+    plan = bench.plan(arguments(kinds=bench.options().parse_args([]).kinds))
+
+    assert [("kinds", "development", 1000, 0)] == [unit for unit in plan if unit[0] == "kinds"]
 
 
 def test_units_of_this_state_of_the_program_are_not_played_again(tmp_path: Path) -> None:
@@ -181,7 +190,8 @@ def test_the_command_writes_summary_and_picture(tmp_path: Path, capsys: pytest.C
 
 
 @pytest.mark.parametrize(
-    "name", ["nothing", "nowhere/1/x", "development/life/one/2", "development/1/unknown"]
+    "name",
+    ["nothing", "nowhere/1/x", "development/life/one/2", "development/lives/1/2", "development/1/unknown"],
 )
 def test_a_name_that_is_none_is_told_in_one_line(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Exit code 2, and no traceback."""

@@ -10,9 +10,9 @@ import pytest
 
 from benchmarks.alarms_bench.cars import POOLS, Car, draw_car
 from benchmarks.alarms_bench.cases import ONSETS, group
-from benchmarks.alarms_bench.events import TAGS, ride
+from benchmarks.alarms_bench.events import RESIZED, TAGS, ride
 from benchmarks.alarms_bench.legs import Leg, Loss, drive_leg
-from benchmarks.alarms_bench.lives import LEGS, TEACHING, life
+from benchmarks.alarms_bench.lives import LEGS, TEACHING, kinds, life
 from benchmarks.alarms_bench.road import ROADS, profile
 from benchmarks.alarms_bench.tyre import NOMINAL_PA, Tyre, gauge_at
 
@@ -154,6 +154,16 @@ def test_lives_meet_every_confounder() -> None:
     for each in lives:
         assert LEGS == len(each.legs)
         assert {("plain",)} == {leg.tags for leg in each.legs[:TEACHING]}
+
+
+def test_each_kind_of_confounder_has_a_leg_of_its_own() -> None:
+    """After the legs that teach, one with each tag alone; the wheels of another size are."""
+    legs = kinds("development", 1).legs
+
+    assert [(tag,) for tag in TAGS] == [leg.tags for leg in legs[TEACHING:]]
+    assert life("development", 1).legs[:TEACHING] == legs[:TEACHING]
+    assert {*RESIZED} == {leg.tags[0] for leg in legs if any(leg.resized_m)}
+    assert legs == kinds("development", 1).legs
 
 
 def test_the_held_out_half_has_other_cars_and_roads() -> None:

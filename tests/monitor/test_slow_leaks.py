@@ -16,7 +16,7 @@ def _parked(player: Player) -> None:
 
 
 def test_a_leak_of_half_an_hour_is_held_against_the_drives_before() -> None:
-    """A tyre that loses a fifth of its pressure on a drive is seen in full, for the drive does not teach it."""
+    """A tyre that loses a fifth of its pressure on a drive is seen in full: the drive does not teach it."""
     player = Player(monitor(), dt_s=1.0)
     player.play(600.0, speed_mps=16.0)
     player.play(300.0, speed_mps=24.0)
