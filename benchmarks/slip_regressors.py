@@ -5,8 +5,8 @@
 A drive of each multi-body car on dry road, hurried and calm, is compared with the rolling model as
 `tpmsd diagnose` does: same channels, same whitening, noise fitted with all its terms. Then columns are
 fitted by least squares and their gains printed (log-likelihood over calibration alone, nats; nothing is held
-out). Two columns are new, each with one free scale: the longitudinal slips of all four wheels and the side
-slip of the rear axle, by `slip_traces` for a typical car of the configured geometry and driven axle.
+out). Those of slip are the diagnosis' own (`tpmsd.diagnosis.wheel_slip`): per axle the slip under drive and
+under brakes, and the side slip of the rear axle.
 """
 
 from __future__ import annotations
@@ -19,51 +19,20 @@ import numpy as np
 from hard_drives import SETTINGS, HardDrive, instrumented, truth
 
 from tpmsd.config.model import GnssConfig
-from tpmsd.diagnosis.channels import CHANNELS, COURSE, WINDOW_S, Reader
 from tpmsd.diagnosis.drives import admitted
 from tpmsd.diagnosis.noise_fit import Stage, fit_noise
 from tpmsd.diagnosis.recording import Recording, record
 from tpmsd.diagnosis.study import DriveStudy, Study
-from tpmsd.vehicle_state.car import typical
-from tpmsd.vehicle_state.slips import slip_traces
+from tpmsd.diagnosis.wheel_slip import SIDE_SLIP, WHEEL_SLIP
 from tpmsd.wheels import FloatArray
 
 CARS = ("Escort, dry", "BMW, dry", "Vanagon, dry")
-WHEELS, SIDE = 0, 1
 
 
 def recorded(drive: HardDrive, name: str) -> Recording:
     """The drive as the diagnosis reads it."""
     config: Any = SimpleNamespace(vehicle=drive.vehicle, gnss=GnssConfig())
     return record(drive.ticks, config, name)
-
-
-def slip_columns(reader: Reader, drive: HardDrive) -> FloatArray:
-    """(w, 9, 2) response to slips of the typical car: wheels turn further, the course leaves the heading."""
-    motion, recording, vehicle = reader.reference.motion, reader.recording, drive.vehicle
-    car = typical(vehicle.wheelbase_m, vehicle.track_front_m, vehicle.track_rear_m, vehicle.driven_axle)
-    middle_s = recording.edges_s[1:] - recording.dt_s / 2
-    wheel = np.interp(motion.time_s, middle_s, recording.inertial["steering_wheel_angle_rad"])
-    traces = slip_traces(
-        car,
-        motion.specific_force_long_mps2,
-        motion.accel_lat_mps2,
-        np.gradient(motion.yaw_rate_radps, motion.time_s),
-        wheel / (vehicle.steering_ratio or 1.0),
-    )
-
-    def window(values: FloatArray) -> FloatArray:
-        per = round(WINDOW_S / recording.dt_s)
-        ticks = 0.5 * (values[1:] + values[:-1])
-        return np.asarray(
-            ticks[: len(ticks) // per * per].reshape(-1, per).mean(axis=1)[reader.windows.index]
-        )
-
-    out = np.zeros((len(reader.windows), CHANNELS, 2))
-    for k in range(4):
-        out[:, k, WHEELS] = reader.rolled_m[:, k] * window(traces.wheel_slip[:, k])
-    out[:, COURSE, SIDE] = window(traces.side_slip_rad)
-    return np.nan_to_num(out)
 
 
 def gain(data: FloatArray, columns: FloatArray) -> float:
@@ -75,40 +44,40 @@ def gain(data: FloatArray, columns: FloatArray) -> float:
     return 0.5 * float(target @ target - left @ left)
 
 
-def compared(study: DriveStudy, new: FloatArray) -> list[tuple[str, int, float]]:
+def compared(study: DriveStudy) -> list[tuple[str, int, float]]:
     """Label, number of columns and gain of each set of columns."""
     white, names = study.white, study.names
 
     def where(*kinds: str) -> list[int]:
         return [k for k, name in enumerate(names) if name[0] in kinds]
 
-    calibration = where("radius", "gyro_delay")
-    catalogue = [k for k, name in enumerate(names) if name[0] not in ("data", "ramp", "smooth")]
+    calibration, wheels, side = where("radius", "gyro_delay"), where(WHEEL_SLIP), where(SIDE_SLIP)
+    apart = {*where("data", "ramp", "smooth"), *wheels, *side}
+    catalogue = [k for k in range(len(names)) if k not in apart]
     shapes = [
         k
         for k, name in enumerate(names)
         if name[0] == "smooth" and name[1] in ("fl", "fr", "rl", "rr") and name[2] == "accel_long"
     ]
-    sets: list[tuple[str, list[int], list[int]]] = [
-        ("longitudinal_slip", where("longitudinal_slip"), []),
-        ("wheel slips", [], [WHEELS]),
-        ("free shape per wheel over accel_long", shapes, []),
-        ("the same and wheel slips", shapes, [WHEELS]),
-        ("lateral_slip", where("lateral_slip"), []),
-        ("side slip", [], [SIDE]),
-        ("whole catalogue", catalogue, []),
-        ("the same and wheel slips", catalogue, [WHEELS]),
-        ("the same and side slip", catalogue, [SIDE]),
-        ("the same and free shapes over accel_long", catalogue + shapes, []),
-        ("all of this", catalogue + shapes, [WHEELS, SIDE]),
-    ]
+    sets = {
+        "longitudinal_slip": where("longitudinal_slip"),
+        "wheel slips": wheels,
+        "free shape per wheel over accel_long": shapes,
+        "the same and wheel slips": shapes + wheels,
+        "lateral_slip": where("lateral_slip"),
+        "side slip": side,
+        "whole catalogue": catalogue,
+        "whole catalogue and wheel slips": catalogue + wheels,
+        "whole catalogue and side slip": catalogue + side,
+        "whole catalogue and free shapes over accel_long": catalogue + shapes,
+        "all of this": catalogue + shapes + wheels + side,
+    }
     start = gain(white[:, :, 0], white[:, :, calibration])
     rows = []
-    for label, old, added in sets:
-        used = sorted({*calibration, *old})
-        columns = np.concatenate([white[:, :, used], new[:, :, added]], axis=2)
-        number = len(set(old) - set(calibration)) + len(added)
-        rows.append((label, number, gain(white[:, :, 0], columns) - start))
+    for label, columns in sets.items():
+        used = sorted({*calibration, *columns})
+        brought = gain(white[:, :, 0], white[:, :, used]) - start
+        rows.append((label, len(used) - len(calibration), brought))
     return rows
 
 
@@ -134,8 +103,8 @@ def main() -> None:
             )
             one.whiten()
             print(f"\n{name}, {'hurried' if hard else 'calm'}: {len(windows)} windows")
-            for label, number, gained in compared(one, one.whitened(slip_columns(one.reader, drive))):
-                print(f"  {label:42s} {number:3d} columns  {gained:8.1f} nats", flush=True)
+            for label, number, gained in compared(one):
+                print(f"  {label:47s} {number:3d} columns  {gained:8.1f} nats", flush=True)
 
 
 if __name__ == "__main__":

@@ -139,6 +139,10 @@ class Reader:
         out[:, NORTH] = self._mean_fixes(at(antenna.north_m), placed)
         return out
 
+    def over_windows(self, values: FloatArray) -> FloatArray:
+        """(w,) mean over each compared window of a quantity (n + 1,) at the ticks' edges."""
+        return self._mean_edges(values, self._count)[self._kept]
+
     def _mean_edges(self, values: FloatArray, count: int) -> FloatArray:
         """(count,) mean over each window of a quantity given at the ticks' edges."""
         middle = 0.5 * (values[1:] + values[:-1])

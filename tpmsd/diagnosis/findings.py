@@ -15,6 +15,7 @@ from tpmsd.diagnosis.advice import advice
 from tpmsd.diagnosis.channels import CHANNEL_NAMES
 from tpmsd.diagnosis.empirical import empirical_effect, shape_of
 from tpmsd.diagnosis.evidence import Evidence
+from tpmsd.diagnosis.explanatory import explanatory
 from tpmsd.diagnosis.motion import WINDOW_S
 from tpmsd.diagnosis.reach import Seen, reach
 from tpmsd.diagnosis.result import CONSISTENT, MISMATCH, Diagnosis, Finding, Inner, Quantity, Where
@@ -123,6 +124,7 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
         baseline=("simulation",) if study.simulation else ("rolling",),
         simulation=simulated_effects(study, selection),
         notes=notes,
+        explanatory=explanatory(study, terms, evidence),
         reach=reach(
             [
                 Seen(

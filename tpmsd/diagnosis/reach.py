@@ -25,8 +25,8 @@ LAGS = 10
 _SHRINKAGE = np.concatenate([[0.0], np.logspace(-4, 2, 37)])
 """Prior standard deviation of a column's value, in units of its own noise."""
 _MODELS = ("calibration", "model")
-_CALIBRATION = ("data", "radius", "gyro_delay", "ramp")
-"""Columns that are no part of the flexible model: ramps are free shapes over time once more."""
+_CALIBRATION = ("data", "radius", "gyro_delay", "ramp", "wheel_slip", "side_slip")
+"""Columns that are no part of the flexible model: ramps and slips are free shapes once more."""
 
 
 @dataclass(frozen=True)

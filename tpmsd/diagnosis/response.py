@@ -14,6 +14,7 @@ import numpy as np
 
 from tpmsd.diagnosis.channels import CHANNELS, COURSE, EAST, GYRO, SPEED, Reader
 from tpmsd.diagnosis.motion import WINDOW_S
+from tpmsd.diagnosis.wheel_slip import slip_columns
 from tpmsd.physics.catalogue import make_effect, probed_with, probes
 from tpmsd.physics.effect import Effect
 from tpmsd.physics.model import ExtendedModel
@@ -59,7 +60,7 @@ class Columns:
 def linear_columns(
     reader: Reader, knots: dict[str, FloatArray], base: ExtendedModel | None = None
 ) -> Columns:
-    """Calibration, catalogue at `base`, ramps, and smooth terms on these knots."""
+    """Calibration, catalogue at `base`, ramps, smooth terms on these knots, and slips by the tyre model."""
     out = Columns()
     for part in (
         radius_columns(reader),
@@ -69,6 +70,8 @@ def linear_columns(
     ):
         out.names += part.names
         out.arrays += part.arrays
+    for name, column in slip_columns(reader):
+        out.add(name, column)
     return out
 
 

@@ -36,6 +36,22 @@ class Where:
 
 
 @dataclass(frozen=True)
+class Explanatory:
+    """A variable that the tyre model tells, and what it would explain; gains in sample, nats."""
+
+    variable: str
+    """wheel_slip | side_slip"""
+    covariate: str
+    """Over which it is shown."""
+    alone: float
+    """Gain over calibration alone."""
+    beyond: float
+    """Gain over what was found."""
+    without: tuple[str, ...] = ()
+    """Roles that the bus lacks: what they would tell comes from wheels and receiver."""
+
+
+@dataclass(frozen=True)
 class Finding:
     """One piece of physics that the rolling model lacks."""
 
@@ -87,6 +103,8 @@ class Diagnosis:
     """Drives and stretches that were left out, and why."""
     reach: Reach | None = None
     """How much of the reachable improvement was reached; None where the data are insufficient."""
+    explanatory: tuple[Explanatory, ...] = ()
+    """What slips by the tyre model would gain."""
     inner: Inner | None = field(default=None, repr=False)
 
 

@@ -6,6 +6,7 @@ In: `Diagnosis`. Out: plain objects.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 from tpmsd.diagnosis.reach import Reach
@@ -38,6 +39,8 @@ def diagnosis_document(
     }
     if diagnosis.baseline == ("simulation",):
         document["simulation"] = {"effects": list(diagnosis.simulation)}
+    if diagnosis.explanatory:
+        document["explanatory"] = [asdict(one) for one in diagnosis.explanatory]
     if diagnosis.notes:
         document["notes"] = list(diagnosis.notes)
     if alarms:

@@ -17,6 +17,7 @@ from tpmsd.report.diagnosis_summary import (
     CHANNELS,
     UNITS,
     diagnosis_summary,
+    explained,
     place,
     quantity_text,
     reached,
@@ -202,6 +203,7 @@ def _channels(diagnosis: Diagnosis) -> list[str]:
     ]
     if reach is not None:
         out.insert(1, f"<p>{escape(reached(reach))}</p>")
+    out += [f"<p>{escape(told)}</p>" for told in map(explained, diagnosis.explanatory) if told]
     if diagnosis.unexplained is not None:
         out.append(f"<p>Still unexplained: {escape(place(diagnosis.unexplained))}.</p>")
     return out

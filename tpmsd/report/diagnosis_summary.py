@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tpmsd.diagnosis.reach import Reach
-from tpmsd.diagnosis.result import CONSISTENT, INSUFFICIENT, Diagnosis, Finding, Quantity, Where
+from tpmsd.diagnosis.result import CONSISTENT, INSUFFICIENT, Diagnosis, Explanatory, Finding, Quantity, Where
 from tpmsd.physics.catalogue import sentence_of
 from tpmsd.physics.covariates import COVARIATES
 from tpmsd.report.alarms_compared import AlarmsCompared, alarms_summary
@@ -23,6 +23,9 @@ CHANNELS: dict[str, str] = {
     "yaw_rate": "the yaw rate",
 }
 UNITS = {**COVARIATES, "wheel_angle": "rad"}
+SLIPS: dict[str, str] = {"wheel_slip": "Wheel slip", "side_slip": "Side slip"}
+WORTH_TELLING = 10.0
+"""Nats, in sample, from which it is told what a slip would explain beyond the findings."""
 
 
 def diagnosis_summary(
@@ -58,6 +61,8 @@ def _rest(diagnosis: Diagnosis) -> str:
     text = f"\n{reached(diagnosis.reach)}" if diagnosis.reach is not None else ""
     if diagnosis.unexplained is not None:
         text += f"\nWhat is left still has structure: {place(diagnosis.unexplained)}."
+    for told in filter(None, map(explained, diagnosis.explanatory)):
+        text += f"\n{told}"
     return text
 
 
@@ -93,6 +98,19 @@ def _paragraph(number: int, finding: Finding) -> list[str]:
         lines.append(f"   this drive cannot tell it from: {', '.join(finding.indistinguishable_from)}")
         lines.append(f"   {finding.advice}")
     return lines
+
+
+def explained(one: Explanatory) -> str:
+    """What a slip would gain, as a sentence; empty where that is nothing beyond what was found."""
+    if one.beyond < WORTH_TELLING:
+        return ""
+    text = (
+        f"{SLIPS[one.variable]} by the tyre model of a typical car, over {one.covariate}, would gain"
+        f" {one.beyond:.0f} nats beyond this ({one.alone:.0f} alone, both in sample)"
+    )
+    if one.without:
+        text += f"; without {' and '.join(one.without)} on the bus it is told by the wheels' own motion"
+    return text + "."
 
 
 def quantity_text(quantity: Quantity) -> str:
