@@ -17,13 +17,14 @@ def _parked(player: Player) -> None:
 
 def test_a_leak_of_half_an_hour_is_held_against_the_drives_before() -> None:
     """A tyre that loses a fifth of its pressure on a drive is seen in full: the drive does not teach it."""
-    player = Player(monitor(), dt_s=1.0)
+    player = Player(monitor(), dt_s=1.0, std_m=2.8e-4)
     player.play(600.0, speed_mps=16.0)
     player.play(300.0, speed_mps=24.0)
     _parked(player)
     player.play(180.0, speed_mps=24.0)
     for step in range(25):
         player.play(60.0, one(2, -0.0046 * step / 24), speed_mps=24.0)
+    player.play(30.0, one(2, -0.0046), speed_mps=24.0)
 
     assert -0.0046 * RADIUS_M == pytest.approx(player.last.wheels[2].change_m, abs=2e-4)
     assert [(AlarmKind.DEFLATION, "rl")] == player.active()
