@@ -16,7 +16,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, NullLocator, ScalarFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocator, ScalarFormatter
 
 from benchmarks.estimators_bench.methods import SAMPLED, WANTED
 from benchmarks.estimators_bench.route import paper_route
@@ -58,6 +58,13 @@ def _legend_below(figure: Figure, axes: Iterable[Axes]) -> None:
     names = sorted(found, key=lambda name: WANTED.index(name) if name in WANTED else len(WANTED))
     if names:
         figure.legend([found[name] for name in names], names, loc="outside lower center", ncols=8, fontsize=8)
+
+
+def _plain_log(axes: Axes) -> None:
+    """1, 2, 5 as numbers beside a logarithmic axis."""
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(ScalarFormatter())
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def draw_route(_: dict[str, Any], out: Path) -> Path:
@@ -153,9 +160,7 @@ def draw_fig9(result: dict[str, Any], out: Path) -> Path | None:
         here.set(xscale="log", yscale="log", xlabel="particles N", title=f"slow puncture, {receiver} errors")
         here.set_xlim(80, 6300)
         here.set_xticks(NUMBERS, [str(n) for n in NUMBERS])
-        here.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        here.yaxis.set_major_formatter(ScalarFormatter())
-        here.yaxis.set_minor_formatter(NullFormatter())
+        _plain_log(here)
         here.xaxis.set_minor_locator(NullLocator())
         here.grid(alpha=0.3)
     axes[0].set_ylabel("RMSE of mu3 - mu4, mm")
@@ -284,7 +289,7 @@ def draw_survival(result: dict[str, Any], out: Path) -> Path | None:
     rows = result.get("survival", [])
     if not rows:
         return None
-    figure, axes = plt.subplots(1, 2, figsize=(12, 4.3), sharex=True, layout="constrained")
+    figure, axes = plt.subplots(1, 2, figsize=(12, 4.3), sharex=True, sharey=True, layout="constrained")
     for row in rows:
         hours = range(1, len(row["hourly"]) + 1)
         for here, key in zip(axes, ("rmse_difference_mm", "std_difference_mm"), strict=True):
@@ -297,6 +302,8 @@ def draw_survival(result: dict[str, Any], out: Path) -> Path | None:
             )
     for here, title in zip(axes, ("RMSE of mu3 - mu4", "stated standard deviation"), strict=True):
         here.set(title=title, xlabel="hour", ylabel="mm", yscale="log")
+        _plain_log(here)
+        here.xaxis.set_major_locator(MaxNLocator(integer=True))
         here.grid(alpha=0.3)
     _legend_below(figure, axes)
     return _save(figure, out, "survival.png")
