@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.diagnosis.recorded import recording_of
-from tests.worlds.kinematic import Spec, drive
+from tests.worlds.instruments import observe
+from tests.worlds.kinematic import Spec, course, drive
 from tpmsd.diagnosis.diagnose import diagnose
 from tpmsd.diagnosis.response import FEWEST, finer_knots, hat_functions
 from tpmsd.diagnosis.result import Diagnosis
@@ -79,3 +82,22 @@ def test_finer_knots_reach_into_the_tails_and_never_stand_on_too_little() -> Non
     assert int(counts.min()) >= FEWEST
     assert np.count_nonzero(np.abs(knots) > 0.5) >= 5
     assert hat_functions(values, knots).sum(axis=1) == pytest.approx(np.ones(len(values)))
+
+
+def test_what_the_form_of_a_shape_leaves_gets_no_name() -> None:
+    """Brakes of another balance than the engine's: each axle slips in its own way, by what no effect of the
+    catalogue says. The shape over acceleration is found, and no receiver is late because of what it leaves.
+    """
+    spec = Spec(duration_s=800.0, road="mixed")
+    rng = np.random.default_rng(51)
+    plain = course(spec, rng)
+    drives, brakes = np.maximum(plain.accel, 0.0), np.minimum(plain.accel, 0.0)
+    drag = 4e-6 * plain.speed**2
+    front, rear = 9e-3 * drives + 6e-3 * brakes + drag, 3e-3 * brakes
+    spin = np.stack([front, front, rear, rear], axis=1)
+    slipping = replace(plain, spin=spin)
+    diagnosis = diagnose([recording_of(observe(slipping, spec, rng, 51))])
+
+    assert "unknown" in [finding.effect for finding in diagnosis.findings]
+    assert not {"gnss_latency", "longitudinal_slip"} & {finding.effect for finding in diagnosis.findings[1:]}
+    assert "accel_long" == diagnosis.findings[0].where.covariate

@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from tpmsd.diagnosis.chosen import Selection
 from tpmsd.diagnosis.confirm import confirmed
 from tpmsd.diagnosis.drives import admitted, against
 from tpmsd.diagnosis.evidence import Evidence
@@ -23,7 +24,7 @@ from tpmsd.diagnosis.recording import Recording
 from tpmsd.diagnosis.refine import plainest_shape, refine
 from tpmsd.diagnosis.relinearise import relinearise
 from tpmsd.diagnosis.result import INSUFFICIENT, Diagnosis
-from tpmsd.diagnosis.selection import MAX_TERMS, Selection, Selector
+from tpmsd.diagnosis.selection import MAX_TERMS, Selector
 from tpmsd.diagnosis.simulated import differences, floored, widened
 from tpmsd.diagnosis.study import Study, first_noise
 from tpmsd.physics.model import ExtendedModel
@@ -92,7 +93,7 @@ def examine(study: Study, progress: Callable[[float], None]) -> tuple[Selection,
         relinearise(study, selection)
     _estimate_noise(study, design, Stage.LAST)
     evidence = study.evidence()
-    return confirmed(study, Selector(evidence, study.hypotheses).select(), evidence)
+    return confirmed(study, Selector(evidence, study.hypotheses, last=True).select(), evidence)
 
 
 def _without_shapes(study: Study, design: FloatArray, evidence: Evidence) -> Evidence:

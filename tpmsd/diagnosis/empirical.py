@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.diagnosis.selection import Chosen
+from tpmsd.diagnosis.chosen import Chosen
 from tpmsd.diagnosis.terms import ANTISYMMETRIC, PATTERNS
 from tpmsd.physics.effect import Std
 from tpmsd.physics.effects.unknown import CHANNELS, MAX_RADIUS_CHANGE_M, Unknown

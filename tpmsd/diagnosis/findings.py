@@ -13,13 +13,14 @@ import numpy as np
 
 from tpmsd.diagnosis.advice import advice
 from tpmsd.diagnosis.channels import CHANNEL_NAMES
+from tpmsd.diagnosis.chosen import Chosen, Selection
 from tpmsd.diagnosis.empirical import empirical_effect, shape_of
 from tpmsd.diagnosis.evidence import Evidence
 from tpmsd.diagnosis.explanatory import explanatory
 from tpmsd.diagnosis.motion import WINDOW_S
 from tpmsd.diagnosis.reach import Seen, reach
 from tpmsd.diagnosis.result import CONSISTENT, MISMATCH, Diagnosis, Finding, Inner, Quantity, Where
-from tpmsd.diagnosis.selection import ADMIT, Chosen, Selection, Selector
+from tpmsd.diagnosis.selection import ADMIT, Selector
 from tpmsd.diagnosis.simulated import compared, simulated_effects, whole_model
 from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.tangent import nonlinear_stds

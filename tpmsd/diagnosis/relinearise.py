@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.diagnosis.selection import Chosen, Selection
+from tpmsd.diagnosis.chosen import Chosen, Selection
 from tpmsd.diagnosis.study import Study
 from tpmsd.physics.catalogue import make_effect, parameters_of
 from tpmsd.physics.effect import Effect, Parameter

@@ -13,11 +13,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.diagnosis.evidence import Evidence, Fit
+from tpmsd.diagnosis.chosen import Chosen, Selection
+from tpmsd.diagnosis.evidence import Evidence
 from tpmsd.diagnosis.terms import Hypotheses, Term, group_gain
 from tpmsd.physics.catalogue import EFFECTS
 from tpmsd.physics.effect import Parameter
@@ -39,6 +39,10 @@ FREE_DRIFT = 0.25
 """The same over time or distance on all wheels, where the receiver's slow error looks alike."""
 BESIDE = 0.03
 """Share of what effects bring that a free shape beside them must bring: so well their formulas hold."""
+LIKE = 0.05
+"""Share of what a free shape brings that an effect over the same covariate must bring beside it: a shape is
+one of many that would do, and what its form leaves looks like whatever depends on the same.
+"""
 MAX_TERMS = 8
 RIVAL = 2.0
 """Rivals whose fit is worse by less than this are not told apart."""
@@ -62,44 +66,14 @@ BOUNDS["grade_share", "share"] = (-1.5, 1.0)
 """Of the fitted values, by effect and parameter; a scale is fitted as its difference from one."""
 
 
-@dataclass(frozen=True)
-class Chosen:
-    """A term in the presence of the other chosen ones."""
-
-    term: Term
-    gain: float
-    """In sample."""
-    admitted_by: float
-    """Gain over the block-wise variance ratio, less the penalty."""
-    heldout_gain: float
-    confidence: float
-    rivals: tuple[str, ...]
-    """Effects of the catalogue that would do as well in its place."""
-    values: FloatArray
-    """(k,)"""
-    stds: FloatArray
-    """(k,) with the block-wise variance."""
-
-
-@dataclass(frozen=True)
-class Selection:
-    """What was chosen."""
-
-    chosen: tuple[Chosen, ...]
-    fit: Fit
-    """Of calibration and chosen terms together."""
-    baseline_heldout: FloatArray
-    """(blocks,) held-out log-likelihood of calibration alone."""
-    heldout: FloatArray
-    """(blocks,) of the whole model."""
-
-
 class Selector:
     """Searches."""
 
-    def __init__(self, evidence: Evidence, hypotheses: Hypotheses) -> None:
+    def __init__(self, evidence: Evidence, hypotheses: Hypotheses, last: bool = False) -> None:
+        """With `last` it is the verdict that is asked for, and not what the noise is estimated beside."""
         self.evidence = evidence
         self.hypotheses = hypotheses
+        self.last = last
 
     def select(self, most: int = MAX_TERMS) -> Selection:
         """Choose, in at most so many steps."""
@@ -239,6 +213,7 @@ class Selector:
                     continue
                 sure -= ADMIT
             needed = max(threshold, beside) if terms[0].effect == "unknown" else threshold
+            needed = max([needed, *(self._least(now, len(chosen) + k) for k in range(len(terms)))])
             if sure > needed and (best is None or sure > best[0]):
                 best = (sure, terms)
         return None if best is None else best[1]
@@ -270,6 +245,23 @@ class Selector:
         gain = self.gain(terms) - self.gain(rest)
         return gain / self.ratio(terms, which) - terms[which].penalty
 
+    def _least(self, terms: list[Term], which: int) -> float:
+        """What an effect must bring beside free shapes over the covariate that it depends on itself."""
+        effect = EFFECTS.get(terms[which].effect)
+        if not self.last or effect is None or effect.shows_in[1] in ("time", "distance"):
+            return 0.0
+        least = 0.0
+        for k, shape in enumerate(terms):
+            if shape.effect == "unknown" and shape.covariate == effect.shows_in[1] and k != which:
+                alone = [term for j, term in enumerate(terms) if j not in (k, which)]
+                least = max(least, LIKE * (self.gain([*alone, shape]) - self.gain(alone)))
+        return least
+
+    def _own(self, terms: list[Term]) -> bool:
+        """Whether the last of the terms is more than what the form of a shape leaves."""
+        least = self._least(terms, len(terms) - 1)
+        return least == 0.0 or self._needed(terms, len(terms) - 1) >= least
+
     def _exchange(self, chosen: list[Term]) -> list[Term]:
         """Replace terms by better rivals until none is left."""
         for _ in range(3 * MAX_TERMS):
@@ -278,7 +270,9 @@ class Selector:
                 rest = chosen[:k] + chosen[k + 1 :]
                 now = self._net(chosen[k], self.gain(chosen) - self.gain(rest), self._first(chosen, k))
                 better = [terms for net, terms in self.candidates(rest)[:4] if net > now + 0.5]
-                better = [terms for terms in better if self._sane([*rest, *terms])]
+                better = [
+                    terms for terms in better if self._sane([*rest, *terms]) and self._own([*rest, *terms])
+                ]
                 if better:
                     chosen = [*rest, *better[0]]
                     improved = True
@@ -328,9 +322,12 @@ class Selector:
 
     def _prune(self, chosen: list[Term]) -> list[Term]:
         while len(chosen) > 1:
-            needed = [self._needed(chosen, k) for k in range(len(chosen))]
-            worst = int(np.argmin(needed))
-            if needed[worst] >= 0.7 * self._threshold(chosen):
+            threshold = 0.7 * self._threshold(chosen)
+            spare = [
+                self._needed(chosen, k) - max(threshold, self._least(chosen, k)) for k in range(len(chosen))
+            ]
+            worst = int(np.argmin(spare))
+            if spare[worst] >= 0.0:
                 break
             chosen = chosen[:worst] + chosen[worst + 1 :]
         return chosen

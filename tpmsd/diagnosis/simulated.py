@@ -16,9 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from tpmsd.diagnosis.chosen import Chosen, Selection
 from tpmsd.diagnosis.evidence import Evidence, Fit
 from tpmsd.diagnosis.joint_terms import JointHypotheses
-from tpmsd.diagnosis.selection import Chosen, Selection, Selector
+from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.study import Refined, Study
 from tpmsd.diagnosis.terms import Hypotheses, Term
 from tpmsd.diagnosis.whitening import Noise

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from tpmsd.diagnosis.chosen import Chosen, Selection
 from tpmsd.diagnosis.evidence import fitted
 from tpmsd.diagnosis.response import ramp_column, thermal_column
-from tpmsd.diagnosis.selection import Chosen, Selection
 from tpmsd.diagnosis.study import DriveStudy, Study
 from tpmsd.wheels import WHEELS, FloatArray
 

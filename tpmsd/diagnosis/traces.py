@@ -10,9 +10,10 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from tpmsd.diagnosis.channels import EAST, NORTH
+from tpmsd.diagnosis.chosen import Selection
 from tpmsd.diagnosis.evidence import Evidence
 from tpmsd.diagnosis.result import Ground, Trace
-from tpmsd.diagnosis.selection import Selection, Selector
+from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.where import values_of, where_of
 from tpmsd.wheels import FloatArray

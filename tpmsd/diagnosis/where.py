@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from tpmsd.diagnosis.chosen import Chosen
 from tpmsd.diagnosis.result import Where
-from tpmsd.diagnosis.selection import Chosen
 from tpmsd.diagnosis.study import DriveStudy, Study
 from tpmsd.diagnosis.terms import ANTISYMMETRIC, PATTERNS, Term
 from tpmsd.physics.catalogue import EFFECTS
