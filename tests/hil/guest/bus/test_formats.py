@@ -109,8 +109,8 @@ def test_fd_frames_with_long_identifiers_are_read(played: dict[str, Any]) -> Non
 def test_the_radii_are_those_of_the_configured_bus(played: dict[str, Any]) -> None:
     """A replay of what the daemon recorded, which is the drive on vcan0 alone, tells what was told live.
 
-    How punctual this machine is makes no difference to that: frames that a starved player sends in a burst may
-    even be told as jumps. That none of the other bus is among them is the test before this one.
+    How punctual this machine is makes no difference to that: frames that a starved player sends in a burst
+    may even be told as jumps. That none of the other bus is among them is the test before this one.
     """
     live, replayed = played["document"]["wheels"], played["replay_of_taken"]["wheels"]
     for wheel in live:
