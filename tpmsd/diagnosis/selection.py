@@ -46,6 +46,9 @@ one of many that would do, and what its form leaves looks like whatever depends 
 MAX_TERMS = 8
 RIVAL = 2.0
 """Rivals whose fit is worse by less than this are not told apart."""
+ALIKE = 5e-4
+"""The same as a share of the gain: what parts two effects that fit so nearly alike is what is not linear in
+the responses, and not the drive."""
 SPLITS = (("front", "rear"), ("left", "right"))
 """Pairs of places that may act each in its own way."""
 MIN_EIGENVALUE = 1e-6
@@ -347,6 +350,7 @@ class Selector:
         gain = fit.gain - self.gain(rest)
         sure = gain / float(ratios.max()) - term.penalty
         rivals: dict[str, float] = {}
+        alike = max(RIVAL, ALIKE * gain)
         weights = {term.effect: 1.0, "": math.exp(-min(max(sure, -50.0), 50.0))}
         for net, terms in self.candidates(rest):
             rival = terms[0]
@@ -360,10 +364,10 @@ class Selector:
                 name = "unknown"
             better = net - self._net(term, gain, float(fit.values[start]))
             if name not in weights and name != term.effect:
-                weights[name] = math.exp(min(better / float(ratios.max()), 0.0))
+                weights[name] = math.exp(min(better / (float(ratios.max()) + ALIKE * gain), 0.0))
             if rival.effect in ("unknown", term.effect) or rival.calibrates:
                 continue
-            if raw < gain - RIVAL and 1 < term.design.shape[1] <= 2:
+            if raw < gain - alike and 1 < term.design.shape[1] <= 2:
                 # Part of the term may stay beside the rival.
                 part = max(
                     self.evidence.fit(
@@ -372,7 +376,7 @@ class Selector:
                     for k in range(term.design.shape[1])
                 )
                 raw = part - self.gain(rest)
-            if raw > gain - RIVAL:
+            if raw > gain - alike:
                 rivals.setdefault(rival.effect, raw)
         confidence = 1.0 / sum(weights.values())
         return Chosen(
