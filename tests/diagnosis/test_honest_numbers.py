@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.diagnosis.recorded import recording_of
+from tests.diagnosis.recorded import PER_TICK, recording_of
 from tests.worlds.kinematic import Spec, drive
 from tpmsd.diagnosis.channels import Reader
 from tpmsd.diagnosis.diagnose import diagnose
@@ -17,6 +17,7 @@ from tpmsd.diagnosis.motion import reference
 from tpmsd.diagnosis.response import catalogue_columns, radius_columns
 from tpmsd.diagnosis.result import Diagnosis
 from tpmsd.diagnosis.study import first_noise
+from tpmsd.diagnosis.tone_ring import ripples
 from tpmsd.diagnosis.whitening import whiten
 from tpmsd.physics.model import ExtendedModel
 
@@ -113,3 +114,21 @@ def test_heights_that_wander_on_a_flat_road_are_no_slopes() -> None:
     values = {name: quantity.value for name, quantity in diagnosis.findings[0].parameters.items()}
     assert values["slip_per_accel"] == pytest.approx(2.3e-3, rel=0.03)
     assert any("heights" in note for note in diagnosis.notes)
+
+
+def test_a_ripple_that_readings_flatten_has_its_size_all_the_same() -> None:
+    """At one reading in 60 ms a wheel turns by half a turn and more between two: what lies on the line
+    between them is less than half of the ripple.
+    """
+    size = 0.008
+    spec = Spec(duration_s=600.0, physics={"tone_ring_error": {"wheel": "rl", "amplitude_rad": size}})
+    world = drive(spec, 61)
+    every = 3
+    sampled_s = 0.02 * np.arange(len(world.shown_rad))
+    edges_s = sampled_s[::PER_TICK]
+    angle = [np.interp(edges_s, sampled_s[::every], one) for one in world.shown_rad[::every].T]
+    recording = replace(recording_of(world), rotation_rad=np.diff(np.stack(angle, axis=1), axis=0))
+    found = ripples(recording, reference(recording))
+
+    assert "rl" == found[0].wheel
+    assert found[0].amplitude_rad == pytest.approx(size, rel=0.15)

@@ -26,12 +26,14 @@ HIGH_PASS_S = 0.5
 MIN_SPEED_MPS = 4.0
 BLOCK_TICKS = 300
 FOLDS = 5
-ADMIT = 11.0
-"""Log-likelihood for amplitude and phase of one of four wheels."""
-BETWEEN_READINGS = 0.1
-"""Relative standard deviation of an amplitude: at a few readings per turn, what is interpolated between them
-(or averaged, where the bus has speeds) is flatter than the ripple, by an unknown share.
+ADMIT = 12.0
+"""Log-likelihood for amplitude, phase and flattening of one of four wheels."""
+PERIODS_S = np.arange(0.0, 0.101, 0.01)
+"""Between readings. At a few readings per turn, what is interpolated between them (or averaged, where the bus
+has speeds) is flatter than the ripple, the more the faster the wheel turns.
 """
+BETWEEN_READINGS = 0.1
+"""Relative standard deviation of an amplitude: how much flatter is known no better."""
 MAX_TEETH = 75.0
 """Beyond, one tooth more or less is within what radii differ by."""
 FROM_OFFSET, WITHIN = 0.012, 0.35
@@ -59,10 +61,10 @@ def ripples(recording: Recording, reference: Reference) -> list[Ripple]:
     """The wheels whose teeth are uneven, the clearest first."""
     if len(recording.wheels) < 4:
         return []
-    rows, regressors, blocks = _prepared(recording, reference)
+    rows, regressors, turns_hz, blocks = _prepared(recording, reference)
     if len(rows) < 10 * BLOCK_TICKS:
         return []
-    found = [_judged(k, rows, regressors, blocks) for k in range(4)]
+    found = [_judged(k, rows, _flattened(k, rows, regressors, turns_hz), blocks) for k in range(4)]
     return sorted((one for one in found if one is not None), key=lambda one: -one.gain)
 
 
@@ -83,12 +85,33 @@ def wrong_teeth(recording: Recording, radii_m: FloatArray) -> list[tuple[str, fl
     return out
 
 
-def _prepared(recording: Recording, reference: Reference) -> tuple[FloatArray, FloatArray, np.ndarray]:
-    """Rapid differences between wheels (n, 4) in rad, sines and cosines (n, 4, 2), and blocks (n,)."""
+def _flattened(k: int, rows: FloatArray, regressors: FloatArray, turns_hz: FloatArray) -> FloatArray:
+    """(n, 2) sine and cosine of a wheel as they come through readings of the period that fits best.
+
+    Linear interpolation between readings T apart leaves of a sine of f the share sinc2(f T).
+    """
+    best, most = regressors[:, k], -math.inf
+    for period_s in PERIODS_S:
+        X = regressors[:, k] * np.sinc(turns_hz[:, k, None] * period_s) ** 2
+        b = X.T @ rows[:, k]
+        gain = float(b @ np.linalg.solve(X.T @ X + 1e-9 * np.eye(2), b))
+        if gain > most:
+            best, most = X, gain
+    return best
+
+
+def _prepared(
+    recording: Recording, reference: Reference
+) -> tuple[FloatArray, FloatArray, FloatArray, np.ndarray]:
+    """Rapid differences between wheels (n, 4) in rad, sines and cosines (n, 4, 2), turns per second (n, 4)
+    and blocks (n,).
+    """
     motion, car = reference.motion, reference.car
     turned = np.nan_to_num(recording.rotation_rad)
     angle = np.concatenate([np.zeros((1, 4)), np.cumsum(turned, axis=0)])
-    expected = integrate(wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, car.geometry), motion.time_s)
+    speeds = wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, car.geometry)
+    expected = integrate(speeds, motion.time_s)
+    turns_hz = speeds / car.radius_m / (2.0 * math.pi)
     off = angle - expected / car.radius_m
     sigma = HIGH_PASS_S / recording.dt_s
 
@@ -101,15 +124,15 @@ def _prepared(recording: Recording, reference: Reference) -> tuple[FloatArray, F
     whole = np.concatenate([[False], reference.valid]) & np.concatenate([reference.valid, [False]])
     broken = gaussian_filter1d((~whole).astype(np.float64), sigma) > 0.02
     use = ~broken & (motion.speed_mps > MIN_SPEED_MPS)
-    rows, regressors = rows[use], regressors[use]
+    rows, regressors, turns_hz = rows[use], regressors[use], turns_hz[use]
     calm = np.abs(rows).max(axis=1) < 6.0 * float(np.median(np.abs(rows)) + 1e-12) / 0.6745
-    rows, regressors = rows[calm], regressors[calm]
-    return rows, regressors, np.arange(len(rows)) // BLOCK_TICKS
+    rows, regressors, turns_hz = rows[calm], regressors[calm], turns_hz[calm]
+    return rows, regressors, turns_hz, np.arange(len(rows)) // BLOCK_TICKS
 
 
 def _judged(k: int, rows: FloatArray, regressors: FloatArray, blocks: np.ndarray) -> Ripple | None:
     y = rows[:, k]
-    X = 0.75 * regressors[:, k]  # a quarter went into the mean of the wheels
+    X = 0.75 * regressors  # a quarter went into the mean of the wheels
     variance = float(np.var(y))
     count = int(blocks.max()) + 1
     A = np.stack([X[blocks == b].T @ X[blocks == b] for b in range(count)])
