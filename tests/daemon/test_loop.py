@@ -198,23 +198,24 @@ def test_a_bus_that_goes_away_is_a_malfunction_that_ends(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     """A bus down for long is reported as malfunction, on the bus too once it is back, and then cleared."""
-    config, database = car(tmp_path, "[monitor]\nmalfunction_s = 3.0\n")
+    # Of this clock 8 s are a fifth of a second: a busy machine is away for less.
+    config, database = car(tmp_path, "[monitor]\nmalfunction_s = 8.0\n")
     clock = Clock(SCALE)
     bus = DrivingBus(clock.now)
     start_s = clock.now()
     events: list[AlarmEvent] = []
 
     def watch(step: Step) -> None:
-        bus.is_up = not 10.0 < clock.now() - start_s < 25.0
+        bus.is_up = not 10.0 < clock.now() - start_s < 30.0
         events.extend(step.report.events)
 
-    daemon = run(config, database, clock, bus, 50.0, on_step=watch)
+    daemon = run(config, database, clock, bus, 60.0, on_step=watch)
 
     assert [("malfunction", None, "raised"), ("malfunction", None, "cleared")] == [
         (str(event.kind), event.wheel, event.state) for event in events
     ]
-    assert 12.0 < events[0].time_s - start_s < 15.0
-    assert 25.0 < events[1].time_s - start_s < 35.0
+    assert 17.0 < events[0].time_s - start_s < 23.0
+    assert 30.0 < events[1].time_s - start_s < 45.0
     assert 2 == bus.opened
     assert daemon.document()["can"]["state"] in WELL
     assert 1 == daemon.document()["can"]["faults"]["down"]
