@@ -99,8 +99,8 @@ def _of_warm_up(
     order = np.argsort(trials, kind="stable")
     inside = np.flatnonzero(gains[order] >= lowest)
     ends = [
-        _crossing(gains[order], lowest, int(inside[0]), -1),
-        _crossing(gains[order], lowest, int(inside[-1]), 1),
+        crossing(gains[order], lowest, int(inside[0]), -1),
+        crossing(gains[order], lowest, int(inside[-1]), 1),
     ]
     places = np.arange(len(trials), dtype=np.float64)
     reach = float(np.abs(np.interp(ends, places, trials[order]) - tau).max())
@@ -113,7 +113,7 @@ def _of_warm_up(
     }
 
 
-def _crossing(gains: FloatArray, level: float, inside: int, step: int) -> float:
+def crossing(gains: FloatArray, level: float, inside: int, step: int) -> float:
     """Where, from a place that is inside outwards, the gains fall to the level; between places, linearly."""
     outside = inside + step
     if not 0 <= outside < len(gains):

@@ -1,0 +1,56 @@
+"""The noise of a drive before anything was looked for, and the ends of an interval."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.recorded import recording_of
+from tests.worlds.kinematic import Spec, drive
+from tpmsd.diagnosis.channels import Reader
+from tpmsd.diagnosis.motion import reference
+from tpmsd.diagnosis.noise_fit import Stage, fit_noise
+from tpmsd.diagnosis.study import DriveStudy, first_noise
+from tpmsd.diagnosis.tangent import crossing
+from tpmsd.diagnosis.whitening import Noise
+
+
+def first_fit(loss_m: float) -> Noise:
+    """Of two wheels and a receiver alone, of which one tyre loses this halfway."""
+    leak = {"wheel": "rl", "deviation_m": loss_m, "onset_s": 300.0, "duration_s": 2.0}
+    recording = recording_of(drive(Spec(duration_s=600.0, physics={"radius_change": leak}), 71))
+    rotation = np.where([False, False, True, True], recording.rotation_rad, np.nan)
+    inertial = {name: np.full(recording.ticks, np.nan) for name in recording.inertial}
+    recording = dataclasses.replace(recording, rotation_rad=rotation, inertial=inertial)
+    reader = Reader(recording, reference(recording))
+    study = DriveStudy(reader, {})
+    radii = [k for k, name in enumerate(study.names) if name[0] == "radius"]
+    columns = study.columns[:, :, [0, *radii]]
+    return fit_noise(reader.windows, columns, first_noise(reader), Stage.FIRST)
+
+
+def test_a_tyre_that_changed_halfway_does_not_make_single_readings_rough() -> None:
+    """Each stretch from which the noise is told has radii of its own: what a window's way is said to scatter
+    by stays within twice that of a sound tyre, a millimetre; with radii in common it was nine centimetres.
+    """
+    sound, leaking = (first_fit(loss_m) for loss_m in (0.0, -3e-3))
+    way_m = 20.0
+    scatter = [math.hypot(noise.rough_m * math.sqrt(way_m), noise.floor_m) for noise in (sound, leaking)]
+
+    assert scatter[0] < 1.5e-3
+    assert scatter[1] < 2.0 * scatter[0]
+
+
+@pytest.mark.parametrize(
+    ("inside", "step", "expected"), [(2, 1, 2.25), (2, -1, 1.5), (3, 1, 3.0), (0, -1, 0.0)]
+)
+def test_an_interval_ends_between_two_trials(inside: int, step: int, expected: float) -> None:
+    """Where a line between the last that is inside and the first that is not crosses the level; at the last
+    of all trials where none is outside.
+    """
+    gains = np.array([6.0, 6.0, 10.0, 2.0])
+
+    assert crossing(gains, 8.0, inside, step) == expected
