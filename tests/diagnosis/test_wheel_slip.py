@@ -16,11 +16,12 @@ from tpmsd.diagnosis.diagnose import diagnose
 from tpmsd.diagnosis.motion import reference
 from tpmsd.diagnosis.recording import Recording
 from tpmsd.diagnosis.result import Explanatory
-from tpmsd.diagnosis.wheel_slip import FREE_WHEELS, SIDE_SLIP, dynamics_of, slip_columns, wheel_slip_shapes
+from tpmsd.diagnosis.wheel_slip import SIDE_SLIP, slip_columns
 from tpmsd.physics.kinematics import Geometry
 from tpmsd.physics.motion import GRAVITY_MPS2, Car, Motion, driven_mask
 from tpmsd.report.diagnosis_document import diagnosis_document
 from tpmsd.report.diagnosis_summary import explained
+from tpmsd.vehicle_state.slip_shapes import FREE_WHEELS, dynamics_of, wheel_slip_shapes
 
 STIFFNESS = 60.0
 """Slip stiffness over load: a stiff tyre, so that ten minutes hold no more than some thousand nats."""

@@ -14,22 +14,11 @@ from __future__ import annotations
 import numpy as np
 
 from tpmsd.diagnosis.channels import CHANNELS, COURSE, Reader
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.vehicle_state.car import CarDynamics, typical
-from tpmsd.vehicle_state.model import wheel_loads
-from tpmsd.vehicle_state.slips import SlipTraces, slip_traces
+from tpmsd.vehicle_state.slip_shapes import typical_slips, wheel_slip_shapes
 from tpmsd.wheels import FloatArray
 
 WHEEL_SLIP, SIDE_SLIP = "wheel_slip", "side_slip"
 """What the columns are called: the name of each is one of these and a value's name."""
-AXLES: dict[str, tuple[int, int]] = {"front": (0, 1), "rear": (2, 3)}
-UNIT = "s2/m"
-"""Of the values of wheel slip: slip per acceleration of wheels that do not slide."""
-PROBE_MPS2 = 0.01
-"""An acceleration at which no tyre slides."""
-FREE_WHEELS = 0.02
-"""Force that spins up an axle of wheels without drive, over the car's mass times its acceleration: two wheels
-of 1 kg m2 and 0.3 m against 1.1 t."""
 
 
 def slip_columns(reader: Reader) -> list[tuple[tuple[str, ...], FloatArray]]:
@@ -46,62 +35,6 @@ def slip_columns(reader: Reader) -> list[tuple[tuple[str, ...], FloatArray]]:
             column[:, wheel] = reader.rolled_m[:, wheel] * reader.over_windows(slip[:, wheel])
         out.append(((WHEEL_SLIP, name), column))
     course = np.zeros((len(reader.windows), CHANNELS))
-    course[:, COURSE] = reader.over_windows(_traces(motion, car).side_slip_rad)
+    course[:, COURSE] = reader.over_windows(typical_slips(motion, car).side_slip_rad)
     out.append(((SIDE_SLIP, "share"), course))
     return out
-
-
-def wheel_slip_shapes(motion: Motion, car: Car) -> dict[str, FloatArray]:
-    """(n, 4) each, by name (`front_drive`, `rear_brake`, ...): slip of an axle's wheels per unit of its
-    value.
-
-    A value is the slip per acceleration while nothing slides. The tyre model gives how much more it takes
-    where a tyre carries side force as well, or is near its limit. A tyre's slip stiffness goes with its load
-    (Pacejka, Tyre and Vehicle Dynamics, 2012, section 4.3), so that the same force needs less slip on the
-    axle to which braking moves the weight. Wheels without drive are spun up by the road, and slip a little
-    the other way.
-    """
-    dynamics = dynamics_of(car)
-    softer = _stiffness_lost(dynamics, motion)
-    slip = _traces(motion, car).wheel_slip * softer
-    small = np.array([PROBE_MPS2, -PROBE_MPS2])
-    slopes = slip_traces(dynamics, small, np.zeros(2)).wheel_slip / small[:, None]
-    out = {}
-    for axle, wheels in AXLES.items():
-        for sign, how in enumerate(("drive", "brake")):
-            if slopes[sign, wheels[0]] > 0.0:
-                acting = np.maximum(slip, 0.0) if how == "drive" else np.minimum(slip, 0.0)
-                shape = np.zeros_like(slip)
-                shape[:, wheels] = acting[:, wheels] / slopes[sign, wheels[0]]
-                if how == "drive" and np.count_nonzero(slopes[sign]) == 2:
-                    free = slopes[sign] == 0.0
-                    pull = np.maximum(motion.specific_force_long_mps2, 0.0)[:, None]
-                    shape[:, free] = -FREE_WHEELS * pull * softer[:, free]
-                out[f"{axle}_{how}"] = shape
-    return out
-
-
-def dynamics_of(car: Car) -> CarDynamics:
-    """A typical car with the geometry and the driven axle of this one."""
-    front, rear = bool(car.driven[:2].any()), bool(car.driven[2:].any())
-    driven = "all" if front and rear else "front" if front else "rear"
-    geometry = car.geometry
-    return typical(geometry.wheelbase_m, geometry.track_front_m, geometry.track_rear_m, driven)
-
-
-def _traces(motion: Motion, car: Car) -> SlipTraces:
-    steering = motion.measured.get("steering")
-    return slip_traces(
-        dynamics_of(car),
-        motion.specific_force_long_mps2,
-        motion.accel_lat_mps2,
-        np.gradient(motion.yaw_rate_radps, motion.time_s),
-        motion.steering_rad if steering is None else steering / car.steering_ratio,
-    )
-
-
-def _stiffness_lost(car: CarDynamics, motion: Motion) -> FloatArray:
-    """(n, 4) load at rest over load."""
-    load = wheel_loads(car, motion.specific_force_long_mps2, motion.accel_lat_mps2)
-    rest = wheel_loads(car, np.zeros(1), np.zeros(1))
-    return np.asarray(np.clip(rest / np.maximum(load, 1.0), 0.5, 2.0))
