@@ -25,6 +25,7 @@ from tpmsd.monitor.records import AlarmEvent
 from tpmsd.pipeline import Pipeline, Step
 from tpmsd.sinks.sd_notify import Notifier
 from tpmsd.sinks.state_file import save_state
+from tpmsd.sources.can_frame import CanFrame
 
 SCALE = 40.0
 GRACE_S = 0.05 * SCALE
@@ -314,6 +315,38 @@ def test_an_alarm_outlives_a_restart(tmp_path: Path) -> None:
         str(first[name]) for name in ("AlarmKind", "AlarmWheel", "AlarmRaised")
     )
     assert ["deflation"] == [alarm["kind"] for alarm in daemon.document()["alarms"]]
+
+
+def test_frames_that_come_while_the_process_is_held_up_are_not_too_late(tmp_path: Path) -> None:
+    """Held up for a second of its clock right behind every twentieth look at the bus, it loses no frame."""
+    config, database = car(tmp_path)
+    clock = Clock(10.0)
+    taken: list[float] = []
+
+    class HeldUp(DrivingBus):
+        looks = 0
+
+        def read(self, limit: int = 1000) -> list[CanFrame]:
+            frames = super().read(limit)
+            self.looks += 1
+            if self.looks % 20 == 0:
+                time.sleep(0.1)
+            return frames
+
+    class Counting(Pipeline):
+        def on_frame(
+            self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, is_fd: bool = False
+        ) -> list[Step]:
+            taken.append(time_s)
+            return super().on_frame(time_s, arbitration_id, is_extended, data, is_fd)
+
+    bus = HeldUp(clock.now)
+    daemon = run(config, database, clock, bus, 20.0, make_pipeline=Counting, grace_s=0.06)
+
+    assert bus.looks > 40
+    assert 0 == daemon.document()["can"]["faults"].get("too_late", 0)
+    assert taken == pytest.approx([taken[0] + 0.02 * index for index in range(len(taken))], abs=1e-3)
+    assert len(taken) >= 900
 
 
 @pytest.mark.parametrize("step_s", [-3600.0, -2.0, 3600.0])

@@ -205,14 +205,18 @@ class Daemon:
                     self.stop(number.name)
             elif isinstance(owner, StatusServer):
                 owner.service(self._clock.monotonic())
-        self._collect()
-        late_s = self._deadlines.take(self._clock.monotonic())
+        now_s, monotonic_s = self._collect()
+        late_s = self._deadlines.take(monotonic_s)
         if late_s is not None:
-            self._tick()
+            self._tick(now_s, monotonic_s)
             self._report_lag(late_s)
 
-    def _collect(self) -> None:
-        """Read all that is there into the queue."""
+    def _collect(self) -> tuple[float, float]:
+        """Read all that is there into the queue; what the clock read before.
+
+        All that was stamped until then is in the queue now. Of later times that cannot be said: this process
+        may be held up at any line, and what comes meanwhile waits to be read.
+        """
         now_s, monotonic_s = self._clock.read()
         frames = self._bus.read(monotonic_s)
         for frame in frames:
@@ -228,9 +232,10 @@ class Daemon:
             for stamp_s, line in self._receiver.read(monotonic_s, now_s):
                 if not line.startswith(PREFIX):  # only the daemon itself makes these
                     self._queue.put_sentence(line, stamp_s)
+        return now_s, monotonic_s
 
-    def _tick(self) -> None:
-        now_s, monotonic_s = self._clock.read()
+    def _tick(self, now_s: float, monotonic_s: float) -> None:
+        """Feed the pipeline with what came until then."""
         steps_before = self._feeder.clock_steps
         self._handle(self._feeder.feed(now_s, monotonic_s, self._faults), monotonic_s)
         if self._feeder.clock_steps != steps_before:
