@@ -18,9 +18,10 @@ import numpy as np
 
 from tpmsd.diagnosis.chosen import Chosen, Selection
 from tpmsd.diagnosis.evidence import Evidence
+from tpmsd.diagnosis.plausible import IMPOSSIBLE, against_ratio, ratio_limits, thinkable
 from tpmsd.diagnosis.terms import Hypotheses, Term, group_gain
 from tpmsd.physics.catalogue import EFFECTS
-from tpmsd.physics.effect import Parameter
+from tpmsd.physics.effects.unknown import Unknown
 from tpmsd.wheels import FloatArray
 
 ADMIT = 6.0
@@ -43,6 +44,8 @@ LIKE = 0.05
 """Share of what a free shape brings that an effect over the same covariate must bring beside it: a shape is
 one of many that would do, and what its form leaves looks like whatever depends on the same.
 """
+SAME = 0.97
+"""Share of an effect's response from which a free shape on those wheels is the same effect without a name."""
 MAX_TERMS = 8
 RIVAL = 2.0
 """Rivals whose fit is worse by less than this are not told apart."""
@@ -53,20 +56,7 @@ SPLITS = (("front", "rear"), ("left", "right"))
 """Pairs of places that may act each in its own way."""
 MIN_EIGENVALUE = 1e-6
 """Of the terms' correlation matrix, calibration included."""
-SMALLEST_M = 3e-5
-"""No road leaves a tyre's radius alone better than to this: a smaller change is not worth a name."""
 _MAX_RATIO = 25.0
-BOUNDS = {
-    (name, parameter.name): (parameter.lower - 1.0, parameter.upper - 1.0)
-    if name == "yaw_rate_scale"
-    else (parameter.lower, parameter.upper)
-    for name, effect in EFFECTS.items()
-    for parameter in effect.parameters
-    if isinstance(parameter, Parameter)
-}
-BOUNDS["doppler_lag", "lag_s"] = (-0.2, 0.2)
-BOUNDS["grade_share", "share"] = (-1.5, 1.0)
-"""Of the fitted values, by effect and parameter; a scale is fitted as its difference from one."""
 
 
 class Selector:
@@ -77,6 +67,7 @@ class Selector:
         self.evidence = evidence
         self.hypotheses = hypotheses
         self.last = last
+        self._shares: dict[tuple[int, str, str], float] = {}
 
     def select(self, most: int = MAX_TERMS) -> Selection:
         """Choose, in at most so many steps."""
@@ -215,8 +206,9 @@ class Selector:
                 if weakest < threshold:
                     continue
                 sure -= ADMIT
-            needed = max(threshold, beside) if terms[0].effect == "unknown" else threshold
-            needed = max([needed, *(self._least(now, len(chosen) + k) for k in range(len(terms)))])
+            needed = threshold if self._completes(chosen, terms[0]) else max(threshold, beside)
+            if min(self._spare(now, len(chosen) + k) for k in range(len(terms))) < 0.0:
+                continue
             if sure > needed and (best is None or sure > best[0]):
                 best = (sure, terms)
         return None if best is None else best[1]
@@ -229,17 +221,27 @@ class Selector:
         scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
         if float(np.linalg.eigvalsh(gram / np.outer(scale, scale))[0]) < MIN_EIGENVALUE:
             return False
-        values = self.evidence.fit(design).values
+        if not self._possible(terms):
+            return False
+        fit = self.evidence.fit(design)
         at = self.hypotheses.nuisance.shape[1]
         for term in terms:
-            here = np.abs(values[at : at + term.design.shape[1]])
-            if term.on_radii and float(here.max()) < SMALLEST_M:
+            if not thinkable(term, fit.values[at : at + term.design.shape[1]]):
                 return False
-            for k, name in enumerate(term.parameters):
-                bounds = BOUNDS.get((term.effect, name))
-                if bounds is not None and not bounds[0] <= values[at + k] <= bounds[1]:
-                    return False
             at += term.design.shape[1]
+        return True
+
+    def _possible(self, terms: list[Term]) -> bool:
+        """Whether the ratio of an effect's two values may be what nature knows."""
+        if all(ratio_limits(term) is None for term in terms):
+            return True
+        fit = self.evidence.fit(self.design(terms))
+        at = self.hypotheses.nuisance.shape[1]
+        for term in terms:
+            here = slice(at, at + term.design.shape[1])
+            if against_ratio(term, fit.values[here], fit.covariance[here, here]) > IMPOSSIBLE:
+                return False
+            at = here.stop
         return True
 
     def _needed(self, terms: list[Term], which: int) -> float:
@@ -248,22 +250,69 @@ class Selector:
         gain = self.gain(terms) - self.gain(rest)
         return gain / self.ratio(terms, which) - terms[which].penalty
 
-    def _least(self, terms: list[Term], which: int) -> float:
-        """What an effect must bring beside free shapes over the covariate that it depends on itself."""
-        effect = EFFECTS.get(terms[which].effect)
-        if not self.last or effect is None or effect.shows_in[1] in ("time", "distance"):
-            return 0.0
-        least = 0.0
-        for k, shape in enumerate(terms):
-            if shape.effect == "unknown" and shape.covariate == effect.shows_in[1] and k != which:
-                alone = [term for j, term in enumerate(terms) if j not in (k, which)]
-                least = max(least, LIKE * (self.gain([*alone, shape]) - self.gain(alone)))
-        return least
+    def _spare(self, terms: list[Term], which: int) -> float:
+        """What an effect brings more than it must beside free shapes over the covariate that it depends on.
 
-    def _own(self, terms: list[Term]) -> bool:
-        """Whether the last of the terms is more than what the form of a shape leaves."""
-        least = self._least(terms, len(terms) - 1)
-        return least == 0.0 or self._needed(terms, len(terms) - 1) >= least
+        A shape is one of many that would do. What its form leaves looks like an effect as far as shapes on
+        those wheels can imitate it; and on which wheels it acts is one of several answers, so the effect
+        must be needed, too, where both axles have a shape of their own. Infinite where there is no shape.
+        """
+        over = self._over(terms, which)
+        if not over:
+            return math.inf
+        free = [*terms, *self._beside(terms, which)]
+        least = ADMIT
+        for shape in over:
+            alone = [term for term in terms if term is not shape and term is not terms[which]]
+            brings = self.gain([*alone, shape]) - self.gain(alone)
+            least = max(least, LIKE * self._imitated(terms[which], shape) * brings)
+        return self._needed(free, which) - least
+
+    def _over(self, terms: list[Term], which: int) -> list[Term]:
+        """The free shapes among the terms over the covariate that an effect depends on."""
+        effect = EFFECTS.get(terms[which].effect)
+        if not self.last or effect is None or effect is Unknown or effect.shows_in[1] in ("time", "distance"):
+            return []
+        return [t for t in terms if t.effect == "unknown" and t.covariate == effect.shows_in[1]]
+
+    @staticmethod
+    def _completes(chosen: list[Term], term: Term) -> bool:
+        """Whether a term is an effect, or a shape that lets a chosen one act on other wheels, too."""
+        return term.effect != "unknown" or any(
+            other.effect == "unknown" and other.covariate == term.covariate != "time" for other in chosen
+        )
+
+    def _beside(self, terms: list[Term], which: int, value: bool = False) -> list[Term]:
+        """What else an effect must be told from where free shapes act over its covariate: a shape of its own
+        for each axle, unless that is the effect in other words, and for an old fix the age of the Doppler
+        speed alone. For its value also the side slip of tyres that slip under drive force: in bends it makes
+        the course look old.
+        """
+        over = self._over(terms, which)
+        if not over:
+            return []
+        usual = {t.place: t for t in self.hypotheses.shapes_over(over[0]) if not t.knots}
+        places = {term.place for term in over}
+        wanted = ("all" if "all" not in places else "front",) if "all" in usual else ("front", "rear")
+        out = [usual[place] for place in wanted if place in usual and place not in places]
+        out = [shape for shape in out if self._imitated(terms[which], shape) < SAME]
+        if terms[which].effect == "gnss_latency":
+            alike = {"doppler_lag", "lateral_slip"} if value else {"doppler_lag"}
+            alike -= {term.effect for term in terms}
+            out += [term for term in self.hypotheses.catalogue if term.effect in alike]
+        return out
+
+    def _imitated(self, term: Term, shape: Term) -> float:
+        """Share (0 to 1) of an effect's response that shapes on those wheels can take the place of."""
+        both = (id(term.design), shape.place, shape.covariate)
+        if both not in self._shares:
+            gram, _ = self.evidence.projected(self.hypotheses.nuisance)
+            alike = [other for other in self.hypotheses.shapes_over(shape) if other.place == shape.place]
+            part = np.concatenate([other.design[1:] for other in alike], axis=1)
+            own = float(np.einsum("ik,ij,jk->", term.design[1:], gram, term.design[1:]))
+            taken = sum(2.0 * group_gain(part, gram, gram @ column)[0] for column in term.design[1:].T)
+            self._shares[both] = float(np.clip(taken / max(own, 1e-300), 0.0, 1.0))
+        return self._shares[both]
 
     def _exchange(self, chosen: list[Term]) -> list[Term]:
         """Replace terms by better rivals until none is left."""
@@ -274,7 +323,9 @@ class Selector:
                 now = self._net(chosen[k], self.gain(chosen) - self.gain(rest), self._first(chosen, k))
                 better = [terms for net, terms in self.candidates(rest)[:4] if net > now + 0.5]
                 better = [
-                    terms for terms in better if self._sane([*rest, *terms]) and self._own([*rest, *terms])
+                    terms
+                    for terms in better
+                    if self._sane([*rest, *terms]) and self._spare([*rest, *terms], len(rest)) >= 0.0
                 ]
                 if better:
                     chosen = [*rest, *better[0]]
@@ -327,7 +378,7 @@ class Selector:
         while len(chosen) > 1:
             threshold = 0.7 * self._threshold(chosen)
             spare = [
-                self._needed(chosen, k) - max(threshold, self._least(chosen, k)) for k in range(len(chosen))
+                min(self._needed(chosen, k) - threshold, self._spare(chosen, k)) for k in range(len(chosen))
             ]
             worst = int(np.argmin(spare))
             if spare[worst] >= 0.0:
@@ -346,7 +397,8 @@ class Selector:
         fit = self.evidence.fit(self.design(chosen))
         start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in chosen[:which])
         at = slice(start, start + term.design.shape[1])
-        ratios = np.clip(self.evidence.sandwich(fit)[at], 1.0, _MAX_RATIO)
+        beside = self.evidence.fit(self.design([*chosen, *self._beside(chosen, which, value=True)]))
+        ratios = np.clip(self.evidence.sandwich(beside)[at], 1.0, _MAX_RATIO)
         gain = fit.gain - self.gain(rest)
         sure = gain / float(ratios.max()) - term.penalty
         rivals: dict[str, float] = {}
@@ -363,6 +415,8 @@ class Selector:
             if rival.effect == "unknown":
                 name = "unknown"
             better = net - self._net(term, gain, float(fit.values[start]))
+            if rival.effect in EFFECTS and not self._possible([*rest, rival]):
+                continue
             if name not in weights and name != term.effect:
                 weights[name] = math.exp(min(better / (float(ratios.max()) + ALIKE * gain), 0.0))
             if rival.effect in ("unknown", term.effect) or rival.calibrates:
@@ -386,8 +440,8 @@ class Selector:
             heldout_gain=self._heldout_gain(chosen, which),
             confidence=confidence,
             rivals=tuple(sorted(rivals, key=lambda name: -rivals[name])),
-            values=fit.values[at],
-            stds=np.sqrt(np.diag(fit.covariance)[at] * ratios + (MODEL_ERROR * fit.values[at]) ** 2),
+            values=beside.values[at],
+            stds=np.sqrt(np.diag(beside.covariance)[at] * ratios + (MODEL_ERROR * beside.values[at]) ** 2),
         )
 
 

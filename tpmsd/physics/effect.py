@@ -141,6 +141,8 @@ class Effect:
     """Channel and covariate over which it shows: wheel, wheel_ratio, gnss_speed, gnss_course, yaw_rate."""
     one_sign: ClassVar[bool] = False
     """Whether nature knows but one sign (positive) of its first parameter."""
+    ratio_limits: ClassVar[tuple[float, float] | None] = None
+    """Of its second parameter to its first, the least and the greatest that nature knows, if it has such."""
 
     def __post_init__(self) -> None:
         for parameter in self.parameters:

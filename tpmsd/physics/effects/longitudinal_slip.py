@@ -28,6 +28,8 @@ class LongitudinalSlip(Effect):
     telling_drive: ClassVar[str] = "accelerate firmly and coast at the same speeds on a straight, ten times"
     shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "accel_long")
     one_sign: ClassVar[bool] = True
+    ratio_limits: ClassVar[tuple[float, float]] = (0.0, 5e-3)
+    """One tyre under two forces: d/c is half a rho c_d A / m, 3e-4 /m for a car, 1e-3 for a tall one."""
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter("slip_per_accel", "s2/m", 2e-3, -0.1, 0.1, "c, slip per m/s2", probe=1e-5),
         Parameter(

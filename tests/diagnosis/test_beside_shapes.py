@@ -1,0 +1,105 @@
+"""Effects beside free shapes over the same covariate, and values that no force makes together."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tpmsd.diagnosis.evidence import Evidence, part
+from tpmsd.diagnosis.selection import Selector
+from tpmsd.diagnosis.terms import Hypotheses, Term, shape_price
+from tpmsd.wheels import FloatArray
+
+WINDOWS = 600
+RATIO, COMMON, OWN = 100.0, 15.0, slice(3, 8)
+"""Lengths of the whitened responses: of one axle against the other, and of both against the receiver."""
+PER_SECOND, PER_METRE = 150.0, 1e5
+
+
+class Given(Hypotheses):
+    """These terms and no others."""
+
+    def __init__(self, width: int, catalogue: list[Term], shapes: list[Term]) -> None:
+        self.width = width
+        self.nuisance = np.zeros((width, 0))
+        self.catalogue = catalogue
+        self._smooth = shapes
+
+    def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
+        """None."""
+        return []
+
+    pulse_gains = ramp_gains
+
+
+def columns(*numbers: int, width: int) -> FloatArray:
+    """(width, k) design of these columns."""
+    return np.eye(width)[:, list(numbers)]
+
+
+def shape(place: str, covariate: str, design: FloatArray) -> Term:
+    """A free shape."""
+    names = tuple(f"at_{k}" for k in range(design.shape[1]))
+    return Term("unknown", design, names, shape_price(len(names)), place=place, covariate=covariate)
+
+
+def directions(count: int) -> FloatArray:
+    """(rows, count) orthonormal responses."""
+    rng = np.random.default_rng(5)
+    return np.asarray(np.linalg.qr(rng.standard_normal((WINDOWS * 9, count)))[0])
+
+
+def evidence(data: FloatArray, responses: FloatArray) -> Evidence:
+    """Data with noise of unit size, and the columns of all terms."""
+    noisy = data + np.random.default_rng(6).standard_normal(len(data))
+    rows = np.concatenate([noisy[:, None], responses], axis=1)
+    return Evidence([part(rows.reshape(WINDOWS, 9, -1), np.arange(WINDOWS) // 8)], rows.shape[1])
+
+
+@pytest.mark.parametrize(
+    ("old_fix", "found"),
+    [(False, {("unknown", "rear"), ("unknown", "all")}), (True, {("unknown", "rear"), ("gnss_latency", "")})],
+)
+def test_an_old_fix_is_told_from_slip_of_the_other_axle(old_fix: bool, found: set[tuple[str, str]]) -> None:
+    """Nine tenths of an old fix look like slip of all wheels; only the last tenth may give it its name.
+
+    The shape of all wheels costs 26 nats, the latency 3.5, so by what they bring for their price slip alone
+    (some 100 nats, of which the latency takes four fifths) would be an old fix.
+    """
+    u = directions(8)
+    latency = 0.9 * u[:, 1] + np.sqrt(0.19) * u[:, 2]
+    responses = np.concatenate(
+        [PER_METRE * u[:, :2], PER_METRE * u[:, OWN], PER_SECOND * latency[:, None]], axis=1
+    )
+    rear = shape("rear", "accel_long", columns(1, width=9))
+    both = shape("all", "accel_long", columns(2, 3, 4, 5, 6, 7, width=9))
+    lag = Term("gnss_latency", columns(8, width=9), ("latency_s",), 3.5)
+    data = RATIO * u[:, 0] + COMMON * (latency if old_fix else u[:, 1])
+    selector = Selector(evidence(data, responses), Given(9, [lag], [rear, both]), last=True)
+    chosen = selector.select().chosen
+
+    assert selector.gain([rear, lag]) - selector.gain([rear]) > 50.0
+    assert found == {(one.term.effect, one.term.place) for one in chosen}
+    for one in chosen:
+        if one.term.effect == "gnss_latency":
+            assert one.values[0] == pytest.approx(COMMON / PER_SECOND, abs=3.0 * one.stds[0])
+            assert one.stds[0] > 1.5 / PER_SECOND  # what it would be beside the rear axle's shape alone: 1.0
+
+
+@pytest.mark.parametrize(
+    ("per_accel", "per_speed2", "effect"),
+    [(2e-3, 6e-7, "longitudinal_slip"), (2e-3, -6e-6, "unknown"), (1e-6, -3e-5, "unknown")],
+)
+def test_slip_that_no_force_makes_is_not_called_slip(
+    per_accel: float, per_speed2: float, effect: str
+) -> None:
+    """Drag is a small share of what speeds a car up, and of its sign; a free shape over the speed is not."""
+    u = directions(2)
+    responses = u * np.array([3e4, 3e7])
+    data = responses @ np.array([per_accel, per_speed2])
+    slip = Term("longitudinal_slip", columns(1, 2, width=5), ("slip_per_accel", "slip_per_speed2"), 7.0)
+    shapes = [shape("rear", "speed", columns(3, 4, width=5))]
+    every = np.concatenate([responses, 3e-2 * responses], axis=1)
+    chosen = Selector(evidence(data, every), Given(5, [slip], shapes), last=True).select().chosen
+
+    assert [effect] == [one.term.effect for one in chosen]
