@@ -73,8 +73,9 @@ class Term:
     def price(self, first: float) -> float:
         """The penalty, given the first value: what nature seldom shows must be paid for."""
         if self.calibrates:
-            unusual = self.effect == "doppler_lag" and abs(first) > USUAL_LAG_S
-            return self.penalty + (RECEIVERS_OWN if unusual else 0.0)
+            beyond = (abs(first) - USUAL_LAG_S) / (UNUSUAL_LAG_S - USUAL_LAG_S)
+            unusual = min(max(beyond, 0.0), 1.0) if self.effect == "doppler_lag" else 0.0
+            return self.penalty + RECEIVERS_OWN * unusual
         odd = self.effect in POSITIVE and first < 0.0
         return self.penalty + (ODD_SIGN if odd else 0.0)
 
@@ -117,7 +118,8 @@ RECEIVERS_OWN = 6.0
 """Further penalty of these beyond the lag that receivers usually have: where the positions do not tell, the
 catalogue's name is preferred for more.
 """
-USUAL_LAG_S = 0.05
+USUAL_LAG_S, UNUSUAL_LAG_S = 0.05, 0.08
+"""Up to the one nothing, from the other on the whole penalty is to be paid."""
 GROUPS = (*groups(), ("doppler_lag", ("lag_s",)), ("grade_share", ("share",)))
 
 
