@@ -188,7 +188,7 @@ class Selector:
         return ADMIT + SHARE_OF_REST * max(self.gain(chosen) - base, 0.0)
 
     def _best_addition(self, chosen: list[Term]) -> list[Term] | None:
-        singles = self.candidates(chosen)[:6]
+        singles = self._foremost(chosen)
         best: tuple[float, list[Term]] | None = None
         threshold = self._threshold(chosen)
         free = [term for term in chosen if term.effect in ("unknown", "radius_change")]
@@ -212,6 +212,16 @@ class Selector:
             if sure > needed and (best is None or sure > best[0]):
                 best = (sure, terms)
         return None if best is None else best[1]
+
+    def _foremost(self, chosen: list[Term]) -> list[tuple[float, list[Term]]]:
+        """The best candidates, and the best of each effect: a dozen shapes that are all unsure hide none."""
+        every = self.candidates(chosen)
+        out, met = every[:6], {terms[0].effect for _, terms in every[:6]}
+        for net, terms in every[6:]:
+            if net > ADMIT and terms[0].effect not in met:
+                met.add(terms[0].effect)
+                out.append((net, terms))
+        return out
 
     def _sane(self, terms: list[Term]) -> bool:
         """Whether the terms can be told apart at all, and their values are physically thinkable."""
