@@ -74,8 +74,9 @@ class Term:
         """The penalty, given the first value: what nature seldom shows must be paid for."""
         if self.calibrates:
             beyond = (abs(first) - USUAL_LAG_S) / (UNUSUAL_LAG_S - USUAL_LAG_S)
-            unusual = min(max(beyond, 0.0), 1.0) if self.effect == "doppler_lag" else 0.0
-            return self.penalty + RECEIVERS_OWN * unusual
+            unusual = min(max(beyond, 0.0), 1.0)
+            own = 2.0 * unusual - 1.0 if self.effect == "doppler_lag" else 0.0
+            return self.penalty + RECEIVERS_OWN * own
         odd = self.effect in POSITIVE and first < 0.0
         return self.penalty + (ODD_SIGN if odd else 0.0)
 
@@ -115,11 +116,11 @@ recording at hand). Who does not know of it takes it for an old fix. And their h
 a flat road that looks like slopes, and slip or load transfer by the pull of these slopes would be missing.
 """
 RECEIVERS_OWN = 6.0
-"""Further penalty of these beyond the lag that receivers usually have: where the positions do not tell, the
-catalogue's name is preferred for more.
+"""Log-likelihood by which the lag that receivers usually have goes before an effect that explains as much,
+and by which an unusual one stands behind it: where the positions do not tell, that has the catalogue's name.
 """
 USUAL_LAG_S, UNUSUAL_LAG_S = 0.05, 0.08
-"""Up to the one nothing, from the other on the whole penalty is to be paid."""
+"""Up to the one it is usual, from the other on it is not."""
 GROUPS = (*groups(), ("doppler_lag", ("lag_s",)), ("grade_share", ("share",)))
 
 
