@@ -8,7 +8,8 @@ subset's wheels. Nuisance are the harmless changes that every drive brings, by t
 catalogue): all wheels together (centrifugal growth, warm-up), axle against axle (drive slip, load), side
 against side (camber, cross-load), and each wheel's own. A hypothesis is a subset S; its likelihood is
 averaged over a grid of losses, so larger subsets and freer losses pay for their freedom. Because all wheels
-are judged together, a common growth is not taken for a loss and the right wheel is named.
+are judged together, a common growth is not taken for a loss and the right wheel is named. A single wheel may
+also have become larger: else the one beside it would seem to have shrunk.
 """
 
 from __future__ import annotations
@@ -27,6 +28,10 @@ LOSS_GRID = np.geomspace(0.0008, 0.05, 24)
 PRIOR_BY_SIZE = {1: 1e-3, 2: 3e-4, 3: 1e-4, 4: 1e-3}
 """Prior probability of each subset of that size: one tyre loses air more often than two or three at once; all
 four lose it together, by diffusion and neglect."""
+
+PRIOR_LARGER = 1e-5
+"""Prior probability of each wheel that it is larger than was learned: a new tyre of which nobody told. Of a
+pair alone nothing tells which wheel has changed: there it is the one that lost."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,10 +93,13 @@ def compare(
     logs = fit + np.log(weights / LOSS_GRID.size)[:, None]
     if log_ratios is not None:
         logs += log_ratios[:, None]
-    log_none = none + math.log1p(-float(weights.sum()))
-    top = max(float(logs.max()), log_none)
+    prior_larger = PRIOR_LARGER if d > 2 else 1e-300
+    log_none = none + math.log1p(-float(weights.sum()) - d * prior_larger)
+    larger = seen - LOSS_GRID[None, :, None] * (np.diag(radius_m) @ whitener.T)[:, None, :]
+    logs_larger = -0.5 * np.einsum("wlk,wlk->wl", larger, larger) + math.log(prior_larger / LOSS_GRID.size)
+    top = max(float(logs.max()), log_none, float(logs_larger.max()))
     posterior = np.exp(logs - top)
-    weight_none = math.exp(log_none - top)
+    weight_none = math.exp(log_none - top) + float(np.exp(logs_larger - top).sum())
     total = weight_none + float(posterior.sum())
     posterior /= total
     beyond = threshold <= LOSS_GRID
