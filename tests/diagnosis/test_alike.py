@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tpmsd.diagnosis.candidates import ADMIT
 from tpmsd.diagnosis.evidence import Evidence, part
-from tpmsd.diagnosis.selection import ADMIT, Selector
+from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.terms import Hypotheses, Term
 from tpmsd.wheels import FloatArray
 

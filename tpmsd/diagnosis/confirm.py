@@ -15,10 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from tpmsd.diagnosis.candidates import ADMIT
 from tpmsd.diagnosis.chosen import Selection
 from tpmsd.diagnosis.evidence import Evidence, gain_of
 from tpmsd.diagnosis.noise_fit import PRIORS, SLOW, log_posterior, refit_slow, refit_wander
-from tpmsd.diagnosis.selection import ADMIT, Selector
+from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.study import DriveStudy, Study
 from tpmsd.diagnosis.whitening import Noise, whiten
 from tpmsd.wheels import FloatArray

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from tpmsd.diagnosis.advice import advice
+from tpmsd.diagnosis.candidates import ADMIT
 from tpmsd.diagnosis.channels import CHANNEL_NAMES
 from tpmsd.diagnosis.chosen import Chosen, Selection
 from tpmsd.diagnosis.empirical import empirical_effect, shape_of
@@ -20,7 +21,7 @@ from tpmsd.diagnosis.explanatory import explanatory
 from tpmsd.diagnosis.motion import WINDOW_S
 from tpmsd.diagnosis.reach import Seen, reach
 from tpmsd.diagnosis.result import CONSISTENT, MISMATCH, Diagnosis, Finding, Inner, Quantity, Where
-from tpmsd.diagnosis.selection import ADMIT, Selector
+from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.simulated import compared, simulated_effects, whole_model
 from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.tangent import nonlinear_stds

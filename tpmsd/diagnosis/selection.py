@@ -16,16 +16,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tpmsd.diagnosis.candidates import ADMIT, Candidates
 from tpmsd.diagnosis.chosen import Chosen, Selection
 from tpmsd.diagnosis.evidence import Evidence
 from tpmsd.diagnosis.plausible import IMPOSSIBLE, against_ratio, ratio_limits, thinkable
 from tpmsd.diagnosis.terms import Hypotheses, Term, group_gain
 from tpmsd.physics.catalogue import EFFECTS
 from tpmsd.physics.effects.unknown import Unknown
-from tpmsd.wheels import FloatArray
 
-ADMIT = 6.0
-"""Log-likelihood beyond its penalty that a term must bring."""
 HELDOUT = 4.0
 """Log-likelihood on held-out blocks that it must bring."""
 SHARE_OF_REST = 1e-5
@@ -34,10 +32,6 @@ that.
 """
 MODEL_ERROR = 4e-3
 """Relative standard deviation of any value: the reference motion that it multiplies is no better known."""
-FREE_SHAPE = 0.08
-"""Share of its gain by which a free shape must beat an effect: no effect's formula is the last word."""
-FREE_DRIFT = 0.25
-"""The same over time or distance on all wheels, where the receiver's slow error looks alike."""
 BESIDE = 0.03
 """Share of what effects bring that a free shape beside them must bring: so well their formulas hold."""
 LIKE = 0.05
@@ -59,13 +53,12 @@ MIN_EIGENVALUE = 1e-6
 _MAX_RATIO = 25.0
 
 
-class Selector:
+class Selector(Candidates):
     """Searches."""
 
     def __init__(self, evidence: Evidence, hypotheses: Hypotheses, last: bool = False) -> None:
         """With `last` it is the verdict that is asked for, and not what the noise is estimated beside."""
-        self.evidence = evidence
-        self.hypotheses = hypotheses
+        super().__init__(evidence, hypotheses)
         self.last = last
         self._shares: dict[tuple[int, str, str], float] = {}
 
@@ -115,67 +108,6 @@ class Selector:
         ]
         return sorted(coarser, key=lambda one: -one.design.shape[1])[:1]
 
-    def design(self, terms: Sequence[Term]) -> FloatArray:
-        """Calibration and these terms."""
-        return np.concatenate([self.hypotheses.nuisance, *(term.design for term in terms)], axis=1)
-
-    def gain(self, terms: Sequence[Term]) -> float:
-        """Log-likelihood of calibration and these terms."""
-        return self.evidence.fit(self.design(terms)).gain
-
-    def candidates(self, chosen: Sequence[Term], everything: bool = True) -> list[tuple[float, list[Term]]]:
-        """(gain less penalty, terms) of what may be added to these terms, the best first."""
-        gram, b = self.evidence.projected(self.design(chosen))
-        taken = {term.key for term in chosen}
-        total = np.diag(self.evidence.total)[1:]
-        free = [term for term in self.hypotheses.catalogue if term.key not in taken]
-        out: list[tuple[float, list[Term]]] = []
-        usable = []
-        for term in free:
-            rows = np.flatnonzero(np.any(term.design[1:] != 0.0, axis=1))
-            if np.any(np.diag(gram)[rows] < 1e-5 * total[rows]):
-                continue
-            usable.append(term)
-            gain, first = group_gain(term.design[1:], gram, b)
-            out.append((self._net(term, gain, first), [term]))
-        if everything:
-            shapes = self.hypotheses.pulse_gains(gram, b) + self.hypotheses.smooth_gains(gram, b)
-            scanned = self.hypotheses.ramp_gains(gram, b)
-            scanned += [((1.0 - _handicap(shape)) * brings, shape) for brings, shape in shapes]
-            out += [(brings - one.penalty, [one]) for brings, one in scanned if one.key not in taken]
-        return sorted(out, key=lambda entry: -entry[0])
-
-    def pairs(self, chosen: Sequence[Term]) -> list[tuple[float, list[Term]]]:
-        """As `candidates`, for pairs of the catalogue's terms of one value each."""
-        gram, b = self.evidence.projected(self.design(chosen))
-        taken = {term.key for term in chosen}
-        total = np.diag(self.evidence.total)[1:]
-        single = [t for t in self.hypotheses.catalogue if t.key not in taken and t.design.shape[1] == 1]
-        at = np.array([int(np.argmax(np.abs(t.design[1:, 0]))) for t in single])
-        if len(at) < 2:
-            return []
-        d = np.diag(gram)[at]
-        good = d > 1e-5 * total[at]
-        at, single, d = at[good], [t for t, g in zip(single, good, strict=True) if g], d[good]
-        G = gram[np.ix_(at, at)]
-        det = np.outer(d, d) - G**2
-        score = b[at]
-        number = (
-            (score**2)[:, None] * d[None, :]
-            - 2 * np.outer(score, score) * G
-            + (score**2)[None, :] * d[:, None]
-        )
-        gain = np.where(
-            det > 1e-4 * np.outer(d, d), 0.5 * number / np.maximum(det, 1e-30 + 1e-4 * np.outer(d, d)), 0.0
-        )
-        out = []
-        for i in range(len(at)):
-            for j in range(i + 1, len(at)):
-                if single[i].key != single[j].key:
-                    price = single[i].penalty + single[j].penalty
-                    out.append((float(gain[i, j]) - price, [single[i], single[j]]))
-        return sorted(out, key=lambda entry: -entry[0])
-
     def ratio(self, terms: Sequence[Term], which: int) -> float:
         """Block-wise over assumed variance of one of the terms' values (the largest), between 1 and 25."""
         fit = self.evidence.fit(self.design(terms))
@@ -188,7 +120,7 @@ class Selector:
         return ADMIT + SHARE_OF_REST * max(self.gain(chosen) - base, 0.0)
 
     def _best_addition(self, chosen: list[Term]) -> list[Term] | None:
-        singles = self._foremost(chosen)
+        singles = self.foremost(chosen)
         best: tuple[float, list[Term]] | None = None
         threshold = self._threshold(chosen)
         free = [term for term in chosen if term.effect in ("unknown", "radius_change")]
@@ -212,16 +144,6 @@ class Selector:
             if sure > needed and (best is None or sure > best[0]):
                 best = (sure, terms)
         return None if best is None else best[1]
-
-    def _foremost(self, chosen: list[Term]) -> list[tuple[float, list[Term]]]:
-        """The best candidates, and the best of each effect: a dozen shapes that are all unsure hide none."""
-        every = self.candidates(chosen)
-        out, met = every[:6], {terms[0].effect for _, terms in every[:6]}
-        for net, terms in every[6:]:
-            if net > ADMIT and terms[0].effect not in met:
-                met.add(terms[0].effect)
-                out.append((net, terms))
-        return out
 
     def _sane(self, terms: list[Term]) -> bool:
         """Whether the terms can be told apart at all, and their values are physically thinkable."""
@@ -330,7 +252,7 @@ class Selector:
             improved = False
             for k in range(len(chosen)):
                 rest = chosen[:k] + chosen[k + 1 :]
-                now = self._net(chosen[k], self.gain(chosen) - self.gain(rest), self._first(chosen, k))
+                now = self.net(chosen[k], self.gain(chosen) - self.gain(rest), self._first(chosen, k))
                 better = [terms for net, terms in self.candidates(rest)[:4] if net > now + 0.5]
                 better = [
                     terms
@@ -371,13 +293,6 @@ class Selector:
     def _independent(self, terms: list[Term], term: Term, gain: float) -> bool:
         """Whether a term brings most of its gain beside its rival too: then they explain different things."""
         return self.gain([*terms, term]) - self.gain(terms) > 0.5 * gain
-
-    @staticmethod
-    def _net(term: Term, gain: float, first: float) -> float:
-        """What a term's gain is worth against rivals for its place."""
-        if term.effect != "unknown":
-            return gain - term.price(first)
-        return (1.0 - _handicap(term)) * gain - term.price(first)
 
     def _first(self, terms: Sequence[Term], which: int) -> float:
         """The first value of one of the terms in the joint fit."""
@@ -424,7 +339,7 @@ class Selector:
             name = rival.effect if rival.effect != "radius_change" else f"radius_change:{rival.wheel}"
             if rival.effect == "unknown":
                 name = "unknown"
-            better = net - self._net(term, gain, float(fit.values[start]))
+            better = net - self.net(term, gain, float(fit.values[start]))
             if rival.effect in EFFECTS and not self._possible([*rest, rival]):
                 continue
             if name not in weights and name != term.effect:
@@ -453,9 +368,3 @@ class Selector:
             values=beside.values[at],
             stds=np.sqrt(np.diag(beside.covariance)[at] * ratios + (MODEL_ERROR * beside.values[at]) ** 2),
         )
-
-
-def _handicap(shape: Term) -> float:
-    """Share of its gain that a free shape must bring more than an effect."""
-    drift = shape.place == "all" and shape.covariate in ("time", "distance")
-    return FREE_DRIFT if drift else FREE_SHAPE
