@@ -74,8 +74,9 @@ def run(
     make_pipeline: Callable[[Config, Database], Pipeline] = Pipeline,
     on_step: Callable[[Step], None] | None = None,
     grace_s: float = GRACE_S,
+    own_stamps: bool = False,
 ) -> Daemon:
-    """A daemon's whole life."""
+    """A daemon's whole life; `own_stamps`: frames are stamped by the adapter, and not by the clock."""
 
     def open_bus(can: CanConfig, filters: list[dict[str, Any]] | None, channel: str) -> Bus:
         assert isinstance(bus, FakeBus)
@@ -89,7 +90,7 @@ def run(
         open_bus=open_bus,
         make_pipeline=make_pipeline,
         on_step=on_step,
-        frame_time=lambda stamp_s: stamp_s,
+        frame_time=None if own_stamps else lambda stamp_s: stamp_s,
         grace_s=grace_s,
         log=LOG,
     )
@@ -317,21 +318,35 @@ def test_an_alarm_outlives_a_restart(tmp_path: Path) -> None:
     assert ["deflation"] == [alarm["kind"] for alarm in daemon.document()["alarms"]]
 
 
-def test_frames_that_come_while_the_process_is_held_up_are_not_too_late(tmp_path: Path) -> None:
-    """Held up for a second of its clock right behind every twentieth look at the bus, it loses no frame."""
+class HeldUpBus(DrivingBus):
+    """A process that is held up for 0.1 s at every twentieth look at the bus, before or after it has read."""
+
+    def __init__(self, now: Callable[[], float], before: bool) -> None:
+        super().__init__(now)
+        self.looks = 0
+        self._before = before
+
+    def read(self, limit: int = 1000) -> list[CanFrame]:
+        self.looks += 1
+        held_up = self.looks % 20 == 0
+        if held_up and self._before:
+            time.sleep(0.1)
+        frames = super().read(limit)
+        if held_up and not self._before:
+            time.sleep(0.1)
+        return frames
+
+
+@pytest.mark.parametrize("before", [False, True])
+@pytest.mark.parametrize("own_stamps", [False, True])
+def test_a_process_that_is_held_up_loses_no_frame(tmp_path: Path, own_stamps: bool, before: bool) -> None:
+    """A second of its clock at every twentieth look makes no frame too late, and moves none in time."""
     config, database = car(tmp_path)
-    clock = Clock(10.0)
+    began_s = time.monotonic()
     taken: list[float] = []
 
-    class HeldUp(DrivingBus):
-        looks = 0
-
-        def read(self, limit: int = 1000) -> list[CanFrame]:
-            frames = super().read(limit)
-            self.looks += 1
-            if self.looks % 20 == 0:
-                time.sleep(0.1)
-            return frames
+    def monotonic() -> float:
+        return 10.0 * (time.monotonic() - began_s)
 
     class Counting(Pipeline):
         def on_frame(
@@ -340,12 +355,17 @@ def test_frames_that_come_while_the_process_is_held_up_are_not_too_late(tmp_path
             taken.append(time_s)
             return super().on_frame(time_s, arbitration_id, is_extended, data, is_fd)
 
-    bus = HeldUp(clock.now)
-    daemon = run(config, database, clock, bus, 20.0, make_pipeline=Counting, grace_s=0.06)
+    clock = Clock(wall=lambda: 1.7e9 + monotonic(), monotonic=monotonic)
+    bus = HeldUpBus(clock.now, before)
+    daemon = run(
+        config, database, clock, bus, 20.0, make_pipeline=Counting, grace_s=0.06, own_stamps=own_stamps
+    )
 
     assert bus.looks > 40
     assert 0 == daemon.document()["can"]["faults"].get("too_late", 0)
-    assert taken == pytest.approx([taken[0] + 0.02 * index for index in range(len(taken))], abs=1e-3)
+    expected = [taken[0] + 0.02 * index for index in range(len(taken))]
+    # An adapter's own clock is brought onto the host's to within what reading may take.
+    assert taken == pytest.approx(expected, abs=0.06 if own_stamps else 1e-3)
     assert len(taken) >= 900
 
 

@@ -219,10 +219,11 @@ class Daemon:
         """
         now_s, monotonic_s = self._clock.read()
         frames = self._bus.read(monotonic_s)
+        read_s = self._clock.now()
         for frame in frames:
             stamp_s = self._frame_time(frame.time_s)
             if self._stamps is not None:
-                stamp_s = self._stamps.host(stamp_s, now_s)
+                stamp_s = self._stamps.host(stamp_s, read_s)
             self._queue.put_frame(frame, stamp_s, now_s)
         if frames:
             self._health.frames_came(monotonic_s)

@@ -12,7 +12,7 @@ blocks that were held out.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from tpmsd.diagnosis.plausible import IMPOSSIBLE, against_ratio, ratio_limits, t
 from tpmsd.diagnosis.terms import Hypotheses, Term, group_gain
 from tpmsd.physics.catalogue import EFFECTS
 from tpmsd.physics.effects.unknown import Unknown
+from tpmsd.wheels import FloatArray
 
 HELDOUT = 4.0
 """Log-likelihood on held-out blocks that it must bring."""
@@ -153,28 +154,28 @@ class Selector(Candidates):
         scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
         if float(np.linalg.eigvalsh(gram / np.outer(scale, scale))[0]) < MIN_EIGENVALUE:
             return False
-        if not self._possible(terms):
-            return False
-        fit = self.evidence.fit(design)
+        return all(
+            thinkable(term, values) and against_ratio(term, values, covariance) <= IMPOSSIBLE
+            for term, values, covariance in self._fitted(terms)
+        )
+
+    def _fitted(self, terms: list[Term]) -> Iterator[tuple[Term, FloatArray, FloatArray]]:
+        """Each term with its values in the joint fit and their covariance."""
+        fit = self.evidence.fit(self.design(terms))
         at = self.hypotheses.nuisance.shape[1]
         for term in terms:
-            if not thinkable(term, fit.values[at : at + term.design.shape[1]]):
-                return False
-            at += term.design.shape[1]
-        return True
+            here = slice(at, at + term.design.shape[1])
+            yield term, fit.values[here], fit.covariance[here, here]
+            at = here.stop
 
     def _possible(self, terms: list[Term]) -> bool:
         """Whether the ratio of an effect's two values may be what nature knows."""
         if all(ratio_limits(term) is None for term in terms):
             return True
-        fit = self.evidence.fit(self.design(terms))
-        at = self.hypotheses.nuisance.shape[1]
-        for term in terms:
-            here = slice(at, at + term.design.shape[1])
-            if against_ratio(term, fit.values[here], fit.covariance[here, here]) > IMPOSSIBLE:
-                return False
-            at = here.stop
-        return True
+        return all(
+            against_ratio(term, values, covariance) <= IMPOSSIBLE
+            for term, values, covariance in self._fitted(terms)
+        )
 
     def _needed(self, terms: list[Term], which: int) -> float:
         """What a term brings beyond its penalty in the presence of the others."""

@@ -28,7 +28,6 @@ LOSS_GRID = np.geomspace(0.0008, 0.05, 24)
 PRIOR_BY_SIZE = {1: 1e-3, 2: 3e-4, 3: 1e-4, 4: 1e-3}
 """Prior probability of each subset of that size: one tyre loses air more often than two or three at once; all
 four lose it together, by diffusion and neglect."""
-
 PRIOR_LARGER = 1e-5
 """Prior probability of each wheel that it is larger than was learned: a new tyre of which nobody told. Of a
 pair alone nothing tells which wheel has changed: there it is the one that lost."""
@@ -85,29 +84,28 @@ def compare(
     d = change_m.size
     whitener = np.linalg.inv(np.linalg.cholesky(covariance_m2))
     seen = whitener @ change_m
-    members, weights = _subsets(d)
+    members, weights = _hypotheses(d)
     white = (members * radius_m) @ whitener.T
     rest = seen + LOSS_GRID[None, :, None] * white[:, None, :]
     fit = -0.5 * np.einsum("slk,slk->sl", rest, rest)
     none = -0.5 * float(seen @ seen)
     logs = fit + np.log(weights / LOSS_GRID.size)[:, None]
+    lost = slice(2**d - 1)
     if log_ratios is not None:
-        logs += log_ratios[:, None]
-    prior_larger = PRIOR_LARGER if d > 2 else 1e-300
-    log_none = none + math.log1p(-float(weights.sum()) - d * prior_larger)
-    larger = seen - LOSS_GRID[None, :, None] * (np.diag(radius_m) @ whitener.T)[:, None, :]
-    logs_larger = -0.5 * np.einsum("wlk,wlk->wl", larger, larger) + math.log(prior_larger / LOSS_GRID.size)
-    top = max(float(logs.max()), log_none, float(logs_larger.max()))
+        logs[lost] += log_ratios[:, None]
+    log_none = none + math.log1p(-float(weights.sum()))
+    top = max(float(logs.max()), log_none)
     posterior = np.exp(logs - top)
-    weight_none = math.exp(log_none - top) + float(np.exp(logs_larger - top).sum())
+    weight_none = math.exp(log_none - top)
     total = weight_none + float(posterior.sum())
-    posterior /= total
+    none_lost = (weight_none + float(posterior[lost.stop :].sum())) / total
+    posterior, members, fit = posterior[lost] / total, members[lost], fit[lost]
     beyond = threshold <= LOSS_GRID
     deflated = posterior[:, beyond].sum(axis=1) @ members
     alone = (posterior[:, beyond].sum(axis=1) * (members.sum(axis=1) == 1.0)) @ members
     loss_m = (posterior @ LOSS_GRID) @ members * radius_m
     suspicion = float(fit[:, beyond].max()) - none
-    return Verdict(np.minimum(deflated, 1.0), weight_none / total, loss_m, alone, suspicion)
+    return Verdict(np.minimum(deflated, 1.0), none_lost, loss_m, alone, suspicion)
 
 
 def subsets(d: int) -> list[tuple[int, ...]]:
@@ -116,8 +114,14 @@ def subsets(d: int) -> list[tuple[int, ...]]:
 
 
 @functools.cache
-def _subsets(d: int) -> tuple[FloatArray, FloatArray]:
-    """All subsets of d wheels as (s, d) memberships, and their prior probabilities (s,)."""
+def _hypotheses(d: int) -> tuple[FloatArray, FloatArray]:
+    """What may have happened to d wheels, (h, d): 1 for those that lost, all subsets first; -1 for one that
+    is larger, where there are others to tell that by. And their prior probabilities (h,).
+    """
     found = subsets(d)
-    members = np.array([[float(wheel in subset) for wheel in range(d)] for subset in found])
-    return members, np.array([PRIOR_BY_SIZE[len(subset)] for subset in found])
+    members = [[float(wheel in subset) for wheel in range(d)] for subset in found]
+    priors = [PRIOR_BY_SIZE[len(subset)] for subset in found]
+    if d > 2:
+        members += (-np.eye(d)).tolist()
+        priors += [PRIOR_LARGER] * d
+    return np.array(members), np.array(priors)
