@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import argparse
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,8 +12,11 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import REPO
-from tests.hil import uml
-from tests.hil.run import judge
+from tests.hil import run, uml
+from tests.hil.held_up import GLANCE_S, HeldUp
+from tests.hil.run import Verdict, judge
+
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="host_shim.c takes a compiler")
 
 
 def runner(**environment: str) -> subprocess.CompletedProcess[str]:
@@ -84,6 +89,7 @@ def test_no_result_is_no_success(tmp_path: Path) -> None:
     assert "said this" in verdict.detail
 
 
+@needs_gcc
 def test_a_guest_that_leaves_no_status_has_failed(tmp_path: Path) -> None:
     """Its console's tail says what it said last, and nothing of it is left behind."""
     kernel = tmp_path / "kernel"
@@ -99,6 +105,7 @@ def test_a_guest_that_leaves_no_status_has_failed(tmp_path: Path) -> None:
     assert not guest.folder.exists()
 
 
+@needs_gcc
 def test_a_guest_that_does_not_end_is_ended(tmp_path: Path) -> None:
     """All its processes go, and it counts as failed."""
     kernel = tmp_path / "kernel"
@@ -126,3 +133,85 @@ def test_the_idlest_processor_is_taken() -> None:
     )
 
     assert cpus[-1] == uml.idlest_cpu(lambda: next(readings))
+
+
+def looking(*late_s: float) -> HeldUp:
+    """What a watch has seen whose sleeps ended so much too late, one after the other."""
+    now_s, delays = 0.0, iter(late_s)
+
+    def sleep(seconds: float) -> None:
+        nonlocal now_s
+        now_s += seconds + next(delays)
+
+    seen = HeldUp(lambda: now_s, sleep)
+    for _ in late_s:
+        seen.look()
+    return seen
+
+
+def test_what_the_machine_took_away_is_counted() -> None:
+    """Sleeps that end late by more than timers are: their share of the time, and the longest."""
+    seen = looking(0.0, 0.001, 0.004, 0.0, 0.012)
+
+    assert pytest.approx(0.016 / (5 * GLANCE_S + 0.017)) == seen.share
+    assert pytest.approx(0.012) == seen.worst_s
+
+
+@pytest.mark.parametrize(
+    ("late_s", "much"),
+    [((0.0,) * 9 + (0.003,), False), ((0.0, 0.003), True), ((0.0,) * 999 + (0.26,), True)],
+)
+def test_much_is_a_share_or_a_long_time(late_s: tuple[float, ...], much: bool) -> None:
+    """7 % in pieces is borne; 27 % is not, nor is a quarter of a second at once."""
+    assert much is looking(*late_s).much
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "good", "paces"),
+    [
+        ([Verdict(2, 0)], True, [0.5]),
+        ([Verdict(2, 1)], False, [0.5]),
+        ([Verdict(2, 1, "", looking(0.0))], False, [0.5]),
+        ([Verdict(2, 1, "", looking(0.5)), Verdict(2, 0)], True, [0.5, 0.25]),
+        ([Verdict(2, 1, "", looking(0.5)), Verdict(2, 1, "", looking(0.5))], False, [0.5, 0.25]),
+        ([Verdict(2, 0, "", looking(0.5))], True, [0.5]),
+    ],
+)
+def test_only_where_the_machine_held_it_up_is_a_group_judged_again(
+    monkeypatch: pytest.MonkeyPatch, verdicts: list[Verdict], good: bool, paces: list[float]
+) -> None:
+    """A failure on a machine that let the guest run stands; another is judged once more, at half the pace."""
+    left, seen = iter(verdicts), []
+
+    def group(args: argparse.Namespace) -> Verdict:
+        seen.append(args.pace)
+        return next(left)
+
+    monkeypatch.setitem(run.GROUPS, "made up", group)
+
+    assert good is run.run_group("made up", argparse.Namespace(pace=0.5))
+    assert paces == seen
+
+
+@needs_gcc
+@pytest.mark.parametrize("pace", [1.0, 0.25])
+def test_the_guests_clocks_run_at_their_pace(tmp_path: Path, pace: float) -> None:
+    """Both clocks of a program that has the shim, against the machine's, over a time of the machine's."""
+    program = (
+        "import select, time\n"
+        "def read(): return [time.clock_gettime(c) for c in "
+        "(time.CLOCK_MONOTONIC, time.CLOCK_REALTIME, time.CLOCK_BOOTTIME)]\n"
+        "a = read(); select.select([], [], [], 0.4); b = read()\n"
+        "print(*[y - x for x, y in zip(a, b)])"
+    )
+    said = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={"LD_PRELOAD": str(uml.shim(tmp_path)), "HIL_PACE": str(pace)},
+    )
+    monotonic_s, realtime_s, machine_s = map(float, said.stdout.split())
+
+    assert machine_s >= 0.4
+    assert [monotonic_s, realtime_s] == pytest.approx([pace * machine_s] * 2, rel=0.05)

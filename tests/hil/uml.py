@@ -18,6 +18,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.hil.held_up import HeldUp, watched
+
 HERE = Path(__file__).resolve().parent
 KERNEL = "linux.uml"
 MODULES = Path("/usr/lib/uml/modules")
@@ -42,8 +44,8 @@ def missing() -> str:
     tools = [tool for tool in ("insmod", "ip", "candump", "cangen", "canplayer") if _which(tool) is None]
     if tools:
         return f"no {', '.join(tools)}; on Debian 12: apt-get install {PACKAGES}"
-    if large_registers() and shutil.which("gcc") is None:
-        return "this processor needs xstate_shim.c compiled; on Debian 12: apt-get install gcc libc6-dev"
+    if shutil.which("gcc") is None:
+        return "host_shim.c must be compiled; on Debian 12: apt-get install gcc libc6-dev"
     return ""
 
 
@@ -51,20 +53,19 @@ def _which(tool: str) -> str | None:
     return shutil.which(tool, path=f"{os.environ.get('PATH', '')}:/usr/sbin:/sbin")
 
 
-def large_registers() -> bool:
-    """Whether the processor's register state is larger than the guest's kernel knows."""
-    return "amx_tile" in Path("/proc/cpuinfo").read_text("utf-8", "replace")
-
-
 def shim(build: Path) -> Path:
-    """`xstate_shim.c`, compiled if it was not yet."""
-    source, library = HERE / "xstate_shim.c", build / "xstate_shim.so"
-    if not library.exists() or library.stat().st_mtime < source.stat().st_mtime:
-        build.mkdir(parents=True, exist_ok=True)
-        command = ["gcc", "-O2", "-shared", "-fPIC", "-o", str(library), str(source)]
-        done = subprocess.run(command, capture_output=True, text=True)
-        if done.returncode:
-            raise HilError(f"xstate_shim.c cannot be compiled: {done.stderr.strip()[-300:]}")
+    """`host_shim.c`, compiled if it was not yet."""
+    source, library = HERE / "host_shim.c", build / "host_shim.so"
+    with _lock:
+        if not library.exists() or library.stat().st_mtime < source.stat().st_mtime:
+            build.mkdir(parents=True, exist_ok=True)
+            command = ["gcc", "-O2", "-shared", "-fPIC", "-o", str(library), str(source)]
+            try:
+                done = subprocess.run(command, capture_output=True, text=True)
+            except OSError as error:
+                raise HilError(f"host_shim.c cannot be compiled: {error}") from None
+            if done.returncode:
+                raise HilError(f"host_shim.c cannot be compiled: {done.stderr.strip()[-300:]}")
     return library
 
 
@@ -117,6 +118,8 @@ class Guest:
     """Where the kernel keeps its pid file; gone after the end."""
     cat: subprocess.Popen[bytes]
     """Writes the console."""
+    held_up: HeldUp
+    """How the machine treated its processor so far."""
 
     def cut_power(self) -> None:
         """End it at once, as a power cut would: every process of it, without a last word."""
@@ -161,8 +164,12 @@ def guest(
     kernel: str = KERNEL,
     memory: str = _MEMORY,
     build: Path,
+    pace: float = 1.0,
 ) -> Iterator[Guest]:
-    """Boot a guest that runs `job` (a shell script) in `mode` with `out` as its /out; ended by all means."""
+    """Boot a guest that runs `job` (a shell script) in `mode` with `out` as its /out; ended by all means.
+
+    `pace` is how many seconds pass in it in a second of the machine (host_shim.c).
+    """
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
     script = out / "job.sh"
@@ -186,10 +193,9 @@ def guest(
     if disk is not None:
         words += [f"ubd0={disk}", "HIL_DISK=ubda"]
     environment = {"PATH": os.environ.get("PATH", "/usr/bin:/bin"), "HOME": "/"}
-    if large_registers():
-        environment["LD_PRELOAD"] = str(shim(build))
+    environment |= {"LD_PRELOAD": str(shim(build)), "HIL_PACE": f"{pace:g}"}
     console = out / "console.log"
-    with _own_cpu() as cpu, console.open("wb") as log:
+    with _own_cpu() as cpu, watched(cpu) as held_up, console.open("wb") as log:
         # Through a pipe: the guest's console driver does not poll files.
         cat = subprocess.Popen(["cat"], stdin=subprocess.PIPE, stdout=log, start_new_session=True)
         process = subprocess.Popen(
@@ -203,7 +209,7 @@ def guest(
         )
         assert cat.stdin is not None
         cat.stdin.close()
-        running = Guest(process, out, console, folder, cat)
+        running = Guest(process, out, console, folder, cat, held_up)
         try:
             yield running
         finally:
