@@ -87,6 +87,41 @@ def test_the_players_clock_is_the_drives_host_clock(
     assert pytest.approx(start + 4.0 * (1e9 - 100.0)) == player.now()
 
 
+def test_a_player_that_was_held_up_sends_what_is_current(
+    drive: SimulatedDrive, buses: tuple[can.BusABC, can.BusABC]
+) -> None:
+    """Half a second away: of each message the newest frame due by then; all others before and after."""
+    near, far = buses
+    times, ids = drive.frames.time_s, drive.frames.frame_id
+    start_s = drive.spec.clocks.start_utc_s
+    gone_s, back_s = 3.0, 3.5
+    now_s = 0.0
+
+    def monotonic() -> float:
+        """Passes with every look, and jumps once."""
+        nonlocal now_s
+        now_s = back_s if gone_s < now_s < back_s else now_s + 2e-4
+        return now_s
+
+    player = LivePlayer(drive, near, monotonic=monotonic, newest_only=True)
+    player._stop.wait = lambda timeout=None: False  # type: ignore[method-assign]
+    stats = player.play()
+    sent = [(frame.timestamp - start_s, frame.arbitration_id) for frame in received(far)]
+    due = list(zip((times - start_s).tolist(), ids.tolist(), strict=True))
+    held_up = [one for one in due if gone_s + 1e-3 < one[0] < back_s - 0.05]
+    newest = {number: max(t for t, i in due if i == number and t < back_s) for number in set(ids.tolist())}
+
+    assert len(due) == stats.frames + stats.overtaken
+    assert not set(held_up) & set(sent)
+    # The clock goes on while what was missed is left out.
+    around = (gone_s, back_s + 0.1)
+    assert [one for one in due if not around[0] < one[0] < around[1]] == [
+        one for one in sent if not around[0] < one[0] < around[1]
+    ]
+    for number, newest_s in newest.items():
+        assert any(i == number and newest_s - 1e-3 < t < around[1] for t, i in sent), number
+
+
 def test_a_player_stops_at_once(drive: SimulatedDrive, buses: tuple[can.BusABC, can.BusABC]) -> None:
     """stop() ends the thread within a fraction of a second, with most of the drive not played."""
     player = LivePlayer(drive, buses[0])

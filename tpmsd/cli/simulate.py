@@ -245,12 +245,15 @@ def _play(args: argparse.Namespace, drive: SimulatedDrive) -> dict[str, Any]:
             _write(args.out, drive, drive.configuration(args.interface, args.live, device))
         print(f"receiver on {device}, bus on {args.interface} {args.live}", file=sys.stderr, flush=True)
         with Progress(drive.spec.duration_s, "playing") as progress:
-            player = LivePlayer(drive, bus, port, speedup=args.speed_up, progress=progress.update)
+            player = LivePlayer(
+                drive, bus, port, speedup=args.speed_up, progress=progress.update, newest_only=True
+            )
             stats = player.play()
         return {
             "device": device,
             "frames": stats.frames,
             "send_errors": stats.send_errors,
+            "overtaken": stats.overtaken,
             "sentences": stats.sentences,
             "dropped_bytes": port.dropped_bytes,
             "worst_lateness_s": stats.worst_lateness_s,

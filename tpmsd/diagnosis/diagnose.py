@@ -27,6 +27,7 @@ from tpmsd.diagnosis.result import INSUFFICIENT, Diagnosis
 from tpmsd.diagnosis.selection import MAX_TERMS, Selector
 from tpmsd.diagnosis.simulated import differences, floored, widened
 from tpmsd.diagnosis.study import Study, first_noise
+from tpmsd.diagnosis.together import together
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import FloatArray
 
@@ -93,7 +94,8 @@ def examine(study: Study, progress: Callable[[float], None]) -> tuple[Selection,
         relinearise(study, selection)
     _estimate_noise(study, design, Stage.LAST)
     evidence = study.evidence()
-    return confirmed(study, Selector(evidence, study.hypotheses, last=True).select(), evidence)
+    found = confirmed(study, Selector(evidence, study.hypotheses, last=True).select(), evidence)
+    return together(study, *found)
 
 
 def _without_shapes(study: Study, design: FloatArray, evidence: Evidence) -> Evidence:

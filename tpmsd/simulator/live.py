@@ -22,11 +22,15 @@ from types import TracebackType
 
 import can
 import numpy as np
+from numpy.typing import NDArray
 
 from tpmsd.errors import ConfigError, TpmsdError
 from tpmsd.simulator.drive import SimulatedDrive
+from tpmsd.wheels import FloatArray
 
 _GLANCE_S = 0.25
+_HELD_UP_S = 0.02
+"""Later than this a frame is not sent any more if the next one of its message is due as well."""
 
 
 class PtyPort:
@@ -92,6 +96,8 @@ class PlayStats:
     sentences: int = 0
     send_errors: int = 0
     """Frames that the bus did not take (down, or its queue full)."""
+    overtaken: int = 0
+    """Frames that were not sent, since the next of their message was due by then."""
     worst_lateness_s: float = 0.0
     """Of wall-clock time, behind a deadline."""
     played_s: float = 0.0
@@ -102,6 +108,10 @@ class LivePlayer:
     """Plays one drive; in the caller's thread by `play()`, or in its own by `start()`, `stop()`, `join()`.
 
     `monotonic` is the clock and `speedup` how many seconds of drive pass in one of its seconds.
+
+    With `newest_only` a player that was held up sends what is current and leaves out what it missed, as an
+    ECU does, whose message has one buffer that its newest values overwrite. Otherwise it sends all of it at
+    once, which only a listener that goes by the frames' own stamps can take for a car.
     """
 
     def __init__(
@@ -113,6 +123,7 @@ class LivePlayer:
         speedup: float = 1.0,
         monotonic: Callable[[], float] = time.monotonic,
         progress: Callable[[float], None] | None = None,
+        newest_only: bool = False,
     ) -> None:
         if not 0.01 <= speedup <= 10_000:
             raise ConfigError(f"speed-up {speedup:g} is outside 0.01 to 10000")
@@ -122,6 +133,7 @@ class LivePlayer:
         self._speedup = speedup
         self._monotonic = monotonic
         self._progress = progress
+        self._newest_only = newest_only
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self._failure: BaseException | None = None
@@ -143,11 +155,15 @@ class LivePlayer:
         nmea_times = np.array([line.time_s for line in nmea])
         times = np.concatenate([frame_times, nmea_times])
         order = np.argsort(times, kind="stable")
+        again = _next_of_its_kind(frame_times, frames.frame_id)
         self._began = self._monotonic()
         for index in order.tolist():
             if not self._wait_until(float(times[index])):
                 break
             if index < len(frames):
+                if self._newest_only and self._overtaken(float(frame_times[index]), float(again[index])):
+                    self.stats.overtaken += 1
+                    continue
                 self._send(float(times[index]), int(frames.frame_id[index]), frames.data[index].tobytes())
             elif self._port is not None:
                 self._port.write(nmea[index - len(frames)].text.encode("ascii") + b"\r\n")
@@ -192,6 +208,10 @@ class LivePlayer:
         self.stats.worst_lateness_s = max(self.stats.worst_lateness_s, -ahead)
         return not self._stop.is_set()
 
+    def _overtaken(self, host_s: float, again_s: float) -> bool:
+        now_s = self.now()
+        return now_s - host_s > _HELD_UP_S * self._speedup and again_s <= now_s
+
     def _send(self, host_s: float, frame_id: int, data: bytes) -> None:
         message = can.Message(
             timestamp=host_s, arbitration_id=frame_id, is_extended_id=frame_id > 0x7FF, data=data
@@ -203,3 +223,13 @@ class LivePlayer:
             self.stats.send_errors += 1
         else:
             self.stats.frames += 1
+
+
+def _next_of_its_kind(time_s: FloatArray, frame_id: NDArray[np.int64]) -> FloatArray:
+    """(n,) when the next frame of the same identifier is due; infinite for the last one."""
+    out = np.full(len(time_s), np.inf)
+    for one in np.unique(frame_id):
+        at = np.flatnonzero(frame_id == one)
+        at = at[np.argsort(time_s[at], kind="stable")]
+        out[at[:-1]] = time_s[at[1:]]
+    return out

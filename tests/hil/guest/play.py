@@ -18,9 +18,13 @@ import socket
 import subprocess
 import threading
 import time
+import tomllib
 import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
+
+import cantools
 
 from tests.hil.guest.rig import PROMPT, end
 
@@ -73,6 +77,13 @@ def sentences_of(drive: Path, from_s: float = -math.inf, to_s: float = math.inf)
     start_s = next(iter(stamped(can_log(drive))))[0]
     lines = [rest for time_s, rest in stamped(drive / "gnss.nmea") if from_s <= time_s - start_s <= to_s]
     return [line for line in lines if not line.startswith("$PTPMSD")]
+
+
+def wanted_ids(drive: Path) -> set[int]:
+    """The identifiers of the messages that the car's configuration names, by its DBC."""
+    signals = tomllib.loads((drive / "vehicle.toml").read_text())["can"]["signals"]
+    database: Any = cantools.database.load_file(drive / "bus.dbc")
+    return {database.get_message_by_name(signal.split(".")[0]).frame_id for signal in signals.values()}
 
 
 def span_s(log: Path) -> float:

@@ -14,7 +14,7 @@ import pytest
 
 from tests.hil.guest.rig import ALARM_ID, STATUS_ID, Frame, decode, listening, running, simulating, wait_until
 
-SPEED_UP = 3.0
+SPEED_UP = 2.0
 """Time stamps are that much less exact, too: at more than five times the pace the decoder begins to doubt."""
 LEARN_S = 20.0
 AT_S, OVER_S, LOSS_PERCENT, DURATION_S = 40.0, 15.0, 2.0, 120.0

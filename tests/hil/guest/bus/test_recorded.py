@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import json
 import os
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import cantools
 import pytest
 
 from tests.conftest import REPO
@@ -25,6 +23,7 @@ from tests.hil.guest.play import (
     frames_of,
     sentences_of,
     span_s,
+    wanted_ids,
     write_log,
 )
 from tests.hil.guest.rig import TPMSD, run, running
@@ -78,13 +77,6 @@ def played(drive: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[di
         "replay": json.loads((folder / "original.json").read_text()),
         "replay_of_taken": json.loads((folder / "taken.json").read_text()),
     }
-
-
-def wanted_ids(drive: Path) -> set[int]:
-    """The identifiers of the messages that the car's configuration names, by its DBC."""
-    signals = tomllib.loads((drive / "vehicle.toml").read_text())["can"]["signals"]
-    database: Any = cantools.database.load_file(drive / "bus.dbc")
-    return {database.get_message_by_name(signal.split(".")[0]).frame_id for signal in signals.values()}
 
 
 def test_every_wanted_frame_arrives_and_no_other(played: dict[str, Any]) -> None:

@@ -1,0 +1,89 @@
+"""Wheels that wander together are told from wheels that wander."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.recorded import recording_of
+from tests.diagnosis.test_beside_shapes import Given, columns, directions, evidence, shape
+from tests.worlds.kinematic import Spec, drive
+from tpmsd.diagnosis import diagnose as whole
+from tpmsd.diagnosis.diagnose import diagnose
+from tpmsd.diagnosis.selection import Selector
+from tpmsd.diagnosis.terms import PATTERNS, Term
+from tpmsd.diagnosis.together import _common_shape
+from tpmsd.wheels import WHEELS, FloatArray
+
+HATS = 6
+SIZE = 1e4
+"""Length of the whitened response to a metre of one wheel's hat."""
+
+
+def shapes() -> list[Term]:
+    """Over time, on each wheel and on each group of wheels."""
+    out = []
+    for place in (*WHEELS, "front", "rear", "left", "right", "all"):
+        design = np.zeros((1 + 4 * HATS, HATS))
+        for wheel in PATTERNS[place]:
+            design += columns(
+                *range(1 + WHEELS.index(wheel) * HATS, 1 + (WHEELS.index(wheel) + 1) * HATS),
+                width=len(design),
+            )
+        out.append(shape(place, "time", design))
+    return out
+
+
+@pytest.mark.parametrize(
+    ("heights_mm", "place"),
+    [
+        ({"fl": 1, "fr": 1}, "front"),
+        ({"fr": 1, "rr": 1}, "right"),
+        ({"rl": 1}, "rl"),
+        ({"fl": 1, "fr": 2}, None),
+        ({"fl": 1, "fr": -1, "rl": -1, "rr": 1}, None),
+        ({"fl": 1, "fr": 1, "rl": 1, "rr": 1}, None),
+        ({}, None),
+    ],
+)
+def test_a_shape_is_told_only_where_one_group_has_it_to_itself(
+    heights_mm: dict[str, int], place: str | None
+) -> None:
+    """An axle, a side, one wheel; not two that go each their own way, and not all, which the receiver makes."""
+    u = directions(4 * HATS)
+    responses = SIZE * u
+    swing = 1e-3 * np.cos(np.arange(HATS))
+    data: FloatArray = np.zeros(len(u))
+    for wheel, height in heights_mm.items():
+        at = WHEELS.index(wheel) * HATS
+        # Wheels that go their own way: their swings are of another form, too.
+        own = swing if height == 1 else 1e-3 * height * np.sin(np.arange(HATS) + 0.6)
+        data = data + responses[:, at : at + HATS] @ own
+    selector = Selector(evidence(data, responses), Given(1 + 4 * HATS, [], shapes()), last=True)
+    found = _common_shape(selector, [])
+
+    assert place == (None if found is None else found.place)
+
+
+BRAKES = {"strange_brake_heat": {"wheels": [0, 1], "cooling_s": 66.0, "size_m": 1.6e-3}}
+
+
+def test_an_axle_that_warms_with_every_braking_is_no_wander(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A shape with a memory, which no covariate holds: found on its axle; without the question it was not."""
+    recording = recording_of(drive(Spec(duration_s=700.0, road="rural", physics=BRAKES), 3))
+    diagnosis = diagnose([recording])
+    monkeypatch.setattr(whole, "together", lambda study, selection, evidence: (selection, evidence))
+    without = diagnose([recording])
+
+    assert "mismatch" == diagnosis.verdict
+    assert {"unknown"} == {finding.effect for finding in diagnosis.findings}
+    assert {("fl", "fr")} == {finding.where.wheels for finding in diagnosis.findings}
+    assert not any(finding.where.wheels == ("fl", "fr") for finding in without.findings)
+
+
+def test_wheels_that_wander_each_for_itself_are_no_finding() -> None:
+    """0.05 % of slow wander, as real tyres have on bad days."""
+    spec = Spec(duration_s=700.0, road="rural", radius_wander=5e-4)
+    diagnosis = diagnose([recording_of(drive(spec, 3))])
+
+    assert not [finding for finding in diagnosis.findings if finding.effect == "unknown"]
