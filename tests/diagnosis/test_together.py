@@ -49,7 +49,7 @@ def shapes() -> list[Term]:
 def test_a_shape_is_told_only_where_one_group_has_it_to_itself(
     heights_mm: dict[str, int], place: str | None
 ) -> None:
-    """An axle, a side, one wheel; not two that go each their own way, and not all, which the receiver makes."""
+    """An axle, a side, one wheel; not two that go each their own way, not all, as the receiver makes it."""
     u = directions(4 * HATS)
     responses = SIZE * u
     swing = 1e-3 * np.cos(np.arange(HATS))

@@ -1,6 +1,6 @@
 """Names what the noise model took for radii that wander, where wheels wander together.
 
-In: a `Study`, its `Selection` and `Evidence`. Out: both, with a free shape over time if there is one to be told.
+In: a `Study`, its `Selection` and `Evidence`. Out: both, with a free shape over time if there is one to tell.
 
 Tyres and roads make every wheel's radius wander for itself, and how much is estimated from the drive. What
 warms one axle, or ages one wheel, raises that estimate as well, and beside so much noise no shape is sure.
