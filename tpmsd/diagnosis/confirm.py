@@ -31,6 +31,10 @@ SURE_OF_LATENCY = 0.7
 """Confidence below which an age of the fixes is not told from an age of their speed alone."""
 SURE_OF_WHEEL = 3000.0
 """The same of a wheel that changes against the others."""
+WANDERS = 1e-4
+"""Relative standard deviation of the radii's slow wander that is more than usual: five times that."""
+UNSURE_OF_WANDER = 1.5
+"""Factor by which so much wander may be greater than it seems: a drive holds but a few of its swings."""
 
 
 def confirmed(study: Study, selection: Selection, evidence: Evidence) -> tuple[Selection, Evidence]:
@@ -74,7 +78,9 @@ def _noise_without(drive: DriveStudy, design: FloatArray, common: bool) -> Noise
     windows, columns = drive.reader.windows, drive.believed(design)
     if not common:
         start = replace(drive.noise, wander=max(drive.noise.wander, PRIORS["wander"][0]))
-        return refit_wander(windows, columns, start, drive.inflate)
+        null = refit_wander(windows, columns, start, drive.inflate)
+        much = drive.noise.wander >= WANDERS
+        return replace(null, wander=UNSURE_OF_WANDER * null.wander) if much else null
     middles: dict[str, Any] = {name: PRIORS[name][0] for name in SLOW}
     starts = (drive.noise, replace(drive.noise, **middles))
     found = [refit_slow(windows, columns, start, drive.inflate) for start in starts]

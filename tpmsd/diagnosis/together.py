@@ -17,6 +17,7 @@ import numpy as np
 
 from tpmsd.diagnosis.candidates import ADMIT
 from tpmsd.diagnosis.chosen import Selection
+from tpmsd.diagnosis.confirm import WANDERS
 from tpmsd.diagnosis.evidence import Evidence
 from tpmsd.diagnosis.noise_fit import PRIORS
 from tpmsd.diagnosis.selection import Selector
@@ -24,8 +25,6 @@ from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.terms import ANTISYMMETRIC, PATTERNS, Term, group_gain
 from tpmsd.wheels import WHEELS
 
-WANDERS = 1e-4
-"""Relative standard deviation of the radii's slow wander from which it is looked at: five times the usual."""
 TOGETHER = 0.85
 """Share of what four separate wheels bring that one group must bring."""
 
