@@ -6,11 +6,16 @@ of the wrong number.
 At every tick's edge each wheel's shown angle is compared with the smooth motion and with the other
 wheels; what is left above 0.3 Hz is regressed on sine and cosine of the wheel's own angle. Turning faster
 than the ticks only folds the ripple to other frequencies, where the regression finds it all the same.
+
+Speeds that are read less than twice per turn fold it before they are summed to an angle: what is left of the
+ripple then has another size and phase at every speed, and even another sign. Where that fits much better,
+each range of speeds has a sine and a cosine of its own; the amplitude is then known to a factor of two only.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +39,12 @@ has speeds) is flatter than the ripple, the more the faster the wheel turns.
 """
 BETWEEN_READINGS = 0.1
 """Relative standard deviation of an amplitude: how much flatter is known no better."""
+RANGES = 12
+"""Of turns per second, where speeds fold the ripple."""
+MUCH_BETTER = 2.0
+"""Gain of folded ripples, over that of plain ones, from which they are folded."""
+FOLDED = 0.6
+"""Relative standard deviation of an amplitude that was folded."""
 MAX_TEETH = 75.0
 """Beyond, one tooth more or less is within what radii differ by."""
 FROM_OFFSET, WITHIN = 0.012, 0.35
@@ -64,8 +75,10 @@ def ripples(recording: Recording, reference: Reference) -> list[Ripple]:
     rows, regressors, turns_hz, blocks = _prepared(recording, reference)
     if len(rows) < 10 * BLOCK_TICKS:
         return []
-    found = [_judged(k, rows, _flattened(k, rows, regressors, turns_hz), blocks) for k in range(4)]
-    return sorted((one for one in found if one is not None), key=lambda one: -one.gain)
+    found = _one_by_one(rows, blocks, lambda k, rows: _flattened(k, rows, regressors, turns_hz))
+    folded = _one_by_one(rows, blocks, lambda k, rows: _by_range(regressors[:, k], turns_hz[:, k]))
+    plain = found[0].gain if found else 0.0
+    return folded if folded and folded[0].gain > MUCH_BETTER * plain else found
 
 
 def wrong_teeth(recording: Recording, radii_m: FloatArray) -> list[tuple[str, float]]:
@@ -98,6 +111,38 @@ def _flattened(k: int, rows: FloatArray, regressors: FloatArray, turns_hz: Float
         if gain > most:
             best, most = X, gain
     return best
+
+
+def _one_by_one(
+    rows: FloatArray, blocks: np.ndarray, form: Callable[[int, FloatArray], FloatArray]
+) -> list[Ripple]:
+    """The wheels' ripples, the clearest first and taken out: a quarter of it stands in the other wheels, too.
+
+    `form` gives a wheel's response (n, m) to sines and cosines.
+    """
+    found: list[Ripple] = []
+    left = list(range(4))
+    while left:
+        forms = {k: form(k, rows) for k in left}
+        judged = {k: _judged(k, rows, forms[k], blocks) for k in left}
+        clear = {k: one for k, one in judged.items() if one is not None}
+        if not clear:
+            break
+        k = max(clear, key=lambda wheel: clear[wheel].gain)
+        found.append(clear[k])
+        left.remove(k)
+        own = forms[k] @ np.linalg.lstsq(0.75 * forms[k], rows[:, k], rcond=None)[0]
+        share = np.full(4, -0.25)
+        share[k] = 0.75
+        rows = rows - own[:, None] * share
+    return found
+
+
+def _by_range(regressor: FloatArray, turns_hz: FloatArray) -> FloatArray:
+    """(n, 2 * RANGES) sine and cosine, each in its range of speeds alone."""
+    edges = np.quantile(turns_hz, np.linspace(0.0, 1.0, RANGES + 1)[1:-1])
+    here = np.searchsorted(edges, turns_hz)[:, None] == np.arange(RANGES)
+    return np.concatenate([regressor[:, :1] * here, regressor[:, 1:] * here], axis=1)
 
 
 def _prepared(
@@ -152,16 +197,19 @@ def _judged(k: int, rows: FloatArray, regressors: FloatArray, blocks: np.ndarray
         trained = np.linalg.solve(A[~out].sum(axis=0), b[~out].sum(axis=0))
         heldout += float(trained @ b[out].sum(axis=0) - 0.5 * trained @ A[out].sum(axis=0) @ trained)
     heldout /= variance * ratio
-    amplitude = float(np.hypot(*values))
-    if gain < ADMIT or heldout < 0.5 * ADMIT:
+    sine, cosine = values.reshape(2, -1)
+    # One value of both is the plain ripple; of several, which are folded, the middle one.
+    middle = int(np.argsort(np.hypot(sine, cosine))[len(sine) // 2])
+    amplitude = float(np.hypot(sine[middle], cosine[middle]))
+    if gain < ADMIT + len(values) - 2 or heldout < 0.5 * ADMIT:
         return None
-    std = math.sqrt(variance * ratio * float(np.trace(inverse)) / 2.0)
+    std = math.sqrt(variance * ratio * float(np.trace(inverse)) / len(values))
     after = math.sqrt(max(variance - 2.0 * heldout * variance * ratio / len(y), 0.0))
     return Ripple(
         wheel=WHEELS[k],
         amplitude_rad=amplitude,
-        std_rad=math.hypot(std, BETWEEN_READINGS * amplitude),
-        phase_rad=float(math.atan2(values[1], values[0])),
+        std_rad=math.hypot(std, (BETWEEN_READINGS if len(sine) == 1 else FOLDED) * amplitude),
+        phase_rad=float(math.atan2(cosine[middle], sine[middle])),
         phase_std_rad=std / amplitude,
         gain=heldout,
         rms_before=1.0,

@@ -179,15 +179,18 @@ class ProcessModel:
         mean[:, BE : BN + 1] *= decay
         mean_way, mean_turn = float(way.mean()), float(turn.mean())
         noise = self._noise(motion, abs(mean_way), mean_turn)
-        noise[BE, BE] = noise[BN, BN] = position_std_m**2 * (1.0 - decay**2)
-        # F P F' row by row: only the pose's rows of F hold anything beside the diagonal.
+        noise[BE] = noise[BN] = position_std_m**2 * (1.0 - decay**2)
+        # F P F' row by row: only the pose's rows of F hold anything beside the diagonal. The other rows of
+        # its first columns are these, mirrored.
         bend = self._pose_by_bends(way, turn, cos, sin, motion)
         out = covariance.copy()
         out[:, BE : BN + 1, :] *= decay
         out[:, :, BE : BN + 1] *= decay
-        out[:, : PSI + 1, :] += bend @ out[:, BENDS, :]
-        out[:, :, : PSI + 1] += out[:, :, BENDS] @ bend.swapaxes(1, 2)
-        out += noise
+        pose = out[:, : PSI + 1, :]
+        pose += bend @ out[:, BENDS, :]
+        pose[:, :, : PSI + 1] += pose[:, :, BENDS] @ bend.swapaxes(1, 2)
+        out[:, PSI + 1 :, : PSI + 1] = pose[:, :, PSI + 1 :].swapaxes(1, 2)
+        np.einsum("ijj->ij", out)[:] += noise
         out[:, MU:, MU:] += (self.drift if drift is None else drift) * motion.dt_s
         return out, mean_way, mean_turn
 
@@ -217,12 +220,12 @@ class ProcessModel:
         return out
 
     def _noise(self, motion: Motion, distance: float, turn: float) -> FloatArray:
-        size = MU + self._wheels
-        out = np.zeros((size, size))
+        """(n,) what a tick adds to the variances."""
+        out = np.zeros(MU + self._wheels)
         rough = not motion.teaches
-        out[E, E] = out[N, N] = WAY_NOISE**2 * distance + (ROUGH_WAY * distance) ** 2 * rough
-        out[PSI, PSI] = TURN_NOISE**2 * distance + (TURN_RELATIVE * turn) ** 2
-        out[PSI, PSI] += (ROUGH_TURN * distance / self._track) ** 2 * rough
-        out[LAT, LAT] = LATENCY_DRIFT**2 * motion.dt_s
-        out[GYRO, GYRO] = GYRO_DRIFT**2 * motion.dt_s
+        out[E] = out[N] = WAY_NOISE**2 * distance + (ROUGH_WAY * distance) ** 2 * rough
+        out[PSI] = TURN_NOISE**2 * distance + (TURN_RELATIVE * turn) ** 2
+        out[PSI] += (ROUGH_TURN * distance / self._track) ** 2 * rough
+        out[LAT] = LATENCY_DRIFT**2 * motion.dt_s
+        out[GYRO] = GYRO_DRIFT**2 * motion.dt_s
         return out

@@ -326,8 +326,11 @@ class MpfRb(PoseKeeper):
 
     def _estimate(self, tick: Tick, teaches: bool) -> RadiusEstimate:
         self._radii, radii_m2 = self._moments(slice(MU, None))
-        (east, north, heading), cov = self._moments(slice(0, PSI + 1))
-        variance = np.maximum(np.diag(cov), 0.0)
+        weights = self._weights()
+        own = self._mean[:, : PSI + 1]
+        east, north, heading = centre = weights @ own
+        within = np.einsum("ijj->ij", self._cov[:, : PSI + 1, : PSI + 1])
+        variance = np.maximum(weights @ (within + np.square(own - centre)), 0.0)
         pose = Pose(
             east_m=float(east),
             north_m=float(north),
@@ -336,7 +339,7 @@ class MpfRb(PoseKeeper):
             heading_std_rad=math.sqrt(variance[PSI]),
         )
         noise = np.sqrt(np.diag(self._process.drift))
-        effective = effective_number(self._weights())
+        effective = effective_number(weights)
         return self._radius_estimate(tick, teaches, (self._radii, radii_m2), noise, pose, effective)
 
     # -- what survives a restart ----------------------------------------------------------------------------
