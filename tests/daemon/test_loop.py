@@ -369,16 +369,21 @@ def test_a_process_that_is_held_up_loses_no_frame(tmp_path: Path, own_stamps: bo
     assert len(taken) >= 900
 
 
-@pytest.mark.parametrize("step_s", [-3600.0, -2.0, 3600.0])
-def test_the_loop_goes_on_when_the_hosts_clock_is_set(
-    tmp_path: Path, step_s: float, caplog: pytest.LogCaptureFixture
-) -> None:
-    """Set back or forward during a run, the clock stops neither ticks nor frames; it is said once."""
-    config, database = car(tmp_path)
-    shift_s, began_s = 0.0, time.monotonic()
+HELD_UP_S = 0.1
+"""Of real time between two looks at the clock: longer than that, the machine did something else."""
+
+
+def set_back_or_forward(folder: Path, step_s: float) -> tuple[Daemon, list[tuple[float, float, bool]], float]:
+    """The daemon through a step of its host's clock, its ticks, and how long at most it was held up."""
+    folder.mkdir()
+    config, database = car(folder)
+    shift_s, began_s, looked_s, held_up_s = 0.0, time.monotonic(), time.monotonic(), 0.0
 
     def monotonic() -> float:
-        return 4.0 * (time.monotonic() - began_s)
+        nonlocal looked_s, held_up_s
+        now_s = time.monotonic()
+        held_up_s, looked_s = max(held_up_s, now_s - looked_s), now_s
+        return 4.0 * (now_s - began_s)
 
     clock = Clock(wall=lambda: 1.7e9 + monotonic() + shift_s, monotonic=monotonic)
     bus = DrivingBus(clock.now)
@@ -390,10 +395,25 @@ def test_the_loop_goes_on_when_the_hosts_clock_is_set(
         shift_s = step_s if monotonic() > 4.0 else 0.0
 
     daemon = run(config, database, clock, bus, 10.0, on_step=watch, grace_s=0.2)
+    return daemon, ticks, held_up_s
+
+
+@pytest.mark.parametrize("step_s", [-3600.0, -2.0, 3600.0])
+def test_the_loop_goes_on_when_the_hosts_clock_is_set(
+    tmp_path: Path, step_s: float, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Set back or forward during a run, the clock stops neither ticks nor frames; it is said once."""
+    for attempt in range(5):
+        caplog.clear()
+        daemon, ticks, held_up_s = set_back_or_forward(tmp_path / str(attempt), step_s)
+        if held_up_s < HELD_UP_S:
+            break
 
     times = [time_s for _, time_s, _ in ticks]
     assert sorted(times) == times
-    assert 75 <= len(ticks) <= 105
+    # Ten seconds; tick time may run ahead by the second in which frames are taken for late ones, the more so
+    # where this process was held up when the clock was set. It never fills an hour with ticks.
+    assert 75 <= len(ticks) <= 125
     assert max(later[0] - earlier[0] for earlier, later in pairwise(ticks)) < 1.7
     # Frames out of order are taken for late ones for a second, until a step is the better explanation.
     assert all(turning for at_s, _, turning in ticks if 2.0 < at_s < 4.0 or at_s > 7.0)
