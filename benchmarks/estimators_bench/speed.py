@@ -28,6 +28,8 @@ WARM_TICKS = 2300
 """Well into the rural road: every filter has its pose, and every tick teaches."""
 TIMED_TICKS = 600
 PASSES = 3
+TURNS = 4
+"""Parts of a pass, after each of which the next method is timed."""
 LONG_NUMBERS = (*NUMBERS, 20_000)
 """The last tells whether the cost is linear beyond the paper's range."""
 
@@ -45,24 +47,35 @@ def least_ms(step: Callable[[Tick], Any], ticks: list[Tick], timed: int, passes:
 
 
 def time_methods(quick: bool, say: Callable[[str], None]) -> dict[str, dict[str, float]]:
-    """Method -> number of particles ('0': its own) -> ms per tick; the default on four wheels too."""
+    """Method -> number of particles ('0': its own) -> ms per tick; the default on four wheels too.
+
+    The methods take turns over the same stretch: a machine is quick in one minute and slow in another, and so
+    all of them meet both.
+    """
     ticks = driven("puncture", "correlated", 0).ticks
-    out: dict[str, dict[str, float]] = {}
     have, _ = available()
+    out: dict[str, dict[str, float]] = {}
+    filters: list[tuple[str, int, Estimator]] = []
     for method, front in [(m, False) for m in have] + [(DEFAULT, True)]:
         name = f"{method}, four wheels" if front else method
-        numbers = LONG_NUMBERS if method in SAMPLED else (0,)
         out[name] = {}
-        for number in numbers:
-            setting = setting_of(method, "correlated")
-            estimator = build(method, setting, number or None, 1, front)
-            many = number >= 5000
-            warm = ticks[WARM_TICKS - (300 if many else 600) : WARM_TICKS]
-            for tick in warm:
+        for number in LONG_NUMBERS if method in SAMPLED else (0,):
+            estimator = build(method, setting_of(method, "correlated"), number or None, 1, front)
+            for tick in ticks[WARM_TICKS - (300 if number >= 5000 else 600) : WARM_TICKS]:
                 estimator.step(tick)
-            timed = 40 if many and quick else 150 if many else TIMED_TICKS
-            out[name][str(number)] = least_ms(estimator.step, ticks[WARM_TICKS:], timed, PASSES)
-            say(f"{name} N={number or 'own'}: {out[name][str(number)]:.3f} ms per tick")
+            filters.append((name, number, estimator))
+            out[name][str(number)] = float("inf")
+    turns = TURNS * PASSES
+    for turn in range(turns):
+        for name, number, estimator in filters:
+            many = number >= 5000
+            timed = (40 if many and quick else 150 if many else TIMED_TICKS) // TURNS
+            some = ticks[WARM_TICKS + turn * timed :]
+            least = least_ms(estimator.step, some, timed, 1)
+            out[name][str(number)] = min(out[name][str(number)], least)
+        say(f"run time of {len(filters)} filters, turn {turn + 1} of {turns}")
+    for name, number, _ in filters:
+        say(f"{name} N={number or 'own'}: {out[name][str(number)]:.3f} ms per tick")
     return out
 
 
