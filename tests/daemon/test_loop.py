@@ -369,8 +369,9 @@ def test_a_process_that_is_held_up_loses_no_frame(tmp_path: Path, own_stamps: bo
     assert len(taken) >= 900
 
 
-HELD_UP_S = 0.1
-"""Of real time between two looks at the clock: longer than that, the machine did something else."""
+HELD_UP_S = 0.05
+"""Of real time between two looks at the clock: longer than that, the machine did something else. If the clock is
+set just then, tick time runs ahead by a second or two."""
 
 
 def set_back_or_forward(folder: Path, step_s: float) -> tuple[Daemon, list[tuple[float, float, bool]], float]:
@@ -411,9 +412,7 @@ def test_the_loop_goes_on_when_the_hosts_clock_is_set(
 
     times = [time_s for _, time_s, _ in ticks]
     assert sorted(times) == times
-    # Ten seconds; tick time may run ahead by the second in which frames are taken for late ones, the more so
-    # where this process was held up when the clock was set. It never fills an hour with ticks.
-    assert 75 <= len(ticks) <= 125
+    assert 75 <= len(ticks) <= 105
     assert max(later[0] - earlier[0] for earlier, later in pairwise(ticks)) < 1.7
     # Frames out of order are taken for late ones for a second, until a step is the better explanation.
     assert all(turning for at_s, _, turning in ticks if 2.0 < at_s < 4.0 or at_s > 7.0)

@@ -5,8 +5,8 @@ In: a `Study`, its `Selection` and `Evidence`. Out: both, with a free shape over
 Tyres and roads make every wheel's radius wander for itself, and how much is estimated from the drive. What
 warms one axle, or ages one wheel, raises that estimate as well, and beside so much noise no shape is sure.
 But then one group of wheels holds nearly all of the wander, and with wheels that go each their own way none
-does: of drives whose radii were made to wander, the best group holds 0.47 to 0.69 of what four separate
-wheels hold, and of brakes that warm an axle all of it. So the shape is asked for under the usual noise.
+does: there the best one has little more than half of what four separate wheels bring, and an axle that brakes
+warm has all of it. So the shape is asked for under the usual noise.
 """
 
 from __future__ import annotations
