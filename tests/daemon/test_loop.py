@@ -370,7 +370,7 @@ def test_a_process_that_is_held_up_loses_no_frame(tmp_path: Path, own_stamps: bo
 
 
 HELD_UP_S = 0.05
-"""Of real time between two looks at the clock: longer than that, the machine did something else. If the clock is
+"""Of real time between two looks at the clock: longer, and the machine did something else. If the clock is
 set just then, tick time runs ahead by a second or two."""
 
 
