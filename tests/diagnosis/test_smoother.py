@@ -11,12 +11,11 @@ from tests.diagnosis.recorded import recording_of
 from tests.worlds.kinematic import Spec, drive
 from tpmsd.diagnosis.channels import GYRO, Reader
 from tpmsd.diagnosis.diagnose import diagnose, first_noise
-from tpmsd.diagnosis.motion import reference
+from tpmsd.diagnosis.motion import WINDOW_S, reference
 from tpmsd.diagnosis.recording import Recording
 from tpmsd.diagnosis.smoother import motion_errors
-from tpmsd.diagnosis.whitening import PE, PN, PSI, STATES, System, V, W, system
+from tpmsd.diagnosis.whitening import GB, PE, PN, PSI, QOLD, STATES, Q, V, W, system
 from tpmsd.physics.model import ExtendedModel
-from tpmsd.wheels import FloatArray
 
 
 def without_gyro(recording: Recording) -> Recording:
@@ -32,13 +31,22 @@ def reader() -> Reader:
     return Reader(recording, reference(recording))
 
 
-def transition(made: System, k: int) -> FloatArray:
-    """(STATES, STATES) what takes the states of the window before into this one."""
-    F = np.zeros((STATES, STATES))
-    F[np.arange(STATES), made.shift] = made.decay[k]
-    F[PE] += made.grow_e[k] * F[PSI]
-    F[PN] += made.grow_n[k] * F[PSI]
-    return F
+def test_what_becomes_of_an_error_from_window_to_window(reader: Reader) -> None:
+    """The end's reading is the next one's start, a heading that is off moves the position across the way
+    driven, a bias stays, and what is new in each window is forgotten.
+    """
+    windows = reader.windows
+    made = system(windows, first_noise(reader), np.isfinite(windows.measured), None)
+    k = len(windows) // 2
+    assert windows.index[k] == windows.index[k - 1] + 1
+    error = np.zeros(STATES)
+    error[[Q, QOLD + 1, V, W, PSI, GB]] = 0.001, 7.0, 7.0, 7.0, 0.01, 0.002
+    moved = made.transition[k] @ error
+    assert moved[QOLD] == pytest.approx(0.001)
+    assert moved[[Q, Q + 1, QOLD + 1, V, W]] == pytest.approx(0.0)
+    assert moved[[PSI, GB]] == pytest.approx([0.01, 0.002])
+    way_m = windows.covariates["speed"][k] * WINDOW_S
+    assert np.hypot(moved[PE], moved[PN]) == pytest.approx(0.01 * way_m, rel=0.05)
 
 
 def test_the_smoother_is_the_conditional_mean(reader: Reader) -> None:
@@ -64,14 +72,12 @@ def test_the_smoother_is_the_conditional_mean(reader: Reader) -> None:
     covariance = np.zeros((few * STATES, few * STATES))
     P = np.diag(made.start)
     for k in range(few):
-        F, at = transition(made, k), slice(k * STATES, (k + 1) * STATES)
-        Q = np.diag(made.fresh[k])
-        Q[V : PN + 1, V : PN + 1] += made.motion[k]
+        F, at = made.transition[k], slice(k * STATES, (k + 1) * STATES)
         covariance[at, : k * STATES] = (
             F @ covariance[at.start - STATES : at.start, : k * STATES] if k else 0.0
         )
         covariance[: k * STATES, at] = covariance[at, : k * STATES].T
-        P = F @ P @ F.T + Q
+        P = F @ P @ F.T + made.fresh[k]
         covariance[at, at] = P
     H = np.zeros((few * 9, few * STATES))
     for k in range(few):

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg
 
 from tpmsd.diagnosis.channels import Windows
-from tpmsd.diagnosis.whitening import PE, PN, PSI, STATES, Noise, System, V, W, system
+from tpmsd.diagnosis.whitening import PSI, STATES, Noise, V, W, system
 from tpmsd.wheels import FloatArray
 
 
@@ -33,10 +33,8 @@ def motion_errors(
     forgets = np.zeros((count, STATES, STATES))
     x, P = np.zeros(STATES), np.diag(made.start)
     for k in range(count):
-        x = _moved(made, k, x)
-        P = _moved(made, k, _moved(made, k, P).T)
-        P.flat[:: STATES + 1] += made.fresh[k]
-        P[V : PN + 1, V : PN + 1] += made.motion[k]
+        x = made.transition[k] @ x
+        P = made.transition[k] @ P @ made.transition[k].T + made.fresh[k]
         predicted[k], spread[k] = x, P
         use = made.here[k]
         if not use.any():
@@ -59,23 +57,5 @@ def motion_errors(
     for k in range(count - 1, -1, -1):
         adjoint = told[k] + forgets[k].T @ later
         out[k] = (predicted[k] + spread[k] @ adjoint)[[V, W, PSI]]
-        later = _back(made, k, adjoint)
-    return out
-
-
-def _moved(made: System, k: int, values: FloatArray) -> FloatArray:
-    """(STATES, ...) values of the window before, taken to this one."""
-    out = values[made.shift] * made.decay[k].reshape(-1, *[1] * (values.ndim - 1))
-    out[PE] += made.grow_e[k] * out[PSI]
-    out[PN] += made.grow_n[k] * out[PSI]
-    return np.asarray(out)
-
-
-def _back(made: System, k: int, values: FloatArray) -> FloatArray:
-    """(STATES,) the transposed of `_moved`."""
-    scaled = values.copy()
-    scaled[PSI] += made.grow_e[k] * values[PE] + made.grow_n[k] * values[PN]
-    scaled *= made.decay[k]
-    out = np.zeros(STATES)
-    np.add.at(out, made.shift, scaled)
+        later = made.transition[k].T @ adjoint
     return out

@@ -74,55 +74,33 @@ def whiten(
     count, _, width = columns.shape
     out = np.zeros_like(columns)
     made = system(windows, noise, np.isfinite(columns[:, :, 0]), inflate)
-    here, reading, variance = made.here, made.rows, made.variance
-    decay, fresh_var, motion_var = made.decay, made.fresh, made.motion
-    grow_e, grow_n, shift = made.grow_e, made.grow_n, made.shift
-    whole = np.asarray(here.all(axis=1))
-    number = here.sum(axis=1)
+    whole = np.asarray(made.here.all(axis=1))
+    number = made.here.sum(axis=1)
     scale = np.ones((count, CHANNELS))
-    P = np.diag(made.start)
-    M = np.zeros((STATES, width))
+    # What is expected of each column, and the covariance beside it: moved and corrected by one product.
+    joint = np.concatenate([np.zeros((STATES, width)), np.diag(made.start)], axis=1)
+    other = np.empty_like(joint)
     both = np.empty((CHANNELS, width + STATES))
     for k in range(count):
-        # To the window's end: what was the reading at the end is the one at the start; old errors fade,
-        # heading moves the position, and new errors of speed and yaw rate come in.
-        d = decay[k]
-        M = M.take(shift, axis=0)
-        M *= d[:, None]
-        M[PE] += grow_e[k] * M[PSI]
-        M[PN] += grow_n[k] * M[PSI]
-        P = P.take(shift, axis=0).take(shift, axis=1)
-        P *= d
-        P *= d[:, None]
-        P[PE] += grow_e[k] * P[PSI]
-        P[PN] += grow_n[k] * P[PSI]
-        P[:, PE] += grow_e[k] * P[:, PSI]
-        P[:, PN] += grow_n[k] * P[:, PSI]
-        P.flat[:: STATES + 1] += fresh_var[k]
-        P[V : PN + 1, V : PN + 1] += motion_var[k]
+        joint[:, width:] = joint[:, width:] @ made.transition[k].T
+        np.matmul(made.transition[k], joint, out=other)
+        joint, other = other, joint
+        joint[:, width:] += made.fresh[k]
         n = number[k]
         if n == 0:
             continue
-        use = here[k]
-        H, y, r = reading[k], columns[k], variance[k]
-        if not whole[k]:
-            H, y, r = H[use], y[use], r[use]
-        rows = both[:n]
-        HP = np.matmul(H, P, out=rows[:, width:])
-        S = HP @ H.T
-        S.flat[:: n + 1] += r
-        np.subtract(y, H @ M, out=rows[:, :width])
+        use = slice(None) if whole[k] else made.here[k]
+        H = made.rows[k, use]
+        rows = np.matmul(H, joint, out=both[:n])
+        S = rows[:, width:] @ H.T
+        S.flat[:: n + 1] += made.variance[k, use]
+        rows[:, :width] -= columns[k, use]
         L, failed = dpotrf(S, lower=1)
         if failed:
             raise ValueError("the noise model is not positive definite")
         white, _ = dtrtrs(L, rows, lower=1)
-        Z, B = white[:, :width], white[:, width:]
-        if whole[k]:
-            out[k] = Z
-        else:
-            out[k][use] = Z
-        M += B.T @ Z
-        P -= B.T @ B
+        out[k, use] = -white[:, :width]
+        joint -= np.matmul(white[:, width:].T, white, out=other)
         scale[k, :n] = L.diagonal()
     return out, 2.0 * float(np.log(scale).sum())
 
@@ -139,17 +117,10 @@ class System:
     """(w, 9) of what is new in every window."""
     start: FloatArray
     """(STATES,) variances at the beginning."""
-    shift: np.ndarray
-    """(STATES,) which state each becomes from."""
-    decay: FloatArray
-    """(w, STATES)"""
+    transition: FloatArray
+    """(w, STATES, STATES) from the window before."""
     fresh: FloatArray
-    """(w, STATES) variances that come in."""
-    motion: FloatArray
-    """(w, 5, 5) covariance of the new errors of the motion."""
-    grow_e: FloatArray
-    """(w,) growth of the position's error by an error of the heading."""
-    grow_n: FloatArray
+    """(w, STATES, STATES) covariance of the new errors that come in."""
 
 
 def system(windows: Windows, noise: Noise, here: np.ndarray, inflate: FloatArray | None) -> System:
@@ -169,19 +140,29 @@ def system(windows: Windows, noise: Noise, here: np.ndarray, inflate: FloatArray
         rows=_measurement_rows(windows, v),
         variance=variance,
         start=_start_variances(noise, read_var[0]),
-        shift=_shift(),
-        decay=decay,
-        fresh=fresh,
-        motion=_motion_variances(windows),
-        grow_e=windows.to_east_north[:, 0, 2],
-        grow_n=windows.to_east_north[:, 1, 2],
+        transition=_transitions(windows, decay),
+        fresh=_fresh(windows, fresh),
     )
 
 
-def _shift() -> np.ndarray:
-    """(STATES,) which state each becomes from: a reading at a window's end is one at the next one's start."""
-    out = np.arange(STATES)
-    out[QOLD : QOLD + 4] = np.arange(Q, Q + 4)
+def _transitions(windows: Windows, decay: FloatArray) -> FloatArray:
+    """(w, STATES, STATES): a reading at a window's end is one at the next one's start, old errors fade, and
+    an error of the heading moves the position."""
+    out = np.zeros((len(decay), STATES, STATES))
+    came_from = np.arange(STATES)
+    came_from[QOLD : QOLD + 4] = np.arange(Q, Q + 4)
+    out[:, np.arange(STATES), came_from] = decay
+    out[:, PE, PSI] = windows.to_east_north[:, 0, 2] * decay[:, PSI]
+    out[:, PN, PSI] = windows.to_east_north[:, 1, 2] * decay[:, PSI]
+    return out
+
+
+def _fresh(windows: Windows, variances: FloatArray) -> FloatArray:
+    """(w, STATES, STATES) from the states' own new variances, and new errors of speed and yaw rate, which
+    move heading and position."""
+    out = np.zeros((*variances.shape, STATES))
+    out[:, np.arange(STATES), np.arange(STATES)] = variances
+    out[:, V : PN + 1, V : PN + 1] += _motion_variances(windows)
     return out
 
 
