@@ -103,3 +103,53 @@ def test_slip_that_no_force_makes_is_not_called_slip(
     chosen = Selector(evidence(data, every), Given(5, [slip], shapes), last=True).select().chosen
 
     assert [effect] == [one.term.effect for one in chosen]
+
+
+@pytest.mark.parametrize(
+    ("slip_m", "found"), [(RATIO, {"unknown"}), (0.2 * RATIO, {"unknown", "track_width_error"})]
+)
+def test_a_faint_track_beside_strong_slip_of_no_name_is_none(slip_m: float, found: set[str]) -> None:
+    """Slip of 31,000 nats leaves a thousandth of that in bends, whatever covariate its shape is over."""
+    u = directions(3)
+    responses = np.concatenate([PER_METRE * u[:, :2], 100.0 * u[:, 2:]], axis=1)
+    rear = shape("rear", "accel_long", columns(1, 2, width=4))
+    track = Term("track_width_error", columns(3, width=4), ("rear_m",), 3.5)
+    data = 2.5 * slip_m * u[:, 0] + 6.0 * u[:, 2]
+    selector = Selector(evidence(data, responses), Given(4, [track], [rear]), last=True)
+
+    assert 6.0 + 3.5 < selector.gain([rear, track]) - selector.gain([rear]) < 25.0
+    assert found == {one.term.effect for one in selector.select().chosen}
+
+
+@pytest.mark.parametrize(("rear_m", "thinkable"), [(0.2, True), (-0.4, False)])
+def test_no_track_is_off_by_the_width_of_a_tyre(rear_m: float, thinkable: bool) -> None:
+    """However sure it looks."""
+    u = directions(1)
+    track = Term("track_width_error", columns(1, width=2), ("rear_m",), 3.5)
+    selector = Selector(evidence(100.0 * rear_m * u[:, 0], 100.0 * u), Given(2, [track], []), last=True)
+
+    assert thinkable == bool(selector.select().chosen)
+
+
+class Swaps(Selector):
+    """Exchanges two terms for one that scatters too much to stay, and one of little worth."""
+
+    def _exchange(self, chosen: list[Term]) -> list[Term]:
+        return chosen if len(chosen) < 2 else self.hypotheses.catalogue[1:]
+
+    def _prune(self, chosen: list[Term]) -> list[Term]:
+        return [term for term in chosen if term is not self.hypotheses.catalogue[1]]
+
+
+def test_a_search_does_not_end_with_less_than_it_had() -> None:
+    """An exchange may bring a term that does not stand; what went for it is not lost with it."""
+    u = directions(6)
+    names = ("antenna_lever_arm", "longitudinal_slip", "track_width_error")
+    terms = [
+        Term(name, columns(1 + 2 * k, 2 + 2 * k, width=7), ("first", "second"), 7.0)
+        for k, name in enumerate(names)
+    ]
+    data = 20.0 * u[:, 0] + 12.0 * u[:, 2] + 6.0 * u[:, 4]
+    chosen = Swaps(evidence(data, 10.0 * u), Given(7, terms, [])).select().chosen
+
+    assert {"antenna_lever_arm"} == {one.term.effect for one in chosen}

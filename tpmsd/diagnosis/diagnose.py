@@ -94,8 +94,8 @@ def examine(study: Study, progress: Callable[[float], None]) -> tuple[Selection,
         relinearise(study, selection)
     _estimate_noise(study, design, Stage.LAST)
     evidence = study.evidence()
-    found = confirmed(study, Selector(evidence, study.hypotheses, last=True).select(), evidence)
-    return together(study, *found)
+    chosen = Selector(evidence, study.hypotheses, last=True).select()
+    return together(study, *confirmed(study, chosen, evidence), chosen)
 
 
 def _without_shapes(study: Study, design: FloatArray, evidence: Evidence) -> Evidence:

@@ -27,6 +27,8 @@ BOUNDS = {
 }
 BOUNDS["doppler_lag", "lag_s"] = (-0.2, 0.2)
 BOUNDS["grade_share", "share"] = (-1.5, 1.0)
+# No wheels stand a hand's breadth farther out on either side than the car's papers say.
+BOUNDS["track_width_error", "rear_m"] = BOUNDS["track_width_error", "front_m"] = (-0.25, 0.25)
 """Of the fitted values, by effect and parameter; a scale is fitted as its difference from one."""
 
 

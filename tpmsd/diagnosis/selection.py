@@ -39,6 +39,9 @@ LIKE = 0.05
 """Share of what a free shape brings that an effect over the same covariate must bring beside it: a shape is
 one of many that would do, and what its form leaves looks like whatever depends on the same.
 """
+ELSEWHERE = 1e-3
+"""Share of what a free shape of the wheels brings that an effect of wheel against wheel must bring beside it
+even over another covariate: slip that no effect holds is not the same on the inner wheels of a bend."""
 SAME = 0.97
 """Share of an effect's response from which a free shape on those wheels is the same effect without a name."""
 MAX_TERMS = 8
@@ -71,7 +74,12 @@ class Selector(Candidates):
             best = self._best_addition(chosen)
             if best is None:
                 break
-            chosen = self._prune(self._regrouped(self._exchange(chosen + best)))
+            exchanged = self._prune(self._regrouped(self._exchange(chosen + best)))
+            # What was exchanged may then fall for its scatter, and leave less than there was.
+            added = exchanged if self._worth(exchanged) >= self._worth(chosen) else self._prune(chosen + best)
+            if self._worth(added) < self._worth(chosen):
+                break
+            chosen = added
             state = frozenset(id(term.design) for term in chosen)
             if state in seen:
                 break
@@ -190,15 +198,16 @@ class Selector(Candidates):
         those wheels can imitate it; and on which wheels it acts is one of several answers, so the effect
         must be needed, too, where both axles have a shape of their own. Infinite where there is no shape.
         """
-        over = self._over(terms, which)
-        if not over:
+        over, apart = self._over(terms, which), self._apart(terms, which)
+        if not over and not apart:
             return math.inf
         free = [*terms, *self._beside(terms, which)]
-        least = ADMIT
-        for shape in over:
+        least = ADMIT if over else -math.inf
+        for shape in [*over, *apart]:
             alone = [term for term in terms if term is not shape and term is not terms[which]]
             brings = self.gain([*alone, shape]) - self.gain(alone)
-            least = max(least, LIKE * self._imitated(terms[which], shape) * brings)
+            share = ELSEWHERE if shape in apart else LIKE * self._imitated(terms[which], shape)
+            least = max(least, share * brings)
         return self._needed(free, which) - least
 
     def _over(self, terms: list[Term], which: int) -> list[Term]:
@@ -207,6 +216,19 @@ class Selector(Candidates):
         if not self.last or effect is None or effect is Unknown or effect.shows_in[1] in ("time", "distance"):
             return []
         return [t for t in terms if t.effect == "unknown" and t.covariate == effect.shows_in[1]]
+
+    def _apart(self, terms: list[Term], which: int) -> list[Term]:
+        """The free shapes of wheels among the terms over another covariate than that of an effect which, like
+        them, shows in wheel against wheel, and is not of one wheel alone.
+        """
+        term = terms[which]
+        effect = EFFECTS.get(term.effect)
+        if not self.last or effect is None or effect is Unknown or term.wheel:
+            return []
+        if effect.shows_in[0] != "wheel_ratio":
+            return []
+        shapes = [t for t in terms if t.effect == "unknown" and t.on_radii and not t.pulse]
+        return [t for t in shapes if t.covariate != effect.shows_in[1]]
 
     @staticmethod
     def _completes(chosen: list[Term], term: Term) -> bool:

@@ -1,6 +1,7 @@
 """Names what the noise model took for radii that wander, where wheels wander together.
 
-In: a `Study`, its `Selection` and `Evidence`. Out: both, with a free shape over time if there is one to tell.
+In: a `Study`, its `Selection` and `Evidence`, and what was chosen before slow noise was asked. Out: selection
+and evidence, with a free shape over time if there is one to tell, or the change of a wheel's radius.
 
 Tyres and roads make every wheel's radius wander for itself, and how much is estimated from the drive. What
 warms one axle, or ages one wheel, raises that estimate as well, and beside so much noise no shape is sure.
@@ -15,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tpmsd.diagnosis.candidates import ADMIT
+from tpmsd.diagnosis.candidates import ADMIT, FREE_SHAPE
 from tpmsd.diagnosis.chosen import Selection
 from tpmsd.diagnosis.confirm import WANDERS
 from tpmsd.diagnosis.evidence import Evidence
@@ -29,10 +30,13 @@ TOGETHER = 0.85
 """Share of what four separate wheels bring that one group must bring."""
 
 
-def together(study: Study, selection: Selection, evidence: Evidence) -> tuple[Selection, Evidence]:
+def together(
+    study: Study, selection: Selection, evidence: Evidence, before: Selection
+) -> tuple[Selection, Evidence]:
     """Add the shape over time that a group of wheels has in common.
 
-    Asked of single drives that read all four wheels: of two wheels alone, only their difference shows.
+    Asked of single drives that read all four wheels: of two wheels alone, only their difference shows. Of one
+    wheel it may be a loss of air that was chosen `before`, and did not stand against wheels that wander.
     """
     drive = study.drives[0]
     if len(study.drives) > 1 or len(drive.reader.recording.wheels) < len(WHEELS):
@@ -46,11 +50,24 @@ def together(study: Study, selection: Selection, evidence: Evidence) -> tuple[Se
     terms = [one.term for one in selection.chosen]
     shape = _common_shape(selector, terms)
     if shape is not None:
+        shape = _changed_radius(selector, terms, shape, [one.term for one in before.chosen]) or shape
         found = selector.judged([*terms, shape])
         if any(one.term is shape for one in found.chosen):
             return found, calm
     drive.noise = noise
     return selection, study.evidence()
+
+
+def _changed_radius(selector: Selector, terms: list[Term], shape: Term, before: list[Term]) -> Term | None:
+    """The change of the wheel's radius, chosen before, that brings nearly what its free shape does."""
+    gram, b = selector.evidence.projected(selector.design(terms))
+    free, _ = group_gain(shape.design[1:], gram, b)
+    for term in before:
+        if term.effect == "radius_change" and term.wheel == shape.place and term not in terms:
+            gain, _ = group_gain(term.design[1:], gram, b)
+            if gain - term.penalty > (1.0 - FREE_SHAPE) * free - shape.penalty:
+                return term
+    return None
 
 
 def _common_shape(selector: Selector, terms: list[Term]) -> Term | None:
