@@ -67,6 +67,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
         "--tune", action="store_true", help="play the tuning grid and print the best settings"
     )
     parser.add_argument("--survive", type=float, metavar="HOURS", help="long drives, and nothing else")
+    parser.add_argument("--seed", type=int, metavar="N", default=1, help="of the drives of --survive (1)")
     parser.add_argument("--recordings", type=Path, metavar="FOLDER", default=recordings.root(),
                         help="drive folders (TPMSD_RECORDINGS, or ../shared/recordings)")  # fmt: skip
     parser.add_argument("--minutes", type=float, metavar="M", default=math.inf,
@@ -215,7 +216,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         (args.out / "tuning.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
         return 0
     if args.survive is not None:
-        plans = [(method, args.survive) for method in have if method in args.methods]
+        plans = [(method, args.survive, args.seed) for method in have if method in args.methods]
         result["survival"] = spread(plans, survive.survive, lambda p: f"{p[0]}: {p[1]:g} h", args.jobs)
         return finish(args.out, result, "survival", begun)
     if "speed" in args.parts:  # first, while nothing else of ours runs

@@ -174,12 +174,15 @@ def hour(rmse: float = 0.1, std: float = 0.1, size: float = 1000.0) -> dict[str,
         ([hour()] * 5 + [hour(std=0.03)] * 5, True, 0),
         ([hour(std=0.5)] * 5 + [hour(std=0.01)] * 5, True, 1),
         ([hour()] * 9 + [hour(size=1500.0)], True, 1),
+        ([hour(size=900.0)] + [hour()] * 9, True, 0),
+        ([hour()] * 6 + [hour(rmse=1.0)] + [hour()] * 3, True, 1),
+        ([hour(rmse=1.0)] + [hour()] * 9, True, 0),
     ],
 )
 def test_survival_is_judged_by_what_changes_with_the_hours(
     hours: list[dict[str, float]], finite: bool, faults: int
 ) -> None:
-    """NaN, a growing error, a stated error that goes away, a growing state; each counts once."""
+    """NaN, a growing error, an hour astray, a stated error that goes away, a growing state: each once."""
     result = verdict(hours, finite)
     assert faults == len(result["faults"])
     assert (faults == 0) == result["survived"]

@@ -23,7 +23,7 @@ from tpmsd.config.model import FilterConfig, GnssConfig, VehicleConfig
 from tpmsd.estimators.aug_pf import SIGMA_STEP_STD
 from tpmsd.estimators.batched_kalman import Weights, scalar_update, square_weights, symmetrise
 from tpmsd.estimators.gnss_likelihood import position_variance
-from tpmsd.estimators.pose_keeper import Pose
+from tpmsd.estimators.pose_keeper import COAST_YAW_STD, Pose
 from tpmsd.estimators.pose_start import PoseStart
 from tpmsd.estimators.position_filter import PRIOR_RADIUS_STD, PositionFilter
 from tpmsd.timeline.tick import Fix, Tick
@@ -105,13 +105,13 @@ class AugKalman(PositionFilter):
         self._last = (0.0, 0.0)
 
     def _drift_on(self, dt_s: float) -> None:
-        speed, yaw_rate = self._rate
+        speed, yaw_rate = self._rate[0], self._steady_yaw_rate
         self._last = (speed * dt_s, yaw_rate * dt_s)
         self._mean[E] += speed * dt_s * math.cos(self._mean[PSI])
         self._mean[N] += speed * dt_s * math.sin(self._mean[PSI])
         self._mean[PSI] += yaw_rate * dt_s
         self._cov[[E, N], [E, N]] += dt_s**2 + (speed * dt_s * 0.1) ** 2
-        self._cov[PSI, PSI] += 0.1**2 * dt_s
+        self._cov[PSI, PSI] += COAST_YAW_STD**2 * dt_s
 
     # -- fixes ----------------------------------------------------------------------------------------------
 

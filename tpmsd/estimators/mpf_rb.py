@@ -37,7 +37,7 @@ from tpmsd.estimators.error_state import BE, BN, FWD, GYRO, LAT, MU, PSI, SLIP, 
 from tpmsd.estimators.fix_gate import FIX_WEIGHTS
 from tpmsd.estimators.motion_gate import MotionGate
 from tpmsd.estimators.odometry_block import Block, BlockBuilder
-from tpmsd.estimators.pose_keeper import COAST_LIMIT_S, Pose, PoseKeeper
+from tpmsd.estimators.pose_keeper import COAST_LIMIT_S, COAST_YAW_STD, Pose, PoseKeeper
 from tpmsd.estimators.pose_start import PoseStart
 from tpmsd.estimators.resampling import effective_number
 from tpmsd.physics.grade import GradeTracker
@@ -132,7 +132,7 @@ class MpfRb(PoseKeeper):
         speed = virtual_way / tick.dt_s
         teaches = self._gate.update(tick, speed, virtual_turn / tick.dt_s)
         if virtual_way == 0.0:
-            self._rate = (0.0, 0.0)
+            self._take_stand()
             return False
         gate = self._gate
         curvature = None if teaches else self._steered_curvature(tick)
@@ -144,7 +144,7 @@ class MpfRb(PoseKeeper):
         motion = Motion(tick.dt_s, rear, gate.accel_mps2, accel_lat, teaches, horizontal, witness, curvature)
         std = self._position_std_m
         self._cov, way, turn = self._process.propagate(self._mean, self._cov, motion, std, self._drift)
-        self._rate = (way / tick.dt_s, turn / tick.dt_s)
+        self._take_motion(way, turn, tick.dt_s)
         # By the present radii: with nominal ones a bend would be seen wherever left and right differ.
         slow = 1.0 - math.exp(-tick.dt_s / SLOW_YAW_TAU_S)
         self._slow_yaw_rate += slow * (self._rate[1] - self._slow_yaw_rate)
@@ -160,13 +160,13 @@ class MpfRb(PoseKeeper):
 
     def _drift_on(self, dt_s: float) -> None:
         self._blocks.reset()
-        speed, yaw_rate = self._rate
+        speed, yaw_rate = self._rate[0], self._steady_yaw_rate
         mean = self._mean
         mean[:, E] += speed * dt_s * np.cos(mean[:, PSI])
         mean[:, N] += speed * dt_s * np.sin(mean[:, PSI])
         mean[:, PSI] += yaw_rate * dt_s
         self._cov[:, [E, N], [E, N]] += dt_s**2 + (speed * dt_s * 0.1) ** 2
-        self._cov[:, PSI, PSI] += 0.1**2 * dt_s
+        self._cov[:, PSI, PSI] += COAST_YAW_STD**2 * dt_s
 
     # -- fixes ----------------------------------------------------------------------------------------------
 

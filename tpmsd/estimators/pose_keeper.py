@@ -24,6 +24,11 @@ from tpmsd.wheels import FL, FR, RL, RR, FloatArray
 
 COAST_LIMIT_S = 3.0
 """Without rear rotation the pose is carried on for this long."""
+STEADY_S = 0.5
+"""Smoothing of the yaw rate that the pose is carried on with. At 10 Hz one count of 48 is 0.3 rad/s, so that
+of a single tick, held for half a second, turns the car by 0.15 rad that it never turned."""
+COAST_YAW_STD = 0.1
+"""What the heading may do meanwhile, rad per sqrt(s): a bend that begins or ends, what smoothing leaves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +69,8 @@ class PoseKeeper(ABC):
         self._last_fix_s = -math.inf
         self._coasting_s = 0.0
         self._rate = (0.0, 0.0)
+        self._steady_yaw_rate = 0.0
+        """By the present radii, smoothed over `STEADY_S`."""
         self.counts: dict[str, int] = {"fixes": 0, "refused_fixes": 0, "lost_pose": 0}
 
     @abstractmethod
@@ -92,6 +99,17 @@ class PoseKeeper(ABC):
             return None
         return math.tan(steering / self._steering_ratio) / self._geometry.wheelbase_m
 
+    def _take_motion(self, way_m: float, turn_rad: float, dt_s: float) -> None:
+        """Take what a tick's wheels say by the present radii."""
+        self._rate = (way_m / dt_s, turn_rad / dt_s)
+        share = 1.0 - math.exp(-dt_s / STEADY_S)
+        self._steady_yaw_rate += share * (self._rate[1] - self._steady_yaw_rate)
+
+    def _take_stand(self) -> None:
+        """Take that the wheels did not turn."""
+        self._rate = (0.0, 0.0)
+        self._steady_yaw_rate = 0.0
+
     def _coast(self, dt_s: float) -> None:
         """No rear rotation: go on as before, ever less sure; give the pose up after a while."""
         self._coasting_s += dt_s
@@ -100,7 +118,7 @@ class PoseKeeper(ABC):
             return
         if self._located:
             self._lose_pose()
-        self._rate = (0.0, 0.0)  # no longer known
+        self._take_stand()  # no longer known
 
     # -- the pose found and lost ----------------------------------------------------------------------------
 

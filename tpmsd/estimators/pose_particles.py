@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tpmsd.config.model import FilterConfig, GnssConfig, VehicleConfig
 from tpmsd.estimators.gnss_likelihood import PositionLog, position_variance, student_t_log
-from tpmsd.estimators.pose_keeper import Pose
+from tpmsd.estimators.pose_keeper import COAST_YAW_STD, Pose
 from tpmsd.estimators.pose_start import PoseStart
 from tpmsd.estimators.position_filter import PositionFilter
 from tpmsd.estimators.resampling import effective_number, systematic
@@ -77,9 +77,9 @@ class PoseParticles(PositionFilter):
         self._moved[:] = 0.0
 
     def _drift_on(self, dt_s: float) -> None:
-        speed, yaw_rate = self._rate
-        way = dt_s * (speed + self._rng.standard_normal(self._count))
-        self._go(way, dt_s * yaw_rate + 0.05 * math.sqrt(dt_s) * self._rng.standard_normal(self._count))
+        way = dt_s * (self._rate[0] + self._rng.standard_normal(self._count))
+        swing = COAST_YAW_STD * math.sqrt(dt_s) * self._rng.standard_normal(self._count)
+        self._go(way, dt_s * self._steady_yaw_rate + swing)
 
     # -- fixes ----------------------------------------------------------------------------------------------
 

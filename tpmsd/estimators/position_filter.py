@@ -113,11 +113,11 @@ class PositionFilter(PoseKeeper):
         way, turn = self._virtual_motion(rear)
         teaches = self._gate.update(tick, way / tick.dt_s, turn / tick.dt_s)
         if way == 0.0:
-            self._rate = (0.0, 0.0)
+            self._take_stand()
             self._stand()
             return False
         way, turn = self._advance(tick, rear, teaches)
-        self._rate = (way / tick.dt_s, turn / tick.dt_s)
+        self._take_motion(way, turn, tick.dt_s)
         if teaches:
             self._informative_s += tick.dt_s
             if self._front is not None:
