@@ -9,7 +9,7 @@ import pytest
 
 from tpmsd.estimators.error_state import Motion, ProcessModel, initial_state
 from tpmsd.estimators.gyro_check import GyroCheck
-from tpmsd.physics.grade import MAX_GRADE, GradeTracker
+from tpmsd.physics.grade import MAX_GRADE, MIN_SPAN_M, WINDOW_M, GradeTracker
 
 
 def _climb(tracker: GradeTracker, sine: float, metres: int, noise: float = 0.0, start: float = 0.0) -> None:
@@ -54,6 +54,29 @@ def test_a_leap_of_the_height_is_bounded() -> None:
     assert MAX_GRADE == tracker.sine
     tracker.reset()
     assert tracker.horizontal == 1.0
+
+
+def test_the_slope_is_the_least_squares_line_of_the_window() -> None:
+    """Over 60 km of hills, with a gap: at every height that of a polynomial fitted anew to the last 200 m."""
+    rng = np.random.default_rng(3)
+    tracker, way, points = GradeTracker(), 0.0, []
+    worst, fitted = 0.0, 0
+    for step in range(15000):
+        if step == 9000:
+            tracker.reset()
+            points = []
+        metres = rng.uniform(2.1, 6.0)
+        way += metres
+        up = 1500.0 + 40.0 * math.sin(way / 900.0) + rng.standard_normal()
+        tracker.move(metres)
+        tracker.update(up)
+        points = [(at, height) for at, height in points if way - at <= WINDOW_M] + [(way, up)]
+        if step % 50 == 49 and way - points[0][0] >= MIN_SPAN_M:
+            at, height = np.array(points).T
+            worst = max(worst, abs(tracker.sine - np.polyfit(at - way, height, 1)[0]))
+            fitted += 1
+    assert fitted > 290
+    assert worst < 1e-9
 
 
 def _drive(

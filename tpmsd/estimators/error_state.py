@@ -142,7 +142,7 @@ class ProcessModel:
     def way_and_turn(self, mean: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
         """(N,) way of the rear axle's middle and turn of each particle, eqs (6a), (6b)."""
         roll = motion.rear_rad * (self._nominal[:2] + mean[:, MU : MU + 2])
-        way = roll.sum(axis=1) / 2 * motion.horizontal
+        way = (roll[:, 0] + roll[:, 1]) / 2 * motion.horizontal
         if self._driven_rear:
             way *= 1.0 - mean[:, SLIP] * motion.accel_long_mps2
         if motion.steered_curvature is not None:
@@ -177,7 +177,7 @@ class ProcessModel:
         mean[:, PSI] += turn
         decay = math.exp(-motion.dt_s / BIAS_TAU_S)
         mean[:, BE : BN + 1] *= decay
-        mean_way, mean_turn = float(way.mean()), float(turn.mean())
+        mean_way, mean_turn = float(way.sum()) / way.size, float(turn.sum()) / turn.size
         noise = self._noise(motion, abs(mean_way), mean_turn)
         noise[BE] = noise[BN] = position_std_m**2 * (1.0 - decay**2)
         # F P F' row by row: only the pose's rows of F hold anything beside the diagonal. The other rows of
@@ -187,7 +187,7 @@ class ProcessModel:
         out[:, BE : BN + 1, :] *= decay
         out[:, :, BE : BN + 1] *= decay
         pose = out[:, : PSI + 1, :]
-        pose += bend @ out[:, BENDS, :]
+        pose += bend @ out.take(BENDS, axis=1)
         pose[:, :, : PSI + 1] += pose[:, :, BENDS] @ bend.swapaxes(1, 2)
         out[:, PSI + 1 :, : PSI + 1] = pose[:, :, PSI + 1 :].swapaxes(1, 2)
         np.einsum("ijj->ij", out)[:] += noise

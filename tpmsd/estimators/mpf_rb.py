@@ -81,6 +81,7 @@ class MpfRb(PoseKeeper):
         self._driven_rear = vehicle.driven_axle in ("rear", "all")
         self._driven_front = vehicle.driven_axle in ("front", "all")
         self._process = ProcessModel(self._nominal, vehicle.track_rear_m, self._driven_rear)
+        self._noise_std = np.sqrt(np.diag(self._process.drift))
         self._fix_weights = FIX_WEIGHTS[settings.fix_weights]
         self._grade = GradeTracker()
         self._blocks = BlockBuilder(self._order, self._nominal, self._geometry)
@@ -314,9 +315,8 @@ class MpfRb(PoseKeeper):
         weights = np.exp(self._log_weights - self._log_weights.max())
         return np.asarray(weights / weights.sum())
 
-    def _moments(self, places: slice) -> tuple[FloatArray, FloatArray]:
+    def _moments(self, places: slice, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean and covariance of these places of the state over the mixture."""
-        weights = self._weights()
         own = self._mean[:, places]
         mean = weights @ own
         centred = own - mean
@@ -325,8 +325,8 @@ class MpfRb(PoseKeeper):
         return mean, (weights @ within).reshape(size, size) + (centred * weights[:, None]).T @ centred
 
     def _estimate(self, tick: Tick, teaches: bool) -> RadiusEstimate:
-        self._radii, radii_m2 = self._moments(slice(MU, None))
         weights = self._weights()
+        self._radii, radii_m2 = self._moments(slice(MU, None), weights)
         own = self._mean[:, : PSI + 1]
         east, north, heading = centre = weights @ own
         within = np.einsum("ijj->ij", self._cov[:, : PSI + 1, : PSI + 1])
@@ -338,15 +338,14 @@ class MpfRb(PoseKeeper):
             position_std_m=math.sqrt((variance[E] + variance[N]) / 2),
             heading_std_rad=math.sqrt(variance[PSI]),
         )
-        noise = np.sqrt(np.diag(self._process.drift))
         effective = effective_number(weights)
-        return self._radius_estimate(tick, teaches, (self._radii, radii_m2), noise, pose, effective)
+        return self._radius_estimate(tick, teaches, (self._radii, radii_m2), self._noise_std, pose, effective)
 
     # -- what survives a restart ----------------------------------------------------------------------------
 
     def snapshot(self) -> dict[str, Any]:
         """Mean and covariance of everything but the pose, as plain numbers."""
-        mean, cov = self._moments(slice(LAT, None))
+        mean, cov = self._moments(slice(LAT, None), self._weights())
         radii, others = slice(MU - LAT, None), slice(0, MU - LAT)
         return {
             "order": list(self._order),

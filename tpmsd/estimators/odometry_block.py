@@ -85,7 +85,8 @@ class BlockBuilder:
 
     def add(self, tick: Tick, teaches: bool, radii: FloatArray, accel_mps2: float) -> Block | None:
         """Take a tick; the block it completes, if any. `radii` are the present radius errors (d,)."""
-        if not np.all(np.isfinite(tick.rotation_rad[self._order[:2]])):
+        left, right = self._order[:2]
+        if not (math.isfinite(tick.rotation_rad[left]) and math.isfinite(tick.rotation_rad[right])):
             self.reset()
             return None
         self._ticks.append((tick, teaches, accel_mps2))

@@ -56,6 +56,7 @@ class PoseKeeper(ABC):
         """`front`: whether the bus has the front wheels. `gate` None: the one that `settings` name."""
         self._order = [RL, RR, FL, FR] if front else [RL, RR]
         self._wheels = len(self._order)
+        self._grid = np.ix_(self._order, self._order)
         self._nominal = np.array([vehicle.wheel_radius_m[i] for i in self._order])
         self._geometry = Geometry(vehicle.track_front_m, vehicle.track_rear_m, vehicle.wheelbase_m)
         self._steering_ratio = vehicle.steering_ratio
@@ -175,7 +176,7 @@ class PoseKeeper(ABC):
         """The estimate of mean and covariance of the radii in this filter's order of wheels."""
         deviation, full, noise = np.full(4, np.nan), np.full((4, 4), np.nan), np.full(4, np.nan)
         deviation[self._order] = radii[0]
-        full[np.ix_(self._order, self._order)] = radii[1]
+        full[self._grid] = radii[1]
         noise[self._order] = noise_std_m
         found = self._located
         return RadiusEstimate(

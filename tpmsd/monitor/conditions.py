@@ -141,5 +141,6 @@ def _memory_s(estimate: RadiusEstimate) -> float:
     known = np.isfinite(np.diag(estimate.covariance_m2))
     if not known.any():
         return MEMORY_S[1]
-    variance = float(estimate.covariance_m2[np.ix_(known, known)].mean())
+    spread = estimate.covariance_m2 if known.all() else estimate.covariance_m2[np.ix_(known, known)]
+    variance = float(spread.mean())
     return min(max(variance / DRIFT_COMMON**2, MEMORY_S[0]), MEMORY_S[1])

@@ -14,6 +14,8 @@ WINDOW_M = 200.0
 MIN_SPAN_M = 60.0
 MIN_FIXES = 4
 MAX_GRADE = 0.25
+REBASE_M = 2000.0
+"""When the old origin is this far behind, the sums are formed anew: so rounding cannot add up."""
 
 
 class GradeTracker:
@@ -22,12 +24,16 @@ class GradeTracker:
     def __init__(self) -> None:
         self._way_m = 0.0
         self._points: deque[tuple[float, float]] = deque()
+        self._origin = (0.0, 0.0)
+        self._sums = (0.0, 0.0, 0.0, 0.0)
+        """Of way, height, way squared, way times height over the points, both from the origin on."""
         self.sine = 0.0
         """Height gained per way along the road."""
 
     def reset(self) -> None:
         """Start anew (after a gap)."""
         self._points.clear()
+        self._sums = (0.0, 0.0, 0.0, 0.0)
         self.sine = 0.0
 
     @property
@@ -47,13 +53,26 @@ class GradeTracker:
         if points and self._way_m - points[-1][0] < 2.0:
             return  # a standing car's heights would only weigh down one end
         points.append((self._way_m, up_m))
+        self._count(self._way_m, up_m, 1.0)
         while self._way_m - points[0][0] > WINDOW_M:
-            points.popleft()
+            self._count(*points.popleft(), -1.0)
+        if len(points) == 1 or self._way_m - self._origin[0] > REBASE_M:
+            self._rebase()
         if len(points) < MIN_FIXES or points[-1][0] - points[0][0] < MIN_SPAN_M:
             return
         count = len(points)
-        mean_way = sum(way for way, _ in points) / count
-        mean_up = sum(up for _, up in points) / count
-        spread = sum((way - mean_way) ** 2 for way, _ in points)
-        slope = sum((way - mean_way) * (up - mean_up) for way, up in points) / spread
+        way, up, square, product = self._sums
+        slope = (product - way * up / count) / (square - way * way / count)
         self.sine = min(max(slope, -MAX_GRADE), MAX_GRADE)
+
+    def _count(self, way_m: float, up_m: float, sign: float) -> None:
+        """Add a point to the sums, or take it out."""
+        way, up, square, product = self._sums
+        x, y = way_m - self._origin[0], up_m - self._origin[1]
+        self._sums = (way + sign * x, up + sign * y, square + sign * x * x, product + sign * x * y)
+
+    def _rebase(self) -> None:
+        """Form the sums anew, about the newest point."""
+        self._origin, self._sums = self._points[-1], (0.0, 0.0, 0.0, 0.0)
+        for point in self._points:
+            self._count(*point, 1.0)
