@@ -59,7 +59,8 @@ def test_a_leap_of_the_height_is_bounded() -> None:
 def test_the_slope_is_the_least_squares_line_of_the_window() -> None:
     """Over 60 km of hills, with a gap: at every height that of a polynomial fitted anew to the last 200 m."""
     rng = np.random.default_rng(3)
-    tracker, way, points = GradeTracker(), 0.0, []
+    tracker, way = GradeTracker(), 0.0
+    points: list[tuple[float, float]] = []
     worst, fitted = 0.0, 0
     for step in range(15000):
         if step == 9000:
