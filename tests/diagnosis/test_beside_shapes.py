@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from tpmsd.diagnosis.evidence import Evidence, part
+from tpmsd.diagnosis.plausible import bounds_of
 from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.terms import Hypotheses, Term, shape_price
+from tpmsd.physics.kinematics import Geometry
+from tpmsd.physics.motion import Car, driven_mask
 from tpmsd.wheels import FloatArray
 
 WINDOWS = 600
@@ -129,6 +132,21 @@ def test_no_track_is_off_by_the_width_of_a_tyre(rear_m: float, thinkable: bool) 
     selector = Selector(evidence(100.0 * rear_m * u[:, 0], 100.0 * u), Given(2, [track], []), last=True)
 
     assert thinkable == bool(selector.select().chosen)
+
+
+@pytest.mark.parametrize(("configured_m", "thinkable"), [(0.0, False), (1.5, True)])
+def test_no_antenna_is_where_there_is_no_car(configured_m: float, thinkable: bool) -> None:
+    """2.2 m behind a place over the rear axle there is none; behind one before it there may be."""
+    u = directions(2)
+    names = ("forward_m", "left_m")
+    arm = Term("antenna_lever_arm", columns(1, 2, width=3), names, 7.0)
+    given = Given(3, [arm], [])
+    geometry = Geometry(track_front_m=1.5, track_rear_m=1.5, wheelbase_m=2.7)
+    car = Car(np.full(4, 0.3), geometry, driven_mask("rear"), antenna_forward_m=configured_m)
+    given.bounds = bounds_of(car)
+    chosen = Selector(evidence(-220.0 * u[:, 0], 100.0 * u), given, last=True).select().chosen
+
+    assert thinkable == bool(chosen)
 
 
 class Swaps(Selector):

@@ -6,17 +6,21 @@ what the data say against two values that one force makes together.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from tpmsd.diagnosis.terms import Term
 from tpmsd.physics.catalogue import EFFECTS
 from tpmsd.physics.effect import Parameter
+from tpmsd.physics.motion import Car
 from tpmsd.wheels import FloatArray
 
 SMALLEST_M = 3e-5
 """No road leaves a tyre's radius alone better than to this: a smaller change is not worth a name."""
 IMPOSSIBLE = 12.5
 """Log-likelihood against every ratio of an effect's two values that nature knows: then it is none."""
+Bounds = Mapping[tuple[str, str], tuple[float, float]]
 BOUNDS = {
     (name, parameter.name): (parameter.lower - 1.0, parameter.upper - 1.0)
     if name == "yaw_rate_scale"
@@ -30,14 +34,25 @@ BOUNDS["grade_share", "share"] = (-1.5, 1.0)
 # No wheels stand a hand's breadth farther out on either side than the car's papers say.
 BOUNDS["track_width_error", "rear_m"] = BOUNDS["track_width_error", "front_m"] = (-0.25, 0.25)
 """Of the fitted values, by effect and parameter; a scale is fitted as its difference from one."""
+BEHIND_M, BESIDE_M = 1.5, 1.2
+"""How far behind the rear axle, before the front one, and off the middle a car's roof reaches."""
 
 
-def thinkable(term: Term, values: FloatArray) -> bool:
+def bounds_of(car: Car) -> Bounds:
+    """What a car adds to the bounds: what is called its antenna's place must lie on it."""
+    ahead, left = car.antenna_forward_m, car.antenna_left_m
+    return {
+        ("antenna_lever_arm", "forward_m"): (-BEHIND_M - ahead, car.geometry.wheelbase_m + BEHIND_M - ahead),
+        ("antenna_lever_arm", "left_m"): (-BESIDE_M - left, BESIDE_M - left),
+    }
+
+
+def thinkable(term: Term, values: FloatArray, bounds: Bounds = BOUNDS) -> bool:
     """Whether each of a term's values (k,) is within bounds, and a radius' change worth a name."""
     if term.on_radii and float(np.abs(values).max()) < SMALLEST_M:
         return False
     for name, value in zip(term.parameters, values, strict=False):
-        low, high = BOUNDS.get((term.effect, name), (-np.inf, np.inf))
+        low, high = bounds.get((term.effect, name), (-np.inf, np.inf))
         if not low <= value <= high:
             return False
     return True

@@ -19,7 +19,7 @@ import numpy as np
 from tpmsd.diagnosis.candidates import ADMIT, Candidates
 from tpmsd.diagnosis.chosen import Chosen, Selection
 from tpmsd.diagnosis.evidence import Evidence
-from tpmsd.diagnosis.plausible import IMPOSSIBLE, against_ratio, ratio_limits, thinkable
+from tpmsd.diagnosis.plausible import BOUNDS, IMPOSSIBLE, against_ratio, ratio_limits, thinkable
 from tpmsd.diagnosis.terms import Hypotheses, Term, group_gain
 from tpmsd.physics.catalogue import EFFECTS
 from tpmsd.physics.effects.unknown import Unknown
@@ -64,6 +64,7 @@ class Selector(Candidates):
         """With `last` it is the verdict that is asked for, and not what the noise is estimated beside."""
         super().__init__(evidence, hypotheses)
         self.last = last
+        self._bounds = {**BOUNDS, **hypotheses.bounds}
         self._shares: dict[tuple[int, str, str], float] = {}
 
     def select(self, most: int = MAX_TERMS) -> Selection:
@@ -163,7 +164,7 @@ class Selector(Candidates):
         if float(np.linalg.eigvalsh(gram / np.outer(scale, scale))[0]) < MIN_EIGENVALUE:
             return False
         return all(
-            thinkable(term, values) and against_ratio(term, values, covariance) <= IMPOSSIBLE
+            thinkable(term, values, self._bounds) and against_ratio(term, values, covariance) <= IMPOSSIBLE
             for term, values, covariance in self._fitted(terms)
         )
 

@@ -16,6 +16,7 @@ import numpy as np
 from tpmsd.diagnosis.channels import Reader
 from tpmsd.diagnosis.evidence import Evidence, part
 from tpmsd.diagnosis.joint_terms import JointHypotheses, OwnNames, is_copied, is_own
+from tpmsd.diagnosis.plausible import bounds_of
 from tpmsd.diagnosis.response import (
     hat_functions,
     linear_columns,
@@ -173,6 +174,7 @@ class Study:
                 knots = {c: at for c, at in knots.items() if c in apart} | common
             self.drives.append(DriveStudy(reader, knots, block_s))
         self.hypotheses = self._alone() if len(readers) == 1 else self._together()
+        self.hypotheses.bounds = bounds_of(readers[0].reference.car)
         self.grid = self.hypotheses.width
         """Places in the common index from here on are of exact columns."""
         self.width = self.grid

@@ -8,7 +8,9 @@ covariate).
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -126,6 +128,9 @@ GROUPS = (*groups(), ("doppler_lag", ("lag_s",)), ("grade_share", ("share",)))
 
 class Hypotheses:
     """All terms that a drive's columns allow."""
+
+    bounds: Mapping[tuple[str, str], tuple[float, float]] = MappingProxyType({})
+    """Of the values, by effect and parameter, where the car has bounds of its own."""
 
     def __init__(self, names: list[Name], ramp_knots_s: FloatArray, unusable: frozenset[str]) -> None:
         """`names` are those of the columns, the data's own first; `unusable` effects are left out."""
