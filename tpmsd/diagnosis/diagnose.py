@@ -16,6 +16,7 @@ import numpy as np
 
 from tpmsd.diagnosis.chosen import Selection
 from tpmsd.diagnosis.confirm import confirmed
+from tpmsd.diagnosis.drifting import drifting
 from tpmsd.diagnosis.drives import admitted, against
 from tpmsd.diagnosis.evidence import Evidence
 from tpmsd.diagnosis.findings import report
@@ -95,7 +96,8 @@ def examine(study: Study, progress: Callable[[float], None]) -> tuple[Selection,
     _estimate_noise(study, design, Stage.LAST)
     evidence = study.evidence()
     chosen = Selector(evidence, study.hypotheses, last=True).select()
-    return together(study, *confirmed(study, chosen, evidence), chosen)
+    found = together(study, *confirmed(study, chosen, evidence), chosen)
+    return drifting(study, *found)
 
 
 def _without_shapes(study: Study, design: FloatArray, evidence: Evidence) -> Evidence:

@@ -1,0 +1,40 @@
+"""A gyro that warms is told from one whose bias is constant, and from one that walks as gyros do."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.diagnosis.recorded import recording_of
+from tests.worlds.kinematic import Spec, drive
+from tpmsd.diagnosis import diagnose as whole
+from tpmsd.diagnosis.diagnose import diagnose
+
+WARMING = {"strange_gyro_warming": {"size_radps": 0.002, "warming_s": 211.0}}
+CONSTANT = {"yaw_rate_bias": {"bias": 0.002}}
+
+
+def test_a_gyro_that_warms_has_no_constant_bias(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its walk was estimated so fast that only a constant was left of it, named with confidence 1."""
+    recording = recording_of(drive(Spec(duration_s=650.0, road="rural", physics=WARMING), 4))
+    findings = diagnose([recording]).findings
+    monkeypatch.setattr(whole, "drifting", lambda study, selection, evidence: (selection, evidence))
+    without = diagnose([recording]).findings
+
+    assert [("unknown", "yaw_rate")] == [(one.effect, one.where.channel) for one in findings]
+    assert findings[0].confidence > 0.9
+    assert ["yaw_rate_bias"] == [one.effect for one in without]
+
+
+def test_a_constant_bias_keeps_its_name() -> None:
+    """2 mrad/s, as far as the other goes."""
+    recording = recording_of(drive(Spec(duration_s=650.0, road="rural", physics=CONSTANT), 4))
+
+    assert ["yaw_rate_bias"] == [finding.effect for finding in diagnose([recording]).findings]
+
+
+@pytest.mark.parametrize("seed", [4, 5])
+def test_a_gyro_that_walks_a_little_faster_than_usual_is_no_finding(seed: int) -> None:
+    """0.2 mrad/s in ten minutes."""
+    spec = Spec(duration_s=650.0, road="rural", gyro_drift=8e-6)
+
+    assert () == diagnose([recording_of(drive(spec, seed))]).findings
