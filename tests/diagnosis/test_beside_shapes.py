@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pytest
 
+from tpmsd.diagnosis.confirm import _receivers_own
 from tpmsd.diagnosis.evidence import Evidence, part
 from tpmsd.diagnosis.plausible import bounds_of
 from tpmsd.diagnosis.selection import Selector
+from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.terms import Hypotheses, Term, shape_price
 from tpmsd.physics.kinematics import Geometry
 from tpmsd.physics.motion import Car, driven_mask
@@ -17,6 +22,8 @@ WINDOWS = 600
 RATIO, COMMON, OWN = 100.0, 15.0, slice(3, 8)
 """Lengths of the whitened responses: of one axle against the other, and of both against the receiver."""
 PER_SECOND, PER_METRE = 150.0, 1e5
+LAG_S = 0.065
+"""Neither usual nor unusual for the speed of a receiver."""
 
 
 class Given(Hypotheses):
@@ -54,8 +61,12 @@ def directions(count: int) -> FloatArray:
 
 def evidence(data: FloatArray, responses: FloatArray) -> Evidence:
     """Data with noise of unit size, and the columns of all terms."""
-    noisy = data + np.random.default_rng(6).standard_normal(len(data))
-    rows = np.concatenate([noisy[:, None], responses], axis=1)
+    return noiseless(data + np.random.default_rng(6).standard_normal(len(data)), responses)
+
+
+def noiseless(data: FloatArray, responses: FloatArray) -> Evidence:
+    """Data as they are, and the columns of all terms."""
+    rows = np.concatenate([data[:, None], responses], axis=1)
     return Evidence([part(rows.reshape(WINDOWS, 9, -1), np.arange(WINDOWS) // 8)], rows.shape[1])
 
 
@@ -147,6 +158,23 @@ def test_no_antenna_is_where_there_is_no_car(configured_m: float, thinkable: boo
     chosen = Selector(evidence(-220.0 * u[:, 0], 100.0 * u), given, last=True).select().chosen
 
     assert thinkable == bool(chosen)
+
+
+@pytest.mark.parametrize(("own_nats", "named"), [(1.5, "doppler_lag"), (12.0, "gnss_latency")])
+def test_an_old_fix_that_may_be_an_old_speed_is_the_receivers_own(own_nats: float, named: str) -> None:
+    """Alike but for what the positions tell: with one and a half nats of that no name is given."""
+    u = directions(2)
+    lag = Term("doppler_lag", columns(1, width=3), ("lag_s",), 3.5)
+    latency = Term("gnss_latency", columns(2, width=3), ("latency_s",), 3.5)
+    position = np.sqrt(2.0 * own_nats)
+    responses = 300.0 * np.stack([u[:, 0], u[:, 0] + position / (300.0 * LAG_S) * u[:, 1]], axis=1)
+    given = Given(3, [lag, latency], [])
+    made = noiseless(LAG_S * responses[:, 1], responses)
+    selection = Selector(made, given, last=True).judged([latency])
+    study = SimpleNamespace(hypotheses=given)
+    found = _receivers_own(cast(Study, study), selection, made)
+
+    assert [named] == [one.term.effect for one in found.chosen]
 
 
 class Swaps(Selector):

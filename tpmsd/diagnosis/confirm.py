@@ -27,7 +27,7 @@ from tpmsd.wheels import FloatArray
 COMMON = ("thermal_growth", "centrifugal_growth", "road_grade")
 SURE = 80.0
 """Log-likelihood beyond which no slow noise of a receiver is the reason."""
-SURE_OF_LATENCY = 0.7
+SURE_OF_LATENCY = 0.95
 """Confidence below which an age of the fixes is not told from an age of their speed alone."""
 SURE_OF_WHEEL = 3000.0
 """The same of a wheel that changes against the others."""
