@@ -37,6 +37,10 @@ class Candidates:
         """Log-likelihood of calibration and these terms."""
         return self.evidence.fit(self.design(terms)).gain
 
+    def heldout(self, terms: Sequence[Term]) -> float:
+        """Log-likelihood of blocks held out, of calibration and these terms."""
+        return float(self.evidence.heldout(self.design(terms)).sum())
+
     def candidates(self, chosen: Sequence[Term], everything: bool = True) -> list[tuple[float, list[Term]]]:
         """(gain less penalty, terms) of what may be added to these terms, the best first."""
         gram, b = self.evidence.projected(self.design(chosen))

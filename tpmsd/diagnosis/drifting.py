@@ -51,7 +51,7 @@ def drifting(study: Study, selection: Selection, evidence: Evidence) -> tuple[Se
         drive.noise = refit(drive.reader.windows, design, drive.noise, drive.inflate, GYRO_NOISE)
         calm = study.evidence()
         selector = Selector(calm, study.hypotheses, last=True)
-        sure = _predicts(selector, terms, others, shape) - shape.penalty
+        sure = selector.heldout([*others, shape]) - selector.heldout(terms) - shape.penalty
         if sure > ADMIT and _range(selector, others, shape) > FAR_RADPS:
             found = selector.judged([*others, shape])
             if any(one.term is shape for one in found.chosen):
@@ -75,13 +75,6 @@ def _range(selector: Selector, others: list[Term], shape: Term) -> float:
     """Of the shape's heights, rad/s."""
     heights = selector.evidence.fit(selector.design([*others, shape])).values[-shape.design.shape[1] :]
     return float(np.ptp(heights))
-
-
-def _predicts(selector: Selector, terms: list[Term], others: list[Term], shape: Term) -> float:
-    """Log-likelihood of blocks held out that the shape brings more than the terms as they were."""
-    designs = (selector.design([*others, shape]), selector.design(terms))
-    with_it, without = (float(selector.evidence.heldout(design).sum()) for design in designs)
-    return with_it - without
 
 
 def _as_sure_as(selection: Selection, shape: Term, sure: float) -> Selection:

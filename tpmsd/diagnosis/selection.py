@@ -336,9 +336,7 @@ class Selector(Candidates):
         return chosen
 
     def _heldout_gain(self, terms: list[Term], which: int) -> float:
-        rest = terms[:which] + terms[which + 1 :]
-        with_it = self.evidence.heldout(self.design(terms))
-        return float((with_it - self.evidence.heldout(self.design(rest))).sum())
+        return self.heldout(terms) - self.heldout(terms[:which] + terms[which + 1 :])
 
     def _judge(self, chosen: list[Term], which: int) -> Chosen:
         term = chosen[which]

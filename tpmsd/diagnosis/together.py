@@ -95,5 +95,5 @@ def _common_shape(selector: Selector, terms: list[Term]) -> Term | None:
         return None
     term = best[1]
     # Its few knots leave much of it, so the scatter from block to block is its own; what it predicts counts.
-    with_it, without = (selector.evidence.heldout(selector.design(t)) for t in ([*terms, term], terms))
-    return term if float((with_it - without).sum()) > term.penalty + ADMIT else None
+    more = selector.heldout([*terms, term]) - selector.heldout(terms)
+    return term if more > term.penalty + ADMIT else None
