@@ -22,8 +22,8 @@ from scipy.ndimage import gaussian_filter1d
 
 from tpmsd.cli.diagnose import read_recording
 from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.recording import Recording
 from tpmsd.diagnosis.result import Finding
+from tpmsd.inference.recording import Recording
 
 Array = NDArray[np.float64]
 LOSS_M = -1.4e-3

@@ -20,10 +20,10 @@ from hard_drives import SETTINGS, HardDrive, instrumented, truth
 
 from tpmsd.config.model import GnssConfig
 from tpmsd.diagnosis.drives import admitted
-from tpmsd.diagnosis.noise_fit import Stage, fit_noise
-from tpmsd.diagnosis.recording import Recording, record
 from tpmsd.diagnosis.study import DriveStudy, Study
 from tpmsd.diagnosis.wheel_slip import SIDE_SLIP, WHEEL_SLIP
+from tpmsd.inference.noise_fit import Stage, fit_noise
+from tpmsd.inference.recording import Recording, record
 from tpmsd.wheels import FloatArray
 
 CARS = ("Escort, dry", "BMW, dry", "Vanagon, dry")

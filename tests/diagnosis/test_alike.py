@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tpmsd.diagnosis.candidates import ADMIT
-from tpmsd.diagnosis.evidence import Evidence, part
 from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.terms import Hypotheses, Term
+from tpmsd.inference.least_squares import Evidence, part
 from tpmsd.wheels import FloatArray
 
 WINDOWS, TRUE_SIZE = 600, 8.0

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from tpmsd.diagnosis.confirm import _receivers_own
-from tpmsd.diagnosis.evidence import Evidence, part
 from tpmsd.diagnosis.plausible import bounds_of
 from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.terms import Hypotheses, Term, shape_price
+from tpmsd.inference.least_squares import Evidence, part
 from tpmsd.physics.kinematics import Geometry
 from tpmsd.physics.motion import Car, driven_mask
 from tpmsd.wheels import FloatArray

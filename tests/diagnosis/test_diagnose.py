@@ -7,8 +7,8 @@ import pytest
 from tests.diagnosis.recorded import recording_of
 from tests.worlds.kinematic import Spec, drive
 from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.recording import Recording
 from tpmsd.diagnosis.result import Diagnosis, Finding
+from tpmsd.inference.recording import Recording
 
 
 def diagnosed(seed: int, duration_s: float = 700.0, **physics: dict[str, object]) -> Diagnosis:

@@ -13,10 +13,10 @@ from tests.worlds.kinematic import Spec, drive
 from tpmsd.cli.main import main
 from tpmsd.cli.replay import replay
 from tpmsd.config.load import load_config
-from tpmsd.diagnosis.channels import Reader
 from tpmsd.diagnosis.empirical import place_of
-from tpmsd.diagnosis.motion import reference
 from tpmsd.diagnosis.response import first_hat, smooth_columns, smooth_knots
+from tpmsd.inference.trajectory import reference
+from tpmsd.inference.windows import Reader
 from tpmsd.physics.effects.unknown import Unknown
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.physics.model_file import load_model

@@ -11,14 +11,14 @@ import pytest
 
 from tests.diagnosis.recorded import PER_TICK, recording_of
 from tests.worlds.kinematic import Spec, drive
-from tpmsd.diagnosis.channels import Reader
 from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.motion import reference
 from tpmsd.diagnosis.response import catalogue_columns, radius_columns
 from tpmsd.diagnosis.result import Diagnosis
 from tpmsd.diagnosis.study import first_noise
 from tpmsd.diagnosis.tone_ring import ripples
-from tpmsd.diagnosis.whitening import whiten
+from tpmsd.inference.trajectory import reference
+from tpmsd.inference.whitening import whiten
+from tpmsd.inference.windows import Reader
 from tpmsd.physics.model import ExtendedModel
 
 SILENT = {"position_slow_m": 1e-9, "position_white_m": 1e-9, "doppler_mps": 1e-9}

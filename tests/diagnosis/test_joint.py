@@ -12,13 +12,13 @@ from scipy.stats import multivariate_normal
 
 from tests.diagnosis.recorded import recording_of
 from tests.worlds.kinematic import Spec, drive
-from tpmsd.diagnosis.channels import Reader
 from tpmsd.diagnosis.diagnose import diagnose
 from tpmsd.diagnosis.drives import bounded, fair_shares
-from tpmsd.diagnosis.evidence import Evidence, part
-from tpmsd.diagnosis.motion import reference
-from tpmsd.diagnosis.recording import Recording
 from tpmsd.errors import ConfigError
+from tpmsd.inference.least_squares import Evidence, part
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.trajectory import reference
+from tpmsd.inference.windows import Reader
 
 
 def recorded(name: str, seed: int, duration_s: float = 200.0, **physics: dict[str, object]) -> Recording:

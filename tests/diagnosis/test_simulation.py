@@ -14,8 +14,8 @@ from tests.worlds.folder import write_folder
 from tests.worlds.kinematic import Spec, drive
 from tpmsd.cli.main import main
 from tpmsd.diagnosis.diagnose import diagnose_against
-from tpmsd.diagnosis.recording import Recording
 from tpmsd.errors import ConfigError
+from tpmsd.inference.recording import Recording
 from tpmsd.physics.model_file import load_model
 
 GROWTH = {"centrifugal_growth": {"coefficient": 3e-6}}

@@ -9,10 +9,10 @@ import pytest
 
 from tests.diagnosis.recorded import recording_of
 from tests.worlds.kinematic import Spec, drive
-from tpmsd.diagnosis.channels import Reader
 from tpmsd.diagnosis.drives import admitted
-from tpmsd.diagnosis.recording import Recording
 from tpmsd.diagnosis.tone_ring import Ripple, ripples
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.windows import Reader
 from tpmsd.wheels import WHEELS
 
 READ_HZ, EDGES_S, LATE_S = 20.0, 0.02, 0.013

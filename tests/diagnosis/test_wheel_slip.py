@@ -11,12 +11,12 @@ from tests.diagnosis.recorded import recording_of
 from tests.worlds.course import Course
 from tests.worlds.instruments import observe
 from tests.worlds.kinematic import Array, Spec, course
-from tpmsd.diagnosis.channels import Reader
 from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.motion import reference
-from tpmsd.diagnosis.recording import Recording
 from tpmsd.diagnosis.result import Explanatory
 from tpmsd.diagnosis.wheel_slip import SIDE_SLIP, slip_columns
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.trajectory import reference
+from tpmsd.inference.windows import Reader
 from tpmsd.physics.kinematics import Geometry
 from tpmsd.physics.motion import GRAVITY_MPS2, Car, Motion, driven_mask
 from tpmsd.report.diagnosis_document import diagnosis_document

@@ -18,8 +18,8 @@ from tpmsd.cli.output import Progress, Subparsers, add_json_option, write_json
 from tpmsd.errors import ConfigError, InputError, TpmsdError
 
 if TYPE_CHECKING:
-    from tpmsd.diagnosis.recording import Recording
     from tpmsd.diagnosis.result import Diagnosis
+    from tpmsd.inference.recording import Recording
     from tpmsd.report.alarms_compared import AlarmsCompared
 
 _DESCRIPTION = """\
@@ -138,7 +138,7 @@ def read_recording(folder: Path, config_file: Path | None = None, name: str = "t
     """A drive folder as arrays, `name` for the reports; InputError if nothing usable is in it."""
     from tpmsd.cli.drive_reading import read_ticks
     from tpmsd.config.load import load_config
-    from tpmsd.diagnosis.recording import record
+    from tpmsd.inference.recording import record
 
     if not folder.is_dir():
         raise InputError(folder, "not a folder" if folder.exists() else "no such drive folder")

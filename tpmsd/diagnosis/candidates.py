@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tpmsd.diagnosis.evidence import Evidence
 from tpmsd.diagnosis.terms import Hypotheses, Term, group_gain
+from tpmsd.inference.least_squares import Evidence
 from tpmsd.wheels import FloatArray
 
 ADMIT = 6.0

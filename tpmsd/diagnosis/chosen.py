@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.diagnosis.evidence import Fit
 from tpmsd.diagnosis.terms import Term
+from tpmsd.inference.least_squares import Fit
 from tpmsd.wheels import FloatArray
 
 

@@ -17,11 +17,11 @@ import numpy as np
 
 from tpmsd.diagnosis.candidates import ADMIT
 from tpmsd.diagnosis.chosen import Selection
-from tpmsd.diagnosis.evidence import Evidence, gain_of
-from tpmsd.diagnosis.noise_fit import PRIORS, SLOW, log_posterior, refit_slow, refit_wander
 from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.study import DriveStudy, Study
-from tpmsd.diagnosis.whitening import Noise, whiten
+from tpmsd.inference.least_squares import Evidence, gain_of
+from tpmsd.inference.noise_fit import PRIORS, SLOW, log_posterior, refit_slow, refit_wander
+from tpmsd.inference.whitening import Noise, whiten
 from tpmsd.wheels import FloatArray
 
 COMMON = ("thermal_growth", "centrifugal_growth", "road_grade")

@@ -18,10 +18,7 @@ from tpmsd.diagnosis.chosen import Selection
 from tpmsd.diagnosis.confirm import confirmed
 from tpmsd.diagnosis.drifting import drifting
 from tpmsd.diagnosis.drives import admitted, against
-from tpmsd.diagnosis.evidence import Evidence
 from tpmsd.diagnosis.findings import report
-from tpmsd.diagnosis.noise_fit import Stage, fit_noise, outliers
-from tpmsd.diagnosis.recording import Recording
 from tpmsd.diagnosis.refine import plainest_shape, refine
 from tpmsd.diagnosis.relinearise import relinearise
 from tpmsd.diagnosis.result import INSUFFICIENT, Diagnosis
@@ -29,6 +26,9 @@ from tpmsd.diagnosis.selection import MAX_TERMS, Selector
 from tpmsd.diagnosis.simulated import differences, floored, widened
 from tpmsd.diagnosis.study import Study, first_noise
 from tpmsd.diagnosis.together import together
+from tpmsd.inference.least_squares import Evidence
+from tpmsd.inference.noise_fit import Stage, fit_noise, outliers
+from tpmsd.inference.recording import Recording
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import FloatArray
 

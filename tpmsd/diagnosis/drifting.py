@@ -17,13 +17,13 @@ from dataclasses import replace
 import numpy as np
 
 from tpmsd.diagnosis.candidates import ADMIT
-from tpmsd.diagnosis.channels import GYRO
 from tpmsd.diagnosis.chosen import Selection
-from tpmsd.diagnosis.evidence import Evidence
-from tpmsd.diagnosis.noise_fit import PRIORS, refit
 from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.terms import Term
+from tpmsd.inference.least_squares import Evidence
+from tpmsd.inference.noise_fit import PRIORS, refit
+from tpmsd.inference.windows import GYRO
 
 USUAL = PRIORS["gyro_drift_radps"][0]
 DRIFTS = 4.0 * USUAL

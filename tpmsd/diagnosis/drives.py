@@ -11,10 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tpmsd.diagnosis.channels import CHANNELS, EAST, MAX_WINDOWS, NORTH, Reader
-from tpmsd.diagnosis.motion import reference
-from tpmsd.diagnosis.recording import Recording
 from tpmsd.errors import ConfigError
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.trajectory import reference
+from tpmsd.inference.windows import CHANNELS, EAST, MAX_WINDOWS, NORTH, Reader
 from tpmsd.wheels import RL, RR, WHEELS
 
 MIN_DRIVING_S = 90

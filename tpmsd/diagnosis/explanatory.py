@@ -10,13 +10,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tpmsd.diagnosis.channels import GYRO
-from tpmsd.diagnosis.evidence import Evidence
 from tpmsd.diagnosis.result import Explanatory
 from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.terms import Term, group_gain
 from tpmsd.diagnosis.wheel_slip import SIDE_SLIP, WHEEL_SLIP
+from tpmsd.inference.least_squares import Evidence
+from tpmsd.inference.windows import GYRO
 from tpmsd.wheels import FloatArray
 
 SHOWN_OVER = {WHEEL_SLIP: "accel_long", SIDE_SLIP: "accel_lat"}

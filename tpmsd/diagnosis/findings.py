@@ -13,12 +13,9 @@ import numpy as np
 
 from tpmsd.diagnosis.advice import advice
 from tpmsd.diagnosis.candidates import ADMIT
-from tpmsd.diagnosis.channels import CHANNEL_NAMES
 from tpmsd.diagnosis.chosen import Chosen, Selection
 from tpmsd.diagnosis.empirical import empirical_effect, shape_of
-from tpmsd.diagnosis.evidence import Evidence
 from tpmsd.diagnosis.explanatory import explanatory
-from tpmsd.diagnosis.motion import WINDOW_S
 from tpmsd.diagnosis.reach import Seen, reach
 from tpmsd.diagnosis.result import CONSISTENT, MISMATCH, Diagnosis, Finding, Inner, Quantity, Where
 from tpmsd.diagnosis.selection import Selector
@@ -29,6 +26,9 @@ from tpmsd.diagnosis.teeth import teeth
 from tpmsd.diagnosis.terms import Term, group_gain
 from tpmsd.diagnosis.traces import ground, traces
 from tpmsd.diagnosis.where import where_of, whole_range
+from tpmsd.inference.least_squares import Evidence
+from tpmsd.inference.trajectory import WINDOW_S
+from tpmsd.inference.windows import CHANNEL_NAMES
 from tpmsd.physics.catalogue import make_effect, parameters_of
 from tpmsd.physics.effect import Effect, Parameter, Std
 from tpmsd.physics.model import ExtendedModel

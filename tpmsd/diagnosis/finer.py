@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.diagnosis.evidence import Evidence, gain_of
 from tpmsd.diagnosis.response import FINER, READINGS, finer_knots, first_hat, hat_functions
 from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.study import Hat, Refined, Study
 from tpmsd.diagnosis.terms import ANTISYMMETRIC, Term, shape_price
+from tpmsd.inference.least_squares import Evidence, gain_of
 from tpmsd.wheels import WHEELS, FloatArray
 
 LEVELS = (1, 2, 4)

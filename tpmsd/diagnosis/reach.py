@@ -15,9 +15,9 @@ import numpy as np
 import scipy.linalg
 from scipy.stats import chi2
 
-from tpmsd.diagnosis.channels import CHANNEL_NAMES
-from tpmsd.diagnosis.evidence import FOLDS
 from tpmsd.diagnosis.terms import Name
+from tpmsd.inference.least_squares import FOLDS
+from tpmsd.inference.windows import CHANNEL_NAMES
 from tpmsd.wheels import FloatArray
 
 LAGS = 10

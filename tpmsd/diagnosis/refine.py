@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.diagnosis.chosen import Selection
-from tpmsd.diagnosis.evidence import Evidence
 from tpmsd.diagnosis.finer import Shape, finer_shape, finest_shape
 from tpmsd.diagnosis.response import ramp_knots
 from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.study import Refined, Study
 from tpmsd.diagnosis.terms import Term, for_drive
+from tpmsd.inference.least_squares import Evidence
 from tpmsd.wheels import WHEELS, FloatArray
 
 ROUNDS = 4

@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tpmsd.diagnosis.channels import CHANNELS, COURSE, EAST, GYRO, SPEED, Reader
-from tpmsd.diagnosis.motion import WINDOW_S
 from tpmsd.diagnosis.wheel_slip import slip_columns
+from tpmsd.inference.trajectory import WINDOW_S
+from tpmsd.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED, Reader
 from tpmsd.physics.catalogue import make_effect, probed_with, probes
 from tpmsd.physics.effect import Effect
 from tpmsd.physics.model import ExtendedModel

@@ -18,9 +18,9 @@ import numpy as np
 
 from tpmsd.diagnosis.candidates import ADMIT, Candidates
 from tpmsd.diagnosis.chosen import Chosen, Selection
-from tpmsd.diagnosis.evidence import Evidence
 from tpmsd.diagnosis.plausible import BOUNDS, IMPOSSIBLE, against_ratio, ratio_limits, thinkable
 from tpmsd.diagnosis.terms import Hypotheses, Term, group_gain
+from tpmsd.inference.least_squares import Evidence
 from tpmsd.physics.catalogue import EFFECTS
 from tpmsd.physics.effects.unknown import Unknown
 from tpmsd.wheels import FloatArray

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 
 from tpmsd.diagnosis.chosen import Chosen, Selection
-from tpmsd.diagnosis.evidence import Evidence, Fit
 from tpmsd.diagnosis.joint_terms import JointHypotheses
 from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.study import Refined, Study
 from tpmsd.diagnosis.terms import Hypotheses, Term
-from tpmsd.diagnosis.whitening import Noise
+from tpmsd.inference.least_squares import Evidence, Fit
+from tpmsd.inference.whitening import Noise
 from tpmsd.wheels import WHEELS, FloatArray
 
 RECORDING, SIMULATION, BOTH = "recording", "simulation", "both"

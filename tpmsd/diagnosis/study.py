@@ -13,8 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.diagnosis.channels import Reader
-from tpmsd.diagnosis.evidence import Evidence, part
 from tpmsd.diagnosis.joint_terms import JointHypotheses, OwnNames, is_copied, is_own
 from tpmsd.diagnosis.plausible import bounds_of
 from tpmsd.diagnosis.response import (
@@ -26,9 +24,11 @@ from tpmsd.diagnosis.response import (
     smooth_knots,
     thermal_column,
 )
-from tpmsd.diagnosis.smoother import motion_errors
 from tpmsd.diagnosis.terms import ANTISYMMETRIC, PATTERNS, Hypotheses, Name, Term
-from tpmsd.diagnosis.whitening import Noise, whiten
+from tpmsd.inference.least_squares import Evidence, part
+from tpmsd.inference.smoother import motion_errors
+from tpmsd.inference.whitening import Noise, whiten
+from tpmsd.inference.windows import Reader
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import FloatArray
 

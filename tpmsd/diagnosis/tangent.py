@@ -11,9 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from tpmsd.diagnosis.chosen import Chosen, Selection
-from tpmsd.diagnosis.evidence import fitted
 from tpmsd.diagnosis.response import ramp_column, thermal_column
 from tpmsd.diagnosis.study import DriveStudy, Study
+from tpmsd.inference.least_squares import fitted
 from tpmsd.wheels import WHEELS, FloatArray
 
 WARM_UPS_S = (60.0, 6000.0)

@@ -11,12 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from tpmsd.diagnosis.evidence import Fit
 from tpmsd.diagnosis.result import Finding, Quantity, Where
 from tpmsd.diagnosis.simulated import BOTH, RECORDING, SEEN_STDS
 from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.tone_ring import ADMIT, Ripple, ripples, wrong_teeth
 from tpmsd.diagnosis.where import PLACE
+from tpmsd.inference.least_squares import Fit
 
 CHANNEL, COVARIATE = PLACE["tone_ring_error"]
 

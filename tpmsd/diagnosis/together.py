@@ -19,11 +19,11 @@ import numpy as np
 from tpmsd.diagnosis.candidates import ADMIT, FREE_SHAPE
 from tpmsd.diagnosis.chosen import Selection
 from tpmsd.diagnosis.confirm import WANDERS
-from tpmsd.diagnosis.evidence import Evidence
-from tpmsd.diagnosis.noise_fit import PRIORS
 from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.terms import ANTISYMMETRIC, PATTERNS, Term, group_gain
+from tpmsd.inference.least_squares import Evidence
+from tpmsd.inference.noise_fit import PRIORS
 from tpmsd.wheels import WHEELS
 
 TOGETHER = 0.85

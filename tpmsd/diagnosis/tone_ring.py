@@ -21,8 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from tpmsd.diagnosis.motion import Reference
-from tpmsd.diagnosis.recording import Recording
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.trajectory import Reference
 from tpmsd.physics.kinematics import wheel_speeds
 from tpmsd.physics.motion import integrate
 from tpmsd.wheels import WHEELS, FloatArray

@@ -9,13 +9,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from tpmsd.diagnosis.channels import EAST, NORTH
 from tpmsd.diagnosis.chosen import Selection
-from tpmsd.diagnosis.evidence import Evidence
 from tpmsd.diagnosis.result import Ground, Trace
 from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.where import values_of, where_of
+from tpmsd.inference.least_squares import Evidence
+from tpmsd.inference.windows import EAST, NORTH
 from tpmsd.wheels import FloatArray
 
 BINS = 16

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.diagnosis.channels import CHANNELS, COURSE, Reader
+from tpmsd.inference.windows import CHANNELS, COURSE, Reader
 from tpmsd.vehicle_state.slip_shapes import typical_slips, wheel_slip_shapes
 from tpmsd.wheels import FloatArray
 

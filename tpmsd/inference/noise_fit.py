@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.diagnosis.channels import CHANNELS, COURSE, EAST, GYRO, SPEED, Windows
-from tpmsd.diagnosis.whitening import Noise, whiten
+from tpmsd.inference.whitening import Noise, whiten
+from tpmsd.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED, Windows
 from tpmsd.wheels import FloatArray
 
 LIMITS: dict[str, tuple[float, float]] = {

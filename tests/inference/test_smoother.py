@@ -9,12 +9,12 @@ import pytest
 
 from tests.diagnosis.recorded import recording_of
 from tests.worlds.kinematic import Spec, drive
-from tpmsd.diagnosis.channels import GYRO, Reader
 from tpmsd.diagnosis.diagnose import diagnose, first_noise
-from tpmsd.diagnosis.motion import WINDOW_S, reference
-from tpmsd.diagnosis.recording import Recording
-from tpmsd.diagnosis.smoother import motion_errors
-from tpmsd.diagnosis.whitening import GB, PE, PN, PSI, QOLD, STATES, Q, V, W, system
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.smoother import motion_errors
+from tpmsd.inference.trajectory import WINDOW_S, reference
+from tpmsd.inference.whitening import GB, PE, PN, PSI, QOLD, STATES, Q, V, W, system
+from tpmsd.inference.windows import GYRO, Reader
 from tpmsd.physics.model import ExtendedModel
 
 

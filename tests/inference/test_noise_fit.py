@@ -10,12 +10,12 @@ import pytest
 
 from tests.diagnosis.recorded import recording_of
 from tests.worlds.kinematic import Spec, drive
-from tpmsd.diagnosis.channels import Reader
-from tpmsd.diagnosis.motion import reference
-from tpmsd.diagnosis.noise_fit import Stage, fit_noise
 from tpmsd.diagnosis.study import DriveStudy, first_noise
 from tpmsd.diagnosis.tangent import crossing
-from tpmsd.diagnosis.whitening import Noise
+from tpmsd.inference.noise_fit import Stage, fit_noise
+from tpmsd.inference.trajectory import reference
+from tpmsd.inference.whitening import Noise
+from tpmsd.inference.windows import Reader
 
 
 def first_fit(loss_m: float) -> Noise:

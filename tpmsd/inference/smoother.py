@@ -14,8 +14,8 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from tpmsd.diagnosis.channels import Windows
-from tpmsd.diagnosis.whitening import PSI, STATES, Noise, V, W, system
+from tpmsd.inference.whitening import PSI, STATES, Noise, V, W, system
+from tpmsd.inference.windows import Windows
 from tpmsd.wheels import FloatArray
 
 

@@ -9,10 +9,10 @@ import pytest
 
 from tests.diagnosis.recorded import recording_of
 from tests.worlds.kinematic import Spec, drive
-from tpmsd.diagnosis.channels import EAST, GYRO, SPEED, Reader
 from tpmsd.diagnosis.diagnose import first_noise
-from tpmsd.diagnosis.motion import reference
-from tpmsd.diagnosis.whitening import whiten
+from tpmsd.inference.trajectory import reference
+from tpmsd.inference.whitening import whiten
+from tpmsd.inference.windows import EAST, GYRO, SPEED, Reader
 from tpmsd.wheels import FloatArray
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmsd.diagnosis.evidence import Evidence, part
+from tpmsd.inference.least_squares import Evidence, part
 from tpmsd.wheels import FloatArray
 
 BLOCKS = np.repeat(np.arange(10), 30)

@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmsd.diagnosis.motion import WINDOW_S, Reference, moved
-from tpmsd.diagnosis.recording import Recording
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.trajectory import WINDOW_S, Reference, moved
 from tpmsd.physics.covariates import COVARIATES, covariate
 from tpmsd.physics.forward import antenna_truth, gyro_rates, wheel_angles, wheel_rates
 from tpmsd.physics.model import ExtendedModel

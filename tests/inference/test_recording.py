@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from tpmsd.config.model import CanConfig, Config, GnssConfig, VehicleConfig
-from tpmsd.diagnosis.recording import record
+from tpmsd.inference.recording import record
 from tpmsd.timeline.tick import Fix, Tick
 
 CONFIG = Config(

@@ -21,8 +21,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtrs
 
-from tpmsd.diagnosis.channels import CHANNELS, COURSE, EAST, GYRO, NORTH, SPEED, Windows
-from tpmsd.diagnosis.motion import WINDOW_S
+from tpmsd.inference.trajectory import WINDOW_S
+from tpmsd.inference.windows import CHANNELS, COURSE, EAST, GYRO, NORTH, SPEED, Windows
 from tpmsd.wheels import FloatArray
 
 Q, QOLD, V, W, PSI, PE, PN, BE, BN = 0, 4, 8, 9, 10, 11, 12, 13, 14

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, median_filter
 
-from tpmsd.diagnosis.recording import Recording
+from tpmsd.inference.recording import Recording
 from tpmsd.physics.kinematics import wheel_speeds
 from tpmsd.physics.motion import GRAVITY_MPS2, Car, Motion, integrate
 from tpmsd.wheels import FL, FR, RL, RR, FloatArray

@@ -1,0 +1,1 @@
+"""One inference core for diagnosis and calibration: motion eliminated, noise fitted, least squares."""
