@@ -50,13 +50,13 @@ format: $(DEV)  ## put the sources into the house style
 	$(PY) -m ruff format .
 
 bench: $(RUNTIME)  ## the figures of the README, measured on this machine (BENCH_ARGS=...)
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) benchmarks/bench.py $(BENCH_ARGS)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run speed $(BENCH_ARGS)
 
 bench-live: $(RUNTIME)  ## rate, lateness and CPU time of the daemon on a full bus, in real time (BENCH_ARGS=--guest)
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m benchmarks.bench_live $(BENCH_ARGS)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run live $(BENCH_ARGS)
 
 bench-calibrate: $(DEV)  ## paper 002's experiment, its method and ours (BENCH_ARGS=...)
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) benchmarks/bench_calibrate.py $(BENCH_ARGS)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run calibrate $(BENCH_ARGS)
 
 test-hil: $(DEV)  ## the daemon on a real CAN stack and as a real service (HIL_ARGS=..., TPMSD_SKIP_HIL=1)
 	$(PY) -m tests.hil.run $(HIL_ARGS)
@@ -73,20 +73,20 @@ deb: $(RUNTIME)  ## a Debian package, to build/deb
 	@PIP="$(abspath $(PY)) -m pip --disable-pip-version-check -q" sh tools/make_deb.sh
 
 bench-diagnose: $(DEV)  ## the diagnosis on drives of other worlds, truth sealed (BENCH_ARGS=--full: a day)
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m benchmarks.diagnosis_bench.run $(BENCH_ARGS)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run diagnosis $(BENCH_ARGS)
 
 bench-alarms: $(DEV)  ## soft tyres and harmless drives: detection, false alarms per km (BENCH_ARGS=--full: hours)
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m benchmarks.alarms_bench.run $(BENCH_ARGS)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run alarms $(BENCH_ARGS)
 
 bench-vehicle-state: $(DEV)  ## paper 004's experiment, and what its slips do for the tyres (BENCH_ARGS=...)
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) benchmarks/bench_vehicle_state.py $(BENCH_ARGS)
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) benchmarks/bench_slip_gate.py
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run vehicle-state $(BENCH_ARGS)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run slip-gate
 
 bench-estimators: $(DEV)  ## paper 000's comparison of filters, and beyond it (BENCH_ARGS=--full: hours)
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m benchmarks.estimators_bench.run $(BENCH_ARGS)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run estimators $(BENCH_ARGS)
 
 bench-resonance: $(DEV)  ## which sampling shows the torsional resonance of a soft tyre (BENCH_ARGS=...)
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m benchmarks.bench_resonance $(BENCH_ARGS)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run resonance $(BENCH_ARGS)
 
 soak: $(DEV)  ## a day of driving with one fault after the other, in logical time (SOAK_ARGS="--hours 1")
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tests.faults.soak $(SOAK_ARGS)

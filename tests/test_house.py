@@ -15,6 +15,7 @@ import pytest
 
 REPO = Path(__file__).resolve().parent.parent
 PACKAGE = REPO / "tpmsd"
+BENCH = REPO / "bench"
 
 EVERYWHERE = {"errors", "wheels"}
 """Modules that any room may import, beside its own and those of the table."""
@@ -105,6 +106,9 @@ IMPURE_METHODS = {
 RANDOM_TYPES = {"Generator", "BitGenerator"}
 """Randomness comes in as an argument; of numpy.random the core may name only its types."""
 
+RECORDS = ("tpmsd.wheels", "tpmsd.timeline.tick", "tpmsd.sources.events", "tpmsd.config.model")
+"""Modules of plain records: all that the worlds of the benchmarks may import of the program."""
+
 MAX_LINES = 400
 
 
@@ -158,6 +162,19 @@ def direction_faults(module: str, source: str) -> list[str]:
     return faults
 
 
+def bench_faults(module: str, source: str) -> list[str]:
+    """What a module of the benchmarks or the program imports against tests -> bench -> tpmsd, a line each."""
+    barred = ["tests", "bench"] if module.startswith("tpmsd") else ["tests"]
+    if module.startswith("bench.worlds"):
+        barred += ["bench.campaigns", "tpmsd"]
+    faults = []
+    for line, name in imports(ast.parse(source)):
+        within = [root for root in barred if name == root or name.startswith(f"{root}.")]
+        if within and not name.startswith(RECORDS):
+            faults.append(f"{module}:{line}: must not import {name}")
+    return faults
+
+
 def is_pure(module: str) -> bool:
     """Whether a module belongs to the core that does no I/O and reads no clock."""
     return room_of(module) in PURE_ROOMS and module not in SHELLS
@@ -203,6 +220,32 @@ def tracked_files() -> list[Path]:
 def test_imports_follow_the_flow() -> None:
     """No room imports a room that lies further down the flow."""
     assert [] == [fault for path in modules() for fault in direction_faults(dotted_name(path), read(path))]
+
+
+def test_tests_import_the_bench_and_the_bench_the_program() -> None:
+    """Never the other way round; the worlds take no more of the program than its plain records."""
+    assert [] == [
+        fault
+        for root in (PACKAGE, BENCH)
+        for path in sorted(root.rglob("*.py"))
+        for fault in bench_faults(dotted_name(path), read(path))
+    ]
+
+
+@pytest.mark.parametrize(
+    ("module", "source", "faults"),
+    [
+        ("bench.campaigns.x", "from bench.worlds.spec import Spec\nfrom tpmsd.pipeline import Pipeline", 0),
+        ("bench.campaigns.x", "from tests.calibration import drives", 1),
+        ("bench.worlds.x", "from tpmsd.timeline.tick import Fix, Tick", 0),
+        ("bench.worlds.x", "from tpmsd.timeline.timeline import Timeline", 1),
+        ("bench.worlds.x", "from bench.campaigns.diagnosis import draw", 1),
+        ("tpmsd.report.x", "import bench.statistics", 1),
+    ],
+)
+def test_the_watch_over_the_bench_sees(module: str, source: str, faults: int) -> None:
+    """An import of tests, of campaigns by worlds, or of the program's workings by worlds is found."""
+    assert faults == len(bench_faults(module, source))
 
 
 def test_the_core_is_pure() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.worlds.kinematic import Drive, Spec, drive
+from bench.worlds.kinematic import Drive, Spec, drive
 from tpmsd.simulator.bus import BusSpec
 from tpmsd.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.simulator.drive_writer import write_drive

@@ -1,79 +1,26 @@
 """Simulated drives for the tests of this room.
 
-`recorded` reads a drive of the program's own simulator through the whole path from files. `recording_of` lays
-out a drive of the kinematic world, which shares no line with the program, as the reader would: reading files
-is tested elsewhere, and this keeps statistical tests and `make bench-calibrate` quick.
+`recorded` reads a drive of the program's own simulator through the whole path from files; `recording_of` lays
+out one of the independent worlds without files.
 """
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
-import numpy as np
-
-from tests.worlds.kinematic import STEP_S, Array, Drive, Spec
+from bench.campaigns.calibrate_recording import configured, recording_of
 from tpmsd.calibration.recording import Recording, record
 from tpmsd.cli.drive_reading import read_ticks
 from tpmsd.config.load import load_config
-from tpmsd.config.model import Config, VehicleConfig
+from tpmsd.config.model import Config
 from tpmsd.physics.motion import Motion
 from tpmsd.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.simulator.drive_writer import write_drive
 
-PER_TICK = 5
+__all__ = ["configured", "recorded", "recording_of"]
 
 
 def recorded(folder: Path, spec: DriveSpec, motion: Motion | None = None) -> tuple[Recording, Config]:
     write_drive(folder, simulate_drive(spec, motion))
     config = load_config(folder)
     return record(folder.name, read_ticks(folder, config), config), config
-
-
-def configured(spec: Spec) -> VehicleConfig:
-    """What the operator of the world's car believes of it."""
-    return VehicleConfig(
-        wheel_radius_m=(spec.radius_m,) * 4,
-        track_front_m=spec.track_front_m,
-        track_rear_m=spec.track_rear_m,
-        wheelbase_m=spec.wheelbase_m,
-        driven_axle=spec.driven,  # type: ignore[arg-type]
-        steering_ratio=15.0,
-        teeth_per_rev=spec.teeth,
-    )
-
-
-def recording_of(world: Drive, bus: str = "counts", wheels: int = 4, rounding_kmh: float = 0.01) -> Recording:
-    """Ticks of 0.1 s from samples of 20 ms, of all wheels or the rear pair; speeds are rounded."""
-    spec = world.spec
-    angle = world.counts() * (2 * math.pi / spec.teeth)
-    reading_rad = 2 * math.pi / spec.teeth / math.sqrt(12)
-    if bus == "speeds":
-        unit = rounding_kmh / 3.6 * STEP_S / spec.radius_m
-        turned = np.diff(world.shown_rad, axis=0, prepend=world.shown_rad[:1])
-        angle, reading_rad = np.cumsum(np.round(turned / unit) * unit, axis=0), 0.0
-    rotation = np.diff(angle[::PER_TICK], axis=0)
-    rotation[:, : 4 - wheels] = math.nan
-    n = len(rotation)
-
-    def mean(values: Array) -> Array:
-        between = 0.5 * (values[1:] + values[:-1])
-        return between[: n * PER_TICK].reshape(n, PER_TICK).mean(axis=1)
-
-    return Recording(
-        name="world",
-        dt_s=PER_TICK * STEP_S,
-        rotation_rad=rotation,
-        reading_std_rad=np.full(4, reading_rad),
-        gyro_radps=mean(world.gyro),
-        fix_time_s=world.fix_true_s + world.fix_age_s,
-        east_m=world.fix_east,
-        north_m=world.fix_north,
-        up_m=world.fix_up,
-        speed_mps=world.fix_speed,
-        heading_rad=world.fix_course_math,
-        antenna_forward_m=spec.antenna_forward_m,
-        antenna_left_m=spec.antenna_left_m,
-        accel_long_mps2=mean(world.accel_long),
-        accel_lat_mps2=mean(world.accel_lat),
-    )

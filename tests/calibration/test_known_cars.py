@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.worlds.kinematic import Drive
 from tests.calibration.drives import configured, recorded, recording_of
-from tests.worlds.kinematic import Drive
 from tpmsd.calibration.calibrate import calibrate
 from tpmsd.calibration.joint import JointFit, fit
 from tpmsd.calibration.nominal import vehicle_of

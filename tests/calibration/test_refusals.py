@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.worlds.kinematic import Spec, drive
 from tests.calibration.drives import configured, recorded, recording_of
-from tests.worlds.kinematic import Spec, drive
 from tpmsd.calibration.calibrate import calibrate
 from tpmsd.calibration.checks import RefusedError, check_recordings
 from tpmsd.calibration.nominal import Vehicle, vehicle_of

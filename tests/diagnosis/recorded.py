@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from tests.worlds.kinematic import Array, Drive
+from bench.worlds.kinematic import Array, Drive
 from tpmsd.inference.recording import Recording
 from tpmsd.physics.kinematics import Geometry
 from tpmsd.physics.motion import Car, driven_mask

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from tests.worlds.folder import write_folder
-from tests.worlds.kinematic import Spec, drive
+from bench.worlds.folder import write_folder
+from bench.worlds.kinematic import Spec, drive
 from tpmsd.cli.main import main
 
 LEAK = {"wheel": "rl", "deviation_m": -2e-3, "onset_s": 200.0, "duration_s": 30.0}

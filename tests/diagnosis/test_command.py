@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.worlds.folder import write_folder
-from tests.worlds.kinematic import Spec, drive
+from bench.worlds.folder import write_folder
+from bench.worlds.kinematic import Spec, drive
 from tpmsd.cli.main import main
 from tpmsd.physics.model_file import load_model
 

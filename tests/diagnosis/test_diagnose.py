@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
-from tests.worlds.kinematic import Spec, drive
 from tpmsd.diagnosis.diagnose import diagnose
 from tpmsd.diagnosis.result import Diagnosis, Finding
 from tpmsd.inference.recording import Recording

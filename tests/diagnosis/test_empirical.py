@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.worlds.folder import write_folder
+from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
-from tests.worlds.folder import write_folder
-from tests.worlds.kinematic import Spec, drive
 from tpmsd.cli.main import main
 from tpmsd.cli.replay import replay
 from tpmsd.config.load import load_config

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import PER_TICK, recording_of
-from tests.worlds.kinematic import Spec, drive
 from tpmsd.diagnosis.diagnose import diagnose
 from tpmsd.diagnosis.response import catalogue_columns, radius_columns
 from tpmsd.diagnosis.result import Diagnosis

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.independent_look import look, regress
-from tests.worlds.folder import write_folder
-from tests.worlds.kinematic import Spec, drive
+from bench.campaigns.independent_look import look, regress
+from bench.worlds.folder import write_folder
+from bench.worlds.kinematic import Spec, drive
 
 
 def test_it_returns_what_was_put_in(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
+from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
-from tests.worlds.kinematic import Spec, drive
 from tpmsd.diagnosis.diagnose import diagnose
 from tpmsd.diagnosis.drives import bounded, fair_shares
 from tpmsd.errors import ConfigError

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.worlds.instruments import observe
+from bench.worlds.kinematic import Spec, course, drive
 from tests.diagnosis.recorded import recording_of
-from tests.worlds.instruments import observe
-from tests.worlds.kinematic import Spec, course, drive
 from tpmsd.diagnosis.diagnose import diagnose
 from tpmsd.diagnosis.response import FEWEST, finer_knots, hat_functions
 from tpmsd.diagnosis.result import Diagnosis

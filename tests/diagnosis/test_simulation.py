@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
+from bench.worlds.folder import write_folder
+from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
-from tests.worlds.folder import write_folder
-from tests.worlds.kinematic import Spec, drive
 from tpmsd.cli.main import main
 from tpmsd.diagnosis.diagnose import diagnose_against
 from tpmsd.errors import ConfigError

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
 from tests.diagnosis.test_beside_shapes import Given, columns, directions, evidence, shape
-from tests.worlds.kinematic import Spec, drive
 from tpmsd.diagnosis import diagnose as whole
 from tpmsd.diagnosis.diagnose import diagnose
 from tpmsd.diagnosis.selection import Selector

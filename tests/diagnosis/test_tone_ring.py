@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
-from tests.worlds.kinematic import Spec, drive
 from tpmsd.diagnosis.drives import admitted
 from tpmsd.diagnosis.tone_ring import Ripple, ripples
 from tpmsd.inference.recording import Recording

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bench.worlds.course import Course
+from bench.worlds.instruments import observe
+from bench.worlds.kinematic import Array, Spec, course
 from tests.diagnosis.recorded import recording_of
-from tests.worlds.course import Course
-from tests.worlds.instruments import observe
-from tests.worlds.kinematic import Array, Spec, course
 from tpmsd.diagnosis.diagnose import diagnose
 from tpmsd.diagnosis.result import Explanatory
 from tpmsd.diagnosis.wheel_slip import SIDE_SLIP, slip_columns

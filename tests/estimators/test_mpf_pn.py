@@ -29,7 +29,7 @@ from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import FloatArray
 
 STATED_M = 4.5
-"""What the bench's correlated receiver states to MPF-PN (`benchmarks/estimators_bench/methods.py`)."""
+"""What the bench's correlated receiver states to MPF-PN (`bench/campaigns/estimators/methods.py`)."""
 SHARED_M, APART_M = 10e-3, 0.14e-3
 """Noise of a tick after hours: that which both wheels share, and each wheel's own."""
 

@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
+from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
-from tests.worlds.kinematic import Spec, drive
 from tpmsd.diagnosis.study import DriveStudy, first_noise
 from tpmsd.diagnosis.tangent import crossing
 from tpmsd.inference.noise_fit import Stage, fit_noise

@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
-from tests.worlds.kinematic import Spec, drive
 from tpmsd.diagnosis.diagnose import first_noise
 from tpmsd.inference.trajectory import reference
 from tpmsd.inference.whitening import whiten

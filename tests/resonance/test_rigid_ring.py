@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
-from benchmarks.rigid_ring import ISO_CLASS_A, RATE_HZ, ToneRing, Tyre, counts, ecu_speed_radps, road, roll
+from bench.worlds.rigid_ring import ISO_CLASS_A, RATE_HZ, ToneRing, Tyre, counts, ecu_speed_radps, road, roll
 from tpmsd.resonance.torsion import free_frequency_hz
 
 

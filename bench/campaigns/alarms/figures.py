@@ -1,0 +1,229 @@
+"""The figures of a run, with their intervals.
+
+In: rows of `score` and `recorded`. Out: plain numbers. Shares bear 95 % intervals of Clopper and Pearson,
+rates the exact Poisson interval of Garwood (Biometrika 26 and 28, 1934 and 1936).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from bench.campaigns.alarms.lives import is_resized
+from bench.campaigns.diagnosis.report import count
+from bench.worlds.surfaces import TAGS
+
+Row = dict[str, Any]
+Figures = dict[str, Any]
+PER_KM = 10_000.0
+STANDARDS = ("r141-puncture", "r141-diffusion", "fmvss-1", "fmvss-2", "fmvss-3", "fmvss-4")
+KINDS = ("deflation", "radius_deviation", "malfunction")
+NO_SIGNAL = ("ferry", "towing", "car_wash", "outages", "canyon")
+"""Where a malfunction that is announced is the truth: wheels and position part, or no fix for minutes."""
+
+
+def rate(events: int, kilometres: float) -> Figures:
+    """Events per 10,000 km with their interval."""
+    scale = PER_KM / kilometres if kilometres > 0.0 else float("nan")
+    low = 0.0 if events == 0 else float(chi2.ppf(0.025, 2 * events)) / 2.0
+    high = float(chi2.ppf(0.975, 2 * events + 2)) / 2.0
+    return {
+        "events": events,
+        "km": kilometres,
+        "rate": events * scale,
+        "low": low * scale,
+        "high": high * scale,
+    }
+
+
+def figures(rows: Sequence[Row]) -> Figures:
+    """All of a run."""
+    cases = [row for row in rows if row["what"] == "case"]
+    legs = [row for row in rows if row["what"] == "leg"]
+    recorded = [row for row in rows if row["what"] == "recording"]
+    failed = [row for row in rows if row["what"] == "failed"]
+    out: Figures = {
+        "cases": len(cases),
+        "legs": len(legs),
+        "failed": [f"{row['name']}: {row['error']}" for row in failed],
+        "by_standard": {name: detection([c for c in cases if c["standard"] == name]) for name in STANDARDS},
+        "by": {
+            title: {
+                str(key): detection([c for c in cases if of(c) == key])
+                for key in sorted({of(c) for c in cases}, key=str)
+            }
+            for title, of in GROUPINGS.items()
+        },
+        "one": detection([c for c in cases if c["standard"] == "r141-puncture"]),
+        "one_at_once": detection(
+            [c for c in cases if c["standard"] == "r141-puncture" and c["onset"] != "slow"]
+        ),
+        "four": detection([c for c in cases if c["standard"] == "r141-diffusion"]),
+        "all": detection(cases),
+        "missed": [{"name": c["name"], "reason": c["reason"]} for c in cases if not c["detected"]],
+        "causes": dict(Counter(c["reason"].split(":")[0] for c in cases if not c["detected"])),
+        "wrong_wheel": [
+            {"name": c["name"], "named": c["named"], "soft": c["wheels"]}
+            for c in cases
+            if c["named"] and not c["right_wheel"]
+        ],
+        "false": false_alarms(rows, legs, cases),
+        "recordings": recorded,
+        "cpu_s": sum(row.get("cpu_s", 0.0) for row in rows),
+    }
+    out["bars"] = bars(out)
+    return out
+
+
+GROUPINGS: dict[str, Callable[[Row], Any]] = {
+    "onset": lambda c: c["onset"],
+    "road": lambda c: c["road"],
+    "receiver": lambda c: f"{c['receiver_hz']:g} Hz",
+    "signal": lambda c: c["signal"],
+    "season": lambda c: c["season"],
+    "load": lambda c: "trailer" if c["trailer"] else "other load" if c["reloaded"] else "as learned",
+    "car": lambda c: c["car"],
+    "soft": lambda c: "+".join(c["wheels"]),
+}
+
+
+def detection(cases: Sequence[Row]) -> Figures:
+    """Share detected, times, wheels."""
+    found = [c for c in cases if c["detected"]]
+    times = [float(c["fast_s"]) for c in found]
+    # a case without an alarm takes longer than all others
+    ranked = sorted(times) + [float("inf")] * (len(cases) - len(found))
+    named = [c for c in cases if c["named"]]
+    return {
+        "detected": count(c["detected"] for c in cases),
+        "median_s": _order(ranked, 0.5),
+        "p95_s": _order(ranked, 0.95),
+        "longest_s": max(times, default=None),
+        "right_wheel": count(c["right_wheel"] for c in named),
+        "early": sum(c["early"] for c in cases),
+    }
+
+
+def _order(ranked: list[float], quantile: float) -> float | None:
+    """The order statistic; None where that many were not detected."""
+    if not ranked:
+        return None
+    value = ranked[min(int(np.ceil(quantile * len(ranked))), len(ranked)) - 1]
+    return value if np.isfinite(value) else None
+
+
+def false_alarms(rows: Sequence[Row], legs: Sequence[Row], cases: Sequence[Row]) -> Figures:
+    """Rates over the campaign, by kind and by what confounds."""
+    honest = [row for row in legs if not is_resized(row["tags"])]
+    teaching = [row for row in rows if row["what"] == "learning"]
+    recorded = [row for row in rows if row["what"] == "recording"]
+    out: Figures = {
+        "hours": sum(row["hours"] for row in legs),
+        "deflation": _rate(honest, "deflation"),
+        "radius_deviation": _rate(honest, "radius_deviation"),
+        "malfunction": _rate([row for row in honest if not set(row["tags"]) & set(NO_SIGNAL)], "malfunction"),
+        "single": _rate([row for row in honest if "plain" in row["tags"]], "deflation"),
+        "not_learned": sum(not row["learned"] for row in legs),
+        "teaching": sum(len(row["false"]) for row in teaching),
+        "before_onset": sum(len(row["false_before"]) for row in cases),
+        "recorded": rate(
+            sum(len(row["tyre_alarms"]) for row in recorded), sum(row["km"] for row in recorded)
+        ),
+        "by_tag": {},
+        "incidents": [
+            {
+                "name": row["name"],
+                "tags": row["tags"],
+                "kind": kind,
+                "at_s": at,
+                "wheels": wheels,
+                "reason": reason,
+            }
+            for row in legs
+            for kind in KINDS
+            for at, wheels, reason in row[kind]
+        ],
+    }
+    for tag in TAGS:
+        having = [row for row in legs if tag in row["tags"]]
+        if having:
+            out["by_tag"][tag] = {kind: _rate(having, kind) for kind in KINDS}
+    return out
+
+
+def _rate(legs: Iterable[Row], kind: str) -> Figures:
+    legs = list(legs)
+    return rate(sum(len(row[kind]) for row in legs), sum(row["km"] for row in legs))
+
+
+def bars(found: Figures) -> list[Figures]:
+    """Each bar, what was measured, and whether it is held; None where nothing was measured."""
+    one, four, everything = found["one"], found["four"], found["all"]
+    at_once = found["one_at_once"]
+    false = found["false"]["deflation"]
+    singles = found["by_standard"]["r141-puncture"]
+
+    def held(group: Figures, ok: bool) -> bool | None:
+        return ok if group["detected"]["of"] else None
+
+    def seconds(value: float | None) -> str:
+        return "not reached" if value is None else f"{value:.0f} s"
+
+    def late(group: Figures) -> str:
+        return f"{group['detected']['of'] - group['detected']['hits']} later or never"
+
+    whole = everything["detected"]
+    return [
+        {
+            "bar": "every R141 and FMVSS 138 case detected",
+            "measured": f"{whole['hits']}/{whole['of']}",
+            "held": held(everything, whole["hits"] == whole["of"]),
+        },
+        {
+            "bar": "-20 % on one wheel, fast or at the start: median 60 s above 40 km/h",
+            "measured": seconds(at_once["median_s"]),
+            "held": held(at_once, at_once["median_s"] is not None and at_once["median_s"] <= 60.0),
+        },
+        {
+            "bar": "-20 % on one wheel: never more than 600 s",
+            "measured": late(one),
+            "held": held(one, one["detected"]["hits"] == one["detected"]["of"]),
+        },
+        {
+            "bar": "all four at -20 %: under 1200 s",
+            "measured": f"{late(four)}, median {seconds(four['median_s'])}",
+            "held": held(four, four["detected"]["hits"] == four["detected"]["of"]),
+        },
+        {
+            "bar": "right wheel in 99 % (one tyre)",
+            "measured": percent(singles["right_wheel"]),
+            "held": None
+            if not singles["right_wheel"]["of"]
+            else singles["right_wheel"]["hits"] >= 0.99 * singles["right_wheel"]["of"],
+        },
+        {
+            "bar": "at most one false alarm in 10,000 km",
+            "measured": rated(false),
+            "held": None if not false["km"] else false["rate"] <= 1.0,
+        },
+    ]
+
+
+def percent(part: Figures) -> str:
+    """A share with its interval, as text."""
+    if not part["of"]:
+        return "-"
+    low, middle, high = (100.0 * part[name] for name in ("low", "share", "high"))
+    return f"{part['hits']}/{part['of']} = {middle:.1f} % [{low:.1f}, {high:.1f}]"
+
+
+def rated(part: Figures) -> str:
+    """A rate with its interval, as text."""
+    if not part["km"]:
+        return "-"
+    low, middle, high = (f"{part[name]:.1f}" for name in ("low", "rate", "high"))
+    return f"{part['events']} in {part['km']:.0f} km = {middle} [{low}, {high}]"

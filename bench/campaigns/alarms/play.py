@@ -1,0 +1,171 @@
+"""Drives into the program's core, and what it said.
+
+In: legs as they were driven, and what was learned before. Out: `Heard`: alarms by driving time, and what is
+learned now. Each leg is a start of the daemon: a new core that takes up the saved state.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.campaigns.alarms.cache import RememberedEstimator, key_of
+from bench.campaigns.alarms.ticks import ticks_of
+from bench.worlds.folder import write_folder
+from bench.worlds.magic_tyre import Array
+from bench.worlds.surfaces import FRAMES_NEEDED
+from bench.worlds.trips import Driven
+from tpmsd.cli.drive_reading import open_drive, play
+from tpmsd.config.load import load_config
+from tpmsd.config.model import Config
+from tpmsd.monitor.records import AlarmEvent
+from tpmsd.pipeline import Pipeline, Step
+from tpmsd.sources.can_decoder import load_database
+
+FAST_MPS = 40.0 / 3.6
+"""From here driving counts for the time to detect."""
+State = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Said:
+    """One alarm, raised or cleared."""
+
+    time_s: float
+    """Since the leg's start."""
+    kind: str
+    wheel: str | None
+    state: str
+    reason: str
+
+
+@dataclass
+class Heard:
+    """What the core said on a leg."""
+
+    said: list[Said] = field(default_factory=list)
+    state: State = field(default_factory=dict)
+    """What is learned at the end; empty if it was not heard to the end."""
+    learned: bool = False
+    """Whether there is a baseline at the end."""
+    learned_at_s: float = math.nan
+    """When the baseline was frozen, if it was on this leg."""
+    played_s: float = 0.0
+    change: dict[str, tuple[float, float]] = field(default_factory=dict)
+    """Change against the baseline and its standard deviation in m at the end, by wheel."""
+    standing: list[str] = field(default_factory=list)
+    """`kind wheel` of the alarms that stand at the end."""
+
+    def raised(self, kind: str) -> list[Said]:
+        """Alarms of a kind that were raised."""
+        return [said for said in self.said if said.kind == kind and said.state == "raised"]
+
+
+def config_of(driven: Driven, folder: Path) -> Config:
+    """The configuration that goes with the leg; the folder then holds the whole drive."""
+    write_folder(driven.drive, folder)
+    return load_config(folder)
+
+
+def hear(
+    driven: Driven,
+    before: State | None = None,
+    stop: Callable[[Heard], float | None] | None = None,
+    frames: bool | None = None,
+    memory: Path | None = None,
+) -> Heard:
+    """Play a leg. `stop` may say, after an alarm, at which time since the start enough was heard.
+
+    `frames`: through the decoder instead of by ticks; None: where the leg needs it. `memory`: a folder that
+    keeps what the estimator made of it.
+    """
+    if frames is None:
+        frames = any(tag in FRAMES_NEEDED for tag in driven.leg.tags)
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        if frames:
+            config = config_of(driven, folder)
+            drive, database = open_drive(folder, config)
+        else:
+            short = _beginning(driven)
+            config = config_of(short, folder)
+            drive, database = None, load_database(config.can.dbc)
+        pipeline = Pipeline(config, database)
+        remembered = None
+        if memory is not None:
+            key = key_of(driven.drive, config, pipeline.estimator, frames)
+            remembered = pipeline.estimator = RememberedEstimator(pipeline.estimator, memory, key)
+        if before:
+            pipeline.restore(json.loads(json.dumps(before)))
+        steps: Iterator[Step]
+        if drive is not None:
+            steps = play(drive, pipeline, "leg")
+        else:
+            steps = (pipeline.on_tick(tick) for tick in ticks_of(driven.drive))
+        heard = _listen(driven, pipeline, steps, stop)
+        if remembered is not None:
+            remembered.keep()
+        return heard
+
+
+def _beginning(driven: Driven) -> Driven:
+    """Just enough of a leg to write a configuration."""
+    from dataclasses import replace
+
+    drive = driven.drive
+    few, none = slice(0, 50), slice(0, 0)
+    cut: dict[str, Any] = {
+        name: value[none if name.startswith("fix") else few]
+        for name, value in vars(drive).items()
+        if isinstance(value, np.ndarray) and name != "radius_m"
+    }
+    return replace(driven, drive=replace(drive, **cut))
+
+
+def _listen(
+    driven: Driven, pipeline: Pipeline, steps: Iterator[Step], stop: Callable[[Heard], float | None] | None
+) -> Heard:
+    heard = Heard()
+    start_s = driven.leg.start_s
+    end_s = math.inf
+    report = None
+    learned = False
+    for step in steps:
+        report = step.report
+        now = step.tick.host_time_s - start_s
+        if report.learning_fraction >= 1.0 and not learned:
+            learned = True
+            heard.learned_at_s = now
+        if report.events:
+            heard.said += [_plain(event, now) for event in report.events]
+            if stop is not None:
+                wanted = stop(heard)
+                end_s = math.inf if wanted is None else max(wanted, now)
+        if now >= end_s:
+            break
+    else:
+        heard.state = json.loads(json.dumps(pipeline.snapshot()))
+    if report is not None:
+        heard.played_s = report.time_s - start_s
+        heard.learned = report.learning_fraction >= 1.0
+        heard.change = {each.wheel: (each.change_m, each.change_std_m) for each in report.wheels}
+        heard.standing = sorted(f"{alarm.kind} {alarm.wheel}" for alarm in report.active)
+    return heard
+
+
+def _plain(event: AlarmEvent, now_s: float) -> Said:
+    return Said(now_s, str(event.kind), event.wheel, event.state, event.reason)
+
+
+def fast_seconds(driven: Driven, from_s: float, to_s: float) -> float:
+    """Driving above 40 km/h between two instants."""
+    time_s: Array = driven.drive.time_s
+    fast = (np.abs(driven.drive.speed) > FAST_MPS) & (time_s >= from_s) & (time_s < to_s)
+    return float(np.count_nonzero(fast)) * float(time_s[1] - time_s[0])

@@ -1,0 +1,219 @@
+"""Plays cases and lives, and says of each what came of it as a plain row.
+
+In: `Group` or `Life`. Out: rows of plain numbers, one per case or leg.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.campaigns.alarms.cases import Case, Group
+from bench.campaigns.alarms.lives import TEACHING, Life
+from bench.campaigns.alarms.play import Heard, Said, State, fast_seconds, hear
+from bench.worlds.magic_tyre import Array
+from bench.worlds.trip_cars import Car
+from bench.worlds.trips import Driven, drive_leg
+
+Row = dict[str, Any]
+WHEELS = ("fl", "fr", "rl", "rr")
+AFTER_S = 45.0
+"""A case is heard for this long after its alarm, to see which other wheels are named."""
+ONE_INCIDENT_S = 120.0
+"""Alarms this close to each other are one incident."""
+
+
+def learned(car: Car, group: Group, memory: Path | None) -> tuple[Row, State, Array]:
+    """Drive the healthy legs; a row on how that went, what was learned and how warm the tyres were."""
+    state: State = {}
+    tyre_k = None
+    false: list[Said] = []
+    kilometres = 0.0
+    heard = Heard()
+    for leg in group.healthy:
+        driven = drive_leg(car, leg, tyre_k)
+        heard = hear(driven, state, memory=memory)
+        state, tyre_k = heard.state, driven.temperature_k
+        kilometres += driven.kilometres
+        false += [said for kind in ("deflation", "radius_deviation") for said in heard.raised(kind)]
+    assert tyre_k is not None
+    row = {"learned": heard.learned, "false": [_short(said) for said in false], "km": kilometres}
+    return row, state, tyre_k
+
+
+def play_group(group: Group, memory: Path | None = None) -> Iterator[Row]:
+    """A row for the learning and one for each case."""
+    car = group.car
+    begun = time.process_time()
+    first, state, tyre_k = learned(car, group, memory)
+    about = _about(car)
+    pool, seed, _ = group.cases[0].name.split("/")
+    yield {"what": "learning", "name": f"{pool}/{seed}/learning", **about, **first, **_spent(begun)}
+    for case in group.cases:
+        begun = time.process_time()
+        row = play_case(car, case, state, tyre_k, memory)
+        yield {"what": "case", "name": case.name, **about, **row, **_spent(begun)}
+
+
+def play_case(car: Car, case: Case, state: State, tyre_k: Array | None, memory: Path | None = None) -> Row:
+    """Play one case from what was learned."""
+    driven = drive_leg(car, case.leg, tyre_k)
+    onset = case.leg.losses[0].onset_s
+
+    def stop(heard: Heard) -> float | None:
+        real = [said for said in heard.raised("deflation") if said.time_s >= onset]
+        return real[0].time_s + AFTER_S if real else None
+
+    heard = hear(driven, state, stop, memory=memory)
+    return judge(case, driven, heard)
+
+
+def judge(case: Case, driven: Driven, heard: Heard) -> Row:
+    """What the alarms are worth."""
+    onset, done = case.leg.losses[0].onset_s, case.done_s
+    soft = {WHEELS[wheel] for wheel in case.wheels}
+    raised = heard.raised("deflation")
+    before = [said for said in raised if said.time_s < onset]
+    real = [said for said in raised if said.time_s >= onset]
+    first = real[0] if real else None
+    fast = wait = math.nan
+    if first is not None:
+        fast, wait = fast_seconds(driven, done, first.time_s), max(first.time_s - done, 0.0)
+    detected = first is not None and fast <= case.limit_s
+    named = {said.wheel for said in real}
+    return {
+        "standard": case.standard,
+        "onset": case.onset,
+        "road": case.leg.road,
+        "wheels": sorted(soft),
+        "season": case.season,
+        "reloaded": case.reloaded,
+        "trailer": case.leg.trailer_kg > 0.0,
+        "detected": detected,
+        "fast_s": _number(fast),
+        "wait_s": _number(wait),
+        "early": first is not None and first.time_s < done,
+        "driven_fast_s": fast_seconds(driven, done, heard.played_s),
+        "right_wheel": first is not None and all(name is None or name in soft for name in named),
+        "named": sorted(str(name) for name in named),
+        "false_before": [_short(said) for said in before],
+        "other": [_short(said) for said in heard.said if said.kind != "deflation"],
+        "lost_mm": _per_wheel(1e3 * driven.lost_m[min(round(heard.played_s / 0.02), len(driven.lost_m) - 1)]),
+        "told_mm": {name: [_number(1e3 * x), _number(1e3 * s)] for name, (x, s) in heard.change.items()},
+        "reason": "" if detected else why_missed(case, driven, heard, before, first),
+    }
+
+
+def why_missed(case: Case, driven: Driven, heard: Heard, before: list[Said], late: Said | None) -> str:
+    """The proximate cause, from what is known of both sides."""
+    if not heard.learned:
+        return "nothing was learned: no baseline"
+    if before:
+        names = ", ".join(str(said.wheel) for said in before)
+        return f"an alarm before the air was let out, of {names}"
+    if late is not None:
+        return f"late: {fast_seconds(driven, case.done_s, late.time_s):.0f} s above 40 km/h"
+    fast = fast_seconds(driven, case.done_s, heard.played_s)
+    if fast < 0.9 * case.limit_s:
+        return f"the drive had but {fast:.0f} s above 40 km/h"
+    end = min(round(heard.played_s / 0.02), len(driven.lost_m)) - 1
+    lost = -1e3 * driven.lost_m[max(end - 3000, 0) : end].mean(axis=0)
+    texts = []
+    seen = []
+    for wheel in case.wheels:
+        change, std = heard.change.get(WHEELS[wheel], (math.nan, math.nan))
+        told = f"told {1e3 * change:+.2f} +- {1e3 * std:.2f} mm"
+        texts.append(f"{WHEELS[wheel]} lost {-lost[wheel]:.2f} mm, {told}")
+        seen.append(1e3 * change / lost[wheel] if abs(lost[wheel]) > 1e-3 else math.nan)
+    share = float(np.nanmedian(seen)) if np.isfinite(seen).any() else math.nan
+    cause = (
+        "the change is hidden in the estimate" if not share > 0.6 else "the change is seen, and not believed"
+    )
+    return f"{cause}: " + "; ".join(texts)
+
+
+def play_life(
+    life: Life, pool: str, seed: int, memory: Path | None = None, what: str = "life"
+) -> Iterator[Row]:
+    """A row for each leg, all of it heard, alarms or not; `what`: `life` or `kinds`, for the names."""
+    about = _about(life.car)
+    state: State = {}
+    tyre_k: Array | None = None
+    for k, leg in enumerate(life.legs):
+        begun = time.process_time()
+        driven = drive_leg(life.car, leg, tyre_k)
+        heard = hear(driven, state, memory=memory)
+        if k < TEACHING:
+            state, tyre_k = heard.state, driven.temperature_k
+        yield {
+            "what": "leg",
+            "name": f"{pool}/{what}/{seed}/{k}",
+            **about,
+            **judge_leg(driven, heard),
+            **_spent(begun),
+        }
+
+
+def judge_leg(driven: Driven, heard: Heard) -> Row:
+    """Incidents of each kind on a leg on which nothing was wrong, and how far it went."""
+    end = min(round(heard.played_s / 0.02), len(driven.way_m) - 1)
+    incidents = {
+        kind: incidents_of(heard.raised(kind)) for kind in ("deflation", "radius_deviation", "malfunction")
+    }
+    return {
+        "road": driven.leg.road,
+        "tags": list(driven.leg.tags),
+        "km": float(driven.way_m[end]) / 1000.0,
+        "hours": heard.played_s / 3600.0,
+        "learned": heard.learned,
+        "resized_mm": _per_wheel(1e3 * np.array(driven.leg.resized_m)),
+        "told_mm": {name: [_number(1e3 * x), _number(1e3 * s)] for name, (x, s) in heard.change.items()},
+        **incidents,
+    }
+
+
+def incidents_of(raised: list[Said]) -> list[list[Any]]:
+    """First alarm of each cluster: seconds since the start, wheels named, reason."""
+    out: list[list[Any]] = []
+    last = -math.inf
+    for said in raised:
+        if said.time_s - last > ONE_INCIDENT_S:
+            out.append([round(said.time_s, 1), [said.wheel], said.reason])
+        else:
+            out[-1][1].append(said.wheel)
+        last = said.time_s
+    return out
+
+
+def _about(car: Car) -> Row:
+    spec = car.spec
+    return {
+        "car": car.kind,
+        "driven_axle": spec.driven,
+        "signal": spec.wheel_signal
+        if spec.wheel_signal == "counts"
+        else f"speeds {spec.speed_step_kmh:g} km/h",
+        "receiver_hz": spec.receiver_hz,
+        "gyro": spec.with_gyro,
+    }
+
+
+def _spent(begun: float) -> Row:
+    return {"cpu_s": round(time.process_time() - begun, 2)}
+
+
+def _short(said: Said) -> list[Any]:
+    return [round(said.time_s, 1), said.kind, said.wheel, said.state]
+
+
+def _per_wheel(values: Array) -> dict[str, float]:
+    return {name: round(float(value), 3) for name, value in zip(WHEELS, values, strict=True)}
+
+
+def _number(value: float) -> float | None:
+    return round(value, 3) if math.isfinite(value) else None

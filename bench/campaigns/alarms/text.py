@@ -1,0 +1,122 @@
+"""The figures as Markdown.
+
+In: what `figures` gives. Out: text.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from bench.campaigns.alarms.figures import percent, rated
+from bench.campaigns.alarms.lives import is_resized
+from bench.worlds.surfaces import TAGS
+
+Figures = dict[str, Any]
+MOST = 40
+"""Lines of a list in the text; the JSON has all."""
+
+
+def markdown(found: Figures) -> str:
+    """The whole report."""
+    return "\n".join([*_bars(found), *_detections(found), *_missed(found), *_false(found), ""])
+
+
+def _bars(found: Figures) -> list[str]:
+    words = {True: "held", False: "**missed**", None: "not measured"}
+    out = [
+        f"{found['cases']} cases, {found['legs']} legs of the campaign, "
+        f"{found['cpu_s'] / 60:.0f} minutes of one core.",
+        "",
+    ]
+    out += ["| bar | measured | |", "| --- | --- | --- |"]
+    out += [f"| {bar['bar']} | {bar['measured']} | {words[bar['held']]} |" for bar in found["bars"]]
+    if found["failed"]:
+        out += ["", f"{len(found['failed'])} failed:", "", *(f"- {text}" for text in found["failed"][:MOST])]
+    return out
+
+
+def _row(name: str, part: Figures) -> str:
+    def seconds(value: float | None) -> str:
+        return "-" if value is None else f"{value:.0f}"
+
+    cells = [name, percent(part["detected"]), seconds(part["median_s"]), seconds(part["p95_s"])]
+    return (
+        "| "
+        + " | ".join([*cells, seconds(part["longest_s"]), percent(part["right_wheel"]), str(part["early"])])
+        + " |"
+    )
+
+
+def _detections(found: Figures) -> list[str]:
+    head = [
+        "",
+        "Times are seconds of driving above 40 km/h from when all the air is lost that will be; a "
+        "case without an alarm counts as longer than all others (-: not reached). `early`: alarm while "
+        "the air still went.",
+        "",
+        "| cases | detected in time | median s | 95 % s | longest s | right wheels of those named | early |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    out = head + [_row(name, part) for name, part in found["by_standard"].items() if part["detected"]["of"]]
+    for title, groups in found["by"].items():
+        out += [_row(f"{title}: {name}", part) for name, part in groups.items()]
+    return out
+
+
+def _missed(found: Figures) -> list[str]:
+    out = ["", "Missed, by cause:", ""]
+    out += [
+        f"- {number} x {cause}"
+        for cause, number in sorted(found["causes"].items(), key=lambda item: -item[1])
+    ] or ["- none"]
+    out += ["", *(f"- `{each['name']}`: {each['reason']}" for each in found["missed"][:MOST])]
+    if found["wrong_wheel"]:
+        out += ["", "Wheels named that were in order:", ""]
+        out += [
+            f"- `{each['name']}`: named {', '.join(each['named'])}, soft {', '.join(each['soft'])}"
+            for each in found["wrong_wheel"][:MOST]
+        ]
+    return out
+
+
+def _false(found: Figures) -> list[str]:
+    false = found["false"]
+    out = [
+        "",
+        "False alarms per 10,000 km, with the 95 % interval of Poisson:",
+        "",
+        "| drives | false alarms |",
+        "| --- | --- |",
+    ]
+    out += [
+        f"| all, tyres as learned: `deflation` | {rated(false['deflation'])} |",
+        f"| all, tyres as learned: `radius_deviation` | {rated(false['radius_deviation'])} |",
+        f"| with all signals there: `malfunction` | {rated(false['malfunction'])} |",
+        f"| nothing that confounds: `deflation` | {rated(false['single'])} |",
+        f"| real recordings: any alarm of a tyre | {rated(false['recorded'])} |",
+    ]
+    out += [
+        "",
+        f"Besides, {false['teaching']} on drives that taught, {false['before_onset']} before the air "
+        "was let out; "
+        f"{false['not_learned']} legs ended without a baseline.",
+        "",
+        "| what confounds | | `deflation` | `radius_deviation` | `malfunction` |",
+        "| --- | --- | --- | --- | --- |",
+    ]
+    for tag, kinds in false["by_tag"].items():
+        cells = [
+            rated(kinds["deflation"]),
+            str(kinds["radius_deviation"]["events"]),
+            str(kinds["malfunction"]["events"]),
+        ]
+        name = f"{tag} (a wheel of another size)" if is_resized([tag]) else tag
+        out.append("| " + " | ".join([name, TAGS[tag], *cells]) + " |")
+    listed = [each for each in false["incidents"] if each["kind"] != "malfunction"]
+    out += ["", "Incidents:", ""]
+    out += [
+        f"- `{each['name']}` ({', '.join(each['tags'])}): {each['kind']} of "
+        f"{', '.join(map(str, each['wheels']))} at {each['at_s']:.0f} s"
+        for each in listed[:MOST]
+    ] or ["- none"]
+    return out

@@ -1,0 +1,302 @@
+"""The figures of a run of the benchmark, with their confidence intervals.
+
+In: rows. Out: plain figures, and the same as Markdown. Shares bear 95 % intervals of Clopper and Pearson
+(Biometrika 26, 1934).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from scipy.stats import beta
+
+Row = dict[str, Any]
+Share = dict[str, Any]
+
+
+def share(hits: int, total: int) -> Share:
+    """A share with its interval."""
+    low = 0.0 if hits == 0 else float(beta.ppf(0.025, hits, total - hits + 1))
+    high = 1.0 if hits == total else float(beta.ppf(0.975, hits + 1, total - hits))
+    return {"hits": hits, "of": total, "share": hits / total if total else None, "low": low, "high": high}
+
+
+def count(flags: Iterable[bool]) -> Share:
+    """Of flags."""
+    values = list(flags)
+    return share(sum(map(bool, values)), len(values))
+
+
+def is_clean(row: Row) -> bool:
+    """Nothing was concealed and the world rolls purely, its radii still."""
+    return str(row["kind"]) == "nothing"
+
+
+def summary(rows: Sequence[Row]) -> dict[str, Any]:
+    """All figures."""
+    failed = [row for row in rows if row.get("error")]
+    done = [row for row in rows if not row.get("error")]
+    judged = [row for row in done if not row.get("reason")]
+    clean = [row for row in judged if is_clean(row)]
+    plain = [row for row in judged if not is_clean(row) and row["kind"] != "nothing_wander"]
+    known = [row for row in plain if _single(row) and not _strange(row)]
+    strange = [row for row in plain if _strange(row) and row["told"]]
+    several = [row for row in plain if row["told"] >= 2]
+    findings = sum(len(row["names"]) for row in judged)
+    errors = [error for row in plain for error in row["errors"]]
+    out: dict[str, Any] = {
+        "drives": len(rows),
+        "failed": len(failed),
+        "insufficient": len(done) - len(judged),
+        "clean_wrong": count(row["names"] for row in clean),
+        "clean_wrong_even_doppler": count(row["names"] for row in clean if row["receiver"][2] == 0.0),
+        "clean_wrong_late_doppler": count(row["names"] for row in clean if row["receiver"][2] > 0.0),
+        "wander_found": count(row["names"] for row in judged if row["kind"] == "nothing_wander"),
+        "multibody_clean_false": count(row["false"] for row in judged if row["kind"] == "mb/nothing"),
+        "first_by_strength": {
+            f"{size:g}": count(row["first"] for row in known if row["strength"] == size and row["told"])
+            for size in sorted({row["strength"] for row in known})
+        },
+        "false_discoveries": share(sum(len(row["false"]) for row in judged), findings),
+        "sure_wrong": count(row["sure_wrong"] for row in judged),
+        "several_found": share(
+            sum(row["told_found"] for row in several), sum(row["told"] for row in several)
+        ),
+        "several_all": count(row["told_found"] == row["told"] for row in several),
+        "unknown_named": count(row["told_found"] > 0 for row in strange),
+        "unknown_sure_wrong": count(row["sure_wrong"] for row in strange),
+        "localisation_f1": _mean([row["f1"] for row in plain if "f1" in row]),
+        "places": {
+            part: count(place[part] for row in plain for place in row["place"])
+            for part in ("wheels", "channel", "covariate")
+        },
+        "coverage": share(sum(abs(error[2]) < 1.96 for error in errors), len(errors)),
+        "by_parameter": _by_parameter(errors),
+        "heldout_share": _quantiles([row["heldout"] for row in plain if "heldout" in row]),
+        "bias_mm": _bias(plain),
+        "realtime_factor": _quantiles([row["duration_s"] / row["cpu_s"] for row in judged]),
+        "alarms": _alarms(judged),
+        "by_kind": _by_kind(plain),
+        "failures": [
+            f"{row['kind']} x{row['strength']:g} seed {row['seed']}: {row['error']}" for row in failed
+        ],
+    }
+    return out
+
+
+def _single(row: Row) -> bool:
+    return len(row["wanted"]) == 1 and not str(row["kind"]).startswith("small")
+
+
+def _strange(row: Row) -> bool:
+    return any(str(key).startswith("strange") for key in row["wanted"])
+
+
+def _mean(values: Sequence[float]) -> dict[str, Any]:
+    if not values:
+        return {"mean": None, "of": 0}
+    error = float(np.std(values) / np.sqrt(len(values)))
+    mean = float(np.mean(values))
+    return {"mean": mean, "low": mean - 1.96 * error, "high": mean + 1.96 * error, "of": len(values)}
+
+
+def _quantiles(values: Sequence[float]) -> dict[str, Any]:
+    if not values:
+        return {"of": 0}
+    low, middle, high = (float(q) for q in np.quantile(values, [0.1, 0.5, 0.9]))
+    return {"of": len(values), "p10": low, "median": middle, "p90": high, "mean": float(np.mean(values))}
+
+
+def _by_parameter(errors: list[list[Any]]) -> dict[str, Any]:
+    out = {}
+    for key in sorted({(error[0], error[1]) for error in errors}):
+        those = [error for error in errors if (error[0], error[1]) == key]
+        relative = [error[3] for error in those if error[3] is not None]
+        out[" ".join(key)] = {
+            "coverage": share(sum(abs(error[2]) < 1.96 for error in those), len(those)),
+            "median_relative": float(np.median(np.abs(relative))) if relative else None,
+        }
+    return out
+
+
+def _bias(rows: Sequence[Row]) -> dict[str, Any]:
+    pairs = [row["bias_mm"] for row in rows if "bias_mm" in row and row["bias_mm"][0] > 0.02]
+    if not pairs:
+        return {"of": 0}
+    before, after = np.array(pairs).T
+    return {"of": len(pairs), "before": float(np.median(before)), "after": float(np.median(after))}
+
+
+def _alarms(rows: Sequence[Row]) -> dict[str, Any]:
+    asked = [row for row in rows if row.get("alarms")]
+    leaking = [row for row in asked if "radius_change" in row["kind"] or "leak" in row["kind"]]
+    whole = [row for row in asked if row not in leaking]
+    return {
+        "false_alarms": [sum(row["alarms"][k] for row in whole) for k in (0, 1)],
+        "of_drives_without_leak": len(whole),
+        "drives_with_alarm_of_leaks": [sum(row["alarms"][k] > 0 for row in leaking) for k in (0, 1)],
+        "of_drives_with_leak": len(leaking),
+    }
+
+
+def _by_kind(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    out = []
+    for kind, size in dict.fromkeys((row["kind"], row["strength"]) for row in rows):
+        those = [row for row in rows if (row["kind"], row["strength"]) == (kind, size)]
+        told = [row for row in those if row["told"]]
+        out.append(
+            {
+                "kind": kind,
+                "strength": size,
+                "drives": len(those),
+                "told": len(told),
+                "first": count(row["first"] for row in told),
+                "found": share(sum(row["told_found"] for row in told), sum(row["told"] for row in told)),
+                "false": sum(len(row["false"]) for row in those),
+                "gain": float(np.median([min(row["gains"]) for row in those])) if those[0]["gains"] else None,
+            }
+        )
+    return out
+
+
+def words(figure: Share) -> str:
+    """A share as text."""
+    if not figure["of"]:
+        return "none"
+    bounds = f"[{100 * figure['low']:.1f}, {100 * figure['high']:.1f}]"
+    return f"{figure['hits']}/{figure['of']} = {100 * figure['share']:.1f} % {bounds}"
+
+
+def markdown(figures: dict[str, Any]) -> str:
+    """The figures as tables."""
+    rows = [
+        ("drives with nothing missing, yet found", words(figures["clean_wrong"]), "at most 1 %"),
+        ("- receiver's Doppler as old as its position", words(figures["clean_wrong_even_doppler"]), ""),
+        ("- Doppler 20 to 100 ms older", words(figures["clean_wrong_late_doppler"]), ""),
+        (
+            "- multi-body car, nothing laid over it: with a false name",
+            words(figures["multibody_clean_false"]),
+            "",
+        ),
+        ("- radii that wander by 0.02 to 0.05 %, and something found", words(figures["wander_found"]), ""),
+    ]
+    bars = {"0.5": "80 %", "1": "95 %"}
+    for size, figure in figures["first_by_strength"].items():
+        if size != "0":
+            rows.append((f"right name first at strength {size}", words(figure), bars.get(size, "")))
+    f1 = figures["localisation_f1"]
+    heldout, bias = figures["heldout_share"], figures["bias_mm"]
+    rows += [
+        ("false discoveries among findings", words(figures["false_discoveries"]), "at most 5 %"),
+        ("drives with a wrong name above 0.9", words(figures["sure_wrong"]), ""),
+        ("several at once: effects found", words(figures["several_found"]), "90 %"),
+        ("several at once: all found", words(figures["several_all"]), ""),
+        ("`unknown` for what no catalogue holds", words(figures["unknown_named"]), "90 %"),
+        ("- of these with a wrong name above 0.9", words(figures["unknown_sure_wrong"]), "never"),
+    ]
+    if f1["of"]:
+        text = f"{f1['mean']:.3f} [{f1['low']:.3f}, {f1['high']:.3f}] ({f1['of']} drives)"
+        rows.append(("localisation F1, mean", text, "0.8"))
+    for part, figure in figures["places"].items():
+        rows.append((f"- right {part} of right names", words(figure), ""))
+    rows.append(("95 % intervals that hold the truth", words(figures["coverage"]), "90 to 98 %"))
+    if heldout["of"]:
+        text = f"median {heldout['median']:.3f}, p10 {heldout['p10']:.3f} ({heldout['of']} drives)"
+        rows.append(("held-out gain over that of the true model", text, "0.9"))
+    if bias["of"]:
+        text = f"{bias['before']:.3f} mm before, {bias['after']:.3f} mm after ({bias['of']} drives)"
+        rows.append(("bias of the radii by physics, median", text, ""))
+    alarms = figures["alarms"]
+    if alarms["of_drives_without_leak"] + alarms["of_drives_with_leak"]:
+        false, hit = alarms["false_alarms"], alarms["drives_with_alarm_of_leaks"]
+        text = f"{false[0]} before, {false[1]} after, on {alarms['of_drives_without_leak']} drives"
+        rows.append(("false alarms of `tpmsd replay`", text, ""))
+        text = f"{hit[0]} before, {hit[1]} after, of {alarms['of_drives_with_leak']}"
+        rows.append(("leaking drives with an alarm", text, ""))
+    speed = figures["realtime_factor"]
+    if speed["of"]:
+        text = f"median {speed['median']:.0f}, p10 {speed['p10']:.0f}"
+        rows.append(("times faster than real time, one core, reading included", text, "100 on two cores"))
+    out = [f"{figures['drives']} drives, {figures['failed']} failed, {figures['insufficient']} refused.", ""]
+    out += ["| figure | measured | bar |", "| --- | --- | --- |"]
+    out += [f"| {name} | {value} | {bar} |" for name, value, bar in rows]
+    out += ["", "Share of drives in which the data can tell, and what came of them:", ""]
+    out += ["| kind | strength | can tell | right name first | effects found | false names | gain, nats |"]
+    out += ["| --- | --- | --- | --- | --- | --- | --- |"]
+    for each in figures["by_kind"]:
+        gain = "" if each["gain"] is None else f"{each['gain']:.3g}"
+        out.append(
+            f"| {each['kind']} | {each['strength']:g} | {each['told']}/{each['drives']} | "
+            f"{each['first']['hits']}/{each['first']['of']} | "
+            f"{each['found']['hits']}/{each['found']['of']} | {each['false']} | {gain} |"
+        )
+    out += [
+        "",
+        "| parameter | 95 % intervals that hold the truth | median relative error |",
+        "| --- | --- | --- |",
+    ]
+    for name, each in figures["by_parameter"].items():
+        relative = "" if each["median_relative"] is None else f"{100 * each['median_relative']:.1f} %"
+        out.append(f"| {name} | {words(each['coverage'])} | {relative} |")
+    if figures["failures"]:
+        out += ["", "Failed:", "", *(f"- {line}" for line in figures["failures"])]
+    return "\n".join(out) + "\n"
+
+
+def wrong(row: Row) -> list[str]:
+    """What is wrong with a row's diagnosis, in words."""
+    if row.get("error"):
+        return [str(row["error"])]
+    out = []
+    if row.get("reason"):
+        out.append(f"refused: {row['reason']}")
+    if row["false"]:
+        out.append("false: " + ", ".join(row["false"]))
+    if row["told_found"] < row["told"]:
+        out.append("missed")
+    elif row["told"] and not row["first"] and len(row["wanted"]) == 1:
+        out.append("right name is not first")
+    far = [
+        f"{error[0]}.{error[1]} off by {error[2]:.1f} std" for error in row["errors"] if abs(error[2]) > 3.5
+    ]
+    if far:
+        out.append("; ".join(far))
+    if row.get("f1", 1.0) < 0.6 and row["told_found"] == row["told"]:
+        out.append(f"localisation F1 {row['f1']:.2f}")
+    if row.get("heldout", 1.0) < 0.8 and row["told_found"] == row["told"]:
+        out.append(f"held-out share {row['heldout']:.2f}")
+    return out
+
+
+def failing(rows: Sequence[Row], state: str) -> str:
+    """The drives whose diagnosis is wrong, each with the command that writes its folder again."""
+    bad = [(row, wrong(row)) for row in rows if wrong(row)]
+    out = [f"{len(rows)} drives, the last by the program's state {state}; wrong: {len(bad)}", ""]
+    late = [
+        row
+        for row, _ in bad
+        if (row.get("receiver") or [0, 0, 0])[2] > 0 and "gnss_latency" in row.get("false", [])
+    ]
+    out += [f"Of these with gnss_latency where only the Doppler is old: {len(late)}", ""]
+    for row, reasons in sorted(bad, key=lambda entry: (str(entry[0]["kind"]), entry[0]["strength"])):
+        out.append(f"## {row['kind']} x{row['strength']:g} seed {row['seed']}: {' | '.join(reasons)}")
+        out.append(f"- truth: {json.dumps(row.get('truth', {}))}")
+        out.append(
+            f"- can tell {row.get('told')} of {row.get('wanted')}: gains {row.get('gains')}, "
+            f"margins {row.get('margins')} against {row.get('rivals')}"
+        )
+        for finding in row.get("found", []):
+            out.append(f"- found: {json.dumps(finding)}")
+        out.append(
+            f"- receiver (Hz, course, Doppler age) {row.get('receiver')}, bus (signal, Hz, teeth, gyro, "
+            f"accelerometers) {row.get('bus')}, held-out {row.get('heldout')}, F1 {row.get('f1')}"
+        )
+        out.append(
+            f"- `python -m bench run diagnosis --write CASE --kind {row['kind']} "
+            f"--strength {row['strength']:g} --seed {row['seed']}`"
+        )
+        out.append("")
+    return "\n".join(out)

@@ -1,0 +1,242 @@
+"""Many Monte-Carlo runs of MPF-PN or AUG-PF as one array: what makes a hundred runs of 100 particles cheap.
+
+In: one drive's wheels and the fixes of many receivers. Out: a row per batch of runs. M runs of N
+particles are M N particles moved and taught together; only weights and resampling are per run. That pays
+while a tick's fixed cost is more than its particles', so for few particles.
+
+All runs of a batch share the counts, hence which ticks teach (a run's own receiver would move the limits
+of that by a tick here or there). The rest of the program's filters is left out: no fix is refused and no
+pose found anew, so a filter that has lost its way stays lost, as in the paper.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.campaigns.estimators.methods import TEXTBOOK, config_of, heard, setting_of
+from bench.campaigns.estimators.play import Played, score
+from bench.worlds.paper_drive import RADIUS_M, RL, SCENARIOS, TICK_S, drive
+from bench.worlds.paper_route import TRACK_M
+from tpmsd.estimators.gnss_likelihood import POSITION_FLOOR_M, student_t_log
+from tpmsd.estimators.motion_gate import MotionGate
+from tpmsd.estimators.niw import NormalInverseWishart
+from tpmsd.estimators.resampling import systematic
+from tpmsd.timeline.tick import Tick
+
+Array = NDArray[np.float64]
+PRIOR_STD_M = 0.01 * RADIUS_M
+NOISE_STD_M = 0.003
+NOISE_FLOOR_M = 0.0005
+NOISE_CEILING_M = 0.02
+DRIFT_STD_M = 0.02e-3
+ALPHA = 2.0 + 0.05**-2
+"""Of the inverse gamma (27) whose standard deviation is 5 % of its mean."""
+START_HEADING_STD_RAD = 0.1
+SCENARIO = "puncture"
+
+
+class Radii(Protocol):
+    """What a method holds of the radii, for all particles of all runs."""
+
+    def draw(self, teaches: bool) -> Array:
+        """Radius errors (K, 2) of this tick, learned from if it teaches."""
+        ...
+
+    def select(self, index: NDArray[np.intp]) -> None:
+        """Resample."""
+        ...
+
+    def moments(self) -> tuple[Array, Array]:
+        """Mean (K, 2) of each particle, and what each adds to the covariance (K, 2, 2)."""
+        ...
+
+
+class NiwRadii:
+    """MPF-PN's."""
+
+    def __init__(self, count: int, forgetting: float, rng: np.random.Generator) -> None:
+        self._rng, self._forgetting = rng, forgetting
+        mean = rng.standard_normal((count, 2)) * PRIOR_STD_M
+        self._stats = NormalInverseWishart(
+            0.2, mean, 5.0, np.tile(np.eye(2) * NOISE_STD_M**2 * 2.0, (count, 1, 1))
+        )
+
+    def draw(self, teaches: bool) -> Array:
+        """Table I, lines 9, 10 and 13."""
+        if teaches:
+            self._stats.forget(self._forgetting)
+        noise = self._stats.sample(self._rng, 2)
+        if teaches:
+            self._stats.learn(noise)
+            floor = NOISE_FLOOR_M**2 * (self._stats.nu - 3.0)
+            for k in range(2):
+                np.maximum(self._stats.scale[:, k, k], floor, out=self._stats.scale[:, k, k])
+        return noise
+
+    def select(self, index: NDArray[np.intp]) -> None:
+        """Resample."""
+        self._stats.select(index)
+
+    def moments(self) -> tuple[Array, Array]:
+        """Eq. (24a) before the sum, and gamma E[Sigma]."""
+        return self._stats.mean, self._stats.scale * (self._stats.gamma / (self._stats.nu - 3.0))
+
+
+class AugmentedRadii:
+    """AUG-PF's."""
+
+    def __init__(self, count: int, drift_std_m: float, rng: np.random.Generator) -> None:
+        self._rng, self._drift = rng, drift_std_m
+        self._mu = rng.standard_normal((count, 2)) * PRIOR_STD_M
+        self._sigma = np.full((count, 2), NOISE_STD_M**2)
+
+    def draw(self, teaches: bool) -> Array:
+        """Eqs (26)-(28)."""
+        if teaches:
+            self._mu += self._drift * math.sqrt(TICK_S) * self._rng.standard_normal(self._mu.shape)
+            drawn = self._rng.standard_gamma(ALPHA, self._sigma.shape)
+            self._sigma = np.clip((ALPHA - 1.0) * self._sigma / drawn, NOISE_FLOOR_M**2, NOISE_CEILING_M**2)
+        return np.asarray(self._mu + np.sqrt(self._sigma) * self._rng.standard_normal(self._mu.shape))
+
+    def select(self, index: NDArray[np.intp]) -> None:
+        """Resample."""
+        self._mu, self._sigma = self._mu[index], self._sigma[index]
+
+    def moments(self) -> tuple[Array, Array]:
+        """The particles themselves; they add nothing of their own."""
+        return self._mu, np.zeros((1, 2, 2))
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Many runs at once."""
+
+    method: str
+    receiver: str
+    particles: int
+    runs: int
+
+    @property
+    def label(self) -> str:
+        """For the progress line."""
+        return f"{self.runs} runs of {self.method} N={self.particles} at once: {self.receiver}"
+
+
+def plan(full: bool) -> list[Batch]:
+    """100 runs where few particles make that cheap; the rest with --full."""
+    sizes = {100: 100, 500: 100 if full else 10}
+    return [
+        Batch(method, receiver, count, runs)
+        for receiver in ("white", "correlated")
+        for method in (TEXTBOOK, "aug-pf")
+        for count, runs in sizes.items()
+    ]
+
+
+def play_batch(radii: Radii, ticks: list[list[Tick]], count: int, rng: np.random.Generator) -> list[Played]:
+    """Play the wheels of ticks[0] with the fixes of every ticks[m]."""
+    runs = len(ticks)
+    total = runs * count
+    pose = np.zeros((3, total))
+    log_weights = np.zeros((runs, count))
+    weights = np.full((runs, count), 1.0 / count)
+    gate = MotionGate(config_of(TEXTBOOK, setting_of(TEXTBOOK, "white"), count).filter)
+    located = False
+    length = len(ticks[0])
+    rear, place = np.empty((runs, length, 2)), np.full((runs, length, 2), math.nan)
+    covariance = np.empty((runs, length, 2, 2))
+    begun = time.process_time()
+    for k, tick in enumerate(ticks[0]):
+        turned = tick.rotation_rad[RL:]
+        rolled = turned * RADIUS_M
+        teaches = gate.update(
+            tick, float(rolled.mean()) / TICK_S, float(rolled[1] - rolled[0]) / TRACK_M / TICK_S
+        )
+        moving = bool(rolled.any())
+        if moving:
+            noise = radii.draw(teaches)
+            roll = turned * (RADIUS_M + noise)
+            way, turn = (roll[:, 0] + roll[:, 1]) / 2, (roll[:, 1] - roll[:, 0]) / TRACK_M
+            middle = pose[2] + turn / 2
+            pose[0] += way * np.cos(middle)
+            pose[1] += way * np.sin(middle)
+            pose[2] += turn
+        fixes = [some[k].fixes[-1] for some in ticks] if tick.fixes else []
+        if fixes and moving:
+            east, north, std, course = (
+                np.array([getattr(fix, name) for fix in fixes])[:, None]
+                for name in ("east_m", "north_m", "position_std_m", "heading_rad")
+            )
+            std = np.maximum(std, POSITION_FLOOR_M)
+            shape = (runs, count)
+            if located:
+                squared = (
+                    (east - pose[0].reshape(shape)) ** 2 + (north - pose[1].reshape(shape)) ** 2
+                ) / std**2
+                log_weights += student_t_log(squared, 2)
+                log_weights -= log_weights.max(axis=1, keepdims=True)
+                weights = np.exp(log_weights)
+                weights /= weights.sum(axis=1, keepdims=True)
+                _resample(radii, pose, log_weights, weights, rng)
+            elif bool(np.all(np.isfinite(course))) and float(rolled.mean()) / TICK_S > 3.0:
+                pose[0] = (east + std * rng.standard_normal(shape)).ravel()
+                pose[1] = (north + std * rng.standard_normal(shape)).ravel()
+                pose[2] = (course + START_HEADING_STD_RAD * rng.standard_normal(shape)).ravel()
+                located = True
+        mean, own = radii.moments()
+        mean = mean.reshape(runs, count, 2)
+        rear[:, k] = np.einsum("mn,mnd->md", weights, mean)
+        away = mean - rear[:, k][:, None]
+        covariance[:, k] = np.matmul((away * weights[..., None]).swapaxes(1, 2), away)
+        if own.shape[0] == total:
+            covariance[:, k] += np.einsum("mn,mnij->mij", weights, own.reshape(runs, count, 2, 2))
+        if located:
+            place[:, k, 0] = (weights * pose[0].reshape(runs, count)).sum(axis=1)
+            place[:, k, 1] = (weights * pose[1].reshape(runs, count)).sum(axis=1)
+    cpu_s = (time.process_time() - begun) / runs
+    return [Played(rear[m], covariance[m], place[m], 0, cpu_s) for m in range(runs)]
+
+
+def _resample(
+    radii: Radii, pose: Array, log_weights: Array, weights: Array, rng: np.random.Generator
+) -> None:
+    """Systematic resampling of the runs whose effective number has fallen below half; in place."""
+    runs, count = weights.shape
+    few = np.flatnonzero(1.0 / np.einsum("mn,mn->m", weights, weights) <= 0.5 * count)
+    if few.size == 0:
+        return
+    index = np.arange(runs * count).reshape(runs, count)
+    for run in few:
+        index[run] = run * count + systematic(weights[run], rng)
+    chosen = index.ravel()
+    pose[:] = pose[:, chosen]
+    radii.select(chosen)
+    log_weights[few] = 0.0
+    weights[few] = 1.0 / count
+
+
+def perform(batch: Batch) -> list[dict[str, Any]]:
+    """A row per run."""
+    rng = np.random.default_rng([batch.particles, 13])
+    setting = setting_of(batch.method, batch.receiver)
+    drives = [drive(SCENARIOS[SCENARIO], batch.receiver, seed) for seed in range(1000, 1000 + batch.runs)]
+    total = batch.runs * batch.particles
+    radii: Radii
+    if batch.method == TEXTBOOK:
+        radii = NiwRadii(total, 1.0 - TICK_S / setting.window_s, rng)
+    else:
+        radii = AugmentedRadii(total, dict(setting.options).get("drift_std_m", DRIFT_STD_M), rng)
+    played = play_batch(radii, [heard(d.ticks, setting) for d in drives], batch.particles, rng)
+    first = drives[0]
+    truth, place = first.offsets_m[:, RL:], first.pose[1:, :2]
+    what = {"scenario": SCENARIO, "receiver": batch.receiver, "method": batch.method, "front": False}
+    return [
+        what | {"particles": batch.particles, "seed": 1000 + m} | score(run, truth, place, TICK_S).row()
+        for m, run in enumerate(played)
+    ]

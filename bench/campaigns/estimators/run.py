@@ -1,0 +1,264 @@
+"""Paper 000's comparison of estimators, and what goes beyond it.
+
+    make bench-estimators                            a few minutes on two cores
+    make bench-estimators BENCH_ARGS="--full"        100 Monte-Carlo runs of everything: hours
+    make bench-estimators BENCH_ARGS="--survive 10"  10 h of driving with stops, outages and resets
+    make bench-estimators BENCH_ARGS="--tune"        the grid from which each method's setting was taken
+
+Writes results.json, results.md and the figures to OUT (bench-out/estimators). Progress goes to standard
+error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import math
+import os
+import platform
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from bench.campaigns.estimators import batches, recordings, speed, survive, tune
+from bench.campaigns.estimators.methods import available
+from bench.campaigns.estimators.report import markdown
+from bench.campaigns.estimators.tasks import LIMIT, Task, perform, plan
+from bench.places import OUT, RECORDINGS, REPO
+from bench.registry import UsageError
+
+DEFAULT_RUNS = 2
+FULL_RUNS = 100
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    """Its options."""
+    have = [*available()[0], LIMIT]
+    parser.add_argument(
+        "--full", action="store_true", help=f"{FULL_RUNS} Monte-Carlo runs instead of {DEFAULT_RUNS}"
+    )
+    parser.add_argument("--runs", type=int, metavar="N", help="that many Monte-Carlo runs")
+    parser.add_argument("--methods", metavar="NAMES", default=",".join(have),
+                        help="Monte-Carlo runs and survival of these methods alone (all)")  # fmt: skip
+    parser.add_argument(
+        "--jobs", type=int, metavar="N", default=os.cpu_count() or 1, help="processes (all cores)"
+    )
+    parser.add_argument("--out", type=Path, metavar="FOLDER", default=OUT / "estimators")
+    parser.add_argument(
+        "--only",
+        metavar="PARTS",
+        default="runs,batches,speed,recordings",
+        help="of runs,batches,speed,recordings (all); what stands in OUT of the same commit is kept",
+    )
+    parser.add_argument(
+        "--tune", action="store_true", help="play the tuning grid and print the best settings"
+    )
+    parser.add_argument("--survive", type=float, metavar="HOURS", help="long drives, and nothing else")
+    parser.add_argument("--seed", type=int, metavar="N", default=1, help="of the drives of --survive (1)")
+    parser.add_argument("--recordings", type=Path, metavar="FOLDER", default=RECORDINGS,
+                        help="drive folders (TPMSD_RECORDINGS, or ../shared/recordings)")  # fmt: skip
+    parser.add_argument("--minutes", type=float, metavar="M", default=math.inf,
+                        help="begin no Monte-Carlo run after that time (no limit)")  # fmt: skip
+
+
+def checked(args: argparse.Namespace) -> argparse.Namespace:
+    """The options with lists taken apart; UsageError where they make no sense."""
+    args.parts = set(args.only.split(","))
+    unknown = args.parts - {"runs", "batches", "speed", "recordings"}
+    if unknown:
+        raise UsageError(f"--only: unknown part {', '.join(sorted(unknown))}")
+    args.methods = args.methods.split(",")
+    strange = set(args.methods) - {*available()[0], LIMIT}
+    if strange:
+        raise UsageError(f"--methods: unknown method {', '.join(sorted(strange))}")
+    args.runs = args.runs if args.runs is not None else FULL_RUNS if args.full else DEFAULT_RUNS
+    if (
+        args.runs < 1
+        or args.jobs < 1
+        or not args.minutes > 0.0
+        or (args.survive is not None and args.survive <= 0.0)
+    ):
+        raise UsageError("--runs, --jobs, --minutes and --survive must be positive")
+    return args
+
+
+class Progress:
+    """One line per finished run on standard error."""
+
+    def __init__(self, total: int) -> None:
+        self._total, self._done, self._begun = total, 0, time.monotonic()
+
+    def say(self, line: str, counts: bool = False) -> None:
+        """Print a line; `counts`: it ends one of the runs."""
+        self._done += counts
+        spent = time.monotonic() - self._begun
+        left = spent / self._done * (self._total - self._done) if self._done else 0.0
+        head = (
+            f"[{self._done}/{self._total} {spent:.0f} s, {left:.0f} s to go]"
+            if counts
+            else f"[{spent:.0f} s]"
+        )
+        print(head, line, file=sys.stderr, flush=True)
+
+
+def spread(
+    items: Sequence[Any],
+    work: Callable[[Any], Any],
+    label: Callable[[Any], str],
+    jobs: int,
+    minutes: float = math.inf,
+    keep: Callable[[Any], None] = lambda _: None,
+) -> list[Any]:
+    """Do all items in some processes; results in the order of the items.
+
+    Interrupted, or when the time is up, it keeps what is done; items that have begun are finished. `keep`
+    gets each result at once.
+    """
+    progress = Progress(len(items))
+    results: dict[int, Any] = {}
+    ends = time.monotonic() + 60.0 * minutes
+    waiting = list(enumerate(items))[::-1]
+    running: dict[Future[Any], int] = {}
+    # One process works apart, too: what runs piled up in memory does not burden the next part's timing.
+    with ProcessPoolExecutor(jobs) as pool:
+        try:
+            while waiting or running:
+                while waiting and len(running) < jobs and time.monotonic() < ends:
+                    number, item = waiting.pop()
+                    running[pool.submit(work, item)] = number
+                if not running:
+                    print(f"Time is up: {len(waiting)} runs were not begun", file=sys.stderr)
+                    break
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    number = running.pop(future)
+                    results[number] = future.result()
+                    keep(results[number])
+                    progress.say(label(items[number]), counts=True)
+        except KeyboardInterrupt:
+            print("Interrupted: the tables are of what was done", file=sys.stderr)
+    return [results[k] for k in sorted(results)]
+
+
+def play_all(tasks: list[Task], args: argparse.Namespace, state: str) -> list[dict[str, Any]]:
+    """All Monte-Carlo runs; those that stand in OUT/rows.jsonl, of this commit, are not done again."""
+    file = args.out / "rows.jsonl"
+    there: dict[str, dict[str, Any]] = {}
+    if file.exists():
+        for line in file.read_text(encoding="utf-8").splitlines():
+            with contextlib.suppress(ValueError, KeyError, TypeError):  # a line cut short by a power cut
+                entry = json.loads(line)
+                if entry["commit"] == state and not state.endswith("-dirty"):
+                    there[entry["task"]] = entry["row"]
+    left = [task for task in tasks if task.label not in there]
+    if len(left) < len(tasks):
+        print(f"{len(tasks) - len(left)} runs of this commit stand in {file}", file=sys.stderr)
+    with file.open("a", encoding="utf-8") as notes:
+
+        def keep(row: dict[str, Any]) -> None:
+            task = Task(
+                row["scenario"], row["receiver"], row["seed"], row["method"], row["particles"], row["front"]
+            )
+            there[task.label] = row
+            entry = {"commit": state, "task": task.label, "row": row}
+            notes.write(
+                "\n" + json.dumps(entry, default=float) + "\n"
+            )  # the last line may have been cut short
+            notes.flush()
+
+        spread(left, perform, lambda t: t.label, args.jobs, args.minutes, keep)
+    return [there[task.label] for task in tasks if task.label in there]
+
+
+def commit() -> str:
+    """The commit that last changed what is measured, so that runs outlive commits to other things; `-dirty`
+    where it was changed since."""
+
+    def git(*words: str) -> str:
+        done = subprocess.run(["git", *words], cwd=REPO, capture_output=True, text=True, check=False)
+        return done.stdout.strip()
+
+    shown = (f":(exclude)bench/campaigns/estimators/{name}.py" for name in ("figures", "report"))
+    measured = ("tpmsd/estimators", "tpmsd/physics", "tpmsd/timeline", "bench/campaigns/estimators", *shown)
+    changed = git("status", "--porcelain", "--", *measured)
+    return (git("log", "-1", "--format=%h", "--", *measured) or "unknown") + ("-dirty" if changed else "")
+
+
+def main(args: argparse.Namespace) -> int:
+    """The bench; its exit code."""
+    args = checked(args)
+    begun = time.monotonic()
+    have, missing = available()
+    result: dict[str, Any] = {
+        "commit": commit(),
+        "machine": f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}",
+        "runs": args.runs,
+        "methods": have,
+        "missing": missing,
+    }
+    if missing:
+        print(f"Not among this program's methods, so left out: {', '.join(missing)}", file=sys.stderr)
+    args.out.mkdir(parents=True, exist_ok=True)
+    if args.tune:
+        rows = spread(tune.tasks(), perform, lambda t: f"{t.label} {t.setting}", args.jobs)
+        settings, lines = tune.best(rows)
+        print("\n".join(lines))
+        print("\n".join(f"{key!r}: {setting!r}," for key, setting in sorted(settings.items())))
+        (args.out / "tuning.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        return 0
+    if args.survive is not None:
+        plans = [(method, args.survive, args.seed) for method in have if method in args.methods]
+        result["survival"] = spread(plans, survive.survive, lambda p: f"{p[0]}: {p[1]:g} h", args.jobs)
+        return finish(args.out, result, "survival", begun)
+    if "speed" in args.parts:  # first, while nothing else of ours runs
+        progress = Progress(0)
+        result["speed"] = speed.all_figures(args.full, progress.say)
+    if "batches" in args.parts:
+        found = spread(batches.plan(args.full), batches.perform, lambda b: b.label, args.jobs)
+        result["batches"] = [row for rows in found for row in rows]
+    if "recordings" in args.parts:
+        drives = recordings.plan(args.recordings)
+        if not drives:
+            print(
+                f"No recordings in {args.recordings}: that part is left out",
+                file=sys.stderr,
+            )
+        result["recordings"] = spread(drives, recordings.perform, lambda r: r.label, args.jobs)
+    if "runs" in args.parts:
+        result["rows"] = play_all(
+            [task for task in plan(args.runs) if task.method in args.methods], args, result["commit"]
+        )
+    return finish(args.out, result, "results", begun)
+
+
+def earlier(path: Path, state: str) -> dict[str, Any]:
+    """The parts that an earlier call with --only has left there, if of the same state of the program."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) and found.get("commit") == state else {}
+
+
+def finish(out: Path, result: dict[str, Any], name: str, begun: float) -> int:
+    """Write JSON, Markdown and figures; print the Markdown."""
+    result["elapsed_s"] = time.monotonic() - begun
+    result = earlier(out / f"{name}.json", result["commit"]) | result
+    (out / f"{name}.json").write_text(json.dumps(result, default=float), encoding="utf-8")
+    text = markdown(result)
+    (out / f"{name}.md").write_text(text, encoding="utf-8")
+    print(text)
+    try:
+        from bench.campaigns.estimators.figures import draw_all  # matplotlib is an extra
+    except ImportError:
+        print("No figures: they take the extra `plot`", file=sys.stderr)
+    else:
+        for path in draw_all(result, out):
+            print(f"Wrote {path}", file=sys.stderr)
+    return 0

@@ -1,0 +1,229 @@
+"""The figures of the README, measured on this machine: `make bench`.
+
+In: nothing; a drive is simulated, and real recordings are used where there are any (TPMSD_RECORDINGS, or
+../shared/recordings beside the repository). Out: a table, and JSON with `--json FILE`.
+
+Ticks are measured in CPU time of this process, replays and decoding in elapsed time; each figure is the
+median of several runs with its least and greatest. The last column relates it to the time in which the same
+happens on the road.
+
+    python -m bench run speed --runs 5 --json bench.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import io
+import os
+import platform
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.campaigns.decode import frames_per_second
+from bench.places import RECORDINGS
+from bench.registry import UsageError
+from tpmsd.cli.replay import replay
+from tpmsd.config.load import load_config
+from tpmsd.config.model import FILTER_METHODS, Config
+from tpmsd.errors import TpmsdError
+from tpmsd.estimators.build import build_estimator
+from tpmsd.pipeline import Pipeline
+from tpmsd.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.simulator.drive_writer import write_drive
+from tpmsd.simulator.faults import Fault
+from tpmsd.sources.can_decoder import load_database
+from tpmsd.sources.can_frame import CanFrame
+from tpmsd.sources.drive import Drive
+from tpmsd.timeline.tick import Tick
+
+DRIVE_S = 600.0
+TICKS = 1500
+"""How many of the drive's ticks an estimator is timed on."""
+TICKS_FROM = 1500
+
+
+@dataclasses.dataclass(frozen=True)
+class Figure:
+    """One measured figure; `realtime_ratio`: how many times faster than the road."""
+
+    name: str
+    unit: str
+    median: float
+    least: float
+    greatest: float
+    runs: int
+    realtime_ratio: float
+
+    def line(self) -> str:
+        """For people."""
+        digits = 0 if self.median >= 100 else 1 if self.median >= 10 else 3
+        spread = f"{self.least:,.{digits}f} .. {self.greatest:,.{digits}f}"
+        return (
+            f"{self.name:<40} {self.median:>9,.{digits}f} {self.unit:<9} {spread:>20}"
+            f" {self.realtime_ratio:>7,.0f} x real time"
+        )
+
+
+def measure(
+    name: str, unit: str, runs: int, once: Callable[[], float], ratio: Callable[[float], float]
+) -> Figure:
+    """Run `once` several times; `ratio` makes real time's share of a value."""
+    values = [once() for _ in range(runs)]
+    median = statistics.median(values)
+    return Figure(name, unit, median, min(values), max(values), runs, ratio(median))
+
+
+def ticks_of(folder: Path, config: Config) -> list[Tick]:
+    """The ticks of a drive, made without an estimate."""
+    pipeline = Pipeline(config, load_database(config.can.dbc))
+    ticks: list[Tick] = []
+    for item in Drive(folder):
+        if isinstance(item, CanFrame):
+            events = pipeline.decoder.decode(item.time_s, item.arbitration_id, item.is_extended, item.data)
+        else:
+            events = pipeline.assembler.feed(item.time_s, item.line)
+        for event in events:
+            ticks += pipeline.timeline.add(event)
+    return ticks
+
+
+def estimator_ms(config: Config, ticks: Sequence[Tick]) -> float:
+    """CPU milliseconds per tick of the configured estimator alone."""
+    estimator = build_estimator(config, np.random.default_rng(config.filter.seed))
+    for tick in ticks[:TICKS_FROM]:
+        estimator.step(tick)
+    timed = ticks[TICKS_FROM : TICKS_FROM + TICKS]
+    began = time.process_time()
+    for tick in timed:
+        estimator.step(tick)
+    return 1e3 * (time.process_time() - began) / len(timed)
+
+
+def replay_factor(folder: Path, config: Config) -> tuple[float, float]:
+    """(times real time, CPU milliseconds per tick) of a whole replay, reading the logs included."""
+    began_cpu, began = time.process_time(), time.perf_counter()
+    with contextlib.redirect_stderr(io.StringIO()):  # what it says of bad lines is no news here
+        result = replay(folder, config)
+    elapsed_s, cpu_s = time.perf_counter() - began, time.process_time() - began_cpu
+    return result.duration_s / elapsed_s, 1e3 * cpu_s / (result.duration_s * config.filter.rate_hz)
+
+
+def with_method(config: Config, method: str) -> Config:
+    """The same car with another estimator."""
+    return dataclasses.replace(config, filter=dataclasses.replace(config.filter, method=method))
+
+
+def recordings() -> list[Path]:
+    """Real drives, where there are any."""
+    folder = RECORDINGS
+    return sorted(path.parent for path in folder.glob("*/vehicle.toml")) if folder.is_dir() else []
+
+
+def figures(runs: int, drive_s: float, say: Callable[[Figure], None]) -> list[Figure]:
+    """Everything, told to `say` as it comes."""
+    found: list[Figure] = []
+
+    def take(figure: Figure) -> None:
+        found.append(figure)
+        say(figure)
+
+    with tempfile.TemporaryDirectory() as folder_name:
+        folder = Path(folder_name) / "simulated"
+        fault = Fault("puncture", 2.0, "percent", "rl", drive_s / 2, 30.0)
+        write_drive(folder, simulate_drive(DriveSpec(duration_s=drive_s, seed=1, faults=(fault,))))
+        config = load_config(folder)
+        frames_per_real_s = sum(1 for item in Drive(folder) if isinstance(item, CanFrame)) / drive_s
+        take(
+            measure(
+                "CAN decoding",
+                "frames/s",
+                runs,
+                frames_per_second,
+                lambda rate: rate / frames_per_real_s,
+            )
+        )
+        ticks = ticks_of(folder, config)
+        period_ms = 1e3 / config.filter.rate_hz
+        for method in FILTER_METHODS:
+            chosen = with_method(config, method)
+            take(
+                measure(
+                    f"estimator alone, {method}",
+                    "ms/tick",
+                    runs,
+                    lambda chosen=chosen: estimator_ms(chosen, ticks),  # type: ignore[misc]
+                    lambda ms: period_ms / ms,
+                )
+            )
+        for method in FILTER_METHODS:
+            chosen = with_method(config, method)
+            pairs = [replay_factor(folder, chosen) for _ in range(runs)]
+            costs = iter([cost for _, cost in pairs])
+            take(
+                measure(
+                    f"whole pipeline, {method}",
+                    "ms/tick",
+                    runs,
+                    lambda costs=costs: next(costs),  # type: ignore[misc]
+                    lambda ms: period_ms / ms,
+                )
+            )
+            speeds = iter([speed for speed, _ in pairs])
+            take(
+                measure(
+                    f"replay, {drive_s / 60:.0f} min simulated, {method}",
+                    "x",
+                    runs,
+                    lambda speeds=speeds: next(speeds),  # type: ignore[misc]
+                    lambda factor: factor,
+                )
+            )
+    for folder in recordings():
+        try:
+            config = load_config(folder)
+            take(
+                measure(
+                    f"replay, {folder.name}",
+                    "x",
+                    runs,
+                    lambda folder=folder, config=config: replay_factor(folder, config)[0],  # type: ignore[misc]
+                    lambda factor: factor,
+                )
+            )
+        except TpmsdError as error:
+            print(f"{folder.name}: {error}", file=sys.stderr)
+    return found
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    """Its options."""
+    parser.add_argument("--runs", metavar="N", type=int, default=3, help="runs per figure (default: 3)")
+    parser.add_argument(
+        "--drive-s", metavar="S", type=float, default=DRIVE_S, help="length of the simulated drive"
+    )
+
+
+def main(args: argparse.Namespace) -> dict[str, Any]:
+    """Measure and print."""
+    if args.runs < 1 or args.drive_s < 400.0:
+        raise UsageError("at least one run, and a drive of at least 400 s")
+    out = sys.stderr if args.json == "-" else sys.stdout
+    print(f"{platform.machine()}, {os.cpu_count()} CPUs, Python {platform.python_version()}", file=out)
+    print(f"{'':<40} {'median':>9} {'':<9} {'least .. greatest':>20}", file=out)
+    found = figures(args.runs, args.drive_s, lambda figure: print(figure.line(), file=out, flush=True))
+    machine = {
+        "machine": platform.machine(),
+        "cpus": os.cpu_count(),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+    }
+    return {"machine": machine, "figures": found}

@@ -1,0 +1,70 @@
+"""The campaigns by name.
+
+A campaign's module has `options(parser)`, which adds its options, and `main(args)`, which runs it and gives
+an exit code or its result as plain numbers. The modules are imported when they are asked for: most need
+numpy, some need extras.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+
+class UsageError(Exception):
+    """Options that make no sense; the command line tells it like any other wrong usage."""
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """One thing that is measured."""
+
+    name: str
+    summary: str
+    module: str
+
+    @property
+    def about(self) -> str:
+        """The module's docstring."""
+        return import_module(self.module).__doc__ or ""
+
+    @property
+    def options(self) -> Callable[[argparse.ArgumentParser], None]:
+        """What adds its options to a parser."""
+        return import_module(self.module).options  # type: ignore[no-any-return]
+
+    @property
+    def main(self) -> Callable[[argparse.Namespace], Any]:
+        """What runs it; an exit code (int) or its result as plain numbers."""
+        return import_module(self.module).main  # type: ignore[no-any-return]
+
+
+def _campaign(name: str, summary: str, module: str | None = None) -> Campaign:
+    return Campaign(name, summary, f"bench.campaigns.{module or name.replace('-', '_')}")
+
+
+CAMPAIGNS = {
+    campaign.name: campaign
+    for campaign in (
+        _campaign("speed", "figures of the README: rates, memory, start-up", "speed_and_memory"),
+        _campaign("decode", "CAN frames decoded per second"),
+        _campaign("live", "the daemon in real time on a full bus"),
+        _campaign("calibrate", "calibration against the published method, and coverage of its intervals"),
+        _campaign(
+            "diagnosis", "the diagnosis on drives of independent origins, sealed truth", "diagnosis.run"
+        ),
+        _campaign("alarms", "soft tyres and harmless drives: detection, false alarms per km", "alarms.run"),
+        _campaign("estimators", "filters side by side on the published comparison", "estimators.run"),
+        _campaign("drift-levels", "coverage of mpf-rb under other levels of radius drift", "levels_of_drift"),
+        _campaign("vehicle-state", "EKF, UKF, UPF and ARUPF on a multi-body car"),
+        _campaign("slip-gate", "gates and weights of the tyre filter on hard drives"),
+        _campaign("puncture-delay", "delay to a puncture alarm under each gate"),
+        _campaign("slip-regressors", "what slips by the tyre model would add to the diagnosis"),
+        _campaign("resonance", "sampling rates at which the torsional resonance tells a soft tyre"),
+        _campaign("independent-look", "plain least squares on recordings, apart from the diagnosis"),
+        _campaign("injected", "effects injected into real recordings"),
+    )
+}

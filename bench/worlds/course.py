@@ -1,0 +1,210 @@
+"""How a car moved, whatever world moved it.
+
+In: arrays. Out: `Course`, and what concealed physics makes of it: turning rates of the wheels, the gyro's
+reading, the antenna's way. Equations are written anew from the public table of effects; noise is added
+elsewhere.
+
+Frames: x forward, y left, z up; yaw rate and lateral acceleration positive to the left. Wheels: fl fr rl
+rr.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.worlds.spec import Spec
+
+Array = NDArray[np.float64]
+G = 9.80665
+WHEEL_NAMES = ("fl", "fr", "rl", "rr")
+LEFT = np.array([1.0, -1.0, 1.0, -1.0])
+FRONT = np.array([1.0, 1.0, -1.0, -1.0])
+DRIVEN = {"front": [1.0, 1.0, 0.0, 0.0], "rear": [0.0, 0.0, 1.0, 1.0], "all": [1.0, 1.0, 1.0, 1.0]}
+
+
+@dataclass(frozen=True)
+class Course:
+    """Arrays over n evenly spaced instants; the reference point is the middle of the rear axle."""
+
+    time_s: Array
+    speed: Array
+    """Along the body."""
+    yaw: Array
+    grade: Array
+    """Angle of the slope."""
+    heading: Array
+    """Mathematical angle of the body, not wrapped."""
+    accel: Array
+    """Rate of the speed."""
+    a_lat: Array
+    bend: Array
+    """Curvature, for the steering wheel."""
+    beta: Array
+    """The rear axle's course minus the heading, by the world's own tyres."""
+    hubs: Array | None = None
+    """(n, 4) speeds of the hubs where the world has its own suspension; None: of a rigid body."""
+    spin: Array | None = None
+    """(n, 4) relative surplus of turning by the world's own tyres."""
+
+    @property
+    def force(self) -> Array:
+        """Specific force along the body: what an accelerometer reads."""
+        return np.asarray(self.accel + G * np.sin(self.grade))
+
+    def every(self, step: int) -> Course:
+        """The same course at every `step`-th instant."""
+        parts = {name: None if value is None else value[::step] for name, value in vars(self).items()}
+        return Course(**parts)
+
+    def cut(self, first: int, last: int) -> Course:
+        """Instants `first` to `last`, the time beginning anew."""
+        parts = {name: None if value is None else value[first:last] for name, value in vars(self).items()}
+        return replace(Course(**parts), time_s=self.time_s[first:last] - self.time_s[first])
+
+
+def summed(rate: Array, time_s: Array) -> Array:
+    """Integral over time by trapezoids, zero at the start; along the first axis."""
+    out = np.zeros_like(rate)
+    step = float(time_s[1] - time_s[0])
+    out[1:] = np.cumsum(0.5 * (rate[1:] + rate[:-1]) * step, axis=0)
+    return out
+
+
+def value(spec: Spec, name: str, key: str, default: float = 0.0) -> float:
+    """A number of the concealed physics."""
+    return float(spec.physics.get(name, {}).get(key, default))
+
+
+def axle_course(course: Course, spec: Spec) -> Array:
+    """The rear axle's course minus the heading."""
+    return np.asarray(course.beta - value(spec, "lateral_slip", "coefficient") * course.a_lat)
+
+
+def hub_speeds(course: Course, spec: Spec) -> Array:
+    """(n, 4) of the hubs along the wheels' planes."""
+    v, yaw = course.speed, course.yaw
+    more = {side: value(spec, "track_width_error", side) for side in ("front_m", "rear_m")}
+    if course.hubs is not None:
+        wider = 0.5 * np.array([-more["front_m"], more["front_m"], -more["rear_m"], more["rear_m"]])
+        return np.asarray(course.hubs + yaw[:, None] * wider)
+    front, rear = spec.track_front_m + more["front_m"], spec.track_rear_m + more["rear_m"]
+    sideways = v * np.tan(axle_course(course, spec))
+    out = np.empty((len(v), 4))
+    out[:, 2], out[:, 3] = v - 0.5 * rear * yaw, v + 0.5 * rear * yaw
+    for k, side in ((0, -0.5), (1, 0.5)):
+        out[:, k] = np.hypot(v + side * front * yaw, sideways + spec.wheelbase_m * yaw)
+    return out
+
+
+def radii(course: Course, spec: Spec) -> Array:
+    """(n, 4) change of the rolling radii by the concealed physics."""
+    t, v, a_lat = course.time_s, course.speed, course.a_lat
+    out = np.zeros((len(t), 4))
+    out += value(spec, "centrifugal_growth", "coefficient") * v[:, None] ** 2
+    if "thermal_growth" in spec.physics:
+        tau = value(spec, "thermal_growth", "time_constant_s", 600.0)
+        out += value(spec, "thermal_growth", "amplitude_m") * (1 - np.exp(-t / tau))[:, None]
+    out += value(spec, "load_transfer_longitudinal", "coefficient") * course.force[:, None] * FRONT
+    out += value(spec, "load_transfer_lateral", "coefficient") * a_lat[:, None] * LEFT
+    for name, p in spec.physics.items():
+        if name.startswith("radius_change"):
+            long = max(float(p.get("duration_s", 0.0)), 1e-9)
+            share = np.clip((t - float(p["onset_s"])) / long, 0.0, 1.0)
+            out[:, WHEEL_NAMES.index(p["wheel"])] += float(p["deviation_m"]) * share
+        elif name.startswith("strange"):
+            change = strange_radius(name, p, course)
+            if change is not None:
+                out[:, p["wheels"]] += change[:, None]
+    return out
+
+
+def strange_radius(name: str, p: dict[str, Any], course: Course) -> Array | None:
+    """Change of radius by physics of no catalogue; None where it acts elsewhere."""
+    t, v = course.time_s, course.speed
+    if name == "strange_speed_hump":  # a resonance: one axle shrinks around a certain speed
+        return np.asarray(p["size_m"] * np.exp(-0.5 * ((v - p["at_mps"]) / p["width_mps"]) ** 2))
+    if name == "strange_camber":  # one wheel answers to the size of the bend, not its sign
+        return np.asarray(p["size_m"] * np.minimum(np.abs(course.a_lat) / 2.0, 1.5))
+    if name == "strange_span":  # a wheel that is off for a while and comes back
+        return np.asarray(p["size_m"] * ((t > p["from_s"]) & (t < p["to_s"])))
+    if name == "strange_effort":  # an axle that answers to the square of the pull
+        return np.asarray(p["size_m"] * np.minimum((course.force / 1.5) ** 2, 3.0))
+    if name == "strange_brake_heat":  # brakes warm an axle, which cools down again
+        step = float(t[1] - t[0])
+        heat = decayed(np.maximum(-course.force, 0.0) * v, step / p["cooling_s"])
+        return np.asarray(p["size_m"] * heat / max(float(heat.max()), 1e-9))
+    return None
+
+
+def decayed(values: Array, share: float) -> Array:
+    """A leaky integral."""
+    from scipy.signal import lfilter
+
+    return np.asarray(lfilter([share], [1.0, share - 1.0], values))
+
+
+def wheel_rates(course: Course, spec: Spec, own: Array | float = 0.0) -> Array:
+    """(n, 4) turning rates in rad/s; `own` (n, 4) or (4,) is added to the radius of the specification."""
+    slip = value(spec, "longitudinal_slip", "slip_per_accel") * course.force
+    slip = slip + value(spec, "longitudinal_slip", "slip_per_speed2") * course.speed**2
+    share = 1.0 + slip[:, None] * np.array(DRIVEN[spec.driven])
+    if course.spin is not None:
+        share = share * (1.0 + course.spin)
+    return np.asarray(hub_speeds(course, spec) * share / (spec.radius_m + own + radii(course, spec)))
+
+
+def gyro_reading(course: Course, spec: Spec) -> Array:
+    """(n,) what a gyro without noise reads."""
+    out = course.yaw * value(spec, "yaw_rate_scale", "scale", 1.0) + value(spec, "yaw_rate_bias", "bias")
+    if "strange_gyro_warming" in spec.physics:  # a bias that goes as the car warms up
+        p = spec.physics["strange_gyro_warming"]
+        out = out + p["size_radps"] * np.exp(-course.time_s / p["warming_s"])
+    if "strange_gyro_square" in spec.physics:  # an element that gives way at high rates
+        out = out + spec.physics["strange_gyro_square"]["per_rad"] * course.yaw**2
+    return np.asarray(out)
+
+
+@dataclass(frozen=True)
+class Antenna:
+    """The antenna's way and velocity over the course's instants."""
+
+    east: Array
+    north: Array
+    up: Array
+    east_mps: Array
+    north_mps: Array
+
+
+def antenna(course: Course, spec: Spec) -> Antenna:
+    """Where the antenna went."""
+    arm = spec.physics.get("antenna_lever_arm", {})
+    ahead = spec.antenna_forward_m + float(arm.get("forward_m", 0.0))
+    left = spec.antenna_left_m + float(arm.get("left_m", 0.0))
+    along = course.speed if "no_shortening" in spec.physics else course.speed * np.cos(course.grade)
+    across = along * np.tan(axle_course(course, spec))
+    cos, sin = np.cos(course.heading), np.sin(course.heading)
+    vx, vy = along - course.yaw * left, across + course.yaw * ahead
+    t = course.time_s
+    return Antenna(
+        east=summed(along * cos - across * sin, t) + ahead * cos - left * sin,
+        north=summed(along * sin + across * cos, t) + ahead * sin + left * cos,
+        up=summed(course.speed * np.sin(course.grade), t),
+        east_mps=vx * cos - vy * sin,
+        north_mps=vx * sin + vy * cos,
+    )
+
+
+def strange_speed(course: Course, spec: Spec) -> Array:
+    """(n,) error of the receiver's speed by physics of no catalogue."""
+    out = np.zeros(len(course.time_s))
+    if "strange_heading_glitch" in spec.physics:  # a receiver that errs while the car faces one way
+        p = spec.physics["strange_heading_glitch"]
+        out += p["size_mps"] * (np.cos(course.heading - p["towards_rad"]) > 0.3)
+    if "strange_doppler_bend" in spec.physics:  # a loop that lags in bends
+        p = spec.physics["strange_doppler_bend"]
+        out += p["size_mps"] * np.minimum(np.abs(course.yaw) / 0.1, 2.0)
+    return out

@@ -1,0 +1,111 @@
+"""The plan of a run, its resumption, and the list of what went wrong."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from bench.campaigns.diagnosis import run as bench
+from bench.campaigns.diagnosis.report import failing, markdown, summary
+
+
+def options(**changed: object) -> argparse.Namespace:
+    usual = {
+        "only": "",
+        "each": False,
+        "strengths": "0.25,0.5,1,2",
+        "seed": 1,
+        "full": True,
+        "clean": 200,
+        "per": 20,
+    }
+    return argparse.Namespace(**{**usual, **changed})
+
+
+def test_the_full_plan_holds_what_the_proof_asks_for() -> None:
+    """200 drives of nothing, 20 per effect and strength, none twice."""
+    plan = bench.plan(options())
+    counts = Counter((kind, strength) for kind, strength, _ in plan)
+
+    assert len(plan) == len(set(plan))
+    assert 200 == counts["nothing", 0.0]
+    assert {20} == {counts["gnss_latency", strength] for strength in (0.25, 0.5, 1.0, 2.0)}
+    assert 40 == counts["mb/nothing", 0.0]
+
+
+def test_a_run_cut_short_has_seen_all_kinds() -> None:
+    """The first tenth of the plan holds every kind."""
+    plan = bench.plan(options())
+
+    assert {kind for kind, _, _ in plan} == {kind for kind, _, _ in plan[: len(plan) // 10]}
+
+
+def test_results_of_this_state_of_the_program_are_not_made_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A line that was cut off is passed over; one of another state of the program does not count."""
+    program = tmp_path / "program"
+    (program / "tpmsd").mkdir(parents=True)
+    (program / "tpmsd" / "__init__.py").write_text("", encoding="utf-8")
+    state = bench.code_state(program)
+    rows = [{"kind": "nothing", "strength": 0.0, "seed": seed, "code": state} for seed in (1, 2)]
+    lines = [json.dumps(row) for row in rows] + [json.dumps({**rows[0], "seed": 3, "code": "old"})]
+    (tmp_path / "results.jsonl").write_text("\n".join(lines) + '\n{"kind": "noth', encoding="utf-8")
+    args = options(out=tmp_path, program=program, any_code=False, jobs=1, alarms=0)
+
+    assert rows == bench.run(args, [("nothing", 0.0, 1), ("nothing", 0.0, 2)])
+    assert 3 == len(bench.read_results(tmp_path / "results.jsonl"))
+
+
+def test_a_drive_that_fails_is_a_row_and_not_the_end() -> None:
+    """A kind that is not known stands for a fault of the benchmark itself."""
+    row = bench.guarded(("phlogiston", 1.0, 3), Path("none"), Path("none"), False)
+
+    assert ("phlogiston", 3, True) == (row["kind"], row["seed"], row["benchmark_fault"])
+    assert "phlogiston is no kind that is known" in row["error"]
+
+
+ROW = {
+    "kind": "gnss_latency",
+    "strength": 1.0,
+    "seed": 7,
+    "world": "kinematic",
+    "error": "",
+    "reason": "",
+    "names": ["lateral_slip"],
+    "wanted": ["gnss_latency"],
+    "told": 1,
+    "told_found": 0,
+    "first": False,
+    "false": ["lateral_slip"],
+    "sure_wrong": True,
+    "errors": [],
+    "place": [],
+    "gains": [99.0],
+    "duration_s": 900.0,
+    "cpu_s": 9.0,
+    "receiver": [1.0, True, 0.0],
+    "alarms": None,
+    "f1": 0.0,
+}
+
+
+def test_the_report_counts_a_wrong_name_as_missed_and_false() -> None:
+    """One drive, wrong: none of one right, one false discovery of one finding."""
+    figures = summary([ROW])
+
+    assert (0, 1) == (figures["first_by_strength"]["1"]["hits"], figures["first_by_strength"]["1"]["of"])
+    assert (1, 1) == (figures["false_discoveries"]["hits"], figures["false_discoveries"]["of"])
+    assert "| times faster than real time, one core, reading included | median 100" in markdown(figures)
+
+
+def test_a_failure_is_listed_with_the_command_that_makes_its_drive_again() -> None:
+    """Kind, strength and seed."""
+    text = failing([ROW], "abc")
+
+    assert "false: lateral_slip | missed" in text
+    assert "--write CASE --kind gnss_latency --strength 1 --seed 7" in text
