@@ -56,6 +56,7 @@ CAMPAIGNS = {
         _campaign(
             "diagnosis", "the diagnosis on drives of independent origins, sealed truth", "diagnosis.run"
         ),
+        _campaign("goldens", "the program's answers to a fixed set of drives, compared with stored ones"),
         _campaign("alarms", "soft tyres and harmless drives: detection, false alarms per km", "alarms.run"),
         _campaign("estimators", "filters side by side on the published comparison", "estimators.run"),
         _campaign("drift-levels", "coverage of mpf-rb under other levels of radius drift", "levels_of_drift"),

@@ -10,7 +10,7 @@ import pytest
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
 from tpmsd.diagnosis.drives import admitted
-from tpmsd.diagnosis.tone_ring import Ripple, ripples
+from tpmsd.diagnosis.tone_ring import Ripple, _judged, ripples
 from tpmsd.inference.recording import Recording
 from tpmsd.inference.windows import Reader
 from tpmsd.wheels import WHEELS
@@ -57,3 +57,16 @@ def test_a_folded_ripple_is_found_on_its_wheel(wheel: str) -> None:
 def test_even_teeth_have_no_folded_ripple() -> None:
     """Twelve ranges of speeds, each with a sine and a cosine, find nothing where there is nothing."""
     assert [] == found_in(summed_speeds(31))
+
+
+def test_a_range_of_speeds_met_in_one_fold_alone_is_judged() -> None:
+    """A ripple whose regressors stand only in blocks that are held out together is judged, not a crash."""
+    rng = np.random.default_rng(3)
+    blocks = np.repeat(np.arange(20), 100)
+    regressors = rng.standard_normal((2000, 4))
+    regressors[blocks % 5 != 2, 1::2] = 0.0
+    rows = rng.standard_normal((2000, 4))
+    rows[:, 1] += 0.5 * 0.75 * regressors[:, 0]
+    ripple = _judged(1, rows, regressors, blocks)
+    assert ripple is not None
+    assert ripple.wheel == "fr"
