@@ -63,7 +63,7 @@ PURE_ROOMS = {
 }
 SHELLS = {
     *(f"tpmsd.sources.{name}" for name in ("can_live", "can_log", "can_log_candump", "can_log_others")),
-    *(f"tpmsd.sources.{name}" for name in ("drive", "nmea_log", "serial_live")),
+    *(f"tpmsd.sources.{name}" for name in ("drive", "gnss_net_live", "nmea_log", "serial_live")),
     "tpmsd.physics.model_file",
 }
 """Modules of these rooms that open files and devices; the others only work on what those read."""

@@ -62,7 +62,7 @@ def test_good_file(make: Make) -> None:
         interface="socketcan",
         channel="can0",
     )
-    assert config.gnss == model.GnssConfig("/dev/ttyACM0", 115200, 0.0, 0.0)
+    assert config.gnss == model.GnssConfig("/dev/ttyACM0", baud=115200)
     assert path == config.file
 
 

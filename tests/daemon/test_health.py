@@ -10,7 +10,7 @@ from tests.gnss.sentences import nmea
 from tpmsd.daemon.bus_link import BusLink
 from tpmsd.daemon.health import GNSS_FAULTS, Health
 from tpmsd.daemon.input_queue import InputQueue
-from tpmsd.daemon.receiver_link import ReceiverLink, serial_receiver
+from tpmsd.daemon.receiver_link import ReceiverLink, configured_receiver
 from tpmsd.pipeline import Pipeline
 from tpmsd.sources.nmea_epoch import NmeaAssembler
 from tpmsd.sources.nmea_sentence import HANDLED
@@ -29,7 +29,7 @@ def test_counts_of_all_stages_are_in_the_document(tmp_path: Path) -> None:
     config, database = car(tmp_path, '[gnss]\ndevice = "none"\n')
     bus = FakeBus()
     bus_link = BusLink(lambda: bus.opener()(config.can, None, "fake"), "CAN fake", LOG)
-    receiver = ReceiverLink(serial_receiver(config.gnss), "receiver none", LOG)
+    receiver = ReceiverLink(configured_receiver(config.gnss), "receiver none", LOG)
     receiver.service(0.0)
     pipeline = Pipeline(config, database)
     pipeline.on_frame(1000.0, 0xB0, False, b"\x01")

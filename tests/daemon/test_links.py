@@ -13,7 +13,7 @@ import pytest
 from tests.daemon.fakes import FakeBus, wheels_frame
 from tpmsd.config.model import CanConfig, GnssConfig
 from tpmsd.daemon.bus_link import BusLink, open_can
-from tpmsd.daemon.receiver_link import ReceiverLink, serial_receiver
+from tpmsd.daemon.receiver_link import ReceiverLink, configured_receiver
 from tpmsd.simulator.live import PtyPort
 from tpmsd.sinks.can_frames import OutFrame
 from tpmsd.sources.can_live import CanDown
@@ -243,7 +243,7 @@ def test_an_interface_that_is_not_there_is_a_bus_that_is_down() -> None:
 
 
 def receiver(device: str) -> ReceiverLink:
-    return ReceiverLink(serial_receiver(GnssConfig(device)), f"receiver {device}", LOG)
+    return ReceiverLink(configured_receiver(GnssConfig(device)), f"receiver {device}", LOG)
 
 
 def read_for(link: ReceiverLink, stamp_s: float, patience_s: float = 2.0) -> list[tuple[float, bytes]]:

@@ -24,6 +24,8 @@ from cantools.database.can import Database
 
 from tests.daemon.fakes import VEHICLE
 from tests.gnss import sentences
+from tests.gnss.test_gpsd_json import GST, SKY, TPV
+from tests.gnss.test_ubx import frame
 from tpmsd.config.check import check
 from tpmsd.config.load import load_config
 from tpmsd.config.model import Config
@@ -38,6 +40,7 @@ from tpmsd.sources.can_decoder import CanDecoder, load_database
 from tpmsd.sources.can_log import read_can_log
 from tpmsd.sources.can_log_candump import parse_candump_line
 from tpmsd.sources.events import GnssFix, InertialSample, RotationSample
+from tpmsd.sources.gnss_stream import GpsdStream, NmeaStream
 from tpmsd.sources.nmea_epoch import NmeaAssembler
 from tpmsd.sources.nmea_framer import MAX_LINE_BYTES, NmeaFramer
 from tpmsd.sources.nmea_log import read_nmea_log
@@ -322,8 +325,22 @@ def _configuration_seed() -> bytes:
     return (folder() / "car.toml").read_bytes()
 
 
+def receiver(data: bytes) -> None:
+    """Bytes of a receiver or a server, in pieces, as UBX with NMEA in between and as gpsd's reports."""
+    for stream in (NmeaStream(), GpsdStream()):
+        assembler = NmeaAssembler()
+        for start in range(0, len(data), 97):
+            for stamp_s, line in stream.feed(data[start : start + 97], 1.7e9 + start):
+                for event in assembler.feed(stamp_s, line):
+                    if isinstance(event, GnssFix) and not math.isnan(event.latitude_deg):
+                        assert abs(event.latitude_deg) <= 90.0 and abs(event.longitude_deg) <= 180.0
+                        assert 0.0 < event.position_std_m < math.inf
+        assert isinstance(stream.hint, str)
+
+
 TARGETS: dict[str, Callable[[bytes], None]] = {
     "nmea": nmea,
+    "receiver": receiver,
     "can": can,
     "ticks": ticks,
     "candump": candump,
@@ -339,6 +356,10 @@ SEEDS: dict[str, Callable[[], list[bytes]]] = {
     "nmea": lambda: [
         sentences.nmea(RMC) + b"\r\n" + sentences.nmea(GGA) + b"\r\n",
         b"\xb5b\x01\x07$GPGGA,,*00\n",
+    ],
+    "receiver": lambda: [
+        frame(),
+        b"".join(json.dumps(report).encode("ascii") + b"\n" for report in (SKY, GST, TPV)),
     ],
     "can": lambda: [bytes(range(256)), b"\x02\x00\x08" + bytes(8) + b"\x02\x02\x08" + b"\xff" * 8],
     "ticks": lambda: [bytes(range(256)), (b"\x03\x00\x08" + bytes(8)) * 30],

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tpmsd.cli.output import Subparsers, add_json_option, write_json
+from tpmsd.config.gnss_source import source_of
 
 if TYPE_CHECKING:
     from tpmsd.config.check import CheckResult
@@ -76,9 +77,10 @@ def summary(plan: Plan) -> list[str]:
     lines += _item("bus", f"{plan.interface} {plan.channel}, decoded by {plan.dbc}")
     for signal in plan.optional:
         lines += _item(signal.role, f"{_signal(signal)} in {signal.unit}")
-    device = config.gnss.device or "none"
-    baud = f" at {config.gnss.baud} baud" if config.gnss.device else ""
-    lines += _item("receiver", f"{device}{baud}, antenna {_antenna(config.gnss)}")
+    source = source_of(config.gnss)
+    baud = f" at {config.gnss.baud} baud" if source is not None and source.kind == "serial" else ""
+    label = "none" if source is None else source.label
+    lines += _item("receiver", f"{label}{baud}, antenna {_antenna(config.gnss)}")
     settings = config.filter
     particles = "usual number of" if settings.particles is None else settings.particles
     lines += _item(

@@ -135,7 +135,7 @@ def configuration(args: argparse.Namespace) -> tuple[Config, list[str]]:
     if args.channel is not None:
         can = dataclasses.replace(can, channel=_named("--channel", args.channel))
     if args.device is not None:
-        gnss = dataclasses.replace(gnss, device=args.device.strip() or None)
+        gnss = dataclasses.replace(gnss, device=args.device.strip() or None, source=None)
     state, status = config.state, config.status
     if args.state is not None:
         state = dataclasses.replace(state, file=args.state)

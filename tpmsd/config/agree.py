@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from typing import Any, Protocol
 
-from tpmsd.config.model import AlarmsConfig, MonitorConfig, TyreConfig, VehicleConfig
+from tpmsd.config.model import AlarmsConfig, GnssConfig, MonitorConfig, TyreConfig, VehicleConfig
 from tpmsd.config.problems import BadValueError, show
 from tpmsd.config.schema import RADIUS
 from tpmsd.config.suggest import nearest
@@ -151,6 +151,19 @@ def monitor(settings: MonitorConfig, given: Collection[str], report: Reporter) -
             "monitor",
             key,
         )
+
+
+def gnss(settings: GnssConfig, roles: Collection[str], report: Reporter) -> None:
+    """One source of fixes, and one on CAN needs signals of the position."""
+    if settings.source is None:
+        return
+    if settings.device is not None:
+        both = BadValueError("stands beside device", show(settings.source), "one of the two")
+        report(both, "gnss", "source")
+    missing = [role for role in ("gnss_latitude", "gnss_longitude") if role not in roles]
+    if settings.source == "can" and missing:
+        needed = BadValueError(f"no signal of {' '.join(missing)}", show("can"), "both in [can.signals]")
+        report(needed, "gnss", "source")
 
 
 def tyre(settings: TyreConfig, given: Collection[str], report: Reporter) -> None:

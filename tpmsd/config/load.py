@@ -86,6 +86,8 @@ class _Parser:
         agree.tyre(tyre, given["tyre"], self._report)
         alarms = AlarmsConfig(**good["alarms"])
         agree.alarms(alarms, given["alarms"], self._report)
+        gnss = GnssConfig(**good["gnss"])
+        agree.gnss(gnss, given["can.signals"], self._report)
         dbc = self._dbc(dbc, good["can"])
         channel = good["can"].get("channel")
         config = None
@@ -93,7 +95,7 @@ class _Parser:
             config = Config(
                 vehicle=vehicle,
                 can=CanConfig(**{**good["can"], "signals": signals, "dbc": dbc}),
-                gnss=GnssConfig(**good["gnss"]),
+                gnss=gnss,
                 filter=FilterConfig(**good["filter"]),
                 monitor=monitor,
                 tyre=tyre,

@@ -61,6 +61,8 @@ class GnssConfig:
     """The receiver."""
 
     device: str | None = None
+    source: str | None = None
+    """serial:PATH | gpsd://HOST | tcp://HOST:PORT | udp://HOST:PORT | can; None: the serial line `device`."""
     baud: int = 115200
     antenna_forward_m: float = 0.0
     antenna_left_m: float = 0.0

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from cantools.database.can import Message, Signal
 
+from tpmsd.config.gnss_source import source_of
 from tpmsd.config.model import OPTIONAL_ROLES, Config
 from tpmsd.config.units import assumed_unit, canonical_unit, stated_unit, to_si, wheel_speed_kind
 from tpmsd.wheels import WHEELS
@@ -156,7 +157,7 @@ def _losses(config: Config, wheels: set[str]) -> dict[str, str]:
                 losses[role] += f"; {_LOST_BY_SLIP_GATE[role]}"
     if "steering_wheel_angle" not in losses and config.vehicle.steering_ratio is None:
         losses["steering_ratio"] = _LOST["steering_wheel_angle"]
-    if config.gnss.device is None:
+    if source_of(config.gnss) is None:
         losses["[gnss] device"] = "a drive can be replayed, but 'tpmsd run' has no receiver"
     if config.state.file is None:
         losses["[state] file"] = "what was learnt and raised is forgotten at every restart"

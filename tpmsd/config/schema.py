@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from tpmsd.config.gnss_source import SourceRule
 from tpmsd.config.model import FILTER_GATES, FILTER_METHODS, FIX_WEIGHTS, ROLES
 from tpmsd.config.rules import (
     Channel,
@@ -55,6 +56,7 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
         "can.signals": {role: SignalName() for role in ROLES},
         "gnss": {
             "device": Text(),
+            "source": SourceRule(),
             "baud": Whole(300, 4_000_000),
             "antenna_forward_m": Number(-10.0, 20.0, "m"),
             "antenna_left_m": Number(-3.0, 3.0, "m"),

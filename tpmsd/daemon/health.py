@@ -9,6 +9,7 @@ import math
 from collections import Counter
 from typing import Any
 
+from tpmsd.config.gnss_source import source_of
 from tpmsd.config.model import Config
 from tpmsd.daemon.bus_link import BusLink
 from tpmsd.daemon.input_queue import InputQueue
@@ -30,6 +31,7 @@ class Health:
         self, config: Config, bus: BusLink, receiver: ReceiverLink | None, queue: InputQueue, start_s: float
     ) -> None:
         self._config = config
+        self._source = source_of(config.gnss)
         self._bus = bus
         self._receiver = receiver
         self._queue = queue
@@ -99,22 +101,24 @@ class Health:
         )
 
     def _gnss(self, pipeline: Pipeline, now_s: float) -> SourceHealth:
-        receiver = self._receiver
-        if receiver is None:
+        receiver, source = self._receiver, self._source
+        if source is None:
             return SourceHealth(SourceState.OFF)
         counts = pipeline.assembler.counts
         faults = Counter({kind: counts[kind] for kind in GNSS_FAULTS})
         placed = pipeline.timeline.counts
         faults += Counter(  # leaves the zeros out
-            unplugged=receiver.downs,
-            overlong=receiver.overlong,
             late=placed["late_fixes"],
             early=placed["early_fixes"],
         )
         age_s = now_s - self._fix_s
+        if receiver is None:  # its fixes come on the bus
+            state = _state(self._bus.is_down, self._fixes > 0, age_s, RECEIVER_SILENT_S)
+            return SourceHealth(state, source.label, self._fixes, dict(faults), age_s)
+        faults += Counter(unplugged=receiver.downs, overlong=receiver.overlong)
         state = _state(receiver.is_down, self._fixes > 0, age_s, RECEIVER_SILENT_S)
         detail = receiver.reason or receiver.hint
-        return SourceHealth(state, self._config.gnss.device or "", self._fixes, dict(faults), age_s, detail)
+        return SourceHealth(state, source.label, self._fixes, dict(faults), age_s, detail)
 
 
 def tyres_line(report: MonitorReport) -> str:

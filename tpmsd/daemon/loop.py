@@ -20,6 +20,7 @@ from typing import Any
 
 from cantools.database import Database
 
+from tpmsd.config.gnss_source import source_of
 from tpmsd.config.model import Config
 from tpmsd.daemon.bus_link import BusLink, OpenBus, open_can, own_filters, reset_filters
 from tpmsd.daemon.clock import Clock
@@ -30,7 +31,12 @@ from tpmsd.daemon.frame_stamps import TOLERANCE_S, WINDOW_S, FrameStamps
 from tpmsd.daemon.health import Health
 from tpmsd.daemon.input_queue import InputQueue
 from tpmsd.daemon.journal import LOGGER, log_alarm
-from tpmsd.daemon.receiver_link import OpenReceiver, ReceiverLink, serial_receiver
+from tpmsd.daemon.receiver_link import (
+    OpenReceiver,
+    ReceiverLink,
+    configured_receiver,
+    configured_stream,
+)
 from tpmsd.daemon.recorder import DriveRecorder
 from tpmsd.daemon.service_manager import ServiceManager
 from tpmsd.daemon.signals import SignalPipe
@@ -68,7 +74,7 @@ class Daemon:
         notifier: Notifier,
         *,
         open_bus: OpenBus = open_can,
-        open_receiver: OpenReceiver = serial_receiver,
+        open_receiver: OpenReceiver = configured_receiver,
         make_pipeline: MakePipeline = Pipeline,
         recorder: DriveRecorder | None = None,
         on_step: Callable[[Step], None] | None = None,
@@ -104,9 +110,11 @@ class Daemon:
             own = own_filters(config.alarms)
             self._out = BusLink(lambda: open_bus(config.can, own, out), f"CAN {out}", self._log, kernel)
         self._receiver: ReceiverLink | None = None
-        if config.gnss.device is not None:
-            label = f"receiver {config.gnss.device}"
-            self._receiver = ReceiverLink(open_receiver(config.gnss), label, self._log)
+        source = source_of(config.gnss)
+        self._receiver_name = "none" if source is None else source.label
+        if source is not None and source.kind != "can":
+            label, stream = f"receiver {source.label}", configured_stream(config.gnss)
+            self._receiver = ReceiverLink(open_receiver(config.gnss), label, self._log, stream)
         self._reporter = CanReporter(config.alarms)
         self._feeder = Feeder(self._pipeline, self._queue, recorder, grace_s)
         start_s = clock.monotonic()
@@ -169,7 +177,7 @@ class Daemon:
             self._finish()
 
     def _start(self, stack: contextlib.ExitStack) -> None:
-        self._log.info("tpmsd watches %s, receiver %s", self._bus.label, self._config.gnss.device or "none")
+        self._log.info("tpmsd watches %s, receiver %s", self._bus.label, self._receiver_name)
         self._open_server()
         if threading.current_thread() is threading.main_thread():
             signals = stack.enter_context(SignalPipe())

@@ -1,7 +1,7 @@
 """The GNSS receiver as the loop sees it: open, or unplugged and tried again.
 
-In: a function that makes the serial line. Out: sentences, each with the time at which its first byte
-came. Never raises for anything that a receiver can do.
+In: what opens the line, and what takes its bytes apart. Out: sentences, each with the time at which its first
+byte came. Never raises for anything that a receiver can do.
 """
 
 from __future__ import annotations
@@ -10,17 +10,20 @@ import logging
 from collections.abc import Callable
 from typing import Protocol
 
+from tpmsd.config.gnss_source import source_of
 from tpmsd.config.model import GnssConfig
 from tpmsd.daemon.link import Link
-from tpmsd.sources.nmea_framer import NmeaFramer
+from tpmsd.sources.gnss_net_live import TcpReceiver, UdpReceiver
+from tpmsd.sources.gnss_stream import GnssStream, GpsdStream, NmeaStream
+from tpmsd.sources.gpsd_json import WATCH
 from tpmsd.sources.serial_live import ReceiverGone, SerialReceiver
 
 READS_AT_ONCE = 64
-"""Enough for all that a serial line can hold back; a device that never ends must not stop the loop."""
+"""Enough for all that a line can hold back; a device that never ends must not stop the loop."""
 
 
 class Receiver(Protocol):
-    """An open serial line, as `SerialReceiver`."""
+    """A line to a receiver, as `SerialReceiver`, `TcpReceiver` and `UdpReceiver`."""
 
     def open(self) -> None:
         """Open; raises `ReceiverGone`."""
@@ -38,36 +41,49 @@ class Receiver(Protocol):
 OpenReceiver = Callable[[GnssConfig], Receiver]
 
 
-def serial_receiver(config: GnssConfig) -> Receiver:
-    """The serial line of the configuration, not opened yet."""
-    return SerialReceiver(config.device or "", config.baud)
+def configured_receiver(config: GnssConfig) -> Receiver:
+    """The line of the configuration, not opened yet."""
+    source = source_of(config)
+    if source is None or source.kind in ("serial", "can"):
+        return SerialReceiver("" if source is None else source.path, config.baud)
+    if source.kind == "udp":
+        return UdpReceiver(source.label, source.host, source.port)
+    greeting = WATCH if source.kind == "gpsd" else b""
+    return TcpReceiver(source.label, source.host, source.port, greeting)
+
+
+def configured_stream(config: GnssConfig) -> GnssStream:
+    """What takes its bytes apart."""
+    source = source_of(config)
+    return GpsdStream() if source is not None and source.kind == "gpsd" else NmeaStream()
 
 
 class ReceiverLink(Link):
     """One receiver."""
 
-    def __init__(self, receiver: Receiver, label: str, log: logging.Logger) -> None:
+    def __init__(
+        self, receiver: Receiver, label: str, log: logging.Logger, stream: GnssStream | None = None
+    ) -> None:
+        """`stream`: what takes the bytes apart; None: NMEA."""
         super().__init__(label, log)
         self._receiver = receiver
-        self._framer = NmeaFramer()
-        self._begun_s = 0.0
-        """When the unfinished line began."""
-        self._told_baud = False
+        self._stream: GnssStream = NmeaStream() if stream is None else stream
+        self._told_hint = ""
 
     @property
     def sentences(self) -> int:
         """Lines handed out so far."""
-        return self._framer.counts["lines"]
+        return self._stream.lines
 
     @property
     def overlong(self) -> int:
         """Lines given up because they did not end."""
-        return self._framer.counts["overlong"]
+        return self._stream.overlong
 
     @property
     def hint(self) -> str:
         """What may be wrong with an open line; empty if nothing seems to be."""
-        return "bytes but no sentence: wrong baud rate?" if self._framer.wrong_baud else ""
+        return self._stream.hint
 
     def fileno(self) -> int | None:
         """Descriptor to wait on; None if it is down."""
@@ -87,7 +103,7 @@ class ReceiverLink(Link):
         except ReceiverGone as error:
             self._failed(now_s, error.reason)
         else:
-            self._framer.reset()
+            self._stream.reset()
             self._opened(now_s)
 
     def read(self, now_s: float, stamp_s: float) -> list[tuple[float, bytes]]:
@@ -105,19 +121,13 @@ class ReceiverLink(Link):
             self._well(now_s, bool(data))
             if not data:
                 break
-            lines += self._stamped(data, stamp_s)
-        if self.hint and not self._told_baud:
-            self._told_baud = True
-            self._log.warning("%s: %s", self.label, self.hint)
+            lines += self._stream.feed(data, stamp_s)
+        hint = self.hint
+        if hint and hint != self._told_hint:
+            self._told_hint = hint
+            self._log.warning("%s: %s", self.label, hint)
         elif lines:
-            self._told_baud = False
-        return lines
-
-    def _stamped(self, data: bytes, stamp_s: float) -> list[tuple[float, bytes]]:
-        # A line that is not whole in this piece began in an earlier one.
-        lines = [(stamp_s if line in data else self._begun_s, line) for line in self._framer.feed(data)]
-        if b"$" in data[max(data.rfind(b"\n"), data.rfind(b"\r")) + 1 :]:
-            self._begun_s = stamp_s
+            self._told_hint = ""
         return lines
 
     def close(self) -> None:

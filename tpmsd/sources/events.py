@@ -60,6 +60,8 @@ class GnssFix:
     """Horizontal one-sigma per axis from GST, else from quality and HDOP; never NaN if a position is
     given."""
     speed_mps: float = NAN
+    speed_std_mps: float = NAN
+    """Standard deviation of the speed, where the receiver states one."""
     course_rad: float = NAN
     """Clockwise from true north, in [0, 2 pi), as NMEA has it."""
 

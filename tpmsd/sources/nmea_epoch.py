@@ -17,7 +17,7 @@ from tpmsd.sources.events import Event, GnssFix, SourceFault
 from tpmsd.sources.gnss_noise import GST_MAX_AGE_S, position_std
 from tpmsd.sources.nmea_checks import FROZEN_COUNT, Episodes, EpochInterval, FrozenPosition, Leap
 from tpmsd.sources.nmea_clock import ReceiverClock
-from tpmsd.sources.nmea_sentence import HANDLED, OTHER, NmeaReading, SentenceError, decode_sentence
+from tpmsd.sources.nmea_sentence import ACCURACY, HANDLED, OTHER, NmeaReading, SentenceError, decode_sentence
 
 NAN = math.nan
 COURSE_MIN_SPEED_MPS = 0.5
@@ -226,6 +226,7 @@ def merge_readings(readings: dict[str, NmeaReading], gst_std_m: float = NAN) -> 
         quality=quality,
         hdop=hdop,
         speed_mps=speed_mps,
+        speed_std_mps=_first(readings, (ACCURACY,), "speed_std_mps"),
         course_rad=NAN if speed_mps < COURSE_MIN_SPEED_MPS else course_rad,
     )
     placed = (readings[k] for k in order if k in readings and math.isfinite(readings[k].latitude_deg))

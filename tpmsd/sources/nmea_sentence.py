@@ -22,7 +22,9 @@ _UNIX_DAY_0 = datetime.date(1970, 1, 1).toordinal()
 
 # Fields that a sentence without a checksum must have: a line cut short is then told from a complete one.
 _FULL_LENGTH = {"RMC": 11, "GGA": 14, "VTG": 8, "ZDA": 4, "GST": 8, "GNS": 12, "GLL": 6}
-HANDLED = frozenset(_FULL_LENGTH)
+ACCURACY = "PTPMSG"
+"""tpmsd's own sentence (`gnss_solution`)."""
+HANDLED = frozenset((*_FULL_LENGTH, ACCURACY))
 OTHER = "other"
 
 _ADDRESS = re.compile(
@@ -54,7 +56,7 @@ class NmeaReading:
     """What one sentence says. NaN or None where it says nothing."""
 
     kind: str
-    """RMC | GGA | VTG | ZDA | GST | GNS | GLL | other"""
+    """RMC | GGA | VTG | ZDA | GST | GNS | GLL | PTPMSG | other"""
     checksummed: bool = True
     proprietary: bool = False
     time_of_day_s: float = NAN
@@ -72,6 +74,8 @@ class NmeaReading:
     course_rad: float = NAN
     position_std_m: float = NAN
     """GST: root mean square of the latitude's and the longitude's standard deviation."""
+    speed_std_mps: float = NAN
+    """PTPMSG: standard deviation of the speed over ground."""
     out_of_range: str = ""
     """Which quantity was impossible (and was left out); empty if none."""
 
@@ -92,6 +96,8 @@ def decode_sentence(line: bytes) -> NmeaReading:
     if checksummed:
         _verify_checksum(text)
     kind = address["kind"]
+    if address["proprietary"] == ACCURACY and checksummed:
+        return _accuracy(text)
     if kind not in HANDLED:
         return NmeaReading(OTHER, checksummed, proprietary=address["proprietary"] is not None)
     try:
@@ -104,6 +110,19 @@ def decode_sentence(line: bytes) -> NmeaReading:
             "garbage", f"{kind} cut short: {len(sentence.data)} of {_FULL_LENGTH[kind]} fields"
         )
     return _DECODERS[kind](_Fields(sentence), checksummed)
+
+
+def _accuracy(text: str) -> NmeaReading:
+    fields = text.partition("*")[0].split(",")
+    if len(fields) != 3:
+        raise SentenceError("garbage", f"{ACCURACY} has {len(fields) - 1} fields, not 2")
+    std = float(fields[2]) if _NUMBER.fullmatch(fields[2]) else NAN
+    return NmeaReading(
+        ACCURACY,
+        proprietary=True,
+        time_of_day_s=_time_of_day(fields[1]),
+        speed_std_mps=std if 0.0 < std <= MAX_SPEED_MPS else NAN,
+    )
 
 
 def _verify_checksum(text: str) -> None:
@@ -133,13 +152,7 @@ class _Fields:
         return float(text) if _NUMBER.fullmatch(text) else NAN
 
     def time_of_day(self) -> float:
-        match = _TIME.fullmatch(self.text("timestamp"))
-        if match is None:
-            return NAN
-        hour, minute, second = int(match[1]), int(match[2]), float(match[3])
-        if hour > 23 or minute > 59 or second >= 61.0:
-            return NAN
-        return 3600.0 * hour + 60.0 * minute + second
+        return _time_of_day(self.text("timestamp"))
 
     def angle_deg(self, name: str, limit: float) -> float:
         """Degrees and minutes with a hemisphere letter; NaN if empty, infinite if impossible."""
@@ -170,13 +183,24 @@ class _Fields:
         return math.radians(degrees % 360.0) if 0.0 <= degrees <= 360.0 else NAN
 
 
+def _time_of_day(text: str) -> float:
+    match = _TIME.fullmatch(text)
+    if match is None:
+        return NAN
+    hour, minute, second = int(match[1]), int(match[2]), float(match[3])
+    if hour > 23 or minute > 59 or second >= 61.0:
+        return NAN
+    return 3600.0 * hour + 60.0 * minute + second
+
+
 def _speed(mps: float) -> tuple[float, str]:
     if math.isnan(mps) or 0.0 <= mps <= MAX_SPEED_MPS:
         return mps, ""
     return NAN, f"speed {mps:.1f} m/s"
 
 
-def _unix_day(year: int, month: int, day: int) -> int | None:
+def unix_day(year: int, month: int, day: int) -> int | None:
+    """Days since 1970-01-01; None for a day that no calendar has."""
     try:
         return datetime.date(year, month, day).toordinal() - _UNIX_DAY_0
     except (ValueError, OverflowError):
@@ -190,7 +214,7 @@ def _rmc(fields: _Fields, checksummed: bool) -> NmeaReading:
     if match := _DATE.fullmatch(fields.text("datestamp")):
         year = int(match[3])
         # There was no GPS before 1980.
-        day = _unix_day(year + (1900 if year >= 80 else 2000), int(match[2]), int(match[1]))
+        day = unix_day(year + (1900 if year >= 80 else 2000), int(match[2]), int(match[1]))
     latitude, longitude, wrong = fields.position()
     speed, too_fast = _speed(fields.number("spd_over_grnd") * KNOT_MPS)
     return NmeaReading(
@@ -288,7 +312,7 @@ def _zda(fields: _Fields, checksummed: bool) -> NmeaReading:
         "ZDA",
         checksummed,
         time_of_day_s=fields.time_of_day(),
-        unix_day=_unix_day(int(year), int(month), int(day)) if known else None,
+        unix_day=unix_day(int(year), int(month), int(day)) if known else None,
     )
 
 
