@@ -17,7 +17,7 @@ REPO = Path(__file__).resolve().parent.parent
 PACKAGE = REPO / "tpmsd"
 BENCH = REPO / "bench"
 
-EVERYWHERE = {"errors", "wheels"}
+EVERYWHERE = {"errors", "plain", "wheels"}
 """Modules that any room may import, beside its own and those of the table."""
 _CORE_FLOW = ("config", "sources", "timeline", "estimators", "monitor", "sinks")
 """The direction of flow: each imports only what lies before it."""
@@ -27,6 +27,7 @@ ALLOWED: dict[str, set[str]] = {
 ALLOWED |= {
     "errors": set(),
     "wheels": set(),
+    "plain": set(),
     "physics": {"config"},
     "vehicle_state": {"physics"},
     "resonance": {"physics", "config", "sources"},
@@ -49,13 +50,17 @@ ALLOWED |= {
         "daemon",
         *_CORE_FLOW,
     },
-    "__init__": set(),
+    "tables": {"physics", "pipeline", *_CORE_FLOW},
+    "__init__": {"api", "simulator"},
     "__main__": {"cli"},
 }
 for _room in ("estimators", "diagnosis"):
     ALLOWED[_room] = ALLOWED[_room] | {"vehicle_state"}
 for _room in ("monitor", "sinks", "pipeline", "report", "daemon", "cli"):
     ALLOWED[_room] = ALLOWED[_room] | {"resonance"}
+
+ALLOWED["api"] = (ALLOWED["cli"] - {"daemon", "sinks"}) | {"tables"}
+ALLOWED["cli"] = ALLOWED["cli"] | {"api", "tables"}
 
 PURE_ROOMS = {
     *("sources", "timeline", "estimators", "monitor", "pipeline"),

@@ -14,8 +14,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.cli.output import Progress, dumps, to_jsonable, write_json
+from tpmsd.cli.output import Progress, dumps, write_json
 from tpmsd.errors import TpmsdError
+from tpmsd.plain import plain
 
 
 class _Terminal(io.StringIO):
@@ -63,7 +64,7 @@ def test_records_arrays_and_odd_numbers() -> None:
 def test_refuses_what_is_no_data() -> None:
     """An object of no known kind is a defect, not silently a text."""
     with pytest.raises(TypeError, match="object"):
-        to_jsonable(object())
+        plain(object())
 
 
 @given(st.recursive(st.floats() | st.integers() | st.text(), lambda inner: st.lists(inner, max_size=4)))

@@ -7,8 +7,6 @@ In: plain objects, records and numpy values; how much is done. Out: text. Number
 from __future__ import annotations
 
 import argparse
-import dataclasses
-import enum
 import json
 import math
 import sys
@@ -19,6 +17,7 @@ from types import TracebackType
 from typing import IO, TYPE_CHECKING, Any
 
 from tpmsd.errors import TpmsdError
+from tpmsd.plain import plain
 
 if TYPE_CHECKING:
     # Generic for type checkers alone; every command's `add_parser(subparsers: Subparsers)` takes it.
@@ -37,32 +36,9 @@ def add_json_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def to_jsonable(obj: Any) -> Any:
-    """`obj` in the types of JSON: records become objects, arrays lists, NaN and infinities None."""
-    if obj is None or (isinstance(obj, bool | str) and not isinstance(obj, enum.Enum)):
-        return obj
-    if isinstance(obj, enum.Enum):
-        return to_jsonable(obj.value)
-    if isinstance(obj, int):
-        return int(obj)
-    if isinstance(obj, float):
-        return float(obj) if math.isfinite(obj) else None
-    if dataclasses.is_dataclass(obj) and not isinstance(obj, type):
-        return {f.name: to_jsonable(getattr(obj, f.name)) for f in dataclasses.fields(obj)}
-    if isinstance(obj, dict):
-        return {str(key): to_jsonable(value) for key, value in obj.items()}
-    if isinstance(obj, list | tuple | set | frozenset):
-        return [to_jsonable(value) for value in obj]
-    if isinstance(obj, Path):
-        return str(obj)
-    if hasattr(obj, "tolist"):  # numpy arrays and scalars, without importing numpy here
-        return to_jsonable(obj.tolist())
-    raise TypeError(f"cannot be written as JSON: {type(obj).__name__}")
-
-
 def dumps(obj: Any, indent: int | None = 2) -> str:
     """`obj` as JSON text."""
-    return json.dumps(to_jsonable(obj), indent=indent, allow_nan=False, ensure_ascii=False)
+    return json.dumps(plain(obj), indent=indent, allow_nan=False, ensure_ascii=False)
 
 
 def write_json(obj: Any, target: str, stdout: IO[str] | None = None) -> None:

@@ -6,24 +6,23 @@ In: a drive folder. Out: a summary, JSON and a picture; progress on standard err
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import sys
-import time
 from pathlib import Path
 
-from tpmsd.cli.drive_reading import open_drive, play
-from tpmsd.cli.output import Subparsers, add_json_option, write_json
+from tpmsd.api import functions
+from tpmsd.api.drive import Drive
+from tpmsd.api.reading import FolderRecording
+from tpmsd.cli.drive_reading import say, span_s
+from tpmsd.cli.output import Progress, Subparsers, add_json_option, write_json
 from tpmsd.config.load import load_config
 from tpmsd.config.model import FILTER_METHODS, Config
 from tpmsd.errors import ConfigError, InputError
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.physics.model_file import load_model
-from tpmsd.pipeline import Pipeline
 from tpmsd.report.replay_document import replay_document
-from tpmsd.report.replay_recorder import ReplayRecorder
 from tpmsd.report.replay_result import ReplayResult
 from tpmsd.report.replay_summary import replay_summary
-from tpmsd.resonance.watch import ResonanceWatch
+from tpmsd.tables.tick_table import TickTable
 from tpmsd.timeline.compensation import left_alone
 
 _DESCRIPTION = """\
@@ -109,19 +108,14 @@ def _overridden(config: Config, args: argparse.Namespace) -> Config:
 
 def replay(folder: Path, config: Config, model: ExtendedModel | None = None) -> ReplayResult:
     """Run a drive through the core; raises InputError if nothing usable is in it."""
-    drive, database = open_drive(folder, config)
-    recorder = ReplayRecorder(folder.resolve().name, config.vehicle, config.monitor)
-    begun = time.perf_counter()
-    pipeline = Pipeline(config, database, model)
-    watch = pipeline.resonance
-    if watch is None:  # a report all the same
-        watch = ResonanceWatch(config.vehicle.wheel_radius_m)
-        pipeline.timeline.observe = watch.add
-    for step in play(drive, pipeline, "replay"):
-        recorder.add(step.tick, step.estimate, step.report)
-    result = recorder.result(0.0)
-    return dataclasses.replace(
-        result,
-        realtime_factor=result.duration_s / max(time.perf_counter() - begun, 1e-9),
-        resonance=watch.status(),
-    )
+    return replayed(folder, config, model)[0]
+
+
+def replayed(
+    folder: Path, config: Config, model: ExtendedModel | None = None, table: bool = False
+) -> tuple[ReplayResult, TickTable | None]:
+    """The same with a row per tick if wanted; progress and notes on standard error."""
+    recording = FolderRecording(folder)
+    drive = Drive(folder.resolve().name, config, recording)
+    with Progress(span_s(folder) if sys.stderr.isatty() else 0.0, "replay") as progress:
+        return functions.replayed(drive, model, table, progress.update, say)

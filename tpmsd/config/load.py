@@ -59,14 +59,15 @@ def load_config(path: Path, dbc: Path | None = None) -> Config:
     return parsed.config
 
 
-def parse(document: Document, dbc: Path | None = None) -> Parsed:
-    """Check `document` against the schema and make the records."""
-    return _Parser(document).parse(dbc)
+def parse(document: Document, dbc: Path | None = None, *, dbc_elsewhere: bool = False) -> Parsed:
+    """Check `document` against the schema and make the records; `dbc_elsewhere`: the DBC is no file."""
+    return _Parser(document, dbc_elsewhere).parse(dbc)
 
 
 class _Parser:
-    def __init__(self, document: Document) -> None:
+    def __init__(self, document: Document, dbc_elsewhere: bool = False) -> None:
         self._document = document
+        self._dbc_elsewhere = dbc_elsewhere
         self._tables = tables(document.file.parent)
         self._problems: list[Problem] = []
         self._given: dict[str, set[str]] = {table: set() for table in self._tables}
@@ -191,6 +192,8 @@ class _Parser:
 
     def _dbc(self, override: Path | None, can: Mapping[str, Any]) -> Path | None:
         """The DBC's path: the override, the file's own, or `bus.dbc` beside it."""
+        if self._dbc_elsewhere:
+            return Path(DBC_FILE)
         if override is not None:
             if override.is_file():
                 return override

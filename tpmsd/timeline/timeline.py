@@ -73,6 +73,8 @@ class Timeline:
         self._gap_s = 0.0
         self.observe: Callable[[RotationSample], None] | None = None
         """Is shown every rotation sample at its own stamp, for what ticks are too slow for."""
+        self.observe_fix: Callable[[GnssFix], None] | None = None
+        """Is shown every fix as the receiver sent it, before it is put into the plane."""
         self.counts: dict[str, int] = {
             "ticks": 0,
             "late_fixes": 0,
@@ -111,6 +113,8 @@ class Timeline:
         At 9600 baud with all the sentences that a receiver is able to say, that is most of a second: the
         stamp is no step of the clock, and the holdback grows to what the receiver needs (and stays there).
         """
+        if self.observe_fix is not None:
+            self.observe_fix(fix)
         arrival = self._clock.placed(fix.arrival_s)
         ticks = self.advance(fix.arrival_s) if arrival > self._clock.latest_s else []
         arrival = self._clock.placed(fix.arrival_s)

@@ -1,0 +1,163 @@
+"""A drive, from a folder or from arrays.
+
+In: a path, or wheels, fixes and inertial signals as dicts of arrays or data frames. Out: `Drive`, which the
+other functions take; the recording itself is read by them, each time anew.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tpmsd.api.reading import FolderRecording, MemoryRecording, Recording
+from tpmsd.config.load import load_config
+from tpmsd.config.model import Config
+from tpmsd.errors import ConfigError, InputError
+from tpmsd.tables.car_file import Table, car_tables, config_of, toml_text
+from tpmsd.tables.encode import Encoded, encode
+from tpmsd.tables.from_columns import Columns, series_of
+from tpmsd.tables.gather import signals_from
+from tpmsd.tables.signals import Series
+from tpmsd.wheels import WHEELS
+
+ANTENNA = ("antenna_forward_m", "antenna_left_m", "latency_s")
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A recorded or simulated drive with the configuration of its car."""
+
+    name: str
+    config: Config
+    recording: Recording
+    vehicle_toml: str | None = None
+    """The configuration as text, where the drive has no folder."""
+
+    @property
+    def folder(self) -> Path | None:
+        """Where it is stored; None for a drive in memory."""
+        return self.recording.folder if isinstance(self.recording, FolderRecording) else None
+
+    @classmethod
+    def from_tables(
+        cls,
+        wheels: Columns,
+        gnss: Columns | None = None,
+        inertial: Columns | None = None,
+        *,
+        vehicle: Mapping[str, Any] | str | Path | Config,
+        antenna_forward_m: float | None = None,
+        antenna_left_m: float | None = None,
+        modulus: int | None = None,
+        settings: Mapping[str, Table] | None = None,
+        name: str = "tables",
+    ) -> Drive:
+        """A drive from dicts of arrays or data frames, without a file.
+
+        Each table has a column `time_s`; all three share one clock, but not their rows. The name of any other
+        column is a role with its unit, as in the tick table:
+
+        - `wheels`: `wheel_angle_fl_rad`, or `wheel_speed_fl_radps` (`_mps`, `_kmh`, `_rpm`), or
+          `wheel_count_fl`; of all four wheels, or of the rear pair. `modulus`: where counts begin anew.
+        - `gnss`: `latitude_deg` and `longitude_deg` (or a simulator's `east_m` and `north_m`), `altitude_m`,
+          `speed_mps`, `course_rad` (clockwise from north; or `heading_rad`, counter-clockwise from east),
+          `position_std_m` or `hdop`, `quality`, and `arrival_s` and `utc_s` where they differ from `time_s`.
+        - `inertial`: `yaw_rate_radps`, `accel_long_mps2`, `accel_lat_mps2`, `steering_wheel_angle_rad`, ...
+
+        `vehicle` is the table [vehicle] of a vehicle.toml as a dict, or a file or folder with a vehicle.toml,
+        or a `Config`, of which antenna, [filter], [monitor] and [tyre] hold, too. `settings` are further
+        tables of it, such as `{"filter": {"seed": 2}}`. Unknown readings are NaN.
+
+        ConfigError with one line where columns or values make no sense.
+        """
+        tables, radii = _car(vehicle)
+        antenna = {"antenna_forward_m": antenna_forward_m, "antenna_left_m": antenna_left_m}
+        placed = {key: value for key, value in antenna.items() if value is not None}
+        tables = {**tables, "gnss": {**tables.get("gnss", {}), **placed}, **(settings or {})}
+        series = series_of(wheels, "wheels", radii)
+        if inertial is not None:
+            series = _joined(series, series_of(inertial, "inertial", radii))
+        if gnss is not None:
+            series = _joined(series, series_of(gnss, "gnss", radii, "gnss_"))
+        moduli = {} if modulus is None else {f"wheel_count_{wheel}": modulus for wheel in WHEELS}
+        return drive_of(encode(signals_from(series, moduli)), tables, name)
+
+    def save(self, folder: str | Path) -> Path:
+        """Write a drive that was made from tables as a drive folder, and return its path.
+
+        ConfigError for a drive that has a folder already; TpmsdError if the disk does not take it.
+        """
+        from tpmsd.tables.drive_folder import write_folder
+
+        if not isinstance(self.recording, MemoryRecording) or self.vehicle_toml is None:
+            raise ConfigError(f"{self.name}: is stored at {self.folder}")
+        return write_folder(Path(folder), self.recording.items, self.recording.dbc, self.vehicle_toml)
+
+
+def load(path: str | Path, config: str | Path | None = None) -> Drive:
+    """The drive in a folder, with the configuration of its `vehicle.toml` or of another file.
+
+    InputError if there is no such folder; ConfigError if the configuration cannot be used.
+    """
+    folder = Path(path)
+    if not folder.is_dir():
+        raise InputError(folder, "not a folder" if folder.exists() else "no such drive folder")
+    loaded = load_config(folder if config is None else Path(config))
+    return Drive(folder.resolve().name, loaded, FolderRecording(folder))
+
+
+def drive_of(encoded: Encoded, tables: Mapping[str, Table], name: str) -> Drive:
+    """The drive of encoded signals, with the tables of its configuration."""
+    text = toml_text(car_tables(encoded, tables))
+    config = config_of(text)
+    return Drive(name, config, MemoryRecording(name, encoded.items, encoded.dbc), text)
+
+
+def as_drive(drive: Drive | str | Path) -> Drive:
+    """A drive, loaded if it is given by its folder."""
+    return drive if isinstance(drive, Drive) else load(drive)
+
+
+def _joined(one: dict[str, Series], other: dict[str, Series]) -> dict[str, Series]:
+    """Both; what both hold (one data frame given for several tables) is taken once."""
+    return {**other, **one}
+
+
+def settings_of(config: Config) -> dict[str, Table]:
+    """The tables of a configuration that speak of car, antenna and filter, not of bus and files."""
+    tables: dict[str, Table] = {}
+    for name in ("vehicle", "gnss", "filter", "monitor", "tyre"):
+        record = getattr(config, name)
+        values = {
+            field.name: (getattr(record, field.name), field.default) for field in dataclasses.fields(record)
+        }
+        tables[name] = {
+            key: value for key, (value, usual) in values.items() if value not in (None, usual, ())
+        }
+    radii = dict(zip(WHEELS, config.vehicle.wheel_radius_m, strict=True))
+    tables["vehicle"] = {**tables["vehicle"], "wheel_radius_m": radii}
+    tables["gnss"] = {key: tables["gnss"][key] for key in ANTENNA if key in tables["gnss"]}
+    return tables
+
+
+def _car(vehicle: Mapping[str, Any] | str | Path | Config) -> tuple[dict[str, Table], np.ndarray]:
+    """The tables that a car is known by, and its nominal radii (4,)."""
+    if isinstance(vehicle, str | Path):
+        vehicle = load_config(Path(vehicle))
+    if isinstance(vehicle, Config):
+        car = vehicle.vehicle
+        return settings_of(vehicle), np.array(car.wheel_radius_m)
+    radius = vehicle.get("wheel_radius_m")
+    try:
+        if isinstance(radius, Mapping):
+            radii = np.array([float(radius.get(wheel, np.nan)) for wheel in WHEELS])
+        else:
+            radii = np.full(4, np.nan if radius is None else float(radius))
+    except (TypeError, ValueError):
+        radii = np.full(4, np.nan)  # what is wrong with it is told with the rest of the configuration
+    return {"vehicle": dict(vehicle)}, np.where(np.isfinite(radii) & (radii > 0.0), radii, 0.3)

@@ -1,0 +1,238 @@
+"""replay, diagnose, calibrate, simulate: each a function of drives.
+
+In: `Drive`s, or their folders. Out: `Replay`, `Diagnosis`, `Calibration`, and a new `Drive`. Nothing is
+printed and nothing written; what was wrong with a recording is in the result's notes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from tpmsd.api.drive import Drive, as_drive
+from tpmsd.api.reading import (
+    DESK_RATE_HZ,
+    MemoryRecording,
+    Note,
+    Progress,
+    ignore_note,
+    ignore_progress,
+    play,
+    read_ticks,
+)
+from tpmsd.api.results import Calibration, Diagnosis, Replay
+from tpmsd.calibration.calibrate import METHODS
+from tpmsd.calibration.calibrate import calibrate as calibrate_recordings
+from tpmsd.calibration.checks import RefusedError
+from tpmsd.calibration.recording import Recording as CalibrationRecording
+from tpmsd.calibration.recording import record as record_for_calibration
+from tpmsd.diagnosis import diagnose as diagnosis
+from tpmsd.errors import ConfigError, InputError, TpmsdError
+from tpmsd.inference.recording import Recording as DiagnosisRecording
+from tpmsd.inference.recording import record as record_for_diagnosis
+from tpmsd.physics.model import ExtendedModel
+from tpmsd.physics.model_file import load_model
+from tpmsd.pipeline import Pipeline
+from tpmsd.report.replay_recorder import ReplayRecorder
+from tpmsd.report.replay_result import ReplayResult
+from tpmsd.resonance.watch import ResonanceWatch
+from tpmsd.sources.can_frame import CanFrame
+from tpmsd.sources.drive import Sentence
+from tpmsd.tables.tick_table import TickTable, TickTableRecorder
+from tpmsd.timeline.tick import Tick
+
+T = TypeVar("T")
+DriveLike = Drive | str | Path
+Model = ExtendedModel | str | Path
+
+
+def replay(
+    drive: DriveLike,
+    *,
+    model: Model | None = None,
+    seed: int | None = None,
+    method: str | None = None,
+    table: bool = True,
+    progress: Progress = ignore_progress,
+) -> Replay:
+    """Run a drive through the daemon's own core.
+
+    `model`: effects beyond rolling that are compensated; `seed` and `method` take the place of the configured
+    ones; `table`: keep a row per tick (0.6 kB each); `progress` is told the seconds of drive that are done.
+
+    InputError if nothing usable is in the drive; ConfigError on wrong arguments.
+    """
+    one = as_drive(drive)
+    config = one.config
+    changes: dict[str, Any] = {}
+    if seed is not None:
+        if seed < 0:
+            raise ConfigError(f"seed {seed}: a seed is 0 or more")
+        changes["seed"] = seed
+    if method is not None:
+        changes["method"] = method
+    if changes:
+        config = dataclasses.replace(config, filter=dataclasses.replace(config.filter, **changes))
+    notes: list[str] = []
+    extended = load_model(model) if isinstance(model, str | Path) else model
+    result, ticks = replayed(dataclasses.replace(one, config=config), extended, table, progress, notes.append)
+    return Replay(result, ticks, tuple(notes))
+
+
+def replayed(
+    drive: Drive,
+    model: ExtendedModel | None = None,
+    table: bool = False,
+    progress: Progress = ignore_progress,
+    note: Note = ignore_note,
+) -> tuple[ReplayResult, TickTable | None]:
+    """A replay as records, each note handed on at once: what `replay` and the command share."""
+    config = drive.config
+    stream, database = drive.recording.open(config, note)
+    recorder = ReplayRecorder(drive.name, config.vehicle, config.monitor)
+    ticks = TickTableRecorder() if table else None
+    begun = time.perf_counter()
+    pipeline = Pipeline(config, database, model)
+    if ticks is not None:
+        pipeline.timeline.observe_fix = ticks.observe_fix
+    watch = pipeline.resonance
+    if watch is None:  # a report all the same
+        watch = ResonanceWatch(config.vehicle.wheel_radius_m)
+        pipeline.timeline.observe = watch.add
+    for step in play(stream, pipeline, progress, note):
+        recorder.add(step.tick, step.estimate, step.report)
+        if ticks is not None:
+            ticks.add(step)
+    result = recorder.result(0.0)
+    elapsed_s = max(time.perf_counter() - begun, 1e-9)
+    result = dataclasses.replace(
+        result, realtime_factor=result.duration_s / elapsed_s, resonance=watch.status()
+    )
+    return result, None if ticks is None else ticks.table()
+
+
+def diagnose(
+    drives: DriveLike | Iterable[DriveLike],
+    *,
+    simulation: DriveLike | None = None,
+    progress: Callable[[float], None] = ignore_progress,
+) -> Diagnosis:
+    """Say which physics the drives of one car hold that the rolling model (or your `simulation`) lacks.
+
+    `progress` is told the share that is done. ConfigError where the drives are of different cars, or the
+    simulation of another road; InputError where nothing usable is in a drive.
+    """
+    wanted = _drives(drives)
+    recordings = [diagnosis_recording(drive) for drive in wanted]
+    names = tuple(drive.name for drive in wanted)
+    if simulation is None:
+        return Diagnosis(diagnosis.diagnose(recordings, progress), names)
+    if len(recordings) > 1:
+        raise ConfigError("a simulation is compared with one drive, that of which it is a simulation")
+    simulated = diagnosis_recording(as_drive(simulation), "your simulation")
+    return Diagnosis(diagnosis.diagnose_against(recordings[0], simulated, progress), names)
+
+
+def calibrate(
+    drives: DriveLike | Iterable[DriveLike],
+    *,
+    method: str = "joint",
+    progress: Callable[[float], None] = ignore_progress,
+) -> Calibration:
+    """Learn the radii and tracks of a car from its drives.
+
+    `method`: joint or paper; `progress` is told the share that is done. InputError where a calibration cannot
+    be had from a drive (it says why); ConfigError on an unknown method, or drives of different cars.
+    """
+    if method not in METHODS:
+        raise ConfigError(f"no such method: {method!r} (methods: {' '.join(METHODS)})")
+    wanted = _drives(drives)
+    for other in wanted[1:]:
+        if other.config.vehicle != wanted[0].config.vehicle:
+            raise ConfigError(f"{wanted[0].name} and {other.name}: their tables [vehicle] differ")
+    recordings = [calibration_recording(drive) for drive in wanted]
+    try:
+        found, _ = calibrate_recordings(recordings, wanted[0].config.vehicle, method, progress)
+    except RefusedError as refusal:
+        at = refusal.drive
+        where = wanted[at].name if at is not None else ", ".join(drive.name for drive in wanted)
+        raise InputError(where, f"cannot be calibrated from: {refusal}") from None
+    return Calibration(found)
+
+
+def simulate(**settings: Any) -> Drive:
+    """A simulated drive in memory; the arguments are those of `tpmsd.simulator.drive.DriveSpec`.
+
+    `faults` are `tpmsd.Fault`s; `model` is an extended model or a model file. The same arguments give the
+    same drive. ConfigError on what makes no sense.
+    """
+    import numpy as np
+
+    from tpmsd.simulator.drive import DriveSpec, simulate_drive
+    from tpmsd.simulator.drive_writer import nmea_log_line
+    from tpmsd.tables.car_file import config_of
+
+    if isinstance(settings.get("model"), str | Path):
+        settings["model"] = load_model(settings["model"])
+    try:
+        spec = DriveSpec(**settings)
+    except TypeError as error:
+        known = ", ".join(field.name for field in dataclasses.fields(DriveSpec))
+        raise ConfigError(f"simulate: {error} (arguments: {known})") from None
+    made = simulate_drive(spec)
+    frames = made.frames
+    data = np.ascontiguousarray(frames.data)
+    items: list[CanFrame | Sentence] = [
+        CanFrame(round(time_s, 6), "can0", identifier, identifier > 0x7FF, False, False, False, row.tobytes())
+        for time_s, identifier, row in zip(
+            frames.time_s.tolist(), frames.frame_id.tolist(), data, strict=True
+        )
+    ]
+    for number, line in enumerate(made.nmea, 1):
+        stamp, _, text = nmea_log_line(line).partition(" ")
+        items.append(Sentence(float(stamp[1:-1]), text.strip().encode("ascii"), number))
+    items.sort(key=lambda item: item.time_s)
+    name = f"simulated-{spec.route}-{spec.seed}"
+    config = config_of(made.vehicle_toml)
+    return Drive(name, config, MemoryRecording(name, tuple(items), made.dbc), made.vehicle_toml)
+
+
+def diagnosis_recording(drive: Drive, name: str | None = None) -> DiagnosisRecording:
+    """A drive as the diagnosis' arrays; InputError where nothing usable is in it."""
+    return _recorded(drive, lambda ticks: record_for_diagnosis(ticks, drive.config, name or drive.name))
+
+
+def calibration_recording(drive: Drive) -> CalibrationRecording:
+    """A drive as the calibration's arrays; InputError where nothing usable is in it."""
+    return _recorded(drive, lambda ticks: record_for_calibration(drive.name, ticks, drive.config))
+
+
+def _recorded(drive: Drive, record: Callable[[list[Tick]], T]) -> T:
+    try:
+        return record(read_ticks(drive.recording, drive.config, DESK_RATE_HZ))
+    except TpmsdError:
+        raise
+    except ValueError as error:
+        raise InputError(drive.name, str(error)) from None
+
+
+def _drives(drives: DriveLike | Iterable[DriveLike]) -> list[Drive]:
+    """All drives, loaded, with names that tell them apart; ConfigError if there is none or one twice."""
+    given = [drives] if isinstance(drives, Drive | str | Path) else list(drives)
+    if not given:
+        raise ConfigError("no drive")
+    loaded = [as_drive(drive) for drive in given]
+    folders = [drive.folder.resolve() for drive in loaded if drive.folder is not None]
+    for k, folder in enumerate(folders):
+        if folder in folders[:k]:
+            raise ConfigError(f"{folder}: the drive is given twice")
+    names = [drive.name for drive in loaded]
+    return [
+        drive
+        if names.count(drive.name) == 1
+        else dataclasses.replace(drive, name=str(drive.folder or f"{drive.name} {k + 1}"))
+        for k, drive in enumerate(loaded)
+    ]

@@ -1,0 +1,214 @@
+"""Plays a recorded drive into the core: what replay, calibrate and diagnose share.
+
+In: a drive folder, or frames and sentences in memory, and the configuration. Out: what the core makes of each
+frame and sentence. What is wrong with the recording goes to a callback, a line each.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol, TypeVar
+
+import cantools.database
+from cantools.database.can import Database
+
+from tpmsd.config.model import Config
+from tpmsd.errors import ConfigError, InputError
+from tpmsd.sources.can_channels import choose_channel
+from tpmsd.sources.can_decoder import CanDecoder, load_database
+from tpmsd.sources.can_frame import CanFrame
+from tpmsd.sources.can_log import read_can_log
+from tpmsd.sources.drive import Drive as FolderStream
+from tpmsd.sources.drive import Sentence
+from tpmsd.sources.plain_nmea import clock_offset
+from tpmsd.sources.signal_plan import compile_plans
+from tpmsd.timeline.tick import Tick
+from tpmsd.timeline.tick_source import TickSource
+
+DESK_RATE_HZ = 10.0
+"""Fast enough for the motion of a car, and slow enough for the counts of a coarse ring."""
+PROGRESS_EVERY = 2000
+"""Frames and sentences between two calls of the progress callback."""
+
+Out = TypeVar("Out")
+Note = Callable[[str], None]
+Progress = Callable[[float], None]
+
+
+def ignore_note(line: str) -> None:
+    """Drop a note."""
+
+
+def ignore_progress(done_s: float) -> None:
+    """Drop a report of progress."""
+
+
+class Core(Protocol[Out]):
+    """What a drive can be played into: `TickSource` and `Pipeline`."""
+
+    @property
+    def decoder(self) -> CanDecoder:
+        """Its counts tell whether the DBC fits."""
+        ...
+
+    def on_frame(
+        self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, is_fd: bool = False
+    ) -> list[Out]:
+        """Take one CAN data frame."""
+        ...
+
+    def on_sentence(self, time_s: float, line: bytes) -> list[Out]:
+        """Take one NMEA line."""
+        ...
+
+    def finish(self) -> list[Out]:
+        """Complete what the end of the recording completes."""
+        ...
+
+
+class Stream(Protocol):
+    """One pass over a recording, oldest first."""
+
+    counts: Counter[str]
+    first_bad: dict[str, str]
+
+    @property
+    def can_log(self) -> Path:
+        """What an error about the frames names."""
+        ...
+
+    def __iter__(self) -> Iterator[CanFrame | Sentence]:
+        """Frames and sentences in the order of their stamps."""
+        ...
+
+
+class Recording(Protocol):
+    """A drive that can be opened any number of times."""
+
+    def open(self, config: Config, note: Note = ignore_note) -> tuple[Stream, Database]:
+        """A new pass over it, its clocks aligned, and its DBC."""
+        ...
+
+
+@dataclass(frozen=True)
+class FolderRecording:
+    """A drive folder (docs: formats)."""
+
+    folder: Path
+
+    def open(self, config: Config, note: Note = ignore_note) -> tuple[FolderStream, Database]:
+        """The drive, its clocks aligned, and its DBC.
+
+        InputError if there is no such drive; ConfigError (with the configuration's file) if the signals do
+        not fit.
+        """
+        folder = self.folder
+        if not folder.is_dir():
+            raise InputError(folder, "not a folder" if folder.exists() else "no such drive folder")
+        stream = FolderStream(folder)
+        database = load_database(config.can.dbc)
+        try:
+            decoder = CanDecoder(config, database)
+        except ConfigError as error:
+            raise ConfigError(f"{config.file or folder}: {error}") from None
+        plans = compile_plans(config, database)
+        channel = choose_channel(read_can_log(stream.can_log), plans, config.can.channel)
+        stream.channel = channel.name
+        if channel.note:
+            note(f"{stream.can_log}: {channel.note}")
+        if not stream.host_times:
+            _align_clocks(stream, config, decoder, note)
+        return stream, database
+
+
+@dataclass(frozen=True)
+class MemoryRecording:
+    """Frames and sentences that never were files, in the order of their stamps."""
+
+    name: str
+    items: Sequence[CanFrame | Sentence]
+    dbc: str
+
+    def open(self, config: Config, note: Note = ignore_note) -> tuple[MemoryStream, Database]:
+        """A new pass over them, and their DBC."""
+        database = cantools.database.load_string(self.dbc, "dbc")
+        assert isinstance(database, Database)
+        return MemoryStream(self.name, self.items), database
+
+
+class MemoryStream:
+    """One pass over frames and sentences in memory."""
+
+    def __init__(self, name: str, items: Iterable[CanFrame | Sentence]) -> None:
+        self._items = items
+        self.can_log = Path(name)
+        self.counts: Counter[str] = Counter()
+        self.first_bad: dict[str, str] = {}
+
+    def __iter__(self) -> Iterator[CanFrame | Sentence]:
+        """Frames and sentences, oldest first."""
+        return iter(self._items)
+
+
+def play(
+    stream: Stream,
+    core: Core[Out],
+    progress: Progress = ignore_progress,
+    note: Note = ignore_note,
+) -> Iterator[Out]:
+    """What the core makes of the whole drive, in order; `progress` is told the seconds that are done.
+
+    InputError at the end if no frame had an identifier that the configured signals need.
+    """
+    start: float | None = None
+    for number, item in enumerate(stream):
+        if isinstance(item, CanFrame):
+            time_s, _, identifier, is_extended, is_fd, is_error, is_remote, data, _ = item
+            if not (is_error or is_remote):
+                yield from core.on_frame(time_s, identifier, is_extended, data, is_fd)
+        else:
+            yield from core.on_sentence(item.time_s, item.line)
+        if number % PROGRESS_EVERY == 0:
+            start = item.time_s if start is None else start
+            progress(item.time_s - start)
+    yield from core.finish()
+    counts = core.decoder.counts
+    if counts["frames"] == counts["ignored"]:
+        # A drive in which no wheel ever turned up is the wrong DBC or the wrong log, not a quiet drive.
+        raise InputError(
+            stream.can_log,
+            f"none of its {counts['frames']} frames has an identifier that the configured signals need "
+            "(wrong DBC or log?)",
+        )
+    for source, first in stream.first_bad.items():
+        count = stream.counts[f"{source} bad lines"]
+        lines = "1 bad line" if count == 1 else f"{count} bad lines"
+        note(f"{lines} skipped, first {first}")
+
+
+def read_ticks(
+    recording: Recording,
+    config: Config,
+    rate_hz: float = DESK_RATE_HZ,
+    progress: Progress = ignore_progress,
+    note: Note = ignore_note,
+) -> list[Tick]:
+    """All ticks of a drive, made as the daemon's own core makes them, without an estimator."""
+    stream, database = recording.open(config, note)
+    return list(play(stream, TickSource(config, database, rate_hz), progress, note))
+
+
+def _align_clocks(stream: FolderStream, config: Config, decoder: CanDecoder, note: Note) -> None:
+    """Put plain NMEA lines, whose UTC is their only clock, onto the host clock of the CAN log."""
+    again = FolderStream(stream.folder)
+    again.channel = stream.channel
+    found = clock_offset(again, decoder, config.vehicle.wheel_radius_m[2])
+    if found is not None and found.trusted:
+        stream.gnss_offset_s = found.offset_s
+        shown = f"shifted by {found.offset_s:+.2f} s to fit the wheels (correlation {found.correlation:.3f})"
+    else:
+        shown = "taken as the host clock, for the speeds do not tell its offset"
+    note(f"{stream.nmea_log}: lines bear no host time; their UTC is {shown}")

@@ -1,0 +1,274 @@
+"""What the functions return: records that equal the commands' JSON, and show themselves.
+
+In: the results of replay, diagnosis and calibration. Out: `Replay`, `Diagnosis`, `Calibration` with
+`to_dict()` (the JSON of the command), `to_pandas()`, `plot()` and a table for notebooks.
+"""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tpmsd.calibration.result import Calibration as CalibrationResult
+from tpmsd.calibration.wording import document as calibration_document
+from tpmsd.diagnosis.result import Diagnosis as DiagnosisResult
+from tpmsd.diagnosis.result import Finding
+from tpmsd.errors import ConfigError
+from tpmsd.monitor.records import AlarmEvent
+from tpmsd.physics.model import ExtendedModel
+from tpmsd.physics.model_file import save_model
+from tpmsd.plain import plain
+from tpmsd.report.diagnosis_document import diagnosis_document
+from tpmsd.report.replay_document import replay_document
+from tpmsd.report.replay_result import ReplayResult, WheelOutcome
+from tpmsd.tables.extras import need, need_pandas
+from tpmsd.tables.tick_table import TickTable
+from tpmsd.wheels import WHEELS
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What the daemon would have said on a drive."""
+
+    result: ReplayResult
+    """The record that reports and plots are made of."""
+    table: TickTable | None
+    """A row per tick; None where it was not asked for."""
+    notes: tuple[str, ...] = ()
+    """What was wrong with the recording, a line each."""
+
+    @property
+    def alarms(self) -> tuple[AlarmEvent, ...]:
+        """Alarms raised and cleared, in order."""
+        return self.result.alarms
+
+    @property
+    def wheels(self) -> dict[str, WheelOutcome]:
+        """Each wheel that was on the bus, at the end of the drive."""
+        return {one.wheel: one for one in self.result.wheels if one.seen_s > 0}
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document of `tpmsd replay --json`."""
+        return _plain_dict(replay_document(self.result))
+
+    def to_pandas(self) -> pd.DataFrame:
+        """The tick table; ConfigError where it was not asked for, or without pandas."""
+        if self.table is None:
+            raise ConfigError("the ticks were not kept: replay(drive, table=True)")
+        return self.table.to_pandas()
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Deviation of each radius from nominal with a band of two standard deviations, and the alarms."""
+        axes = _axes(ax)
+        result = self.result
+        minutes = (result.time_s - result.start_s) / 60.0
+        for k, wheel in enumerate(WHEELS):
+            middle, band = 1e3 * result.deviation_m[:, k], 2e3 * result.std_m[:, k]
+            if not any(math.isfinite(value) for value in middle.tolist()):
+                continue
+            (line,) = axes.plot(minutes, middle, label=wheel, **_STYLES[wheel])
+            axes.fill_between(minutes, middle - band, middle + band, color=line.get_color(), alpha=0.2, lw=0)
+        for alarm in result.alarms:
+            dashes = "-" if alarm.state == "raised" else ":"
+            axes.axvline((alarm.time_s - result.start_s) / 60.0, color="black", lw=0.8, ls=dashes)
+        axes.set(xlabel="time (min)", ylabel="radius minus nominal (mm)", title=result.drive)
+        axes.legend(ncols=4, frameon=False)
+        return axes
+
+    def _repr_html_(self) -> str:
+        """The wheels and alarms as tables for a notebook."""
+        document = self.to_dict()
+        wheels = [
+            (
+                name,
+                _mm(one["deviation_mm"], one["std_mm"]),
+                _mm(one["change_mm"], one["change_std_mm"]),
+                one["state"],
+            )
+            for name, one in document["wheels"].items()
+        ]
+        alarms = [
+            (f"{one['drive_time_s']:.0f} s", one["kind"], one["wheel"] or "", one["state"], one["reason"])
+            for one in document["alarms"]
+        ]
+        head = f"{document['drive']}: {(document['duration_s'] or 0.0) / 60:.1f} min"
+        return _page(
+            head,
+            (("wheel", "minus nominal (mm)", "change (mm)", "state"), wheels),
+            (("time", "alarm", "wheel", "state", "reason"), alarms),
+        )
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Which physics drives hold and the rolling model leaves out."""
+
+    result: DiagnosisResult
+    """The record that reports and plots are made of."""
+    drives: tuple[str, ...]
+    model_file: str | None = None
+    """Where the extended model was written, if it was."""
+
+    @property
+    def verdict(self) -> str:
+        """consistent, mismatch or insufficient_data."""
+        return self.result.verdict
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """The strongest first."""
+        return self.result.findings
+
+    @property
+    def model(self) -> ExtendedModel:
+        """The rolling model with what was found; `replay` and `simulate` take it."""
+        return self.result.model
+
+    def save_model(self, path: str | Path) -> Path:
+        """Write the extended model as a model.toml that the commands take with --model."""
+        save_model(Path(path), self.model, f"written by tpmsd.diagnose from {', '.join(self.drives)}")
+        return Path(path)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document of `tpmsd diagnose --json`."""
+        return _plain_dict(diagnosis_document(self.result, self.model_file))
+
+    def to_pandas(self) -> pd.DataFrame:
+        """A row per parameter of each finding (one row for a finding without parameters)."""
+        rows = []
+        for finding in self.to_dict()["findings"]:
+            shared = {
+                "effect": finding["effect"],
+                "confidence": finding["confidence"],
+                "wheels": " ".join(finding["where"]["wheels"]),
+                "channel": finding["where"]["channel"],
+                "covariate": finding["where"]["covariate"],
+                "gain_nats": finding["heldout"].get("loglik_gain"),
+            }
+            none = {"": {"value": None, "std": None, "unit": ""}}
+            for name, quantity in (finding["parameters"] or none).items():
+                rows.append({**shared, "parameter": name, **quantity})
+        columns = ["effect", "parameter", "value", "std", "unit", "confidence"]
+        columns += ["wheels", "channel", "covariate", "gain_nats"]
+        frame: pd.DataFrame = need_pandas().DataFrame(rows, columns=columns)
+        return frame
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Held-out log-likelihood gain of each finding."""
+        axes = _axes(ax)
+        names = [finding.effect for finding in self.findings][::-1]
+        gains = [finding.gain for finding in self.findings][::-1]
+        axes.barh(range(len(names)), gains, color="#0072B2")
+        axes.set_yticks(range(len(names)), names)
+        axes.set(
+            xlabel="held-out log-likelihood gain (nats)", title=f"{', '.join(self.drives)}: {self.verdict}"
+        )
+        return axes
+
+    def _repr_html_(self) -> str:
+        """The findings as a table for a notebook."""
+        rows = []
+        for finding in self.to_dict()["findings"]:
+            values = ", ".join(f"{name} = {_quantity(one)}" for name, one in finding["parameters"].items())
+            rows.append((finding["effect"], values, f"{finding['confidence']:.2f}"))
+        reason = f" ({self.result.reason})" if self.result.reason else ""
+        head = f"{', '.join(self.drives)}: {self.verdict}{reason}"
+        return _page(head, (("effect", "parameters", "confidence"), rows))
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Radii and tracks of a car by its drives."""
+
+    result: CalibrationResult
+    """The record that reports and plots are made of."""
+
+    @property
+    def radii_m(self) -> dict[str, float]:
+        """The radius of each wheel that was read."""
+        return {wheel: one.radius_m for wheel, one in self.result.wheels.items()}
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document of `tpmsd calibrate --json`."""
+        return _plain_dict(calibration_document(self.result))
+
+    def to_pandas(self) -> pd.DataFrame:
+        """A row per wheel."""
+        rows = [{"wheel": wheel, **values} for wheel, values in self.to_dict()["wheels"].items()]
+        frame: pd.DataFrame = need_pandas().DataFrame(rows)
+        return frame
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Each wheel's radius with two standard deviations."""
+        axes = _axes(ax)
+        wheels = self.result.wheels
+        values = [1e3 * one.radius_m for one in wheels.values()]
+        bands = [2e3 * one.radius_std_m for one in wheels.values()]
+        axes.errorbar(range(len(wheels)), values, yerr=bands, fmt="o", capsize=4, color="#0072B2")
+        axes.set_xticks(range(len(wheels)), list(wheels))
+        axes.set(ylabel="radius (mm), two standard deviations", title=", ".join(self.result.drives))
+        return axes
+
+    def _repr_html_(self) -> str:
+        """The radii as a table for a notebook."""
+        rows = [
+            (wheel, f"{1e3 * one.radius_m:.2f} ± {1e3 * one.radius_std_m:.2f}")
+            for wheel, one in self.result.wheels.items()
+        ]
+        return _page(f"Calibration from {', '.join(self.result.drives)}", (("wheel", "radius (mm)"), rows))
+
+
+# Okabe and Ito's palette, told apart by colour-blind eyes; dashes tell the lines apart in grey.
+_STYLES: dict[str, dict[str, Any]] = {
+    "fl": {"color": "#0072B2", "ls": "-"},
+    "fr": {"color": "#D55E00", "ls": "--"},
+    "rl": {"color": "#009E73", "ls": "-."},
+    "rr": {"color": "#CC79A7", "ls": ":"},
+}
+
+
+def _axes(ax: Axes | None) -> Axes:
+    if ax is not None:
+        return ax
+    pyplot = need("matplotlib.pyplot", "plot", "plots")
+    _, made = pyplot.subplots(layout="constrained")
+    axes: Axes = made
+    return axes
+
+
+def _plain_dict(document: dict[str, Any]) -> dict[str, Any]:
+    made: dict[str, Any] = plain(document)
+    return made
+
+
+def _mm(value: float | None, std: float | None) -> str:
+    if value is None:
+        return ""
+    return f"{value:+.2f}" if std is None else f"{value:+.2f} ± {std:.2f}"
+
+
+def _quantity(quantity: dict[str, Any]) -> str:
+    value, std = quantity["value"], quantity["std"]
+    if not isinstance(value, int | float):
+        return str(value)
+    return f"{value:.4g}" + ("" if std is None else f" ± {std:.2g}") + f" {quantity['unit']}"
+
+
+def _page(head: str, *tables: tuple[Sequence[str], Iterable[Sequence[object]]]) -> str:
+    parts = [f"<p><b>{html.escape(head)}</b></p>"]
+    for names, rows in tables:
+        body = "".join(
+            "<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows
+        )
+        titles = "".join(f"<th>{html.escape(name)}</th>" for name in names)
+        if body:
+            parts.append(f"<table><thead><tr>{titles}</tr></thead><tbody>{body}</tbody></table>")
+    return "".join(parts)

@@ -1,0 +1,38 @@
+"""Records and arrays in the types of JSON.
+
+In: any object of the program. Out: dicts, lists, texts, numbers and None; NaN and infinities become None.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import math
+from pathlib import Path
+from typing import Any
+
+
+def plain(obj: Any) -> Any:
+    """`obj` in the types of JSON: records become objects, arrays lists, NaN and infinities None.
+
+    TypeError for what JSON has no form for.
+    """
+    if obj is None or (isinstance(obj, bool | str) and not isinstance(obj, enum.Enum)):
+        return obj
+    if isinstance(obj, enum.Enum):
+        return plain(obj.value)
+    if isinstance(obj, int):
+        return int(obj)
+    if isinstance(obj, float):
+        return float(obj) if math.isfinite(obj) else None
+    if dataclasses.is_dataclass(obj) and not isinstance(obj, type):
+        return {f.name: plain(getattr(obj, f.name)) for f in dataclasses.fields(obj)}
+    if isinstance(obj, dict):
+        return {str(key): plain(value) for key, value in obj.items()}
+    if isinstance(obj, list | tuple | set | frozenset):
+        return [plain(value) for value in obj]
+    if isinstance(obj, Path):
+        return str(obj)
+    if hasattr(obj, "tolist"):  # numpy arrays and scalars, without importing numpy here
+        return plain(obj.tolist())
+    raise TypeError(f"cannot be written as JSON: {type(obj).__name__}")

@@ -1,0 +1,27 @@
+"""The packages that tables need and the daemon does not: imported where used, with one line where missing.
+
+In: nothing. Out: the module, or ConfigError that names the extra.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from tpmsd.errors import ConfigError
+
+
+def need(module: str, extra: str, what: str) -> Any:
+    """Import a module of an extra; ConfigError with the command that installs it."""
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        package = module.partition(".")[0]
+        raise ConfigError(
+            f"{what} need {package}, which is not installed: pip install 'tpmsd[{extra}]'"
+        ) from None
+
+
+def need_pandas() -> Any:
+    """pandas."""
+    return need("pandas", "tables", "data frames")

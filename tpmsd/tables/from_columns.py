@@ -1,0 +1,86 @@
+"""Arrays and data frames with named columns as series by role.
+
+In: mappings (dicts, data frames) from a column's name, its unit as suffix, to an array. Out: role -> `Series`
+in SI units. Pure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, Protocol
+
+import numpy as np
+
+from tpmsd.config.suggest import nearest
+from tpmsd.errors import ConfigError
+from tpmsd.tables.columns import BY_NAME
+from tpmsd.tables.roles import ROLES, SUFFIXES, is_linear, scale_of, split_name
+from tpmsd.tables.signals import Series
+from tpmsd.wheels import WHEELS, FloatArray
+
+TIME = "time_s"
+
+
+class Columns(Protocol):
+    """A dict of arrays, a data frame, a structured array."""
+
+    def __getitem__(self, name: str, /) -> Any:
+        """A column."""
+        ...
+
+
+def series_of(columns: Columns, what: str, radius_m: Iterable[float], prefix: str = "") -> dict[str, Series]:
+    """Role -> series of the columns that are roles.
+
+    `what` is the argument's name, for errors; `radius_m` (4,) divides speeds along the road; `prefix` may be
+    left out in the names. Other columns of the tick table are passed over; a column that is neither is a
+    ConfigError, as are columns of unequal length.
+    """
+    names = _names(columns, what)
+    if TIME not in names:
+        raise ConfigError(f"{what}: no column {TIME}; found {', '.join(names) or 'none'}")
+    time_s = _array(columns, TIME, what)
+    radii = dict(zip(WHEELS, radius_m, strict=True))
+    found: dict[str, Series] = {}
+    # In a table that spells the prefix out, `speed_mps` is something else.
+    prefix = "" if any(prefix and name.startswith(prefix) for name in names) else prefix
+    for name in names:
+        split = split_name(name, prefix)
+        if name == TIME or (split is None and name in BY_NAME):
+            continue
+        if split is None:
+            stem, _, suffix = name.rpartition("_")
+            near = nearest(stem if suffix in SUFFIXES else name, ROLES)
+            hint = f"; did you mean {near}?" if near else f"; roles: {' '.join(ROLES)}"
+            raise ConfigError(f"{what}: column {name!r} is no role with a unit{hint}")
+        role, unit = split
+        if role in found:
+            raise ConfigError(f"{what}: {role} is given twice")
+        values = _array(columns, name, what)
+        if len(values) != len(time_s):
+            raise ConfigError(f"{what}: {name} has {len(values)} rows, {TIME} {len(time_s)}")
+        factor, offset = scale_of(role, unit)
+        if is_linear(role, unit):
+            factor /= radii[role[-2:]]
+        found[role] = Series(time_s, values * factor + offset)
+    return found
+
+
+def _names(columns: Any, what: str) -> list[str]:
+    if hasattr(columns, "columns"):  # data frames of pandas and polars
+        return [str(name) for name in columns.columns]
+    if getattr(getattr(columns, "dtype", None), "names", None):
+        return list(columns.dtype.names)
+    if hasattr(columns, "keys"):
+        return [str(name) for name in columns.keys()]  # noqa: SIM118 - a mapping-like, not always iterable so
+    raise ConfigError(f"{what}: give a dict of arrays or a data frame, not {type(columns).__name__}")
+
+
+def _array(columns: Any, name: str, what: str) -> FloatArray:
+    try:
+        values = np.asarray(columns[name], dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"{what}: {name}: not numbers: {error}") from None
+    if values.ndim != 1:
+        raise ConfigError(f"{what}: {name} has shape {values.shape}, one dimension is wanted")
+    return values

@@ -1,0 +1,168 @@
+"""From series by role to a car's signals.
+
+In: role -> `Series` in SI units, the nominal radii. Out: `Signals`. Pure.
+
+Wheel speeds become angles by the trapezoidal rule; counts that roll over are unwrapped by their modulus;
+positions in a simulator's plane are laid on the ellipsoid so that lengths and angles along the way stay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from tpmsd.config.model import OPTIONAL_ROLES
+from tpmsd.errors import ConfigError
+from tpmsd.tables.roles import ANGLE_ROLES, COUNT_ROLES, SPEED_ROLES, STD_ROLES
+from tpmsd.tables.signals import Fixes, Series, Signals
+from tpmsd.wheels import WHEELS, FloatArray
+
+ORIGIN_DEG = (50.0, 8.0)
+"""Latitude and longitude at which the plane of a simulator touches the earth; any place will do."""
+WGS84_A_M, WGS84_E2 = 6_378_137.0, 0.0066943799901413165
+FINEST_RAD = 2.0e-5
+"""Counts finer than this, 6 um of road, are taken for exact."""
+PLANE_STD_M = 1.0
+"""Standard deviation of positions of which the table says nothing."""
+
+
+def signals_from(series: Mapping[str, Series], modulus: Mapping[str, int] | None = None) -> Signals:
+    """Sort the series out; `modulus`: at which number a wheel's count begins anew, by role.
+
+    ConfigError where wheels are missing, or told in two ways.
+    """
+    kinds = {
+        "angles": {wheel: series[role] for wheel, role in _present(ANGLE_ROLES, series)},
+        "speeds": {wheel: series[role] for wheel, role in _present(SPEED_ROLES, series)},
+        "counts": {wheel: series[role] for wheel, role in _present(COUNT_ROLES, series)},
+    }
+    found = [kind for kind, wheels in kinds.items() if wheels]
+    if not found:
+        raise ConfigError("no wheel: give wheel_angle_*, wheel_speed_* or wheel_count_* of the wheels")
+    if len(found) > 1:
+        raise ConfigError(f"wheels are given as {' and as '.join(found)}; one of them, please")
+    wheels = kinds[found[0]]
+    missing = [wheel for wheel in ("rl", "rr") if wheel not in wheels]
+    if ("fl" in wheels) != ("fr" in wheels):
+        missing.append("fr" if "fl" in wheels else "fl")
+    if missing:
+        raise ConfigError(f"no wheel_*_{missing[0]}: all four wheels are needed, or the rear pair")
+    for wheel, one in wheels.items():
+        _check_times(one, f"wheel {wheel}")
+    angles: dict[str, Series] = {}
+    counts: dict[str, Series] = {}
+    if found[0] == "angles":
+        angles = wheels
+    elif found[0] == "speeds":
+        angles = {wheel: _integrated(one) for wheel, one in wheels.items()}
+    else:
+        moduli = modulus or {}
+        counts = {wheel: _unwrapped(one, moduli.get(f"wheel_count_{wheel}")) for wheel, one in wheels.items()}
+    inertial = {role: series[role] for role in OPTIONAL_ROLES if role in series}
+    for role, one in inertial.items():
+        _check_times(one, role)
+    return Signals(angles, counts, _counts_per_turn(series), inertial, _fixes(series))
+
+
+def _counts_per_turn(series: Mapping[str, Series]) -> float | None:
+    """By the rotations' standard deviations, each quantum / sqrt(6); None where there is none."""
+    stds = [series[role].finite().value for role in STD_ROLES if role in series]
+    std = float(np.median(np.concatenate(stds))) if stds and sum(map(len, stds)) else 0.0
+    return None if std < FINEST_RAD else round(2.0 * np.pi / (std * np.sqrt(6.0)), 6)
+
+
+def _present(roles: tuple[str, ...], series: Mapping[str, Series]) -> list[tuple[str, str]]:
+    return [(wheel, role) for wheel, role in zip(WHEELS, roles, strict=True) if role in series]
+
+
+def _check_times(series: Series, name: str) -> None:
+    times = series.finite().time_s
+    if len(times) < 2:
+        raise ConfigError(f"{name}: fewer than two readings")
+    if not bool(np.all(np.diff(times) > 0)):
+        at = int(np.flatnonzero(np.diff(times) <= 0)[0])
+        raise ConfigError(f"{name}: time does not rise at {times[at + 1]:.6f} s")
+
+
+def _integrated(series: Series) -> Series:
+    known = series.finite()
+    steps = np.diff(known.time_s) * 0.5 * (known.value[1:] + known.value[:-1])
+    return Series(known.time_s, np.concatenate([[0.0], np.cumsum(steps)]))
+
+
+def _unwrapped(series: Series, modulus: int | None) -> Series:
+    if modulus is None:
+        return series
+    known = series.finite()
+    steps = np.diff(known.value)
+    steps = steps - modulus * np.round(steps / modulus)
+    return Series(known.time_s, known.value[0] + np.concatenate([[0.0], np.cumsum(steps)]))
+
+
+def _fixes(series: Mapping[str, Series]) -> Fixes | None:
+    """The fixes: rows in which the receiver told a position or a speed."""
+    told = {role: one for role, one in series.items() if role.startswith("gnss_")}
+    anchor = next((told[r] for r in ("gnss_latitude", "gnss_east", "gnss_speed") if r in told), None)
+    if anchor is None:
+        if told:
+            raise ConfigError(f"{', '.join(sorted(told))}: without latitude and longitude, or east and north")
+        return None
+    for one, other in (("gnss_latitude", "gnss_longitude"), ("gnss_east", "gnss_north")):
+        if (one in told) != (other in told):
+            raise ConfigError(f"{one} and {other} go together")
+    known = np.isfinite(anchor.value) & np.isfinite(anchor.time_s)
+    time_s = anchor.time_s[known]
+    columns = {role: _at(one, time_s) for role, one in told.items()}
+    nothing = np.full(len(time_s), np.nan)
+    latitude, longitude = columns.get("gnss_latitude", nothing), columns.get("gnss_longitude", nothing)
+    course = columns.get("gnss_course", nothing)
+    turned = np.zeros(len(time_s))
+    if "gnss_east" in columns:
+        latitude, longitude, turned = on_earth(
+            columns["gnss_east"], columns["gnss_north"], columns.get("gnss_altitude", nothing)
+        )
+    if "gnss_heading" in columns:
+        course = np.mod(np.pi / 2 - columns["gnss_heading"] - turned, 2 * np.pi)
+    arrival = columns.get("gnss_arrival", time_s)
+    std = columns.get("gnss_position_std", nothing)
+    if "gnss_hdop" not in columns and "gnss_position_std" not in columns:
+        std = np.full(len(time_s), PLANE_STD_M)
+    order = np.argsort(arrival, kind="stable")
+    table = (
+        *(arrival, columns.get("gnss_utc", arrival), latitude, longitude),
+        *(columns.get("gnss_altitude", nothing), std, columns.get("gnss_speed", nothing), course),
+        *(columns.get("gnss_quality", nothing), columns.get("gnss_hdop", nothing)),
+    )
+    return Fixes(*(np.asarray(column[order], dtype=np.float64) for column in table))
+
+
+def _at(series: Series, time_s: FloatArray) -> FloatArray:
+    """Values at the fixes' times: the reading of that very time, else the last before it."""
+    if len(series.time_s) == len(time_s) and np.array_equal(series.time_s, time_s):
+        return series.value
+    at = np.searchsorted(series.time_s, time_s, side="right") - 1
+    return np.where(at >= 0, series.value[np.maximum(at, 0)], np.nan)
+
+
+def on_earth(
+    east_m: FloatArray, north_m: FloatArray, height_m: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(n,) latitude and longitude (deg) of a path in a plane, and what true east turned against it (rad).
+
+    The plane rolls over the ellipsoid with the car: a straight line becomes a geodesic, along which true
+    north turns by -d_east * tan(latitude) / N. Fixed-point iteration, five digits per round below 100 km.
+    """
+    height = np.where(np.isfinite(height_m), height_m, 0.0)
+    steps = np.diff(east_m) + 1j * np.diff(north_m)
+    lat = np.full(len(east_m), np.radians(ORIGIN_DEG[0]))
+    turned = np.zeros(len(east_m))
+    for _ in range(5):
+        middle, up = 0.5 * (lat[1:] + lat[:-1]), 0.5 * (height[1:] + height[:-1])
+        w2 = 1.0 - WGS84_E2 * np.sin(middle) ** 2
+        meridian, prime = WGS84_A_M * (1 - WGS84_E2) / w2**1.5 + up, WGS84_A_M / np.sqrt(w2) + up
+        true = steps * np.exp(0.5j * (turned[1:] + turned[:-1]))
+        lat = lat[0] + np.concatenate([[0.0], np.cumsum(true.imag / meridian)])
+        turned = -np.concatenate([[0.0], np.cumsum(true.real * np.tan(middle) / prime)])
+    lon = np.concatenate([[0.0], np.cumsum(true.real / (prime * np.cos(middle)))])
+    return np.degrees(lat), ORIGIN_DEG[1] + np.degrees(lon), turned
