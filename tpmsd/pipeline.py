@@ -63,11 +63,17 @@ class Pipeline:
             self.timeline.observe = self.resonance.add
 
     def on_frame(
-        self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, is_fd: bool = False
+        self,
+        time_s: float,
+        arbitration_id: int,
+        is_extended: bool,
+        data: bytes,
+        is_fd: bool = False,
+        bus: int = 0,
     ) -> list[Step]:
-        """Take one CAN data frame."""
-        steps = self._run(self._source.on_frame(time_s, arbitration_id, is_extended, data, is_fd))
-        if arbitration_id == self._reset_id and is_extended == self._extended:
+        """Take one CAN data frame; `bus` as in `CanDecoder.decode`."""
+        steps = self._run(self._source.on_frame(time_s, arbitration_id, is_extended, data, is_fd, bus))
+        if bus == 0 and arbitration_id == self._reset_id and is_extended == self._extended:
             request = from_frame(data)
             # Frames that ask alike within seconds are one request.
             if request is not None and not 0.0 <= time_s - self._reset_s < REPEATED_S:

@@ -7,7 +7,14 @@ import math
 import pytest
 
 from tpmsd.config.model import OPTIONAL_ROLES, ROLES
-from tpmsd.config.units import allowed_units, assumed_unit, canonical_unit, to_si, wheel_speed_kind
+from tpmsd.config.units import (
+    allowed_units,
+    assumed_unit,
+    canonical_unit,
+    role_kinds,
+    to_si,
+    wheel_speed_kind,
+)
 from tpmsd.errors import ConfigError
 
 
@@ -114,7 +121,9 @@ def test_assumed_units_are_allowed() -> None:
     """Whatever is assumed for a role is among what is allowed for it; counters need no unit."""
     for role in ROLES:
         assumed = assumed_unit(role)
-        assert assumed in allowed_units(role) or (assumed is None and role.startswith("wheel_count_"))
+        assert assumed in allowed_units(role) or (
+            assumed is None and role_kinds(role) in (("count",), ("flag",))
+        )
 
 
 @pytest.mark.parametrize(

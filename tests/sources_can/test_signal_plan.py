@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 from tests.sources_can.build import config, database
 from tpmsd.errors import ConfigError
 from tpmsd.sources.can_decoder import CanDecoder
+from tpmsd.sources.databases import load_database
 from tpmsd.sources.events import InertialSample
-from tpmsd.sources.signal_plan import EXTENDED, bit_field, can_filters, compile_plans, load_database
+from tpmsd.sources.signal_plan import EXTENDED, bit_field, can_filters, compile_plans
 
 ROLES = {"yaw_rate": "rad/s", "accel_long": "m/s2", "accel_lat": "m/s2", "brake_pressure": "Pa"}
 
@@ -244,5 +245,5 @@ def test_a_file_that_is_no_database_is_one_line(tmp_path: Path, content: bytes |
     with pytest.raises(ConfigError) as caught:
         load_database(path)
 
-    assert str(caught.value).startswith(f"{path}: ")
+    assert str(caught.value).startswith(f"{path}:")
     assert "\n" not in str(caught.value)

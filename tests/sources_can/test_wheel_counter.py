@@ -26,7 +26,7 @@ class Wheel:
 
     def __post_init__(self) -> None:
         self.faults = FaultLog()
-        self.counter = WheelCounter(2, self.bits, self.counts_per_bit, TEETH, RADIUS_M, self.faults)
+        self.counter = WheelCounter(2, 1 << self.bits, self.counts_per_bit, TEETH, RADIUS_M, self.faults)
         self.out: list[Event] = []
 
     def feed(self, time_s: float, total: int, period_s: float = PERIOD_S) -> list[RotationSample]:

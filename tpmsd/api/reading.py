@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Protocol, TypeVar
 
@@ -17,10 +18,11 @@ from cantools.database.can import Database
 
 from tpmsd.config.model import Config
 from tpmsd.errors import ConfigError, InputError
-from tpmsd.sources.can_channels import choose_channel
-from tpmsd.sources.can_decoder import CanDecoder, load_database
+from tpmsd.sources.can_channels import LOOK_AT_FRAMES, bus_numbers, choose_channel
+from tpmsd.sources.can_decoder import CanDecoder
 from tpmsd.sources.can_frame import CanFrame
 from tpmsd.sources.can_log import read_can_log
+from tpmsd.sources.databases import load_databases
 from tpmsd.sources.drive import Drive as FolderStream
 from tpmsd.sources.drive import Sentence
 from tpmsd.sources.plain_nmea import clock_offset
@@ -55,7 +57,13 @@ class Core(Protocol[Out]):
         ...
 
     def on_frame(
-        self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, is_fd: bool = False
+        self,
+        time_s: float,
+        arbitration_id: int,
+        is_extended: bool,
+        data: bytes,
+        is_fd: bool = False,
+        bus: int = 0,
     ) -> list[Out]:
         """Take one CAN data frame."""
         ...
@@ -74,6 +82,8 @@ class Stream(Protocol):
 
     counts: Counter[str]
     first_bad: dict[str, str]
+    buses: dict[str, int]
+    """Channel -> number of the bus, as `CanDecoder.decode` has it; 0 for those that are not here."""
 
     @property
     def can_log(self) -> Path:
@@ -109,16 +119,20 @@ class FolderRecording:
         if not folder.is_dir():
             raise InputError(folder, "not a folder" if folder.exists() else "no such drive folder")
         stream = FolderStream(folder)
-        database = load_database(config.can.dbc)
+        database = load_databases(config)
         try:
             decoder = CanDecoder(config, database)
         except ConfigError as error:
             raise ConfigError(f"{config.file or folder}: {error}") from None
         plans = compile_plans(config, database)
-        channel = choose_channel(read_can_log(stream.can_log), plans, config.can.channel)
-        stream.channel = channel.name
-        if channel.note:
-            note(f"{stream.can_log}: {channel.note}")
+        if config.can.buses:
+            others = [bus.channel for bus in config.can.buses.values()]
+            stream.buses = bus_numbers(_channels(stream.can_log), config.can.channel, others)
+        else:
+            channel = choose_channel(read_can_log(stream.can_log), plans, config.can.channel)
+            stream.channel = channel.name
+            if channel.note:
+                note(f"{stream.can_log}: {channel.note}")
         if not stream.host_times:
             _align_clocks(stream, config, decoder, note)
         return stream, database
@@ -147,6 +161,7 @@ class MemoryStream:
         self.can_log = Path(name)
         self.counts: Counter[str] = Counter()
         self.first_bad: dict[str, str] = {}
+        self.buses: dict[str, int] = {}
 
     def __iter__(self) -> Iterator[CanFrame | Sentence]:
         """Frames and sentences, oldest first."""
@@ -166,8 +181,12 @@ def play(
     start: float | None = None
     for number, item in enumerate(stream):
         if isinstance(item, CanFrame):
-            time_s, _, identifier, is_extended, is_fd, is_error, is_remote, data, _ = item
-            if not (is_error or is_remote):
+            time_s, channel, identifier, is_extended, is_fd, is_error, is_remote, data, _ = item
+            if is_error or is_remote:
+                continue
+            if bus := stream.buses.get(channel, 0):
+                yield from core.on_frame(time_s, identifier, is_extended, data, is_fd, bus)
+            else:
                 yield from core.on_frame(time_s, identifier, is_extended, data, is_fd)
         else:
             yield from core.on_sentence(item.time_s, item.line)
@@ -199,6 +218,11 @@ def read_ticks(
     """All ticks of a drive, made as the daemon's own core makes them, without an estimator."""
     stream, database = recording.open(config, note)
     return list(play(stream, TickSource(config, database, rate_hz), progress, note))
+
+
+def _channels(can_log: Path) -> list[str]:
+    """The channels that a log names, in order of appearance."""
+    return list(dict.fromkeys(frame.channel for frame in islice(read_can_log(can_log), LOOK_AT_FRAMES)))
 
 
 def _align_clocks(stream: FolderStream, config: Config, decoder: CanDecoder, note: Note) -> None:

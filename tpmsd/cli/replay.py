@@ -71,10 +71,11 @@ def run(args: argparse.Namespace) -> int:
     config = load_config(args.config if args.config is not None else _vehicle_of(args.drive))
     config = _overridden(config, args)
     model = None
-    if args.model is not None:
-        model = load_model(args.model)
+    model_file = args.model or config.filter.model
+    if model_file is not None:
+        model = load_model(model_file)
         for note in left_alone(config, model):
-            print(f"tpmsd: {args.model}: {note}", file=sys.stderr)
+            print(f"tpmsd: {model_file}: {note}", file=sys.stderr)
     result = replay(args.drive, config, model)
     if args.plot is not None:
         from tpmsd.report.replay_plot import plot_replay

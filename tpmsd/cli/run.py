@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.physics.model_file import load_model
     from tpmsd.pipeline import Pipeline
     from tpmsd.sinks.sd_notify import Notifier
-    from tpmsd.sources.can_decoder import load_database
+    from tpmsd.sources.databases import load_databases
     from tpmsd.timeline.compensation import left_alone
 
     duration_s = math.inf if args.duration is None else float(args.duration)
@@ -102,13 +102,14 @@ def run(args: argparse.Namespace) -> int:
         log.warning("%s", warning)
     recorder = None if args.record is None else DriveRecorder(args.record, config)
     model = None
-    if args.model is not None:
-        model = load_model(args.model)
+    model_file = args.model or config.filter.model
+    if model_file is not None:
+        model = load_model(model_file)
         for note in left_alone(config, model):
-            log.warning("%s: %s", args.model, note)
+            log.warning("%s: %s", model_file, note)
     Daemon(
         config,
-        load_database(config.can.dbc),
+        load_databases(config),
         clock,
         Notifier.from_environment(),
         recorder=recorder,

@@ -7,6 +7,7 @@ bad input.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,10 @@ from typing import Any
 import can
 from cantools.database.can import Database, Message, Signal
 
-from tpmsd.config.dbc import find_signal, load_dbc
+from tpmsd.config.dbc import NotedDatabase, counter_modulus, find_signal, load_dbc
 from tpmsd.config.document import read_document
 from tpmsd.config.load import Parsed, parse
+from tpmsd.config.model import SignalOptions
 from tpmsd.config.plan import TOP_SPEED_MPS, Plan, make_plan
 from tpmsd.config.problems import BadValueError, ConfigProblems, Problem, show
 from tpmsd.config.suggest import nearest
@@ -25,6 +27,7 @@ from tpmsd.errors import ConfigError
 
 _OWN_MESSAGES = "TPMSD_"  # dbc/tpmsd.dbc: a bus description may well include our own frames
 _CLASSIC_CAN_BYTES = 8
+_MOST_NOTES = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,12 +61,10 @@ class _Checker:
         self._check_interface()
         found: dict[str, tuple[Message, Signal]] = {}
         if parsed.dbc is not None:
-            try:
-                database = load_dbc(parsed.dbc)
-            except ConfigProblems as error:
-                self._problems += error.problems
-            else:
-                found = self._find(database)
+            databases = self._load(parsed.dbc)
+            database = databases.get(None)
+            if database is not None:
+                found = self._find(databases)
                 for role, (message, signal) in found.items():
                     self._check_signal(role, message, signal)
                 self._check_frames(database, found)
@@ -103,11 +104,36 @@ class _Checker:
                 BadValueError("no such python-can interface", show(name), allowed, near), "can", "interface"
             )
 
-    def _find(self, database: Database) -> dict[str, tuple[Message, Signal]]:
+    def _load(self, dbc: Path) -> dict[str | None, Database]:
+        """The database of each bus by its name, None for that of [can]; without those that have problems."""
+        paths: dict[str | None, Path] = {None: dbc}
+        paths.update({name: bus.dbc for name, bus in self._parsed.buses.items()})
+        read: dict[Path, Database | None] = {}
+        for path in paths.values():
+            if path in read:
+                continue
+            read[path] = None
+            try:
+                database = read[path] = load_dbc(path)
+            except ConfigProblems as error:
+                self._problems += error.problems
+                continue
+            if isinstance(database, NotedDatabase):
+                self._warnings += _noted(path, database)
+        return {name: found for name, path in paths.items() if (found := read[path]) is not None}
+
+    def _find(self, databases: Mapping[str | None, Database]) -> dict[str, tuple[Message, Signal]]:
         found = {}
         for role, name in self._parsed.signals.items():
+            option = self._parsed.options.get(role, SignalOptions())
+            database = databases.get(option.bus)
+            if database is None:
+                continue  # its bus was reported
             try:
                 found[role] = find_signal(database, name, self._parsed.signals.values())
+                for condition in (option.valid_when, option.backward_when):
+                    if condition is not None:
+                        find_signal(database, condition.signal)
             except BadValueError as bad:
                 self._problem(bad, "can.signals", role)
         return found
@@ -115,18 +141,33 @@ class _Checker:
     def _check_signal(self, role: str, message: Message, signal: Signal) -> None:
         name = f"{message.name}.{signal.name}"
         counter = role.startswith("wheel_count_")
+        option = self._parsed.options.get(role, SignalOptions())
+        unit = option.unit or signal.unit
+        if counter:
+            self._check_modulus(role, name, signal, option)
         if counter and signal.is_float:
             bad = BadValueError("a counter must be an integer", f"{name} as IEEE 754 float")
             self._problem(bad, "can.signals", role)
         if signal.scale == 0:
             self._problem(BadValueError("constant", f"{name} with factor 0"), "can.signals", role)
         try:
-            to_si(role, signal.unit)
+            to_si(role, unit)
         except ConfigError as error:
             self._problem(BadValueError(f"{name}: {error}"), "can.signals", role)
             return
-        if not counter and not stated_unit(signal.unit):
+        if not stated_unit(unit) and assumed_unit(role) is not None:
             self._warn(f"{name} has no unit in the DBC: {assumed_unit(role)} is assumed", "can.signals", role)
+
+    def _check_modulus(self, role: str, name: str, signal: Signal, option: SignalOptions) -> None:
+        """The modulus must fit into the counter; one that the DBC only hints at is told."""
+        full = 1 << signal.length
+        hinted = counter_modulus(signal)
+        if option.modulus is not None and option.modulus > full:
+            bad = BadValueError("modulus: out of range", str(option.modulus), f"2 to {full} ({name})")
+            self._problem(bad, "can.signals", role)
+        elif option.modulus is None and hinted != full:
+            what = f"{name} rolls over at {hinted}, by its greatest value in the DBC"
+            self._warn(what, "can.signals", role)
 
     def _check_frames(self, database: Database, found: dict[str, tuple[Message, Signal]]) -> None:
         """Twin names and frames longer than the bus carries, once per message."""
@@ -183,6 +224,14 @@ class _Checker:
                     f"at {TOP_SPEED_MPS:g} m/s, and the message comes every {1000 * period_s:g} ms"
                 )
                 self._warn(what, "can.signals", wheel.source.role)
+
+
+def _noted(path: Path, database: NotedDatabase) -> list[Problem]:
+    """What of a DBC could not be used, the first of it line by line."""
+    shown = [Problem(str(path), note.line, "", note.what) for note in database.notes[:_MOST_NOTES]]
+    if more := database.noted - len(shown):
+        shown.append(Problem(str(path), None, "", f"and {more} more statements that were left out or mended"))
+    return shown
 
 
 def _by_place(problem: Problem) -> tuple[str, int]:

@@ -11,20 +11,63 @@ import re
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import IO
 
 import cantools
 from cantools.database.can import Database, Message, Signal
 
+from tpmsd.config.dbc_text import MAX_LINE_BYTES, DbcReader, Note, TooLargeError
 from tpmsd.config.problems import BadValueError, ConfigProblems, Problem, show
 from tpmsd.config.suggest import nearest
 
 _MOST_LISTED = 8
+_OTHER_FORMATS = (".kcd", ".sym", ".arxml", ".xml", ".cdd")
 MAX_BYTES = 64 << 20
 """The greatest ARXML files of whole cars come near this."""
 
 
+class NotedDatabase(Database):
+    """A database that knows what of its file could not be used."""
+
+    notes: tuple[Note, ...] = ()
+    noted: int = 0
+    """How many notes there are; `notes` holds the first ones."""
+
+
 def load_dbc(path: Path) -> Database:
-    """Read a bus description; overlapping signals, which real files have, are no reason to refuse it."""
+    """Read a bus description; what of it cannot be used is left out (`NotedDatabase.notes`).
+
+    `ConfigProblems` where nothing of it can be used. A DBC is read by `dbc_text`, other formats by cantools.
+    """
+    if path.suffix.lower() in _OTHER_FORMATS:
+        return _load_other(path)
+    reader = DbcReader()
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise _unusable(path, f"longer than {MAX_BYTES} bytes: this is no description of a bus")
+        with path.open("rb") as file:
+            reader.read(_pieces(file))
+        messages = reader.messages()
+    except OSError as error:
+        raise _unusable(path, f"cannot be read: {error.strerror or error}") from None
+    except TooLargeError as error:
+        raise _unusable(path, f"{error}: this is no description of a car's bus") from None
+    if not messages:
+        reason = "holds no messages" if reader.known else "not a bus description"
+        raise _unusable(path, reason, reader.notes[0].line if reader.notes else None)
+    with _quiet_cantools():
+        database = NotedDatabase(messages, strict=False)
+    database.notes, database.noted = tuple(reader.notes), reader.noted
+    return database
+
+
+def _pieces(file: IO[bytes]) -> Iterator[bytes]:
+    """Lines; one of more than `MAX_LINE_BYTES` in pieces."""
+    while piece := file.readline(MAX_LINE_BYTES):
+        yield piece
+
+
+def _load_other(path: Path) -> Database:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise _unusable(path, f"longer than {MAX_BYTES} bytes: this is no description of a bus")
@@ -72,6 +115,21 @@ def find_signal(database: Database, name: str, taken: Collection[str] = ()) -> t
     if near is not None:
         raise BadValueError(what, show(name), suggestion=f"{message_name}.{near}")
     raise BadValueError(what, show(name), _listed([s.name for s in message.signals]))
+
+
+def counter_modulus(signal: Signal) -> int:
+    """Number of values of a counter: by its width, or by the DBC's greatest value where that is a hint.
+
+    Some counters roll over before their width is full, and keep the values above for errors (0 to 1000 in 10
+    bits). The greatest value is taken if it needs all the bits; a lesser one is a limit of another kind.
+    """
+    full = 1 << signal.length
+    if signal.maximum is None or not signal.scale or signal.minimum not in (0, None):
+        return full
+    greatest = (float(signal.maximum) - float(signal.offset)) / float(signal.scale)
+    if not greatest.is_integer() or not full // 2 <= greatest < full - 1:
+        return full
+    return int(greatest) + 1
 
 
 def _same_or_nearest(database: Database, message_name: str, signal_name: str, taken: Collection[str]) -> str:

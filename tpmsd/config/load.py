@@ -14,12 +14,14 @@ from tpmsd.config import agree
 from tpmsd.config.document import Document, read_document
 from tpmsd.config.model import (
     AlarmsConfig,
+    BusConfig,
     CalibrationConfig,
     CanConfig,
     Config,
     FilterConfig,
     GnssConfig,
     MonitorConfig,
+    SignalOptions,
     StateConfig,
     StatusConfig,
     TyreConfig,
@@ -27,7 +29,9 @@ from tpmsd.config.model import (
 from tpmsd.config.problems import BadValueError, ConfigProblems, Problem, show, show_key
 from tpmsd.config.rules import Rule
 from tpmsd.config.schema import tables
+from tpmsd.config.signal_table import buses_of
 from tpmsd.config.suggest import nearest
+from tpmsd.wheels import WHEELS
 
 DBC_FILE = "bus.dbc"
 
@@ -46,6 +50,8 @@ class Parsed:
     dbc: Path | None
     alarms: AlarmsConfig | None
     channel: str | None
+    options: dict[str, SignalOptions]
+    buses: dict[str, BusConfig]
 
 
 def load_config(path: Path, dbc: Path | None = None) -> Config:
@@ -76,10 +82,13 @@ class _Parser:
         self._refuse_unknown_tables()
         given = self._given
         good = {table: self._read_table(table, rules) for table, rules in self._tables.items()}
-        signals = self._distinct(good["can.signals"])
+        entries = good["can.signals"]
+        signals = {role: entry[0] for role, entry in entries.items()}
+        options = {role: entry[1] for role, entry in entries.items() if entry[1] != SignalOptions()}
         wheels = agree.monitored_wheels(given["can.signals"], self._report)
         steered = "steering_wheel_angle" in given["can.signals"]
         raw_vehicle = self._raw("vehicle")
+        self._spread_teeth(good["vehicle"], wheels)
         vehicle = agree.vehicle(raw_vehicle, good["vehicle"], given["vehicle"], wheels, steered, self._report)
         monitor = MonitorConfig(**good["monitor"])
         agree.monitor(monitor, given["monitor"], self._report)
@@ -91,11 +100,15 @@ class _Parser:
         agree.gnss(gnss, given["can.signals"], self._report)
         dbc = self._dbc(dbc, good["can"])
         channel = good["can"].get("channel")
+        buses = self._buses(good["can"], dbc, options)
+        self._distinct(signals, options)
         config = None
         if not self._problems and vehicle is not None and dbc is not None:
             config = Config(
                 vehicle=vehicle,
-                can=CanConfig(**{**good["can"], "signals": signals, "dbc": dbc}),
+                can=CanConfig(
+                    **{**good["can"], "signals": signals, "dbc": dbc}, options=options, buses=buses
+                ),
                 gnss=gnss,
                 filter=FilterConfig(**good["filter"]),
                 monitor=monitor,
@@ -107,7 +120,7 @@ class _Parser:
                 file=self._document.file,
             )
         problems = tuple(sorted(self._problems, key=lambda problem: problem.line or 0))
-        return Parsed(self._document, config, problems, signals, dbc, alarms, channel)
+        return Parsed(self._document, config, problems, signals, dbc, alarms, channel, options, buses)
 
     def _raw(self, table: str) -> Mapping[str, Any]:
         """The table as it stands in the file; empty if it is missing or no table."""
@@ -148,7 +161,7 @@ class _Parser:
     def _read_table(self, table: str, rules: Mapping[str, Rule]) -> dict[str, Any]:
         good: dict[str, Any] = {}
         for key, value in self._raw(table).items():
-            if f"{table}.{key}" in self._tables:
+            if f"{table}.{key}" in self._tables or (table, key) == ("can", "buses"):
                 continue
             if key not in rules:
                 self._report(self._unknown_key(table, key, rules), table, key)
@@ -180,15 +193,43 @@ class _Parser:
                 return f"[{table}] {key}"
         return None
 
-    def _distinct(self, signals: dict[str, str]) -> dict[str, str]:
-        """The signals; reports a signal that has two roles."""
-        roles: dict[str, str] = {}
+    def _distinct(self, signals: Mapping[str, str], options: Mapping[str, SignalOptions]) -> None:
+        """Report a signal that has two roles."""
+        roles: dict[tuple[str, str | None], str] = {}
         for role, name in signals.items():
-            if (first := roles.setdefault(name, role)) != role:
+            bus = options[role].bus if role in options else None
+            if (first := roles.setdefault((name, bus), role)) != role:
                 self._report(
                     BadValueError(f"is the signal of {first} already", show(name)), "can.signals", role
                 )
-        return signals
+
+    def _buses(
+        self, can: Mapping[str, Any], dbc: Path | None, options: Mapping[str, SignalOptions]
+    ) -> dict[str, BusConfig]:
+        """The further buses; reports a signal on a bus that has no entry."""
+        raw = self._raw("can").get("buses", {})
+        buses, bad = buses_of(raw, self._document.file.parent, can, dbc)
+        for name, error in bad.items():
+            self._report(error, "can.buses", name)
+        for role, option in options.items():
+            if option.bus is not None and option.bus not in buses and option.bus not in bad:
+                known = " ".join(buses) or "an entry of [can.buses]"
+                unknown = BadValueError("bus: no such bus", show(option.bus), known)
+                self._report(unknown, "can.signals", role)
+        return buses
+
+    def _spread_teeth(self, vehicle: dict[str, Any], wheels: tuple[str, ...]) -> None:
+        """A table of teeth becomes one number and the numbers of all wheels."""
+        teeth = vehicle.get("teeth_per_rev")
+        if not isinstance(teeth, dict):
+            return
+        if missing := [wheel for wheel in wheels if wheel not in teeth]:
+            self._report(BadValueError(f"no number of {' '.join(missing)}"), "vehicle", "teeth_per_rev")
+        # A wheel without a signal gets the number of another one: it never matters.
+        first = next(iter(teeth.values()))
+        vehicle["teeth_per_rev"] = first
+        if set(teeth.values()) != {first}:
+            vehicle["teeth_by_wheel"] = tuple(teeth.get(wheel, first) for wheel in WHEELS)
 
     def _dbc(self, override: Path | None, can: Mapping[str, Any]) -> Path | None:
         """The DBC's path: the override, the file's own, or `bus.dbc` beside it."""

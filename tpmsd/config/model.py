@@ -20,10 +20,22 @@ OPTIONAL_ROLES = (
     "drive_torque",
     "ambient_temp",
 )
+FLAG_ROLES = ("abs_active", "esc_active", "brake_active", "reverse_gear", "tyre_set")
+"""States of the car that the bus tells; plain numbers, no unit."""
+GNSS_ROLES = (
+    "gnss_latitude",
+    "gnss_longitude",
+    "gnss_altitude",
+    "gnss_speed",
+    "gnss_course",
+    "gnss_utc",
+    "gnss_fix",
+)
+"""A receiver whose fixes come on CAN."""
 FILTER_METHODS = ("aug-ekf", "aug-pf", "aug-ukf", "mpf-mn", "mpf-pn", "mpf-rb")
 FILTER_GATES = ("thresholds", "slip")
 FIX_WEIGHTS = ("square", "igg3")
-ROLES = WHEEL_COUNT_ROLES + WHEEL_SPEED_ROLES + OPTIONAL_ROLES
+ROLES = WHEEL_COUNT_ROLES + WHEEL_SPEED_ROLES + OPTIONAL_ROLES + FLAG_ROLES + GNSS_ROLES
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +52,57 @@ class VehicleConfig:
     steering_ratio: float | None = None
     """Steering-wheel angle over road-wheel angle; None if unknown."""
     teeth_per_rev: float = 48.0
-    """Counts per wheel revolution."""
+    """Counts per wheel revolution; of the first wheel that has a number where they differ."""
+    teeth_by_wheel: tuple[float, float, float, float] | None = None
+    """Counts per revolution of fl, fr, rl, rr where they differ."""
+
+    def teeth(self, wheel: int) -> float:
+        """Counts per revolution of one wheel, by its index in `tpmsd.wheels.WHEELS`."""
+        return self.teeth_per_rev if self.teeth_by_wheel is None else self.teeth_by_wheel[wheel]
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """A comparison of a signal with a number, such as `MSG.QF == 1`."""
+
+    signal: str
+    """'Message.Signal'."""
+    operator: str
+    """One of == != < <= > >=."""
+    value: float
+    """Physical value, as the DBC scales it."""
+
+
+@dataclass(frozen=True, slots=True)
+class SignalOptions:
+    """What the table form of a signal says beyond its name; None or empty: as the DBC has it."""
+
+    modulus: int | None = None
+    """A counter rolls over from modulus - 1 to 0."""
+    invalid: tuple[int, ...] = ()
+    """Raw values that mean 'no value', beside those of the DBC."""
+    valid_when: Condition | None = None
+    """The value counts only while this holds."""
+    sign: float = 1.0
+    """-1: the signal has the opposite sign."""
+    backward_when: Condition | None = None
+    """The wheel turns backward while this holds (`sign = "MSG.DIR"`), and the signal has no sign."""
+    scale: float | None = None
+    offset: float | None = None
+    unit: str | None = None
+    bus: str | None = None
+    """A name of [can.buses]; None: the bus of [can]."""
+
+
+@dataclass(frozen=True, slots=True)
+class BusConfig:
+    """A further bus."""
+
+    channel: str
+    dbc: Path
+    interface: str = "socketcan"
+    fd: bool = False
+    bitrate: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +116,22 @@ class CanConfig:
     channel: str = "can0"
     fd: bool = False
     bitrate: int | None = None
+    options: dict[str, SignalOptions] = field(default_factory=dict)
+    """Role -> what its table form says; roles given as plain names have none."""
+    buses: dict[str, BusConfig] = field(default_factory=dict)
+    """The further buses by name, in the order of the file."""
+
+    def option(self, role: str) -> SignalOptions:
+        """The options of a role."""
+        return self.options.get(role, _NO_OPTIONS)
+
+    def bus_number(self, role: str) -> int:
+        """0 for the bus of [can], else 1 and up in the order of [can.buses]."""
+        name = self.option(role).bus
+        return 0 if name is None else 1 + list(self.buses).index(name)
+
+
+_NO_OPTIONS = SignalOptions()
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +173,8 @@ class FilterConfig:
     """The same for the side slip of the rear axle."""
     fix_weights: str = "square"
     """One of FIX_WEIGHTS (mpf-rb): how fast a fix that does not fit loses influence."""
+    model: Path | None = None
+    """A model file as `diagnose` writes it, to be compensated; --model takes its place."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,9 @@ from pathlib import Path
 
 from cantools.database.can import Message, Signal
 
+from tpmsd.config.dbc import counter_modulus
 from tpmsd.config.gnss_source import source_of
-from tpmsd.config.model import OPTIONAL_ROLES, Config
+from tpmsd.config.model import FLAG_ROLES, GNSS_ROLES, OPTIONAL_ROLES, Config, SignalOptions
 from tpmsd.config.units import assumed_unit, canonical_unit, stated_unit, to_si, wheel_speed_kind
 from tpmsd.wheels import WHEELS
 
@@ -97,7 +98,11 @@ def make_plan(config: Config, found: Mapping[str, tuple[Message, Signal]]) -> Pl
         for role in (f"wheel_count_{wheel}", f"wheel_speed_{wheel}")
         if role in found
     )
-    optional = tuple(_signal(role, *found[role]) for role in OPTIONAL_ROLES if role in found)
+    optional = tuple(
+        _signal(role, *found[role], config.can.option(role))
+        for role in OPTIONAL_ROLES + FLAG_ROLES + GNSS_ROLES
+        if role in found
+    )
     return Plan(
         file=config.file or Path("vehicle.toml"),
         dbc=config.can.dbc,
@@ -110,8 +115,8 @@ def make_plan(config: Config, found: Mapping[str, tuple[Message, Signal]]) -> Pl
     )
 
 
-def _signal(role: str, message: Message, signal: Signal) -> SignalPlan:
-    stated = stated_unit(signal.unit)
+def _signal(role: str, message: Message, signal: Signal, option: SignalOptions) -> SignalPlan:
+    stated = stated_unit(option.unit or signal.unit)
     return SignalPlan(
         role=role,
         signal=f"{message.name}.{signal.name}",
@@ -125,18 +130,21 @@ def _signal(role: str, message: Message, signal: Signal) -> SignalPlan:
 
 def _wheel(config: Config, index: int, role: str, message: Message, signal: Signal) -> WheelPlan:
     radius_m = config.vehicle.wheel_radius_m[index]
+    option = config.can.option(role)
     plan = WheelPlan(
         wheel=WHEELS[index],
         radius_m=radius_m,
-        source=_signal(role, message, signal),
+        source=_signal(role, message, signal, option),
         kind="count" if role.startswith("wheel_count_") else "speed",
         bits=signal.length,
     )
+    scale = signal.scale if option.scale is None else option.scale
     if plan.kind == "speed":
-        per_radius = radius_m if wheel_speed_kind(signal.unit) == "angular" else 1.0
-        return replace(plan, speed_step_mps=abs(signal.scale) * to_si(role, signal.unit)[0] * per_radius)
-    step_m = abs(signal.scale) / config.vehicle.teeth_per_rev * 2 * math.pi * radius_m
-    rollover_m = step_m * (1 << signal.length)
+        unit = option.unit or signal.unit
+        per_radius = radius_m if wheel_speed_kind(unit) == "angular" else 1.0
+        return replace(plan, speed_step_mps=abs(scale) * to_si(role, unit)[0] * per_radius)
+    step_m = abs(scale) / config.vehicle.teeth(index) * 2 * math.pi * radius_m
+    rollover_m = step_m * (option.modulus or counter_modulus(signal))
     return replace(
         plan,
         resolution_mm=1000 * step_m,

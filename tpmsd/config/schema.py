@@ -18,11 +18,11 @@ from tpmsd.config.rules import (
     Number,
     Rising,
     Rule,
-    SignalName,
     Text,
     TyreSize,
     Whole,
 )
+from tpmsd.config.signal_table import SignalEntry, TeethTable
 from tpmsd.wheels import WHEELS
 
 DRIVEN_AXLES = ("front", "rear", "all")
@@ -44,7 +44,7 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
             "wheelbase_m": Number(1.0, 8.0, "m"),
             "driven_axle": Choice(DRIVEN_AXLES),
             "steering_ratio": Number(1.0, 60.0),
-            "teeth_per_rev": Number(0.0, 1e8, open=True),  # a wheel encoder has tens of thousands
+            "teeth_per_rev": TeethTable(Number(0.0, 1e8, open=True)),  # an encoder has tens of thousands
         },
         "can": {
             "interface": Text(),
@@ -53,7 +53,7 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
             "fd": Flag(),
             "bitrate": Whole(5_000, 8_000_000),
         },
-        "can.signals": {role: SignalName() for role in ROLES},
+        "can.signals": {role: SignalEntry(role) for role in ROLES},
         "gnss": {
             "device": Text(),
             "source": SourceRule(),
@@ -75,6 +75,7 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
             "max_wheel_slip": Number(0.0005, 0.2, "share"),
             "max_side_slip_rad": Number(0.002, 0.5, "rad"),
             "fix_weights": Choice(FIX_WEIGHTS),
+            "model": FilePath(folder),
         },
         "monitor": {
             "learn_s": Number(1.0, 86_400.0, "s"),

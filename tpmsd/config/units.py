@@ -11,12 +11,23 @@ import math
 import unicodedata
 from typing import Final, Literal
 
+from tpmsd.config.model import FLAG_ROLES
 from tpmsd.errors import ConfigError
 
 _G_MPS2 = 9.80665  # standard gravity, by definition of the unit g (CGPM 1901)
 
 Kind = Literal[
-    "count", "linear speed", "angular speed", "angle", "acceleration", "pressure", "torque", "temperature"
+    "count",
+    "linear speed",
+    "angular speed",
+    "angle",
+    "acceleration",
+    "pressure",
+    "torque",
+    "temperature",
+    "length",
+    "time",
+    "flag",
 ]
 
 UNITS: Final[dict[str, tuple[Kind, float, float]]] = {
@@ -39,36 +50,63 @@ UNITS: Final[dict[str, tuple[Kind, float, float]]] = {
     "degC": ("temperature", 1.0, 273.15),
     "K": ("temperature", 1.0, 0.0),
     "degF": ("temperature", 5 / 9, 459.67 * 5 / 9),
+    "knots": ("linear speed", 1852 / 3600, 0.0),
+    "psi": ("pressure", 6894.757293168, 0.0),
+    "%g": ("acceleration", 0.01 * _G_MPS2, 0.0),
+    "cNm": ("torque", 0.01, 0.0),
+    "m": ("length", 1.0, 0.0),
+    "km": ("length", 1e3, 0.0),
+    "ft": ("length", 0.3048, 0.0),
+    "s": ("time", 1.0, 0.0),
+    "ms": ("time", 1e-3, 0.0),
 }
-"""Canonical unit -> what it measures, factor and offset to SI (m/s, rad/s, rad, m/s2, Pa, N m, K)."""
+"""Canonical unit -> what it measures, factor and offset to SI (m/s, rad/s, rad, m/s2, Pa, N m, K, m, s)."""
 
 _SPELLINGS: Final[dict[str, tuple[str, ...]]] = {
-    "km/h": ("kph", "kmh", "kmph", "km/hr", "km/std", "km/hour", "km.h-1", "kmh-1"),
-    "m/s": ("mps", "ms-1", "m.s-1", "m/sec", "meter/s", "metre/s"),
-    "mph": ("mi/h", "miles/h", "mile/h"),
-    "rpm": ("1/min", "/min", "min-1", "rev/min", "r/min", "u/min", "revs/min", "rev/m"),
-    "rad/s": ("rad/sec", "rads-1", "rad.s-1", "radps", "rads", "radian/s", "radians/s"),
+    "km/h": ("kph", "kmh", "kmph", "km/hr", "km/std", "km/hour", "km.h-1", "kmh-1", "km^h",
+             "kilometerperhour", "kilometrperhour", "km/hs"),
+    "m/s": ("mps", "ms-1", "m.s-1", "m/sec", "meter/s", "metre/s", "meterpersecon", "meterpersecond",
+            "meters/second", "meter/second", "meters/s"),
+    "mph": ("mi/h", "miles/h", "mile/h", "mileperhour"),
+    "knots": ("kn", "knot", "kt", "kts"),
+    "rpm": ("1/min", "/min", "min-1", "rev/min", "r/min", "u/min", "revs/min", "rev/m",
+            "minutinver", "rpm/min"),
+    "rad/s": ("rad/sec", "rads-1", "rad.s-1", "radps", "rads", "radian/s", "radians/s", "radians/second",
+              "radpersecon"),
     "deg/s": ("deg/sec", "°/s", "°/sec", "\ufffd/s", "\ufffd/sec", "degps", "dps", "degree/s", "degrees/s",
-              "grad/s", "degs-1", "deg.s-1"),
-    "deg": ("°", "\ufffd", "degree", "degrees", "grad"),
+              "grad/s", "degs-1", "deg.s-1", "degrees/second", "degree/second", "degreofarcpersecon",
+              "°/second"),
+    "deg": ("°", "\ufffd", "degree", "degrees", "grad", "degreofarc", "degreescw"),
     "rad": ("radian", "radians"),
     "m/s2": ("m/s^2", "m/s**2", "m/s/s", "m/sec2", "m/sec^2", "mps2", "m.s-2", "ms-2", "m/ss", "m/(s^2)",
-             "m/(s2)", "m/(s.s)", "m/s\ufffd", "meter/s2", "meters/s2"),
-    "g": ("gravity", "g0", "gn"),
+             "m/(s2)", "m/(s.s)", "m/s\ufffd", "meter/s2", "meters/s2", "meterperseconsquar",
+             "meter/second^2", "meters/second^2"),
+    "g": ("gravity", "g0", "gn", "forceofgravi"),
+    "%g": ("percentofforceofgravi",),
     "bar": ("bars",),
-    "mbar": ("hpa",),
-    "kPa": ("kilopascal",),
+    "mbar": ("hpa", "millibar"),
+    "kPa": ("kilopascal", "kpag", "kilopasca"),
+    "psi": ("lb/in2",),
     "MPa": ("megapascal",),
     "Pa": ("pascal",),
-    "Nm": ("n.m", "n-m", "newtonmeter", "newton.meter", "newtonmeters"),
-    "degC": ("°c", "\ufffdc", "c", "celsius", "degcelsius", "degreec", "degreescelsius", "gradc"),
+    "Nm": ("n.m", "n-m", "newtonmeter", "newton.meter", "newtonmeters", "newtometer"),
+    "cNm": ("centinewtometer",),
+    "degC": ("°c", "\ufffdc", "c", "celsius", "degcelsius", "degreec", "degreescelsius", "gradc",
+             "degrecelsi", "degreesc"),
     "K": ("kelvin", "degk", "°k"),
+    "m": ("meter", "meters", "metre", "metres"),
+    "km": ("kilometer", "kilometre", "kilometers"),
+    "ft": ("feet", "foot"),
+    "s": ("sec", "second", "seconds", "secon"),
+    "ms": ("millisecond", "milliseconds", "msec", "millisecon"),
     "degF": ("°f", "\ufffdf", "f", "fahrenheit"),
 }  # fmt: skip
 
 _CANONICAL: Final[dict[str, str]] = {unit.casefold(): unit for unit in UNITS} | {
     spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings
 }
+
+_NO_UNIT = ("-", "--", "1", "none", "n/a", "na", "unitless", "[]", "[-]", "unit_none")
 
 _ROLE_KINDS: Final[dict[str, tuple[Kind, ...]]] = {
     "yaw_rate": ("angular speed",),
@@ -78,6 +116,13 @@ _ROLE_KINDS: Final[dict[str, tuple[Kind, ...]]] = {
     "brake_pressure": ("pressure",),
     "drive_torque": ("torque",),
     "ambient_temp": ("temperature",),
+    **dict.fromkeys((*FLAG_ROLES, "gnss_fix"), ("flag",)),
+    "gnss_latitude": ("angle",),
+    "gnss_longitude": ("angle",),
+    "gnss_altitude": ("length",),
+    "gnss_speed": ("linear speed",),
+    "gnss_course": ("angle",),
+    "gnss_utc": ("time",),
 }
 
 # What buses commonly carry, for the many DBC files that leave the unit empty.
@@ -89,6 +134,12 @@ _ASSUMED: Final[dict[str, str]] = {
     "brake_pressure": "bar",
     "drive_torque": "Nm",
     "ambient_temp": "degC",
+    "gnss_latitude": "deg",
+    "gnss_longitude": "deg",
+    "gnss_altitude": "m",
+    "gnss_speed": "km/h",
+    "gnss_course": "deg",
+    "gnss_utc": "s",
 }
 
 
@@ -100,6 +151,7 @@ def canonical_unit(unit: str | None) -> str | None:
     for multiplied in ("·", "⋅", "∙", "•", "×", "\u02d9"):
         text = text.replace(multiplied, ".")
     text = "".join(text.split()).strip("[]").replace("−", "-")
+    text = text.removeprefix("unit_")  # German makers' DBC files: Unit_KiloMeterPerHour
     if text.startswith("(") and text.endswith(")"):
         text = text[1:-1]
     if text.endswith("*m"):
@@ -110,7 +162,11 @@ def canonical_unit(unit: str | None) -> str | None:
 def stated_unit(unit: str | None) -> str:
     """What the DBC says, without blanks around it; '' where it says nothing (and '-', 'none', '1' do)."""
     text = (unit or "").strip()
-    return "" if text.casefold() in ("-", "--", "1", "none", "n/a", "na", "unitless", "[]", "[-]") else text
+    return (
+        ""
+        if text.casefold() in ("-", "--", "1", "none", "n/a", "na", "unitless", "[]", "[-]", "unit_none")
+        else text
+    )
 
 
 def role_kinds(role: str) -> tuple[Kind, ...]:
@@ -134,9 +190,9 @@ def allowed_units(role: str) -> tuple[str, ...]:
 
 
 def assumed_unit(role: str) -> str | None:
-    """The unit that is taken where the DBC states none; None for counters, which need none."""
+    """The unit that is taken where the DBC states none; None for counters and flags, which need none."""
     kinds = role_kinds(role)
-    if "count" in kinds:
+    if "count" in kinds or "flag" in kinds:
         return None
     return "km/h" if role.startswith("wheel_speed_") else _ASSUMED[role]
 
@@ -155,6 +211,8 @@ def to_si(role: str, unit: str | None) -> tuple[float, float]:
         # and one letter is no proof: "c" and "k" stand for counts as well.
         if canonical is not None and len(stated) > 1:
             raise ConfigError(f"a counter cannot have the unit {stated!r} ({UNITS[canonical][0]})")
+        return 1.0, 0.0
+    if "flag" in kinds:
         return 1.0, 0.0
     if not stated:
         canonical = assumed_unit(role)

@@ -10,7 +10,7 @@ import dataclasses
 import json
 from pathlib import Path
 
-from tpmsd.config.model import Config
+from tpmsd.config.model import BusConfig, CanConfig, Condition, Config
 from tpmsd.wheels import WHEELS
 
 _TABLES = ("vehicle", "can", "gnss", "filter", "monitor", "tyre", "alarms", "status", "state", "calibration")
@@ -28,15 +28,49 @@ def config_toml(config: Config, dbc: str) -> str:
                 value = dbc
             if value is None and (table, field.name) == ("state", "file"):
                 value = ""  # None says: keep none; leaving the key out would say: the usual one
+            if field.name == "teeth_by_wheel":
+                continue
+            if field.name == "teeth_per_rev" and config.vehicle.teeth_by_wheel is not None:
+                value = config.vehicle.teeth_by_wheel
             if value is not None and value != () and not isinstance(value, dict):
                 text = repr(list(value)) if table == "tyre" and isinstance(value, tuple) else _toml(value)
                 lines.append(f"{field.name} = {text}")
         lines.append("")
         if table == "can":
             lines.append("[can.signals]")
-            lines += [f"{role} = {_toml(signal)}" for role, signal in config.can.signals.items()]
+            lines += [f"{role} = {signal_toml(config.can, role)}" for role in config.can.signals]
             lines.append("")
+            if config.can.buses:
+                lines.append("[can.buses]")
+                lines += [f"{_key(name)} = {_bus(bus, dbc)}" for name, bus in config.can.buses.items()]
+                lines.append("")
     return "\n".join(lines)
+
+
+def signal_toml(can: CanConfig, role: str) -> str:
+    """A signal as the file has it: its name, or a table where it has options."""
+    option, name = can.option(role), _toml(can.signals[role])
+    parts = [f"signal = {name}"]
+    for field in dataclasses.fields(option):
+        value = getattr(option, field.name)
+        if value is None or value == () or (field.name == "sign" and value == 1.0):
+            continue
+        if isinstance(value, Condition):
+            text = _toml(f"{value.signal} {value.operator} {value.value:g}")
+        else:
+            text = repr(list(value)) if isinstance(value, tuple) else _toml(value)
+        parts.append(f"{'sign' if field.name == 'backward_when' else field.name} = {text}")
+    return name if len(parts) == 1 else "{ " + ", ".join(parts) + " }"
+
+
+def _bus(bus: BusConfig, dbc: str) -> str:
+    values = {"channel": bus.channel, "interface": bus.interface, "fd": bus.fd, "bitrate": bus.bitrate}
+    parts = [f"{key} = {_toml(value)}" for key, value in values.items() if value is not None]
+    return "{ " + ", ".join([*parts, f"dbc = {_toml(dbc)}"]) + " }"
+
+
+def _key(name: str) -> str:
+    return json.dumps(name, ensure_ascii=False)
 
 
 def _toml(value: object) -> str:

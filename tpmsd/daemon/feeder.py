@@ -30,8 +30,15 @@ class Feeder:
     """Moves inputs from the queue into the pipeline."""
 
     def __init__(
-        self, pipeline: Pipeline, queue: InputQueue, recorder: DriveRecorder | None, grace_s: float
+        self,
+        pipeline: Pipeline,
+        queue: InputQueue,
+        recorder: DriveRecorder | None,
+        grace_s: float,
+        buses: dict[str, int] | None = None,
     ) -> None:
+        """`buses`: channel -> number of a further bus, as `CanDecoder.decode` has it."""
+        self._buses = buses or {}
         self._pipeline = pipeline
         self._queue = queue
         self._recorder = recorder
@@ -81,9 +88,10 @@ class Feeder:
         if isinstance(item, CanFrame):
             if self._recorder is not None:
                 self._recorder.frame(item)
-            return self._pipeline.on_frame(
-                item.time_s, item.arbitration_id, item.is_extended, item.data, item.is_fd
-            )
+            time_s, channel, identifier, extended, is_fd, _, _, data, _ = item
+            if bus := self._buses.get(channel, 0):
+                return self._pipeline.on_frame(time_s, identifier, extended, data, is_fd, bus)
+            return self._pipeline.on_frame(time_s, identifier, extended, data, is_fd)
         if self._recorder is not None:
             self._recorder.sentence(item.time_s, item.line)
         return self._pipeline.on_sentence(item.time_s, item.line)

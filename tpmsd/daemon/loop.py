@@ -11,18 +11,20 @@ alone decides what a tick is and what an alarm is; a replay of the recording dec
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import logging
 import math
 import threading
 from collections.abc import Callable
 from errno import EADDRINUSE
+from functools import partial
 from typing import Any
 
 from cantools.database import Database
 
 from tpmsd.config.gnss_source import source_of
-from tpmsd.config.model import Config
-from tpmsd.daemon.bus_link import BusLink, OpenBus, open_can, own_filters, reset_filters
+from tpmsd.config.model import BusConfig, Config
+from tpmsd.daemon.bus_link import Bus, BusLink, OpenBus, open_can, own_filters, reset_filters
 from tpmsd.daemon.clock import Clock
 from tpmsd.daemon.deadlines import Deadlines, Every
 from tpmsd.daemon.descriptors import Descriptors
@@ -104,6 +106,12 @@ class Daemon:
         self._bus = BusLink(
             lambda: open_bus(config.can, filters, channel), f"CAN {channel}", self._log, kernel
         )
+        self._others = [
+            BusLink(
+                partial(self._open_other, open_bus, bus, number, database), f"CAN {bus.channel}", self._log
+            )
+            for number, bus in enumerate(config.can.buses.values(), 1)
+        ]
         self._out = self._bus
         if config.alarms.can and out is not None and out != channel:
             # Nothing is wanted from the other bus, but reading shows whether it is there.
@@ -116,7 +124,8 @@ class Daemon:
             label, stream = f"receiver {source.label}", configured_stream(config.gnss)
             self._receiver = ReceiverLink(open_receiver(config.gnss), label, self._log, stream)
         self._reporter = CanReporter(config.alarms)
-        self._feeder = Feeder(self._pipeline, self._queue, recorder, grace_s)
+        buses = {bus.channel: number for number, bus in enumerate(config.can.buses.values(), 1)}
+        self._feeder = Feeder(self._pipeline, self._queue, recorder, grace_s, buses)
         start_s = clock.monotonic()
         self._deadlines = Deadlines(1.0 / config.filter.rate_hz, start_s)
         self._health = Health(config, self._bus, self._receiver, self._queue, start_s)
@@ -129,6 +138,13 @@ class Daemon:
         self._verbose = Every(clock.scale * VERBOSE_S)
         self._lag = Every(clock.scale * LAG_AGAIN_S)
         self._manager = ServiceManager(notifier, clock.scale)
+
+    def _open_other(self, open_bus: OpenBus, bus: BusConfig, number: int, database: Database) -> Bus:
+        """Open a further bus; `CanDown` as `open_bus`."""
+        settings = dataclasses.replace(
+            self._config.can, interface=bus.interface, channel=bus.channel, fd=bus.fd, bitrate=bus.bitrate
+        )
+        return open_bus(settings, can_filters(self._config, database, number), bus.channel)
 
     @property
     def ticks(self) -> int:
@@ -227,6 +243,8 @@ class Daemon:
         """
         now_s, monotonic_s = self._clock.read()
         frames = self._bus.read(monotonic_s)
+        for other in self._others:
+            frames += other.read(monotonic_s)
         read_s = self._clock.now()
         for frame in frames:
             stamp_s = self._frame_time(frame.time_s)
@@ -274,8 +292,9 @@ class Daemon:
     def _faults(self, time_s: float) -> list[SourceFault]:
         """For as long as an input is down, the monitor is told so with every tick."""
         faults = []
-        if self._bus.is_down:
-            faults.append(SourceFault(time_s, "can", "down", self._bus.reason))
+        for bus in (self._bus, *self._others):
+            if bus.is_down:
+                faults.append(SourceFault(time_s, "can", "down", bus.reason))
         if self._receiver is not None and self._receiver.is_down:
             faults.append(SourceFault(time_s, "gnss", "unplugged", self._receiver.reason))
         return faults
@@ -320,7 +339,7 @@ class Daemon:
         self._manager.close()
 
     def _links(self) -> list[BusLink | ReceiverLink]:
-        links: list[BusLink | ReceiverLink] = [self._bus]
+        links: list[BusLink | ReceiverLink] = [self._bus, *self._others]
         if self._out is not self._bus:
             links.append(self._out)
         if self._receiver is not None:

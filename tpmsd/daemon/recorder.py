@@ -74,11 +74,14 @@ class DriveRecorder:
         except OSError as error:
             raise ConfigError(f"cannot record to {folder}: {error.strerror or error}") from None
         self._channel = "_".join(config.can.channel.split()) or "can0"
+        self._others = {bus.channel: "_".join(bus.channel.split()) for bus in config.can.buses.values()}
         self.stopped = False
 
     def frame(self, frame: CanFrame) -> None:
         """Record a data frame."""
-        if not self.stopped and self._can.add(candump_line(frame, self._channel)):
+        if not self.stopped and self._can.add(
+            candump_line(frame, self._others.get(frame.channel, self._channel))
+        ):
             self.flush()
 
     def sentence(self, time_s: float, line: bytes) -> None:

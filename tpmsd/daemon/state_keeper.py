@@ -30,7 +30,12 @@ Snapshot = dict[str, Any]
 
 def fingerprint(config: Config) -> str:
     """Digest of what the learned radii depend on: another vehicle or other signals is another car."""
-    car = {"vehicle": dataclasses.asdict(config.vehicle), "signals": config.can.signals}
+    vehicle = dataclasses.asdict(config.vehicle)
+    car: dict[str, Any] = {"vehicle": vehicle, "signals": config.can.signals}
+    if vehicle["teeth_by_wheel"] is None:
+        del vehicle["teeth_by_wheel"]  # states of versions that did not know the key stay valid
+    if config.can.options:
+        car["options"] = {role: dataclasses.asdict(option) for role, option in config.can.options.items()}
     return hashlib.sha256(json.dumps(car, sort_keys=True).encode("utf-8")).hexdigest()
 
 

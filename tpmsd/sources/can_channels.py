@@ -31,6 +31,20 @@ class Channel:
     """What the user should know; empty if all is as configured."""
 
 
+def bus_numbers(names: Iterable[str], main: str | None, buses: Iterable[str]) -> dict[str, int]:
+    """Channel of a log -> number of the bus: 0 for `main` (and for all that no further bus claims).
+
+    `names`: the log's channels; `buses`: configured channels of the further buses, in order.
+    """
+    numbers = dict.fromkeys(names, 0)
+    for number, configured in enumerate(buses, 1):
+        for name in numbers:
+            same = name == configured or (name.isdecimal() and _number(name) == _number(configured))
+            if same and name != main:
+                numbers[name] = number
+    return numbers
+
+
 def choose_channel(frames: Iterable[CanFrame], needed: Collection[int], configured: str) -> Channel:
     """The channel to take; all, where no two channels carry needed identifiers.
 

@@ -28,17 +28,19 @@ from tpmsd.config.model import WHEEL_COUNT_ROLES, Config
 from tpmsd.sources.can_arrival import MIN_TIMEOUT_S, MessageArrival, Verdict
 from tpmsd.sources.can_faults import FaultLog
 from tpmsd.sources.can_senders import SenderWatch
+from tpmsd.sources.databases import load_database
 from tpmsd.sources.events import Event, InertialSample, RotationSample, SourceFault
 from tpmsd.sources.signal_plan import (
+    BUS_SHIFT,
     EXTENDED,
+    ConditionPlan,
     MessagePlan,
     SignalGroup,
     SignalPlan,
     can_filters,
     compile_plans,
-    load_database,
 )
-from tpmsd.sources.wheel_counter import WheelCounter
+from tpmsd.sources.wheel_counter import DirectionKeeper, WheelCounter
 from tpmsd.sources.wheel_speed import FrozenSpeeds, WheelSpeedIntegrator
 
 __all__ = ["CanDecoder", "can_filters", "load_database"]
@@ -124,6 +126,9 @@ class CanDecoder:
         self._wheels = list(self._trackers.values())
         self._heard_s = dict.fromkeys((tracker.wheel for tracker in self._wheels), -math.inf)
         self._witnesses: dict[int, _Witness] = {}
+        self._holds: dict[int, bool] = {}
+        """Condition -> whether it held when its message last came; none before that."""
+        self._direction = DirectionKeeper()
         self._polled_s = self._calm_until_s = -math.inf
         """Between these times no message can become overdue."""
 
@@ -131,19 +136,28 @@ class CanDecoder:
         vehicle = config.vehicle
         radius_m = vehicle.wheel_radius_m[wheel]
         if signal.role in WHEEL_COUNT_ROLES:
-            bits = signal.field.length
-            return WheelCounter(wheel, bits, signal.gain, vehicle.teeth_per_rev, radius_m, self._faults)
+            return WheelCounter(
+                wheel, signal.modulus, signal.gain, vehicle.teeth_per_rev, radius_m, self._faults
+            )
         return WheelSpeedIntegrator(wheel, radius_m, self._faults)
 
     def decode(
-        self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, is_fd: bool = False
+        self,
+        time_s: float,
+        arbitration_id: int,
+        is_extended: bool,
+        data: bytes,
+        is_fd: bool = False,
+        bus: int = 0,
     ) -> list[Event]:
         """Events of one data frame (remote and error frames carry no data: do not pass them).
 
         `time_s`: host time stamp. CAN FD frames are decoded like classic ones; `is_fd` changes nothing.
+        `bus`: 0 for the bus of [can], else the number of the further bus.
         """
         self.counts["frames"] += 1
-        entry = self._plans.get(arbitration_id | EXTENDED if is_extended else arbitration_id)
+        key = arbitration_id | EXTENDED if is_extended else arbitration_id
+        entry = self._plans.get(bus << BUS_SHIFT | key if bus else key)
         out: list[Event] = []
         if entry is None:
             self.counts["ignored"] += 1
@@ -158,6 +172,8 @@ class CanDecoder:
             big = int.from_bytes(data, "big") << 8 * (big_bytes - size)
         else:
             big = int.from_bytes(data[:big_bytes], "big")
+        for condition in plan.conditions:
+            self._compare(condition, size, little, big)
         for group in groups:
             for field, numbers in group.plan.selectors:
                 bits = (big if field.big_endian else little) >> field.shift & field.mask
@@ -166,6 +182,14 @@ class CanDecoder:
             else:
                 self._decode_group(time_s, group, data, little, big, out)
         return out
+
+    def _compare(self, condition: ConditionPlan, size: int, little: int, big: int) -> None:
+        bits = 0
+        for field, numbers in (*condition.selectors, (condition.field, None)):
+            bits = (big if field.big_endian else little) >> field.shift & field.mask
+            if field.min_bytes > size or (numbers is not None and field.number(bits) not in numbers):
+                return
+        self._holds[condition.number] = condition.holds(bits)
 
     def clock_stepped(self) -> None:
         """The host's clock was set back, as the stamps of all inputs together have shown."""
@@ -224,9 +248,12 @@ class CanDecoder:
                 self._note_short(time_s, signal, size, out)
                 continue
             bits = (big if is_big else little) >> shift & mask
-            if bits in signal.invalid:
+            if bits in signal.invalid or (
+                signal.valid_when is not None and not self._holds.get(signal.valid_when, False)
+            ):
                 self._note_invalid(time_s, signal, bits, out)
                 continue
+            backward = signal.backward_when is not None and self._holds.get(signal.backward_when, False)
             if tracker is None:
                 value = signal.gain * signal.field.number(bits) + signal.bias
                 if not math.isfinite(value):
@@ -239,9 +266,16 @@ class CanDecoder:
             begun, jumps = len(out), faults.jumps
             if isinstance(tracker, WheelCounter):
                 value = 0.0
+                if bits >= signal.modulus:
+                    self._note_invalid(time_s, signal, bits, out)
+                    continue
+                if signal.backward_when is not None:
+                    bits = self._direction.signed(signal.role, bits, signal.modulus, backward)
                 tracker.update(time_s, bits, period_s, out)
             else:
                 value = signal.gain * signal.field.number(bits) + signal.bias
+                if backward:
+                    value = -value
                 if not math.isfinite(value):
                     self._note_invalid(time_s, signal, bits, out)
                     continue

@@ -1,7 +1,7 @@
 """From the DBC to a plan: where in which frame each needed signal is, and how its bits become SI units.
 
 In: `Config` and a cantools database. Out: one `MessagePlan` per arbitration id that carries a needed signal,
-and the CAN filters for exactly those ids. Pure, except for `load_database`, which reads the file.
+and the CAN filters for exactly those ids. Pure.
 
 cantools decodes whole messages into dictionaries, choices and all; at bus speed that is too slow by a factor
 of ten. Here the frame becomes one integer per byte order, and each signal is a shift and a mask of it.
@@ -13,18 +13,20 @@ import re
 import struct
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
-import cantools.database
 from cantools.database.can import Database, Message, Signal
 
-from tpmsd.config.model import WHEEL_COUNT_ROLES, WHEEL_SPEED_ROLES, Config
+from tpmsd.config.dbc import counter_modulus
+from tpmsd.config.model import WHEEL_COUNT_ROLES, WHEEL_SPEED_ROLES, Condition, Config
 from tpmsd.config.units import to_si, wheel_speed_kind
 from tpmsd.errors import ConfigError
+from tpmsd.sources.databases import database_of
 
 EXTENDED = 1 << 31
 """Marks a 29-bit identifier in a plan's key, as SocketCAN marks it on the wire."""
+BUS_SHIFT = 32
+"""A plan's key holds the number of its bus (0: that of [can]) above the identifier."""
 
 _FLOATS = {16: struct.Struct(">e"), 32: struct.Struct(">f"), 64: struct.Struct(">d")}
 
@@ -77,6 +79,12 @@ class SignalPlan:
     positive, and bias 0."""
     invalid: frozenset[int]
     """Raw bits that mean 'no value'."""
+    modulus: int = 0
+    """A counter's values are 0 to modulus - 1; 0 for what is no counter."""
+    valid_when: int | None = None
+    """Number of the condition (`ConditionPlan.number`) without which the value is not to be used."""
+    backward_when: int | None = None
+    """Number of the condition under which the wheel turns backward."""
 
     @property
     def wheel(self) -> int | None:
@@ -98,33 +106,43 @@ class SignalGroup:
 
 
 @dataclass(frozen=True, slots=True)
+class ConditionPlan:
+    """A comparison of one signal with a number."""
+
+    number: int
+    name: str
+    selectors: tuple[tuple[BitField, frozenset[int]], ...]
+    field: BitField
+    gain: float
+    bias: float
+    operator: str
+    value: float
+
+    def holds(self, bits: int) -> bool:
+        """Whether the raw bits meet the comparison."""
+        found = self.gain * self.field.number(bits) + self.bias
+        # Physical values are products of decimal fractions: equal means within rounding.
+        equal = abs(found - self.value) <= 1e-9 * max(1.0, abs(self.value))
+        if self.operator in ("==", "!="):
+            return equal == (self.operator == "==")
+        if equal:
+            return "=" in self.operator
+        return found > self.value if ">" in self.operator else found < self.value
+
+
+@dataclass(frozen=True, slots=True)
 class MessagePlan:
     """The needed signals of one arbitration id."""
 
     key: int
-    """Arbitration id, with `EXTENDED` set for 29-bit ones."""
+    """Arbitration id, with `EXTENDED` set for 29-bit ones and the number of the bus above `BUS_SHIFT`."""
     name: str
     little_bytes: int
     big_bytes: int
     """Bytes that the two integers of a frame span; 0 where no signal has that byte order."""
     groups: tuple[SignalGroup, ...]
-
-
-def load_database(path: str | Path) -> Database:
-    """Read a DBC (or KCD, SYM, ARXML) file; a `ConfigError` of one line says what is wrong with it."""
-    try:
-        # strict=False: DBC files in the field have overlapping signals, and we need only a few of them.
-        database = cantools.database.load_file(str(path), strict=False)
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror or error}") from None
-    except Exception as error:
-        # The parsers of five formats raise whatever their grammar libraries raise; to the user all of
-        # that is one thing: this file is not a database.
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise ConfigError(f"{path}: not a readable CAN database: {reason[:300]}") from None
-    if not isinstance(database, Database):
-        raise ConfigError(f"{path}: describes diagnostics, not CAN messages")
-    return database
+    conditions: tuple[ConditionPlan, ...] = ()
+    """Comparisons of this message's signals."""
 
 
 def needed_signals(config: Config) -> dict[str, str]:
@@ -136,22 +154,71 @@ def needed_signals(config: Config) -> dict[str, str]:
 def compile_plans(config: Config, database: Database) -> dict[int, MessagePlan]:
     """Plans by key. A `ConfigError` names the role whose message, signal or unit does not fit."""
     found: dict[int, tuple[Message, list[tuple[Signal, SignalPlan]]]] = {}
+    conditions = _Conditions(database)
     for role, name in needed_signals(config).items():
-        message, signal = _find(database, role, name)
-        key = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
-        found.setdefault(key, (message, []))[1].append((signal, _plan(config, role, name, signal)))
-    return {key: _message_plan(key, message, signals) for key, (message, signals) in found.items()}
+        bus = config.can.bus_number(role)
+        message, signal = _find(database_of(database, bus), role, name)
+        plan = _plan(config, role, name, signal)
+        option = config.can.option(role)
+        if option.valid_when is not None:
+            plan = replace(plan, valid_when=conditions.number(bus, role, option.valid_when))
+        if option.backward_when is not None:
+            plan = replace(plan, backward_when=conditions.number(bus, role, option.backward_when))
+        found.setdefault(_key(bus, message), (message, []))[1].append((signal, plan))
+    for key, message in conditions.messages.items():
+        found.setdefault(key, (message, []))
+    return {
+        key: _message_plan(key, message, signals, conditions.plans.get(key, []))
+        for key, (message, signals) in found.items()
+    }
 
 
-def can_filters(config: Config, database: Database) -> list[dict[str, Any]]:
-    """Filters for python-can that let through exactly the ids in which there is a needed signal."""
+def _key(bus: int, message: Message) -> int:
+    return bus << BUS_SHIFT | message.frame_id | (EXTENDED if message.is_extended_frame else 0)
+
+
+class _Conditions:
+    """Gathers the comparisons, each once."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._numbers: dict[tuple[int, Condition], int] = {}
+        self.messages: dict[int, Message] = {}
+        self.plans: dict[int, list[ConditionPlan]] = {}
+
+    def number(self, bus: int, role: str, condition: Condition) -> int:
+        """The number of a comparison on a bus."""
+        known = self._numbers.get((bus, condition))
+        if known is not None:
+            return known
+        number = self._numbers[bus, condition] = len(self._numbers)
+        message, signal = _find(database_of(self._database, bus), role, condition.signal)
+        key = _key(bus, message)
+        self.messages[key] = message
+        plan = ConditionPlan(
+            number,
+            condition.signal,
+            _selectors(message, signal),
+            bit_field(signal),
+            float(signal.scale),
+            float(signal.offset),
+            condition.operator,
+            condition.value,
+        )
+        self.plans.setdefault(key, []).append(plan)
+        return number
+
+
+def can_filters(config: Config, database: Database, bus: int = 0) -> list[dict[str, Any]]:
+    """Filters for python-can that let through exactly the ids of a bus in which there is a needed signal."""
     return [
         {
-            "can_id": key & ~EXTENDED,
+            "can_id": key & 0x1FFFFFFF,
             "can_mask": 0x1FFFFFFF if key & EXTENDED else 0x7FF,
             "extended": bool(key & EXTENDED),
         }
         for key in sorted(compile_plans(config, database))
+        if key >> BUS_SHIFT == bus
     ]
 
 
@@ -191,26 +258,37 @@ def _find(database: Database, role: str, name: str) -> tuple[Message, Signal]:
 
 def _plan(config: Config, role: str, name: str, signal: Signal) -> SignalPlan:
     field = bit_field(signal)
+    option = config.can.option(role)
+    unit = signal.unit if option.unit is None else option.unit
     try:
-        factor, offset = to_si(role, signal.unit)
+        factor, offset = to_si(role, unit)
     except ConfigError as error:
         raise ConfigError(f"can.signals.{role}: {name}: {error}") from None
-    scale, shift = float(signal.scale), float(signal.offset)
+    scale = float(signal.scale if option.scale is None else option.scale)
+    shift = float(signal.offset if option.offset is None else option.offset)
+    modulus = 0
     if role in WHEEL_COUNT_ROLES:
         if field.is_float:
             raise ConfigError(f"can.signals.{role}: {name} is a floating-point number, not a counter")
         # A counter's offset cancels in differences, and its sign bit is just its highest bit.
         gain, bias, field = abs(scale), 0.0, replace(field, signed=False)
+        gain *= config.vehicle.teeth_per_rev / config.vehicle.teeth(WHEEL_COUNT_ROLES.index(role))
+        modulus = option.modulus or counter_modulus(signal)
+        if modulus > 1 << field.length:
+            raise ConfigError(
+                f"can.signals.{role}: modulus {modulus} does not fit into the {field.length} bits of {name}"
+            )
     else:
-        gain, bias = factor * scale, factor * shift + offset
-    if role in WHEEL_SPEED_ROLES and wheel_speed_kind(signal.unit) == "linear":
+        gain, bias = option.sign * factor * scale, option.sign * (factor * shift) + offset
+    if role in WHEEL_SPEED_ROLES and wheel_speed_kind(unit) == "linear":
         # The speed of the road divided by the nominal radius: what the maker's own radius hides in it
         # is a constant factor, which calibration takes up.
         radius_m = config.vehicle.wheel_radius_m[WHEEL_SPEED_ROLES.index(role)]
         gain, bias = gain / radius_m, bias / radius_m
     if gain == 0.0:
         raise ConfigError(f"can.signals.{role}: {name} has the scale 0 in the DBC")
-    return SignalPlan(role, name, field, gain, bias, _invalid_bits(signal, field))
+    invalid = _invalid_bits(signal, field) | {number & field.mask for number in option.invalid}
+    return SignalPlan(role, name, field, gain, bias, invalid, modulus)
 
 
 _NO_VALUE = re.compile(
@@ -244,9 +322,12 @@ def _invalid_bits(signal: Signal, field: BitField) -> frozenset[int]:
     return frozenset(invalid)
 
 
-def _message_plan(key: int, message: Message, signals: list[tuple[Signal, SignalPlan]]) -> MessagePlan:
+def _message_plan(
+    key: int, message: Message, signals: list[tuple[Signal, SignalPlan]], conditions: list[ConditionPlan]
+) -> MessagePlan:
     chains = [_selectors(message, signal) for signal, _ in signals]
     fields = [plan.field for _, plan in signals] + [field for chain in chains for field, _ in chain]
+    fields += [c.field for c in conditions] + [field for c in conditions for field, _ in c.selectors]
     little = max((field.min_bytes for field in fields if not field.big_endian), default=0)
     big = max((field.min_bytes for field in fields if field.big_endian), default=0)
 
@@ -258,7 +339,15 @@ def _message_plan(key: int, message: Message, signals: list[tuple[Signal, Signal
         SignalGroup(_branch_name(message.name, chain), chain, tuple(plans))
         for chain, plans in branches.items()
     )
-    return MessagePlan(key, message.name, little, big, groups)
+    compared = tuple(
+        replace(
+            condition,
+            field=_share(condition.field, little, big),
+            selectors=tuple((_share(f, little, big), numbers) for f, numbers in condition.selectors),
+        )
+        for condition in conditions
+    )
+    return MessagePlan(key, message.name, little, big, groups, compared)
 
 
 def _selectors(message: Message, signal: Signal) -> tuple[tuple[BitField, frozenset[int]], ...]:

@@ -8,7 +8,7 @@ the log.
 The count is an integer and is never rounded, so a segment's angle is exact however long it is. A reading is
 believed if the wheel can have turned so far since the last one. What it can do follows from its speed before:
 it may lock at any time, it gains speed by no more than MAX_ACCEL_MPS2, and the time stamp may be off by a
-period. Of all counts that the raw value may stand for (it rolls over at 2**bits), just one may be possible:
+period. Of all counts that the raw value may stand for (it rolls over at its modulus) one may be possible:
 
     none                 suspect: the next reading tells a single odd value ('jump') from a new level
                          ('reset' if that began near zero); a new level is a new segment
@@ -44,6 +44,26 @@ STUCK_BITS = 4.0
 """The other wheels have gone this far (in bits of this counter) while this one has not."""
 
 
+class DirectionKeeper:
+    """Gives counters that count up in either direction the sign of their direction bit.
+
+    The values that come out are congruent to a signed count, so that a `WheelCounter` unwraps them.
+    """
+
+    __slots__ = ("_last",)
+
+    def __init__(self) -> None:
+        self._last: dict[str, tuple[int, int]] = {}
+
+    def signed(self, role: str, raw: int, modulus: int, backward: bool) -> int:
+        """The counter's value as if it counted down while turning backward."""
+        before, total = self._last.get(role, (raw, raw))
+        step = (raw - before) % modulus
+        total = (total - step if backward else total + step) % modulus
+        self._last[role] = raw, total
+        return total
+
+
 class WheelCounter:
     """Unwraps the counter of one wheel."""
 
@@ -53,7 +73,6 @@ class WheelCounter:
         "_faults",
         "_held",
         "_history",
-        "_mask",
         "_max_speed",
         "_modulus",
         "_odd",
@@ -79,7 +98,7 @@ class WheelCounter:
     def __init__(
         self,
         wheel: int,
-        bits: int,
+        modulus: int,
         counts_per_bit: float,
         teeth_per_rev: float,
         radius_m: float,
@@ -93,8 +112,7 @@ class WheelCounter:
         """Time of the last reading before the value stopped changing; None while it changes."""
         self.stuck = False
         self._faults = faults
-        self._modulus = 1 << bits
-        self._mask = self._modulus - 1
+        self._modulus = modulus
         self._accel = MAX_ACCEL_MPS2 / self.m_per_bit
         self._max_speed = MAX_SPEED_MPS / self.m_per_bit
         self._reverse = MAX_REVERSE_MPS / self.m_per_bit
@@ -153,7 +171,7 @@ class WheelCounter:
             self._begin(time_s, raw, out)
             return
         low, high = self._possible(interval, period_s)
-        bits = low + ((raw - self._raw - low) & self._mask)
+        bits = low + ((raw - self._raw - low) % self._modulus)
         if bits > high:
             self._doubt(time_s, raw, period_s, out)
         elif bits + self._modulus <= high:
@@ -308,7 +326,7 @@ class WheelCounter:
         pairs = list(itertools.pairwise(odd))
         if not all(0.0 < after[0] - before[0] <= SPEED_WINDOW_S for before, after in pairs):
             return False
-        bits = [(after[1] - before[1]) & self._mask for before, after in pairs]
+        bits = [(after[1] - before[1]) % self._modulus for before, after in pairs]
         limit = self._max_speed * (odd[-1][0] - odd[0][0])
         return 0 < sum(bits) <= limit and max(bits) - min(bits) <= SLACK_BITS + 0.2 * max(bits)
 
@@ -321,7 +339,7 @@ class WheelCounter:
         if len(self._history) < 2 or self._history[-1][0] != self._time_s:
             return False
         before_s, before = self._history[-2]
-        before_raw = (self._raw - (self._total - before)) & self._mask
+        before_raw = (self._raw - (self._total - before)) % self._modulus
         bits = self._bits_from(before_raw, raw, time_s - before_s, period_s)
         if bits is None:
             return False
@@ -334,7 +352,7 @@ class WheelCounter:
     def _bits_from(self, start: int, raw: int, interval: float, period_s: float) -> int | None:
         """The number of bits from one raw value to another; None if it is impossible or ambiguous."""
         low, high = self._possible(interval, period_s)
-        bits = low + ((raw - start - low) & self._mask)
+        bits = low + ((raw - start - low) % self._modulus)
         return bits if bits <= high < bits + self._modulus else None
 
     def _drop_suspect(self, suspect: tuple[float, int], out: list[Event]) -> None:
@@ -348,13 +366,13 @@ class WheelCounter:
             # Nothing is known of the speed. Counters are built so that one period is never ambiguous,
             # so the smallest way forward is right unless a frame is missing.
             if 0.0 < interval < 1.5 * period_s:
-                self._accept(time_s, raw, (raw - self._raw) & self._mask, out)
+                self._accept(time_s, raw, (raw - self._raw) % self._modulus, out)
             else:
                 self._begin(time_s, raw, out)
             return
         way, slack = self._speed * interval, self._slack(interval) + abs(self._speed) * period_s
         low, high = math.ceil(way - slack), way + slack
-        bits = low + ((raw - self._raw - low) & self._mask)
+        bits = low + ((raw - self._raw - low) % self._modulus)
         if bits > high or bits + self._modulus <= high:
             self._begin(time_s, raw, out)
         else:

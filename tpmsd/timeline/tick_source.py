@@ -28,12 +28,18 @@ class TickSource:
         self.timeline = Timeline(rate_hz or config.filter.rate_hz, config.gnss.latency_s)
 
     def on_frame(
-        self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, is_fd: bool = False
+        self,
+        time_s: float,
+        arbitration_id: int,
+        is_extended: bool,
+        data: bytes,
+        is_fd: bool = False,
+        bus: int = 0,
     ) -> list[Tick]:
-        """Take one CAN data frame."""
+        """Take one CAN data frame; `bus` as in `CanDecoder.decode`."""
         ticks = self.advance(time_s)
         add = self.timeline.add
-        for event in self.decoder.decode(time_s, arbitration_id, is_extended, data, is_fd):
+        for event in self.decoder.decode(time_s, arbitration_id, is_extended, data, is_fd, bus):
             ticks += add(event)
         return ticks
 
