@@ -104,12 +104,6 @@ def test_every_role_of_the_bus_is_known(make: Make) -> None:
     assert "linear speed" in problem.what
 
 
-def test_a_source_of_fixes(make: Make) -> None:
-    """The sources of the receiver are taken as they are written."""
-    for source in ("serial:/dev/ttyACM0", "gpsd://localhost:2947", "tcp://box:5000", "udp://:5000", "can"):
-        assert source == load_config(make(("[gnss]\n", f'[gnss]\nsource = "{source}"\n'))).gnss.source
-
-
 def test_mixed_wheels_still_need_all(make: Make) -> None:
     """A wheel given as a table is a wheel."""
     with pytest.raises(ConfigProblems, match="wheel_count_fl"):
