@@ -147,7 +147,7 @@ def test_check_json_that_cannot_be_written(tmp_path: Path, capsys: pytest.Captur
     (tmp_path / "vehicle.toml").write_text(WRONG_TOML)
     target = tmp_path / "no" / "such" / "folder.json"
     assert main(["check", str(tmp_path), "--json", str(target)]) == 1
-    expected = f"tpmsd: {target}: cannot write: No such file or directory"
+    expected = f"tpmsd: --json {target}: there is no folder {target.parent}"
     assert expected == capsys.readouterr().err.splitlines()[-1]
 
 

@@ -97,7 +97,7 @@ def test_a_failed_report_leaves_the_old_file(tmp_path: Path) -> None:
 
 def test_write_errors(tmp_path: Path) -> None:
     """A target that cannot be written is one line with the system's reason."""
-    with pytest.raises(TpmsdError, match="cannot write: Is a directory") as caught:
+    with pytest.raises(TpmsdError, match="a folder; the name of a file is wanted") as caught:
         write_json({}, str(tmp_path))
     assert caught.value.exit_code == 1
 

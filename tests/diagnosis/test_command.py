@@ -29,7 +29,7 @@ def out(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder with all that the command writes."""
     path = tmp_path_factory.mktemp("out")
     arguments = ["diagnose", str(folder), "--json", str(path / "d.json"), "--html", str(path / "d.html")]
-    assert 0 == main(arguments)
+    assert 0 == main([*arguments, "--model-out", str(path / "model.toml")])
     return path
 
 
@@ -66,16 +66,18 @@ def test_the_page_stands_alone(out: Path) -> None:
     assert "href=" not in page
 
 
-def test_a_model_file_of_somebody_else_is_left_alone(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_nothing_is_written_but_what_was_asked_for(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Without --model-out, a model.toml that was written by hand stays as it is."""
-    mine = tmp_path / "model.toml"
-    mine.write_text("# mine\n", encoding="utf-8")
-    main(["diagnose", str(folder), "--json", str(tmp_path / "d.json")])
+    """Without --model-out no model file appears, neither beside the JSON file nor in the present folder."""
+    here = tmp_path / "here"
+    here.mkdir()
+    monkeypatch.chdir(here)
 
-    assert "# mine\n" == mine.read_text(encoding="utf-8")
-    assert "left as it is" in capsys.readouterr().err
+    assert 0 == main(["diagnose", str(folder.resolve()), "--json", str(tmp_path / "d.json")])
+    assert None is json.loads((tmp_path / "d.json").read_text(encoding="utf-8"))["model_file"]
+    assert [] == list(here.iterdir())
+    assert ["d.json", "here"] == sorted(path.name for path in tmp_path.iterdir())
 
 
 def test_a_folder_that_is_not_there_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tpmsd.cli.output import Subparsers, add_json_option, write_json
+from tpmsd.cli.output import Subparsers, add_json_option, json_text
+from tpmsd.cli.outputs import Outputs
 from tpmsd.config.gnss_source import source_of
 
 if TYPE_CHECKING:
@@ -50,13 +51,13 @@ def run(args: argparse.Namespace) -> int:
     """Check and report."""
     from tpmsd.config.check import check  # here, since cantools takes its time and --help does not need it
 
+    outputs = Outputs(("--json", args.json))
     result = check(args.config, args.dbc)
     for warning in result.warnings:
         print(f"warning: {warning.text}", file=sys.stderr)
     for problem in result.problems:
         print(problem.text, file=sys.stderr)
-    if args.json is not None:
-        write_json(_document(result), args.json)
+    outputs.write({"--json": lambda: json_text(_document(result))})
     if result.plan is None:
         count = len(result.problems)
         print(f"{result.file}: {count} problem{'s' if count != 1 else ''}", file=sys.stderr)

@@ -14,13 +14,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tpmsd.cli.output import Progress, Subparsers, add_json_option, write_json
+from tpmsd.cli.output import Progress, Subparsers, add_json_option, json_text
+from tpmsd.cli.outputs import Outputs
 from tpmsd.errors import ConfigError, InputError, TpmsdError
 
 if TYPE_CHECKING:
-    from tpmsd.diagnosis.result import Diagnosis
     from tpmsd.inference.recording import Recording
-    from tpmsd.report.alarms_compared import AlarmsCompared
 
 _DESCRIPTION = """\
 Compares a recorded drive with the pure rolling model, finds where the two differ, names the physics that was
@@ -38,10 +37,8 @@ examples:
   tpmsd diagnose drives/monday --alarms                 and what it means for the tyres
   tpmsd simulate drives/again --model model.toml        a drive that holds what was found
 
-The extended model is written to --model-out; without it to model.toml beside the JSON file, or in the
-present folder where there is none.
+Nothing is written but what was asked for: --model-out for the extended model, --json, --html.
 """
-_HEADER = "written by tpmsd diagnose"
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -85,9 +82,12 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.cli.diagnose_alarms import AlarmReplays
     from tpmsd.diagnosis.diagnose import diagnose, diagnose_against
     from tpmsd.diagnosis.result import INSUFFICIENT
+    from tpmsd.physics.model_file import format_model
     from tpmsd.report.diagnosis_document import diagnosis_document
+    from tpmsd.report.diagnosis_html import diagnosis_page
     from tpmsd.report.diagnosis_summary import diagnosis_summary
 
+    outputs = Outputs(("--model-out", args.model_out), ("--html", args.html), ("--json", args.json))
     if args.simulation is not None and len(args.drives) > 1:
         raise ConfigError("--simulation is compared with one DRIVE, that of which it is a simulation")
     names = names_of(args.drives)
@@ -107,15 +107,18 @@ def run(args: argparse.Namespace) -> int:
         alarms = []
         if replays is not None and diagnosis.verdict != INSUFFICIENT:
             alarms = replays.compared(diagnosis)
-    model_file = None
-    if diagnosis.verdict != INSUFFICIENT:
-        model_file = _write_model(diagnosis, args)
-    if args.html is not None:
-        _write_page(diagnosis, args.html, names, alarms)
-    if args.json is not None:
-        write_json(diagnosis_document(diagnosis, model_file, alarms), args.json)
-    if args.json != "-":
-        print(diagnosis_summary(diagnosis, model_file, alarms))
+    known = diagnosis.verdict != INSUFFICIENT
+    model_file = str(args.model_out) if known and args.model_out is not None else None
+    if not outputs.fill_stdout:
+        print(diagnosis_summary(diagnosis, model_file, alarms), flush=True)
+    comment = f"written by tpmsd diagnose from {', '.join(drive.resolve().name for drive in args.drives)}"
+    outputs.write(
+        {
+            "--model-out": lambda: format_model(diagnosis.model, comment) if known else None,
+            "--html": lambda: diagnosis_page(diagnosis, names, alarms),
+            "--json": lambda: json_text(diagnosis_document(diagnosis, model_file, alarms)),
+        }
+    )
     return 0
 
 
@@ -149,38 +152,3 @@ def read_recording(folder: Path, config_file: Path | None = None, name: str = "t
         raise
     except ValueError as error:
         raise InputError(folder, str(error)) from None
-
-
-def _write_model(diagnosis: Diagnosis, args: argparse.Namespace) -> str | None:
-    from tpmsd.physics.model_file import save_model
-
-    target = args.model_out
-    if target is None:
-        beside = args.json is not None and args.json != "-"
-        target = Path(args.json).parent / "model.toml" if beside else Path("model.toml")
-        if target.exists() and _HEADER not in _head(target):
-            print(
-                f"tpmsd: {target} is not of tpmsd diagnose and was left as it is (use --model-out)",
-                file=sys.stderr,
-            )
-            return None
-    names = ", ".join(drive.resolve().name for drive in args.drives)
-    save_model(target, diagnosis.model, f"{_HEADER} from {names}")
-    return str(target)
-
-
-def _head(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")[:200]
-    except (OSError, UnicodeDecodeError):
-        return ""
-
-
-def _write_page(diagnosis: Diagnosis, target: Path, names: list[str], alarms: list[AlarmsCompared]) -> None:
-    from tpmsd.report.diagnosis_html import diagnosis_page
-
-    page: str = diagnosis_page(diagnosis, names, alarms)
-    try:
-        target.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"{target}: cannot be written: {error.strerror}") from None

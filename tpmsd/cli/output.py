@@ -12,11 +12,10 @@ import math
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 from types import TracebackType
 from typing import IO, TYPE_CHECKING, Any
 
-from tpmsd.errors import TpmsdError
+from tpmsd.cli.outputs import Outputs
 from tpmsd.plain import plain
 
 if TYPE_CHECKING:
@@ -41,24 +40,17 @@ def dumps(obj: Any, indent: int | None = 2) -> str:
     return json.dumps(plain(obj), indent=indent, allow_nan=False, ensure_ascii=False)
 
 
-def write_json(obj: Any, target: str, stdout: IO[str] | None = None) -> None:
+def json_text(obj: Any) -> str:
+    """`obj` as a JSON document that ends with a line end."""
+    return dumps(obj) + "\n"
+
+
+def write_json(obj: Any, target: str) -> None:
     """Write `obj` as JSON to the file `target`, or to standard output where it is '-'.
 
-    Raises `TpmsdError` with one line where the file cannot be written.
+    Raises `OutputError` with one line where the file cannot be written.
     """
-    text = dumps(obj) + "\n"  # all of it before the file is touched: a half-written report helps nobody
-    if target == "-":
-        out = stdout or sys.stdout
-        if out is None:
-            raise TpmsdError("standard output is closed")
-        out.write(text)
-        out.flush()
-        return
-    try:
-        Path(target).write_text(text, encoding="utf-8")
-    except (OSError, ValueError) as error:
-        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
-        raise TpmsdError(f"{target}: cannot write: {reason}") from None
+    Outputs(("--json", target)).write({"--json": lambda: json_text(obj)})
 
 
 class Progress:

@@ -13,7 +13,8 @@ from tpmsd.api import functions
 from tpmsd.api.drive import Drive
 from tpmsd.api.reading import FolderRecording
 from tpmsd.cli.drive_reading import say, span_s
-from tpmsd.cli.output import Progress, Subparsers, add_json_option, write_json
+from tpmsd.cli.output import Progress, Subparsers, add_json_option, json_text
+from tpmsd.cli.outputs import Outputs
 from tpmsd.config.load import load_config
 from tpmsd.config.model import FILTER_METHODS, Config
 from tpmsd.errors import ConfigError, InputError
@@ -64,10 +65,11 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay the drive."""
-    if args.plot is not None:
-        from tpmsd.report.replay_plot import check_plot_target
+    from tpmsd.report.replay_plot import check_plot_target, plot_replay
 
-        check_plot_target(args.plot)  # before the work, not after it
+    outputs = Outputs(("--plot", args.plot), ("--json", args.json))
+    if args.plot is not None:
+        check_plot_target(args.plot)
     config = load_config(args.config if args.config is not None else _vehicle_of(args.drive))
     config = _overridden(config, args)
     model = None
@@ -77,14 +79,14 @@ def run(args: argparse.Namespace) -> int:
         for note in left_alone(config, model):
             print(f"tpmsd: {model_file}: {note}", file=sys.stderr)
     result = replay(args.drive, config, model)
-    if args.plot is not None:
-        from tpmsd.report.replay_plot import plot_replay
-
-        plot_replay(result, args.plot)
-    if args.json is not None:
-        write_json(replay_document(result), args.json)
-    if args.json != "-":
-        print(replay_summary(result))
+    if not outputs.fill_stdout:
+        print(replay_summary(result), flush=True)
+    outputs.write(
+        {
+            "--plot": lambda: plot_replay(result, args.plot.suffix),
+            "--json": lambda: json_text(replay_document(result)),
+        }
+    )
     return 0
 
 

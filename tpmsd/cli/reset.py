@@ -10,7 +10,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from tpmsd.cli.output import Subparsers, add_json_option, write_json
+from tpmsd.cli.output import Subparsers, add_json_option, json_text
+from tpmsd.cli.outputs import Outputs
 from tpmsd.config.load import load_config
 from tpmsd.config.model import StatusConfig
 from tpmsd.errors import TpmsdError
@@ -53,6 +54,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Ask, wait for the tick that takes it, and say what became of it."""
+    outputs = Outputs(("--json", args.json))
     path = StatusConfig().socket
     if args.socket is not None:
         path = args.socket
@@ -65,10 +67,9 @@ def run(args: argparse.Namespace) -> int:
             raise TpmsdError(f"{path}: tpmsd has not taken up the reset (waited {WAIT_S:g} s): do ticks run?")
         time.sleep(POLL_S)
     baseline: dict[str, Any] = document["baseline"]
-    if args.json is not None:
-        write_json({"baseline": baseline}, args.json)
-    if args.json != "-":
-        print(printable(str(baseline.get("reset_reason", ""))))
+    if not outputs.fill_stdout:
+        print(printable(str(baseline.get("reset_reason", ""))), flush=True)
+    outputs.write({"--json": lambda: json_text({"baseline": baseline})})
     return 1 if baseline.get("reset") == "refused" else 0
 
 

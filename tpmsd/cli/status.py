@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from tpmsd.cli.output import Subparsers, dumps, write_json
+from tpmsd.cli.outputs import Outputs
 from tpmsd.cli.status_table import render_status
 from tpmsd.config.load import load_config
 from tpmsd.config.model import StatusConfig
@@ -61,6 +62,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Ask and show; raises TpmsdError with one line where the daemon cannot be asked."""
+    Outputs(("--json", args.json))  # before the daemon is asked
     path = _socket_path(args)
     if not args.watch:
         document = read_status(path)

@@ -1,12 +1,12 @@
 """A replayed drive as a picture: PNG, SVG or PDF by the file's suffix.
 
-In: a `ReplayResult` and a file name. Out: the file (`plot_replay`), or the matplotlib figure (`draw_replay`).
+In: a `ReplayResult`. Out: the matplotlib figure (`draw_replay`), or the picture's bytes (`plot_replay`).
 matplotlib is the optional extra `tpmsd[plot]`; it is imported only to draw, and needs no display.
 """
 
 from __future__ import annotations
 
-import os
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,15 +21,11 @@ DPI = 100
 
 
 def check_plot_target(target: Path) -> None:
-    """Say before a long replay what would stop its picture: ConfigError with one line."""
+    """Say before a long replay that its picture has a form nobody can draw: ConfigError with one line."""
     if target.suffix.lower() not in SUFFIXES:
         raise ConfigError(
             f"{target}: a plot ends in {', '.join(SUFFIXES)}, not in {target.suffix or 'nothing'!r}"
         )
-    if not target.parent.is_dir():
-        raise ConfigError(f"{target}: there is no folder {target.parent}")
-    if target.is_dir() or not os.access(target if target.exists() else target.parent, os.W_OK):
-        raise ConfigError(f"{target}: cannot be written")
     _require_matplotlib()
 
 
@@ -44,14 +40,16 @@ def draw_replay(result: ReplayResult) -> Figure:
     return draw(result)
 
 
-def plot_replay(result: ReplayResult, target: Path) -> None:
-    """Draw the drive into `target`; ConfigError for a wrong suffix, no such folder or no matplotlib."""
-    check_plot_target(target)
-    figure = draw_replay(result)
-    try:
-        figure.savefig(target, dpi=DPI)
-    except OSError as error:
-        raise ConfigError(f"{target}: {error.strerror or error}") from error
+def plot_replay(result: ReplayResult, suffix: str) -> bytes:
+    """The drive as a picture of the form `suffix` (one of `SUFFIXES`)."""
+    return picture(draw_replay(result), suffix)
+
+
+def picture(figure: Figure, suffix: str) -> bytes:
+    """A figure as the bytes of a file with this suffix (one of `SUFFIXES`)."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, dpi=DPI, format=suffix.lower().lstrip("."))
+    return buffer.getvalue()
 
 
 def _require_matplotlib() -> None:

@@ -1,0 +1,152 @@
+"""The files that a command was asked to write: checked before the work, written whole after the report.
+
+In: options with their targets; after the work, what goes into each. Out: the files, or one line for each that
+could not be written. A long computation never loses its result to a folder that is not there: what cannot
+work is said before it starts, a file appears under its name only when it is complete, and one that fails (a
+full disk) does not keep the others from being written.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import stat
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from tpmsd.errors import TpmsdError
+
+Content = Callable[[], str | bytes | None]
+"""Makes what goes into a file; None where there is nothing to write."""
+
+STDOUT = "-"
+
+
+class OutputError(TpmsdError):
+    """A file that was asked for cannot be written; one line for each."""
+
+
+class Outputs:
+    """The outputs of one command, by option; `-` is standard output.
+
+    Args:
+        targets: option and target of every output the command knows; None where it was not asked for.
+
+    Raises:
+        OutputError: a target cannot be written, or two outputs have the same one; nothing was touched.
+    """
+
+    def __init__(self, *targets: tuple[str, str | Path | None]) -> None:
+        self._targets = {option: str(target) for option, target in targets if target is not None}
+        problems = [line for option, target in self._targets.items() if (line := _problem(option, target))]
+        seen: dict[str, str] = {}
+        for option, target in self._targets.items():
+            place = STDOUT if target == STDOUT else str(Path(target).resolve())
+            if place in seen:
+                problems.append(f"{option} {target}: {seen[place]} goes there already")
+            seen.setdefault(place, option)
+        if problems:
+            raise OutputError("\n".join(problems))
+
+    @property
+    def fill_stdout(self) -> bool:
+        """Whether an output goes to standard output, so that the report for people must not."""
+        return STDOUT in self._targets.values()
+
+    def asked(self, option: str) -> bool:
+        """Whether the command line has this option."""
+        return option in self._targets
+
+    def write(self, contents: Mapping[str, Content]) -> None:
+        """Write every output that was asked for; `contents` makes each one's text or bytes.
+
+        Raises:
+            OutputError: with one line for each that could not be written; the others are written.
+        """
+        problems: list[str] = []
+        for option, target in self._targets.items():
+            try:
+                content = contents[option]()
+                if content is None:
+                    continue
+                if target == STDOUT:
+                    _to_stdout(content)
+                else:
+                    write_whole(Path(target), content)
+            except TpmsdError as error:
+                problems.append(str(error))
+        if problems:
+            raise OutputError("\n".join(problems))
+
+
+def write_whole(target: Path, content: str | bytes, backup: bool = False) -> None:
+    """Write beside the target and rename, so that a failure leaves the old file; a link stays one.
+
+    With `backup`, what was there before is kept as `<name>.bak`. A target that is no regular file (a device,
+    a pipe) is written to as it is.
+
+    Raises:
+        OutputError: it cannot be written; the old file is whole.
+    """
+    data = content.encode("utf-8") if isinstance(content, str) else content
+    beside: str | None = None
+    try:
+        real = target.resolve()
+        if real.exists() and not stat.S_ISREG(real.stat().st_mode):
+            real.write_bytes(data)
+            return
+        handle, beside = tempfile.mkstemp(prefix=f".{real.name}.", suffix=".new", dir=real.parent)
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(beside).chmod(real.stat().st_mode & 0o777 if real.exists() else 0o666 & ~_umask())
+        if backup and real.exists():
+            kept = real.with_name(f"{real.name}.bak")
+            kept.unlink(missing_ok=True)
+            os.link(real, kept)
+        Path(beside).replace(real)
+        beside = None
+    except (OSError, ValueError) as error:
+        reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
+        raise OutputError(f"{target}: cannot be written: {reason}") from None
+    finally:
+        if beside is not None:
+            with contextlib.suppress(OSError):
+                Path(beside).unlink()
+
+
+def _problem(option: str, target: str) -> str | None:
+    """Why nothing can be written there, in one line; None where nothing speaks against it."""
+    if target == STDOUT:
+        return None
+    if not target.strip():
+        return f"{option}: the name of a file is wanted"
+    path = Path(target)
+    try:
+        if path.is_dir():
+            return f"{option} {target}: a folder; the name of a file is wanted"
+        if path.exists():
+            writable = os.access(path, os.W_OK)
+        elif not path.resolve().parent.is_dir():
+            return f"{option} {target}: there is no folder {path.parent}"
+        else:
+            writable = os.access(path.resolve().parent, os.W_OK)
+    except (OSError, ValueError) as error:
+        return f"{option} {target}: {(error.strerror if isinstance(error, OSError) else None) or error}"
+    return None if writable else f"{option} {target}: cannot be written: no permission"
+
+
+def _to_stdout(content: str | bytes) -> None:
+    if sys.stdout is None:
+        raise OutputError("standard output is closed")
+    sys.stdout.write(content if isinstance(content, str) else content.decode("utf-8"))
+    sys.stdout.flush()
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
