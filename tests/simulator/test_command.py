@@ -91,6 +91,10 @@ def test_another_car(tmp_path: Path) -> None:
         ([], "tpmsd simulate: give a folder OUT, or --live CHANNEL, or both"),
         (["d", "--effect", "warp:factor=9"], "unknown effect 'warp'"),
         (["d", "--at", "5"], "a size, --over or --at without --puncture, --leak, --step or --diffusion"),
+        (
+            ["d", "--puncture", "rl", "--at", "100", "--duration", "20"],
+            "--at 100: the fault would begin after the drive's end (--duration 20)",
+        ),
         (["d", "--outage", "9:3"], "--outage 9:3: FROM:TO in seconds is wanted, FROM before TO"),
         (["d", "--outage", "soon"], "--outage soon: FROM:TO in seconds is wanted, FROM before TO"),
         (["d", "--radius-offset-mm", "1,2"], "--radius-offset-mm 1,2: four numbers FL,FR,RL,RR are wanted"),
@@ -116,6 +120,31 @@ def test_wrong_usage_is_one_line_and_exit_code_2(
     captured = capsys.readouterr()
     assert ("", message) == (captured.out, captured.err.splitlines()[-1].removeprefix("tpmsd: "))
     assert not (tmp_path / "d").exists()
+
+
+def test_a_folder_that_is_not_empty_is_left_as_it_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A simulated drive is replaced with --force alone; a recording, or one beside it, with nothing."""
+    folder = tmp_path / "d"
+    arguments = ["simulate", str(folder), "--duration", "20", "--route", "oval"]
+    recording = tmp_path / "mine"
+    recording.mkdir()
+    (recording / "vehicle.toml").write_text("# mine")
+
+    assert 0 == main(arguments)
+    before = (folder / "can.log").read_bytes()
+    assert 2 == main([*arguments, "--seed", "9"])
+    assert "holds a simulated drive already; --force replaces it" in capsys.readouterr().err
+    assert before == (folder / "can.log").read_bytes()
+    assert 0 == main([*arguments, "--seed", "9", "--force"])
+    assert before != (folder / "can.log").read_bytes()
+    (folder / "can.asc").write_text("converted by hand")
+    assert 2 == main([*arguments, "--force"])
+    assert "holds can.asc beside a simulated drive" in capsys.readouterr().err
+    assert 2 == main(["simulate", str(recording), "--duration", "20", "--force"])
+    assert "holds files that tpmsd simulate did not write" in capsys.readouterr().err
+    assert {"vehicle.toml": "# mine"} == {path.name: path.read_text() for path in recording.iterdir()}
 
 
 def test_a_bus_that_cannot_be_opened(capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,8 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tpmsd.cli.output import Progress, Subparsers, add_json_option, write_json
+from tpmsd.cli.output import Progress, Subparsers, add_json_option, json_text
+from tpmsd.cli.outputs import Outputs
 from tpmsd.errors import ConfigError, TpmsdError
 
 if TYPE_CHECKING:
@@ -52,6 +53,9 @@ def add_parser(subparsers: Subparsers) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("out", metavar="OUT", nargs="?", type=Path, help="folder to write the drive to")
+    parser.add_argument(
+        "--force", action="store_true", help="replace a drive in OUT that tpmsd simulate wrote before"
+    )
     drive = parser.add_argument_group("the drive")
     drive.add_argument("--duration", metavar="SECONDS", type=float, default=600.0, help="default: 600")
     drive.add_argument("--route", choices=_ROUTES, default="mixed", help="default: mixed")
@@ -125,11 +129,17 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Simulate, write, play, report."""
-    from tpmsd.simulator.drive import simulate_drive  # here, since --help does not need numpy
+    # Here, since --help does not need numpy.
+    from tpmsd.simulator.drive import simulate_drive
+    from tpmsd.simulator.drive_writer import check_drive_folder
 
     if args.out is None and args.live is None:
         raise ConfigError("tpmsd simulate: give a folder OUT, or --live CHANNEL, or both")
-    drive = simulate_drive(spec_of(args))
+    outputs = Outputs(("--json", args.json))
+    spec = spec_of(args)
+    if args.out is not None:
+        check_drive_folder(args.out, args.force)
+    drive = simulate_drive(spec)
     document = report(drive)
     if args.live is None:
         _write(args.out, drive, None)
@@ -137,10 +147,9 @@ def run(args: argparse.Namespace) -> int:
         document["live"] = _play(args, drive)
     if args.out is not None:
         document["folder"] = str(args.out)
-    if args.json is not None:
-        write_json(document, args.json)
-    if args.json != "-":
-        print(summary(document))
+    if not outputs.fill_stdout:
+        print(summary(document), flush=True)
+    outputs.write({"--json": lambda: json_text(document)})
     return 0
 
 
@@ -299,6 +308,10 @@ def _faults(args: argparse.Namespace) -> tuple[Fault, ...]:
         return ()
     size, unit = given[0] if given else (2.0, "percent")
     kind, wheel = kinds[0]
+    if args.at is not None and args.at >= args.duration:
+        raise ConfigError(
+            f"--at {args.at:g}: the fault would begin after the drive's end (--duration {args.duration:g})"
+        )
     return (
         Fault(
             kind=kind,

@@ -12,12 +12,52 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.errors import TpmsdError
+from tpmsd.errors import ConfigError, TpmsdError
 from tpmsd.simulator.bus import FrameLog
 from tpmsd.simulator.drive import SimulatedDrive
 from tpmsd.simulator.receiver import NmeaLine
 
 _CHUNK = 20_000
+TRUTH = "truth.json"
+MAKER = "tpmsd simulate"
+"""What truth.json names as its program; the mark by which a folder is known as ours."""
+FILES = ("vehicle.toml", "bus.dbc", "gnss.nmea", "can.log", TRUTH)
+
+
+def check_drive_folder(folder: Path, force: bool) -> None:
+    """Say before the work that a folder must not be written to.
+
+    A folder that holds anything is written to only with `force`, only if `write_drive` made it, and only if
+    nothing stands beside its files: a recording is never touched.
+
+    ConfigError with one line otherwise.
+    """
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise ConfigError(f"{folder}: not a folder")
+    try:
+        names = sorted(entry.name for entry in folder.iterdir())
+    except OSError as error:
+        raise ConfigError(f"{folder}: cannot be read: {error.strerror}") from None
+    if not names:
+        return
+    foreign = [name for name in names if name not in FILES]
+    if not _made_here(folder / TRUTH):
+        raise ConfigError(f"{folder}: holds files that tpmsd simulate did not write; name another folder")
+    if foreign:
+        raise ConfigError(f"{folder}: holds {foreign[0]} beside a simulated drive; name another folder")
+    if not force:
+        raise ConfigError(f"{folder}: holds a simulated drive already; --force replaces it")
+
+
+def _made_here(truth: Path) -> bool:
+    """Whether the truth file is one of `write_drive`: its first line says so."""
+    try:
+        with truth.open(encoding="utf-8") as file:
+            return file.readline(200).startswith(f'{{"program": "{MAKER}"')
+    except (OSError, UnicodeDecodeError):
+        return False
 
 
 def write_drive(
@@ -35,6 +75,9 @@ def write_drive(
     path = Path(folder)
     try:
         path.mkdir(parents=True, exist_ok=True)
+        # First of all, so that a run that was cut short leaves a folder that --force may replace.
+        truth = {"program": MAKER, **drive.truth()}
+        (path / TRUTH).write_text(_one_line_per_key(truth), encoding="utf-8")
         (path / "vehicle.toml").write_text(vehicle_toml or drive.vehicle_toml, encoding="utf-8")
         (path / "bus.dbc").write_text(drive.dbc, encoding="utf-8")
         (path / "gnss.nmea").write_text("".join(map(nmea_log_line, drive.nmea)), encoding="ascii", newline="")
@@ -44,7 +87,6 @@ def write_drive(
                 log.write(text)
                 if progress is not None:
                     progress(until - first)
-        (path / "truth.json").write_text(_one_line_per_key(drive.truth()), encoding="utf-8")
     except OSError as error:
         raise TpmsdError(f"{error.filename or path}: cannot be written: {error.strerror}") from None
     return path
