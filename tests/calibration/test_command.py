@@ -6,6 +6,7 @@ import contextlib
 import io
 import json
 import math
+import re
 import shutil
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -115,13 +116,31 @@ def test_writing_into_a_configuration_that_exists(town: Path, tmp_path: Path) ->
         line for line in target.read_text().splitlines() if "radius" not in line and "rear_m" not in line
     ]
 
+    before = target.read_text()
     assert 0 == main(["calibrate", str(town), "--method", "paper", "--write", str(target)])
     config = load_config(target)
+    assert before == (tmp_path / "tpmsd.toml.bak").read_text()
 
     assert [] == [line for line in other if line not in target.read_text().splitlines()]
     assert ("mine.dbc", 33.0) == (config.can.dbc.name, config.monitor.learn_s)
     assert ("paper", 1.52) == (config.calibration.method, config.vehicle.track_rear_m)
     assert [0.318, 0.315] == pytest.approx(config.vehicle.wheel_radius_m[2:], abs=1.5e-3)
+
+
+def test_a_radius_that_no_tyre_has_is_refused_and_nothing_is_written(
+    town: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With a third of the true teeth the radii come out at a third: one line, the configuration untouched."""
+    target = tmp_path / "vehicle.toml"
+    text = (town / "vehicle.toml").read_text().replace('dbc = "bus.dbc"', f'dbc = "{town / "bus.dbc"}"')
+    wrong = re.sub(r"teeth_per_rev = (\d+)", lambda found: f"teeth_per_rev = {int(found[1]) * 3}", text)
+    target.write_text(wrong)
+
+    for write in ([], ["--write", str(target)]):
+        assert 3 == main(["calibrate", str(town), "--config", str(target), *write])
+        assert 1 == len(capsys.readouterr().err.strip().splitlines())
+    assert wrong == target.read_text()
+    assert ["vehicle.toml"] == [path.name for path in tmp_path.iterdir()]
 
 
 def test_drives_of_different_cars_do_not_mix(town: Path, tmp_path: Path) -> None:

@@ -1,13 +1,13 @@
 """A calibration as a picture: un-fused odometry before and after on the receiver's positions, radii by
 iteration.
 
-In: `Calibration`, its `Recording`s, the vehicle before and after, a file name. Out: the file. matplotlib is
-the optional extra `tpmsd[plot]` and needs no display.
+In: `Calibration`, its `Recording`s, the vehicle before and after. Out: a matplotlib figure. matplotlib is the
+optional extra `tpmsd[plot]` and needs no display.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,15 +16,17 @@ from tpmsd.calibration.odometry import pieces
 from tpmsd.calibration.recording import Recording
 from tpmsd.calibration.result import Calibration
 from tpmsd.config.model import VehicleConfig
-from tpmsd.errors import ConfigError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _GREY, _RED, _BLUE = "0.6", "tab:red", "tab:blue"
 
 
-def plot_calibration(
-    found: Calibration, recordings: list[Recording], config: VehicleConfig, car: Vehicle, target: Path
-) -> None:
-    """Draw into `target`; ConfigError where it cannot be written."""
+def draw_calibration(
+    found: Calibration, recordings: list[Recording], config: VehicleConfig, car: Vehicle
+) -> Figure:
+    """The figure: tracks on the left, radii by iteration on the right."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11, 5.5), layout="constrained")
@@ -57,7 +59,4 @@ def plot_calibration(
     course.set(xlabel="iteration", ylabel="radius / mm")
     course.legend(fontsize=8)
     course.set_title("radii by iteration, one standard deviation shaded", fontsize=10)
-    try:
-        figure.savefig(target, dpi=100)
-    except OSError as error:
-        raise ConfigError(f"{target}: {error.strerror or error}") from error
+    return figure

@@ -12,13 +12,18 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tpmsd.cli.output import Progress, Subparsers, add_json_option, write_json
+from tpmsd.cli.output import Progress, Subparsers, add_json_option, json_text
+from tpmsd.cli.outputs import OutputError, Outputs, write_whole
 from tpmsd.errors import ConfigError, InputError, TpmsdError
 
 if TYPE_CHECKING:
     from tpmsd.calibration.recording import Recording
     from tpmsd.calibration.result import Calibration
     from tpmsd.config.model import Config
+
+MOST_FROM_NOMINAL = 0.2
+"""Largest share by which a calibrated radius may leave the configured one. All tyres that fit one car lie
+within 5 % (ETRTO); the smallest wrong unit, mph for km/h, is off by 38 %."""
 
 _DESCRIPTION = """\
 Learns each wheel's circumference and the tracks from one or several drives of a car whose tyres are as they
@@ -83,12 +88,16 @@ def run(args: argparse.Namespace) -> int:
 
     if args.method not in METHODS:
         raise ConfigError(f"no such method: {args.method!r} (methods: {' '.join(METHODS)})")
-    if args.plot is not None:
-        from tpmsd.report.replay_plot import check_plot_target
+    from tpmsd.calibration.plot import draw_calibration
+    from tpmsd.report.replay_plot import check_plot_target, picture
 
-        check_plot_target(args.plot)  # before the work, not after it
-    if args.write is not None:
-        check_write_target(args.write)
+    outputs = Outputs(("--write", args.write), ("--plot", args.plot), ("--json", args.json))
+    if args.plot is not None:
+        check_plot_target(args.plot)
+    if args.write is not None and args.write.exists():
+        from tpmsd.config.load import load_config
+
+        load_config(args.write)  # what is no configuration must not become one
     recordings, config = read_recordings(args.drives, args.config)
     span_s = sum(float(recording.edges_s[-1]) for recording in recordings)
     try:
@@ -100,16 +109,20 @@ def run(args: argparse.Namespace) -> int:
         at = refusal.drive
         where = args.drives[at] if at is not None else ", ".join(str(drive) for drive in args.drives)
         raise InputError(where, f"cannot be calibrated from: {refusal}") from None
+    refuse_the_impossible(found, config)
+    if not outputs.fill_stdout:
+        print(summary(found), flush=True)
     if args.write is not None:
         write_vehicle(config, found, args.write)
-    if args.plot is not None:
-        from tpmsd.calibration.plot import plot_calibration
-
-        plot_calibration(found, recordings, config.vehicle, car, args.plot)
-    if args.json is not None:
-        write_json(document(found), args.json)
-    if args.json != "-":
-        print(summary(found))
+    outputs.write(
+        {
+            "--write": lambda: None,  # done: it is checked as a configuration before it takes its place
+            "--plot": lambda: picture(
+                draw_calibration(found, recordings, config.vehicle, car), args.plot.suffix
+            ),
+            "--json": lambda: json_text(document(found)),
+        }
+    )
     return 0
 
 
@@ -141,22 +154,27 @@ def read_recordings(folders: list[Path], config_file: Path | None) -> tuple[list
     return recordings, first
 
 
-def check_write_target(target: Path) -> None:
-    """ConfigError where nothing can be written to the target, or where it exists and is no configuration."""
-    from tpmsd.config.load import load_config
+def refuse_the_impossible(found: Calibration, config: Config) -> None:
+    """InputError where a radius is none of a wheel, or none of this car's: a unit or the teeth are wrong."""
+    from tpmsd.wheels import WHEELS
 
-    if target.is_dir():
-        raise ConfigError(f"{target}: a folder; --write takes the name of a file")
-    if not target.parent.is_dir():
-        raise ConfigError(f"{target}: no such folder: {target.parent}")
-    if target.exists():
-        load_config(target)
+    nominal = dict(zip(WHEELS, config.vehicle.wheel_radius_m, strict=True))
+    for wheel, result in found.wheels.items():
+        if not abs(result.radius_m / nominal[wheel] - 1.0) <= MOST_FROM_NOMINAL:
+            raise InputError(
+                config.file or "the configuration",
+                f"wheel {wheel} comes out with a radius of {result.radius_m:.3f} m, and"
+                f" {nominal[wheel]:.3f} m is configured: its unit, teeth_per_rev or wheel_radius_m is wrong",
+            )
 
 
 def write_vehicle(config: Config, found: Calibration, target: Path) -> None:
     """Write the calibrated values into a new copy of the configuration, or into the one that is there.
 
-    TpmsdError where it cannot be written or read back.
+    The new text is read back as a configuration before it takes the target's place; what was there before is
+    kept as `<name>.bak`.
+
+    OutputError where it cannot be written or would be no configuration; the target is then as it was.
     """
     from tpmsd.calibration.vehicle_file import calibrated_toml
     from tpmsd.config.load import load_config
@@ -171,25 +189,17 @@ def write_vehicle(config: Config, found: Calibration, target: Path) -> None:
     if base is config:
         dbc = os.path.relpath(config.can.dbc.resolve(), target.resolve().parent)
     made = time.strftime("%Y-%m-%d", time.gmtime())
+    real = target.resolve()
+    trial = real.with_name(f".{real.name}.trial.toml")  # beside it, so that its relative paths hold
     try:
         text = calibrated_toml(source.read_text(encoding="utf-8"), found, radii, dbc, made)
-        replace_file(target, text)
+        trial.write_text(text, encoding="utf-8")
+        read_back = load_config(trial).vehicle.wheel_radius_m
     except (OSError, ValueError) as error:
         reason = (error.strerror if isinstance(error, OSError) else None) or str(error)
-        raise TpmsdError(f"{target}: cannot write: {reason}") from None
-    written = load_config(target).vehicle
-    if max(abs(a - b) for a, b in zip(written.wheel_radius_m, radii.values(), strict=True)) > 1e-6:
-        raise TpmsdError(f"{target}: the calibrated radii did not get into it")
-
-
-def replace_file(target: Path, text: str) -> None:
-    """Write beside the target and rename, so that a failure leaves the old file; a link stays one."""
-    real = target.resolve()
-    beside = real.with_name(f".{real.name}.new")
-    try:
-        beside.write_text(text, encoding="utf-8")
-        if real.exists():
-            beside.chmod(real.stat().st_mode & 0o777)
-        beside.replace(real)
+        raise OutputError(f"{target}: not written: {reason}") from None
     finally:
-        beside.unlink(missing_ok=True)
+        trial.unlink(missing_ok=True)
+    if max(abs(a - b) for a, b in zip(read_back, radii.values(), strict=True)) > 1e-6:
+        raise OutputError(f"{target}: not written: the calibrated radii would not get into it")
+    write_whole(target, text, backup=True)
