@@ -86,6 +86,7 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.daemon.journal import set_up_logging
     from tpmsd.daemon.loop import Daemon
     from tpmsd.daemon.recorder import DriveRecorder
+    from tpmsd.daemon.state_lock import state_lock
     from tpmsd.physics.model_file import load_model
     from tpmsd.pipeline import Pipeline
     from tpmsd.sinks.sd_notify import Notifier
@@ -107,15 +108,16 @@ def run(args: argparse.Namespace) -> int:
         model = load_model(model_file)
         for note in left_alone(config, model):
             log.warning("%s: %s", model_file, note)
-    Daemon(
-        config,
-        load_databases(config),
-        clock,
-        Notifier.from_environment(),
-        recorder=recorder,
-        log=log,
-        make_pipeline=partial(Pipeline, model=model),
-    ).run(duration_s)
+    with state_lock(config.state.file):
+        Daemon(
+            config,
+            load_databases(config),
+            clock,
+            Notifier.from_environment(),
+            recorder=recorder,
+            log=log,
+            make_pipeline=partial(Pipeline, model=model),
+        ).run(duration_s)
     return 0
 
 
@@ -126,7 +128,8 @@ def configuration(args: argparse.Namespace) -> tuple[Config, list[str]]:
 
     if args.config is None and not DEFAULT_CONFIG.exists():
         raise ConfigError(f"{DEFAULT_CONFIG}: no such file (--config FILE names another configuration)")
-    result = check(DEFAULT_CONFIG if args.config is None else args.config, args.dbc)
+    source = DEFAULT_CONFIG if args.config is None else args.config
+    result = check(source, args.dbc)
     if result.plan is None:
         raise ConfigProblems(result.problems)
     config = result.plan.config
@@ -138,12 +141,21 @@ def configuration(args: argparse.Namespace) -> tuple[Config, list[str]]:
     if args.device is not None:
         gnss = dataclasses.replace(gnss, device=args.device.strip() or None, source=None)
     state, status = config.state, config.status
+    warnings = [warning.text for warning in result.warnings]
     if args.state is not None:
         state = dataclasses.replace(state, file=args.state)
+    elif source.is_dir() and state.file is not None and not _inside(state.file, source):
+        # What is learned with a recording's configuration must not replace what the service learned.
+        warnings.append(f"{source}: a drive folder: {state.file} is left alone (--state FILE keeps a state)")
+        state = dataclasses.replace(state, file=None)
     if args.socket is not None:
         status = dataclasses.replace(status, socket=args.socket)
     config = dataclasses.replace(config, can=can, gnss=gnss, state=state, status=status)
-    return config, [warning.text for warning in result.warnings]
+    return config, warnings
+
+
+def _inside(file: Path, folder: Path) -> bool:
+    return file.resolve().is_relative_to(folder.resolve())
 
 
 def _interface(name: str) -> str:

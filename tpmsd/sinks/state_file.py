@@ -9,7 +9,7 @@ Python's json module (NaN, Infinity).
 Saving writes a temporary file beside it, syncs it, renames it over the old one and syncs the folder. After a
 power cut between any two of these steps the file holds either the old payload or the new one. A file that
 is damaged all the same (a failing card, an editor) is set aside and reported: never trusted, nor in the way.
-One process writes a file; the daemon's own state directory sees to that.
+One process writes a file: the daemon holds a lock beside it (`daemon/state_lock.py`).
 """
 
 from __future__ import annotations
