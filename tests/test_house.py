@@ -38,10 +38,11 @@ ALLOWED |= {
     "pipeline": {"physics", *_CORE_FLOW},
     "diagnosis": {"physics", "config", "sources", "timeline", "inference"},
     "report": {"physics", "diagnosis", *_CORE_FLOW[:5]},
-    "daemon": {"physics", "pipeline", *_CORE_FLOW},
+    "daemon": {"physics", "pipeline", "provenance", *_CORE_FLOW},
     "cli": {
         "physics",
         "pipeline",
+        "provenance",
         "inference",
         "calibration",
         "diagnosis",
@@ -52,6 +53,7 @@ ALLOWED |= {
     },
     "tables": {"physics", "pipeline", *_CORE_FLOW},
     "__init__": {"api", "simulator"},
+    "provenance": {"__init__"},
     "__main__": {"cli"},
 }
 for _room in ("estimators", "diagnosis"):

@@ -25,6 +25,7 @@ MOST_FROM_NOMINAL = 0.2
 """Largest share by which a calibrated radius may leave the configured one. All tyres that fit one car lie
 within 5 % (ETRTO); the smallest wrong unit, mph for km/h, is off by 38 %."""
 
+SCHEMA = "tpmsd.calibration/2"
 _DESCRIPTION = """\
 Learns each wheel's circumference and the tracks from one or several drives of a car whose tyres are as they
 should be, with their standard deviations. One drive round the block will do: some minutes, with straights and
@@ -85,6 +86,7 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.calibration.calibrate import METHODS, calibrate
     from tpmsd.calibration.checks import RefusedError
     from tpmsd.calibration.wording import document, summary
+    from tpmsd.provenance import provenance
 
     if args.method not in METHODS:
         raise ConfigError(f"no such method: {args.method!r} (methods: {' '.join(METHODS)})")
@@ -120,7 +122,7 @@ def run(args: argparse.Namespace) -> int:
             "--plot": lambda: picture(
                 draw_calibration(found, recordings, config.vehicle, car), args.plot.suffix
             ),
-            "--json": lambda: json_text(document(found)),
+            "--json": lambda: json_text({**provenance(SCHEMA, args.drives, config.file), **document(found)}),
         }
     )
     return 0

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from tpmsd.config.model import GnssConfig
     from tpmsd.config.plan import Plan, SignalPlan, WheelPlan
 
+SCHEMA = "tpmsd.check/2"
 _EPILOG = """\
 examples:
   tpmsd check vehicle.toml
@@ -49,7 +50,9 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Check and report."""
-    from tpmsd.config.check import check  # here, since cantools takes its time and --help does not need it
+    # Here, since cantools takes its time and --help does not need it.
+    from tpmsd.config.check import check
+    from tpmsd.provenance import provenance
 
     outputs = Outputs(("--json", args.json))
     result = check(args.config, args.dbc)
@@ -57,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
         print(f"warning: {warning.text}", file=sys.stderr)
     for problem in result.problems:
         print(problem.text, file=sys.stderr)
-    outputs.write({"--json": lambda: json_text(_document(result))})
+    outputs.write({"--json": lambda: json_text({**provenance(SCHEMA, (), args.config), **_document(result)})})
     if result.plan is None:
         count = len(result.problems)
         print(f"{result.file}: {count} problem{'s' if count != 1 else ''}", file=sys.stderr)

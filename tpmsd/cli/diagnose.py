@@ -21,6 +21,7 @@ from tpmsd.errors import ConfigError, InputError, TpmsdError
 if TYPE_CHECKING:
     from tpmsd.inference.recording import Recording
 
+SCHEMA = "tpmsd.diagnosis/2"
 _DESCRIPTION = """\
 Compares a recorded drive with the pure rolling model, finds where the two differ, names the physics that was
 left out, fits it, and shows on held-out stretches of the drive that the fit holds.
@@ -83,6 +84,7 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.diagnosis.diagnose import diagnose, diagnose_against
     from tpmsd.diagnosis.result import INSUFFICIENT
     from tpmsd.physics.model_file import format_model
+    from tpmsd.provenance import provenance
     from tpmsd.report.diagnosis_document import diagnosis_document
     from tpmsd.report.diagnosis_html import diagnosis_page
     from tpmsd.report.diagnosis_summary import diagnosis_summary
@@ -116,10 +118,19 @@ def run(args: argparse.Namespace) -> int:
         {
             "--model-out": lambda: format_model(diagnosis.model, comment) if known else None,
             "--html": lambda: diagnosis_page(diagnosis, names, alarms),
-            "--json": lambda: json_text(diagnosis_document(diagnosis, model_file, alarms)),
+            "--json": lambda: json_text(
+                {
+                    **provenance(SCHEMA, _read(args), args.config or args.drives[0]),
+                    **diagnosis_document(diagnosis, model_file, alarms),
+                }
+            ),
         }
     )
     return 0
+
+
+def _read(args: argparse.Namespace) -> list[Path]:
+    return [*args.drives, *([] if args.simulation is None else [args.simulation])]
 
 
 def names_of(folders: Sequence[Path]) -> list[str]:

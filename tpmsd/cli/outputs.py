@@ -93,10 +93,10 @@ def write_whole(target: Path, content: str | bytes, backup: bool = False) -> Non
     data = content.encode("utf-8") if isinstance(content, str) else content
     beside: str | None = None
     try:
-        real = target.resolve()
-        if real.exists() and not stat.S_ISREG(real.stat().st_mode):
-            real.write_bytes(data)
+        if target.exists() and not stat.S_ISREG(target.stat().st_mode):
+            target.write_bytes(data)
             return
+        real = target.resolve()
         handle, beside = tempfile.mkstemp(prefix=f".{real.name}.", suffix=".new", dir=real.parent)
         with os.fdopen(handle, "wb") as file:
             file.write(data)

@@ -20,12 +20,14 @@ from tpmsd.config.model import FILTER_METHODS, Config
 from tpmsd.errors import ConfigError, InputError
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.physics.model_file import load_model
+from tpmsd.provenance import provenance
 from tpmsd.report.replay_document import replay_document
 from tpmsd.report.replay_result import ReplayResult
 from tpmsd.report.replay_summary import replay_summary
 from tpmsd.tables.tick_table import TickTable
 from tpmsd.timeline.compensation import left_alone
 
+SCHEMA = "tpmsd.replay/2"
 _DESCRIPTION = """\
 Runs a recorded drive through the same core as the daemon, at full speed, and says what the daemon would
 have said: radius of each wheel with its standard deviation, alarms, and how well the inputs served.
@@ -84,7 +86,9 @@ def run(args: argparse.Namespace) -> int:
     outputs.write(
         {
             "--plot": lambda: plot_replay(result, args.plot.suffix),
-            "--json": lambda: json_text(replay_document(result)),
+            "--json": lambda: json_text(
+                {**provenance(SCHEMA, [args.drive], config.file), **replay_document(result)}
+            ),
         }
     )
     return 0

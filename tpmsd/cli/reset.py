@@ -15,8 +15,10 @@ from tpmsd.cli.outputs import Outputs
 from tpmsd.config.load import load_config
 from tpmsd.config.model import StatusConfig
 from tpmsd.errors import TpmsdError
+from tpmsd.provenance import provenance
 from tpmsd.sinks.status_client import printable, read_status, request_reset
 
+SCHEMA = "tpmsd.reset/2"
 WAIT_S = 5.0
 """For the daemon's next tick."""
 POLL_S = 0.1
@@ -69,7 +71,9 @@ def run(args: argparse.Namespace) -> int:
     baseline: dict[str, Any] = document["baseline"]
     if not outputs.fill_stdout:
         print(printable(str(baseline.get("reset_reason", ""))), flush=True)
-    outputs.write({"--json": lambda: json_text({"baseline": baseline})})
+    outputs.write(
+        {"--json": lambda: json_text({**provenance(SCHEMA, (), args.config), "baseline": baseline})}
+    )
     return 1 if baseline.get("reset") == "refused" else 0
 
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from tpmsd.simulator.drive import DriveSpec, SimulatedDrive
     from tpmsd.simulator.faults import Fault
 
+SCHEMA = "tpmsd.simulation/2"
 _EPILOG = """\
 examples:
   tpmsd simulate drives/healthy
@@ -130,6 +131,7 @@ def add_parser(subparsers: Subparsers) -> None:
 def run(args: argparse.Namespace) -> int:
     """Simulate, write, play, report."""
     # Here, since --help does not need numpy.
+    from tpmsd.provenance import provenance
     from tpmsd.simulator.drive import simulate_drive
     from tpmsd.simulator.drive_writer import check_drive_folder
 
@@ -149,7 +151,7 @@ def run(args: argparse.Namespace) -> int:
         document["folder"] = str(args.out)
     if not outputs.fill_stdout:
         print(summary(document), flush=True)
-    outputs.write({"--json": lambda: json_text(document)})
+    outputs.write({"--json": lambda: json_text({**provenance(SCHEMA, (), args.vehicle), **document})})
     return 0
 
 

@@ -45,6 +45,7 @@ from tpmsd.daemon.signals import SignalPipe
 from tpmsd.daemon.state_keeper import StateKeeper
 from tpmsd.monitor.tyre_sets import NAME
 from tpmsd.pipeline import Pipeline, Step
+from tpmsd.provenance import provenance
 from tpmsd.sinks.can_frames import CanReporter
 from tpmsd.sinks.reset_request import PREFIX, ResetRequest, to_sentence
 from tpmsd.sinks.sd_notify import Notifier
@@ -52,6 +53,7 @@ from tpmsd.sinks.status_server import StatusServer, StatusSocketError
 from tpmsd.sources.can_decoder import can_filters
 from tpmsd.sources.events import SourceFault
 
+SCHEMA = "tpmsd.status/2"
 GRACE_S = 0.06
 """How long an input may take from its stamp to this process."""
 POLL_S = 0.004
@@ -128,6 +130,7 @@ class Daemon:
         self._feeder = Feeder(self._pipeline, self._queue, recorder, grace_s, buses)
         start_s = clock.monotonic()
         self._deadlines = Deadlines(1.0 / config.filter.rate_hz, start_s)
+        self._provenance = provenance(SCHEMA, (), config.file)
         self._health = Health(config, self._bus, self._receiver, self._queue, start_s)
         self._server: StatusServer | None = StatusServer(
             config.status.socket, self.document, mode=config.status.mode, reset=self.reset
@@ -163,7 +166,8 @@ class Daemon:
 
     def document(self) -> dict[str, Any]:
         """The status document as it is now."""
-        return self._health.document(self._pipeline, self._clock.monotonic(), self._deadlines.missed)
+        document = self._health.document(self._pipeline, self._clock.monotonic(), self._deadlines.missed)
+        return {**self._provenance, **document}
 
     def reset(self, tyres: str | None) -> str:
         """Let the pipeline learn the tyres anew with its next inputs; why it cannot be, or nothing."""
