@@ -173,18 +173,22 @@ def test_the_log_fits_the_journal(tmp_path: Path) -> None:
 
 
 def test_a_second_daemon_gives_way(tmp_path: Path) -> None:
-    """While one daemon answers on the socket another ends with one line and exit 1; Ctrl-C ends the first."""
+    """A second daemon on the state file, or on the socket alone, ends with one line and exit 1."""
     config, _ = car(tmp_path)
     with daemon("--config", tmp_path) as process:
         wait_for("ticks", config.status.socket)
-        second = subprocess.run(
-            command("--config", tmp_path), capture_output=True, text=True, timeout=PATIENCE_S
+        second, third = (
+            subprocess.run(
+                command("--config", tmp_path, *state), capture_output=True, text=True, timeout=PATIENCE_S
+            )
+            for state in ((), ("--state", tmp_path / "other.json"))
         )
         code, log = ended(process, signal.SIGINT)
 
     assert (0, True) == (code, "stopping: SIGINT" in log)
-    assert 1 == second.returncode
-    assert second.stderr.splitlines()[-1].endswith("another tpmsd is answering on it")
+    assert (1, 1) == (second.returncode, third.returncode)
+    assert f"another tpmsd (process {process.pid}) keeps its state there" in second.stderr.splitlines()[-1]
+    assert third.stderr.splitlines()[-1].endswith("another tpmsd is answering on it")
 
 
 def test_the_command_line_overrides_and_is_recorded(tmp_path: Path) -> None:

@@ -57,7 +57,9 @@ def folders(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_named_is_what_the_simulation_lacks(folders: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Growth that both hold is no finding; the document, the summary and the model file say what is."""
     drives = [str(folders / "recording"), "--simulation", str(folders / "simulation")]
-    assert 0 == main(["diagnose", *drives, "--json", str(folders / "d.json")])
+    assert 0 == main(
+        ["diagnose", *drives, "--json", str(folders / "d.json"), "--model-out", str(folders / "model.toml")]
+    )
     document = json.loads((folders / "d.json").read_text(encoding="utf-8"))
     said = capsys.readouterr().out
     (finding,) = document["findings"]
