@@ -17,7 +17,7 @@ REPO = Path(__file__).resolve().parent.parent
 PACKAGE = REPO / "tpmsd"
 BENCH = REPO / "bench"
 
-EVERYWHERE = {"errors", "plain", "wheels"}
+EVERYWHERE = {"bounds", "errors", "plain", "wheels"}
 """Modules that any room may import, beside its own and those of the table."""
 _CORE_FLOW = ("config", "sources", "timeline", "estimators", "monitor", "sinks")
 """The direction of flow: each imports only what lies before it."""
@@ -25,6 +25,7 @@ ALLOWED: dict[str, set[str]] = {
     room: {"physics", *_CORE_FLOW[:position]} for position, room in enumerate(_CORE_FLOW)
 }
 ALLOWED |= {
+    "bounds": set(),
     "errors": set(),
     "wheels": set(),
     "plain": set(),
@@ -66,7 +67,7 @@ ALLOWED["cli"] = ALLOWED["cli"] | {"api", "tables"}
 
 PURE_ROOMS = {
     *("sources", "timeline", "estimators", "monitor", "pipeline"),
-    *("physics", "vehicle_state", "resonance", "diagnosis", "errors", "wheels"),
+    *("physics", "vehicle_state", "resonance", "diagnosis", "bounds", "errors", "wheels"),
 }
 SHELLS = {
     *(f"tpmsd.sources.{name}" for name in ("can_live", "can_log", "can_log_candump", "can_log_others")),

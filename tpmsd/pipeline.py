@@ -8,21 +8,22 @@ same alarms.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from cantools.database import Database
 
+from tpmsd.bounds import check_like, check_plain
 from tpmsd.config.model import Config
-from tpmsd.estimators.base import RadiusEstimate
+from tpmsd.estimators.base import Estimator, RadiusEstimate, unsound
 from tpmsd.estimators.build import build_estimator, monitored_wheels
 from tpmsd.monitor.monitor import Monitor
 from tpmsd.monitor.records import MonitorReport
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.resonance.watch import ResonanceWatch
 from tpmsd.sinks.reset_request import PREFIX, ResetRequest, from_frame, from_sentence
-from tpmsd.sources.events import Event
+from tpmsd.sources.events import Event, SourceFault
 from tpmsd.timeline.compensation import Compensation, adjusted
 from tpmsd.timeline.tick import Tick
 from tpmsd.timeline.tick_source import TickSource
@@ -53,7 +54,9 @@ class Pipeline:
         self.decoder = self._source.decoder
         self.assembler = self._source.assembler
         self.timeline = self._source.timeline
-        self.estimator = build_estimator(config, np.random.default_rng(config.filter.seed))
+        self._config = config
+        self.estimator = self._new_estimator()
+        self._wheels = list(monitored_wheels(config))
         self._reset_id, self._extended = config.alarms.reset_id, config.alarms.extended_ids
         self._reset_s = -math.inf
         self.monitor = Monitor(config.vehicle, config.monitor, monitored_wheels(config), config.tyre)
@@ -88,6 +91,25 @@ class Pipeline:
             self._reset(request)
         return steps
 
+    def _new_estimator(self) -> Estimator:
+        """One that has learned nothing."""
+        return build_estimator(self._config, np.random.default_rng(self._config.filter.seed))
+
+    def _estimated(self, tick: Tick) -> tuple[Tick, RadiusEstimate]:
+        """The tick's estimate. One that is no number is never handed on: the estimator starts anew, and the
+        tick bears the fault, of which the monitor makes a malfunction."""
+        try:
+            estimate = self.estimator.step(tick)
+            reason = unsound(estimate, self._wheels)
+        except (ArithmeticError, np.linalg.LinAlgError) as error:
+            reason = f"{type(error).__name__}: {error}"
+        if not reason:
+            return tick, estimate
+        self.estimator = self._new_estimator()
+        fault = SourceFault(tick.time_s, "estimator", "restarted", reason)
+        tick = replace(tick, faults=(*tick.faults, fault))
+        return tick, self.estimator.step(tick)
+
     def _reset(self, request: ResetRequest) -> None:
         """Learn the tyres anew, if the monitor agrees."""
         taken, _ = self.monitor.reset(request.tyres)
@@ -114,7 +136,7 @@ class Pipeline:
         steps: list[Step] = []
         for raw in ticks:
             tick = raw if self._compensation is None else self._compensation.apply(raw)
-            estimate = self.estimator.step(tick)
+            tick, estimate = self._estimated(tick)
             heard = None if self.resonance is None else self.resonance.evidence_at(tick.time_s)
             steps.append(Step(tick, estimate, self.monitor.update(tick, estimate, heard)))
         return steps
@@ -132,16 +154,18 @@ class Pipeline:
             monitor, estimator = saved["monitor"], saved["estimator"]
         except (KeyError, TypeError) as error:
             raise ValueError(f"the saved state lacks a part: {error}") from error
+        check_plain(saved)
+        check_like(estimator, self._new_estimator().snapshot())
         before = self.monitor.snapshot()
         self.monitor.restore(monitor)
         try:
             self.estimator.restore(estimator)
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
+        except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
             self.monitor.restore(before)
             raise ValueError(str(error)) from error
         if self.resonance is not None:
             try:
                 self.resonance.restore(saved["resonance"])
-            except (ValueError, KeyError):
+            except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError):
                 # Saved without it, or by another version: learned anew, and the radii are kept.
                 self.resonance.forget()

@@ -410,3 +410,24 @@ def test_nonsense_is_refused_and_nothing_of_it_taken_up(path: list[Any], value: 
         other.monitor.restore(saved)
     assert before == other.monitor.snapshot()
     assert [] == other.play(1.0)
+
+
+def test_driving_without_sight_is_a_malfunction_within_ten_minutes() -> None:
+    """Whatever keeps the wheels from being judged (nothing teaches, or they are hardly known): after ten
+    minutes above 40 km/h it is a malfunction; below that speed time does not count; sight clears it."""
+    for how in ({"informative": False}, {"std_m": 2e-3}):
+        player = Player(monitor(ALL))
+        player.play(120.0)
+        assert [] == player.play(700.0, speed_mps=10.0, **how)  # type: ignore[arg-type]
+        assert [] == player.play(590.0, **how)  # type: ignore[arg-type]
+        events = player.play(15.0, **how)  # type: ignore[arg-type]
+        assert [("malfunction", None, "raised")] == said(events)
+        assert "no soft tyre would have been seen" in events[0].reason
+        assert [("malfunction", None, "cleared")] == said(player.play(30.0))
+
+
+def test_a_car_that_never_learns_says_so() -> None:
+    """Ten minutes of driving from the first start on that teach nothing are a malfunction, too."""
+    player = Player(monitor(ALL))
+    assert [] == player.play(590.0, informative=False)
+    assert [("malfunction", None, "raised")] == said(player.play(15.0, informative=False))

@@ -159,3 +159,65 @@ def test_pressure_is_told_with_its_uncertainty() -> None:
     assert (True, True) == (math.isfinite(wheel.pressure_loss), wheel.pressure_loss_std > 0.0)
     assert abs(player.last.wheels[0].pressure_loss) < 0.1
     assert 0.316 == RADIUS_M
+
+
+@pytest.mark.parametrize("names", [(None,), ("winter", "default"), ("a", "b", "c", "d", "e", "f")])
+def test_resets_without_end_do_not_blind_the_monitor(names: tuple[str | None, ...]) -> None:
+    """Whoever asks for a reset every 40 s, for the same set or for others in turn, hides no puncture: it is
+    announced within a minute of driving, for the baseline of before judges until a new one is ready."""
+    player = learned()
+    for number in range(5):
+        player.monitor.reset(names[number % len(names)])
+        assert [] == player.play(40.0)
+    events = []
+    for number in range(2):
+        player.monitor.reset(names[(number + 5) % len(names)])
+        events += player.play(30.0, one(2, -0.01))
+    assert ("deflation", "rl", "raised") in said(events)
+
+
+def test_a_leak_is_not_reset_away_minute_by_minute() -> None:
+    """A tyre that loses 2 % in 20 minutes while a reset is asked for every minute: each step is small against
+    the last, but resets are rationed, so the tyre is found."""
+    player = learned()
+    events = []
+    for minute in range(25):
+        player.monitor.reset()
+        events += player.play(60.0, one(1, -0.02 * min(minute / 20.0, 1.0)))
+    assert ("deflation", "fr", "raised") in said(events)
+
+
+def test_resets_are_rationed_and_the_ration_comes_back() -> None:
+    """Three resets of the same set at once, then none until ten minutes have passed; the refusal says so."""
+    player = learned()
+    for _ in range(3):
+        assert player.monitor.reset()[0]
+        player.play(70.0)
+        assert "accepted" == learning(player.last).reset
+    taken, reason = player.monitor.reset()
+    assert (False, True) == (taken, "too many resets in a short time" in reason)
+    player.play(600.0, informative=False)
+    assert player.monitor.reset()[0]
+
+
+def test_a_set_that_is_being_learned_is_not_begun_again() -> None:
+    """Asked again while it learns: taken, and the learning goes on where it was."""
+    player = learned()
+    player.monitor.reset()
+    player.play(40.0)
+    before = player.last.learning_fraction
+    assert player.monitor.reset()[0]
+    player.play(0.1)
+    assert player.last.learning_fraction >= before > 0.5
+
+
+def test_a_reset_that_is_not_decided_is_a_malfunction() -> None:
+    """Ten minutes of driving above 40 km/h that teaches nothing: the reset still waits, and that is said."""
+    player = learned()
+    player.monitor.reset()
+    assert [] == player.play(590.0, informative=False)
+    events = player.play(20.0, informative=False)
+    assert {("malfunction", None, "raised")} == set(said(events))
+    assert any("a reset waits" in event.reason for event in events)
+    events = player.play(120.0)
+    assert 2 == said(events).count(("malfunction", None, "cleared"))

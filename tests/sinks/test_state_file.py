@@ -133,6 +133,8 @@ class VolatileDisk:
         if flags & os.O_DIRECTORY:
             self._open[descriptor] = None
             return descriptor
+        if name in self.entries and flags & os.O_EXCL:
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
         if name not in self.entries:
             self.inodes.append(_Inode())
             self.entries[name] = len(self.inodes) - 1
@@ -169,6 +171,8 @@ class VolatileDisk:
 
     def unlink(self, name: str) -> None:
         self._call()
+        if name not in self.entries:
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
         del self.entries[name]
         self.histories.append(dict(self.entries))
 
@@ -257,6 +261,38 @@ def test_a_step_that_fails_leaves_a_whole_state_and_says_why(tmp_path: Path, err
         else:
             break
     assert fail_at > 5
+
+
+@pytest.mark.parametrize("kind", ["fifo", "link", "file"])
+def test_what_stands_under_the_temporary_name_is_neither_waited_for_nor_followed(
+    tmp_path: Path, kind: str
+) -> None:
+    """A FIFO, a link to another file or a leftover under the temporary name: saved at once, nothing else is
+    written."""
+    path, other = tmp_path / "lib" / "state.json", tmp_path / "other"
+    path.parent.mkdir()
+    temporary = path.with_name(".state.json.new")
+    other.write_text("mine")
+    if kind == "fifo":
+        os.mkfifo(temporary)
+    elif kind == "link":
+        temporary.symlink_to(other)
+    else:
+        temporary.write_text("left over")
+    save_state(path, NEW)
+    assert (NEW, []) == load(path)
+    assert "mine" == other.read_text()
+    assert [path] == list(path.parent.iterdir())
+
+
+def test_a_folder_under_the_temporary_name_is_one_line(tmp_path: Path) -> None:
+    """What cannot be taken away is an error that says so; the old state stands."""
+    path = tmp_path / "state.json"
+    save_state(path, OLD)
+    path.with_name(".state.json.new").mkdir()
+    with pytest.raises(StateError, match="cannot save the state"):
+        save_state(path, NEW)
+    assert (OLD, []) == load(path)
 
 
 def test_a_folder_that_may_not_be_written_is_an_error_of_one_line(tmp_path: Path) -> None:

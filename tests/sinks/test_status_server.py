@@ -22,8 +22,11 @@ from tpmsd.sinks.status_server import (
     MAX_CLIENTS,
     MAX_PENDING_BYTES,
     MAX_REQUEST_BYTES,
+    MAX_TURNED_AWAY,
+    MAX_WATCHERS,
     REQUEST_S,
     SILENT_S,
+    TOO_MANY,
     StatusServer,
     StatusSocketError,
 )
@@ -229,16 +232,37 @@ def test_a_hundred_clients_are_served_together(daemon: Daemon) -> None:
 def test_one_client_too_many_is_told_so(daemon: Daemon) -> None:
     """The number of clients is bounded; once they have gone there is room again."""
     clients = []
-    for _ in range(MAX_CLIENTS + 5):
+    for _ in range(MAX_CLIENTS + MAX_TURNED_AWAY + 5):
         clients.append(daemon.connect())
         daemon.server.service(0.0)
+    assert MAX_CLIENTS + MAX_TURNED_AWAY == daemon.server.clients
+    for client in clients[MAX_CLIENTS : MAX_CLIENTS + MAX_TURNED_AWAY]:
+        client.sendall(b"status\n")
+    daemon.server.service(0.0)
+    refused = [lines(read_all(c)) for c in clients[MAX_CLIENTS:]]
+    assert [[{"error": TOO_MANY}]] * (MAX_TURNED_AWAY + 5) == refused
     assert MAX_CLIENTS == daemon.server.clients
-    assert [[{"error": "too many clients"}]] * 5 == [lines(read_all(c)) for c in clients[MAX_CLIENTS:]]
     for client in clients:
         client.close()
     daemon.server.service(0.5)
     assert 0 == daemon.server.clients
     assert 1 == len(daemon.answer(b"status\n", 0.6))
+
+
+def test_obedient_watchers_leave_room_for_who_asks_once(daemon: Daemon) -> None:
+    """However many watch, the next one who asks for the status gets it; a watcher too many is told so."""
+    watchers = []
+    for _ in range(MAX_CLIENTS):
+        watcher = daemon.connect()
+        watcher.sendall(b"watch\n")
+        daemon.server.service(0.0)
+        watchers.append(watcher)
+    assert MAX_WATCHERS == daemon.server.watchers
+    assert [True] == ["asked" in answer for answer in daemon.answer(b"status\n")]
+    error = f"too many watchers: {MAX_WATCHERS} are served at a time; ask for the status"
+    assert [{"error": error}] == daemon.answer(b"watch\n")
+    for watcher in watchers:
+        watcher.close()
 
 
 def test_a_client_that_trickles_its_request_is_dropped(daemon: Daemon) -> None:

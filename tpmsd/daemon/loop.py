@@ -60,6 +60,8 @@ POLL_S = 0.004
 """How often a bus without a descriptor is looked at."""
 SECOND_S = 1.0
 VERBOSE_S = 5.0
+RESET_PAUSE_S = 5.0
+"""Resets over the socket are taken no more often: each is an input of the pipeline."""
 LAG_S = 1.0
 """A loop that is this late says so."""
 LAG_AGAIN_S = 60.0
@@ -137,6 +139,7 @@ class Daemon:
         )
         self._descriptors = Descriptors()
         self._stopping = ""
+        self._reset_s = -math.inf
         self._second = Every(clock.scale * SECOND_S)
         self._verbose = Every(clock.scale * VERBOSE_S)
         self._lag = Every(clock.scale * LAG_AGAIN_S)
@@ -173,6 +176,10 @@ class Daemon:
         """Let the pipeline learn the tyres anew with its next inputs; why it cannot be, or nothing."""
         if tyres is not None and NAME.fullmatch(tyres) is None:
             return "that is no name of a set of tyres (a-z 0-9 _ -, at most 24 characters)"
+        now_s = self._clock.monotonic()
+        if now_s - self._reset_s < self._clock.scale * RESET_PAUSE_S:
+            return "a reset was asked for a moment ago"
+        self._reset_s = now_s
         # As an input among the others: so the recording holds it, and its replay does the same.
         self._queue.put_sentence(to_sentence(ResetRequest(tyres)), self._clock.now())
         self._log.info("asked to learn the tyres anew%s", "" if tyres is None else f" ({tyres})")

@@ -59,7 +59,7 @@ class StateKeeper:
             return pipeline
         try:
             pipeline.restore(snapshot)
-        except (ValueError, KeyError, TypeError, AttributeError, IndexError) as error:
+        except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
             self._set_aside(" ".join(str(error).split()) or type(error).__name__)
             return make()  # the other one may have taken it up by half
         self._log.info("%s: taken up what was learned before", self._file)

@@ -58,6 +58,23 @@ class Estimator(Protocol):
         ...
 
 
+MOST_DEVIATION_M = 0.2
+"""No tyre that a car drives on is off its nominal radius by so much: an estimate beyond it has diverged."""
+
+
+def unsound(estimate: RadiusEstimate, wheels: list[int]) -> str:
+    """Why the radii of these wheels are no estimate, in a few words; empty if they are one."""
+    deviation = estimate.deviation_m[wheels]
+    spread = estimate.covariance_m2[np.ix_(wheels, wheels)]
+    if not (np.all(np.isfinite(deviation)) and np.all(np.isfinite(spread))):
+        return "a radius is not a number"
+    if np.any(np.diag(spread) < 0.0):
+        return "a variance is negative"
+    if np.any(np.abs(deviation) > MOST_DEVIATION_M):
+        return f"a radius is off by more than {MOST_DEVIATION_M:g} m"
+    return ""
+
+
 def checked_radii(
     saved: dict[str, Any], order: list[int], nominal: FloatArray
 ) -> tuple[FloatArray, FloatArray]:

@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 
+from tpmsd.bounds import no_wider
 from tpmsd.config.model import FilterConfig, GnssConfig, VehicleConfig
 from tpmsd.estimators import error_state as state
 from tpmsd.estimators import measurements
@@ -373,7 +374,8 @@ class MpfRb(PoseKeeper):
         if not (np.all(np.isfinite(nuisance)) and np.all(np.isfinite(nuisance_cov))):
             raise ValueError("the saved nuisance parameters are not finite")
         self._mean[:, MU:] = self._radii = mean
-        self._cov[:, MU:, MU:] = cov + self._process.drift * 1000.0
+        most = np.diag(state.initial_state(1, self._nominal)[1][0])
+        self._cov[:, MU:, MU:] = no_wider(cov + self._process.drift * 1000.0, most[MU:])
         self._mean[:, LAT:MU] = nuisance
-        self._cov[:, LAT:MU, LAT:MU] = nuisance_cov * 2.0
+        self._cov[:, LAT:MU, LAT:MU] = no_wider(nuisance_cov * 2.0, most[LAT:MU])
         self._informative_s = informative_s

@@ -22,11 +22,19 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
+from tpmsd.bounds import number, whole
 from tpmsd.config.model import VehicleConfig
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.conditions import NEW_DAY_S, PARKED_S, ConditionTracker
 from tpmsd.monitor.hypotheses import Nuisance
-from tpmsd.monitor.reference import GROWTH_PRIOR, KNOTS_MPS, PER_SPEED2, Reference, speed_range
+from tpmsd.monitor.reference import (
+    GROWTH_PRIOR,
+    KNOTS_MPS,
+    MOST_SAMPLES,
+    PER_SPEED2,
+    Reference,
+    speed_range,
+)
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import FloatArray
 
@@ -48,6 +56,8 @@ UNSETTLED_SHARE = 0.5
 """Of the growth that the estimate's memory has yet to follow: how well its lag is known."""
 UNSETTLED_SPEED2 = 150.0
 """(m/s)^2; while speed changes faster, nothing is learned."""
+LONGEST_S = 1e9
+"""Thirty years of driving: a saved time beyond is none."""
 
 
 STEEP_COMMON, STEEP_AXLE, STEEP_OWN = 2e-3, 3e-3, 2e-4
@@ -267,22 +277,20 @@ class Baseline:
     def take_up(self, saved: dict[str, Any]) -> None:
         """Take up what was saved; ValueError (nothing taken up) if it does not fit."""
         try:
-            learned_s, since_s = float(saved["learned_s"]), float(saved["since_s"])
-            drive_samples, ready = int(saved["drive_samples"]), saved["ready"]
+            learned_s = number(saved["learned_s"], 0.0, LONGEST_S, "learning time")
+            since_s = number(saved["since_s"], 0.0, LONGEST_S, "learning time")
+            drive_samples = whole(saved["drive_samples"], 0, MOST_SAMPLES, "number of samples")
+            ready = saved["ready"]
             reference = Reference.from_json(saved["reference"], self._vehicle)
             lessons = saved.get("lessons")  # states of before have none: the next drive begins anew
             if lessons is not None:
                 lessons = Reference.from_json(lessons, self._vehicle)
-            doubt = float(saved.get("doubt", 0.0))
+            doubt = number(saved.get("doubt", 0.0), 0.0, 1.0, "doubt")
             conditions = ConditionTracker()
             conditions.take_up(saved["conditions"])
         except (KeyError, TypeError, AttributeError, OverflowError) as error:
             raise ValueError(f"the saved baseline is not one: {type(error).__name__}: {error}") from error
-        if not isinstance(ready, bool) or drive_samples < 0:
-            raise ValueError("the saved baseline is not one")
-        if not (math.isfinite(learned_s + since_s) and learned_s >= 0.0 and since_s >= 0.0):
-            raise ValueError("the saved learning time is absurd")
-        if not 0.0 <= doubt <= 1.0:
+        if not isinstance(ready, bool):
             raise ValueError("the saved baseline is not one")
         self._lessons, self._doubt = lessons, doubt
         self.reference, self._conditions, self.ready = reference, conditions, ready

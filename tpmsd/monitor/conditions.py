@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from tpmsd.bounds import LARGEST, number
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.estimators.error_state import DRIFT_COMMON
 from tpmsd.physics.grade import GradeTracker
@@ -32,6 +33,8 @@ WARMING_S = (400.0, 1000.0)
 take)."""
 COOLING_S = 1800.0
 """Time constant of cooling down at a standstill."""
+MOST_SPEED2 = 1e5
+"""(m/s)^2; no car is that fast."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,19 +122,20 @@ class ConditionTracker:
         Until the next tick the car is taken to have stood: the daemon ran on for as long as it was driven.
         """
         try:
-            cold = [float(c) for c in saved["cold"]]
-            stood_s = float(saved["stood_s"])
-            time_s = math.nan if saved["time_s"] is None else float(saved["time_s"])
-            speed2 = math.nan if saved["speed2"] is None else float(saved["speed2"])
-            present2, slope = float(saved["present2"]), float(saved["slope"])
-        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            cold = [number(c, 0.0, 1.0, "coldness of the tyres") for c in saved["cold"]]
+            stood_s = number(saved["stood_s"], 0.0, LARGEST, "standstill")
+            time_s = (
+                math.nan if saved["time_s"] is None else number(saved["time_s"], -LARGEST, LARGEST, "time")
+            )
+            speed2 = (
+                math.nan if saved["speed2"] is None else number(saved["speed2"], 0.0, MOST_SPEED2, "speed")
+            )
+            present2 = number(saved["present2"], 0.0, MOST_SPEED2, "speed")
+            slope = number(saved["slope"], -GRAVITY_MPS2, GRAVITY_MPS2, "slope")
+        except (KeyError, TypeError) as error:
             raise ValueError(f"the saved conditions are none: {error}") from error
-        if len(cold) != len(WARMING_S) or not all(0.0 <= c <= 1.0 for c in cold):
-            raise ValueError("the saved coldness of the tyres is absurd")
-        if not (math.isfinite(stood_s) and stood_s >= 0.0) or math.isinf(time_s):
-            raise ValueError("the saved times are absurd")
-        if not (math.isfinite(present2 + slope) and (math.isnan(speed2) or 0.0 <= speed2 < 1e5)):
-            raise ValueError("the saved speed is absurd")
+        if len(cold) != len(WARMING_S):
+            raise ValueError("the saved conditions are none")
         self._cold, self._stood_s, self._time_s = cold, stood_s, time_s
         self._speed2, self._present2, self._slope = speed2, present2, slope
 

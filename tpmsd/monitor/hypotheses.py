@@ -74,12 +74,14 @@ def compare(
     radius_m: FloatArray,
     threshold: float,
     log_ratios: FloatArray | None = None,
+    one_alone: bool = False,
 ) -> Verdict:
     """Posterior over all subsets and losses.
 
     change_m (d,), covariance_m2 (d, d) of change including nuisance, radius_m (d,) nominal; threshold
     relative. log_ratios (s,): log likelihood ratio of each of `subsets` to none lost by other, independent
-    evidence; None if there is none. It shifts the posterior, not the suspicion.
+    evidence; None if there is none. It shifts the posterior, not the suspicion. one_alone: only losses of
+    one wheel are considered; where an axle may be of any size, others cannot be told from them.
     """
     d = change_m.size
     whitener = np.linalg.inv(np.linalg.cholesky(covariance_m2))
@@ -93,6 +95,8 @@ def compare(
     lost = slice(2**d - 1)
     if log_ratios is not None:
         logs[lost] += log_ratios[:, None]
+    if one_alone:
+        logs[d:] = -np.inf  # subsets come by size
     log_none = none + math.log1p(-float(weights.sum()))
     top = max(float(logs.max()), log_none)
     posterior = np.exp(logs - top)

@@ -52,6 +52,9 @@ class Judgement:
     pressure_loss_std: FloatArray
     suspicion: float
     """Log-likelihood ratio of the best loss to none; infinite if the change is nothing that is known."""
+    contrast_std_m: float = math.inf
+    """How well the wheels are known against each other: the largest standard deviation of one wheel's change
+    less the mean of all."""
 
     def trusted(self, settled: bool) -> bool:
         """Whether the baseline may learn; `settled`: whether it has been learned once."""
@@ -87,16 +90,27 @@ class Judge:
             self._threshold = float(np.mean(np.array(losses) / self._radius))
         self._limit_m = settings.deviation_percent / 100.0 * self._radius
 
-    def judge(self, now: Change, mean: Change, resonance: ResonanceEvidence | None = None) -> Judgement:
-        """Judge both changes; what either says of a wheel counts. `resonance` bears witness beside them."""
+    def judge(
+        self,
+        now: Change,
+        mean: Change,
+        resonance: ResonanceEvidence | None = None,
+        other_tyres: bool = False,
+    ) -> Judgement:
+        """Judge both changes; what either says of a wheel counts. `resonance` bears witness beside them.
+
+        `other_tyres`: these may be others than those that were learned; what all of them or an axle do is
+        then no loss, but one wheel that stands out is.
+        """
+        harmless_m2 = self.harmless_m2 + self._tolerance_m2(other_tyres)
         ratios = None
         if resonance is not None and resonance.wheels:
             sets = subsets(len(self._wheels))
             ratios = np.array([resonance.log_ratio([self._wheels[i] for i in one]) for one in sets])
-        verdicts = [self._compare(change, self.harmless_m2, ratios) for change in (now, mean)]
+        verdicts = [self._compare(c, harmless_m2, ratios, other_tyres) for c in (now, mean)]
         # What shows in the mean alone is slow; what shows now alone is fast.
         likelier = verdicts[int(verdicts[1].deflated.max() > verdicts[0].deflated.max())]
-        wide = np.sqrt(np.diag(now.covariance_m2 + self._unexplained_m2))
+        wide = np.sqrt(np.diag(now.covariance_m2 + self._unexplained_m2 + harmless_m2 - self.harmless_m2))
         limit, change = self._limit_m, now.change_m
         deviates = ndtr((-limit - change) / wide) + ndtr((change - limit) / wide)
         std = np.sqrt(np.diag(now.covariance_m2))
@@ -115,6 +129,7 @@ class Judge:
             pressure_loss=self._on_all(np.array([loss for loss, _ in pressure])),
             pressure_loss_std=self._on_all(np.array([own for _, own in pressure])),
             suspicion=max(v.suspicion for v in verdicts) if fits else math.inf,
+            contrast_std_m=_contrast_std(now.covariance_m2),
         )
 
     def soft_after_reset(self, change: Change, other_tyres: bool) -> FloatArray:
@@ -123,20 +138,33 @@ class Judge:
         The change is that against the baseline before. Other tyres may be larger or smaller all together, or
         by axle; a soft one among them still stands out.
         """
+        harmless_m2 = self.harmless_m2 + self._tolerance_m2(other_tyres)
+        return self._on_all(self._compare(change, harmless_m2).deflated)
+
+    def _tolerance_m2(self, other_tyres: bool) -> FloatArray:
         d = len(self._wheels)
-        tolerance = OTHER_TYRES.covariance(self._wheels, self._radius) if other_tyres else np.zeros((d, d))
-        return self._on_all(self._compare(change, self.harmless_m2 + tolerance).deflated)
+        return OTHER_TYRES.covariance(self._wheels, self._radius) if other_tyres else np.zeros((d, d))
 
     def _compare(
-        self, change: Change, harmless_m2: FloatArray, log_ratios: FloatArray | None = None
+        self,
+        change: Change,
+        harmless_m2: FloatArray,
+        log_ratios: FloatArray | None = None,
+        one_alone: bool = False,
     ) -> Verdict:
         covariance_m2 = change.covariance_m2 + harmless_m2
-        return compare(change.change_m, covariance_m2, self._radius, self._threshold, log_ratios)
+        return compare(change.change_m, covariance_m2, self._radius, self._threshold, log_ratios, one_alone)
 
     def _on_all(self, values: FloatArray) -> FloatArray:
         out = np.full(4, math.nan)
         out[self._wheels] = values
         return out
+
+
+def _contrast_std(covariance_m2: FloatArray) -> float:
+    d = len(covariance_m2)
+    centring = np.eye(d) - np.ones((d, d)) / d
+    return math.sqrt(float(np.max(np.diag(centring @ covariance_m2 @ centring))))
 
 
 def _deflated(now: Verdict, mean: Verdict, samples: int) -> FloatArray:

@@ -12,6 +12,9 @@ from __future__ import annotations
 import math
 from typing import Any, Literal
 
+import numpy as np
+
+from tpmsd.bounds import LARGEST, number
 from tpmsd.config.model import MonitorConfig, TyreConfig, VehicleConfig
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.alarm_state import Hysteresis
@@ -25,13 +28,19 @@ from tpmsd.monitor.records import (
     WheelReport,
     WheelState,
 )
-from tpmsd.monitor.signal_watch import SignalWatch
+from tpmsd.monitor.signal_watch import SignalWatch, Watching
 from tpmsd.monitor.tyre_sets import TyreSets
 from tpmsd.resonance.evidence import ResonanceEvidence
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import WHEELS
 
 JUDGE_EVERY_S = 1.0
+SEEN_SHARE = 1.5
+"""Standard deviation of a wheel against the others, relative to the threshold of a deflation, up to which a
+tyre that has lost 20 % (1.8 thresholds) is seen."""
+SEEN_FRESH_S = 2.5
+MOST_REASON = 500
+"""Characters of a saved reason."""
 
 
 class Monitor:
@@ -50,6 +59,10 @@ class Monitor:
         self._sets = TyreSets(vehicle, self._wheels, settings.learn_s, self._judge)
         self._since_judged_s = 0.0
         self._judged = Judgement.unknown()
+        self._since_seen_s = math.inf
+        """Since the wheels were last known well enough to see a soft one."""
+        radius = float(np.mean(np.array(vehicle.wheel_radius_m)[self._wheels]))
+        self._seen_m = SEEN_SHARE * settings.deflation_percent / 100.0 * radius
         self._alarms = {
             (kind, wheel): Hysteresis(
                 settings.raise_probability,
@@ -82,7 +95,8 @@ class Monitor:
     ) -> MonitorReport:
         """Take one tick and its estimate, and what the wheels' resonances say if they are listened to."""
         self._resonance = resonance
-        events = self._signals.update(tick, estimate)
+        self._since_seen_s += tick.dt_s
+        events = self._signals.update(tick, estimate, self._watching())
         events += self._announce_taken_back(tick, estimate)
         self._sets.update(tick, estimate)
         if estimate.informative:
@@ -99,16 +113,22 @@ class Monitor:
             learning=self._learning,
         )
 
+    def _watching(self) -> Watching:
+        """Whether a soft tyre would be seen now."""
+        return Watching(sees=self._since_seen_s <= SEEN_FRESH_S, undecided=self._sets.undecided)
+
     def _judge_now(self, tick: Tick, estimate: RadiusEstimate, elapsed_s: float) -> list[AlarmEvent]:
         """A second of driving: judge, decide on a reset, learn."""
         events: list[AlarmEvent] = []
         trusted = False
-        if self.baseline.ready and not self._sets.undecided:
-            changes = self.baseline.changes(estimate, self._judge.harmless_m2)
+        judging = self._sets.judging
+        if judging.ready:
+            changes = judging.changes(estimate, self._judge.harmless_m2)
             if changes is None:
                 return []
-            self._judged = self._judge.judge(*changes, self._resonance)
-            trusted = self._judged.trusted(self.baseline.settled) and not self._standing
+            self._judged = self._judge.judge(*changes, self._resonance, self._sets.other_tyres)
+            self._since_seen_s = 0.0 if self._judged.contrast_std_m <= self._seen_m else math.inf
+            trusted = self._judged.trusted(judging.settled) and not self._standing
             for (kind, wheel), alarm in self._alarms.items():
                 probability = self._probability(kind, wheel)
                 turned = alarm.update(probability, elapsed_s)
@@ -167,15 +187,16 @@ class Monitor:
     def reset(self, tyres: str | None = None) -> tuple[bool, str]:
         """Learn the radii anew, or change to the set `tyres`; whether it was taken up, and why (not)."""
         standing = [WHEELS[w] for kind, w in self._standing if kind is AlarmKind.DEFLATION]
-        taken = self._sets.request(tyres, standing)
-        if taken:
+        before = self._sets.baseline
+        taken, reason = self._sets.request(tyres, standing)
+        if self._sets.baseline is not before:
             self._judged = Judgement.unknown()
             for alarm in self._alarms.values():
                 alarm.held_s = 0.0
             if self._sets.state == "accepted":
                 self._take_back()
         self._learning = self.learning()
-        return taken, self._sets.reason
+        return taken, reason
 
     def _take_back(self) -> None:
         """Other radii are normal now: alarms that stood against the old ones are to be taken back."""
@@ -281,14 +302,14 @@ class Monitor:
 
     def _parsed(self, entry: dict[str, Any]) -> AlarmEvent:
         event = AlarmEvent(
-            time_s=float(entry["time_s"]),
+            time_s=number(entry["time_s"], -LARGEST, LARGEST, "time"),
             kind=AlarmKind(entry["kind"]),
             wheel=str(entry["wheel"]),
             state="raised",
             deviation_m=math.nan,
             std_m=math.nan,
-            probability=float(entry["probability"]),
-            reason=str(entry["reason"]),
+            probability=number(entry["probability"], 0.0, 1.0, "probability"),
+            reason=str(entry["reason"])[:MOST_REASON],
             pressure_loss=_or_nan(entry.get("pressure_loss")),
             pressure_loss_std=_or_nan(entry.get("pressure_loss_std")),
         )
@@ -312,4 +333,4 @@ def _or_none(value: float) -> float | None:
 
 
 def _or_nan(value: float | None) -> float:
-    return math.nan if value is None else float(value)
+    return math.nan if value is None else number(value, -10.0, 10.0, "loss of pressure")

@@ -29,6 +29,7 @@ from typing import Any
 
 import numpy as np
 
+from tpmsd.bounds import covariance, vector, whole
 from tpmsd.config.model import VehicleConfig
 from tpmsd.monitor.conditions import Conditions
 from tpmsd.wheels import IS_FRONT, FloatArray
@@ -63,6 +64,9 @@ LOAD_STD = (1.5e-4, 4e-4)
 DAY_STD = 3e-4
 """0.1 mm: 3.5 K."""
 WANDER_STD, WANDER_OWN_STD, WANDER_S = 2e-4, 2e-4, 900.0
+FAR = 10.0
+"""Prior standard deviations by which a saved parameter may be off: 10 % of a radius."""
+MOST_SAMPLES = 1_000_000
 
 
 class Reference:
@@ -184,26 +188,24 @@ class Reference:
 
     @classmethod
     def from_json(cls, saved: dict[str, Any], vehicle: VehicleConfig) -> Reference:
-        """Back from the state file; ValueError if it is no baseline."""
-        try:
-            mean = np.array([float(x) for x in saved["mean"]])
-            covariance = np.array([[float(x) for x in row] for row in saved["covariance"]])
-            ranges = [int(n) for n in saved["ranges"]]
-        except (KeyError, TypeError, ValueError, OverflowError) as error:
-            raise ValueError(f"the saved baseline is not one: {error}") from error
-        if mean.shape != (SIZE,) or covariance.shape != (SIZE, SIZE) or len(ranges) != KNOTS_MPS.size:
-            raise ValueError("the saved baseline has another shape")
-        if not (np.all(np.isfinite(mean)) and np.all(np.isfinite(covariance))) or min(ranges) < 0:
-            raise ValueError("the saved baseline is not finite")
-        if np.any(np.abs(mean[OWN]) > 0.1):
-            raise ValueError("the saved baseline is absurd (more than 10 % off nominal)")
-        if (
-            not np.allclose(covariance, covariance.T, atol=1e-12)
-            or np.linalg.eigvalsh(covariance)[0] < -1e-10
-        ):
-            raise ValueError("the saved baseline has no covariance")
+        """Back from the state file; ValueError if it is no baseline.
+
+        Learning only ever narrows the prior, so no variance may be wider and no parameter far from it.
+        """
         out = cls(vehicle)
-        out.mean, out.covariance, out.ranges = mean, covariance, ranges
+        prior_mean, prior = out._prior()
+        std = np.sqrt(np.diag(prior))
+        try:
+            mean = vector(saved["mean"], SIZE, "baseline")
+            spread = covariance(saved["covariance"], std**2, "baseline's covariance")
+            ranges = [whole(n, 0, MOST_SAMPLES, "number of samples") for n in saved["ranges"]]
+        except (KeyError, TypeError) as error:
+            raise ValueError(f"the saved baseline is not one: {error}") from error
+        if len(ranges) != KNOTS_MPS.size:
+            raise ValueError("the saved baseline has another shape")
+        if np.any(np.abs(mean - prior_mean) > FAR * std):
+            raise ValueError("the saved baseline is absurd (far from what any car has)")
+        out.mean, out.covariance, out.ranges = mean, spread, ranges
         return out
 
 

@@ -23,12 +23,18 @@ from tpmsd.wheels import RL, RR, WHEELS
 
 GNSS_FRESH_S = 10.0
 MOVING_MPS = 2.0
+DRIVING_MPS = 40.0 / 3.6
+"""From here on UN R141 counts driving time."""
+BLIND_S = 600.0
+"""UN R141, 5.3.3: a malfunction is said within ten minutes of driving."""
 TURNING_RAD = 0.1
 """Rotation in a tick from which a wheel turns."""
 FORGIVE_AFTER_S = 1.0
 """Time in good order that takes back the bad time counted so far."""
 CLEAR_SHARE = 0.1
 MIN_CLEAR_S = 2.0
+AT_ONCE_S = 1e-9
+"""Limit of what is a malfunction with the first tick of it."""
 
 
 FAULT_FRESH_S = 2.5
@@ -39,6 +45,10 @@ SPEED_FRESH_S = 2.0
 CHORD_S = 1.0
 _ESTIMATED = 6
 """GGA quality of dead reckoning: no witness."""
+
+
+def _known(speed_mps: float) -> float:
+    return speed_mps if math.isfinite(speed_mps) else 0.0
 
 
 class ReceiverSpeed:
@@ -69,12 +79,24 @@ class ReceiverSpeed:
             self._speed_mps, self._time_s = way_m / (fix.time_s - anchor.time_s), fix.time_s
 
 
+@dataclass(frozen=True, slots=True)
+class Watching:
+    """What the monitor says of itself."""
+
+    sees: bool
+    """Whether a soft tyre would be seen now."""
+    undecided: bool
+    """Whether a reset waits for its new baseline."""
+
+
 @dataclass(slots=True)
 class _Malfunction:
     """One way in which monitoring can be out of order."""
 
     reason: str
     wheel: int | None = None
+    clear_s: float = math.inf
+    """Time in good order that clears it, if that is less than the share of its limit."""
     bad_s: float = 0.0
     good_s: float = 0.0
     raised: AlarmEvent | None = None
@@ -92,7 +114,9 @@ class _Malfunction:
         if self.raised is None and self.bad_s >= limit_s:
             self.raised = self._event("raised", self.reason, tick)
             return [self.raised]
-        if self.raised is not None and self.good_s >= max(CLEAR_SHARE * limit_s, MIN_CLEAR_S):
+        if self.raised is not None and self.good_s >= min(
+            max(CLEAR_SHARE * limit_s, MIN_CLEAR_S), self.clear_s
+        ):
             self.raised, self.bad_s = None, 0.0
             return [self._event("cleared", f"over: {self.reason}", tick)]
         return []
@@ -114,7 +138,12 @@ class SignalWatch:
         self._unplugged = _Malfunction("the receiver is unplugged or cannot be opened")
         self._spoofed = _Malfunction("another node sends the wheels' frames: they are not believed")
         self._disagree = _Malfunction("wheels and receiver disagree on the speed (is it the right DBC?)")
-        self._heard_s = {"unplugged": -math.inf, "spoofed": -math.inf}
+        self._restarted = _Malfunction("the estimate of the radii broke down and is made anew")
+        self._blind = _Malfunction(
+            "driving for ten minutes, and no soft tyre would have been seen", None, 10.0
+        )
+        self._undecided = _Malfunction("a reset waits for its baseline for ten minutes of driving")
+        self._heard_s = {"unplugged": -math.inf, "spoofed": -math.inf, "restarted": -math.inf}
         self._receiver = ReceiverSpeed()
         self._wheels = {
             wheel: _Malfunction(f"no usable signal of wheel {WHEELS[wheel]} while the others turn", wheel)
@@ -127,15 +156,15 @@ class SignalWatch:
     @property
     def standing(self) -> tuple[AlarmEvent, ...]:
         """The malfunctions that stand now, each as it was raised."""
-        inputs = (self._rear, self._gnss, self._unplugged, self._spoofed, self._disagree)
-        everything = (*inputs, *self._wheels.values())
+        inputs = (self._rear, self._gnss, self._unplugged, self._spoofed, self._disagree, self._restarted)
+        everything = (*inputs, self._blind, self._undecided, *self._wheels.values())
         return tuple(m.raised for m in everything if m.raised is not None)
 
     def is_lost(self, wheel: int, time_s: float) -> bool:
         """Whether a wheel has had no usable signal for as long as a malfunction takes."""
         return time_s - self._last_valid_s.get(wheel, -math.inf) > self._settings.malfunction_s
 
-    def update(self, tick: Tick, estimate: RadiusEstimate) -> list[AlarmEvent]:
+    def update(self, tick: Tick, estimate: RadiusEstimate, watching: Watching) -> list[AlarmEvent]:
         """Take one tick; what it raised or cleared."""
         valid = np.isfinite(tick.rotation_rad)
         for wheel in self._wheels:
@@ -156,7 +185,13 @@ class SignalWatch:
         stale = estimate.gnss_age_s > GNSS_FRESH_S
         events += self._gnss.update(stale and moving, not stale, self._settings.gnss_malfunction_s, tick)
         events += self._faults(tick)
-        known, good = self._compared(rear, estimate.speed_mps, self._receiver.update(tick))
+        receiver_mps = self._receiver.update(tick)
+        driving = max(_known(estimate.speed_mps), _known(receiver_mps)) > DRIVING_MPS
+        sees = watching.sees
+        events += self._blind.update(driving and not sees, sees, BLIND_S, tick)
+        undecided = watching.undecided
+        events += self._undecided.update(driving and undecided, not undecided, BLIND_S, tick)
+        known, good = self._compared(rear, estimate.speed_mps, receiver_mps)
         events += self._disagree.update(known and not good, known and good, limit_s, tick)
         turning = bool(np.any(tick.rotation_rad > TURNING_RAD))  # false for NaN
         for wheel, malfunction in self._wheels.items():
@@ -172,6 +207,9 @@ class SignalWatch:
         for kind, malfunction in (("unplugged", self._unplugged), ("spoofed", self._spoofed)):
             bad = tick.time_s - self._heard_s[kind] <= max(FAULT_FRESH_S, tick.dt_s)
             events += malfunction.update(bad, not bad, self._settings.malfunction_s, tick)
+        broke = self._heard_s["restarted"] == tick.time_s
+        good = tick.time_s - self._heard_s["restarted"] > self._settings.malfunction_s
+        events += self._restarted.update(broke, good, AT_ONCE_S, tick)
         return events
 
     @staticmethod

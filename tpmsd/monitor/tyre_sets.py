@@ -26,6 +26,16 @@ MAX_SETS = 8
 NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,23}")
 """Names of sets: they go into files, sentences and JSON."""
 SOFT_PROBABILITY = 0.9
+MOST_REASON = 500
+"""Characters of a saved reason."""
+
+ALLOWANCE, COST_SAME, COST_OTHER = 10.0, 3.0, 1.0
+"""A reset to the same set costs 3 of an allowance of 10, one to another set 1, ..."""
+REFILL_PER_S = 1.0 / 200.0
+"""... and it fills up by one in 200 s: three at once, then one in ten minutes. A leak that is reset away
+every minute would else never be a change."""
+
+TOO_MANY = "too many resets in a short time: ask again in ten minutes"
 
 ResetState = Literal["none", "learning", "accepted", "refused"]
 
@@ -46,21 +56,35 @@ class TyreSets:
         self.state: ResetState = "none"
         self.reason = ""
         self._requests = 0
+        self._allowance = ALLOWANCE
 
     def _fresh(self) -> Baseline:
         return Baseline(self._vehicle, self._wheels, self._learn_s)
 
     def update(self, tick: Tick, estimate: RadiusEstimate) -> None:
         """Take every tick."""
+        self._allowance = min(self._allowance + REFILL_PER_S * tick.dt_s, ALLOWANCE)
         self.baseline.update(tick, estimate)
         if self._before is not None:
             self._before.update(tick, estimate)
 
-    def request(self, name: str | None, standing: list[str]) -> bool:
-        """Learn anew, or change to another set; False if refused, `reason` says why.
+    def request(self, name: str | None, standing: list[str]) -> tuple[bool, str]:
+        """Learn anew, or change to another set; whether it was taken, and why (not).
 
-        `standing`: wheels for which a deflation is announced now.
+        `standing`: wheels for which a deflation is announced now. To ask for the set that is being learned
+        changes nothing: else whoever asks every minute keeps the car unlearned.
         """
+        wanted = self.name if name is None else name
+        if self.undecided:
+            if wanted == self.name:
+                self._requests += 1
+                return True, self.reason
+            if self._allowance < COST_OTHER:
+                return False, TOO_MANY
+        taken = self._take(name, standing)
+        return taken, self.reason
+
+    def _take(self, name: str | None, standing: list[str]) -> bool:
         self._requests += 1
         wanted = self.name if name is None else name
         if NAME.fullmatch(wanted) is None:
@@ -71,6 +95,10 @@ class TyreSets:
             )
         if wanted != self.name and wanted not in self._others and len(self._others) + 1 >= MAX_SETS:
             return self._refuse(f"{MAX_SETS} sets of tyres are kept already")
+        cost = COST_SAME if wanted == self.name else COST_OTHER
+        if self._allowance < cost:
+            return self._refuse(TOO_MANY)
+        self._allowance -= cost
         if self._before is not None:
             # Asked again before the first was decided: what was known before both still counts.
             before, name_before = self._before, self._name_before
@@ -129,6 +157,16 @@ class TyreSets:
         """Whether a reset waits for its new baseline."""
         return self._before is not None
 
+    @property
+    def judging(self) -> Baseline:
+        """The baseline that tyres are held against: while a reset is undecided the one before it."""
+        return self.baseline if self._before is None else self._before
+
+    @property
+    def other_tyres(self) -> bool:
+        """Whether the tyres on the car may be others than those of `judging`."""
+        return self._before is not None and self.name != self._name_before
+
     def report(self) -> LearningReport:
         """For people and programs."""
         return LearningReport(
@@ -159,7 +197,7 @@ class TyreSets:
         """Take up what was saved; ValueError (nothing taken up) if it does not fit."""
         try:
             names = [saved["tyres"], saved["tyres_before"], *saved["others"]]
-            state, reason = saved["reset"], str(saved["reset_reason"])
+            state, reason = saved["reset"], str(saved["reset_reason"])[:MOST_REASON]
             baseline = self._read(saved["baseline"])
             others = {name: self._read(entry).to_json() for name, entry in saved["others"].items()}
             before = None if saved["before"] is None else self._read(saved["before"])

@@ -177,7 +177,11 @@ def _read_bounded(path: Path) -> bytes:
 
 
 def _write_synced(files: FileSystem, name: str, content: bytes) -> None:
-    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
+    # Whatever has that name (a FIFO, a link, what a power cut left) goes first: opening a FIFO would wait
+    # for a reader for ever. O_EXCL then opens nothing but a new file, and follows no link.
+    with contextlib.suppress(FileNotFoundError):
+        files.unlink(name)
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NONBLOCK | os.O_CLOEXEC
     descriptor = files.open(name, flags, 0o640)
     try:
         rest = memoryview(content)

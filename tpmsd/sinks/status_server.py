@@ -33,6 +33,11 @@ from tpmsd.errors import ConfigError, TpmsdError
 MAX_PATH_BYTES = 107
 """What `sockaddr_un` holds (unix(7)), less the final NUL."""
 MAX_CLIENTS = 128
+MAX_WATCHERS = 112
+"""The other places are for those who ask once: watchers stay for ever, and must not shut them out."""
+MAX_TURNED_AWAY = 16
+"""Clients beyond MAX_CLIENTS whose request is still read, so that the refusal reaches them: a socket that is
+closed with unread bytes is a reset connection at the other end."""
 MAX_REQUEST_BYTES = 4096
 MAX_PENDING_BYTES = 65536
 SILENT_S = 1.0
@@ -42,6 +47,7 @@ REQUEST_S = 5.0
 _ACCEPTS_PER_CALL = 32
 """A storm of connections must not hold up the estimator."""
 _ACCEPT_PAUSE_S = 1.0
+TOO_MANY = f"too many clients: {MAX_CLIENTS} are served at a time; try again"
 
 _log = logging.getLogger(__name__)
 
@@ -59,6 +65,8 @@ class _Client:
     pending: bytearray = field(default_factory=bytearray)
     answered: bool = False
     watching: bool = False
+    turned_away: bool = False
+    """Came when all places were taken; is told so."""
     events: int = 0
     """What the selector watches it for."""
 
@@ -201,13 +209,16 @@ class StatusServer:
                     self._accepts_again_s = now_s + _ACCEPT_PAUSE_S
                 return
             connection.setblocking(False)
-            if len(self._clients) >= MAX_CLIENTS:
+            if len(self._clients) >= MAX_CLIENTS + MAX_TURNED_AWAY:
                 with contextlib.suppress(OSError):
-                    connection.send(_error_line("too many clients"))
+                    connection.send(_error_line(TOO_MANY))
+                    connection.shutdown(socket.SHUT_WR)
+                    connection.recv(MAX_REQUEST_BYTES)
                 connection.close()
                 continue
             connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, MAX_PENDING_BYTES)
             client = _Client(connection, now_s + SILENT_S, now_s)
+            client.turned_away = len(self._clients) >= MAX_CLIENTS
             self._clients.add(client)
             self._watch(client, selectors.EVENT_READ)
 
@@ -228,7 +239,13 @@ class StatusServer:
         client.answered = True
         client.deadline_s = now_s + REQUEST_S
         try:
+            if client.turned_away:
+                raise ValueError(TOO_MANY)
             asked, tyres = _request(bytes(client.request))
+            if asked == "watch" and self.watchers >= MAX_WATCHERS:
+                raise ValueError(
+                    f"too many watchers: {MAX_WATCHERS} are served at a time; ask for the status"
+                )
             client.watching = asked == "watch"
             if asked == "reset":
                 self._take_reset(tyres)
