@@ -101,7 +101,6 @@ def main(args: argparse.Namespace) -> int:
             one.noise = fit_noise(
                 windows, one.believed(study.hypotheses.everything), one.noise, Stage.FIRST, one.inflate
             )
-            one.whiten()
             print(f"\n{name}, {'hurried' if hard else 'calm'}: {len(windows)} windows")
             for label, number, gained in compared(one):
                 print(f"  {label:47s} {number:3d} columns  {gained:8.1f} nats", flush=True)

@@ -10,18 +10,26 @@ import pytest
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
 from tpmsd.diagnosis.diagnose import diagnose, first_noise
+from tpmsd.inference.noise import Noise
 from tpmsd.inference.recording import Recording
-from tpmsd.inference.smoother import motion_errors
+from tpmsd.inference.state_space import GB, PE, PN, PSI, QOLD, STATES, Q, V, W, state_space
 from tpmsd.inference.trajectory import WINDOW_S, reference
-from tpmsd.inference.whitening import GB, PE, PN, PSI, QOLD, STATES, Q, V, W, system
-from tpmsd.inference.windows import GYRO, Reader
+from tpmsd.inference.whitening import Whitener
+from tpmsd.inference.windows import GYRO, Reader, Windows
 from tpmsd.physics.model import ExtendedModel
+from tpmsd.wheels import FloatArray
 
 
 def without_gyro(recording: Recording) -> Recording:
     """As a bus without inertial signals gives it."""
     gyro = np.full(recording.ticks, np.nan)
     return dataclasses.replace(recording, inertial={**recording.inertial, "yaw_rate_radps": gyro})
+
+
+def motion_errors(windows: Windows, noise: Noise, residual: FloatArray) -> FloatArray:
+    """(w, 3) smoothed errors of the reference by a residual (w, 9)."""
+    made = Whitener.of(windows, noise, np.isfinite(residual))
+    return made.smooth(made.apply(residual[:, :, None])[:, :, 0])
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +44,7 @@ def test_what_becomes_of_an_error_from_window_to_window(reader: Reader) -> None:
     driven, a bias stays, and what is new in each window is forgotten.
     """
     windows = reader.windows
-    made = system(windows, first_noise(reader), np.isfinite(windows.measured), None)
+    made = state_space(windows, first_noise(reader), np.isfinite(windows.measured), None)
     k = len(windows) // 2
     assert windows.index[k] == windows.index[k - 1] + 1
     error = np.zeros(STATES)
@@ -68,22 +76,23 @@ def test_the_smoother_is_the_conditional_mean(reader: Reader) -> None:
     here[3, :] = False
     here[5, GYRO:] = False
     residual = np.where(here, 0.1 * rng.standard_normal(here.shape), np.nan)
-    made = system(windows, noise, here, None)
+    made = state_space(windows, noise, here, None)
     covariance = np.zeros((few * STATES, few * STATES))
-    P = np.diag(made.start)
+    P = np.diag(made.diagonals.start)
+    transition, fresh = made.transition, made.fresh
     for k in range(few):
-        F, at = made.transition[k], slice(k * STATES, (k + 1) * STATES)
+        F, at = transition[k], slice(k * STATES, (k + 1) * STATES)
         covariance[at, : k * STATES] = (
             F @ covariance[at.start - STATES : at.start, : k * STATES] if k else 0.0
         )
         covariance[: k * STATES, at] = covariance[at, : k * STATES].T
-        P = F @ P @ F.T + made.fresh[k]
+        P = F @ P @ F.T + fresh[k]
         covariance[at, at] = P
     H = np.zeros((few * 9, few * STATES))
     for k in range(few):
-        H[9 * k : 9 * k + 9, k * STATES : (k + 1) * STATES] = made.rows[k]
+        H[9 * k : 9 * k + 9, k * STATES : (k + 1) * STATES] = made.geometry.rows[k]
     seen = here.ravel()
-    H, R = H[seen], np.diag(made.variance.ravel()[seen])
+    H, R = H[seen], np.diag(made.diagonals.variance.ravel()[seen])
     mean = covariance @ H.T @ np.linalg.solve(H @ covariance @ H.T + R, residual.ravel()[seen])
 
     expected = mean.reshape(few, STATES)[:, [V, W, PSI]]

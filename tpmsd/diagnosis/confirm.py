@@ -20,8 +20,9 @@ from tpmsd.diagnosis.chosen import Selection
 from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.study import DriveStudy, Study
 from tpmsd.inference.least_squares import Evidence, gain_of
-from tpmsd.inference.noise_fit import PRIORS, SLOW, log_posterior, refit_slow, refit_wander
-from tpmsd.inference.whitening import Noise, whiten
+from tpmsd.inference.noise import PRIORS, Noise
+from tpmsd.inference.noise_fit import SLOW, log_posterior, refit_slow, refit_wander
+from tpmsd.inference.whitening import whiten
 from tpmsd.wheels import FloatArray
 
 COMMON = ("thermal_growth", "centrifugal_growth", "road_grade")
@@ -101,7 +102,7 @@ def _gain(study: Study, design: FloatArray, first: int, null: dict[int, Noise]) 
             )[0]
         else:
             rows[:, :, 0] = drive.white[:, :, 0]
-            rows[:, :, 1:] = drive.white @ drive.own(design)
+            rows[:, :, 1:] = drive.acting(design)
         flat = rows.reshape(-1, k)
         gram += flat.T @ flat
     return gain_of(gram) - gain_of(gram[: 1 + first, : 1 + first])

@@ -22,7 +22,8 @@ from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.terms import Term
 from tpmsd.inference.least_squares import Evidence
-from tpmsd.inference.noise_fit import PRIORS, refit
+from tpmsd.inference.noise import PRIORS
+from tpmsd.inference.noise_fit import refit
 from tpmsd.inference.windows import GYRO
 
 USUAL = PRIORS["gyro_drift_radps"][0]

@@ -67,7 +67,7 @@ def finer_shape(study: Study, evidence: Evidence, others: list[Term], term: Term
     for number, drive in enumerate(study.drives):
         rows = np.zeros((*drive.white.shape[:2], len(gram)))
         rows[:, :, 0] = drive.white[:, :, 0]
-        rows[:, :, 1 : 1 + design.shape[1]] = drive.white @ drive.own(design)
+        rows[:, :, 1 : 1 + design.shape[1]] = drive.acting(design)
         if number in acting:
             columns = np.nan_to_num(np.stack([hat.column(drive.reader) for hat in hats], axis=2))
             rows[:, :, 1 + design.shape[1] :] = drive.whitened(columns)

@@ -178,7 +178,7 @@ def _best(
                 [_refined(term, point).column(drive.reader, drive.base) for point in points], axis=2
             )
             rows = drive.whitened(trial).reshape(-1, len(points))
-            known = np.concatenate([drive.white[:, :, :1], drive.white @ drive.own(design)], axis=2)
+            known = np.concatenate([drive.white[:, :, :1], drive.acting(design)], axis=2)
             cross += known.reshape(-1, len(believed)).T @ rows
             size += (rows**2).sum(axis=0)
             trials[number] = trial

@@ -22,7 +22,7 @@ from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.study import Refined, Study
 from tpmsd.diagnosis.terms import Hypotheses, Term
 from tpmsd.inference.least_squares import Evidence, Fit
-from tpmsd.inference.whitening import Noise
+from tpmsd.inference.noise import Noise
 from tpmsd.wheels import WHEELS, FloatArray
 
 RECORDING, SIMULATION, BOTH = "recording", "simulation", "both"

@@ -25,15 +25,17 @@ from tpmsd.diagnosis.response import (
     thermal_column,
 )
 from tpmsd.diagnosis.terms import ANTISYMMETRIC, PATTERNS, Hypotheses, Name, Term
-from tpmsd.inference.least_squares import Evidence, part
-from tpmsd.inference.smoother import motion_errors
-from tpmsd.inference.whitening import Noise, whiten
+from tpmsd.inference.least_squares import Evidence, Part, extended, part
+from tpmsd.inference.noise import Noise
+from tpmsd.inference.whitening import Whitener
 from tpmsd.inference.windows import Reader
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import FloatArray
 
 BLOCK_S = 30
 MIN_BLOCKS = 10
+KEPT = 2
+"""Noises under which a drive's whitened columns are kept: an alternative is tried beside the present one."""
 MAX_BLOCKS = 120
 """Of all drives together: beyond an hour blocks grow, so that memory is bounded."""
 
@@ -80,6 +82,19 @@ class Refined:
         return ramp_column(reader, self.wheel, self.first, self.second, base)
 
 
+@dataclass(frozen=True)
+class Whitened:
+    """A drive's columns under one noise."""
+
+    noise: Noise
+    inflate: FloatArray | None
+    whitener: Whitener
+    white: FloatArray
+    """(w, 9, n)"""
+    by_block: FloatArray
+    """(blocks, n, n) Gram matrices."""
+
+
 class DriveStudy:
     """One drive's residual, columns and noise."""
 
@@ -95,16 +110,16 @@ class DriveStudy:
         residual = windows.measured - reader.predict(self.base)
         columns = linear_columns(reader, knots)
         self.names: list[Name] = [("data",), *columns.names]
-        self.columns = np.concatenate([residual[:, :, None], columns.stack()], axis=2)
+        self.columns = stacked(residual, columns.arrays)
         self.noise = first_noise(reader)
         self.inflate: FloatArray | None = None
         count = max(MIN_BLOCKS, round(len(windows) / block_s))
         self.blocks = np.arange(len(windows)) * count // len(windows)
-        self.white = np.zeros(0)
-        self.log_variance = 0.0
         self.here = np.arange(len(self.names))
         """Where columns stand in the common index, and which stands there."""
         self.local = np.arange(len(self.names))
+        self._kept: list[Whitened] = []
+        """Under the noises asked for last, the present one at the end."""
 
     def relinearise(
         self, base: ExtendedModel, radii_m: FloatArray, values: FloatArray, fitted: FloatArray
@@ -117,15 +132,22 @@ class DriveStudy:
         radius from the former origin.
         """
         self.base = base
-        left = self.columns[:, :, 0] - self.columns[:, :, 1:] @ fitted
-        errors = motion_errors(self.reader.windows, self.noise, left, self.inflate)
+        used = np.flatnonzero(fitted)
+        left = self.columns[:, :, 0] - self.columns[:, :, 1 + used] @ fitted[used]
+        made = Whitener.of(self.reader.windows, self.noise, np.isfinite(left), self.inflate)
+        errors = made.smooth(made.apply(left[:, :, None])[:, :, 0])
         self.reader.recalibrate(radii_m, base, errors)
-        stacks = [linear_columns(self.reader, self.knots, base).stack()]
-        if self.refined:
-            stacks.append(np.stack([one.column(self.reader, base) for one in self.refined], axis=2))
-        linear = np.concatenate(stacks, axis=2)
-        residual = self.reader.windows.measured - self.reader.predict(base) + linear @ values
-        self.columns = np.concatenate([residual[:, :, None], linear], axis=2)
+        arrays = linear_columns(self.reader, self.knots, base).arrays
+        arrays += [one.column(self.reader, base) for one in self.refined]
+        residual = self.reader.windows.measured - self.reader.predict(base)
+        for k in np.flatnonzero(values):
+            residual = residual + values[k] * arrays[k]
+        self.columns = stacked(residual, arrays)
+        self._kept = []
+
+    def append(self, columns: FloatArray) -> None:
+        """Further columns (w, 9, k) at the end."""
+        self.columns = np.concatenate([self.columns, columns], axis=2)
 
     def own(self, design: FloatArray) -> FloatArray:
         """(n, k) a common design in this drive's columns."""
@@ -133,11 +155,32 @@ class DriveStudy:
         np.add.at(out, self.local, design[self.here])
         return out
 
+    def acting(self, design: FloatArray) -> FloatArray:
+        """(w, 9, k) whitened columns of a common design."""
+        own = self.own(design)
+        used = np.flatnonzero(np.any(own != 0.0, axis=1))
+        return np.asarray(self.white[:, :, used] @ own[used])
+
     def believed(self, design: FloatArray) -> FloatArray:
         """(w, 9, 1 + j) the data and those columns of a design that act in this drive."""
         own = self.own(design)
         acting = own[:, np.any(own != 0.0, axis=0)]
-        return np.concatenate([self.columns[:, :, :1], self.columns @ acting], axis=2)
+        used = np.flatnonzero(np.any(acting != 0.0, axis=1))
+        return np.concatenate([self.columns[:, :, :1], self.columns[:, :, used] @ acting[used]], axis=2)
+
+    @property
+    def white(self) -> FloatArray:
+        """(w, 9, n) all columns, whitened by the present noise."""
+        return self.present.white
+
+    @property
+    def log_variance(self) -> float:
+        """Sum of the innovations' log variances under the present noise."""
+        return self.present.whitener.logdet
+
+    def part(self) -> Part:
+        """Gram matrices of the columns under the present noise."""
+        return Part(self.present.by_block, self.here, self.local)
 
     def residual(self, design: FloatArray, values: FloatArray) -> FloatArray:
         """(w, 9) whitened residual of a fit."""
@@ -145,16 +188,43 @@ class DriveStudy:
 
     def response(self, design: FloatArray, values: FloatArray) -> FloatArray:
         """(w, 9) whitened response of combinations with these values."""
-        return np.asarray(self.white @ (self.own(design) @ values))
+        weights = self.own(design) @ values
+        used = np.flatnonzero(weights)
+        return np.asarray(self.white[:, :, used] @ weights[used])
 
     def whitened(self, columns: FloatArray) -> FloatArray:
         """(w, 9, t) further columns (w, 9, t), whitened as the others are."""
-        with_data = np.concatenate([self.columns[:, :, :1], columns], axis=2)
-        return whiten(self.reader.windows, self.noise, with_data, self.inflate)[0][:, :, 1:]
+        return self.present.whitener.apply(columns)
 
-    def whiten(self) -> None:
-        """Whiten all columns with the present noise."""
-        self.white, self.log_variance = whiten(self.reader.windows, self.noise, self.columns, self.inflate)
+    @property
+    def present(self) -> Whitened:
+        """The columns under the present noise; what was asked for before is not done again."""
+        found = None
+        for k, one in enumerate(self._kept):
+            if one.noise == self.noise and one.inflate is self.inflate:
+                found = self._kept.pop(k)
+                break
+        width = self.columns.shape[2]
+        if found is None:
+            here = np.isfinite(self.columns[:, :, 0])
+            whitener = Whitener.of(self.reader.windows, self.noise, here, self.inflate)
+            white = whitener.apply(self.columns)
+            found = Whitened(self.noise, self.inflate, whitener, white, part(white, self.blocks).by_block)
+        elif found.white.shape[2] < width:
+            more = found.whitener.apply(self.columns[:, :, found.white.shape[2] :])
+            white = np.concatenate([found.white, more], axis=2)
+            by_block = extended(found.by_block, white, self.blocks)
+            found = Whitened(self.noise, self.inflate, found.whitener, white, by_block)
+        self._kept = [*self._kept[-(KEPT - 1) :], found]
+        return found
+
+
+def stacked(residual: FloatArray, arrays: Sequence[FloatArray]) -> FloatArray:
+    """(w, 9, 1 + p) the residual (w, 9) and p columns (w, 9)."""
+    out = np.empty((*residual.shape, 1 + len(arrays)))
+    for k, array in enumerate((residual, *arrays)):
+        out[:, :, k] = array
+    return out
 
 
 class Study:
@@ -191,10 +261,7 @@ class Study:
 
     def evidence(self) -> Evidence:
         """Of all drives, under the present noise."""
-        for drive in self.drives:
-            drive.whiten()
-        parts = [part(drive.white, drive.blocks, drive.here, drive.local) for drive in self.drives]
-        return Evidence(parts, self.width)
+        return Evidence([drive.part() for drive in self.drives], self.width)
 
     def acting(self, term: Term) -> list[int]:
         """Numbers of the drives in which a term acts."""
@@ -215,8 +282,7 @@ class Study:
                 start = drive.columns.shape[2]
                 drive.here = np.concatenate([drive.here, [self.width + k for k, _ in mine]])
                 drive.local = np.concatenate([drive.local, start + np.arange(len(mine))])
-                more = np.stack([column for _, column in mine], axis=2)
-                drive.columns = np.concatenate([drive.columns, more], axis=2)
+                drive.append(np.stack([column for _, column in mine], axis=2))
         places = list(range(self.width, self.width + len(columns)))
         self.width += len(columns)
         self.hypotheses.widen(self.width)

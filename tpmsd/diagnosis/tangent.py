@@ -42,7 +42,7 @@ def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, fl
     gram = np.zeros((first + len(tangents), first + len(tangents)))
     for number, drive in enumerate(study.drives):
         rows = np.zeros((*drive.white.shape[:2], len(gram)))
-        rows[:, :, :first] = drive.white @ drive.own(selection.fit.design)
+        rows[:, :, :first] = drive.acting(selection.fit.design)
         mine = [j for j, tangent in enumerate(tangents) if number in tangent]
         if mine:
             trial = np.stack([tangents[j][number] for j in mine], axis=2)
@@ -81,7 +81,7 @@ def _of_warm_up(
     for number, drive in enumerate(study.drives):
         rows = np.zeros((*drive.white.shape[:2], len(gram)))
         rows[:, :, 0] = drive.white[:, :, 0]
-        rows[:, :, 1:linear_only] = drive.white @ drive.own(rest)
+        rows[:, :, 1:linear_only] = drive.acting(rest)
         for j, tangent in enumerate(tangents):
             if number in tangent:
                 rows[:, :, linear_only + j] = drive.whitened(tangent[number][:, :, None])[:, :, 0]

@@ -23,7 +23,7 @@ from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.terms import ANTISYMMETRIC, PATTERNS, Term, group_gain
 from tpmsd.inference.least_squares import Evidence
-from tpmsd.inference.noise_fit import PRIORS
+from tpmsd.inference.noise import PRIORS
 from tpmsd.wheels import WHEELS
 
 TOGETHER = 0.85

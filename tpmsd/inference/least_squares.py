@@ -80,6 +80,19 @@ def part(
     return Part(by_block, every if here is None else here, every if local is None else local)
 
 
+def extended(by_block: FloatArray, white: FloatArray, blocks: np.ndarray) -> FloatArray:
+    """(blocks, n, n) Gram matrices of rows `white` (w, 9, n), given those of the first of its columns."""
+    known, width = by_block.shape[1], white.shape[2]
+    out = np.empty((len(by_block), width, width))
+    out[:, :known, :known] = by_block
+    for block in range(len(by_block)):
+        rows = white[blocks == block].reshape(-1, width)
+        more = rows[:, known:].T @ rows
+        out[block, known:] = more
+        out[block, :, known:] = more.T
+    return out
+
+
 class Evidence:
     """Gram matrices of whitened columns by drive and block."""
 

@@ -1,60 +1,47 @@
-"""The noise model of a drive, estimated from the drive.
+"""The noise model of a drive, estimated from the drive by restricted maximum likelihood.
 
-In: `Windows`, residuals, the columns of the model believed so far. Out: the `Noise` of greatest
-likelihood, and how much single readings must be inflated because they are outliers. Estimated after the
-best model, not before: a missing effect must not pass for noise.
+In: `Windows`, residuals, the columns of the model believed so far. Out: the `Noise` of greatest restricted
+likelihood (Patterson and Thompson, Biometrika 58, 1971: the values of the columns are integrated out, so that
+what they take up is not counted as calm), and how much single readings must be inflated because they are
+outliers. Estimated after the best model, not before: a missing effect must not pass for noise.
+
+The likelihood is maximised in the logarithms of the parameters by L-BFGS-B (Byrd, Lu, Nocedal and Zhu, SIAM
+Journal on Scientific Computing 16, 1995) with its exact gradient, which the filter's adjoint gives.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import Enum
-from typing import Any
 
 import numpy as np
+import scipy.linalg
+from scipy.optimize import OptimizeResult, minimize
 
-from tpmsd.inference.whitening import Noise, whiten
+from tpmsd.inference.noise import LIMITS, PRIORS, Noise
+from tpmsd.inference.state_space import Diagonals, Geometry, diagonals, geometry
+from tpmsd.inference.whitening import Derivatives, Whitener
 from tpmsd.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED, Windows
 from tpmsd.wheels import FloatArray
 
-LIMITS: dict[str, tuple[float, float]] = {
-    "rough_m": (2e-5, 2e-2),
-    "floor_m": (1e-5, 0.3),
-    "stamp_s": (1e-6, 5e-3),
-    "gyro_radps": (2e-5, 5e-2),
-    "gyro_drift_radps": (1e-8, 1e-3),
-    "speed_white_mps": (1e-3, 2.0),
-    "speed_mps": (1e-3, 2.0),
-    "speed_memory": (0.01, 0.97),
-    "cross_white_mps": (1e-3, 2.0),
-    "cross_mps": (1e-3, 2.0),
-    "course_floor_rad": (1e-5, 3e-2),
-    "white_m": (2e-3, 20.0),
-    "slow_m": (5e-3, 50.0),
-    "slow_tau_s": (3.0, 300.0),
-    "clock_s": (1e-4, 0.3),
-    "clock_tau_s": (0.5, 60.0),
-    "wander": (1e-6, 3e-3),
-    "wander_tau_s": (10.0, 600.0),
-}
-PRIORS: dict[str, tuple[float, float]] = {
-    "slow_m": (1.2, 1.0),
-    "slow_tau_s": (40.0, 0.2),
-    "gyro_drift_radps": (2e-6, 0.7),
-    "wander": (2e-5, 1.0),
-    "wander_tau_s": (60.0, 0.5),
-}
-"""Median and logarithmic spread of what a drive hardly tells."""
 SLOW = ("slow_m", "slow_tau_s")
-WANDERING = (*SLOW, "gyro_drift_radps", "speed_memory", "clock_s", "clock_tau_s", "wander", "wander_tau_s")
+WANDER = ("wander", "wander_tau_s")
+WANDERING = (*SLOW, *WANDER, "gyro_drift_radps", "speed_memory", "clock_s", "clock_tau_s")
 """What could pass for a missing effect: not estimated before effects were looked for."""
-SLOWER = "slower"
-"""A coordinate of its own: a longer memory and a larger size that wander alike over short times."""
-FIT_WINDOWS = 300
+FIT_WINDOWS, SLOW_WINDOWS = 300, 600
+"""Windows that stand for a long drive, where all parameters and where slow ones are estimated."""
 OUTLIER = 3.5
 ROUGH_STRETCH = 1.6
 """Variance of a stretch, over the usual one, from which it is believed to be noisier."""
+NEAR_NATS = 0.05
+"""Gain of a step of the maximisation below which it ends."""
+MAX_STEPS = 40
+_RIDGE = 1e-7
+_PROBE = 1e-4
+"""Step in the logarithm of a parameter by which the closed forms of `Diagonals` are differentiated."""
 
 
 class Stage(Enum):
@@ -67,74 +54,116 @@ class Stage(Enum):
     """The rest is known: only what wanders, once more."""
 
 
+@dataclass(frozen=True)
+class Data:
+    """What a noise is estimated from."""
+
+    space: Geometry
+    columns: FloatArray
+    """(w, 9, 1 + k) residual and columns whose values are integrated out; zero where not measured."""
+    inflate: FloatArray
+    """(w, 9)"""
+
+
 def fit_noise(
     windows: Windows, columns: FloatArray, start: Noise, stage: Stage, inflate: FloatArray | None = None
 ) -> Noise:
-    """Maximise the likelihood coordinate by coordinate.
+    """Maximise the restricted likelihood over what a stage may estimate.
 
     `columns` (w, 9, 1 + k): the residual and the columns that are believed, whose values are fitted along.
+    A long drive is represented by two stretches of it.
     """
     measured = np.asarray(np.isfinite(columns[:, :, 0]).any(axis=0))
     names = [name for name in LIMITS if measured[_channel(name)]]
-    part = _part(windows, columns, inflate)
-    noise = start
+    whole = _data(windows, columns, inflate)
     if stage is Stage.FIRST:
-        return _climbed(_apart(part), noise, [name for name in names if name not in WANDERING], 2.2)
+        part = _apart(_part(whole, FIT_WINDOWS))
+        return maximised(part, start, [name for name in names if name not in WANDERING])
     if stage is Stage.LAST:
-        names = [name for name in names if name in WANDERING and name not in SLOW]
-    noise = _climbed(part, noise, names, 1.5 if stage is Stage.SECOND else 1.3)
-    return refit_slow(windows, columns, noise, inflate) if measured[EAST] else noise
+        slow = _part(whole, SLOW_WINDOWS)
+        return maximised(slow, start, [name for name in names if name in WANDERING])
+    return maximised(_part(whole, FIT_WINDOWS), start, names)
 
 
 def refit_slow(windows: Windows, columns: FloatArray, noise: Noise, inflate: FloatArray | None) -> Noise:
     """Only the receiver's slow error, on the whole drive."""
-    return refit(windows, columns, noise, inflate, [SLOWER, *SLOW])
+    return refit(windows, columns, noise, inflate, SLOW)
 
 
 def refit_wander(windows: Windows, columns: FloatArray, noise: Noise, inflate: FloatArray | None) -> Noise:
     """Only the slow wander of the tyres' radii, on the whole drive."""
-    return refit(windows, columns, noise, inflate, ["wander", "wander_tau_s"], 2.0)
+    return refit(windows, columns, noise, inflate, WANDER)
 
 
 def refit(
-    windows: Windows,
-    columns: FloatArray,
-    noise: Noise,
-    inflate: FloatArray | None,
-    names: list[str],
-    factor: float = 1.4,
+    windows: Windows, columns: FloatArray, noise: Noise, inflate: FloatArray | None, names: Sequence[str]
 ) -> Noise:
     """These parameters alone, on the whole drive."""
-    weight = np.ones((len(windows), CHANNELS)) if inflate is None else inflate
-    return _climbed((windows, columns, weight), noise, names, factor)
+    return maximised(_data(windows, columns, inflate), noise, names)
 
 
 def log_posterior(windows: Windows, columns: FloatArray, noise: Noise, inflate: FloatArray | None) -> float:
-    """Log-likelihood with the columns' values fitted, and the prior of the noise."""
-    weight = np.ones((len(windows), CHANNELS)) if inflate is None else inflate
-    return _log_likelihood(windows, columns, weight, noise) + _log_prior(noise)
+    """Log-likelihood with the columns' values at their best, and the prior of the noise."""
+    data = _data(windows, columns, inflate)
+    made = Whitener(data.space, diagonals(data.space, noise, data.inflate))
+    y, X, _ = _orthonormal(made.apply(data.columns))
+    left = y - X @ (X.T @ y)
+    return -0.5 * (float(left @ y) + made.logdet) + log_prior(noise)
 
 
-def _climbed(
-    part: tuple[Windows, FloatArray, FloatArray], noise: Noise, names: list[str], factor: float
-) -> Noise:
-    """One sweep over the coordinates, by steps of a factor."""
-    best = _log_likelihood(*part, noise) + _log_prior(noise)
-    for name in names:
-        for step in (factor, 1.0 / factor):
-            moved = False
-            for _ in range(6):
-                trial = _changed(noise, name, step)
-                likelihood = _log_likelihood(*part, trial) + _log_prior(trial)
-                if likelihood <= best + 0.02:
-                    break
-                noise, best, moved = trial, likelihood, True
-            if moved:
-                break
-    return noise
+def maximised(data: Data, start: Noise, names: Sequence[str]) -> Noise:
+    """The noise of greatest restricted posterior in these parameters, from a start."""
+    if not names:
+        return start
+    free = np.array([_free(name, float(getattr(start, name))) for name in names])
+    bounds = [(_free(name, LIMITS[name][0]), _free(name, LIMITS[name][1])) for name in names]
+    free = np.clip(free, *np.array(bounds).T)
+
+    def negative(values: FloatArray) -> tuple[float, FloatArray]:
+        value, slope = restricted_posterior(data, _noise(start, names, values), names)
+        return -value, -slope
+
+    found = minimize(
+        negative,
+        free,
+        jac=True,
+        method="L-BFGS-B",
+        bounds=bounds,
+        options={"ftol": 0.0, "maxiter": MAX_STEPS, "maxfun": 2 * MAX_STEPS},
+        callback=_Still(NEAR_NATS),
+    )
+    return _noise(start, names, found.x)
 
 
-def _log_prior(noise: Noise) -> float:
+class _Still:
+    """Ends a maximisation when a step gains next to nothing."""
+
+    def __init__(self, least: float) -> None:
+        self.least, self.before = least, math.inf
+
+    def __call__(self, intermediate_result: OptimizeResult) -> None:
+        now = float(intermediate_result.fun)
+        if self.before - now < self.least:
+            raise StopIteration
+        self.before = now
+
+
+def restricted_posterior(data: Data, noise: Noise, names: Sequence[str]) -> tuple[float, FloatArray]:
+    """Restricted log-likelihood plus the log prior of a noise, and its gradient by the free coordinates (the
+    logarithm; of a correlation the logit) of the named parameters."""
+    diagonal = diagonals(data.space, noise, data.inflate)
+    made = Whitener(data.space, diagonal, for_derivatives=True)
+    white = made.apply(data.columns)
+    y, X, log_information = _orthonormal(white)
+    left = y - X @ (X.T @ y)
+    value = -0.5 * (float(left @ y) + made.logdet + log_information) + log_prior(noise)
+    rows = np.concatenate([left[:, None], X], axis=1).reshape(white.shape)
+    by = made.derivatives(rows)
+    slope = np.array([_chained(data, noise, name, by) for name in names])
+    return value, slope
+
+
+def log_prior(noise: Noise) -> float:
     """What is known of receivers: a drive holds too few swings of the slow error to tell it alone."""
     return -0.5 * sum(
         (math.log(getattr(noise, name) / middle) / spread) ** 2 for name, (middle, spread) in PRIORS.items()
@@ -157,7 +186,7 @@ def outliers(white: FloatArray, blocks: np.ndarray, inflate: FloatArray | None) 
         slice(GYRO, SPEED),
         slice(SPEED, COURSE),
         slice(COURSE, EAST),
-        slice(EAST, 9),
+        slice(EAST, CHANNELS),
     ):
         live = size[:, channels] > 0.0
         if channels.start == 0:
@@ -170,6 +199,55 @@ def outliers(white: FloatArray, blocks: np.ndarray, inflate: FloatArray | None) 
     return np.asarray(before * factor)
 
 
+def _orthonormal(white: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Data (n,), columns (n, k) that are orthonormal and span the others, and the log-determinant of these
+    others' information, up to a constant that no noise changes."""
+    rows = white.reshape(-1, white.shape[2])
+    y, X = rows[:, 0], rows[:, 1:]
+    if not X.shape[1]:
+        return y, X, 0.0
+    gram = X.T @ X
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    gram = gram / np.outer(size, size)
+    gram.flat[:: len(gram) + 1] += _RIDGE
+    factor = np.linalg.cholesky(gram)
+    basis = scipy.linalg.solve_triangular(factor, (X / size).T, lower=True).T
+    return y, basis, 2.0 * float(np.log(np.diag(factor)).sum() + np.log(size).sum())
+
+
+def _chained(data: Data, noise: Noise, name: str, by: Derivatives) -> float:
+    """Derivative by one free coordinate."""
+    here = _free(name, float(getattr(noise, name)))
+    up, down = (
+        diagonals(data.space, _noise(noise, [name], np.array([here + step])), data.inflate)
+        for step in (_PROBE, -_PROBE)
+    )
+    total = sum(
+        float(np.sum(getattr(by, part) * (getattr(up, part) - getattr(down, part)))) for part in _PARTS
+    )
+    out = total / (2.0 * _PROBE)
+    if name in PRIORS:
+        middle, spread = PRIORS[name]
+        out -= math.log(getattr(noise, name) / middle) / spread**2
+    return out
+
+
+_PARTS = tuple(field.name for field in dataclasses.fields(Diagonals))
+
+
+def _free(name: str, value: float) -> float:
+    return math.log(value / (1.0 - value)) if name == "speed_memory" else math.log(value)
+
+
+def _noise(start: Noise, names: Sequence[str], free: FloatArray) -> Noise:
+    values = np.exp(free)
+    changes = {
+        name: float(value / (1.0 + value)) if name == "speed_memory" else float(value)
+        for name, value in zip(names, values, strict=True)
+    }
+    return dataclasses.replace(start, **changes)  # type: ignore[arg-type]
+
+
 def _channel(name: str) -> int:
     if name.startswith("gyro"):
         return GYRO
@@ -180,65 +258,33 @@ def _channel(name: str) -> int:
     return EAST if name.startswith(("white", "slow", "clock")) else 2
 
 
-def _changed(noise: Noise, name: str, factor: float) -> Noise:
-    if name == SLOWER:
-        return _changed(_changed(noise, "slow_tau_s", factor), "slow_m", math.sqrt(factor))
-    low, high = LIMITS[name]
-    value = float(getattr(noise, name))
-    if name == "speed_memory":
-        odds = value / (1.0 - value) * factor
-        value = odds / (1.0 + odds)
-    else:
-        value = value * factor
-    changes: dict[str, Any] = {name: min(max(value, low), high)}
-    return dataclasses.replace(noise, **changes)
+def _data(windows: Windows, columns: FloatArray, inflate: FloatArray | None) -> Data:
+    here = np.isfinite(columns[:, :, 0])
+    weight = np.ones((len(windows), CHANNELS)) if inflate is None else inflate
+    return Data(geometry(windows, here), columns, weight)
 
 
-def _part(
-    windows: Windows, columns: FloatArray, inflate: FloatArray | None
-) -> tuple[Windows, FloatArray, FloatArray]:
-    """Two contiguous stretches that stand for a long drive."""
-    count = len(windows)
-    weight = np.ones((count, CHANNELS)) if inflate is None else inflate
-    if count <= FIT_WINDOWS:
-        return windows, columns, weight
-    half = FIT_WINDOWS // 2
+def _part(data: Data, windows: int) -> Data:
+    """Two contiguous stretches, of so many windows together, that stand for a long drive."""
+    count = len(data.columns)
+    if count <= windows:
+        return data
+    half = windows // 2
     first = count // 4 - half // 2
     second = 3 * count // 4 - half // 2
     at = np.concatenate([np.arange(first, first + half), np.arange(second, second + half)])
-    cut = dataclasses.replace(
-        windows,
-        index=windows.index[at],
-        measured=windows.measured[at],
-        fixes=windows.fixes[at],
-        covariates={name: values[at] for name, values in windows.covariates.items()},
-        design=windows.design[at],
-        to_east_north=windows.to_east_north[at],
-    )
-    return cut, columns[at], weight[at]
+    index = np.cumsum(data.space.gap)[at]
+    gap = np.diff(index, prepend=index[:1] - 1)
+    return Data(data.space.part(at, gap), data.columns[at], data.inflate[at])
 
 
-def _apart(
-    part: tuple[Windows, FloatArray, FloatArray],
-) -> tuple[Windows, FloatArray, FloatArray]:
+def _apart(data: Data) -> Data:
     """With radii of its own for each stretch: a tyre that changed between them is no noise in them."""
-    windows, columns, weight = part
-    gaps = np.flatnonzero(np.diff(windows.index) > 1)
-    if not len(gaps):
-        return part
-    cut = gaps[int(np.argmax(np.diff(windows.index)[gaps]))] + 1
-    wheels = np.flatnonzero(np.isfinite(columns[:, :GYRO, 0]).any(axis=0))
-    own = np.zeros((*columns.shape[:2], len(wheels)))
-    own[cut:, wheels, np.arange(len(wheels))] = windows.covariates["speed"][cut:, None]
-    return windows, np.concatenate([columns, own], axis=2), weight
-
-
-def _log_likelihood(windows: Windows, columns: FloatArray, inflate: FloatArray, noise: Noise) -> float:
-    white, log_variance = whiten(windows, noise, columns, inflate)
-    rows = white.reshape(-1, columns.shape[2])
-    y, X = rows[:, 0], rows[:, 1:]
-    if X.shape[1]:
-        scale = np.sqrt(np.maximum((X**2).sum(axis=0), 1e-300))
-        X = X / scale
-        y = y - X @ np.linalg.solve(X.T @ X + 1e-9 * np.eye(X.shape[1]), X.T @ y)
-    return -0.5 * (float(y @ y) + log_variance)
+    gap = data.space.gap
+    if not np.any(gap > 1):
+        return data
+    cut = int(np.argmax(gap))
+    wheels = np.flatnonzero(data.space.here[:, :GYRO].any(axis=0))
+    own = np.zeros((*data.columns.shape[:2], len(wheels)))
+    own[cut:, wheels, np.arange(len(wheels))] = data.space.speed_mps[cut:, None]
+    return dataclasses.replace(data, columns=np.concatenate([data.columns, own], axis=2))

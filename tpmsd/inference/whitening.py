@@ -1,250 +1,252 @@
 """Takes the unknown motion and the correlated noise out of residuals, by a Kalman filter.
 
-In: `Windows`, a `Noise`, and any number of residual columns (recording minus prediction, responses of
-effects). Out: the same columns as whitened innovations: independent, of unit variance where the noise is
-as said. Least squares on them is generalised least squares with the car's true speed, yaw rate, heading
-and position eliminated, which is what lets one channel be judged by all others with none trusted alone
-(de Jong, Annals of Statistics 19, 1991, "The diffuse Kalman filter": regressors are filtered alongside
-the data).
+In: `Windows`, a `Noise`. Out: a `Whitener`, which turns residual columns (recording minus prediction,
+responses of effects) into whitened innovations: independent, of unit variance where the noise is as said.
+Least squares on them is generalised least squares with the car's true speed, yaw rate, heading and position
+eliminated, which is what lets one channel be judged by all others with none trusted alone (de Jong, Annals of
+Statistics 19, 1991, "The diffuse Kalman filter": regressors are filtered alongside the data).
 
-State: reading errors of the wheels' angles at the window's end and start (a count's error at an edge
-enters two windows, with opposite signs), errors of the reference's speed and yaw rate (new in every
-window), heading, position, the receiver's slow position error, its speed and cross-speed error (first-
-order Gauss-Markov), the gyro's wandering bias.
+The gains depend on noise, mask and motion alone. They are computed once; a column then costs one small
+product per window. With x the carried states (c of them) after a window, d the window's data, and a window's
+states and channels predicted jointly as M x, the innovations are
+
+    white_k = Linv_k d_k - G_k x_(k-1),     x_k = Phi_k x_(k-1) + U_k d_k,
+
+where L L' is the innovations' covariance, K the gain, G = Linv M_channels, U = K and Phi = M_states - K
+M_channels. The adjoint recursion of the same matrices gives smoothed states (Bierman, Automatica 9, 1973) and
+the derivatives of the likelihood by every entry of the system (Koopman and Shephard, Biometrika 79, 1992).
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dtrtrs
+from scipy.linalg.lapack import dpotrf, dtrtri
 
-from tpmsd.inference.trajectory import WINDOW_S
-from tpmsd.inference.windows import CHANNELS, COURSE, EAST, GYRO, NORTH, SPEED, Windows
+from tpmsd.inference.noise import Noise
+from tpmsd.inference.state_space import (
+    CARRIED,
+    PE,
+    PN,
+    PSI,
+    QOLD,
+    STATES,
+    Diagonals,
+    Geometry,
+    Q,
+    V,
+    W,
+    diagonals,
+    geometry,
+)
+from tpmsd.inference.windows import CHANNELS, Windows
 from tpmsd.wheels import FloatArray
 
-Q, QOLD, V, W, PSI, PE, PN, BE, BN = 0, 4, 8, 9, 10, 11, 12, 13, 14
-DS, DC, GB, CK, R, STATES = 15, 16, 17, 18, 19, 23
-_SPEED_STD, _YAW_STD, _HEADING_STD, _PLACE_STD = 1.0, 0.1, 0.5, 300.0
+CARRY = len(CARRIED)
+_HEADING = int(np.flatnonzero(CARRIED == PSI)[0])
 
 
 @dataclass(frozen=True)
-class Noise:
-    """Standard deviations of what the instruments and the road add."""
+class Derivatives:
+    """Of a log-likelihood, by what a noise decides; shapes as in `Diagonals`."""
 
-    reading_m: tuple[float, float, float, float]
-    """Of a wheel's way at an instant: quantisation and time stamps."""
-    rough_m: float = 4e-4
-    """Of a wheel's way per square root of a metre: the road."""
-    floor_m: float = 1e-4
-    """Of a wheel's way per window, whatever the speed."""
-    stamp_s: float = 2e-4
-    """Of the time stamps between wheels."""
-    gyro_radps: float = 1e-3
-    gyro_drift_radps: float = 2e-6
-    """Growth of the gyro's bias per square root of a second."""
-    speed_white_mps: float = 0.02
-    speed_mps: float = 0.05
-    speed_memory: float = 0.4
-    """Correlation of the receiver's speed error from window to window."""
-    cross_white_mps: float = 0.02
-    cross_mps: float = 0.05
-    course_floor_rad: float = 5e-4
-    white_m: float = 0.2
-    slow_m: float = 1.5
-    slow_tau_s: float = 30.0
-    clock_s: float = 2e-3
-    """Wander of the receiver's clock against the bus's, which a constant latency does not hold."""
-    clock_tau_s: float = 8.0
-    wander: float = 2e-5
-    """Of a tyre's radius, relative: load, temperature and the road's crossfall change it slowly."""
-    wander_tau_s: float = 60.0
+    variance: FloatArray
+    decay: FloatArray
+    fresh: FloatArray
+    start: FloatArray
+
+
+class Whitener:
+    """The gains of a drive under one noise; nothing changes after it was made."""
+
+    def __init__(self, space: Geometry, diagonal: Diagonals, for_derivatives: bool = False) -> None:
+        """With `for_derivatives` covariances are kept. ValueError if the noise is not positive definite."""
+        self._space, self._diagonal = space, diagonal
+        count = len(space.here)
+        self._joint = space.joint
+        moved = _moved(space, diagonal)
+        fresh = _fresh(space, diagonal)
+        self._inverse = np.empty((count, CHANNELS, CHANNELS))
+        self._gain = np.empty((count, CHANNELS, CARRY))
+        """B = Linv C', so that the Kalman gain is B' Linv."""
+        spread = np.empty((count if for_derivatives else 1, CARRY + CHANNELS, CARRY))
+        joint = np.empty((CARRY + CHANNELS, CARRY + CHANNELS))
+        P = np.diag(diagonal.start[CARRIED])
+        for k in range(count):
+            MP = spread[k if for_derivatives else 0]
+            np.matmul(moved[k], P, out=MP)
+            np.matmul(MP, moved[k].T, out=joint)
+            np.add(joint, fresh[k], out=joint)
+            factor, failed = dpotrf(joint[CARRY:, CARRY:], lower=1)
+            if failed:
+                raise ValueError("the noise model is not positive definite")
+            inverse, _ = dtrtri(factor, lower=1, overwrite_c=1)
+            self._inverse[k] = inverse
+            B = np.matmul(inverse, joint[CARRY:, :CARRY], out=self._gain[k])
+            P = joint[:CARRY, :CARRY] - np.matmul(B.T, B)
+        self._seen = self._inverse @ moved[:, CARRY:]
+        """G"""
+        self._phi = moved[:, :CARRY] - self._gain.transpose(0, 2, 1) @ self._seen
+        self._step = np.concatenate(
+            [
+                np.concatenate([self._phi, self._gain.transpose(0, 2, 1) @ self._inverse], axis=2),
+                np.concatenate([-self._seen, self._inverse], axis=2),
+            ],
+            axis=1,
+        )
+        """From carried states before and data to carried states after and innovations."""
+        self._moved = moved if for_derivatives else moved[:0]
+        self._spread = spread if for_derivatives else spread[:0]
+        self.logdet = -2.0 * float(np.log(self._inverse[:, range(CHANNELS), range(CHANNELS)]).sum())
+        for array in (self._inverse, self._gain, self._seen, self._phi, self._step):
+            array.flags.writeable = False
+
+    @classmethod
+    def of(
+        cls, windows: Windows, noise: Noise, here: np.ndarray, inflate: FloatArray | None = None
+    ) -> Whitener:
+        """For a drive; `here` (w, 9) says what was measured, `inflate` (w, 9) multiplies the variances of
+        single readings that were found to be outliers."""
+        space = geometry(windows, here)
+        return cls(space, diagonals(space, noise, inflate))
+
+    def apply(self, columns: FloatArray) -> FloatArray:
+        """(w, 9, p) the columns (w, 9, p), whitened; zero where nothing was measured."""
+        width = columns.shape[2]
+        out = np.empty(columns.shape)
+        both, after = np.zeros((CARRY + CHANNELS, width)), np.empty((CARRY + CHANNELS, width))
+        whole = np.asarray(self._space.here.all(axis=1))
+        for k in range(len(columns)):
+            both[CARRY:] = columns[k]
+            if not whole[k]:
+                both[CARRY:][~self._space.here[k]] = 0.0
+            np.matmul(self._step[k], both, out=after)
+            out[k] = after[CARRY:]
+            both[:CARRY] = after[:CARRY]
+        return out
+
+    def smooth(self, white: FloatArray) -> FloatArray:
+        """(w, 3) what is to be added to the reference's speed (m/s), yaw rate (rad/s) and heading (rad, at
+        the end of each window), given whitened residuals (w, 9) of the whole drive."""
+        adjoint, before = self._adjoint(white[:, :, None])
+        pull = self._pull(white[:, :, None], adjoint)
+        fresh = self._diagonal.fresh[:, :, None] * pull
+        fresh[:, V : PN + 1] += self._space.motion @ pull[:, V : PN + 1]
+        start = self._diagonal.start[PSI] * before[_HEADING, 0]
+        heading = start + np.cumsum(fresh[:, PSI, 0])
+        return np.asarray(np.stack([fresh[:, V, 0], fresh[:, W, 0], heading], axis=1))
+
+    def simulate(self, rng: np.random.Generator, replicates: int) -> FloatArray:
+        """(w, 9, replicates) residuals drawn from the noise; zero where nothing was measured."""
+        count = len(self._phi)
+        white = rng.standard_normal((count, CHANNELS, replicates)) * self._space.here[:, :, None]
+        state = np.zeros((CARRY, replicates))  # the filter's mean, not the truth
+        out = np.empty(white.shape)
+        for k in range(count):
+            seen = white[k] + self._seen[k] @ state
+            out[k] = np.linalg.solve(self._inverse[k], seen)
+            state = self._phi[k] @ state + self._gain[k].T @ seen
+        return out
+
+    def derivatives(self, white: FloatArray) -> Derivatives:
+        """Of -1/2 (logdet + sum of squares of white (w, 9, k)): of the restricted likelihood, if white are
+        the residual and columns that are orthonormal. Only of a whitener made for derivatives."""
+        states = self._filtered_states(white)
+        adjoint, before = self._adjoint(white)
+        pull = self._pull(white, adjoint)
+        count = len(white)
+        information = np.empty((count, CARRY, CARRY))
+        N = np.zeros((CARRY, CARRY))
+        seen = self._seen.transpose(0, 2, 1) @ self._seen
+        for k in range(count - 1, -1, -1):
+            information[k] = N
+            phi = self._phi[k]
+            N = phi.T @ (N @ phi)
+            N += seen[k]
+        inverse, gain = self._inverse, self._gain
+        rows = self._space.rows
+        white_rows = inverse @ rows
+        carried = self._joint[:, :CARRY] - gain.transpose(0, 2, 1) @ white_rows
+        onward = information @ carried
+        of_fresh = 0.5 * ((pull**2).sum(2) - (carried * onward).sum(1) - (white_rows**2).sum(1))
+        error = inverse.transpose(0, 2, 1) @ (white - gain @ adjoint)
+        K = gain.transpose(0, 2, 1) @ inverse
+        told = (inverse**2).sum(axis=1) + (K * (information @ K)).sum(axis=1)
+        of_variance = 0.5 * ((error**2).sum(2) - told) * self._space.here
+        # By the decay of each carried state: pull x' + (zeta zeta' - N) M P, the state's own row and column.
+        of_decay = np.zeros((count, STATES))
+        MP = self._spread
+        zeta = np.concatenate([adjoint, error], axis=1)
+        through = zeta.transpose(0, 2, 1) @ MP
+        # T M P = (M_states - K M_channels) P
+        carried_spread = MP[:, :CARRY] - K @ MP[:, CARRY:]
+        seen_spread = inverse @ MP[:, CARRY:]
+        expected = onward.transpose(0, 2, 1) @ carried_spread + white_rows.transpose(0, 2, 1) @ seen_spread
+        at = np.arange(CARRY)
+        of_decay[:, CARRIED] = (
+            (pull[:, CARRIED] * states).sum(2)
+            + (pull[:, CARRIED] * through.transpose(0, 2, 1)).sum(2)
+            - expected[:, CARRIED, at]
+        )
+        of_start = np.zeros(STATES)
+        of_start[CARRIED] = 0.5 * ((before**2).sum(1) - np.diag(N))
+        return Derivatives(of_variance, of_decay, of_fresh, of_start)
+
+    def _filtered_states(self, white: FloatArray) -> FloatArray:
+        """(w, c, p) the states before each window, given the innovations."""
+        out = np.empty((len(white), CARRY, white.shape[2]))
+        drive = self._gain.transpose(0, 2, 1) @ white
+        state = np.zeros((CARRY, white.shape[2]))
+        for k in range(len(white)):
+            out[k] = state
+            state = self._moved[k, :CARRY] @ state
+            state += drive[k]
+        return out
+
+    def _adjoint(self, white: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(w, c, p) the likelihood's derivative by the carried states after each window, and before the first
+        (c, p)."""
+        pushed = self._seen.transpose(0, 2, 1) @ white
+        out = np.empty_like(pushed)
+        adjoint = np.zeros(pushed.shape[1:])
+        for k in range(len(white) - 1, -1, -1):
+            out[k] = adjoint
+            adjoint = self._phi[k].T @ adjoint
+            adjoint += pushed[k]
+        return out, adjoint
+
+    def _pull(self, white: FloatArray, adjoint: FloatArray) -> FloatArray:
+        """(w, STATES, p) the likelihood's derivative by what comes into each state in each window."""
+        error = self._inverse.transpose(0, 2, 1) @ (white - self._gain @ adjoint)
+        return np.asarray(self._joint.transpose(0, 2, 1) @ np.concatenate([adjoint, error], axis=1))
 
 
 def whiten(
     windows: Windows, noise: Noise, columns: FloatArray, inflate: FloatArray | None = None
 ) -> tuple[FloatArray, float]:
-    """Whiten `columns` (w, 9, p): returns (w, 9, p), zero where not measured, and the sum of log variances.
+    """Whiten `columns` (w, 9, p) once: (w, 9, p), zero where not measured, and the sum of log variances.
 
-    A channel is missing where column 0 is NaN. `inflate` (w, 9) multiplies the variances of single
-    readings that were found to be outliers.
+    A channel is missing where column 0 is NaN.
     """
-    count, _, width = columns.shape
-    out = np.zeros_like(columns)
-    made = system(windows, noise, np.isfinite(columns[:, :, 0]), inflate)
-    whole = np.asarray(made.here.all(axis=1))
-    number = made.here.sum(axis=1)
-    scale = np.ones((count, CHANNELS))
-    # What is expected of each column, and the covariance beside it: moved and corrected by one product.
-    joint = np.concatenate([np.zeros((STATES, width)), np.diag(made.start)], axis=1)
-    other = np.empty_like(joint)
-    both = np.empty((CHANNELS, width + STATES))
-    for k in range(count):
-        joint[:, width:] = joint[:, width:] @ made.transition[k].T
-        np.matmul(made.transition[k], joint, out=other)
-        joint, other = other, joint
-        joint[:, width:] += made.fresh[k]
-        n = number[k]
-        if n == 0:
-            continue
-        use = slice(None) if whole[k] else made.here[k]
-        H = made.rows[k, use]
-        rows = np.matmul(H, joint, out=both[:n])
-        S = rows[:, width:] @ H.T
-        S.flat[:: n + 1] += made.variance[k, use]
-        rows[:, :width] -= columns[k, use]
-        L, failed = dpotrf(S, lower=1)
-        if failed:
-            raise ValueError("the noise model is not positive definite")
-        white, _ = dtrtrs(L, rows, lower=1)
-        out[k, use] = -white[:, :width]
-        joint -= np.matmul(white[:, width:].T, white, out=other)
-        scale[k, :n] = L.diagonal()
-    return out, 2.0 * float(np.log(scale).sum())
+    made = Whitener.of(windows, noise, np.isfinite(columns[:, :, 0]), inflate)
+    return made.apply(columns), made.logdet
 
 
-@dataclass(frozen=True)
-class System:
-    """How the states move, and what the channels see of them, window by window."""
-
-    here: np.ndarray
-    """(w, 9) what was measured."""
-    rows: FloatArray
-    """(w, 9, STATES)"""
-    variance: FloatArray
-    """(w, 9) of what is new in every window."""
-    start: FloatArray
-    """(STATES,) variances at the beginning."""
-    transition: FloatArray
-    """(w, STATES, STATES) from the window before."""
-    fresh: FloatArray
-    """(w, STATES, STATES) covariance of the new errors that come in."""
+def _moved(space: Geometry, diagonal: Diagonals) -> FloatArray:
+    """(w, c + 9, c) M: carried states and channels of a window as functions of the carried states before."""
+    decay, joint = diagonal.decay, space.joint
+    out = joint[:, :, CARRIED] * decay[:, None, CARRIED]
+    out[:, :, Q : Q + 4] = joint[:, :, QOLD : QOLD + 4] * decay[:, None, QOLD : QOLD + 4]
+    out[:, :, _HEADING] += (joint[:, :, PE : PN + 1] @ space.turn[:, :, None])[:, :, 0] * decay[:, None, PSI]
+    return np.asarray(out)
 
 
-def system(windows: Windows, noise: Noise, here: np.ndarray, inflate: FloatArray | None) -> System:
-    """The linear system of a drive under a noise; `here` (w, 9) says what was measured."""
-    v = np.maximum(windows.covariates["speed"], 1.0)
-    variance = _variances(windows, noise, v)
-    jump = np.ones(len(v))
-    if inflate is not None:
-        variance = variance * inflate
-        # A position that is far off may be the first of many: the slow error has jumped.
-        jump = np.minimum(inflate[:, EAST:].max(axis=1), 100.0)
-    gap = np.diff(windows.index, prepend=windows.index[:1] - 1)
-    read_var = np.square(noise.reading_m)[None, :] + (noise.stamp_s * v[:, None]) ** 2
-    decay, fresh = _steps(noise, gap, jump, read_var)
-    return System(
-        here=here,
-        rows=_measurement_rows(windows, v),
-        variance=variance,
-        start=_start_variances(noise, read_var[0]),
-        transition=_transitions(windows, decay),
-        fresh=_fresh(windows, fresh),
-    )
-
-
-def _transitions(windows: Windows, decay: FloatArray) -> FloatArray:
-    """(w, STATES, STATES): a reading at a window's end is one at the next one's start, old errors fade, and
-    an error of the heading moves the position."""
-    out = np.zeros((len(decay), STATES, STATES))
-    came_from = np.arange(STATES)
-    came_from[QOLD : QOLD + 4] = np.arange(Q, Q + 4)
-    out[:, np.arange(STATES), came_from] = decay
-    out[:, PE, PSI] = windows.to_east_north[:, 0, 2] * decay[:, PSI]
-    out[:, PN, PSI] = windows.to_east_north[:, 1, 2] * decay[:, PSI]
-    return out
-
-
-def _fresh(windows: Windows, variances: FloatArray) -> FloatArray:
-    """(w, STATES, STATES) from the states' own new variances, and new errors of speed and yaw rate, which
-    move heading and position."""
-    out = np.zeros((*variances.shape, STATES))
-    out[:, np.arange(STATES), np.arange(STATES)] = variances
-    out[:, V : PN + 1, V : PN + 1] += _motion_variances(windows)
-    return out
-
-
-def _steps(
-    noise: Noise, gap: np.ndarray, jump: FloatArray, read_var: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """(w, STATES) factors by which the states fade into each window, and the variances that come in."""
-    decay = np.zeros((len(gap), STATES))
-    fresh = np.zeros((len(gap), STATES))
-    broken = gap > 1
-    decay[:, QOLD : QOLD + 4] = ~broken[:, None]
-    decay[:, [PSI, PE, PN, GB]] = 1.0
-    fresh[:, Q : Q + 4] = read_var
-    fresh[:, QOLD : QOLD + 4] = np.where(broken[:, None], read_var, 0.0)
-    fresh[:, PSI] = np.where(broken, 0.1**2, 0.0)
-    fresh[:, [PE, PN]] = np.where(broken, 20.0**2, 0.0)[:, None]
-    for states, size, per_window in (
-        ([BE, BN], noise.slow_m, math.exp(-WINDOW_S / noise.slow_tau_s)),
-        ([DS], noise.speed_mps, noise.speed_memory),
-        ([DC], noise.cross_mps, noise.speed_memory),
-        ([CK], noise.clock_s, math.exp(-WINDOW_S / noise.clock_tau_s)),
-        (list(range(R, R + 4)), noise.wander, math.exp(-WINDOW_S / noise.wander_tau_s)),
-    ):
-        faded = per_window ** gap.astype(np.float64)
-        decay[:, states] = faded[:, None]
-        fresh[:, states] = (size**2 * (1.0 - faded**2))[:, None]
-    fresh[:, [BE, BN]] += np.where(jump > 1.0, noise.slow_m**2 * jump, 0.0)[:, None]
-    fresh[:, GB] = noise.gyro_drift_radps**2 * gap
-    return decay, fresh
-
-
-def _motion_variances(windows: Windows) -> FloatArray:
-    """(w, 5, 5) covariance of the new errors of speed, yaw rate, heading, east and north."""
-    g = np.zeros((len(windows), 5, 2))
-    g[:, V - V, 0] = _SPEED_STD
-    g[:, W - V, 1] = _YAW_STD
-    g[:, PSI - V, 1] = WINDOW_S * _YAW_STD
-    g[:, PE - V :] = windows.to_east_north[:, :, :2] * (_SPEED_STD, _YAW_STD)
-    return np.asarray(g @ g.transpose(0, 2, 1))
-
-
-def _start_variances(noise: Noise, reading: FloatArray) -> FloatArray:
-    out = np.zeros(STATES)
-    out[Q : Q + 4] = reading
-    out[PSI] = _HEADING_STD**2
-    out[PE] = out[PN] = _PLACE_STD**2
-    out[BE] = out[BN] = noise.slow_m**2
-    out[DS], out[DC] = noise.speed_mps**2, noise.cross_mps**2
-    out[CK] = noise.clock_s**2
-    out[R : R + 4] = noise.wander**2
-    return out
-
-
-def _measurement_rows(windows: Windows, v: FloatArray) -> FloatArray:
-    """(w, 9, 23) what the channels see of the state."""
-    rows = np.zeros((len(windows), CHANNELS, STATES))
-    rows[:, :, [V, W, PSI]] = windows.design
-    for wheel in range(4):
-        rows[:, wheel, Q + wheel] = 1.0
-        rows[:, wheel, QOLD + wheel] = -1.0
-        rows[:, wheel, R + wheel] = -v * WINDOW_S
-    rows[:, GYRO, GB] = 1.0
-    rows[:, SPEED, DS] = 1.0
-    rows[:, COURSE, W] -= WINDOW_S / 2  # the window's mean heading lies half a turn behind its end
-    rows[:, COURSE, DC] = 1.0 / v
-    for axis, (channel, place, slow) in enumerate(((EAST, PE, BE), (NORTH, PN, BN))):
-        rows[:, channel, place] = rows[:, channel, slow] = 1.0
-        rows[:, channel, V] = -0.5 * windows.to_east_north[:, axis, 0]
-        rows[:, channel, PSI] = -0.5 * windows.to_east_north[:, axis, 2]
-        rows[:, channel, CK] = -windows.to_east_north[:, axis, 0] / WINDOW_S * v
-    rows[:, SPEED, CK] = -windows.covariates["accel_kinematic"]
-    rows[:, COURSE, CK] = -windows.covariates["yaw_rate"]
-    return rows
-
-
-def _variances(windows: Windows, noise: Noise, v: FloatArray) -> FloatArray:
-    """(w, 9) of what is new in every window."""
-    out = np.empty((len(windows), CHANNELS))
-    number = np.maximum(windows.fixes, 1.0)
-    out[:, :4] = (noise.rough_m**2 * v * WINDOW_S + noise.floor_m**2)[:, None]
-    out[:, GYRO] = noise.gyro_radps**2
-    out[:, SPEED] = noise.speed_white_mps**2 / number[:, 0]
-    out[:, COURSE] = noise.cross_white_mps**2 / v**2 / number[:, 1] + noise.course_floor_rad**2
-    out[:, EAST] = out[:, NORTH] = noise.white_m**2 / number[:, 2]
-    return out
+def _fresh(space: Geometry, diagonal: Diagonals) -> FloatArray:
+    """(w, c + 9, c + 9) covariance of what a window adds to carried states and channels."""
+    joint = space.joint
+    out = (joint * diagonal.fresh[:, None]) @ joint.transpose(0, 2, 1)
+    out += space.from_motion
+    at = np.arange(CARRY, CARRY + CHANNELS)
+    out[:, at, at] += np.where(space.here, diagonal.variance, 1.0)
+    return np.asarray(out)

@@ -1,0 +1,80 @@
+"""The noise of a drive's instruments and road, as parameters.
+
+In: nothing (plain records). Out: `Noise`, the limits within which it is estimated and what is known of it
+beforehand. A noise is an argument everywhere: nothing that whitens or fits holds one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Standard deviations of what the instruments and the road add."""
+
+    reading_m: tuple[float, float, float, float]
+    """Of a wheel's way at an instant: quantisation and time stamps."""
+    rough_m: float = 4e-4
+    """Of a wheel's way per square root of a metre: the road."""
+    floor_m: float = 1e-4
+    """Of a wheel's way per window, whatever the speed."""
+    stamp_s: float = 2e-4
+    """Of the time stamps between wheels."""
+    gyro_radps: float = 1e-3
+    gyro_drift_radps: float = 2e-6
+    """Growth of the gyro's bias per square root of a second."""
+    speed_white_mps: float = 0.02
+    speed_mps: float = 0.05
+    speed_memory: float = 0.4
+    """Correlation of the receiver's speed error from window to window."""
+    cross_white_mps: float = 0.02
+    cross_mps: float = 0.05
+    course_floor_rad: float = 5e-4
+    white_m: float = 0.2
+    slow_m: float = 1.5
+    slow_tau_s: float = 30.0
+    clock_s: float = 2e-3
+    """Wander of the receiver's clock against the bus's, which a constant latency does not hold."""
+    clock_tau_s: float = 8.0
+    wander: float = 2e-5
+    """Of a tyre's radius, relative: load, temperature and the road's crossfall change it slowly."""
+    wander_tau_s: float = 60.0
+
+
+LIMITS: Mapping[str, tuple[float, float]] = MappingProxyType(
+    {
+        "rough_m": (2e-5, 2e-2),
+        "floor_m": (1e-5, 0.3),
+        "stamp_s": (1e-6, 5e-3),
+        "gyro_radps": (2e-5, 5e-2),
+        "gyro_drift_radps": (1e-8, 1e-3),
+        "speed_white_mps": (1e-3, 2.0),
+        "speed_mps": (1e-3, 2.0),
+        "speed_memory": (0.01, 0.97),
+        "cross_white_mps": (1e-3, 2.0),
+        "cross_mps": (1e-3, 2.0),
+        "course_floor_rad": (1e-5, 3e-2),
+        "white_m": (2e-3, 20.0),
+        "slow_m": (5e-3, 50.0),
+        "slow_tau_s": (3.0, 300.0),
+        "clock_s": (1e-4, 0.3),
+        "clock_tau_s": (0.5, 60.0),
+        "wander": (1e-6, 3e-3),
+        "wander_tau_s": (10.0, 600.0),
+    }
+)
+"""Least and greatest value of each parameter that is estimated; what real instruments and roads have lies
+well inside."""
+PRIORS: Mapping[str, tuple[float, float]] = MappingProxyType(
+    {
+        "slow_m": (1.2, 1.0),
+        "slow_tau_s": (40.0, 0.2),
+        "gyro_drift_radps": (2e-6, 0.7),
+        "wander": (2e-5, 1.0),
+        "wander_tau_s": (60.0, 0.5),
+    }
+)
+"""Median and logarithmic spread of what a drive hardly tells."""
