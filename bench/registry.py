@@ -57,6 +57,7 @@ CAMPAIGNS = {
             "diagnosis", "the diagnosis on drives of independent origins, sealed truth", "diagnosis.run"
         ),
         _campaign("goldens", "the program's answers to a fixed set of drives, compared with stored ones"),
+        _campaign("origins", "the diagnosis on null drives and faults of every origin"),
         _campaign("alarms", "soft tyres and harmless drives: detection, false alarms per km", "alarms.run"),
         _campaign("estimators", "filters side by side on the published comparison", "estimators.run"),
         _campaign("drift-levels", "coverage of mpf-rb under other levels of radius drift", "levels_of_drift"),

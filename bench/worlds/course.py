@@ -20,6 +20,7 @@ from bench.worlds.spec import Spec
 
 Array = NDArray[np.float64]
 G = 9.80665
+SPIN_RISE_S = 0.5
 WHEEL_NAMES = ("fl", "fr", "rl", "rr")
 LEFT = np.array([1.0, -1.0, 1.0, -1.0])
 FRONT = np.array([1.0, 1.0, -1.0, -1.0])
@@ -154,6 +155,12 @@ def wheel_rates(course: Course, spec: Spec, own: Array | float = 0.0) -> Array:
     share = 1.0 + slip[:, None] * np.array(DRIVEN[spec.driven])
     if course.spin is not None:
         share = share * (1.0 + course.spin)
+    if "wheel_spin" in spec.physics:  # an axle on ice, for a while
+        p = spec.physics["wheel_spin"]
+        since = course.time_s - p["onset_s"]
+        acting = np.clip(np.minimum(since, p["duration_s"] - since) / SPIN_RISE_S, 0.0, 1.0)
+        wheels = np.isin(np.arange(4), p["wheels"])
+        share = share * (1.0 + p["slip"] * acting[:, None] * wheels)
     return np.asarray(hub_speeds(course, spec) * share / (spec.radius_m + own + radii(course, spec)))
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from bench.worlds.instruments import Array, Drive
 from bench.worlds.spec import FINE_TEETH, Spec
@@ -85,7 +86,7 @@ track_rear_m = {spec.track_rear_m!r}
 wheelbase_m = {spec.wheelbase_m!r}
 driven_axle = "{spec.driven}"
 steering_ratio = 15.0
-teeth_per_rev = {spec.teeth:g}
+teeth_per_rev = {spec.configured_teeth or spec.teeth:g}
 
 [can]
 interface = "socketcan"
@@ -139,16 +140,30 @@ def wheel_messages(drive: Drive) -> list[Message]:
 def _speeds(drive: Drive, time_s: Array, wheels: tuple[int, ...]) -> NDArray[np.int64]:
     """What a control unit makes of the edges around each instant."""
     spec, rng = drive.spec, np.random.default_rng([drive.seed, 3])
+    window = spec.speed_window_s or 2 * HALF_WINDOW_S
+    sides = (-window, 0.0) if spec.speed_window_s else (-HALF_WINDOW_S, HALF_WINDOW_S)
     out = []
     for w in wheels:
+        shown = drive.shown_rad[:, w]
+        if spec.speed_filter_s:
+            shown = _low_passed(shown, drive.time_s, spec.speed_filter_s)
         ends = [
-            np.interp(time_s + side, drive.time_s, drive.shown_rad[:, w])
-            + rng.normal(0.0, spec.edge_noise_rad, len(time_s))
-            for side in (-HALF_WINDOW_S, HALF_WINDOW_S)
+            np.interp(time_s + side, drive.time_s, shown) + rng.normal(0.0, spec.edge_noise_rad, len(time_s))
+            for side in sides
         ]
-        speed = (ends[1] - ends[0]) / (2 * HALF_WINDOW_S) * spec.configured_radius_m
+        speed = (ends[1] - ends[0]) / window * spec.configured_radius_m
         out.append(np.round(np.maximum(speed, 0.0) * 3.6 / spec.speed_step_kmh))
     return np.stack(out, axis=1).astype(np.int64)
+
+
+def _low_passed(shown: Array, time_s: Array, filter_s: float) -> Array:
+    """Angles behind a first-order low-pass, exact for angles that are straight between the samples."""
+    step = float(time_s[1] - time_s[0])
+    keep = math.exp(-step / filter_s)
+    moved = np.diff(shown, prepend=shown[0])
+    # y' = (x - y)/T and x straight over the step: the lag x - y decays and is fed by the step
+    lag = lfilter([filter_s / step * (1.0 - keep)], [1.0, -keep], moved)
+    return np.asarray(shown - lag)
 
 
 def inertial_messages(drive: Drive) -> list[Message]:

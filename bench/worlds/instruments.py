@@ -6,6 +6,7 @@ In: `Course`, `Spec`, a seed. Out: `Drive`. All noise is added here.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -67,7 +68,20 @@ def markov(rng: np.random.Generator, n: int, dt: float, std: float, tau: float) 
     return np.asarray(lfilter([1.0], [1.0, -a], kicks))
 
 
-def observe(course: Course, spec: Spec, rng: np.random.Generator, seed: int) -> Drive:
+@dataclass(frozen=True)
+class Errors:
+    """Where an instrument's errors come from, instead of the first-order processes of `observe`."""
+
+    receiver: Callable[[Array, Array, Array, np.random.Generator], tuple[Array, Array]] | None = None
+    """Times, speeds and headings of fixes (m,) to errors (m, 2) of east and north and of their rates."""
+    gyro: Callable[[int, float, np.random.Generator], Array] | None = None
+    """Number of samples and step to errors of the yaw rate."""
+
+
+PLAIN = Errors()
+
+
+def observe(course: Course, spec: Spec, rng: np.random.Generator, seed: int, errors: Errors = PLAIN) -> Drive:
     """Let the instruments see it. `seed` is of the noise that was not always there."""
     more = np.random.default_rng([seed, 2])
     t, speed = course.time_s, course.speed
@@ -90,7 +104,13 @@ def observe(course: Course, spec: Spec, rng: np.random.Generator, seed: int) -> 
             angle = angle - rate * late[:, None]  # the stamp is later than the sample
     gyro = gyro_reading(course, spec) + rng.normal(0, spec.gyro_std, n)
     gyro = gyro + np.cumsum(rng.normal(0, spec.gyro_drift * step**0.5, n))
-    return _received(course, spec, rng, more, angle, gyro, spec.radius_m + offset, seed)
+    if errors.gyro is not None:
+        gyro = gyro_reading(course, spec) + errors.gyro(n, step, more)
+    if spec.blind_below_mps > 0.0:
+        blind = np.abs(rate) * spec.radius_m < spec.blind_below_mps
+        moved = np.diff(angle, axis=0, prepend=angle[:1])
+        angle = angle[0] + np.cumsum(np.where(blind, 0.0, moved), axis=0)
+    return _received(course, spec, rng, more, angle, gyro, spec.radius_m + offset, seed, errors)
 
 
 def _received(
@@ -102,6 +122,7 @@ def _received(
     gyro: Array,
     radius_m: Array,
     seed: int,
+    errors: Errors,
 ) -> Drive:
     t, way = course.time_s, antenna(course, spec)
     period = 1.0 / spec.receiver_hz
@@ -116,8 +137,12 @@ def _received(
     def at(values: Array, times: Array) -> Array:
         return np.interp(times, t, values)
 
-    me = at(way.east_mps, when) + doppler[0] * noisy
-    mn = at(way.north_mps, when) + doppler[1] * noisy
+    shaken = np.stack([doppler[0] * noisy, doppler[1] * noisy], axis=1)
+    if errors.receiver is not None:
+        jumps, shaken = errors.receiver(fix, at(course.speed, fix), at(course.heading, fix), more)
+        white[:, :2] = jumps
+    me = at(way.east_mps, when) + shaken[:, 0]
+    mn = at(way.north_mps, when) + shaken[:, 1]
     course_math = np.arctan2(mn, me)
     fast = np.hypot(me, mn)
     course_math[fast < 1.0] = np.nan
@@ -125,7 +150,7 @@ def _received(
         course_math[:] = np.nan
     kept = np.ones(m, dtype=bool)
     for begin in _moments(spec.outages_per_hour, t[-1], more):
-        kept &= ~((fix > begin) & (fix < begin + float(more.uniform(5.0, 30.0))))
+        kept &= ~((fix > begin) & (fix < begin + float(more.uniform(5.0, spec.longest_outage_s))))
     lag = more.exponential(spec.arrival_jitter_s, m) if spec.arrival_jitter_s > 0 else np.zeros(m)
     return Drive(
         spec=spec,

@@ -59,6 +59,14 @@ class Spec:
     """Resolution of a speed signal."""
     edge_noise_rad: float = 2e-4
     """Of the edges from which a control unit makes its speed signal."""
+    speed_window_s: float = 0.0
+    """A speed is the mean over this time before the frame; 0: over 20 ms around it."""
+    speed_filter_s: float = 0.0
+    """Time constant of a first-order low-pass in the control unit; 0: none."""
+    blind_below_mps: float = 0.0
+    """A wheel sensor gives no edges below this speed of its wheel."""
+    configured_teeth: float = 0.0
+    """What the vehicle file says of the teeth; 0: the truth."""
     count_bits: int = 16
     wheel_hz: float = 50.0
     inertial_hz: float = 50.0
@@ -79,6 +87,7 @@ class Spec:
     bursts_per_hour: float = 0.0
     """Multipath: position metres off and Doppler several times noisier for a while."""
     outages_per_hour: float = 0.0
+    longest_outage_s: float = 30.0
     place_digits: int = 8
     """Decimals of the minutes of latitude and longitude."""
     speed_digits: int = 4
@@ -88,6 +97,8 @@ class Spec:
     radius_wander: float = 0.0
     """Standard deviation of a slow wander of each wheel's radius, relative; real cars show 2e-4 to 5e-4."""
     radius_wander_tau_s: float = 240.0
+    tags: tuple[str, ...] = ()
+    """Conditions of the drive, in words, for the report."""
     physics: dict[str, dict[str, Any]] = field(default_factory=dict)
     """Concealed physics by name; `radius_change_2` is a second radius change."""
 

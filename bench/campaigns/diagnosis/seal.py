@@ -58,10 +58,19 @@ def diagnosed(drive: Drive, truth: Truth, program: Path, replay: bool = False) -
     return answer, opened
 
 
-def _ask(folder: Path, report: Path, program: Path, replay: bool) -> Answer:
+def asked(folder: Path, program: Path, *options: str) -> Answer:
+    """What the program says of a drive folder, by a process of its own."""
+    report = Path(tempfile.mkdtemp(prefix="report-"))
+    try:
+        return _ask(folder, report, program, False, options)
+    finally:
+        shutil.rmtree(report, ignore_errors=True)
+
+
+def _ask(folder: Path, report: Path, program: Path, replay: bool, options: tuple[str, ...] = ()) -> Answer:
     document, model = report / "diagnosis.json", report / "model.toml"
     before, begun = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
-    wanted = ["diagnose", str(folder), "--json", str(document), "--model-out", str(model)]
+    wanted = ["diagnose", str(folder), "--json", str(document), "--model-out", str(model), *options]
     error = _run(wanted, folder, program)
     after, wall = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic() - begun
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime

@@ -1,0 +1,210 @@
+"""The diagnosis on drives of every origin: null drives, and faults and events whose name is known.
+
+    python -m bench run origins                              20 null drives per origin
+    python -m bench run origins --only traffic,awkward --number 5 --kinds null,faults
+    python -m bench run origins --held-out                   the other half of the seeds: once per change
+    python -m bench run origins --write FOLDER --only awkward --seed 7
+
+Results are appended to OUT/rows.jsonl; drives of the same state of the program are not diagnosed again.
+`python -m bench report origins` prints the tables.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.campaigns.diagnosis.run import code_state, read_results
+from bench.campaigns.diagnosis.seal import asked
+from bench.places import OUT, RECORDINGS, REPO
+from bench.registry import UsageError
+from bench.worlds import awkward, real_drives
+from bench.worlds.folder import write_folder
+from bench.worlds.origins import ORIGINS, Places
+
+HELD_OUT_FROM = 50_000
+"""Seeds from here on belong to the held-out half."""
+REAL = "real"
+EXPECTED = {
+    "spin_on_ice": "wheel_spin",
+    "counts_lost_at_low_speed": "counter_lost_low_speed",
+    "teeth_44_as_48": "tone_ring_error",
+}
+"""The catalogue's name of a fault; effects injected into recordings bear it already."""
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Job:
+    """One drive to be diagnosed."""
+
+    origin: str
+    kind: str
+    """`null`, one of `awkward.FAULTS`, or one of `real_drives.INJECTED`."""
+    seed: int
+
+    @property
+    def key(self) -> tuple[str, str, int]:
+        """What tells one drive from all others."""
+        return self.origin, self.kind, self.seed
+
+
+def plan(origins: list[str], kinds: list[str], first: int, number: int) -> list[Job]:
+    """The drives, seeds first so that a run cut short has seen something of all origins."""
+    jobs = []
+    for seed in range(first, first + number):
+        for origin in origins:
+            faults = real_drives.INJECTED if origin == REAL else awkward.FAULTS if origin == "awkward" else ()
+            wanted = [*(["null"] if "null" in kinds else []), *(faults if "faults" in kinds else ())]
+            jobs += [Job(origin, kind, seed) for kind in wanted]
+    return jobs
+
+
+def make(job: Job, folder: Path, places: Places) -> dict[str, Any]:
+    """Write the drive's folder; what is known of it."""
+    rng = np.random.default_rng([job.seed, sum(map(ord, job.origin + job.kind))])
+    if job.origin == REAL:
+        names = real_drives.HELD_OUT if places.held_out else real_drives.DEVELOPMENT
+        name = names[job.seed % len(names)]
+        begin, end = real_drives.cut(places.recordings / name, folder, rng)
+        known = {"tags": [name], "duration_s": end - begin}
+        if job.kind != "null":
+            known["truth"] = real_drives.inject(folder, job.kind, rng)
+        return known
+    origin = ORIGINS[job.origin]
+    spec = origin.spec(rng)
+    if job.kind != "null":
+        spec = awkward.fault(job.kind, spec, rng)
+    _, drive = origin.drive(spec, rng, job.seed, places)
+    write_folder(drive, folder)
+    known = {
+        "tags": list(drive.spec.tags),
+        "duration_s": float(drive.time_s[-1]),
+        "receiver_hz": spec.receiver_hz,
+        "bus": [spec.wheel_signal, spec.wheel_hz, spec.teeth, spec.with_gyro, spec.with_accel],
+    }
+    if job.kind == "spin_on_ice":
+        event = spec.physics["wheel_spin"]
+        wheels = [("fl", "fr", "rl", "rr")[k] for k in event["wheels"]]
+        known["truth"] = {**event, "wheels": wheels}
+    return known
+
+
+def one(job: Job, places: Places, program: Path, options: tuple[str, ...] = ()) -> Row:
+    """Make a drive, have it diagnosed; its row. A failure of the benchmark is a row as well."""
+    folder = Path(tempfile.mkdtemp(prefix="drive-"))
+    row: Row = {"origin": job.origin, "kind": job.kind, "seed": job.seed}
+    try:
+        row |= make(job, folder, places)
+        answer = asked(folder, program, *options)
+    except Exception:
+        return {**row, "benchmark_fault": traceback.format_exc().strip().splitlines()[-1]}
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    document = answer.document
+    findings = [_short(each) for each in document.get("findings", [])]
+    return row | {
+        "error": answer.error,
+        "verdict": document.get("verdict"),
+        "findings": [each for each in findings if each["status"] == "finding"],
+        "suspicions": [each for each in findings if each["status"] != "finding"],
+        "cpu_s": round(answer.cpu_s, 2),
+    }
+
+
+def _short(finding: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "effect": finding["effect"],
+        "confidence": finding["confidence"],
+        "status": finding.get("status", "finding"),
+        "p_value": finding.get("p_value"),
+        "where": finding["where"],
+        "parameters": {name: [each["value"], each["std"]] for name, each in finding["parameters"].items()},
+        "gain": finding["heldout"].get("loglik_gain"),
+    }
+
+
+def described(row: Row) -> str:
+    """A row as one line."""
+    found = ", ".join(
+        f"{each['effect']} {each['confidence']:.2f} ({each['where']['channel']} over "
+        f"{each['where']['covariate']}; {','.join(each['where']['wheels'])})"
+        for each in row.get("findings", [])
+    )
+    told = row.get("benchmark_fault") or row.get("error") or found or row.get("verdict")
+    return f"{row['origin']}/{row['kind']} seed {row['seed']} [{' '.join(row.get('tags', []))}]: {told}"
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    """Its options."""
+    parser.add_argument("--only", help=f"origins, comma-separated: {','.join([*ORIGINS, REAL])} (all)")
+    parser.add_argument("--kinds", default="null", help="null, faults or both, comma-separated (null)")
+    parser.add_argument("--number", type=int, default=20, help="drives per origin and kind (20)")
+    parser.add_argument("--seed", type=int, default=1, help="the first seed, below 50000 (1)")
+    parser.add_argument("--held-out", action="store_true", help="the other half of the seeds")
+    parser.add_argument("--jobs", type=int, default=1, help="processes (1)")
+    parser.add_argument("--minutes", type=float, help="begin no drive after this time")
+    parser.add_argument("--option", action="append", default=[], help="passed on to tpmsd diagnose")
+    parser.add_argument("--recordings", type=Path, default=RECORDINGS, help="folder of real drives")
+    parser.add_argument("--program", type=Path, default=REPO, help="where the tpmsd that is tested lies")
+    parser.add_argument("--out", type=Path, default=OUT / "origins")
+    parser.add_argument("--write", type=Path, metavar="FOLDER", help="write the first drive and stop")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Run what is not done yet; exit code 1 where the benchmark itself failed."""
+    origins = [*ORIGINS, REAL] if args.only is None else args.only.split(",")
+    strange = set(origins) - {*ORIGINS, REAL}
+    if strange or not 0 <= args.seed < HELD_OUT_FROM:
+        raise UsageError(f"no such origin: {', '.join(sorted(strange))}" if strange else "no such seed")
+    places = Places(args.recordings, args.out / "memory", args.held_out)
+    first = args.seed + (HELD_OUT_FROM if args.held_out else 0)
+    jobs = plan(origins, args.kinds.split(","), first, args.number)
+    if args.write is not None:
+        print(json.dumps(make(jobs[0], args.write, places), indent=1))
+        return 0
+    args.out.mkdir(parents=True, exist_ok=True)
+    file, state = args.out / "rows.jsonl", code_state(args.program)
+    known = {
+        (row["origin"], row["kind"], row["seed"])
+        for row in read_results(file)
+        if row["code"] == state and row["options"] == args.option
+    }
+    todo = [job for job in jobs if job.key not in known]
+    faults, begun = 0, time.monotonic()
+    with file.open("a", encoding="utf-8") as log:
+        for number, row in enumerate(_rows(todo, places, args), start=1):
+            log.write(json.dumps(row | {"code": state, "options": args.option}) + "\n")
+            log.flush()
+            faults += "benchmark_fault" in row
+            print(f"{number}/{len(todo)} {described(row)}", file=sys.stderr, flush=True)
+            if args.minutes and time.monotonic() - begun > 60.0 * args.minutes:
+                break
+    return 1 if faults else 0
+
+
+def _rows(jobs: list[Job], places: Places, args: argparse.Namespace) -> Iterator[Row]:
+    passed = tuple(args.option)
+    if args.jobs == 1:
+        for job in jobs:
+            yield one(job, replace(places), args.program.resolve(), passed)
+        return
+    with ProcessPoolExecutor(args.jobs) as pool:
+        waiting = [pool.submit(one, job, places, args.program.resolve(), passed) for job in jobs]
+        try:
+            for future in waiting:
+                yield future.result()
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
