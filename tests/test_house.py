@@ -40,6 +40,7 @@ ALLOWED |= {
     "diagnosis": {"physics", "config", "sources", "timeline", "inference"},
     "report": {"physics", "diagnosis", *_CORE_FLOW[:5]},
     "daemon": {"physics", "pipeline", "provenance", *_CORE_FLOW},
+    "bridges": {"config", "sinks"},
     "cli": {
         "physics",
         "pipeline",
@@ -57,6 +58,7 @@ ALLOWED |= {
     "provenance": {"__init__"},
     "__main__": {"cli"},
 }
+ALLOWED["cli"] |= {"bridges"}
 for _room in ("estimators", "diagnosis"):
     ALLOWED[_room] = ALLOWED[_room] | {"vehicle_state"}
 for _room in ("monitor", "sinks", "pipeline", "report", "daemon", "cli"):

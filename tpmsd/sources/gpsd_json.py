@@ -3,9 +3,9 @@
 In: bytes of gpsd's socket in pieces of any size. Out: a `Solution` per TPV report, with the error estimates
 that are the receiver's own. Source: gpsd's manual, gpsd_json(5).
 
-gpsd invents error estimates where a receiver gives none: it multiplies the dilution by 15 m (7.5 m or so with
-corrections), and divides differences of positions for the speed. These say nothing of this receiver, so they
-are left aside: then HDOP and the kind of fix tell the position's accuracy, as with NMEA.
+gpsd makes up error estimates where a receiver gives none: it multiplies the dilution by 15 or 19 m, and
+divides differences of positions for the speed. These say nothing of this receiver, so they are left aside:
+then HDOP and the kind of fix tell the position's accuracy, as with NMEA.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ WATCH = b'?WATCH={"enable":true,"json":true}\n'
 """What gpsd waits for before it reports."""
 MAX_LINE_BYTES = 16384
 """gpsd itself stops at 10240 (GPS_JSON_RESPONSE_MAX)."""
-UERE_M = (15.0, 3.75)
-"""gpsd's own factors from dilution to a 95 % error, without and with corrections (gpsd.h)."""
+UERE_M = (15.0, 3.75, 19.0, 4.75)
+"""gpsd's own factors from HDOP and PDOP to a 95 % error, without and with corrections (libgpsd_core.c)."""
 _UERE_TOLERANCE = 0.03
 MAX_SPEED_STD_MPS = 1.0
 """Doppler of a receiver that has a fix is better; gpsd's difference of positions is worse."""
@@ -45,7 +45,8 @@ class GpsdReports:
         self.hint = ""
         self._partial = b""
         self._skipping = False
-        self._hdop, self._satellites = NAN, -1
+        self._hdop = self._pdop = NAN
+        self._satellites = -1
         self._gst: dict[str, Any] = {}
 
     @property
@@ -56,7 +57,8 @@ class GpsdReports:
     def reset(self) -> None:
         """Forget what a connection that has ended had said."""
         self._partial, self._skipping, self.hint = b"", False, ""
-        self._hdop, self._satellites, self._gst = NAN, -1, {}
+        self._hdop = self._pdop = NAN
+        self._satellites, self._gst = -1, {}
 
     def feed(self, data: bytes) -> list[tuple[bool, Solution]]:
         """(whether it began in an earlier piece, the solution) per TPV report that is completed."""
@@ -106,7 +108,7 @@ class GpsdReports:
         return None
 
     def _sky(self, report: dict[str, Any]) -> None:
-        self._hdop = number(report, "hdop")
+        self._hdop, self._pdop = number(report, "hdop"), number(report, "pdop")
         satellites = report.get("satellites")
         if isinstance(satellites, list):
             self._satellites = sum(isinstance(one, dict) and one.get("used") is True for one in satellites)
@@ -144,7 +146,8 @@ class GpsdReports:
         radius_m = number(report, "eph")
         if not (radius_m > 0.0 and self._hdop > 0.0):
             return NAN, NAN
-        if any(abs(radius_m / (uere_m * self._hdop) - 1.0) < _UERE_TOLERANCE for uere_m in UERE_M):
+        made_up = (uere_m * dop for uere_m in UERE_M for dop in (self._hdop, self._pdop))
+        if any(abs(radius_m - one_m) < _UERE_TOLERANCE * radius_m for one_m in made_up):
             return NAN, NAN
         return radius_m / math.sqrt(2.0), radius_m / math.sqrt(2.0)
 

@@ -1,0 +1,1 @@
+"""Tests of `tpmsd.bridges` without a network."""

@@ -1,0 +1,79 @@
+"""`tpmsd bridge`: its options and what it refuses."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import pytest
+
+from tests.bridges.documents import served
+from tpmsd.bridges.secrets import secret
+from tpmsd.bridges.watching import documents
+from tpmsd.cli.bridge import CREDENTIAL
+from tpmsd.cli.main import main
+from tpmsd.errors import ConfigError
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--broker", "h", "--node", "a/b"], "--node 'a/b'"),
+        (["--broker", "h", "--base", "a+#"], "--base 'a+#'"),
+        (["--broker", "h:0"], "--broker 'h:0': HOST or HOST:PORT"),
+        (["--broker", "h", "--period", "0"], "--period 0"),
+        (["--broker", "h", "--cert", "x"], "--cert and --key go together"),
+        (["--broker", "h", "--ca", "/nowhere.pem"], "/nowhere.pem: No such file"),
+        (["--broker", "h", "--password-file", "/nowhere"], "/nowhere: cannot be read"),
+    ],
+)
+def test_wrong_options_are_refused(
+    options: list[str], reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line that names the option, exit code 2."""
+    assert 2 == main(["bridge", "mqtt", *options])
+    assert reason in capsys.readouterr().err
+
+
+def test_a_password_is_not_sent_in_the_clear(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A password to another machine needs TLS; and no option takes one from the command line."""
+    (tmp_path / "pw").write_text("s3cret\n", "utf-8")
+    options = ["--broker", "far.example", "--user", "u", "--password-file", str(tmp_path / "pw")]
+
+    assert 2 == main(["bridge", "mqtt", *options])
+    assert "a password to far.example without TLS" in capsys.readouterr().err
+    assert 2 == main(["bridge", "mqtt", "--broker", "h", "--password", "x"])
+
+
+def test_secrets_come_from_files_and_credentials(tmp_path: Path) -> None:
+    """A file before the systemd credential; one line, no more."""
+    (tmp_path / "file").write_text("one\r\n", "utf-8")
+    (tmp_path / CREDENTIAL).write_text("two", "utf-8")
+    environment = {"CREDENTIALS_DIRECTORY": str(tmp_path)}
+
+    assert "one" == secret(tmp_path / "file", CREDENTIAL, environment)
+    assert "two" == secret(None, CREDENTIAL, environment)
+    assert secret(None, CREDENTIAL, {}) is None
+    for content, reason in (
+        (b"", "empty"),
+        (b"a\nb\n", "more than one line"),
+        (b"\xff", "UTF-8"),
+        (b"x" * 5000, "longer"),
+    ):
+        (tmp_path / "bad").write_bytes(content)
+        with pytest.raises(ConfigError, match=reason):
+            secret(tmp_path / "bad", CREDENTIAL, {})
+
+
+def test_a_bridge_outlives_its_daemon(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """Documents go on after the daemon was away; that it is away is said once, as None and in the log."""
+    caplog.set_level(logging.INFO)
+    got = documents(tmp_path / "s", logging.getLogger("tests"), sleep=lambda _: None)
+    assert next(got) is None
+    for _ in range(2):
+        with served(tmp_path / "s", 0.02):
+            assert [9, 9] == [int(float(str((next(got) or {})["tpmsd"]))) for _ in range(2)]
+        while next(got) is not None:
+            pass
+
+    assert 2 == caplog.messages.count("the daemon answers again")

@@ -1,0 +1,183 @@
+"""Which MQTT messages follow from which documents; the network is not here.
+
+In: summaries, one after the other, and what the broker retains of an earlier run. Out: messages. State and
+the alarms that stand are retained and always true; an event is sent once for each alarm raised or cleared,
+and bears a key by which a receiver can tell a repetition.
+
+While the broker is away, states are not kept (the next one is the truth), events are, up to `MAX_EVENTS`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
+
+from tpmsd.bridges.summary import Alarm, Summary
+
+MAX_EVENTS = 500
+"""Events kept while the broker is away: an hour with one every seven seconds."""
+MAX_PAYLOAD_BYTES = 65536
+
+
+class Message(NamedTuple):
+    """One message to be published."""
+
+    topic: str
+    payload: str
+    retain: bool
+    qos: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Topics:
+    """Names below the base topic."""
+
+    base: str
+
+    @property
+    def state(self) -> str:
+        """Retained: the whole state as JSON."""
+        return f"{self.base}/state"
+
+    @property
+    def alarms(self) -> str:
+        """Retained: the alarms that stand."""
+        return f"{self.base}/alarms"
+
+    @property
+    def event(self) -> str:
+        """Not retained: one message per alarm raised or cleared."""
+        return f"{self.base}/event"
+
+    @property
+    def availability(self) -> str:
+        """Retained: online or offline; also the last will."""
+        return f"{self.base}/availability"
+
+
+class Announcer:
+    """Turns summaries into messages."""
+
+    def __init__(self, topics: Topics, period_s: float) -> None:
+        """`period_s`: how often numbers are told while nothing else changes."""
+        self._topics = topics
+        self._period_s = period_s
+        self._known: dict[str, Alarm] | None = None
+        """Alarms that were announced, by key; None until it is known what an earlier run announced."""
+        self._waiting: deque[Summary] = deque(maxlen=MAX_EVENTS)
+        """Changes seen before that was known."""
+        self._told_s = -math.inf
+        self._told: object = None
+        self.events: deque[Message] = deque(maxlen=MAX_EVENTS)
+        self.dropped = 0
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether it is known which alarms were announced before."""
+        return self._known is not None
+
+    def recall(self, payload: bytes | None) -> None:
+        """What the broker retained on the topic `alarms`; None where it has nothing."""
+        self._known = {} if payload is None else {alarm.key: alarm for alarm in recalled(payload)}
+        while self._waiting:
+            self.take(self._waiting.popleft())
+
+    def take(self, summary: Summary) -> None:
+        """Note which alarms were raised and cleared since the last summary."""
+        if not summary.ready:
+            return
+        if self._known is None:
+            if not self._waiting or self._waiting[-1].alarms != summary.alarms:
+                self._waiting.append(summary)
+            return
+        standing = {alarm.key: alarm for alarm in summary.alarms}
+        for key, alarm in self._known.items():
+            if key not in standing:
+                self._event("cleared", alarm)
+        for key, alarm in standing.items():
+            if key not in self._known:
+                self._event("raised", alarm)
+        self._known = standing
+
+    def state(self, summary: Summary, now_s: float, again: bool = False) -> list[Message]:
+        """State and alarms, if they are due; `again`: the broker may have forgotten them."""
+        discrete = (
+            [(wheel.name, wheel.state, wheel.problem) for wheel in summary.wheels],
+            [alarm.key for alarm in summary.alarms],
+            summary.health,
+        )
+        if not again and discrete == self._told and 0.0 <= now_s - self._told_s < self._period_s:
+            return []
+        changed = again or self._told is None or discrete != self._told
+        self._told, self._told_s = discrete, now_s
+        messages = [Message(self._topics.state, _json(state_document(summary)), True)]
+        if changed:
+            alarms = [_alarm_document(alarm) for alarm in summary.alarms]
+            messages.append(Message(self._topics.alarms, _json(alarms), True))
+        return messages
+
+    def _event(self, state: str, alarm: Alarm) -> None:
+        if len(self.events) == MAX_EVENTS:
+            self.dropped += 1  # the oldest goes: the newest say how it is
+        document = _alarm_document(alarm) | {"state": state}
+        self.events.append(Message(self._topics.event, _json(document), False))
+
+
+def state_document(summary: Summary) -> dict[str, Any]:
+    """The state as it is published."""
+    return {
+        "schema": "tpmsd.mqtt/1",
+        "health": summary.health,
+        "malfunction": summary.malfunction,
+        "can": summary.can,
+        "gnss": summary.gnss,
+        "wheels": {
+            wheel.name: {key: value for key, value in asdict(wheel).items() if key != "name"}
+            for wheel in summary.wheels
+        },
+        "alarms": [_alarm_document(alarm) for alarm in summary.alarms],
+    }
+
+
+def recalled(payload: bytes) -> Iterable[Alarm]:
+    """The alarms in a retained message; anything else that stands there counts for nothing."""
+    if len(payload) > MAX_PAYLOAD_BYTES:
+        return []
+    try:
+        raw = json.loads(payload)
+    except (ValueError, RecursionError):
+        return []
+    out = []
+    for one in raw if isinstance(raw, list) else []:
+        if not isinstance(one, dict) or not isinstance(one.get("kind"), str):
+            continue
+        time_s, wheel = one.get("time"), one.get("wheel")
+        if (
+            isinstance(time_s, bool)
+            or not isinstance(time_s, int | float | None)
+            or abs(time_s or 0.0) > 1e12
+        ):
+            continue
+        if wheel is not None and not isinstance(wheel, str):
+            continue
+        out.append(Alarm(one["kind"][:50], None if wheel is None else wheel[:10], time_s))
+    return out
+
+
+def _alarm_document(alarm: Alarm) -> dict[str, Any]:
+    return {
+        "key": alarm.key,
+        "kind": alarm.kind,
+        "wheel": alarm.wheel,
+        "time": alarm.time_s,
+        "deviation_mm": alarm.deviation_mm,
+        "reason": alarm.reason,
+    }
+
+
+def _json(document: object) -> str:
+    return json.dumps(document, allow_nan=False, separators=(",", ":"))

@@ -1,0 +1,143 @@
+"""What other systems want to know of a status document, in one shape.
+
+In: a document as the status socket gives it, from this version of tpmsd or a later one. Out: `Summary`. What
+a document does not say, or says in a form that is not known, is None; nothing here raises.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from tpmsd.wheels import WHEELS
+
+MALFUNCTION = "malfunction"
+NOT_WELL = ("down", "silent", "waiting")
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """One alarm that stands."""
+
+    kind: str
+    wheel: str | None
+    time_s: float | None
+    """When it was raised, host time."""
+    deviation_mm: float | None = None
+    reason: str = ""
+
+    @property
+    def key(self) -> str:
+        """The same for the same alarm, whoever asks and whenever: kind, wheel and instant."""
+        instant = "0" if self.time_s is None else f"{self.time_s:.3f}"
+        return f"{self.kind}:{self.wheel or 'all'}:{instant}"
+
+
+@dataclass(frozen=True, slots=True)
+class Wheel:
+    """One wheel."""
+
+    name: str
+    state: str
+    problem: bool
+    """Whether an alarm concerns it."""
+    deviation_mm: float | None
+    std_mm: float | None
+    change_mm: float | None
+    deflation_probability: float | None
+    pressure_loss_percent: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """The daemon at one instant."""
+
+    version: str
+    ready: bool
+    """Whether the daemon has made a tick; before that it does not say which alarms stand."""
+    wheels: tuple[Wheel, ...]
+    alarms: tuple[Alarm, ...]
+    malfunction: bool
+    can: str
+    gnss: str
+
+    @property
+    def health(self) -> str:
+        """ok, or the first thing that is wrong, in a word or two."""
+        if self.malfunction:
+            return MALFUNCTION
+        for name, state in (("bus", self.can), ("receiver", self.gnss)):
+            if state in NOT_WELL:
+                return f"{name} {state}"
+        return "ok" if any(wheel.state != "unavailable" for wheel in self.wheels) else "no wheel"
+
+
+def summarise(document: Mapping[str, Any]) -> Summary:
+    """The summary of a document."""
+    raw = document.get("alarms")
+    alarms = tuple(_alarm(one) for one in raw if isinstance(one, dict)) if isinstance(raw, list) else ()
+    concerned = {name for alarm in alarms for name in _concerned(alarm)}
+    wheels = _mapping(document.get("wheels"))
+    return Summary(
+        version=_text(document.get("tpmsd"), "unknown"),
+        ready=number(document.get("time")) is not None,
+        wheels=tuple(
+            _wheel(name, _mapping(wheels[name]), name in concerned) for name in WHEELS if name in wheels
+        ),
+        alarms=alarms,
+        malfunction=any(alarm.kind == MALFUNCTION for alarm in alarms),
+        can=_text(_mapping(document.get("can")).get("state"), "unknown"),
+        gnss=_text(_mapping(document.get("gnss")).get("state"), "unknown"),
+    )
+
+
+def number(value: object) -> float | None:
+    """A finite number, or None."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        value = float(value)
+    except OverflowError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def _alarm(raw: Mapping[str, Any]) -> Alarm:
+    wheel = raw.get("wheel")
+    return Alarm(
+        kind=_text(raw.get("kind"), "unknown"),
+        wheel=wheel if wheel in WHEELS else None,
+        time_s=number(raw.get("time")),
+        deviation_mm=number(raw.get("deviation_mm")),
+        reason=_text(raw.get("reason"), ""),
+    )
+
+
+def _concerned(alarm: Alarm) -> tuple[str, ...]:
+    """The wheels of an alarm; one that names none concerns them all, unless it is tpmsd itself that fails."""
+    if alarm.wheel is not None:
+        return (alarm.wheel,)
+    return () if alarm.kind == MALFUNCTION else WHEELS
+
+
+def _wheel(name: str, raw: Mapping[str, Any], concerned: bool) -> Wheel:
+    return Wheel(
+        name=name,
+        state=_text(raw.get("state"), "unavailable"),
+        problem=concerned,
+        deviation_mm=number(raw.get("deviation_mm")),
+        std_mm=number(raw.get("std_mm")),
+        change_mm=number(raw.get("change_mm")),
+        deflation_probability=number(raw.get("deflation_probability")),
+        pressure_loss_percent=number(raw.get("pressure_loss_percent")),
+    )
+
+
+def _mapping(value: object) -> Mapping[str, Any]:
+    return value if isinstance(value, dict) else {}
+
+
+def _text(value: object, default: str) -> str:
+    return value[:200] if isinstance(value, str) and value else default

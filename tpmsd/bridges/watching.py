@@ -1,0 +1,40 @@
+"""The daemon's documents for as long as a bridge lives, also when the daemon is restarted.
+
+In: the path of the status socket. Out: documents, and None whenever the daemon stops answering. Never ends.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from tpmsd.sinks.status_client import StatusError, watch_status
+
+FIRST_DELAY_S, LONGEST_DELAY_S = 0.2, 5.0
+
+
+def documents(
+    path: Path, log: logging.Logger, sleep: Callable[[float], None] = time.sleep
+) -> Iterator[dict[str, Any] | None]:
+    """Documents as they come; None once each time the daemon is gone, and before it was ever there."""
+    delay_s, said = FIRST_DELAY_S, ""
+    while True:
+        try:
+            with contextlib.closing(watch_status(path)) as answers:
+                for document in answers:
+                    if said:
+                        log.info("the daemon answers again")
+                    delay_s, said = FIRST_DELAY_S, ""
+                    yield document
+        except StatusError as error:
+            if str(error) != said:
+                log.warning("%s; trying again until it answers", error)
+            if not said:
+                yield None
+            said = str(error)
+        sleep(delay_s)
+        delay_s = min(2.0 * delay_s, LONGEST_DELAY_S)

@@ -1,0 +1,188 @@
+"""`tpmsd bridge mqtt | prometheus`: the daemon's state to other systems, in a process of its own.
+
+In: the daemon's status socket. Out: MQTT messages, or metrics over HTTP, until SIGTERM or Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import re
+import signal
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tpmsd.cli.output import Subparsers
+from tpmsd.config.model import StatusConfig
+from tpmsd.errors import ConfigError
+
+if TYPE_CHECKING:
+    from tpmsd.bridges.mqtt import MqttSettings
+
+MQTT_PORT, MQTT_TLS_PORT, METRICS_PORT = 1883, 8883, 9838
+CREDENTIAL = "tpmsd-mqtt-password"
+_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
+_TOPIC = re.compile(r"[A-Za-z0-9_./-]{1,128}")
+
+_DESCRIPTION = """\
+Hands the daemon's state and alarms to another system. A bridge is a process of its own: it reads the status
+socket, and the daemon neither knows nor waits for it. Each needs a package: pip install 'tpmsd[mqtt]' or
+'tpmsd[prometheus]'.
+"""
+_EPILOG = f"""\
+examples:
+  tpmsd bridge mqtt --broker localhost
+  tpmsd bridge mqtt --broker mqtt.example.org --ca ca.pem --user car --password-file /etc/tpmsd/mqtt-password
+  tpmsd bridge prometheus                      metrics on http://127.0.0.1:{METRICS_PORT}/metrics
+
+A password comes from a file, or from the systemd credential {CREDENTIAL}; never from the command line.
+"""
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Declare the command's arguments."""
+    parser = subparsers.add_parser(
+        "bridge",
+        help="hand state and alarms to MQTT (Home Assistant) or Prometheus",
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    kinds = parser.add_subparsers(title="bridges", metavar="BRIDGE", dest="bridge", required=True)
+    mqtt = kinds.add_parser("mqtt", help="publish to an MQTT broker, with Home Assistant's discovery")
+    mqtt.add_argument("--broker", metavar="HOST[:PORT]", required=True, help="the broker")
+    mqtt.add_argument(
+        "--node", metavar="NAME", default="car", help="name of the car in topics (default: car)"
+    )
+    mqtt.add_argument(
+        "--base", metavar="TOPIC", default="tpmsd", help="topics begin with it (default: tpmsd)"
+    )
+    mqtt.add_argument(
+        "--discovery",
+        metavar="PREFIX",
+        default="homeassistant",
+        help="Home Assistant's discovery prefix, '' for none (default: homeassistant)",
+    )
+    mqtt.add_argument("--period", metavar="S", type=float, default=10.0, help="numbers every S seconds (10)")
+    mqtt.add_argument("--user", metavar="NAME", help="user name")
+    mqtt.add_argument("--password-file", metavar="FILE", type=Path, help="file with the password")
+    mqtt.add_argument("--tls", action="store_true", help="TLS with the system's authorities")
+    mqtt.add_argument("--ca", metavar="FILE", type=Path, help="TLS with this authority (PEM)")
+    mqtt.add_argument("--cert", metavar="FILE", type=Path, help="certificate of this client (PEM)")
+    mqtt.add_argument("--key", metavar="FILE", type=Path, help="its key (PEM)")
+    metrics = kinds.add_parser("prometheus", help="serve /metrics")
+    metrics.add_argument("--listen", metavar="ADDRESS", default="127.0.0.1", help="default: 127.0.0.1")
+    metrics.add_argument(
+        "--port", metavar="PORT", type=int, default=METRICS_PORT, help=f"default: {METRICS_PORT}"
+    )
+    for kind in (mqtt, metrics):
+        where = kind.add_mutually_exclusive_group()
+        where.add_argument("--socket", metavar="PATH", type=Path, help="the daemon's socket")
+        where.add_argument(
+            "--config", metavar="FILE", type=Path, help="take the socket from this configuration"
+        )
+        kind.add_argument("-v", "--verbose", action="store_true", help="log more")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the bridge until it is told to stop."""
+    from tpmsd.daemon.journal import set_up_logging
+
+    log = set_up_logging(args.verbose)
+    path = _socket_path(args)
+    if args.bridge == "prometheus":
+        from tpmsd.bridges.prometheus import serve
+
+        if not 0 <= args.port <= 65535:
+            raise ConfigError(f"--port {args.port} is no port (0 to 65535)")
+        stopped = threading.Event()
+        port, end = serve(path, args.listen, args.port, log)
+        log.info("serving http://%s:%d/metrics", args.listen, port)
+        with _until_told(stopped):
+            stopped.wait()
+        end()
+        return 0
+    from tpmsd.bridges.mqtt import MqttBridge
+    from tpmsd.bridges.watching import documents
+
+    bridge = MqttBridge(_mqtt_settings(args), log)
+    with contextlib.suppress(_Stop, KeyboardInterrupt), _until_told(None):
+        bridge.run(documents(path, log))
+    return 0
+
+
+class _Stop(Exception):  # noqa: N818 -- no error
+    """SIGTERM came."""
+
+
+@contextlib.contextmanager
+def _until_told(stopped: threading.Event | None) -> Iterator[None]:
+    """Within it SIGTERM and SIGINT set the event, or raise where there is none."""
+
+    def handle(number: int, _: object) -> None:
+        if stopped is None:
+            raise _Stop
+        stopped.set()
+
+    before = {number: signal.signal(number, handle) for number in (signal.SIGTERM, signal.SIGINT)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _mqtt_settings(args: argparse.Namespace) -> MqttSettings:
+    from tpmsd.bridges.mqtt import MqttSettings, tls_context
+    from tpmsd.bridges.secrets import secret
+
+    for option, value, pattern in (("--node", args.node, _NAME), ("--base", args.base, _TOPIC)):
+        if pattern.fullmatch(value) is None:
+            raise ConfigError(f"{option} {value!r}: letters, digits, _ and - (and / . in topics) make a name")
+    if args.discovery and _TOPIC.fullmatch(args.discovery) is None:
+        raise ConfigError(f"--discovery {args.discovery!r} is no topic")
+    if not 0.1 <= args.period <= 86400.0:
+        raise ConfigError(f"--period {args.period:g}: 0.1 to 86400 s")
+    if (args.cert is None) != (args.key is None):
+        raise ConfigError("--cert and --key go together")
+    tls = args.tls or args.ca is not None or args.cert is not None
+    host, port = _broker(args.broker, MQTT_TLS_PORT if tls else MQTT_PORT)
+    password = secret(args.password_file, CREDENTIAL, os.environ)
+    if password is not None and args.user is None:
+        raise ConfigError("a password without --user")
+    if password is not None and not tls and host not in ("localhost", "127.0.0.1", "::1"):
+        raise ConfigError(
+            f"a password to {host} without TLS: everybody on the way could read it (--tls or --ca)"
+        )
+    return MqttSettings(
+        host=host,
+        port=port,
+        node=args.node,
+        base=args.base.strip("/"),
+        discovery_prefix=args.discovery.strip("/"),
+        period_s=args.period,
+        user=args.user,
+        password=password,
+        tls=tls_context(args.ca, args.cert, args.key) if tls else None,
+    )
+
+
+def _broker(text: str, default_port: int) -> tuple[str, int]:
+    match = re.fullmatch(r"(?:\[([0-9A-Fa-f:.]+)\]|([A-Za-z0-9.\-]+))(?::(\d{1,5}))?", text)
+    port = default_port if match is None or match[3] is None else int(match[3])
+    if match is None or not 1 <= port <= 65535:
+        raise ConfigError(f"--broker {text!r}: HOST or HOST:PORT")
+    return match[1] or match[2], port
+
+
+def _socket_path(args: argparse.Namespace) -> Path:
+    if args.socket is not None:
+        return Path(args.socket)
+    if args.config is not None:
+        from tpmsd.config.load import load_config
+
+        return load_config(args.config).status.socket
+    return StatusConfig().socket
