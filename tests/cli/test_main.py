@@ -54,11 +54,50 @@ def test_traceback_on_request(capsys: pytest.CaptureFixture[str], monkeypatch: p
     "arguments", [["nonsense"], [], ["check"], ["check", "--colour", "x"], ["--nonsense"]]
 )
 def test_wrong_usage(capsys: pytest.CaptureFixture[str], arguments: list[str]) -> None:
-    """Wrong usage is exit code 2 with the usage on standard error."""
+    """Wrong usage is exit code 2 with the way to the usage on standard error."""
     assert main(arguments) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert captured.err.startswith("usage: tpmsd")
+    assert "usage: tpmsd" in captured.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (
+            ["replay", "--polt", "a.png", "d"],
+            "tpmsd: unrecognized argument: --polt; did you mean --plot? (usage: tpmsd replay --help)",
+        ),
+        (
+            ["replay"],
+            "tpmsd: the following arguments are required: DRIVE (usage: tpmsd replay --help)",
+        ),
+        (
+            ["simulate", "d", "--route", "moon"],
+            "tpmsd: argument --route: invalid choice: 'moon' (choose from",
+        ),
+    ],
+)
+def test_wrong_usage_of_a_command_is_one_line(
+    capsys: pytest.CaptureFixture[str], arguments: list[str], line: str
+) -> None:
+    """The line names the command, what is wrong and the nearest option; no block of usage buries it."""
+    assert 2 == main(arguments)
+    (said,) = capsys.readouterr().err.splitlines()
+    assert said.startswith(line)
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+@pytest.mark.parametrize("command", ["", *(name for name, _, _ in frame.COMMANDS)])
+def test_help_fits_the_terminal_and_has_exit_codes(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, command: str, width: int
+) -> None:
+    """No line of any command's help is wider than the terminal, from 60 columns on."""
+    monkeypatch.setenv("COLUMNS", str(width))
+    assert 0 == main([*([command] if command else []), "--help"])
+    text = capsys.readouterr().out
+    assert [] == [line for line in text.splitlines() if len(line) > width]
+    assert "exit codes:" in text
 
 
 def test_help(capsys: pytest.CaptureFixture[str]) -> None:

@@ -6,6 +6,7 @@ import dataclasses
 import io
 import json
 import math
+import re
 from typing import Any
 
 import numpy as np
@@ -167,11 +168,11 @@ def test_the_table_says_it_in_words() -> None:
     assert (
         f"tpmsd {__version__}, up for 1 h 02 min\n"
         "\n"
-        "wheel         tyre               change in mm     from nominal\n"
-        "front left    OK                 +0.02 ± 0.11     +1.20 ± 0.13\n"
-        "front right   soft?              -0.90 ± 0.11     +0.40 ± 0.13\n"
-        "rear left     SOFT               -3.10 ± 0.10     -3.20 ± 0.10\n"
-        "rear right    learning 40 %                 -     -1.00 ± 0.40\n"
+        "wheel         tyre              change in mm   from nominal\n"
+        "front left    OK                +0.02 ± 0.11   +1.20 ± 0.13\n"
+        "front right   soft?             -0.90 ± 0.11   +0.40 ± 0.13\n"
+        "rear left     SOFT              -3.10 ± 0.10   -3.20 ± 0.10\n"
+        "rear right    learning 40 %                -   -1.00 ± 0.40\n"
         "\n"
         "ALARM (for 3 min): Rear left tyre is losing air (lost 3.2 mm against the others)\n"
         "\n"
@@ -232,6 +233,18 @@ def test_colours_are_for_terminals_that_want_them(
     assert wanted == ("\x1b[" in out.getvalue())
 
 
+@pytest.mark.parametrize("colour", [False, True])
+@pytest.mark.parametrize("width", [60, 71, 80])
+def test_no_line_is_wider_than_the_terminal(width: int, colour: bool) -> None:
+    """Long lines go on in the next one with every word they had; the table itself fits from 60 columns on."""
+    text = render_status(DOCUMENT, colour=colour, width=width)
+    plain = re.sub(r"\x1b\[[0-9;]*m", "", text)
+
+    assert [] == [line for line in plain.splitlines() if len(line) > width]
+    assert render_status(DOCUMENT).split() == plain.split()
+    assert "rear right    learning 40 %                -   -1.00 ± 0.40" in plain.splitlines()
+
+
 def test_colours_change_nothing_but_the_colour() -> None:
     """Without the escape codes the coloured table is the plain one, columns included."""
     coloured = render_status(DOCUMENT, colour=True)
@@ -245,7 +258,7 @@ def test_watching_redraws_in_place_on_a_terminal() -> None:
     """The screen is cleared once; each update starts at the top and wipes what is left of the last."""
     out = Terminal()
     watch([DOCUMENT, DOCUMENT], out, {"NO_COLOR": "1"})
-    table = render_status(DOCUMENT).replace("\n", "\x1b[K\n") + "\x1b[J"
+    table = render_status(DOCUMENT, width=80).replace("\n", "\x1b[K\n") + "\x1b[J"
     assert "\x1b[H\x1b[2J" + table + "\x1b[H" + table == out.getvalue()
 
 

@@ -56,7 +56,6 @@ def add_parser(subparsers: Subparsers) -> None:
         help="learn the radii of a car from a recorded drive",
         description=_DESCRIPTION,
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("drives", type=Path, metavar="DRIVE", nargs="+", help="drive folder")
     parser.add_argument(

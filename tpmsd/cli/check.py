@@ -39,7 +39,6 @@ def add_parser(subparsers: Subparsers) -> None:
         description="Say everything that is wrong with a configuration and its DBC at once; or, when all\n"
         "is well, what would be monitored with what.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("config", metavar="CONFIG", type=Path, help="a TOML file, or a drive folder")
     parser.add_argument(

@@ -49,7 +49,6 @@ def add_parser(subparsers: Subparsers) -> None:
         help="say which physics a recorded drive holds that the model lacks",
         description=_DESCRIPTION,
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "drives", type=Path, metavar="DRIVE", nargs="+", help="drive folder; several of one car together"

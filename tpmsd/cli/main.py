@@ -6,7 +6,6 @@ and `run(args) -> int`; only the one that is asked for is imported, since numpy 
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import importlib
 import importlib.util
@@ -18,6 +17,7 @@ from collections.abc import Sequence
 
 from tpmsd import __version__
 from tpmsd.cli.output import Subparsers
+from tpmsd.cli.parser import EXIT_CODES, Parser
 from tpmsd.errors import TpmsdError
 
 Commands = tuple[tuple[str, str, str], ...]
@@ -37,17 +37,12 @@ COMMANDS: Commands = (
 
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 
-_EPILOG = """\
+_EPILOG = f"""\
 examples:
   tpmsd check vehicle.toml         is the configuration right, and what will be monitored?
   tpmsd replay drives/monday       what would the daemon have said on this drive?
 
-exit codes:
-  0  done
-  1  anything else
-  2  wrong usage or configuration
-  3  unusable input (the message names file, line and reason)
-"""
+{EXIT_CODES}"""
 
 
 def main(argv: Sequence[str] | None = None, commands: Commands = COMMANDS) -> int:
@@ -83,33 +78,34 @@ def main(argv: Sequence[str] | None = None, commands: Commands = COMMANDS) -> in
 def _run(arguments: list[str], commands: Commands) -> int:
     parser, subparsers = _top_parser()
     wanted = next((argument for argument in arguments if not argument.startswith("-")), None)
-    runner = None
+    runner, chosen = None, parser
     for name, module_name, summary in commands:
         if importlib.util.find_spec(module_name) is None:
             continue
         if name == wanted:
             module = importlib.import_module(module_name)
             module.add_parser(subparsers)
-            runner = module.run
+            runner, chosen = module.run, subparsers.choices[name]
         else:
             subparsers.add_parser(name, help=summary, add_help=False)
     try:
-        args = parser.parse_args(arguments)
+        args, unknown = parser.parse_known_args(arguments)
     except SystemExit as leaving:  # argparse has said what it had to say
         return leaving.code if isinstance(leaving.code, int) else 2
+    if unknown:
+        chosen.refuse_unknown(unknown)
     if runner is None:
         parser.print_help(sys.stderr)
         return 2
     return int(runner(args))
 
 
-def _top_parser() -> tuple[argparse.ArgumentParser, Subparsers]:
-    parser = argparse.ArgumentParser(
+def _top_parser() -> tuple[Parser, Subparsers]:
+    parser = Parser(
         prog="tpmsd",
         description="Finds soft tyres without pressure sensors: from the ABS wheel signals on a CAN bus and\n"
         "a GNSS receiver. 'tpmsd COMMAND --help' explains each command.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"tpmsd {__version__}")
     return parser, parser.add_subparsers(title="commands", metavar="COMMAND", dest="command")

@@ -19,8 +19,10 @@ from tpmsd.cli.outputs import Outputs
 from tpmsd.plain import plain
 
 if TYPE_CHECKING:
+    from tpmsd.cli.parser import Parser
+
     # Generic for type checkers alone; every command's `add_parser(subparsers: Subparsers)` takes it.
-    Subparsers = argparse._SubParsersAction[argparse.ArgumentParser]
+    Subparsers = argparse._SubParsersAction[Parser]
 else:
     Subparsers = argparse._SubParsersAction
 

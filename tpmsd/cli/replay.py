@@ -49,7 +49,6 @@ def add_parser(subparsers: Subparsers) -> None:
         help="run a recorded drive through the daemon's core",
         description=_DESCRIPTION,
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("drive", type=Path, metavar="DRIVE", help="drive folder")
     parser.add_argument(

@@ -41,7 +41,6 @@ def add_parser(subparsers: Subparsers) -> None:
         description="Call it after pressures were set or wheels were changed. Then drive: learning takes a\n"
         "minute of steady driving, and goes on for half an hour.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--tyres", metavar="NAME", help="the set of tyres that is on the car now")
     where = parser.add_mutually_exclusive_group()

@@ -38,6 +38,7 @@ examples:
   tpmsd status --watch                        how it is, from another terminal
 
 `tpmsd check FILE` says what is wrong with a configuration, or what would be monitored with it.
+
 exit codes: 0 stopped in order; 2 wrong usage or configuration; 1 anything else
 """
 
@@ -49,7 +50,6 @@ def add_parser(subparsers: Subparsers) -> None:
         help="watch the tyres of this car: the daemon",
         description=_DESCRIPTION,
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "--config",

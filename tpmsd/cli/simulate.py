@@ -51,7 +51,6 @@ def add_parser(subparsers: Subparsers) -> None:
         description="Simulate a car on a road, its CAN bus and its receiver. The drive goes to a folder\n"
         "that tpmsd replay reads, or live onto a CAN interface and a pseudo terminal for tpmsd run.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("out", metavar="OUT", nargs="?", type=Path, help="folder to write the drive to")
     parser.add_argument(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
+import shutil
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -15,7 +16,7 @@ from typing import IO, Any
 
 from tpmsd.cli.output import Subparsers, dumps, write_json
 from tpmsd.cli.outputs import Outputs
-from tpmsd.cli.status_table import render_status
+from tpmsd.cli.status_table import WIDTH, render_status
 from tpmsd.config.load import load_config
 from tpmsd.config.model import StatusConfig
 from tpmsd.errors import TpmsdError
@@ -41,7 +42,6 @@ def add_parser(subparsers: Subparsers) -> None:
         help="ask the running daemon how the tyres are",
         description="Shows how each tyre is, how the daemon's inputs are, and which alarms stand.",
         epilog=_EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
@@ -81,7 +81,9 @@ def run(args: argparse.Namespace) -> int:
 
 def show(document: Mapping[str, Any], out: IO[str], environment: Mapping[str, str] | None = None) -> None:
     """Write the table once."""
-    out.write(_encodable(render_status(document, colour=colour_wanted(out, environment)), out))
+    out.write(
+        _encodable(render_status(document, colour=colour_wanted(out, environment), width=_width(out)), out)
+    )
     out.flush()
 
 
@@ -92,7 +94,7 @@ def watch(
     live = out.isatty()
     colour = colour_wanted(out, environment)
     for number, document in enumerate(documents):
-        table = _encodable(render_status(document, colour=colour), out)
+        table = _encodable(render_status(document, colour=colour, width=_width(out)), out)
         if live:
             # Line by line in place: clearing the whole screen each time would flicker.
             table = table.replace("\n", f"{_CLEAR_LINE}\n") + _CLEAR_BELOW
@@ -114,6 +116,13 @@ def _socket_path(args: argparse.Namespace) -> Path:
     if args.config is not None:
         return load_config(args.config).status.socket
     return StatusConfig().socket
+
+
+def _width(out: IO[str]) -> int | None:
+    """Of the terminal; a file or a pipe takes lines of any length."""
+    if not out.isatty():
+        return None
+    return shutil.get_terminal_size((WIDTH, 24)).columns
 
 
 def _write_lines(documents: Iterable[Mapping[str, Any]], target: str) -> None:

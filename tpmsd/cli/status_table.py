@@ -7,6 +7,7 @@ for granted. Out: text, with colours if asked for.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -15,6 +16,9 @@ from tpmsd.report.wording import WHEEL_NAMES, verdict_on, wheel_name
 from tpmsd.sinks.status_client import printable
 from tpmsd.wheels import WHEELS
 
+WIDTH, NARROWEST = 80, 60
+_HANG = " " * 10
+_COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 _GOOD, _BAD, _DIM, _BOLD = "32", "31;1", "2", "1"
 _SUSPECT = "33"
 _SUSPICION = 0.5
@@ -29,8 +33,8 @@ _SOURCE_WORDS = {
 }
 
 
-def render_status(document: Mapping[str, Any], *, colour: bool = False) -> str:
-    """The whole table, ending with a line break."""
+def render_status(document: Mapping[str, Any], *, colour: bool = False, width: int | None = None) -> str:
+    """The whole table, ending with a line break; no line is longer than `width` characters (60 at least)."""
     paint = _paint if colour else _plain
     alarms = [alarm for alarm in _list(document, "alarms") if isinstance(alarm, dict)]
     lines = [
@@ -45,7 +49,34 @@ def render_status(document: Mapping[str, Any], *, colour: bool = False) -> str:
         _gnss_line(document, paint),
         _loop_line(document),
     ]
+    if width is not None:
+        lines = [part for line in lines for part in (_wrapped(line, max(width, NARROWEST)) if line else [""])]
     return "\n".join(lines) + "\n"
+
+
+def _wrapped(line: str, width: int) -> list[str]:
+    """The line in lines of at most `width` visible characters, the later ones indented; colours run on.
+
+    A column of blanks is kept where the line fits, a word longer than a line is broken.
+    """
+    if _visible(line) <= width:
+        return [line]
+    out, now = [], ""
+    for word in line.split(" "):
+        longer = f"{now} {word}" if now else word
+        if _visible(longer) <= width:
+            now = longer
+            continue
+        out.append(now)
+        now = _HANG + word
+        while _visible(now) > width and "\x1b" not in now:
+            out.append(now[:width])
+            now = _HANG + now[width:]
+    return [part for part in [*out, now] if part.strip()]
+
+
+def _visible(text: str) -> int:
+    return len(_COLOURS.sub("", text))
 
 
 def _heading(document: Mapping[str, Any]) -> str:
@@ -58,14 +89,14 @@ def _wheel_lines(document: Mapping[str, Any], alarms: list[dict[str, Any]], pain
     wheels = _dict(document, "wheels")
     if not wheels:
         return ["No wheel has been heard of yet."]
-    lines = [paint(f"{'wheel':<13} {'tyre':<15} {'change in mm':>15}  {'from nominal':>15}", _DIM)]
+    lines = [paint(f"{'wheel':<13} {'tyre':<15} {'change in mm':>14} {'from nominal':>14}", _DIM)]
     for name in [w for w in WHEELS if w in wheels] + sorted(w for w in wheels if w not in WHEEL_NAMES):
         wheel = _dict(wheels, name)
         word, style = _tyre(name, wheel, alarms, _number(document, "learning_fraction"))
         change = _plus_minus(_number(wheel, "change_mm"), _number(wheel, "change_std_mm"))
         deviation = _plus_minus(_number(wheel, "deviation_mm"), _number(wheel, "std_mm"))
         label = printable(wheel_name(name))
-        lines.append(f"{label:<13} {paint(f'{word:<15}', style)} {change:>15}  {deviation:>15}")
+        lines.append(f"{label:<13} {paint(f'{word:<15}', style)} {change:>14} {deviation:>14}")
     return lines
 
 
