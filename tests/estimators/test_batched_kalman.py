@@ -7,8 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.estimators.batched_kalman import ROBUST_FROM, TAIL_DOF, scalar_update, symmetrise
+from tpmsd.estimators.batched_kalman import scalar_update, symmetrise
+from tpmsd.estimators.settings import SETTINGS
 from tpmsd.wheels import FloatArray
+
+
+ROBUST_FROM = SETTINGS.robust_from
 
 
 def filters(count: int, size: int, seed: int) -> tuple[FloatArray, FloatArray]:
@@ -85,7 +89,7 @@ def test_the_likelihood_is_the_student_t_of_the_innovation() -> None:
     log = scalar_update(np.zeros((4, 1)), np.ones((4, 1, 1)) * np.array([1, 2, 3, 4.0])[:, None, None],
                         innovation, np.ones(1), 0.5)  # fmt: skip
     scale = np.sqrt(np.array([1, 2, 3, 4.0]) + 0.5)
-    expected = stats.t.logpdf(innovation / scale, TAIL_DOF) - np.log(scale)
+    expected = stats.t.logpdf(innovation / scale, SETTINGS.innovation_dof) - np.log(scale)
     assert expected - expected[0] == pytest.approx(log - log[0])
 
 

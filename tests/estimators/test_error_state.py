@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.estimators import error_state as state
 from tpmsd.estimators.error_state import (
     BE,
     BN,
@@ -28,6 +27,7 @@ from tpmsd.estimators.error_state import (
     drift_covariance,
     initial_state,
 )
+from tpmsd.estimators.settings import SETTINGS
 from tpmsd.wheels import FloatArray
 
 NOMINAL = np.array([0.316, 0.318, 0.314, 0.315])
@@ -172,7 +172,7 @@ def test_the_bias_of_a_receiver_is_stationary() -> None:
     mean, cov = some_state(1, 1)
     mean[0, BE] = 5.0
     motion = Motion(TICK_S, np.array([6.0, 6.0]), 0.0, 0.0, True)
-    ticks = round(state.BIAS_TAU_S / TICK_S)
+    ticks = round(SETTINGS.bias_tau_s / TICK_S)
     for _ in range(ticks):
         cov, _, _ = model.propagate(mean, cov, motion, 2.0)
     assert 5.0 / math.e == pytest.approx(mean[0, BE], rel=1e-6)
@@ -189,9 +189,9 @@ def test_radii_wander_together_more_than_alone() -> None:
     together, axle, side = np.ones(4), np.array([1.0, 1, -1, -1]), np.array([1.0, -1, 1, -1])
     grown = [float(v @ drift @ v) / 4 for v in (together, axle, side)]
     assert grown[0] > grown[1] > grown[2]
-    assert state.DRIFT_OWN**2 == pytest.approx(grown[2])
+    assert SETTINGS.drift_own_m**2 == pytest.approx(grown[2])
     assert drift_covariance(2) == pytest.approx(
-        np.eye(2) * state.DRIFT_OWN**2 + state.DRIFT_COMMON**2 * np.ones((2, 2))
+        np.eye(2) * SETTINGS.drift_own_m**2 + SETTINGS.drift_common_m**2 * np.ones((2, 2))
     )
 
 

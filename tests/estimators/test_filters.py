@@ -14,6 +14,7 @@ from scipy import stats
 
 from tests.estimators.world import (
     RADIUS_M,
+    METHODS,
     START_S,
     STEERING_RATIO,
     VEHICLE,
@@ -24,15 +25,15 @@ from tests.estimators.world import (
     country_yaw,
     errors_m,
     estimator,
+    filter_of,
     run,
     stds_m,
     straight,
 )
 from tpmsd.config.model import FilterConfig, GnssConfig
-from tpmsd.estimators import error_state, measurements
 from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.estimators.build import METHODS
-from tpmsd.estimators.mpf_rb import MpfRb
+from tpmsd.estimators.settings import SETTINGS
+from tpmsd.estimators.table import TABLE
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import FloatArray
 
@@ -53,25 +54,25 @@ def straight_kalman(ticks: list[Tick], position_std_m: float) -> tuple[float, fl
     State: place, receiver's bias, age of fixes, forward arm, mean radius error. Written from the model's
     description, for two wheels that turn alike, a receiver of positions alone, and a fix at each tick's end.
     """
-    drift = error_state.DRIFT_OWN**2 / 2 + error_state.DRIFT_COMMON**2
-    own = (error_state.PRIOR_RADIUS_STD * RADIUS_M) ** 2
+    drift = SETTINGS.drift_own_m**2 / 2 + SETTINGS.drift_common_m**2
+    own = (SETTINGS.radius_prior * RADIUS_M) ** 2
     prior_radius = own * (0.75 + 0.25 / 2)
-    late, late_std = error_state.LATENCY_PRIOR_S
+    late, late_std = SETTINGS.latency_prior_s
     x = np.array([0.0, 0.0, late, 0.0, 0.0])
-    p = np.diag([0.0, 0.0, late_std**2, error_state.FORWARD_PRIOR_M**2, prior_radius])
+    p = np.diag([0.0, 0.0, late_std**2, SETTINGS.forward_prior_m**2, prior_radius])
     located, last_s = False, -math.inf
     for tick in ticks:
         dt, angle = tick.dt_s, float(tick.rotation_rad[2])
         f = np.eye(5)
         f[0, 4] = angle
-        f[1, 1] = math.exp(-dt / error_state.BIAS_TAU_S)
+        f[1, 1] = math.exp(-dt / SETTINGS.bias_tau_s)
         way = angle * (RADIUS_M + x[4])
         x = x + np.array([way, x[1] * (f[1, 1] - 1), 0.0, 0.0, 0.0])
         rough = tick.index == 1  # the gate's first tick never teaches
         q = np.zeros((5, 5))
-        q[0, 0] = error_state.WAY_NOISE**2 * way + rough * (error_state.ROUGH_WAY * way) ** 2
+        q[0, 0] = SETTINGS.way_noise**2 * way + rough * (SETTINGS.rough_way * way) ** 2
         q[1, 1] = position_std_m**2 * (1 - f[1, 1] ** 2)
-        q[2, 2] = error_state.LATENCY_DRIFT**2 * dt
+        q[2, 2] = SETTINGS.latency_drift**2 * dt
         q[4, 4] = drift * dt
         p = f @ p @ f.T + q
         for fix in tick.fixes:
@@ -80,13 +81,13 @@ def straight_kalman(ticks: list[Tick], position_std_m: float) -> tuple[float, fl
                 x[:2] = [fix.east_m + x[2] * way / dt - x[3], 0.0]
                 p[:2, :] = p[:, :2] = 0.0
                 slow = position_std_m**2
-                p[:2, :2] = [[slow + measurements.WHITE_POSITION_STD_M**2, -slow], [-slow, slow]]
+                p[:2, :2] = [[slow + SETTINGS.white_position_m**2, -slow], [-slow, slow]]
             elif fix.time_s - last_s >= 0.45:
                 last_s = fix.time_s
                 speed = way / dt
                 h = np.array([1.0, 1.0, -speed, 1.0, 0.0])
-                white = min(measurements.WHITE_POSITION_STD_M, position_std_m)
-                r = white**2 + (measurements.TIMING_STD_S * speed) ** 2 + 0.02**2
+                white = min(SETTINGS.white_position_m, position_std_m)
+                r = white**2 + (SETTINGS.timing_s * speed) ** 2 + 0.02**2
                 off = fix.east_m - (x[0] + x[1] + x[3] - speed * x[2])
                 gain = p @ h / (h @ p @ h + r)
                 x = x + gain * off
@@ -120,12 +121,12 @@ def straight_ticks(true_radius_m: float, noise_m: float, period: int = 10, seed:
     return ticks
 
 
-def test_mpf_rb_is_a_kalman_filter_where_all_is_linear() -> None:
-    """One particle, straight on, white positions: mean and variance of the radius are those of a plain Kalman
+def test_the_gaussian_sum_is_a_kalman_filter_where_all_is_linear() -> None:
+    """One hypothesis, straight on, white positions: mean and variance of the radius are those of a plain Kalman
     filter to a thousandth of the standard deviation."""
     ticks = straight_ticks(RADIUS_M + 0.0015, 0.8)
     settings = FilterConfig(particles=1)
-    filter_ = MpfRb(VEHICLE, GnssConfig(), settings, np.random.default_rng(1), front=False)
+    filter_ = filter_of(TABLE["gaussian-sum"], settings=settings)
     estimate = run(filter_, ticks)[-1]
     mean, variance = straight_kalman(ticks, 0.8)
     average = np.array([0.0, 0.0, 0.5, 0.5])
@@ -170,7 +171,7 @@ def test_radii_are_found_within_their_own_uncertainty(world: World, limit_m: flo
     inside = np.zeros(4)
     for seed in range(seeds):
         drive = replace(world, seed=seed).drive()
-        estimates = run(estimator("mpf-rb", world), drive.ticks)
+        estimates = run(estimator("gaussian-sum", world), drive.ticks)
         error, std = errors_m(drive, estimates)[-1], stds_m(estimates)[-1]
         assert np.all(np.abs(error) < limit_m)
         assert np.all(std < 0.6e-3)
@@ -208,13 +209,13 @@ def test_a_straight_road_teaches_no_gain() -> None:
         offsets_m=(0.0003, -0.0016, 0.0009, -0.0007),
     )
     drive = world.drive()
-    filter_ = estimator("mpf-rb", world)
+    filter_ = estimator("gaussian-sum", world)
     last = run(filter_, with_gyro(drive, 1))[-1]
     nuisance = np.array(filter_.snapshot()["nuisance"])
     places = {"trk": 2, "gyro": 4, "gain": 5, "load": 7}
-    assert abs(nuisance[places["trk"]]) < 2 * error_state.TRACK_PRIOR
-    assert abs(nuisance[places["gain"]]) < 2 * error_state.GAIN_PRIOR
-    assert abs(nuisance[places["load"]]) < 2 * error_state.LOAD_PRIOR_S2
+    assert abs(nuisance[places["trk"]]) < 2 * SETTINGS.track_prior
+    assert abs(nuisance[places["gain"]]) < 2 * SETTINGS.gain_prior
+    assert abs(nuisance[places["load"]]) < 2 * SETTINGS.load_prior_s2
     own = np.array(filter_.snapshot()["nuisance_covariance"])
     bias = places["gyro"]
     assert 0.003 == pytest.approx(nuisance[bias], abs=3 * math.sqrt(own[bias, bias]))
@@ -233,7 +234,7 @@ def test_intervals_are_truthful_under_correlated_errors() -> None:
         receiver = Receiver(position_std_m=1.0 + 0.2 * seed, position_tau_s=tau)
         world = World(duration_s=200.0, seed=20 + seed, receiver=receiver)
         drive = world.drive()
-        estimates = run(estimator("mpf-rb", world), drive.ticks)
+        estimates = run(estimator("gaussian-sum", world), drive.ticks)
         error, std = errors_m(drive, estimates)[1000::50], stds_m(estimates)[1000::50]
         radius.append(np.abs(error) < 1.96 * std)
         difference = error[:, 2] - error[:, 3]
@@ -264,7 +265,7 @@ def test_ticks_of_a_second() -> None:
     for seed in range(3):
         world = World(duration_s=150.0, dt_s=1.0, seed=seed, receiver=Receiver(period_s=1.0))
         drive = world.drive()
-        error = errors_m(drive, run(estimator("mpf-rb", world), drive.ticks))[-1]
+        error = errors_m(drive, run(estimator("gaussian-sum", world), drive.ticks))[-1]
         assert np.all(np.abs(error) < 1.0e-3)
 
 
@@ -272,7 +273,7 @@ def test_the_rear_pair_alone() -> None:
     """With two wheels the front is NaN throughout, the rear right."""
     world = World(duration_s=120.0)
     drive = world.drive()
-    for method in ("mpf-rb", "mpf-pn"):
+    for method in ("gaussian-sum", "mpf-pn"):
         estimates = run(estimator(method, world, front=False), drive.ticks)
         last = estimates[-1]
         assert np.all(np.isnan(last.deviation_m[:2]))
@@ -289,7 +290,7 @@ def test_a_step_of_two_per_cent_is_followed(wheel: int, receiver: Receiver) -> N
     """Within 60 s the change is on the wheel that has it, to a tenth, and on no other."""
     world = World(duration_s=150.0, fault=(wheel, -0.02, 90.0), receiver=receiver)
     drive = world.drive()
-    estimates = run(estimator("mpf-rb", world), drive.ticks)
+    estimates = run(estimator("gaussian-sum", world), drive.ticks)
     error = errors_m(drive, estimates)
     assert np.all(np.abs(error[-1]) < 0.1 * 0.02 * RADIUS_M)
     before = np.array(estimates[890].deviation_m)
@@ -420,7 +421,7 @@ def test_lost_wheels_have_no_speed(method: str) -> None:
 def test_ticks_that_may_not_teach_teach_nothing() -> None:
     """Walking pace: informative time stays zero and radii and their uncertainty stay at the prior."""
     drive = World(duration_s=40.0, speed_mps=steady(3.0), yaw_radps=straight).drive()
-    estimates = run(estimator("mpf-rb", drive.world), drive.ticks)
+    estimates = run(estimator("gaussian-sum", drive.world), drive.ticks)
     assert {(False, 0.0)} == {(e.informative, e.informative_s) for e in estimates}
     assert [0.0] * 4 == pytest.approx(estimates[-1].deviation_m, abs=1e-12)
     assert stds_m(estimates)[0] == pytest.approx(stds_m(estimates)[-1], rel=0.02)
@@ -458,7 +459,7 @@ def test_a_front_wheel_of_another_size_is_not_laid_on_the_rear(wheel: int) -> No
     offsets[wheel] = 0.04 * RADIUS_M
     world = World(duration_s=120.0, offsets_m=tuple(offsets))
     drive = world.drive()
-    estimates = run(estimator("mpf-rb", world), drive.ticks)
+    estimates = run(estimator("gaussian-sum", world), drive.ticks)
     error = errors_m(drive, estimates)[-1]
     assert np.all(np.abs(error[2:]) < 0.7e-3)
     assert abs(error[wheel]) < 1.5e-3
@@ -473,10 +474,10 @@ def test_mpf_pn_repeats_itself() -> None:
     assert repr(a[-1]) != repr(c[-1])
 
 
-def test_mpf_rb_draws_nothing() -> None:
+def test_the_gaussian_sum_draws_nothing() -> None:
     """Histories are enumerated: the seed makes no difference."""
     drive = World(duration_s=30.0).drive()
-    a, b = (run(estimator("mpf-rb", drive.world, seed=s), drive.ticks) for s in (4, 5))
+    a, b = (run(estimator("gaussian-sum", drive.world, seed=s), drive.ticks) for s in (4, 5))
     assert repr(a) == repr(b)
 
 

@@ -10,21 +10,23 @@ import numpy as np
 import pytest
 
 from tests.estimators.world import (
+    METHODS,
     RADIUS_M,
     START_S,
-    VEHICLE,
     Receiver,
     World,
     errors_m,
     estimator,
+    filter_of,
     run,
     straight,
 )
-from tpmsd.config.model import FilterConfig, GnssConfig
-from tpmsd.estimators.build import METHODS
-from tpmsd.estimators.mpf_pn import MpfPn, keep_noise, keep_turn_noise
+from tpmsd.config.model import FilterConfig
 from tpmsd.estimators.niw import NormalInverseWishart
-from tpmsd.estimators.position_filter import NOISE_FLOOR_M
+from tpmsd.estimators.radius_models import Floors, NiwRadii
+from tpmsd.estimators.samples import SampledPieces
+from tpmsd.estimators.settings import SETTINGS
+from tpmsd.estimators.table import TABLE, Row
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import FloatArray
 
@@ -52,14 +54,14 @@ def test_the_noise_of_left_against_right_has_a_floor() -> None:
     loose.scale[:, 0, 1] = loose.scale[:, 1, 0] = 0.3 * loose.scale[:, 0, 0]
     for each in (tight, loose):
         before = each.scale.copy()
-        keep_noise(each)
-        keep_turn_noise(each)
+        # A realised error at the mean adds nothing to Lambda: what changes is what the floors do.
+        NiwRadii(floors=Floors(apart=True)).learn(each, each.mean.T)
         sigma = each.noise_covariance(np.full(3, 1 / 3))
         assert np.array_equal(each.scale[:, [0, 1], [0, 1]], before[:, [0, 1], [0, 1]])
         assert np.linalg.eigvalsh(sigma)[0] > 0.0
         apart = sigma[0, 0] + sigma[1, 1] - 2 * sigma[0, 1]
         if each is tight:
-            assert apart == pytest.approx(2 * NOISE_FLOOR_M**2, rel=1e-6)
+            assert apart == pytest.approx(2 * SETTINGS.noise_floor_m**2, rel=1e-6)
         else:
             assert np.array_equal(each.scale, before)
 
@@ -79,10 +81,11 @@ def test_a_receiver_that_errs_slowly_is_no_change_of_a_radius(seed: int) -> None
         replace(t, fixes=tuple(replace(f, position_std_m=STATED_M) for f in t.fixes)) for t in drive.ticks
     ]
     settings = FilterConfig(method="mpf-pn", rate_hz=10.0, window_s=20.0)
-    filter_ = MpfPn(
-        *(VEHICLE, GnssConfig(), settings, np.random.default_rng(seed), False),
-        statistics=learned(500, drive.offsets_m[0, 2:], 200.0),
-    )
+    known = learned(500, drive.offsets_m[0, 2:], 200.0)
+    pieces = TABLE["mpf-pn"].pieces
+    assert isinstance(pieces, SampledPieces)
+    row = Row(replace(pieces, radii=NiwRadii(floors=Floors(apart=True), known=known)))
+    filter_ = filter_of(row, settings=settings, seed=seed)
     error = errors_m(drive, run(filter_, ticks))
     assert np.abs(error[:, 2] - error[:, 3]).max() < 0.6e-3
 

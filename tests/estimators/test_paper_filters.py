@@ -1,4 +1,4 @@
-"""The filters that paper 000 compares: against Kalman filters where all is linear, against closed forms and
+"""The filters that [Lundquist 2013] compares: against Kalman filters where all is linear, against closed forms and
 sampling, and over long trouble."""
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from scipy import stats
 
 from tests.estimators.test_filters import straight_ticks
 from tests.estimators.world import (
+    METHODS,
     RADIUS_M,
     TRACK_M,
     VEHICLE,
@@ -23,18 +24,19 @@ from tests.estimators.world import (
     country_yaw,
     errors_m,
     estimator,
+    filter_of,
     run,
 )
-from tpmsd.config.model import FilterConfig, GnssConfig
-from tpmsd.estimators.aug_kf import AugEkf, AugUkf
-from tpmsd.estimators.aug_pf import AugPf, step_sigma
+from tpmsd.config.model import FilterConfig
 from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.estimators.build import METHODS
 from tpmsd.estimators.front_contrast import FrontContrast
+from tpmsd.estimators.gaussian import GaussianPieces, Transform, linearised, unscented
 from tpmsd.estimators.gnss_likelihood import gaussian_log
-from tpmsd.estimators.mpf_pn import MpfPn
 from tpmsd.estimators.niw import NormalInverseWishart
-from tpmsd.estimators.position_filter import PRIOR_RADIUS_STD
+from tpmsd.estimators.radius_models import NiwRadii, WalkingRadii, step_sigma
+from tpmsd.estimators.samples import SampledPieces
+from tpmsd.estimators.settings import SETTINGS
+from tpmsd.estimators.table import Row
 from tpmsd.physics.kinematics import Geometry
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import FloatArray
@@ -82,22 +84,17 @@ def mean_error(estimate: RadiusEstimate) -> tuple[float, float]:
     return float(estimate.deviation_m[2:].mean()), float(estimate.covariance_m2[2:, 2:].mean())
 
 
-PRIOR_M = PRIOR_RADIUS_STD * RADIUS_M
+PRIOR_M = SETTINGS.radius_prior * RADIUS_M
 
 
-@pytest.mark.parametrize(("kind", "slack"), [(AugEkf, 1e-6), (AugUkf, 0.1)])
+@pytest.mark.parametrize(("transform", "slack"), [(linearised, 1e-6), (unscented, 0.1)])
 def test_aug_kf_is_a_kalman_filter_where_all_is_linear(
-    kind: type[AugEkf] | type[AugUkf], slack: float
+    transform: Transform, slack: float
 ) -> None:
     """Along a line: the EKF's radius is the plain Kalman filter's to rounding; the UKF's to a tenth of its
     standard deviation, for it also counts what an unsure first heading takes off the way."""
     ticks = straight_ticks(RADIUS_M + 0.0015, FIX_STD_M)
-    filter_ = kind(
-        *(STIFF, GnssConfig(), FilterConfig(), np.random.default_rng(1), False),
-        drift_std_m=DRIFT_M,
-        noise_std_m=NOISE_M,
-        weights=no_outliers,
-    )
+    filter_ = filter_of(Row(GaussianPieces(transform, no_outliers, DRIFT_M, NOISE_M)), STIFF)
     found, own = mean_error(run(filter_, ticks)[-1])
     mean, variance = line_kalman(ticks, NOISE_M, DRIFT_M, PRIOR_M)
     assert mean == pytest.approx(found, abs=slack * math.sqrt(variance))
@@ -112,12 +109,8 @@ def test_aug_pf_agrees_with_the_kalman_filter_where_all_is_linear() -> None:
     mean, variance = line_kalman(ticks, NOISE_M, DRIFT_M, PRIOR_M)
     founds = []
     for seed in range(3):
-        filter_ = AugPf(
-            *(STIFF, GnssConfig(), FilterConfig(particles=3000), np.random.default_rng(seed), False),
-            drift_std_m=DRIFT_M,
-            noise_std_m=NOISE_M,
-            position_log=gaussian_log,
-        )
+        pieces = SampledPieces(radii=WalkingRadii(DRIFT_M, NOISE_M), likelihood=gaussian_log)
+        filter_ = filter_of(Row(pieces), STIFF, FilterConfig(particles=3000), seed=seed)
         founds.append(mean_error(run(filter_, ticks)[-1]))
     found, own = np.mean(founds, axis=0)
     assert mean == pytest.approx(found, abs=math.sqrt(variance) / 3)
@@ -140,13 +133,9 @@ def test_mpf_pn_is_a_kalman_filter_where_noise_is_known() -> None:
             nu=sure,
             scale=np.tile(np.eye(2) * NOISE_M**2 * sure, (count, 1, 1)),
         )
-        filter_ = MpfPn(
-            *(STIFF, GnssConfig(), FilterConfig(particles=count, window_s=86_400.0)),
-            *(np.random.default_rng(seed), False),
-            change_rate_per_s=0.0,
-            position_log=gaussian_log,
-            statistics=known,
-        )
+        pieces = SampledPieces(radii=NiwRadii(known=known), likelihood=gaussian_log)
+        settings = FilterConfig(particles=count, window_s=86_400.0)
+        filter_ = filter_of(Row(pieces), STIFF, settings, seed=seed)
         founds.append(mean_error(run(filter_, ticks)[-1]))
     found, own = np.mean(founds, axis=0)
     assert mean == pytest.approx(found, abs=math.sqrt(variance) / 3)
@@ -200,7 +189,7 @@ def test_front_wheels_are_learned_beside_the_rear_pair() -> None:
     assert mean == pytest.approx(again.moments(rear, rear_m2)[0])
 
 
-@pytest.mark.parametrize("method", ["aug-pf", "aug-ekf", "aug-ukf", "mpf-mn"])
+@pytest.mark.parametrize("method", ["mpf-pn-paper", "aug-pf", "aug-ekf", "aug-ukf", "mpf-mn"])
 def test_the_compared_filters_find_the_radii(method: str) -> None:
     """Ordinary drives: absolute radii to two millimetres, left against right to below one."""
     for seed in range(2):

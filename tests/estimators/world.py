@@ -15,7 +15,9 @@ import numpy as np
 
 from tpmsd.config.model import FilterConfig, GnssConfig, VehicleConfig
 from tpmsd.estimators.base import Estimator, RadiusEstimate
-from tpmsd.estimators.build import METHODS
+from tpmsd.estimators.build import build_filter
+from tpmsd.estimators.radius_filter import RadiusFilter
+from tpmsd.estimators.table import TABLE, Row
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import FloatArray
 
@@ -213,13 +215,24 @@ def _gauss_markov(
     return out
 
 
+METHODS = tuple(TABLE)
+
+
+def filter_of(
+    row: Row, vehicle: VehicleConfig = VEHICLE, settings: FilterConfig | None = None, *, seed: int = 1
+) -> RadiusFilter:
+    """A filter of the rear pair made of this row."""
+    rng = np.random.default_rng(seed)
+    return build_filter(vehicle, GnssConfig(), settings or FilterConfig(), rng, False, row)
+
+
 def estimator(
     method: str, world: World, *, front: bool = True, seed: int = 1, particles: int | None = None
-) -> Estimator:
+) -> RadiusFilter:
     settings = FilterConfig(method=method, rate_hz=1.0 / world.dt_s, particles=particles)
     forward, left = world.antenna
     gnss = GnssConfig(antenna_forward_m=forward, antenna_left_m=left)
-    return METHODS[method](VEHICLE, gnss, settings, np.random.default_rng(seed), front)
+    return build_filter(VEHICLE, gnss, settings, np.random.default_rng(seed), front)
 
 
 def run(filter_: Estimator, ticks: list[Tick]) -> list[RadiusEstimate]:

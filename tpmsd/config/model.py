@@ -32,7 +32,10 @@ GNSS_ROLES = (
     "gnss_fix",
 )
 """A receiver whose fixes come on CAN."""
-FILTER_METHODS = ("aug-ekf", "aug-pf", "aug-ukf", "mpf-mn", "mpf-pn", "mpf-rb")
+FILTER_METHODS = (
+    *("aug-ekf", "aug-pf", "aug-ukf", "gaussian-sum"),
+    *("mpf-mn", "mpf-pn", "mpf-pn-paper", "mpf-rb"),
+)
 FILTER_GATES = ("thresholds", "slip")
 FIX_WEIGHTS = ("square", "igg3")
 ROLES = WHEEL_COUNT_ROLES + WHEEL_SPEED_ROLES + OPTIONAL_ROLES + FLAG_ROLES + GNSS_ROLES

@@ -1,5 +1,5 @@
 """Ticks in, radii of the tyres out: `build.build_estimator` makes the one that the configuration names.
 
-`mpf_rb` is the default; `mpf_pn`, `aug_pf`, `aug_kf` and `mpf_mn` are those that paper 000 compares. All are
-`base.Estimator`s.
+A `radius_filter.RadiusFilter` keeps gates, pose and snapshots, and delegates to a `belief.Belief` made of pieces;
+`table` says which pieces the published filters are made of. `gaussian-sum` is the default.
 """

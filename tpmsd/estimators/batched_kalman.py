@@ -11,19 +11,16 @@ from collections.abc import Callable
 
 import numpy as np
 
+from tpmsd.estimators.settings import SETTINGS
 from tpmsd.wheels import FloatArray
-
-TAIL_DOF = 5.0
-ROBUST_FROM = 2.5
-"""Innovations beyond this many standard deviations lose influence: their weight falls with the square."""
 
 Weights = Callable[[FloatArray], FloatArray]
 """Equivalent weights, 0 < w <= 1, of residuals in standard deviations."""
 
 
 def square_weights(size: FloatArray) -> FloatArray:
-    """1 up to `ROBUST_FROM`, then falling with the square of the residual."""
-    return np.asarray(np.maximum(size / ROBUST_FROM, 1.0) ** -2)
+    """1 up to `robust_from`, then falling with the square of the residual."""
+    return np.asarray(np.maximum(size / SETTINGS.robust_from, 1.0) ** -2)
 
 
 def scalar_update(
@@ -48,7 +45,8 @@ def scalar_update(
     projected = np.einsum("ij,ij->i", gain, row) if row.ndim == 2 else gain @ row
     total = projected + variance
     squared = innovation**2 / total
-    log = -0.5 * (TAIL_DOF + 1.0) * np.log1p(squared / TAIL_DOF) - 0.5 * np.log(total)
+    dof = SETTINGS.innovation_dof
+    log = -0.5 * (dof + 1.0) * np.log1p(squared / dof) - 0.5 * np.log(total)
     total = projected + variance / weights(np.sqrt(squared))
     scaled = gain / total[:, None]
     if frozen_from is not None:

@@ -1,31 +1,28 @@
 """Which estimator a configuration asks for.
 
-In: a `Config` and a random generator. Out: an `Estimator`. The table below is where a new method is added.
+In: a `Config` and a random generator. Out: an `Estimator`. What there is stands in `table`.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from tpmsd.config.model import Config
+from tpmsd.config.model import Config, FilterConfig, GnssConfig, VehicleConfig
 from tpmsd.errors import ConfigError
-from tpmsd.estimators.aug_kf import AugEkf, AugUkf
-from tpmsd.estimators.aug_pf import AugPf
-from tpmsd.estimators.base import Estimator
-from tpmsd.estimators.mpf_mn import MpfMn
-from tpmsd.estimators.mpf_pn import MpfPn
-from tpmsd.estimators.mpf_rb import MpfRb
+from tpmsd.estimators.belief import Belief, Car
+from tpmsd.estimators.fix_gate import FIX_WEIGHTS
+from tpmsd.estimators.front_contrast import FrontBeside
+from tpmsd.estimators.gaussian import GaussianBelief, GaussianPieces
+from tpmsd.estimators.mixture import MixtureBelief, MixturePieces
+from tpmsd.estimators.radius_filter import RadiusFilter
+from tpmsd.estimators.samples import SampledBelief
+from tpmsd.estimators.settings import SETTINGS
+from tpmsd.estimators.slip_gate import make_gate
+from tpmsd.estimators.table import ALIASES, TABLE, Row, row_of
+from tpmsd.physics.kinematics import Geometry
 from tpmsd.wheels import FL, FR, RL, RR
-
-METHODS: dict[str, type[MpfRb | MpfPn | AugPf | AugEkf | AugUkf | MpfMn]] = {
-    "mpf-rb": MpfRb,
-    "mpf-pn": MpfPn,
-    "aug-pf": AugPf,
-    "aug-ekf": AugEkf,
-    "aug-ukf": AugUkf,
-    "mpf-mn": MpfMn,
-}
-"""Method name -> class."""
 
 
 def monitored_wheels(config: Config) -> tuple[int, ...]:
@@ -43,9 +40,57 @@ def monitored_wheels(config: Config) -> tuple[int, ...]:
     return (FL, FR, RL, RR) if {FL, FR} <= known else (RL, RR)
 
 
-def build_estimator(config: Config, rng: np.random.Generator) -> Estimator:
+def build_estimator(config: Config, rng: np.random.Generator) -> RadiusFilter:
     """The estimator that [filter] method names; ConfigError if there is none of that name."""
-    kind = METHODS.get(config.filter.method)
-    if kind is None:
-        raise ConfigError(f"[filter] method: unknown {config.filter.method!r}; known: {', '.join(METHODS)}")
-    return kind(config.vehicle, config.gnss, config.filter, rng, front=len(monitored_wheels(config)) == 4)
+    front = len(monitored_wheels(config)) == 4
+    return build_filter(config.vehicle, config.gnss, config.filter, rng, front)
+
+
+def build_filter(
+    vehicle: VehicleConfig,
+    gnss: GnssConfig,
+    settings: FilterConfig,
+    rng: np.random.Generator,
+    front: bool,
+    row: Row | None = None,
+) -> RadiusFilter:
+    """An estimator of the rear pair, or of all wheels with `front`; `row` None: the one that `settings`
+    name. ConfigError if there is none of that name."""
+    row = row or row_of(settings.method)
+    if row is None:
+        known = ", ".join([*TABLE, *ALIASES])
+        raise ConfigError(f"[filter] method: unknown {settings.method!r}; known: {known}")
+    car = car_of(vehicle, gnss, front)
+    return RadiusFilter(
+        *(car, vehicle, settings, make_gate(settings, vehicle), row.gates),
+        lambda: begin_belief(row, car, settings, rng),
+    )
+
+
+def car_of(vehicle: VehicleConfig, gnss: GnssConfig, front: bool) -> Car:
+    """What a filter of this car's rear pair, or of all its wheels, knows of it."""
+    order = (RL, RR, FL, FR) if front else (RL, RR)
+    return Car(
+        order=order,
+        nominal_m=np.array([vehicle.wheel_radius_m[i] for i in order]),
+        geometry=Geometry(vehicle.track_front_m, vehicle.track_rear_m, vehicle.wheelbase_m),
+        antenna_m=(gnss.antenna_forward_m, gnss.antenna_left_m),
+        driven_front=vehicle.driven_axle in ("front", "all"),
+        driven_rear=vehicle.driven_axle in ("rear", "all"),
+    )
+
+
+def begin_belief(row: Row, car: Car, settings: FilterConfig, rng: np.random.Generator) -> Belief:
+    """The belief of a row, before the first tick."""
+    pieces = row.pieces
+    if isinstance(pieces, MixturePieces):
+        chosen = replace(pieces, fix_weights=FIX_WEIGHTS[settings.fix_weights])
+        return MixtureBelief(car, chosen, settings.particles or SETTINGS.hypotheses)
+    forgetting = 1.0 - 1.0 / max(settings.window_s * settings.rate_hz, 2.0)
+    rear: Belief
+    if isinstance(pieces, GaussianPieces):
+        rear = GaussianBelief(car, pieces)
+    else:
+        sampled = replace(pieces, radii=pieces.radii.remembering(forgetting))
+        rear = SampledBelief(car, sampled, settings.particles or SETTINGS.particles, rng)
+    return FrontBeside(rear, car, forgetting) if len(car.order) == 4 else rear

@@ -1,7 +1,7 @@
-"""The state that MPF-RB keeps per particle, what is assumed of it beforehand, and how it moves with a tick.
+"""The state of the Gaussian-sum filter, what is assumed of it beforehand, and how it moves with a tick.
 
-In: rotation of the rear wheels. Out: mean and covariance of N particles, propagated through eq. (7) of paper
-000.
+In: rotation of the rear wheels. Out: mean and covariance of N hypotheses, propagated through [Lundquist
+2013, eq. 7].
 
 Beside pose and radii the state holds what confounds them and acts linearly; the names are those of the
 effects in `physics.catalogue`, which describes each one's physics:
@@ -21,53 +21,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tpmsd.estimators.settings import SETTINGS
 from tpmsd.wheels import FloatArray
 
 E, N, PSI, BE, BN, LAT, LATV, TRK, FWD, GYRO, GAIN, SLIP, LOAD, MU = range(14)
 """Places in the state; the radius errors (rl, rr[, fl, fr]) come last, from MU on."""
 BENDS = [PSI, TRK, SLIP, LOAD, MU, MU + 1]
 """What moves the pose in a tick."""
-
-PRIOR_RADIUS_STD = 0.01
-"""Relative: nominal radii are often guessed."""
-DRIFT_OWN = 0.010e-3
-"""Random walk of one wheel's radius, m per sqrt(s): load, temperature, what the model leaves out."""
-DRIFT_AXLE = 0.020e-3
-"""The same for front against rear (slip of the driven axle, load)."""
-DRIFT_COMMON = 0.040e-3
-"""The same for all wheels together (centrifugal growth, warm-up)."""
-CALM_COMMON = 0.5
-"""Least share of `DRIFT_COMMON` that a calm particle has."""
-TURN_NOISE = 0.0004
-"""Heading noise per sqrt(m) of way: side-slip, road crown, roughness; rad."""
-TURN_RELATIVE = 0.02
-"""Turn noise relative to the turn of a tick."""
-WAY_NOISE = 0.003
-"""Way noise per sqrt(m), m."""
-ROUGH_WAY = 0.015
-"""Relative way noise in ticks that may not teach (slip)."""
-ROUGH_TURN = 0.004
-"""Relative turn noise, by way over track, in such ticks."""
-BIAS_TAU_S = 40.0
-"""Correlation time of the receiver's slow position error."""
-DEFAULT_POSITION_STD_M = 1.5
-LATENCY_PRIOR_S = (0.05, 0.1)
-"""Mean and standard deviation of `gnss_latency` beyond what is configured."""
-DOPPLER_LAG_PRIOR_S = (0.03, 0.05)
-"""How much older the Doppler speed is than the position: receivers smooth it (0.05 s in the recordings at
-hand)."""
-LATENCY_DRIFT = 0.001
-"""s per sqrt(s): what the tracking of the clocks leaves."""
-TRACK_PRIOR = 0.03
-"""Relative: tracks are often read off a data sheet for another rim."""
-FORWARD_PRIOR_M = 0.4
-GYRO_PRIOR_RADPS = 0.01
-GYRO_DRIFT = 5e-6
-"""rad/s per sqrt(s): 0.3 mrad/s in an hour, as production gyros wander with temperature."""
-GAIN_PRIOR = 0.03
-SLIP_PRIOR = (0.004, 0.004)
-"""Slip of the driven axle per m/s2: 0.23 % at Fx/Fz = 0.05 is 0.008."""
-LOAD_PRIOR_S2 = 1e-4
 
 
 def initial_state(count: int, nominal_m: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -76,30 +36,30 @@ def initial_state(count: int, nominal_m: FloatArray) -> tuple[FloatArray, FloatA
     mean = np.zeros((count, MU + wheels))
     covariance = np.zeros((count, MU + wheels, MU + wheels))
     priors = (
-        (LAT, *LATENCY_PRIOR_S),
-        (LATV, *DOPPLER_LAG_PRIOR_S),
-        (TRK, 0.0, TRACK_PRIOR),
-        (FWD, 0.0, FORWARD_PRIOR_M),
-        (GYRO, 0.0, GYRO_PRIOR_RADPS),
-        (GAIN, 0.0, GAIN_PRIOR),
-        (SLIP, *SLIP_PRIOR),
-        (LOAD, 0.0, LOAD_PRIOR_S2),
+        (LAT, *SETTINGS.latency_prior_s),
+        (LATV, *SETTINGS.velocity_lag_prior_s),
+        (TRK, 0.0, SETTINGS.track_prior),
+        (FWD, 0.0, SETTINGS.forward_prior_m),
+        (GYRO, 0.0, SETTINGS.gyro_prior_radps),
+        (GAIN, 0.0, SETTINGS.gain_prior),
+        (SLIP, *SETTINGS.slip_prior),
+        (LOAD, 0.0, SETTINGS.load_prior_s2),
     )
     for place, value, std in priors:
         mean[:, place] = value
         covariance[:, place, place] = std**2
     # A guessed nominal is wrong for all wheels alike; wheels differ among themselves by half as much.
-    radii = np.outer(nominal_m, nominal_m) * PRIOR_RADIUS_STD**2
-    covariance[:, MU:, MU:] = radii * (0.75 + 0.25 * np.eye(wheels))
+    radii = np.outer(nominal_m, nominal_m) * SETTINGS.radius_prior**2
+    covariance[:, MU:, MU:] = radii * (SETTINGS.common_prior + (1.0 - SETTINGS.common_prior) * np.eye(wheels))
     return mean, covariance
 
 
 def drift_covariance(wheels: int) -> FloatArray:
     """(d, d) growth of the radii's covariance per second."""
-    out = np.eye(wheels) * DRIFT_OWN**2 + np.ones((wheels, wheels)) * DRIFT_COMMON**2
+    out = np.eye(wheels) * SETTINGS.drift_own_m**2 + np.ones((wheels, wheels)) * SETTINGS.drift_common_m**2
     if wheels == 4:
         axle = np.array([1.0, 1.0, -1.0, -1.0])
-        out += np.outer(axle, axle) * DRIFT_AXLE**2
+        out += np.outer(axle, axle) * SETTINGS.drift_axle_m**2
     return out
 
 
@@ -130,13 +90,14 @@ class ProcessModel:
         self._driven_rear = driven_rear
         self._wheels = nominal_m.size
         self.drift = drift_covariance(self._wheels)
-        self._drift_common = np.full((self._wheels, self._wheels), DRIFT_COMMON**2)
+        self._drift_common = np.full((self._wheels, self._wheels), SETTINGS.drift_common_m**2)
         self._drift_own = self.drift - self._drift_common
 
     def drift_at(self, levels: FloatArray) -> FloatArray:
         """(N, d, d) growth of the radii's covariance per second at levels (N,), which are relative to
-        `DRIFT_OWN` and `DRIFT_AXLE`; `DRIFT_COMMON` follows them down to `CALM_COMMON` only and never up."""
-        own, common = levels[:, None, None], np.clip(levels, CALM_COMMON, 1.0)[:, None, None]
+        `drift_own_m` and `drift_axle_m`; `drift_common_m` follows them down
+        to `calm_common` only and never up."""
+        own, common = levels[:, None, None], np.clip(levels, SETTINGS.calm_common, 1.0)[:, None, None]
         return np.asarray(np.square(own) * self._drift_own + np.square(common) * self._drift_common)
 
     def way_and_turn(self, mean: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
@@ -175,7 +136,7 @@ class ProcessModel:
         mean[:, E] += way * cos
         mean[:, N] += way * sin
         mean[:, PSI] += turn
-        decay = math.exp(-motion.dt_s / BIAS_TAU_S)
+        decay = math.exp(-motion.dt_s / SETTINGS.bias_tau_s)
         mean[:, BE : BN + 1] *= decay
         mean_way, mean_turn = float(way.sum()) / way.size, float(turn.sum()) / turn.size
         noise = self._noise(motion, abs(mean_way), mean_turn)
@@ -223,9 +184,9 @@ class ProcessModel:
         """(n,) what a tick adds to the variances."""
         out = np.zeros(MU + self._wheels)
         rough = not motion.teaches
-        out[E] = out[N] = WAY_NOISE**2 * distance + (ROUGH_WAY * distance) ** 2 * rough
-        out[PSI] = TURN_NOISE**2 * distance + (TURN_RELATIVE * turn) ** 2
-        out[PSI] += (ROUGH_TURN * distance / self._track) ** 2 * rough
-        out[LAT] = LATENCY_DRIFT**2 * motion.dt_s
-        out[GYRO] = GYRO_DRIFT**2 * motion.dt_s
+        out[E] = out[N] = SETTINGS.way_noise**2 * distance + (SETTINGS.rough_way * distance) ** 2 * rough
+        out[PSI] = SETTINGS.turn_noise**2 * distance + (SETTINGS.turn_relative * turn) ** 2
+        out[PSI] += (SETTINGS.rough_turn * distance / self._track) ** 2 * rough
+        out[LAT] = SETTINGS.latency_drift**2 * motion.dt_s
+        out[GYRO] = SETTINGS.gyro_drift**2 * motion.dt_s
         return out

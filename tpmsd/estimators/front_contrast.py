@@ -1,4 +1,4 @@
-"""Front wheels for the filters of paper 000, which know the rear pair alone.
+"""Front wheels for the filters of [Lundquist 2013], which know the rear pair alone.
 
 In: rotations, and the rear radii's moments. Out: the moments of all four. The rear wheels point along the
 body; a steered front wheel rolls along the path of its own hub, which way and turn of the rear axle tell
@@ -12,18 +12,26 @@ pair and receiver agree on.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
+from tpmsd.estimators.belief import (
+    Belief,
+    Car,
+    Moment,
+    Moments,
+    Movement,
+    Rolling,
+    Saved,
+    Sight,
+    saved_radii,
+)
 from tpmsd.estimators.niw import NormalInverseWishart
+from tpmsd.estimators.pose_start import PoseStart
+from tpmsd.estimators.settings import SETTINGS
 from tpmsd.physics.kinematics import Geometry, wheel_speeds
 from tpmsd.wheels import FL, FR, FloatArray
-
-PRIOR_STD = 0.01
-"""Prior spread of front against rear, relative to the radius."""
-NOISE_STD_M = 0.003
-"""Prior standard deviation of one tick's radius error."""
-SMOOTHING_S = 0.5
 
 
 class FrontContrast:
@@ -35,9 +43,9 @@ class FrontContrast:
         ratio = geometry.track_front_m / geometry.track_rear_m
         self.by_rear = np.array([[1 + ratio, 1 - ratio], [1 - ratio, 1 + ratio]]) / 2
         """(2, 2) derivative of the hub paths' radius errors (fl, fr) by those of rl, rr."""
-        spread = (PRIOR_STD * float(nominal_m.mean())) ** 2
-        scale = np.eye(2)[None] * NOISE_STD_M**2 * 2.0
-        self._stats = NormalInverseWishart(spread / NOISE_STD_M**2, np.zeros((1, 2)), 5.0, scale)
+        spread = (SETTINGS.front_prior * float(nominal_m.mean())) ** 2
+        scale = np.eye(2)[None] * SETTINGS.noise_m**2 * 2.0
+        self._stats = NormalInverseWishart(spread / SETTINGS.noise_m**2, np.zeros((1, 2)), 5.0, scale)
         self._turn = 0.0
 
     def learn(self, angle_rad: FloatArray, rear_m: FloatArray, dt_s: float) -> None:
@@ -46,7 +54,7 @@ class FrontContrast:
         way, turn = float(roll.sum()) / 2, float(roll[1] - roll[0]) / self._geometry.track_rear_m
         # The hub's lateral part enters squared, so quantisation in the turn would bias it: there it is
         # smoothed.
-        self._turn += (1.0 - math.exp(-dt_s / SMOOTHING_S)) * (turn / dt_s - self._turn)
+        self._turn += (1.0 - math.exp(-dt_s / SETTINGS.front_smoothing_s)) * (turn / dt_s - self._turn)
         lateral = (self._turn * dt_s - turn) * self._geometry.wheelbase_m
         paths = wheel_speeds(way, turn, self._geometry, lateral)
         own = self._stats.mean[0].copy()  # a wheel without a reading in this tick is taken at its mean
@@ -79,3 +87,61 @@ class FrontContrast:
         self._stats.mean = (rows @ mean_m)[None, :]
         noise = np.diag(self._stats.noise_covariance(np.ones(1)))
         self._stats.gamma = float(np.max(np.diag(own_m2) / noise))
+
+
+class FrontBeside:
+    """A `Belief` of four wheels: that of the rear pair, and the front wheels learned beside it."""
+
+    def __init__(self, rear: Belief, car: Car, forgetting_factor: float) -> None:
+        """`rear` is of the rear pair of the same car."""
+        self.rear = rear
+        self._car = car
+        self._contrast = FrontContrast(car.nominal_m, car.geometry, forgetting_factor)
+        self._rear_m = np.zeros(2)
+
+    def predict(self, movement: Movement) -> tuple[float, float]:
+        """Move the rear belief; learn the contrast from informative ticks."""
+        moved = self.rear.predict(movement)
+        if isinstance(movement, Rolling) and movement.moment.informative:
+            self._contrast.learn(movement.angle_rad, self._rear_m, movement.moment.tick.dt_s)
+        return moved
+
+    def distance(self, sight: Sight) -> tuple[float, float]:
+        """Of the rear belief."""
+        return self.rear.distance(sight)
+
+    def update(self, sight: Sight) -> None:
+        """Of the rear belief."""
+        self.rear.update(sight)
+
+    def settle(self, moment: Moment) -> None:
+        """Of the rear belief."""
+        self.rear.settle(moment)
+
+    def place(self, start: PoseStart, sight: Sight) -> None:
+        """Of the rear belief."""
+        self.rear.place(start, sight)
+
+    def lose(self) -> None:
+        """Of the rear belief."""
+        self.rear.lose()
+
+    def moments(self) -> Moments:
+        """Of all four wheels."""
+        said = self.rear.moments()
+        self._rear_m = said.mean_m
+        mean, covariance = self._contrast.moments(said.mean_m, said.covariance_m2)
+        noise = np.concatenate([said.noise_std_m, self._contrast.noise_std()])
+        return Moments(mean, covariance, noise, said.pose, said.effective)
+
+    def snapshot(self) -> dict[str, Any]:
+        """As that of the rear belief, with the moments of all four."""
+        said = self.moments()
+        radii = {"mean_m": said.mean_m.tolist(), "covariance_m2": said.covariance_m2.tolist()}
+        return {**self.rear.snapshot(), **radii}
+
+    def restore(self, saved: Saved) -> None:
+        """Take up the moments of all four."""
+        mean, covariance = saved_radii(saved, self._car.nominal_m)
+        self.rear.restore({**saved, "mean_m": mean[:2], "covariance_m2": covariance[:2, :2]})
+        self._contrast.restore(mean, covariance)

@@ -13,10 +13,7 @@ from __future__ import annotations
 
 import math
 
-MEMORY_S = 300.0
-SLOPE_RANGE = (0.7, 1.4)
-MIN_EXCITATION = 0.02**2 * 30.0
-"""Variance of yaw rate times driving time before anything is said, (rad/s)2 s: 30 s of gentle bends."""
+from tpmsd.estimators.settings import SETTINGS
 
 
 class GyroCheck:
@@ -29,7 +26,7 @@ class GyroCheck:
         """Take one tick of driving; NaN is left out."""
         if not math.isfinite(gyro_radps + wheels_radps):
             return
-        keep = math.exp(-dt_s / MEMORY_S)
+        keep = math.exp(-dt_s / SETTINGS.gyro_memory_s)
         self._weight = keep * self._weight + dt_s
         self._gyro = keep * self._gyro + gyro_radps * dt_s
         self._wheels = keep * self._wheels + wheels_radps * dt_s
@@ -42,11 +39,12 @@ class GyroCheck:
         if self._weight <= 0.0:
             return math.nan
         excitation = self._square - self._gyro**2 / self._weight
-        if excitation < MIN_EXCITATION:
+        if excitation < SETTINGS.gyro_excitation:
             return math.nan
         return (self._product - self._wheels * self._gyro / self._weight) / excitation
 
     @property
     def trusted(self) -> bool:
         """Whether the signal may be used."""
-        return SLOPE_RANGE[0] <= self.slope <= SLOPE_RANGE[1]  # false for NaN
+        least, most = SETTINGS.gyro_slope_range
+        return least <= self.slope <= most  # false for NaN

@@ -1,4 +1,4 @@
-"""What MPF-RB holds its particles against: measurement rows, predictions and variances.
+"""What the Gaussian-sum filter holds its hypotheses against: measurement rows, predictions and variances.
 
 In: fixes, blocks of rotation, the particles' means. Out: what `batched_kalman.scalar_update` takes. State
 layout: `error_state`.
@@ -13,23 +13,9 @@ import numpy as np
 
 from tpmsd.estimators.error_state import BE, BN, FWD, GAIN, GYRO, LAT, LATV, LOAD, MU, PSI, SLIP, TRK, E, N
 from tpmsd.estimators.odometry_block import Block, FrontResidual
+from tpmsd.estimators.settings import SETTINGS
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import FloatArray
-
-WHITE_POSITION_STD_M = 0.25
-"""The part of a position error that is new with every fix."""
-DOPPLER_STD_MPS = 0.06
-DOPPLER_TAU_S = 1.0
-TIMING_STD_S = 0.03
-"""Jitter of the time stamps, which turns speed, acceleration and yaw rate into errors."""
-COURSE_FLOOR_RAD = 0.004
-"""Side-slip of the rear axle that no state holds."""
-GYRO_NOISE_RADPS = 0.002
-"""White part of a yaw rate over one second, and what the road's bank and steering add."""
-GYRO_RELATIVE = 0.02
-"""Of the turn: side-slip makes the wheels' turn and the body's differ in the way into a bend."""
-ROUGHNESS_STD = 2.0e-4
-"""Front against rear over one block, relative to the way, at 20 m (grows with its square root)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,8 +69,8 @@ def antenna_position(
 
 def position_variance(fix: Fix, now: Present) -> float:
     """Variance of the part of a position that is new with every fix; the slow part is in the state."""
-    white = min(WHITE_POSITION_STD_M, fix.position_std_m)
-    return white**2 + (TIMING_STD_S * now.speed_mps) ** 2 + 0.02**2
+    white = min(SETTINGS.white_position_m, fix.position_std_m)
+    return white**2 + (SETTINGS.timing_s * now.speed_mps) ** 2 + SETTINGS.resolution_m**2
 
 
 def course(
@@ -100,9 +86,11 @@ def course(
     row[PSI] = 1.0
     row[LAT] = row[LATV] = -now.yaw_rate_radps
     row[FWD] = now.yaw_rate_radps / along
-    doppler = (DOPPLER_STD_MPS / max(now.speed_mps, 0.5)) ** 2 * max(1.0, 2 * DOPPLER_TAU_S / interval_s)
-    timing = (TIMING_STD_S * now.yaw_rate_radps) ** 2
-    return Scalar(off, row, doppler + timing + COURSE_FLOOR_RAD**2 + reading_rad**2)
+    doppler = (SETTINGS.doppler_mps / max(now.speed_mps, 0.5)) ** 2 * max(
+        1.0, 2 * SETTINGS.doppler_tau_s / interval_s
+    )
+    timing = (SETTINGS.timing_s * now.yaw_rate_radps) ** 2
+    return Scalar(off, row, doppler + timing + SETTINGS.course_floor_rad**2 + reading_rad**2)
 
 
 def doppler_way(
@@ -117,8 +105,8 @@ def doppler_way(
     row[MU : MU + 2] = block.angle_rad[:2] / 2 * horizontal
     row[LAT] = row[LATV] = -block.speed_change_mps
     row[SLIP] = -block.way_m * block.accel_mps2 if driven_rear else 0.0
-    doppler = DOPPLER_STD_MPS**2 * 2 * DOPPLER_TAU_S * block.duration_s
-    variance = doppler + (TIMING_STD_S * block.speed_swing_mps) ** 2 + block.reading_way_m**2
+    doppler = SETTINGS.doppler_mps**2 * 2 * SETTINGS.doppler_tau_s * block.duration_s
+    variance = doppler + (SETTINGS.timing_s * block.speed_swing_mps) ** 2 + block.reading_way_m**2
     return Scalar(block.doppler_way_m - predicted, row, variance)
 
 
@@ -143,7 +131,7 @@ def front_wheel(
     row[SLIP] = driven_front_minus_rear * block.way_m * block.accel_mps2
     residual = front.residual_m + (mean[:, MU:] - block.at_radii) @ row[MU:]
     residual += mean[:, TRK] * row[TRK] + mean[:, SLIP] * row[SLIP]
-    rough = ROUGHNESS_STD * math.sqrt(max(block.way_m, 1.0) * 20.0)
+    rough = SETTINGS.roughness * math.sqrt(max(block.way_m, 1.0) * 20.0)
     return Scalar(-residual, row, rough**2 + front.reading_m**2)
 
 
@@ -162,6 +150,6 @@ def gyro_turn(mean: FloatArray, block: Block, track_rear_m: float, turn_rad: flo
     row[GYRO] = block.duration_s
     change = (mean[:, MU:] - block.at_radii) @ row[MU:]
     others = mean[:, [TRK, LOAD, GYRO, GAIN]] @ row[[TRK, LOAD, GYRO, GAIN]]
-    noise = GYRO_NOISE_RADPS**2 * block.duration_s + (GYRO_RELATIVE * turn_rad) ** 2
+    noise = SETTINGS.gyro_noise_radps**2 * block.duration_s + (SETTINGS.gyro_relative * turn_rad) ** 2
     off = block.gyro_turn_rad - (block.turn_rad + change + others)
     return Scalar(off, row, noise + block.reading_turn_rad**2)

@@ -1,8 +1,8 @@
-"""Which ticks may teach a radius.
+"""Which ticks are informative: radii may be learned from them.
 
 In: one tick's odometry, inertial means and fixes. Out: smoothed speed, acceleration and yaw rate, and a
 verdict. Slip and load transfer grow with force, and at low speed one cog is a large part of a tick, so only
-gentle driving above a minimum speed teaches. Ticks left out still move the pose.
+gentle driving above a minimum speed is informative. Other ticks still move the pose.
 
 A soft rear tyre looks like a bend to the odometry (6 mm at 20 m/s: 0.27 rad/s), and a gate that trusted the
 wheels would shut just then. So the lateral acceleration is judged by a witness other than the wheels where
@@ -15,14 +15,8 @@ import math
 
 from tpmsd.config.model import FilterConfig
 from tpmsd.estimators.gyro_check import GyroCheck
+from tpmsd.estimators.settings import SETTINGS
 from tpmsd.timeline.tick import Fix, Tick
-
-SMOOTHING_S = 0.5
-COURSE_RATE_FRESH_S = 3.0
-MIN_CHORD_M = 8.0
-MAX_CURVATURE_PER_M = 0.03
-"""Tighter bends do not teach: errors of track and side-slip grow with curvature (5 cm of track at 33 m: 0.5
-mm)."""
 
 
 class CourseRate:
@@ -41,20 +35,21 @@ class CourseRate:
             self._take(fix.time_s, fix.heading_rad)
             return
         anchor = self._anchor
-        if anchor is None or fix.time_s - anchor.time_s > COURSE_RATE_FRESH_S:
+        if anchor is None or fix.time_s - anchor.time_s > SETTINGS.course_rate_fresh_s:
             self._anchor = fix
             return
+        span_s = fix.time_s - anchor.time_s
         east, north = fix.east_m - anchor.east_m, fix.north_m - anchor.north_m
-        if math.hypot(east, north) >= MIN_CHORD_M and fix.time_s - anchor.time_s >= 0.9:
+        if math.hypot(east, north) >= SETTINGS.course_rate_chord_m and span_s >= SETTINGS.course_rate_span_s:
             self._anchor = fix
             self._take((fix.time_s + anchor.time_s) / 2, math.atan2(north, east))
 
     def _take(self, time_s: float, course_rad: float) -> None:
         if self._course is not None:
             elapsed = time_s - self._course[0]
-            if elapsed < 0.9:
+            if elapsed < SETTINGS.course_rate_span_s:
                 return
-            if elapsed <= COURSE_RATE_FRESH_S:
+            if elapsed <= SETTINGS.course_rate_fresh_s:
                 turned = math.remainder(course_rad - self._course[1], 2 * math.pi)
                 self.rate_radps, self.time_s = turned / elapsed, time_s
         self._course = (time_s, course_rad)
@@ -76,13 +71,13 @@ class MotionGate:
         self.accel_mps2 = 0.0
 
     def update(self, tick: Tick, speed_mps: float, yaw_rate_radps: float) -> bool:
-        """Take one tick's wheel speed and yaw rate; whether this tick may teach."""
+        """Take one tick's wheel speed and yaw rate; whether this tick is informative."""
         if math.isnan(self.speed_mps):
             self.speed_mps, self.yaw_rate_radps = speed_mps, yaw_rate_radps
             return False
         if speed_mps >= self._settings.min_speed_mps:
             self._gyro.update(tick.yaw_rate_radps, self.yaw_rate_radps, tick.dt_s)
-        share = 1.0 - math.exp(-tick.dt_s / SMOOTHING_S)
+        share = 1.0 - math.exp(-tick.dt_s / SETTINGS.gate_smoothing_s)
         before = self.speed_mps
         self.speed_mps += share * (speed_mps - before)
         self.yaw_rate_radps += share * (yaw_rate_radps - self.yaw_rate_radps)
@@ -91,7 +86,7 @@ class MotionGate:
         gentle = self._gentle(tick, yaw_rate)
         slowest = self._settings.min_speed_mps
         fast = speed_mps >= slowest and self.speed_mps >= slowest
-        return fast and gentle and abs(yaw_rate) <= MAX_CURVATURE_PER_M * self.speed_mps
+        return fast and gentle and abs(yaw_rate) <= SETTINGS.max_curvature_per_m * self.speed_mps
 
     def _gentle(self, tick: Tick, yaw_rate_radps: float) -> bool:
         """Whether the forces are small enough; `yaw_rate_radps` is the witness's."""
@@ -110,6 +105,6 @@ class MotionGate:
             self._course.update(fix)
         if self.gyro_trusted and math.isfinite(tick.yaw_rate_radps):
             return tick.yaw_rate_radps
-        if abs(tick.time_s - self._course.time_s) <= COURSE_RATE_FRESH_S:
+        if abs(tick.time_s - self._course.time_s) <= SETTINGS.course_rate_fresh_s:
             return self._course.rate_radps
         return self.yaw_rate_radps

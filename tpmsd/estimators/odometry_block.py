@@ -12,13 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
+from tpmsd.estimators.settings import SETTINGS
 from tpmsd.physics.kinematics import Geometry, wheel_speeds
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import FL, FR, FloatArray
-
-MIN_BLOCK_S = 0.95
-MAX_BLOCK_S = 2.5
-SMOOTHING_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,10 +90,10 @@ class BlockBuilder:
         begin = self._ticks[0][0]
         elapsed = tick.time_s - (begin.time_s - begin.dt_s)
         fresh = bool(self._fixes) and self._fixes[-1][0] == tick.index
-        doppler = fresh and self._fixes[-1][1].time_s - self._fixes[0][1].time_s >= MIN_BLOCK_S * 0.9
-        if not doppler and elapsed < MAX_BLOCK_S:
+        doppler = fresh and self._fixes[-1][1].time_s - self._fixes[0][1].time_s >= SETTINGS.block_min_s * 0.9
+        if not doppler and elapsed < SETTINGS.block_max_s:
             return None
-        if elapsed > 2 * MAX_BLOCK_S:
+        if elapsed > 2 * SETTINGS.block_max_s:
             self.reset()
             return None
         block = self._build(radii, doppler)
@@ -123,7 +120,7 @@ class BlockBuilder:
                 start = t.time_s - t.dt_s
                 share[j] = (min(t.time_s, times[-1]) - max(start, times[0])) / t.dt_s
             share = np.clip(share, 0.0, 1.0)
-            if float(np.max(np.diff(times), initial=0.0)) > MAX_BLOCK_S:
+            if float(np.max(np.diff(times), initial=0.0)) > SETTINGS.block_max_s:
                 way = math.nan
         rotation = np.array([t.rotation_rad[self._order] for t in ticks]) * share[:, None]
         quantum = np.array([t.rotation_std_rad[self._order] for t in ticks])
@@ -172,7 +169,7 @@ class BlockBuilder:
     ) -> tuple[FrontResidual | None, FrontResidual | None]:
         # The hub's lateral part enters squared, so quantisation noise in a short tick's turn would bias it:
         # there the turn is smoothed.
-        size = max(round(SMOOTHING_S / self._ticks[0][0].dt_s), 1)
+        size = max(round(SETTINGS.front_smoothing_s / self._ticks[0][0].dt_s), 1)
         whole = np.where(share > 0.0, turns / np.maximum(share, 1e-9), 0.0)
         smooth = uniform_filter1d(whole, size, mode="nearest") * share
         lateral = (smooth - turns) * self._geometry.wheelbase_m

@@ -10,12 +10,8 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
+from tpmsd.estimators.settings import SETTINGS
 from tpmsd.timeline.tick import Fix
-
-MIN_COURSE_SPEED_MPS = 3.0
-CHORD_IN_STD = 8.0
-MIN_CHORD_M = 6.0
-MAX_CHORD_S = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +35,10 @@ class PoseFinder:
 
     def update(self, fix: Fix, moving: bool) -> PoseStart | None:
         """Take a fix; the pose it completes, or None while the heading is open."""
-        if not math.isnan(fix.heading_rad) and fix.speed_mps >= MIN_COURSE_SPEED_MPS:
-            return PoseStart(fix, fix.heading_rad, 0.05 + 0.2 / fix.speed_mps)
-        while self._fixes and fix.time_s - self._fixes[0].time_s > MAX_CHORD_S:
+        if not math.isnan(fix.heading_rad) and fix.speed_mps >= SETTINGS.course_speed_mps:
+            at_rest, by_speed = SETTINGS.start_heading_std_rad
+            return PoseStart(fix, fix.heading_rad, at_rest + by_speed / fix.speed_mps)
+        while self._fixes and fix.time_s - self._fixes[0].time_s > SETTINGS.chord_max_s:
             self._fixes.popleft()
         if not moving:
             self._fixes.clear()
@@ -50,9 +47,10 @@ class PoseFinder:
             chord = math.hypot(east, north)
             # Within a short chord the correlated part of the error cancels; a third of it is taken as
             # independent.
-            noise = 0.1 + 0.33 * math.hypot(fix.position_std_m, earlier.position_std_m)
-            if chord > max(MIN_CHORD_M, CHORD_IN_STD * noise):
+            least, share = SETTINGS.chord_noise_m
+            noise = least + share * math.hypot(fix.position_std_m, earlier.position_std_m)
+            if chord > max(SETTINGS.chord_min_m, SETTINGS.chord_in_std * noise):
                 # The chord is the mean heading of the way, so a bend leaves a heading error at its end.
-                return PoseStart(fix, math.atan2(north, east), noise / chord + 0.15)
+                return PoseStart(fix, math.atan2(north, east), noise / chord + SETTINGS.chord_bend_rad)
         self._fixes.append(fix)
         return None

@@ -6,14 +6,17 @@ expected number of copies is N times its weight.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from tpmsd.estimators.settings import SETTINGS
 from tpmsd.wheels import FloatArray
 
 
 def effective_number(weights: FloatArray) -> float:
-    """Effective number of particles 1 / sum(w^2), paper 000, Table I, line 16."""
+    """Effective number of particles 1 / sum(w^2) [Lundquist 2013, Table I, line 16]."""
     return float(1.0 / np.dot(weights, weights))
 
 
@@ -25,3 +28,19 @@ def systematic(weights: FloatArray, rng: np.random.Generator) -> NDArray[np.intp
     edges = np.cumsum(weights)
     edges[-1] = 1.0  # rounding must not leave a pointer without a particle
     return np.searchsorted(edges, pointers, side="right").astype(np.intp)
+
+
+@dataclass(frozen=True, slots=True)
+class Systematic:
+    """Systematic resampling where N_eff <= `below` N (Table I, lines 16 and 17)."""
+
+    below: float = SETTINGS.resample_below
+
+    def __call__(self, weights: FloatArray, rng: np.random.Generator) -> NDArray[np.intp] | None:
+        """Indices (N,) of the particles to keep; None: all as they are."""
+        if effective_number(weights) > self.below * weights.size:
+            return None
+        return systematic(weights, rng)
+
+
+SYSTEMATIC = Systematic()

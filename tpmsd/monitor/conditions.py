@@ -16,7 +16,7 @@ import numpy as np
 
 from tpmsd.bounds import LARGEST, number
 from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.estimators.error_state import DRIFT_COMMON
+from tpmsd.estimators.settings import SETTINGS
 from tpmsd.physics.grade import GradeTracker
 from tpmsd.physics.motion import GRAVITY_MPS2
 from tpmsd.timeline.tick import Tick
@@ -147,4 +147,4 @@ def _memory_s(estimate: RadiusEstimate) -> float:
         return MEMORY_S[1]
     spread = estimate.covariance_m2 if known.all() else estimate.covariance_m2[np.ix_(known, known)]
     variance = float(spread.mean())
-    return min(max(variance / DRIFT_COMMON**2, MEMORY_S[0]), MEMORY_S[1])
+    return min(max(variance / SETTINGS.drift_common_m**2, MEMORY_S[0]), MEMORY_S[1])

@@ -1,0 +1,200 @@
+"""What a `RadiusFilter` delegates to: a belief about pose and radii, and the records that pass between them.
+
+In: movements and fixes. Out: `Moments`. A belief is made of pieces (`table`): the filter decides *whether* a
+tick is informative and a fix is used, the belief *what follows* from it. Wheels are in the filter's order,
+rl, rr[, fl, fr], in all arrays here; d is their number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from tpmsd.estimators.pose_start import PoseStart
+from tpmsd.physics.kinematics import Geometry
+from tpmsd.timeline.tick import Fix, Tick
+from tpmsd.wheels import FloatArray
+
+Saved = Mapping[str, Any]
+"""What a state file holds of an estimator: anything at all, until it was checked."""
+
+
+@dataclass(frozen=True, slots=True)
+class Car:
+    """What a belief knows of the car."""
+
+    order: tuple[int, ...]
+    """Places of the filter's wheels in arrays of four."""
+    nominal_m: FloatArray
+    """(d,) nominal radii."""
+    geometry: Geometry
+    antenna_m: tuple[float, float]
+    """Forward and left of the middle of the rear axle."""
+    driven_front: bool = False
+    driven_rear: bool = False
+
+    def virtual_motion(self, rear_rad: FloatArray) -> tuple[float, float]:
+        """Way and turn of a tick by nominal radii: [Lundquist 2013, eq. 4] times T."""
+        left, right = rear_rad[0] * self.nominal_m[0], rear_rad[1] * self.nominal_m[1]
+        return float(left + right) / 2, float(right - left) / self.geometry.track_rear_m
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Where the middle of the rear axle is believed to be, and how surely."""
+
+    east_m: float
+    north_m: float
+    heading_rad: float
+    position_std_m: float
+    heading_std_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class Moments:
+    """What a belief says."""
+
+    mean_m: FloatArray
+    """(d,) posterior mean of radius minus nominal."""
+    covariance_m2: FloatArray
+    """(d, d)"""
+    noise_std_m: FloatArray
+    """(d,) standard deviation of one tick's radius error."""
+    pose: Pose
+    effective: float
+    """Effective number of particles or hypotheses; 1 where there are none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """A tick, and what the gates make of it."""
+
+    tick: Tick
+    informative: bool
+    """Whether radii may be learned from it."""
+    speed_mps: float
+    """Smoothed."""
+    accel_mps2: float
+    """Smoothed."""
+    gyro_trusted: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Rolling:
+    """The rear wheels turned."""
+
+    moment: Moment
+    angle_rad: FloatArray
+    """(d,) rotation; finite for the rear pair."""
+    curvature: float | None
+    """By the steering, where it replaces the wheels' turn [Lundquist 2013, eq. 38c]."""
+    judged: bool
+    """Whether fixes come that can judge a supposed change."""
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """The rear wheels did not turn."""
+
+
+@dataclass(frozen=True, slots=True)
+class Coasting:
+    """Rear rotation is missing: dead reckoning by the last speed and yaw rate."""
+
+    dt_s: float
+    speed_mps: float
+    yaw_rate_radps: float
+
+
+Movement = Rolling | Standing | Coasting
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """A fix, and the motion in which it came."""
+
+    fix: Fix
+    tick: Tick
+    speed_mps: float
+    yaw_rate_radps: float
+    interval_s: float
+    """Since the last one that was used."""
+
+
+class Belief(Protocol):
+    """Beliefs differ in representation, models and likelihoods; the verbs are the same."""
+
+    def predict(self, movement: Movement) -> tuple[float, float]:
+        """Move by one tick, learning from it if it is informative; expected way (m) and turn (rad)."""
+        ...
+
+    def distance(self, sight: Sight) -> tuple[float, float]:
+        """How far (m) a fix is from where it is expected, and the variance (m2) of that."""
+        ...
+
+    def update(self, sight: Sight) -> None:
+        """Take a fix that is used as a measurement."""
+        ...
+
+    def settle(self, moment: Moment) -> None:
+        """What follows the fixes of a tick, used or not: resampling, blocks of odometry."""
+        ...
+
+    def moments(self) -> Moments:
+        """Posterior of radii and pose."""
+        ...
+
+    def place(self, start: PoseStart, sight: Sight) -> None:
+        """Set the pose to what fixes tell; the radii stay."""
+        ...
+
+    def lose(self) -> None:
+        """The pose was given up: drop what belongs to it; the radii stay."""
+        ...
+
+    def snapshot(self) -> dict[str, Any]:
+        """What was learned, as plain numbers: `mean_m` and `covariance_m2` of the radii, and its own."""
+        ...
+
+    def restore(self, saved: Saved) -> None:
+        """Take up a snapshot; ValueError, and nothing changed, if it does not fit."""
+        ...
+
+
+def numbers(saved: Saved, key: str, shape: tuple[int, ...], limit: float) -> FloatArray:
+    """Finite numbers of a snapshot of this shape and of at most this size; ValueError otherwise."""
+    try:
+        values = np.asarray(saved[key], dtype=np.float64)
+    except (KeyError, TypeError, OverflowError, ValueError) as error:
+        raise ValueError(f"the saved {key} cannot be read: {type(error).__name__}") from error
+    if values.shape != shape:
+        raise ValueError(f"the saved {key} has another shape: {values.shape}, not {shape}")
+    if not np.all(np.abs(values) <= limit):  # false for NaN
+        raise ValueError(f"the saved {key} is not finite or beyond {limit:g}")
+    return values
+
+
+def saved_covariance(saved: Saved, key: str, size: int, limit: float) -> FloatArray:
+    """(size, size) covariance of a snapshot; ValueError if it is none (rounding is allowed for)."""
+    matrix = numbers(saved, key, (size, size), limit)
+    scale = np.sqrt(np.maximum(np.diag(matrix), 1e-30))
+    correlations = matrix / np.outer(scale, scale)
+    if np.any(np.diag(matrix) < 0.0) or not np.allclose(correlations, correlations.T, atol=1e-6):
+        raise ValueError(f"the saved {key} is no covariance")
+    if np.linalg.eigvalsh(correlations).min() < -1e-6:
+        raise ValueError(f"the saved {key} is no covariance")
+    return matrix
+
+
+RADIUS_LIMIT = 0.1
+"""Saved radii further off nominal than this share are absurd: no tyre of that size fits the rim."""
+
+
+def saved_radii(saved: Saved, nominal_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean (d,) and covariance (d, d) of the radii of a snapshot; ValueError if absent or absurd."""
+    limit = RADIUS_LIMIT * float(nominal_m.max())
+    mean = numbers(saved, "mean_m", nominal_m.shape, limit)
+    return mean, saved_covariance(saved, "covariance_m2", nominal_m.size, limit**2)

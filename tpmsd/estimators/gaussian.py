@@ -1,0 +1,276 @@
+"""Representation by one Gaussian: Kalman filters over the augmented state of [Lundquist 2013, eqs 25-29].
+
+In: movements and fixes. Out: a `Belief` of the rear pair.
+
+State: east, north, heading, mu_rl, mu_rr, Sigma_rl, Sigma_rr. A `Transform` sends mean and covariance through
+the motion: linearised (AUG-EKF), or by points drawn from state and radius noise together (AUG-UKF).
+
+What a Kalman filter cannot do here: Sigma enters the motion only as the size of a noise, so the state's
+covariance with it stays zero and no fix ever changes it. Its own variance would grow with (28) for ever and
+is held at what the first minutes make of it. So the first Sigma is a tuning parameter.
+
+What was added: fixes that do not fit lose influence, as in `batched_kalman`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from tpmsd.estimators.batched_kalman import Weights, scalar_update, square_weights, symmetrise
+from tpmsd.estimators.belief import (
+    Car,
+    Coasting,
+    Moment,
+    Moments,
+    Movement,
+    Pose,
+    Rolling,
+    Saved,
+    Sight,
+    saved_radii,
+)
+from tpmsd.estimators.gnss_likelihood import position_variance
+from tpmsd.estimators.pose_start import PoseStart
+from tpmsd.estimators.samples import saved_noise
+from tpmsd.estimators.settings import SETTINGS
+from tpmsd.timeline.tick import Fix
+from tpmsd.wheels import FloatArray
+
+E, N, PSI, MU, SIGMA = 0, 1, 2, 3, 5
+SIZE = 7
+"""Places in the state; MU and SIGMA take two each, rl before rr."""
+
+
+@dataclass(frozen=True, slots=True)
+class Roll:
+    """What moves the state in a tick."""
+
+    rear_rad: FloatArray
+    """(2,)"""
+    nominal_m: FloatArray
+    """(2,)"""
+    track_rear_m: float
+    curvature: float | None
+    """By the steering, where it replaces the wheels' turn."""
+
+
+def move(state: FloatArray, noise: FloatArray, roll: Roll) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(7, n) states after the tick, ways and turns (n,), for states (7, n) and noise (2, n) of unit size,
+    eqs (26a), (26b) with the heading at mid-step."""
+    radius = roll.nominal_m[:, None] + state[MU:SIGMA]
+    radius = radius + np.sqrt(np.maximum(state[SIGMA:], 0.0)) * noise
+    left, right = roll.rear_rad[:, None] * radius
+    way = (left + right) / 2
+    turn = (right - left) / roll.track_rear_m if roll.curvature is None else way * roll.curvature
+    out = state.copy()
+    middle = state[PSI] + turn / 2
+    out[E] += way * np.cos(middle)
+    out[N] += way * np.sin(middle)
+    out[PSI] += turn
+    return out, way, turn
+
+
+Moved = tuple[FloatArray, FloatArray, float, float]
+"""Mean (7,), covariance (7, 7), expected way and turn."""
+
+
+class Transform(Protocol):
+    """Sends a Gaussian through `move`."""
+
+    def __call__(self, mean: FloatArray, covariance: FloatArray, roll: Roll) -> Moved:
+        """Mean and covariance after the tick."""
+        ...
+
+
+def linearised(mean: FloatArray, covariance: FloatArray, roll: Roll) -> Moved:
+    """By the Jacobian at the mean: the extended Kalman filter."""
+    moved, ways, turns = move(mean[:, None], np.zeros((2, 1)), roll)
+    way, turn = float(ways[0]), float(turns[0])
+    middle = float(mean[PSI]) + turn / 2
+    cos, sin = math.cos(middle), math.sin(middle)
+    by_way = roll.rear_rad / 2
+    if roll.curvature is None:
+        by_turn = roll.rear_rad * [-1.0, 1.0] / roll.track_rear_m
+    else:
+        by_turn = by_way * roll.curvature
+    by_radius = np.array([by_way * cos - way * sin * by_turn / 2, by_way * sin + way * cos * by_turn / 2])
+    by_radius = np.vstack([by_radius, by_turn])
+    jacobian = np.eye(SIZE)
+    jacobian[E, PSI], jacobian[N, PSI] = -way * sin, way * cos
+    jacobian[:MU, MU:SIGMA] = by_radius
+    out = jacobian @ covariance @ jacobian.T
+    out[:MU, :MU] += (by_radius * mean[SIGMA:]) @ by_radius.T
+    return moved[:, 0], out, way, turn
+
+
+def unscented(mean: FloatArray, covariance: FloatArray, roll: Roll) -> Moved:
+    """By sigma points: 2 n of them, n = 9 with the noise, all of the same weight."""
+    size = SIZE + 2
+    spread = np.zeros((size, 2 * size))
+    spread[:SIZE, :SIZE] = _root(covariance)
+    spread[SIZE:, SIZE:size] = np.eye(2)
+    spread[:, size:] = -spread[:, :size]
+    spread *= math.sqrt(size)
+    moved, ways, turns = move(mean[:, None] + spread[:SIZE], spread[SIZE:], roll)
+    centre = moved.mean(axis=1)
+    away = moved - centre[:, None]
+    return centre, away @ away.T / (2 * size), float(ways.mean()), float(turns.mean())
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    """(n, n) R with R R' = covariance; places of no variance are left out.
+
+    The states differ by many orders of size, so the root is taken of the correlations.
+    """
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    scale = np.where(std > 0.0, std, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+@dataclass(frozen=True, slots=True)
+class GaussianPieces:
+    """What a Gaussian belief is made of."""
+
+    transform: Transform
+    weights: Weights = square_weights
+    """Of fixes, by how they fit."""
+    drift_std_m: float = SETTINGS.walk_gaussian_m
+    """Random walk of mu over a second."""
+    noise_std_m: float = SETTINGS.sigma_first_m
+    """Square root of Sigma."""
+
+
+class GaussianBelief:
+    """A `Belief`."""
+
+    def __init__(self, car: Car, pieces: GaussianPieces) -> None:
+        self._car, self._pieces = car, pieces
+        self.mean = np.zeros(SIZE)
+        self.mean[SIGMA:] = pieces.noise_std_m**2
+        spread = (SETTINGS.radius_prior * car.nominal_m[:2]) ** 2
+        self.covariance = np.diag([0.0, 0.0, 0.0, *spread, 0.0, 0.0])
+        self._last = (0.0, 0.0)
+        """Way and turn of the last tick."""
+
+    def predict(self, movement: Movement) -> tuple[float, float]:
+        """Move by one tick."""
+        if isinstance(movement, Rolling):
+            return self._roll(movement)
+        self._last = (0.0, 0.0)
+        if isinstance(movement, Coasting):
+            dt_s, mean, covariance = movement.dt_s, self.mean, self.covariance
+            way, turn = self._last = (movement.speed_mps * dt_s, movement.yaw_rate_radps * dt_s)
+            mean[E] += way * math.cos(mean[PSI])
+            mean[N] += way * math.sin(mean[PSI])
+            mean[PSI] += turn
+            own = (SETTINGS.coast_speed_std_mps * dt_s) ** 2 + (way * SETTINGS.coast_speed_share) ** 2
+            covariance[[E, N], [E, N]] += own
+            covariance[PSI, PSI] += SETTINGS.coast_yaw_std**2 * dt_s
+        return self._last
+
+    def _roll(self, rolling: Rolling) -> tuple[float, float]:
+        car, mean = self._car, self.mean
+        roll = Roll(rolling.angle_rad[:2], car.nominal_m[:2], car.geometry.track_rear_m, rolling.curvature)
+        self.mean, self.covariance, way, turn = self._pieces.transform(mean, self.covariance, roll)
+        self._last = (way, turn)
+        if rolling.moment.informative:
+            mean, covariance = self.mean, self.covariance
+            for k in (MU, MU + 1):
+                covariance[k, k] += self._pieces.drift_std_m**2 * rolling.moment.tick.dt_s
+            for k in (SIGMA, SIGMA + 1):  # eq. (28) as variance; E[Sigma^2] = mean^2 + variance
+                square = mean[k] ** 2
+                grown = covariance[k, k] + SETTINGS.sigma_step**2 * (square + covariance[k, k])
+                covariance[k, k] = min(grown, SETTINGS.sigma_std_limit**2 * square)
+        return self._last
+
+    def _antenna_at(self, fix: Fix) -> tuple[FloatArray, FloatArray]:
+        """Expected east and north (2,) of a fix, and their rows (2, 7)."""
+        behind = 1.0 - fix.fraction
+        way, turn = (behind * part for part in self._last)
+        psi = float(self.mean[PSI])
+        cos, sin = math.cos(psi - turn), math.sin(psi - turn)
+        forward, left = self._car.antenna_m
+        east = forward * cos - left * sin - way * math.cos(psi - turn / 2)
+        north = forward * sin + left * cos - way * math.sin(psi - turn / 2)
+        rows = np.zeros((2, SIZE))
+        rows[0, E] = rows[1, N] = 1.0
+        rows[:, PSI] = [-north, east]
+        return self.mean[:2] + np.array([east, north]), rows
+
+    def distance(self, sight: Sight) -> tuple[float, float]:
+        """By the mean; the variance of the position is this filter's own and the fix's."""
+        fix = sight.fix
+        at, _ = self._antenna_at(fix)
+        own = float(self.covariance[E, E] + self.covariance[N, N])
+        return math.hypot(fix.east_m - at[0], fix.north_m - at[1]), own + fix.position_std_m**2
+
+    def update(self, sight: Sight) -> None:
+        """East, then north."""
+        fix = sight.fix
+        for axis, seen_m in enumerate((fix.east_m, fix.north_m)):
+            at, rows = self._antenna_at(fix)
+            off = np.array([seen_m - at[axis]])
+            # One filter is a batch of one; what is changed in place is this filter's own.
+            scalar_update(
+                *(self.mean[None], self.covariance[None], off, rows[axis], position_variance(fix)),
+                weights=self._pieces.weights,
+            )
+        symmetrise(self.covariance[None])
+
+    def settle(self, moment: Moment) -> None:
+        """Nothing follows the fixes."""
+
+    def lose(self) -> None:
+        """Nothing belongs to the pose but the pose itself."""
+
+    def place(self, start: PoseStart, sight: Sight) -> None:
+        """The pose anew, uncorrelated with the radii."""
+        fix = start.fix
+        forward, left = self._car.antenna_m
+        ahead = (1.0 - fix.fraction) * sight.tick.dt_s * sight.speed_mps - forward
+        cos, sin = math.cos(start.heading_rad), math.sin(start.heading_rad)
+        self.mean[:MU] = [
+            fix.east_m + ahead * cos + left * sin,
+            fix.north_m + ahead * sin - left * cos,
+            start.heading_rad,
+        ]
+        self.covariance[:MU] = 0.0
+        self.covariance[:, :MU] = 0.0
+        self.covariance[[E, N], [E, N]] = position_variance(fix)
+        self.covariance[PSI, PSI] = start.heading_std_rad**2
+
+    def moments(self) -> Moments:
+        """Of this one Gaussian."""
+        mean = self.mean
+        variance = np.maximum(np.diag(self.covariance), 0.0)
+        pose = Pose(
+            east_m=float(mean[E]),
+            north_m=float(mean[N]),
+            heading_rad=math.remainder(float(mean[PSI]), 2 * math.pi),
+            position_std_m=math.sqrt((variance[E] + variance[N]) / 2),
+            heading_std_rad=math.sqrt(variance[PSI]),
+        )
+        radii = self.covariance[MU:SIGMA, MU:SIGMA].copy()
+        return Moments(mean[MU:SIGMA].copy(), radii, np.sqrt(mean[SIGMA:]), pose, 1.0)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Moments of the radii, and Sigma."""
+        return {
+            "mean_m": self.mean[MU:SIGMA].tolist(),
+            "covariance_m2": self.covariance[MU:SIGMA, MU:SIGMA].tolist(),
+            "noise_m2": self.mean[SIGMA:].tolist(),
+        }
+
+    def restore(self, saved: Saved) -> None:
+        """Take up radii and Sigma, uncorrelated with the pose."""
+        mean, covariance = saved_radii(saved, self._car.nominal_m[:2])
+        noise = saved_noise(saved)
+        self.covariance[MU:] = 0.0
+        self.covariance[:, MU:] = 0.0
+        self.mean[MU:SIGMA], self.mean[SIGMA:] = mean, noise
+        self.covariance[MU:SIGMA, MU:SIGMA] = covariance

@@ -1,0 +1,113 @@
+"""The hypothesis bank: one Kalman filter per jump hypothesis, and how hypotheses branch and are pruned.
+
+In: log-likelihoods of measurements. Out: weights. *Whether and when a wheel's radius changed at once*, and
+how fast the radii drift of themselves, is what is not linear; a hypothesis is one answer, its weight the
+probability. Hypotheses are enumerated rather than drawn, and the least probable dropped: the Gaussian sum of
+Alspach and Sorenson (1972, IEEE Trans. Automatic Control 17(4), 439-448), pruned as particle filters with
+discrete states are by Fearnhead and Clifford (2003, J. R. Statist. Soc. B 65(4), 887-899).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.estimators.error_state import MU, PSI, initial_state
+from tpmsd.estimators.settings import SETTINGS
+from tpmsd.wheels import FloatArray
+
+UNUSED = -1e9
+"""Log-weight of a place in the bank that holds no hypothesis yet."""
+
+
+@dataclass(slots=True)
+class Bank:
+    """All that changes in a mixture belief; N hypotheses of n states."""
+
+    mean: FloatArray
+    """(N, n)"""
+    covariance: FloatArray
+    """(N, n, n)"""
+    log_weights: FloatArray
+    """(N,)"""
+    level: FloatArray
+    """(N,) process-noise level of the radii that each hypothesis assumes."""
+
+    def copy(self, child: int, parent: int) -> None:
+        """Put a copy of one hypothesis in another's place; its weight is the caller's."""
+        self.mean[child] = self.mean[parent]
+        self.covariance[child] = self.covariance[parent]
+        self.level[child] = self.level[parent]
+
+    def weights(self) -> FloatArray:
+        """(N,) normalised."""
+        weights = np.exp(self.log_weights - self.log_weights.max())
+        return np.asarray(weights / weights.sum())
+
+    def rescale(self) -> None:
+        """Let the best log-weight be 0, so that none overflows."""
+        self.log_weights -= self.log_weights.max()
+        np.maximum(self.log_weights, UNUSED, out=self.log_weights)
+
+
+@dataclass(frozen=True, slots=True)
+class JumpHypotheses:
+    """The change model of the bank: enumerate and prune."""
+
+    rate_per_s: float = SETTINGS.jump_rate_per_s
+    std: float = SETTINGS.jump_std
+    heading_std_rad: float = SETTINGS.jump_heading_rad
+    levels: tuple[tuple[float, float], ...] = SETTINGS.drift_levels
+    """Process-noise levels and their prior probabilities."""
+    level_floor: float = SETTINGS.level_floor
+
+    def begin(self, count: int, nominal_m: FloatArray) -> Bank:
+        """The prior: one hypothesis per level, and the other places empty."""
+        mean, covariance = initial_state(count, nominal_m)
+        bank = Bank(mean, covariance, np.full(count, UNUSED), np.ones(count))
+        for place in range(min(len(self.levels), max(count // 8, 1))):
+            bank.level[place], chance = self.levels[place]
+            bank.log_weights[place] = math.log(chance)
+        return bank
+
+    def keep_levels(self, bank: Bank) -> None:
+        """Keep one hypothesis of each level in play, with at least a share of the best one's weight.
+
+        What a level has lost beyond that it has lost with radii of its own; it begins again at the best ones.
+        """
+        if bank.log_weights.size < 8 * len(self.levels):
+            return
+        best = int(np.argmax(bank.log_weights))
+        least = bank.log_weights[best] + math.log(self.level_floor)
+        for level, _ in self.levels:
+            if np.any(bank.log_weights[bank.level == level] >= least):
+                continue
+            child = int(np.argmin(bank.log_weights))
+            bank.copy(child, best)
+            bank.level[child], bank.log_weights[child] = level, least
+
+    def branch(self, bank: Bank, duration_s: float, nominal_m: FloatArray, next_wheel: int) -> int:
+        """For each wheel, one hypothesis branches off the best: this wheel has just changed.
+
+        The branches take the places of the least probable hypotheses, with the prior probability of a change
+        within `duration_s` as their weight; how much has changed is left to the Kalman filter. A branch
+        allows for some heading error too, for a rear wheel that changed has turned the heading before anyone
+        supposed it. The wheels take turns when places are few: the wheel that is next after `next_wheel`.
+        """
+        order = np.argsort(bank.log_weights)
+        best = int(order[-1])
+        chance = math.log(self.rate_per_s * duration_s)
+        wheels = nominal_m.size
+        for child in order[: min(wheels, order.size // 4)].tolist():
+            bank.copy(child, best)
+            place = MU + next_wheel
+            bank.covariance[child, place, place] += (self.std * nominal_m[next_wheel]) ** 2
+            bank.covariance[child, PSI, PSI] += self.heading_std_rad**2
+            bank.log_weights[child] = bank.log_weights[best] + chance
+            next_wheel = (next_wheel + 1) % wheels
+        return next_wheel
+
+
+JUMPS = JumpHypotheses()

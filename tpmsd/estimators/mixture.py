@@ -1,0 +1,305 @@
+"""Representation by a Gaussian mixture: the Gaussian-sum filter, the daemon's default.
+
+In: movements and fixes. Out: a `Belief` of all wheels. Nothing is drawn.
+
+The model is that of [Lundquist 2013, eqs 5-10]: rear wheels as inputs, radius errors that bend the
+trajectory, GNSS fixes. Given the way and the turns, everything is so nearly linear that a Kalman filter (state:
+`error_state`) is exact for practical purposes, so pose and radii are Rao-Blackwellised; only jumps of the
+radii are hypotheses (`jump_hypotheses`).
+
+Quantisation. The reading error of a counter is bounded: it does not add up from tick to tick. So it is part
+of the measurements (once per block), not of the process noise as in (9c), where it would be a random walk.
+
+Blocks. About once a second the rotation is held against the receiver (Doppler way), the bus's yaw rate where
+it has shown to be one (`gyro_check`), and, front against rear, against the other wheels (`odometry_block`).
+The front wheels are measurements of all radii jointly, so that left against right on the front axle steadies
+the rear one where the receiver is poor.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tpmsd.estimators import measurements
+from tpmsd.estimators.batched_kalman import Weights, scalar_update, square_weights, symmetrise
+from tpmsd.estimators.belief import (
+    Car,
+    Coasting,
+    Moment,
+    Moments,
+    Movement,
+    Pose,
+    Rolling,
+    Saved,
+    Sight,
+    numbers,
+    saved_covariance,
+    saved_radii,
+)
+from tpmsd.estimators.error_state import BE, BN, FWD, GYRO, LAT, MU, PSI, SLIP, E, Motion, N, ProcessModel
+from tpmsd.estimators.jump_hypotheses import JUMPS, JumpHypotheses
+from tpmsd.estimators.odometry_block import Block, BlockBuilder
+from tpmsd.estimators.pose_start import PoseStart
+from tpmsd.estimators.resampling import effective_number
+from tpmsd.estimators.settings import SETTINGS
+from tpmsd.physics.grade import GradeTracker
+from tpmsd.timeline.tick import Tick
+from tpmsd.wheels import FloatArray
+
+RESTART_S = 1000.0
+"""A snapshot's radii are taken up as after so much driving: what a night can do to them."""
+NUISANCE_LIMIT = 10.0
+"""No saved nuisance parameter is larger, in any of their units."""
+
+
+@dataclass(frozen=True, slots=True)
+class MixturePieces:
+    """What a mixture belief is made of."""
+
+    changes: JumpHypotheses = JUMPS
+    fix_weights: Weights = square_weights
+    """Of positions, courses and Doppler speeds, by how they fit."""
+
+
+class MixtureBelief:
+    """A `Belief`."""
+
+    def __init__(self, car: Car, pieces: MixturePieces, count: int) -> None:
+        self._car, self._pieces = car, pieces
+        self._process = ProcessModel(car.nominal_m, car.geometry.track_rear_m, car.driven_rear)
+        self._noise_std = np.sqrt(np.diag(self._process.drift))
+        self._grade = GradeTracker()
+        self._blocks = BlockBuilder(list(car.order), car.nominal_m, car.geometry)
+        self.bank = pieces.changes.begin(count, car.nominal_m)
+        self._drift = self._process.drift_at(self.bank.level)
+        self._radii = np.zeros(car.nominal_m.size)
+        """Radius errors at the end of the last tick."""
+        self._position_std_m = SETTINGS.position_std_m
+        self._informative = False
+        self._next_wheel = 0
+        self._slow_yaw_rate = 0.0
+        """The wheels' by the present radii, smoothed over `SETTINGS.slow_yaw_s`."""
+        self._gyro_bias = 0.0
+
+    # -- motion ---------------------------------------------------------------------------------------------
+
+    def predict(self, movement: Movement) -> tuple[float, float]:
+        """Propagate all hypotheses through a tick."""
+        if isinstance(movement, Rolling):
+            self._informative = movement.moment.informative
+            return self._roll(movement)
+        self._informative = False
+        if isinstance(movement, Coasting):
+            return self._coast(movement)
+        return 0.0, 0.0
+
+    def _roll(self, rolling: Rolling) -> tuple[float, float]:
+        moment, tick = rolling.moment, rolling.moment.tick
+        rear = rolling.angle_rad[:2]
+        yaw_rate = self._witnessed_yaw_rate(moment)
+        rolled, _ = self._car.virtual_motion(rear)
+        self._grade.move(rolled)
+        motion = Motion(
+            dt_s=tick.dt_s,
+            rear_rad=rear,
+            accel_long_mps2=moment.accel_mps2,
+            accel_lat_mps2=moment.speed_mps * yaw_rate,
+            teaches=moment.informative,
+            horizontal=self._grade.horizontal,
+            witness_turn_rad=yaw_rate * tick.dt_s,
+            steered_curvature=rolling.curvature,
+        )
+        bank = self.bank
+        bank.covariance, way, turn = self._process.propagate(
+            bank.mean, bank.covariance, motion, self._position_std_m, self._drift
+        )
+        # By the present radii: with nominal ones a bend would be seen wherever left and right differ.
+        slow = 1.0 - math.exp(-tick.dt_s / SETTINGS.slow_yaw_s)
+        self._slow_yaw_rate += slow * (turn / tick.dt_s - self._slow_yaw_rate)
+        return way, turn
+
+    def _witnessed_yaw_rate(self, moment: Moment) -> float:
+        """Yaw rate that does not hold this tick's reading error: the gyro's, else the wheels' smoothed."""
+        if moment.gyro_trusted and math.isfinite(moment.tick.yaw_rate_radps):
+            return moment.tick.yaw_rate_radps - self._gyro_bias
+        return self._slow_yaw_rate
+
+    def _coast(self, coasting: Coasting) -> tuple[float, float]:
+        self._blocks.reset()
+        dt_s, mean, covariance = coasting.dt_s, self.bank.mean, self.bank.covariance
+        way, turn = coasting.speed_mps * dt_s, coasting.yaw_rate_radps * dt_s
+        mean[:, E] += way * np.cos(mean[:, PSI])
+        mean[:, N] += way * np.sin(mean[:, PSI])
+        mean[:, PSI] += turn
+        own = (SETTINGS.coast_speed_std_mps * dt_s) ** 2 + (way * SETTINGS.coast_speed_share) ** 2
+        covariance[:, [E, N], [E, N]] += own
+        covariance[:, PSI, PSI] += SETTINGS.coast_yaw_std**2 * dt_s
+        return way, turn
+
+    # -- fixes ----------------------------------------------------------------------------------------------
+
+    def _present(self, sight: Sight) -> measurements.Present:
+        return measurements.Present(sight.speed_mps, sight.yaw_rate_radps, *self._car.antenna_m)
+
+    def distance(self, sight: Sight) -> tuple[float, float]:
+        """Of the mixture's mean; the variance is the position's within the hypotheses and the fix's."""
+        fix, bank = sight.fix, self.bank
+        east, north, _, _ = measurements.antenna_position(bank.mean, fix, sight.tick, self._present(sight))
+        weights = bank.weights()
+        off = math.hypot(fix.east_m - float(weights @ east), fix.north_m - float(weights @ north))
+        own = float(weights @ (bank.covariance[:, E, E] + bank.covariance[:, N, N]))
+        return off, own + fix.position_std_m**2
+
+    def update(self, sight: Sight) -> None:
+        """Hold the hypotheses against position and course."""
+        fix, tick, now, mean = sight.fix, sight.tick, self._present(sight), self.bank.mean
+        weights = self._pieces.fix_weights
+        self._position_std_m = fix.position_std_m
+        variance = measurements.position_variance(fix, now)
+        east, _, row, _ = measurements.antenna_position(mean, fix, tick, now)
+        self._update(measurements.Scalar(fix.east_m - east, row, variance), weights)
+        _, north, _, row = measurements.antenna_position(mean, fix, tick, now)
+        self._update(measurements.Scalar(fix.north_m - north, row, variance), weights)
+        if math.isfinite(fix.heading_rad) and now.speed_mps > SETTINGS.course_speed_mps:
+            reading, interval_s = self._reading_heading(tick), min(sight.interval_s, 2.0)
+            self._update(measurements.course(mean, fix, tick, now, reading, interval_s), weights)
+
+    def _reading_heading(self, tick: Tick) -> float:
+        """The counters' reading error at one instant (half of a tick's variance) as an error of heading,
+        rad."""
+        rolls = tick.rotation_std_rad[list(self._car.order[:2])] * self._car.nominal_m[:2]
+        return math.hypot(*np.nan_to_num(rolls)) / math.sqrt(2.0) / self._car.geometry.track_rear_m
+
+    def _update(self, scalar: measurements.Scalar, weights: Weights = square_weights) -> None:
+        """Update all hypotheses; in ticks that are not informative, the radii and what acts on them stay as
+        they are."""
+        frozen = None if self._informative else SLIP
+        bank = self.bank
+        bank.log_weights += scalar_update(
+            bank.mean, bank.covariance, scalar.innovation, scalar.row, scalar.variance, frozen, weights
+        )
+
+    # -- blocks of odometry ---------------------------------------------------------------------------------
+
+    def settle(self, moment: Moment) -> None:
+        """Add the tick to the block of odometry; learn from the block that it completes."""
+        tick = moment.tick
+        for fix in tick.fixes:
+            self._blocks.add_fix(fix, tick)
+            self._grade.update(fix.up_m)
+        block = self._blocks.add(tick, moment.informative, self._radii, moment.accel_mps2)
+        if block is None:
+            return
+        if block.teaches:
+            changes = self._pieces.changes
+            changes.keep_levels(self.bank)
+            nominal = self._car.nominal_m
+            self._next_wheel = changes.branch(self.bank, block.duration_s, nominal, self._next_wheel)
+            self._learn(block, moment.gyro_trusted)
+        self._drift = self._process.drift_at(self.bank.level)
+        symmetrise(self.bank.covariance)
+        self.bank.rescale()
+
+    def _learn(self, block: Block, gyro_trusted: bool) -> None:
+        """Doppler way and yaw rate against the rear wheels, front wheels against rear."""
+        car, mean = self._car, self.bank.mean
+        if math.isfinite(block.doppler_way_m):
+            scalar = measurements.doppler_way(
+                mean, block, car.nominal_m, car.antenna_m[1], self._grade.horizontal, car.driven_rear
+            )
+            self._update(scalar, self._pieces.fix_weights)
+        turn = self._slow_yaw_rate * block.duration_s
+        if gyro_trusted and math.isfinite(block.gyro_turn_rad):
+            self._gyro_bias = float(self.bank.weights() @ mean[:, GYRO])
+            turn = block.gyro_turn_rad - self._gyro_bias * block.duration_s
+            self._update(measurements.gyro_turn(mean, block, car.geometry.track_rear_m, turn))
+        driven = float(car.driven_front) - float(car.driven_rear)
+        for place, front in enumerate(block.front, start=2):
+            if front is not None:
+                self._update(measurements.front_wheel(mean, block, front, place, driven, turn))
+
+    # -- the pose found and lost ----------------------------------------------------------------------------
+
+    def lose(self) -> None:
+        """Blocks and grade do not go on over a gap."""
+        self._blocks.reset()
+        self._grade.reset()
+
+    def place(self, start: PoseStart, sight: Sight) -> None:
+        """Set every hypothesis' pose to what the fixes tell, uncorrelated with the radii."""
+        fix, mean, covariance = start.fix, self.bank.mean, self.bank.covariance
+        forward, left = self._car.antenna_m
+        weights = self.bank.weights()
+        late_s = (1.0 - fix.fraction) * sight.tick.dt_s + float(weights @ mean[:, LAT])
+        ahead = late_s * sight.speed_mps - forward - float(weights @ mean[:, FWD])
+        cos, sin = math.cos(start.heading_rad), math.sin(start.heading_rad)
+        east, north = fix.east_m + ahead * cos + left * sin, fix.north_m + ahead * sin - left * cos
+        anew = [E, N, PSI, BE, BN]
+        mean[:, anew] = [east, north, start.heading_rad, 0.0, 0.0]
+        covariance[:, anew, :] = 0.0
+        covariance[:, :, anew] = 0.0
+        slow = fix.position_std_m**2
+        # The slow part of the fix's error is in the bias, so the pose carries it with opposite sign.
+        for pose, bias in ((E, BE), (N, BN)):
+            covariance[:, pose, pose] = slow + SETTINGS.white_position_m**2
+            covariance[:, bias, bias] = slow
+            covariance[:, pose, bias] = covariance[:, bias, pose] = -slow
+        covariance[:, PSI, PSI] = start.heading_std_rad**2
+        self._position_std_m = fix.position_std_m
+
+    # -- out ------------------------------------------------------------------------------------------------
+
+    def _mixture(self, places: slice, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean and covariance of these places of the state over the mixture."""
+        own = self.bank.mean[:, places]
+        mean = weights @ own
+        centred = own - mean
+        within = self.bank.covariance[:, places][:, :, places].reshape(weights.size, -1)
+        size = mean.size
+        return mean, (weights @ within).reshape(size, size) + (centred * weights[:, None]).T @ centred
+
+    def moments(self) -> Moments:
+        """Of all hypotheses together."""
+        bank = self.bank
+        weights = bank.weights()
+        self._radii, radii_m2 = self._mixture(slice(MU, None), weights)
+        own = bank.mean[:, : PSI + 1]
+        east, north, heading = centre = weights @ own
+        within = np.einsum("ijj->ij", bank.covariance[:, : PSI + 1, : PSI + 1])
+        variance = np.maximum(weights @ (within + np.square(own - centre)), 0.0)
+        pose = Pose(
+            east_m=float(east),
+            north_m=float(north),
+            heading_rad=math.remainder(float(heading), 2 * math.pi),
+            position_std_m=math.sqrt((variance[E] + variance[N]) / 2),
+            heading_std_rad=math.sqrt(variance[PSI]),
+        )
+        return Moments(self._radii, radii_m2, self._noise_std, pose, effective_number(weights))
+
+    def snapshot(self) -> dict[str, Any]:
+        """Mean and covariance of everything but the pose."""
+        mean, cov = self._mixture(slice(LAT, None), self.bank.weights())
+        radii, others = slice(MU - LAT, None), slice(0, MU - LAT)
+        return {
+            "mean_m": mean[radii].tolist(),
+            "covariance_m2": cov[radii, radii].tolist(),
+            "nuisance": mean[others].tolist(),
+            "nuisance_covariance": cov[others, others].tolist(),
+        }
+
+    def restore(self, saved: Saved) -> None:
+        """The radii may have changed while the car stood, and the receiver may be another: the saved
+        covariances are widened by what a night can do."""
+        mean, covariance = saved_radii(saved, self._car.nominal_m)
+        size = MU - LAT
+        nuisance = numbers(saved, "nuisance", (size,), NUISANCE_LIMIT)
+        nuisance_m2 = saved_covariance(saved, "nuisance_covariance", size, NUISANCE_LIMIT**2)
+        bank = self.bank
+        bank.mean[:, MU:] = self._radii = mean
+        bank.covariance[:, MU:, MU:] = covariance + self._process.drift * RESTART_S
+        bank.mean[:, LAT:MU] = nuisance
+        bank.covariance[:, LAT:MU, LAT:MU] = nuisance_m2 * 2.0

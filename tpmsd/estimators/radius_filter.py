@@ -1,0 +1,243 @@
+"""The frame of every estimator: gates, the search for the pose, dead reckoning, and what survives a restart.
+
+In: `Tick`s. Out: `RadiusEstimate`s. What rotations and fixes say of the radii is the `Belief`'s, which is
+made of pieces (`table`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tpmsd.config.model import FilterConfig, VehicleConfig
+from tpmsd.estimators.base import RadiusEstimate
+from tpmsd.estimators.belief import Belief, Car, Coasting, Moment, Moments, Rolling, Sight, Standing, numbers
+from tpmsd.estimators.fix_gate import FixGate
+from tpmsd.estimators.motion_gate import MotionGate
+from tpmsd.estimators.pose_start import PoseFinder
+from tpmsd.estimators.settings import SETTINGS
+from tpmsd.timeline.tick import Fix, Tick
+
+LONGEST_S = 1e9
+"""No car has driven for longer: thirty years."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gates:
+    """What a filter leaves out."""
+
+    ticks: bool = True
+    """Whether only gentle driving above the speed limit is informative; else every tick is."""
+    fixes: bool = True
+    """Whether fixes far off or at a standstill are left out; else every fix is used."""
+    fix_interval_s: float = 0.0
+    """Least time between two fixes that are used."""
+
+
+GATED = Gates()
+
+
+class RadiusFilter:
+    """An `Estimator` of any belief."""
+
+    def __init__(
+        self,
+        car: Car,
+        vehicle: VehicleConfig,
+        settings: FilterConfig,
+        gate: MotionGate,
+        gates: Gates,
+        begin: Callable[[], Belief],
+    ) -> None:
+        """`begin` makes the belief as it is before the first tick, also after a failure."""
+        self._car = car
+        self._grid = np.ix_(car.order, car.order)
+        self._places = list(car.order)
+        self._steering_ratio = vehicle.steering_ratio
+        self._settings = settings
+        self._gate = gate
+        self._gates = gates
+        self._begin = begin
+        self.belief = begin()
+        self._fix_gate = FixGate()
+        self._finder = PoseFinder()
+        self._located = False
+        self._informative_s = 0.0
+        self._last_fix_s = self._last_used_s = -math.inf
+        self._coasting_s = 0.0
+        self._speed, self._yaw_rate = 0.0, 0.0
+        self._steady_yaw_rate = 0.0
+        """By the present radii, smoothed."""
+        self.counts: dict[str, int] = {"fixes": 0, "rejected_fixes": 0, "lost_pose": 0, "failures": 0}
+
+    def step(self, tick: Tick) -> RadiusEstimate:
+        """Advance by one tick; never raises on odd input."""
+        if tick.gap_s > SETTINGS.coast_limit_s:
+            self._lose_pose()
+        moment = self._move(tick)
+        for fix in tick.fixes:
+            self._take_fix(fix, tick)
+        self.belief.settle(moment)
+        moments = self.belief.moments()
+        # One sum is not finite if any of its terms is not.
+        if not math.isfinite(float(moments.mean_m.sum() + moments.covariance_m2.sum())):
+            moments = self._start_anew()
+        return self._estimate(moment, moments)
+
+    # -- motion ---------------------------------------------------------------------------------------------
+
+    def _move(self, tick: Tick) -> Moment:
+        """Take the wheels' rotation."""
+        angle = tick.rotation_rad[self._places]
+        left, right = float(angle[0]), float(angle[1])
+        if not (math.isfinite(left) and math.isfinite(right)):
+            self._coast(tick.dt_s)
+            return self._moment(tick, False)
+        self._coasting_s = 0.0
+        way, turn = self._car.virtual_motion(angle)
+        gentle = self._gate.update(tick, way / tick.dt_s, turn / tick.dt_s)
+        moment = self._moment(tick, gentle or not self._gates.ticks)
+        if way == 0.0 and self._gates.ticks:
+            self._stop()
+            self.belief.predict(Standing())
+            return self._moment(tick, False)
+        judged = self._located and tick.time_s - self._last_fix_s < SETTINGS.changes_judged_s
+        curvature = None if moment.informative else self._steered_curvature(tick)
+        way, turn = self.belief.predict(Rolling(moment, angle, curvature, judged))
+        self._speed, self._yaw_rate = way / tick.dt_s, turn / tick.dt_s
+        share = 1.0 - math.exp(-tick.dt_s / SETTINGS.steady_s)
+        self._steady_yaw_rate += share * (self._yaw_rate - self._steady_yaw_rate)
+        if moment.informative:
+            self._informative_s += tick.dt_s
+        return moment
+
+    def _moment(self, tick: Tick, informative: bool) -> Moment:
+        gate = self._gate
+        return Moment(tick, informative, gate.speed_mps, gate.accel_mps2, gate.gyro_trusted)
+
+    def _steered_curvature(self, tick: Tick) -> float | None:
+        """Curvature by the steering at low speed [Lundquist 2013, eq. 38c]; None where the wheels tell the
+        turn."""
+        steering = tick.steering_wheel_angle_rad
+        slow = self._gate.speed_mps < self._settings.min_speed_mps
+        if not slow or self._steering_ratio is None or not math.isfinite(steering):
+            return None
+        return math.tan(steering / self._steering_ratio) / self._car.geometry.wheelbase_m
+
+    def _stop(self) -> None:
+        """Take that the wheels do not turn."""
+        self._speed = self._yaw_rate = self._steady_yaw_rate = 0.0
+
+    def _coast(self, dt_s: float) -> None:
+        """No rear rotation: dead reckoning, ever less sure; give the pose up after a while."""
+        self._coasting_s += dt_s
+        if self._coasting_s <= SETTINGS.coast_limit_s:
+            self.belief.predict(Coasting(dt_s, self._speed, self._steady_yaw_rate))
+            return
+        if self._located:
+            self._lose_pose()
+        self._stop()  # no longer known
+
+    # -- fixes, the pose found and lost ---------------------------------------------------------------------
+
+    def _take_fix(self, fix: Fix, tick: Tick) -> None:
+        """Find the pose by a fix, or hold the belief against it."""
+        moving = self._speed > SETTINGS.moving_mps
+        interval_s = fix.time_s - self._last_used_s
+        sight = Sight(fix, tick, self._speed, self._yaw_rate, interval_s)
+        if not self._located:
+            if self._coasting_s == 0.0:  # else a pose is of no use before the wheels turn again
+                self._try_to_place(sight, moving)
+            return
+        if self._gates.fixes:
+            if not moving or interval_s < self._gates.fix_interval_s:
+                if not self._fix_gate.rejecting:
+                    self._last_fix_s = max(self._last_fix_s, fix.time_s)
+                return
+            self._last_used_s = fix.time_s
+            verdict = self._fix_gate.judge(*self.belief.distance(sight), fix.time_s)
+            if verdict != "use":
+                self.counts["rejected_fixes"] += 1
+                if verdict == "lost":
+                    self._lose_pose()
+                    self._try_to_place(sight, True)
+                return
+        self.counts["fixes"] += 1
+        self._last_fix_s = self._last_used_s = fix.time_s
+        self.belief.update(sight)
+
+    def _try_to_place(self, sight: Sight, moving: bool) -> None:
+        start = self._finder.update(sight.fix, moving)
+        if start is None:
+            return
+        self.belief.place(start, sight)
+        self._located = True
+        self._last_fix_s = self._last_used_s = sight.fix.time_s
+
+    def _lose_pose(self) -> None:
+        """Give the pose up and keep what was learned of the radii."""
+        self._located = False
+        self._finder.reset()
+        self._gate.reset()
+        self._fix_gate.reset()
+        self.belief.lose()
+        self.counts["lost_pose"] += 1
+
+    def _start_anew(self) -> Moments:
+        """The belief is not finite: nothing of it can be kept."""
+        self._lose_pose()
+        self.belief = self._begin()
+        self._stop()
+        self._informative_s = 0.0
+        self.counts["failures"] += 1
+        return self.belief.moments()
+
+    # -- out, and what survives a restart -------------------------------------------------------------------
+
+    def _estimate(self, moment: Moment, said: Moments) -> RadiusEstimate:
+        deviation, full, noise = np.full(4, np.nan), np.full((4, 4), np.nan), np.full(4, np.nan)
+        deviation[self._places] = said.mean_m
+        full[self._grid] = said.covariance_m2
+        noise[self._places] = said.noise_std_m
+        found, pose, time_s = self._located, said.pose, moment.tick.time_s
+        return RadiusEstimate(
+            time_s=time_s,
+            deviation_m=deviation,
+            covariance_m2=full,
+            noise_std_m=noise,
+            informative=moment.informative,
+            informative_s=self._informative_s,
+            speed_mps=self._speed,
+            yaw_rate_radps=self._yaw_rate,
+            east_m=pose.east_m if found else math.nan,
+            north_m=pose.north_m if found else math.nan,
+            heading_rad=pose.heading_rad if found else math.nan,
+            position_std_m=pose.position_std_m if found else math.inf,
+            heading_std_rad=pose.heading_std_rad if found else math.inf,
+            gnss_age_s=time_s - self._last_fix_s,
+            effective_particles=said.effective,
+        )
+
+    def snapshot(self) -> dict[str, Any]:
+        """What was learned, as plain numbers."""
+        return {
+            "order": list(self._car.order),
+            "nominal_m": self._car.nominal_m.tolist(),
+            **self.belief.snapshot(),
+            "informative_s": self._informative_s,
+        }
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Take up a snapshot of the same car; ValueError, and nothing changed, if it does not fit."""
+        nominal = self._car.nominal_m
+        if saved.get("order") != list(self._car.order) or not np.allclose(
+            numbers(saved, "nominal_m", nominal.shape, 10.0), nominal
+        ):
+            raise ValueError("the saved radii belong to another set of wheels or nominal radii")
+        informative_s = float(numbers(saved, "informative_s", (), LONGEST_S))
+        self.belief.restore(saved)
+        self._informative_s = informative_s

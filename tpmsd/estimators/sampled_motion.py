@@ -1,0 +1,170 @@
+"""How particles move: the motion models of sampled beliefs, and the particles themselves.
+
+In: the rotation of the rear wheels. Out: way and turn of each particle, and where the wheels are measurements
+their log-likelihood. With a_i the angle wheel i has turned [Lundquist 2013, eq. 37, so T omega] and w the
+radius errors of a particle:
+
+    way     = (a_rl (r_rl + w_rl) + a_rr (r_rr + w_rr)) / 2          (6a)
+    turn    = (a_rr (r_rr + w_rr) - a_rl (r_rl + w_rl)) / track      (6b)
+    east   += way cos(heading + turn/2), north likewise              (7), heading at mid-step
+    heading += turn                                                  (7)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tpmsd.estimators.belief import Car, Rolling
+from tpmsd.estimators.radius_models import RadiusModel
+from tpmsd.estimators.settings import SETTINGS
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(slots=True)
+class Particles:
+    """All that changes in a sampled belief; N particles."""
+
+    pose: FloatArray
+    """(3, N) east, north, heading."""
+    moved: FloatArray
+    """(3, N) how the last tick changed the pose."""
+    log_weights: FloatArray
+    """(N,)"""
+    weights: FloatArray
+    """(N,) normalised."""
+    radii: Any
+    """State of the radius model."""
+    motion: FloatArray | None = None
+    """(2, N) yaw rate and speed, where they are states that go on from the tick before."""
+
+    @classmethod
+    def even(cls, count: int, radii: Any) -> Particles:
+        """All at the origin with the same weight."""
+        weights = np.full(count, 1.0 / count)
+        return cls(np.zeros((3, count)), np.zeros((3, count)), np.zeros(count), weights, radii)
+
+    @property
+    def count(self) -> int:
+        """N."""
+        return self.log_weights.size
+
+    def multiply(self, log_likelihood: FloatArray) -> None:
+        """Multiply the weights (22)."""
+        self.log_weights += log_likelihood
+        self.log_weights -= self.log_weights.max()
+        weights = np.exp(self.log_weights)
+        self.weights = weights / weights.sum()
+
+    def level(self) -> None:
+        """All weights alike."""
+        self.log_weights[:] = 0.0
+        self.weights = np.full(self.count, 1.0 / self.count)
+
+    def keep(self, index: NDArray[np.intp]) -> None:
+        """Keep the particles of these indices, with even weights; the radii are their model's to select."""
+        self.pose, self.moved = self.pose[:, index], self.moved[:, index]
+        if self.motion is not None:
+            self.motion = self.motion[:, index]
+        self.level()
+
+
+def go(particles: Particles, way: FloatArray, turn: FloatArray) -> tuple[float, float]:
+    """Move the poses by way and turn (N,) of each (7); mean way and turn."""
+    middle = turn * 0.5
+    middle += particles.pose[2]
+    particles.moved[0] = way * np.cos(middle)
+    particles.moved[1] = way * np.sin(middle)
+    particles.moved[2] = turn
+    particles.pose += particles.moved
+    return float(way.mean()), float(turn.mean())
+
+
+class SampledMotion(Protocol):
+    """A motion model; frozen, its parameters alone."""
+
+    def advance(
+        self, particles: Particles, radii: RadiusModel, rolling: Rolling, car: Car, rng: np.random.Generator
+    ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+        """Way and turn (N,) of a tick, radii learned if it is informative, and the log-likelihood (N,) of the
+        wheels where they are measurements."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class WheelsIn:
+    """The wheels are inputs: a draw of the radius errors makes way and turn (6a), (6b)."""
+
+    def advance(
+        self, particles: Particles, radii: RadiusModel, rolling: Rolling, car: Car, rng: np.random.Generator
+    ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+        """Table I, lines 10, 11 and 13."""
+        noise = radii.draw(particles.radii, rng)
+        left = rolling.angle_rad[0] * (car.nominal_m[0] + noise[0])
+        right = rolling.angle_rad[1] * (car.nominal_m[1] + noise[1])
+        way, turn = (left + right) * 0.5, (right - left) * (1.0 / car.geometry.track_rear_m)
+        if rolling.moment.informative:
+            particles.radii = radii.learn(particles.radii, noise)
+        elif rolling.curvature is not None:
+            turn = way * rolling.curvature
+        return way, turn, None
+
+
+WHEELS_IN = WheelsIn()
+
+
+@dataclass(frozen=True, slots=True)
+class WheelsMeasured:
+    """Yaw rate and speed walk at random (31); the wheels' virtual ones are measurements of them, off by
+    D delta (32).
+
+    D is square and regular while the wheels turn, so its pseudo-inverse (35) is its inverse, and the realised
+    errors are delta_i = path_i / a_i - r_i with path = T (v -+ yaw_rate track / 2). The weights take the
+    predictive of delta (34), the statistics delta itself (19). Order and signs are those of (32a) and (6).
+
+    Realised errors are of no use where the wheels barely turn: in ticks that are not informative the paths
+    are weighed instead, with a counter's quantum as their least error.
+    """
+
+    yaw_accel_std_radps2: float = SETTINGS.walk_yaw_radps2
+    accel_std_mps2: float = SETTINGS.walk_speed_mps2
+
+    def advance(
+        self, particles: Particles, radii: RadiusModel, rolling: Rolling, car: Car, rng: np.random.Generator
+    ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+        """Walk, and weigh by the wheels."""
+        dt, track = rolling.moment.tick.dt_s, car.geometry.track_rear_m
+        kick = rng.standard_normal((2, particles.count))
+        if particles.motion is not None:
+            walk = np.array([[self.yaw_accel_std_radps2], [self.accel_std_mps2]])
+            particles.motion += kick * (walk * dt)
+        else:
+            rolled, turned = car.virtual_motion(rolling.angle_rad)
+            spread = np.array(SETTINGS.start_motion)[:, None]
+            particles.motion = np.array([[turned / dt], [rolled / dt]]) + kick * spread
+        yaw_rate, speed = particles.motion
+        way, turn = speed * dt, yaw_rate * dt
+        paths = np.stack([way - turn * (track / 2), way + turn * (track / 2)])
+        rear = rolling.angle_rad[:2, None]
+        if rolling.moment.informative and float(rear.min()) > 0.0:
+            realised = paths / rear - car.nominal_m[:2, None]
+            log = radii.log_predictive(particles.radii, realised)
+            particles.radii = radii.learn(particles.radii, realised)
+            return way, turn, log
+        log = self._path_log(particles, radii, paths, rear, car)
+        if rolling.curvature is not None:
+            turn = way * rolling.curvature
+            particles.motion[0] = turn / dt
+        return way, turn, log
+
+    def _path_log(
+        self, particles: Particles, radii: RadiusModel, paths: FloatArray, rear: FloatArray, car: Car
+    ) -> FloatArray:
+        """Log-likelihood (N,) of the wheels' paths (2, N) in a tick that is not informative."""
+        mean, scale, dof = radii.marginals(particles.radii)
+        off = paths - rear * (car.nominal_m[:2, None] + mean)
+        squared = (off**2 / (scale * rear**2 + SETTINGS.path_quantum_m**2)).sum(axis=0)
+        return np.asarray(-0.5 * (dof + 2.0) * np.log1p(squared / dof))

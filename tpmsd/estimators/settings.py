@@ -1,0 +1,231 @@
+"""Every tunable number of the estimators, with its unit and where it comes from.
+
+In: nothing. Out: `SETTINGS`. What the operator may set is in `config.model.FilterConfig`. `bench` in a reason
+means the estimator benchmark (`docs/bench-estimators.md`): development seeds, both receivers.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorSettings:
+    """Constants of gates, beliefs and their pieces."""
+
+    # -- finding, carrying on and losing the pose (`radius_filter`, `pose_start`) --
+
+    coast_limit_s: float = 3.0
+    """Without rear rotation the pose is carried on for this long; a bend begins and ends within it."""
+    steady_s: float = 0.5
+    """Smoothing of the yaw rate that the pose is carried on with, s. At 10 Hz one count of 48 is 0.3 rad/s:
+    that of a single tick, held for half a second, would turn the car by 0.15 rad."""
+    coast_yaw_std: float = 0.1
+    """Heading noise while coasting, rad per sqrt(s): a bend that begins or ends, what smoothing leaves."""
+    coast_speed_std_mps: float = 1.0
+    """Speed noise while coasting, m/s: gentle braking over a second."""
+    coast_speed_share: float = 0.1
+    """The same relative to the speed."""
+    moving_mps: float = 0.5
+    """Below this a fix is no measurement: at a standstill correlated fixes would only sharpen a wrong
+    position."""
+    course_speed_mps: float = 3.0
+    """Above this the receiver's course starts a heading (0.06 m/s of Doppler noise: 1.2 degrees)."""
+    chord_in_std: float = 8.0
+    """A chord between two fixes tells a heading if it is this many standard deviations long (7 degrees)."""
+    chord_min_m: float = 6.0
+    chord_max_s: float = 20.0
+    """Over a longer time the road bends."""
+    start_heading_std_rad: tuple[float, float] = (0.05, 0.2)
+    """Standard deviation of a heading by course: a + b / speed (m/s)."""
+    chord_bend_rad: float = 0.15
+    """Added to that of a heading by chord: it is the mean heading of the way, and a bend leaves an error."""
+    chord_noise_m: tuple[float, float] = (0.1, 0.33)
+    """Noise of a short chord: a + b times the stated errors; the correlated part of the errors cancels."""
+
+    # -- which fixes are used (`fix_gate`) --
+
+    refuse_distance: float = 6.0
+    """Fixes further off than this many standard deviations (plus the slack) are rejected."""
+    refuse_slack_m: float = 5.0
+    """Multipath of this size occurs without being stated."""
+    lost_after_s: float = 8.0
+    """Fixes rejected for this long: it is the pose that is wrong. Reflections last for seconds."""
+    fix_interval_s: float = 0.45
+    """The Gaussian-sum filter uses positions and courses at most this often: between, their errors are the
+    same."""
+    igg3_zones: tuple[float, float] = (2.5, 5.0)
+    """Zones of the IGG-III weights, standard deviations [Liu 2022, eq. 19]."""
+    igg3_floor: float = 1e-6
+    """Least weight, so that a division stays finite."""
+
+    # -- which ticks are informative (`motion_gate`, `gyro_check`) --
+
+    gate_smoothing_s: float = 0.5
+    """Smoothing of speed and yaw rate for accelerations to rise out of the quantisation."""
+    course_rate_fresh_s: float = 3.0
+    """A yaw rate from the receiver's courses is of use for this long."""
+    course_rate_chord_m: float = 8.0
+    course_rate_span_s: float = 0.9
+    """Least time between two courses whose difference is a yaw rate."""
+    max_curvature_per_m: float = 0.03
+    """Tighter bends are not informative: errors of track and side slip grow with curvature (5 cm of track at
+    33 m: 0.5 mm)."""
+    gyro_memory_s: float = 300.0
+    """Memory of the regression that checks the gyro."""
+    gyro_slope_range: tuple[float, float] = (0.7, 1.4)
+    """Slopes of wheels against gyro that no wrong unit or sign has."""
+    gyro_excitation: float = 0.02**2 * 30.0
+    """Variance of yaw rate times driving time before the gyro is judged, (rad/s)2 s: 30 s of gentle bends."""
+
+    # -- sampled and Gaussian beliefs of [Lundquist 2013] --
+
+    particles: int = 500
+    """Where neither configuration nor row says: half of what AUG-PF needs in the paper's Fig. 9."""
+    position_floor_m: float = 0.3
+    """Least position error: below it a bootstrap proposal would starve; it covers what the clocks leave."""
+    position_dof: float = 4.0
+    """Degrees of freedom of positions' Student-t errors: multipath has heavy tails."""
+    resample_below: float = 0.5
+    """Resampling where N_eff <= this share of N (eta of Table I, line 17)."""
+    radius_prior: float = 0.01
+    """Prior standard deviation of a radius, relative: tread wear, pressure and a guessed nominal."""
+    noise_m: float = 0.003
+    """Prior standard deviation of one tick's radius error: about one cog of 48 at 20 m/s and 10 Hz."""
+    noise_floor_m: float = 0.0005
+    """Floor of the same, so that a bus with fine speeds does not freeze the filter."""
+    noise_ceiling_m: float = 0.02
+    """Ceiling of the same in AUG-PF, whose variance walks freely while fixes say little of it."""
+    niw_gamma: float = 0.2
+    """Prior gamma. The prior spread of a radius is in the particles' means: a wide gamma would make the first
+    ticks' noise as large as the prior and lose the heading."""
+    niw_nu: float = 5.0
+    """Prior nu: the least for which the variance of Sigma's mean exists at d = 2."""
+    change_rate_per_s: float = 0.003
+    """How often a particle supposes that a radius has just changed (bench: slow puncture)."""
+    change_std: float = 0.01
+    """Size of such a change, relative to the radius: twice a loss of 20 % of the pressure."""
+    change_heading_rad: float = 0.03
+    """Heading error that the change has caused before it was supposed."""
+    changes_judged_s: float = 2.0
+    """Changes are supposed while the last fix is no older: later ones would only spread the radii."""
+    walk_particles_m: float = 0.06e-3
+    """Random walk of AUG-PF's radii, m per sqrt(s): particles need a long one to explore (bench: tuning)."""
+    walk_gaussian_m: float = 0.02e-3
+    """The same of AUG-EKF and AUG-UKF (bench: tuning)."""
+    sigma_step: float = 0.05
+    """Standard deviation of a step of Sigma, relative [Lundquist 2013, eqs 28c, 28d]."""
+    sigma_first_m: float = 0.001
+    """Square root of AUG-KF's first and only Sigma: a counter's reading error does not add up (bench)."""
+    sigma_std_limit: float = 0.3
+    """The variance of Sigma in AUG-KF is held at this share of its square: fixes say nothing of it."""
+    walk_yaw_radps2: float = 0.25
+    """Random walk of MPF-MN's yaw rate over a tick, per second [Lundquist 2013, eq. 31c]."""
+    walk_speed_mps2: float = 2.0
+    """The same of its speed: brisk braking."""
+    path_quantum_m: float = 0.02
+    """Least error of a wheel's path in a tick of MPF-MN: half a cog."""
+    start_motion: tuple[float, float] = (0.05, 0.5)
+    """Spread of MPF-MN's yaw rate (rad/s) and speed (m/s) about the wheels' where it begins."""
+    front_prior: float = 0.01
+    """Prior spread of a front radius against the rear pair's, relative."""
+    front_smoothing_s: float = 0.5
+    """Smoothing of the turn where a front hub's lateral path is formed: it enters squared."""
+
+    # -- the Gaussian-sum filter: hypotheses (`jump_hypotheses`) --
+
+    hypotheses: int = 40
+    """Jump hypotheses kept where the configuration says nothing (bench: 20 lose time, 80 gain none)."""
+    jump_rate_per_s: float = 1.0 / 3600.0
+    """Prior rate of sudden changes of one wheel's radius."""
+    jump_std: float = 0.008
+    """Size of a jump, relative to the radius: a loss of 20 to 40 % of the pressure."""
+    jump_heading_rad: float = 0.05
+    """Heading error that a jump may have caused before it was supposed."""
+    drift_levels: tuple[tuple[float, float], ...] = ((1.0, 0.1), (0.15, 0.895), (4.0, 0.005))
+    """Process-noise levels relative to the drifts below, and their prior probabilities (bench: balanced and
+    lively drives). The first is that of a filter with few hypotheses."""
+    level_floor: float = 0.003
+    """Least weight of each level, relative to the best hypothesis."""
+
+    # -- its state and process (`error_state`) --
+
+    drift_own_m: float = 0.010e-3
+    """Random walk of one wheel's radius, m per sqrt(s): load, temperature, what the model leaves out."""
+    drift_axle_m: float = 0.020e-3
+    """The same for front against rear: slip of the driven axle, load."""
+    drift_common_m: float = 0.040e-3
+    """The same for all wheels together: centrifugal growth, warm-up."""
+    calm_common: float = 0.5
+    """Least share of `drift_common_m` that a calm level has."""
+    turn_noise: float = 0.0004
+    """Heading noise, rad per sqrt(m) of way: side slip, road crown, roughness."""
+    turn_relative: float = 0.02
+    """Heading noise relative to the turn of a tick."""
+    way_noise: float = 0.003
+    """Way noise, m per sqrt(m)."""
+    rough_way: float = 0.015
+    """Relative way noise in ticks that are not informative: slip."""
+    rough_turn: float = 0.004
+    """Relative turn noise in such ticks, by way over track."""
+    bias_tau_s: float = 40.0
+    """Correlation time of the receiver's slow position error (20 to 100 s in the recordings)."""
+    position_std_m: float = 1.5
+    """Position error before the receiver has stated one."""
+    latency_prior_s: tuple[float, float] = (0.05, 0.1)
+    """Mean and standard deviation of `gnss_latency` beyond what is configured."""
+    velocity_lag_prior_s: tuple[float, float] = (0.03, 0.05)
+    """The same of `velocity_lag`: receivers smooth the Doppler speed (0.05 s in the recordings)."""
+    latency_drift: float = 0.001
+    """s per sqrt(s): what the tracking of the clocks leaves."""
+    track_prior: float = 0.03
+    """Relative: tracks are often read off a data sheet for another rim."""
+    forward_prior_m: float = 0.4
+    """Of the antenna's forward offset: a hand's measure along the roof."""
+    gyro_prior_radps: float = 0.01
+    """Of the gyro's bias: 0.6 deg/s."""
+    gyro_drift: float = 5e-6
+    """rad/s per sqrt(s): 0.3 mrad/s in an hour, as production gyros drift with temperature."""
+    gain_prior: float = 0.03
+    """Of the gyro's scale: 3 % is a data sheet's limit."""
+    slip_prior: tuple[float, float] = (0.004, 0.004)
+    """Slip of the driven axle per m/s2: 0.23 % at Fx/Fz = 0.05 is 0.008."""
+    load_prior_s2: float = 1e-4
+    """Of the lateral load transfer, s2: -0.25 mm per 500 N is 0.8e-4."""
+    common_prior: float = 0.75
+    """Share of the radii's prior variance that all wheels have alike: a guessed nominal is wrong for all."""
+
+    # -- its measurements (`measurements`, `odometry_block`, `batched_kalman`) --
+
+    white_position_m: float = 0.25
+    """The part of a position error that is new with every fix."""
+    resolution_m: float = 0.02
+    """Resolution of a position in a sentence."""
+    doppler_mps: float = 0.06
+    """Error of a Doppler speed, m/s ..."""
+    doppler_tau_s: float = 1.0
+    """... and its correlation time."""
+    timing_s: float = 0.03
+    """Jitter of time stamps, which turns speed, acceleration and yaw rate into errors."""
+    course_floor_rad: float = 0.004
+    """Side slip of the rear axle that no state holds."""
+    gyro_noise_radps: float = 0.002
+    """White part of a yaw rate over one second, and what the road's bank and steering add."""
+    gyro_relative: float = 0.02
+    """Of the turn: side slip makes the wheels' turn and the body's differ in the way into a bend."""
+    roughness: float = 2.0e-4
+    """Front against rear over one block, relative to the way at 20 m; grows with the way's square root."""
+    slow_yaw_s: float = 3.0
+    """Smoothing of the wheels' yaw rate where it stands in for a gyro."""
+    block_min_s: float = 0.95
+    """A block of odometry is at least this long: quantisation is small in it ..."""
+    block_max_s: float = 2.5
+    """... and at most this long."""
+    innovation_dof: float = 5.0
+    """Degrees of freedom of an innovation's Student-t log-likelihood."""
+    robust_from: float = 2.5
+    """Innovations beyond this many standard deviations lose influence, with the square."""
+
+
+SETTINGS = EstimatorSettings()
+"""The ones in use."""

@@ -1,0 +1,62 @@
+"""The published filters as rows of one table: which pieces each is made of.
+
+In: nothing. Out: `TABLE`, `row_of`. A row says what a filter is; `build` makes it for a car. Another
+likelihood, motion or radius model is a piece with the same functions, and a row that names it.
+
+| name | representation | motion | radii | likelihood | resampling, changes |
+| --- | --- | --- | --- | --- | --- |
+| `gaussian-sum` | mixture | wheels in | states, beside nuisances | robust, Student-t | enumerate, prune |
+| `mpf-pn-paper` | samples | wheels in | NIW, no floors | Gaussian | systematic, none; no gates |
+| `mpf-pn` | samples | wheels in | NIW with floors | Student-t | systematic, Poisson |
+| `mpf-mn` | samples | walk, wheels measured | NIW with floors | Student-t | systematic, none |
+| `aug-pf` | samples | wheels in | mu and Sigma walk | Student-t | systematic, none |
+| `aug-ekf`, `aug-ukf` | Gaussian | wheels in | mu and Sigma are states | robust scalar | none |
+
+`mpf-pn-paper` is [Lundquist 2013, Table I] to the letter, with the exact forms of (21) and (24) (`niw`); the
+pose it starts from is found by fixes, of which the paper says nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from tpmsd.estimators.changes import PoissonChanges
+from tpmsd.estimators.gaussian import GaussianPieces, linearised, unscented
+from tpmsd.estimators.gnss_likelihood import gaussian_log
+from tpmsd.estimators.mixture import MixturePieces
+from tpmsd.estimators.radius_filter import GATED, Gates
+from tpmsd.estimators.radius_models import Floors, NiwRadii, WalkingRadii
+from tpmsd.estimators.sampled_motion import WheelsMeasured
+from tpmsd.estimators.samples import SampledPieces
+from tpmsd.estimators.settings import SETTINGS
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One filter."""
+
+    pieces: SampledPieces | GaussianPieces | MixturePieces
+    gates: Gates = GATED
+
+
+_PAPER = SampledPieces(radii=NiwRadii(floors=None), likelihood=gaussian_log)
+TABLE: MappingProxyType[str, Row] = MappingProxyType(
+    {
+        "gaussian-sum": Row(MixturePieces(), Gates(fix_interval_s=SETTINGS.fix_interval_s)),
+        "mpf-pn-paper": Row(_PAPER, Gates(ticks=False, fixes=False)),
+        "mpf-pn": Row(SampledPieces(radii=NiwRadii(floors=Floors(apart=True)), changes=PoissonChanges())),
+        "mpf-mn": Row(SampledPieces(motion=WheelsMeasured())),
+        "aug-pf": Row(SampledPieces(radii=WalkingRadii())),
+        "aug-ekf": Row(GaussianPieces(linearised)),
+        "aug-ukf": Row(GaussianPieces(unscented)),
+    }
+)
+"""[filter] method -> the filter."""
+ALIASES = MappingProxyType({"mpf-rb": "gaussian-sum"})
+"""Names of earlier versions, still valid in configuration and state files."""
+
+
+def row_of(method: str) -> Row | None:
+    """The row of a method or of its alias; None if there is none."""
+    return TABLE.get(ALIASES.get(method, method))
