@@ -60,7 +60,9 @@ CAMPAIGNS = {
         _campaign("origins", "the diagnosis on null drives and faults of every origin"),
         _campaign("alarms", "soft tyres and harmless drives: detection, false alarms per km", "alarms.run"),
         _campaign("estimators", "filters side by side on the published comparison", "estimators.run"),
-        _campaign("drift-levels", "coverage of mpf-rb under other levels of radius drift", "levels_of_drift"),
+        _campaign(
+            "drift-levels", "coverage of the default under other levels of radius drift", "levels_of_drift"
+        ),
         _campaign("vehicle-state", "EKF, UKF, UPF and ARUPF on a multi-body car"),
         _campaign("slip-gate", "gates and weights of the tyre filter on hard drives"),
         _campaign("puncture-delay", "delay to a puncture alarm under each gate"),

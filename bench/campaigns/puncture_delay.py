@@ -21,7 +21,7 @@ import numpy as np
 from bench.worlds.commonroad_car import DT_S, Run
 from bench.worlds.hard_drives import START_S, HardDrive, Setting, instrumented, truth
 from tpmsd.config.model import FilterConfig, GnssConfig, MonitorConfig
-from tpmsd.estimators.mpf_rb import MpfRb
+from tpmsd.estimators.build import build_filter
 from tpmsd.monitor.monitor import Monitor
 from tpmsd.monitor.records import AlarmKind
 from tpmsd.timeline.tick import Tick
@@ -51,7 +51,7 @@ class Watch:
 
     def __init__(self, drive: HardDrive, settings: FilterConfig) -> None:
         rng = np.random.default_rng(1)
-        self._filter = MpfRb(drive.vehicle, GnssConfig(), settings, rng, True)
+        self._filter = build_filter(drive.vehicle, GnssConfig(), settings, rng, front=True)
         self._monitor = Monitor(drive.vehicle, MonitorConfig(), (0, 1, 2, 3))
         self.taught = 0
 

@@ -36,8 +36,8 @@ from bench.worlds.hard_drives import (
     truth,
 )
 from tpmsd.config.model import FilterConfig, GnssConfig
+from tpmsd.estimators.build import build_filter
 from tpmsd.estimators.motion_gate import MotionGate
-from tpmsd.estimators.mpf_rb import MpfRb
 from tpmsd.timeline.tick import Tick
 from tpmsd.vehicle_state.car import CarDynamics, typical
 from tpmsd.vehicle_state.observer import SlipObserver
@@ -105,9 +105,8 @@ class Outcome:
 
 def learn(drive: HardDrive, settings: FilterConfig, rule: Rule | None = None) -> Outcome:
     """Run the tyre filter over a drive, behind a rule of this benchmark or its own gate."""
-    filter_ = MpfRb(
-        drive.vehicle, GnssConfig(), settings, np.random.default_rng(1), True, gate=rule and RuledGate(rule)
-    )
+    rng, gate = np.random.default_rng(1), rule and RuledGate(rule)
+    filter_ = build_filter(drive.vehicle, GnssConfig(), settings, rng, front=True, gate=gate)
     told = [filter_.step(tick) for tick in drive.ticks]
     off = np.array([t.deviation_m for t in told[SETTLED_TICK:]]) - OFFSETS_M
     std = np.sqrt([np.diag(t.covariance_m2) for t in told[SETTLED_TICK:]])

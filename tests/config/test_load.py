@@ -209,7 +209,8 @@ def test_one_mistake_is_one_line(make: Make, old: str, new: str, starts: str, te
         ("[filter]\nparticles = 1e3.0", None),
         ('[filter]\nmethod = "mpf_pn"',
          '[filter] method: not one of the choices, found "mpf_pn"; '
-         "allowed: aug-ekf | aug-pf | aug-ukf | mpf-mn | mpf-pn | mpf-rb; did you mean mpf-pn?"),
+         "allowed: aug-ekf | aug-pf | aug-ukf | gaussian-sum | mpf-mn | mpf-pn | mpf-pn-paper | mpf-rb; "
+         "did you mean mpf-pn?"),
         ("[filter]\nwindow_s = -1", "[filter] window_s: out of range, found -1; allowed: 2 to 86400 s"),
         ("[monitor]\nraise_probability = 1.0",
          "[monitor] raise_probability: out of range, found 1.0; allowed: above 0 and below 1"),

@@ -11,7 +11,6 @@ from tpmsd.estimators.batched_kalman import scalar_update, symmetrise
 from tpmsd.estimators.settings import SETTINGS
 from tpmsd.wheels import FloatArray
 
-
 ROBUST_FROM = SETTINGS.robust_from
 
 

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.estimators.world import RADIUS_M, START_S, TRACK_M, WHEELBASE_M, Receiver, World
-from tpmsd.estimators.odometry_block import MAX_BLOCK_S, Block, BlockBuilder
+from tpmsd.estimators.odometry_block import Block, BlockBuilder
+from tpmsd.estimators.settings import SETTINGS
 from tpmsd.physics.kinematics import Geometry
 from tpmsd.timeline.tick import Tick
 
@@ -90,7 +91,7 @@ def test_without_doppler_blocks_are_ended_by_time() -> None:
     first = 0
     for index, block in found:
         assert math.isnan(block.doppler_way_m)
-        assert MAX_BLOCK_S == pytest.approx(block.duration_s, abs=0.11)
+        assert SETTINGS.block_max_s == pytest.approx(block.duration_s, abs=0.11)
         expected = np.sum([tick.rotation_rad[ORDER] for tick in ticks[first:index]], axis=0)
         assert expected == pytest.approx(block.angle_rad)
         first = index
@@ -158,7 +159,7 @@ def test_a_pause_of_the_receiver_makes_no_way_of_it() -> None:
         end_s = ticks[index - 1].time_s - START_S
         if 10.5 < end_s < 20.0:
             assert math.isnan(block.doppler_way_m)
-        assert block.duration_s <= MAX_BLOCK_S + 0.2
+        assert block.duration_s <= SETTINGS.block_max_s + 0.2
 
 
 def test_the_rear_pair_alone_has_no_front_residuals() -> None:

@@ -1,5 +1,5 @@
-"""The filters that [Lundquist 2013] compares: against Kalman filters where all is linear, against closed forms and
-sampling, and over long trouble."""
+"""The filters that [Lundquist 2013] compares: against Kalman filters where all is linear, against closed
+forms and sampling, and over long trouble."""
 
 from __future__ import annotations
 
@@ -88,9 +88,7 @@ PRIOR_M = SETTINGS.radius_prior * RADIUS_M
 
 
 @pytest.mark.parametrize(("transform", "slack"), [(linearised, 1e-6), (unscented, 0.1)])
-def test_aug_kf_is_a_kalman_filter_where_all_is_linear(
-    transform: Transform, slack: float
-) -> None:
+def test_aug_kf_is_a_kalman_filter_where_all_is_linear(transform: Transform, slack: float) -> None:
     """Along a line: the EKF's radius is the plain Kalman filter's to rounding; the UKF's to a tenth of its
     standard deviation, for it also counts what an unsure first heading takes off the way."""
     ticks = straight_ticks(RADIUS_M + 0.0015, FIX_STD_M)

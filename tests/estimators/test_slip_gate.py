@@ -21,9 +21,9 @@ from tests.estimators.world import (
 )
 from tpmsd.config.model import FilterConfig, GnssConfig
 from tpmsd.estimators.batched_kalman import square_weights
+from tpmsd.estimators.build import build_filter
 from tpmsd.estimators.fix_gate import FIX_WEIGHTS, igg3_weights
 from tpmsd.estimators.motion_gate import MotionGate
-from tpmsd.estimators.mpf_rb import MpfRb
 from tpmsd.estimators.slip_gate import SlipGate, make_gate
 from tpmsd.timeline.tick import Tick
 
@@ -138,7 +138,7 @@ def test_a_good_drive_is_learned_with_either(weights: str) -> None:
     world = World(duration_s=240.0)
     drive = world.drive()
     settings = FilterConfig(fix_weights=weights)
-    filter_ = MpfRb(VEHICLE, GnssConfig(), settings, np.random.default_rng(1), True)
+    filter_ = build_filter(VEHICLE, GnssConfig(), settings, np.random.default_rng(1), True)
     last = errors_m(drive, run(filter_, drive.ticks))[-1]
     assert np.abs(last).max() < 0.6e-3 < max(np.abs(OFFSETS_M))
 
@@ -159,7 +159,7 @@ def test_igg3_weights_hold_against_reflected_fixes() -> None:
     off = {}
     for weights in FIX_WEIGHTS:
         settings = FilterConfig(fix_weights=weights)
-        filter_ = MpfRb(VEHICLE, GnssConfig(), settings, np.random.default_rng(1), True)
+        filter_ = build_filter(VEHICLE, GnssConfig(), settings, np.random.default_rng(1), True)
         late = errors_m(drive, run(filter_, ticks))[1200:]
         off[weights] = float(np.sqrt((late**2).mean()))
     assert off["igg3"] < 2 / 3 * off["square"]

@@ -155,14 +155,14 @@ class GnssConfig:
 class FilterConfig:
     """The estimator."""
 
-    method: str = "mpf-rb"
-    """One of FILTER_METHODS: mpf-rb, or one of the published ones."""
+    method: str = "gaussian-sum"
+    """One of FILTER_METHODS (`estimators/table.py`); mpf-rb is an earlier name of the default."""
     rate_hz: float = 10.0
     """Ticks per second, 1 to 100."""
     particles: int | None = None
-    """None: the method's own default (mpf-rb 40, the published ones 500; aug-ekf and aug-ukf have none)."""
+    """None: the method's own default (gaussian-sum 40, those of samples 500, aug-ekf and aug-ukf none)."""
     window_s: float = 60.0
-    """Memory of the forgetting factor: lambda = 1 - 1/(window_s * rate_hz), paper 000 eq. (20)."""
+    """Memory of the forgetting factor: lambda = 1 - 1/(window_s * rate_hz) [Lundquist 2013, eq. 20]."""
     seed: int = 1
     min_speed_mps: float = 6.0
     """Below this the ticks do not teach a radius and the heading may come from the steering, eq. (38)."""
@@ -175,7 +175,7 @@ class FilterConfig:
     max_side_slip_rad: float = 0.05
     """The same for the side slip of the rear axle."""
     fix_weights: str = "square"
-    """One of FIX_WEIGHTS (mpf-rb): how fast a fix that does not fit loses influence."""
+    """One of FIX_WEIGHTS (gaussian-sum): how fast a fix that does not fit loses influence."""
     model: Path | None = None
     """A model file as `diagnose` writes it, to be compensated; --model takes its place."""
 

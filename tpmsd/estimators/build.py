@@ -6,6 +6,7 @@ In: a `Config` and a random generator. Out: an `Estimator`. What there is stands
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from tpmsd.estimators.fix_gate import FIX_WEIGHTS
 from tpmsd.estimators.front_contrast import FrontBeside
 from tpmsd.estimators.gaussian import GaussianBelief, GaussianPieces
 from tpmsd.estimators.mixture import MixtureBelief, MixturePieces
+from tpmsd.estimators.motion_gate import MotionGate
 from tpmsd.estimators.radius_filter import RadiusFilter
 from tpmsd.estimators.samples import SampledBelief
 from tpmsd.estimators.settings import SETTINGS
@@ -53,17 +55,18 @@ def build_filter(
     rng: np.random.Generator,
     front: bool,
     row: Row | None = None,
+    gate: MotionGate | None = None,
 ) -> RadiusFilter:
     """An estimator of the rear pair, or of all wheels with `front`; `row` None: the one that `settings`
-    name. ConfigError if there is none of that name."""
+    name; `gate` None likewise. ConfigError if there is none of that name."""
     row = row or row_of(settings.method)
     if row is None:
         known = ", ".join([*TABLE, *ALIASES])
         raise ConfigError(f"[filter] method: unknown {settings.method!r}; known: {known}")
     car = car_of(vehicle, gnss, front)
     return RadiusFilter(
-        *(car, vehicle, settings, make_gate(settings, vehicle), row.gates),
-        lambda: begin_belief(row, car, settings, rng),
+        *(car, vehicle, settings, gate or make_gate(settings, vehicle), row.gates),
+        begin=partial(begin_belief, row, car, settings, rng),
     )
 
 

@@ -3,9 +3,9 @@
 In: movements and fixes. Out: a `Belief` of all wheels. Nothing is drawn.
 
 The model is that of [Lundquist 2013, eqs 5-10]: rear wheels as inputs, radius errors that bend the
-trajectory, GNSS fixes. Given the way and the turns, everything is so nearly linear that a Kalman filter (state:
-`error_state`) is exact for practical purposes, so pose and radii are Rao-Blackwellised; only jumps of the
-radii are hypotheses (`jump_hypotheses`).
+trajectory, GNSS fixes. Given the way and the turns, everything is so nearly linear that a Kalman filter
+(state: `error_state`) is exact for practical purposes, so pose and radii are Rao-Blackwellised; only jumps of
+the radii are hypotheses (`jump_hypotheses`).
 
 Quantisation. The reading error of a counter is bounded: it does not add up from tick to tick. So it is part
 of the measurements (once per block), not of the process noise as in (9c), where it would be a random walk.

@@ -78,14 +78,18 @@ class RadiusFilter:
         """Advance by one tick; never raises on odd input."""
         if tick.gap_s > SETTINGS.coast_limit_s:
             self._lose_pose()
-        moment = self._move(tick)
-        for fix in tick.fixes:
-            self._take_fix(fix, tick)
-        self.belief.settle(moment)
-        moments = self.belief.moments()
-        # One sum is not finite if any of its terms is not.
-        if not math.isfinite(float(moments.mean_m.sum() + moments.covariance_m2.sum())):
-            moments = self._start_anew()
+        try:
+            moment = self._move(tick)
+            for fix in tick.fixes:
+                self._take_fix(fix, tick)
+            self.belief.settle(moment)
+            moments = self.belief.moments()
+            # One sum is not finite if any of its terms is not.
+            failed = not math.isfinite(float(moments.mean_m.sum() + moments.covariance_m2.sum()))
+        except (ArithmeticError, ValueError, np.linalg.LinAlgError):
+            failed = True  # what arithmetic makes of numbers that are not finite
+        if failed:
+            moment, moments = self._moment(tick, False), self._start_anew()
         return self._estimate(moment, moments)
 
     # -- motion ---------------------------------------------------------------------------------------------

@@ -38,7 +38,7 @@ class Systematic:
 
     def __call__(self, weights: FloatArray, rng: np.random.Generator) -> NDArray[np.intp] | None:
         """Indices (N,) of the particles to keep; None: all as they are."""
-        if effective_number(weights) > self.below * weights.size:
+        if not effective_number(weights) <= self.below * weights.size:  # true for NaN
             return None
         return systematic(weights, rng)
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,94 +23,45 @@ from bench.campaigns.estimators.methods import TEXTBOOK, config_of, heard, setti
 from bench.campaigns.estimators.play import Played, score
 from bench.worlds.paper_drive import RADIUS_M, RL, SCENARIOS, TICK_S, drive
 from bench.worlds.paper_route import TRACK_M
-from tpmsd.estimators.gnss_likelihood import POSITION_FLOOR_M, student_t_log
+from tpmsd.estimators.gnss_likelihood import PositionLog, gaussian_log, student_t_log
 from tpmsd.estimators.motion_gate import MotionGate
 from tpmsd.estimators.niw import NormalInverseWishart
+from tpmsd.estimators.radius_models import NiwRadii, RadiusModel, WalkingRadii
 from tpmsd.estimators.resampling import systematic
+from tpmsd.estimators.settings import SETTINGS
 from tpmsd.timeline.tick import Tick
 
 Array = NDArray[np.float64]
-PRIOR_STD_M = 0.01 * RADIUS_M
-NOISE_STD_M = 0.003
-NOISE_FLOOR_M = 0.0005
-NOISE_CEILING_M = 0.02
-DRIFT_STD_M = 0.02e-3
-ALPHA = 2.0 + 0.05**-2
-"""Of the inverse gamma (27) whose standard deviation is 5 % of its mean."""
 START_HEADING_STD_RAD = 0.1
 SCENARIO = "puncture"
 
 
-class Radii(Protocol):
-    """What a method holds of the radii, for all particles of all runs."""
+class Radii:
+    """What a method holds of the radii, for all K particles of all runs: the program's own radius model."""
+
+    def __init__(self, model: RadiusModel, count: int, rng: np.random.Generator) -> None:
+        self._model, self._rng = model, rng
+        self._state = model.begin(count, np.full(2, RADIUS_M), rng)
 
     def draw(self, teaches: bool) -> Array:
-        """Radius errors (K, 2) of this tick, learned from if it teaches."""
-        ...
+        """Radius errors (K, 2) of this tick, learned from if it teaches: Table I, lines 9, 10 and 13."""
+        if teaches:
+            self._state = self._model.forget(self._state, TICK_S, self._rng)
+        noise = self._model.draw(self._state, self._rng)
+        if teaches:
+            self._state = self._model.learn(self._state, noise)
+        return noise.T
 
     def select(self, index: NDArray[np.intp]) -> None:
         """Resample."""
-        ...
+        self._state = self._model.select(self._state, index)
 
     def moments(self) -> tuple[Array, Array]:
         """Mean (K, 2) of each particle, and what each adds to the covariance (K, 2, 2)."""
-        ...
-
-
-class NiwRadii:
-    """MPF-PN's."""
-
-    def __init__(self, count: int, forgetting: float, rng: np.random.Generator) -> None:
-        self._rng, self._forgetting = rng, forgetting
-        mean = rng.standard_normal((count, 2)) * PRIOR_STD_M
-        self._stats = NormalInverseWishart(
-            0.2, mean, 5.0, np.tile(np.eye(2) * NOISE_STD_M**2 * 2.0, (count, 1, 1))
-        )
-
-    def draw(self, teaches: bool) -> Array:
-        """Table I, lines 9, 10 and 13."""
-        if teaches:
-            self._stats.forget(self._forgetting)
-        noise = self._stats.sample(self._rng, 2)
-        if teaches:
-            self._stats.learn(noise)
-            floor = NOISE_FLOOR_M**2 * (self._stats.nu - 3.0)
-            for k in range(2):
-                np.maximum(self._stats.scale[:, k, k], floor, out=self._stats.scale[:, k, k])
-        return noise
-
-    def select(self, index: NDArray[np.intp]) -> None:
-        """Resample."""
-        self._stats.select(index)
-
-    def moments(self) -> tuple[Array, Array]:
-        """Eq. (24a) before the sum, and gamma E[Sigma]."""
-        return self._stats.mean, self._stats.scale * (self._stats.gamma / (self._stats.nu - 3.0))
-
-
-class AugmentedRadii:
-    """AUG-PF's."""
-
-    def __init__(self, count: int, drift_std_m: float, rng: np.random.Generator) -> None:
-        self._rng, self._drift = rng, drift_std_m
-        self._mu = rng.standard_normal((count, 2)) * PRIOR_STD_M
-        self._sigma = np.full((count, 2), NOISE_STD_M**2)
-
-    def draw(self, teaches: bool) -> Array:
-        """Eqs (26)-(28)."""
-        if teaches:
-            self._mu += self._drift * math.sqrt(TICK_S) * self._rng.standard_normal(self._mu.shape)
-            drawn = self._rng.standard_gamma(ALPHA, self._sigma.shape)
-            self._sigma = np.clip((ALPHA - 1.0) * self._sigma / drawn, NOISE_FLOOR_M**2, NOISE_CEILING_M**2)
-        return np.asarray(self._mu + np.sqrt(self._sigma) * self._rng.standard_normal(self._mu.shape))
-
-    def select(self, index: NDArray[np.intp]) -> None:
-        """Resample."""
-        self._mu, self._sigma = self._mu[index], self._sigma[index]
-
-    def moments(self) -> tuple[Array, Array]:
-        """The particles themselves; they add nothing of their own."""
-        return self._mu, np.zeros((1, 2, 2))
+        state = self._state
+        if isinstance(state, NormalInverseWishart):  # eq. (24a) before the sum, and gamma E[Sigma]
+            return state.mean, state.scale * (state.gamma / (state.nu - 3.0))
+        return state.mu.T, np.zeros((1, 2, 2))
 
 
 @dataclass(frozen=True)
@@ -139,14 +90,21 @@ def plan(full: bool) -> list[Batch]:
     ]
 
 
-def play_batch(radii: Radii, ticks: list[list[Tick]], count: int, rng: np.random.Generator) -> list[Played]:
+def play_batch(
+    radii: Radii,
+    ticks: list[list[Tick]],
+    count: int,
+    rng: np.random.Generator,
+    likelihood: PositionLog = student_t_log,
+    gated: bool = True,
+) -> list[Played]:
     """Play the wheels of ticks[0] with the fixes of every ticks[m]."""
     runs = len(ticks)
     total = runs * count
     pose = np.zeros((3, total))
     log_weights = np.zeros((runs, count))
     weights = np.full((runs, count), 1.0 / count)
-    gate = MotionGate(config_of(TEXTBOOK, setting_of(TEXTBOOK, "white"), count).filter)
+    gate = MotionGate(config_of(TEXTBOOK, setting_of(TEXTBOOK, "white"), count).filter) if gated else None
     located = False
     length = len(ticks[0])
     rear, place = np.empty((runs, length, 2)), np.full((runs, length, 2), math.nan)
@@ -155,7 +113,7 @@ def play_batch(radii: Radii, ticks: list[list[Tick]], count: int, rng: np.random
     for k, tick in enumerate(ticks[0]):
         turned = tick.rotation_rad[RL:]
         rolled = turned * RADIUS_M
-        teaches = gate.update(
+        teaches = gate is None or gate.update(
             tick, float(rolled.mean()) / TICK_S, float(rolled[1] - rolled[0]) / TRACK_M / TICK_S
         )
         moving = bool(rolled.any())
@@ -173,13 +131,13 @@ def play_batch(radii: Radii, ticks: list[list[Tick]], count: int, rng: np.random
                 np.array([getattr(fix, name) for fix in fixes])[:, None]
                 for name in ("east_m", "north_m", "position_std_m", "heading_rad")
             )
-            std = np.maximum(std, POSITION_FLOOR_M)
+            std = np.maximum(std, SETTINGS.position_floor_m)
             shape = (runs, count)
             if located:
                 squared = (
                     (east - pose[0].reshape(shape)) ** 2 + (north - pose[1].reshape(shape)) ** 2
                 ) / std**2
-                log_weights += student_t_log(squared, 2)
+                log_weights += likelihood(squared, 2)
                 log_weights -= log_weights.max(axis=1, keepdims=True)
                 weights = np.exp(log_weights)
                 weights /= weights.sum(axis=1, keepdims=True)
@@ -227,12 +185,15 @@ def perform(batch: Batch) -> list[dict[str, Any]]:
     setting = setting_of(batch.method, batch.receiver)
     drives = [drive(SCENARIOS[SCENARIO], batch.receiver, seed) for seed in range(1000, 1000 + batch.runs)]
     total = batch.runs * batch.particles
-    radii: Radii
+    model: RadiusModel
     if batch.method == TEXTBOOK:
-        radii = NiwRadii(total, 1.0 - TICK_S / setting.window_s, rng)
+        model = NiwRadii(1.0 - TICK_S / setting.window_s, floors=None)
     else:
-        radii = AugmentedRadii(total, dict(setting.options).get("drift_std_m", DRIFT_STD_M), rng)
-    played = play_batch(radii, [heard(d.ticks, setting) for d in drives], batch.particles, rng)
+        model = WalkingRadii(dict(setting.options).get("drift_std_m", WalkingRadii().drift_std_m))
+    paper = batch.method == TEXTBOOK
+    likelihood = gaussian_log if paper else student_t_log
+    ticks = [heard(d.ticks, setting) for d in drives]
+    played = play_batch(Radii(model, total, rng), ticks, batch.particles, rng, likelihood, gated=not paper)
     first = drives[0]
     truth, place = first.offsets_m[:, RL:], first.pose[1:, :2]
     what = {"scenario": SCENARIO, "receiver": batch.receiver, "method": batch.method, "front": False}

@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.campaigns.estimators.batches import NOISE_FLOOR_M, NOISE_STD_M, PRIOR_STD_M
 from bench.campaigns.estimators.methods import TEXTBOOK, VEHICLE, config_of, setting_of
 from tpmsd.estimators.gnss_likelihood import position_variance
 from tpmsd.estimators.motion_gate import MotionGate
 from tpmsd.estimators.pose_start import PoseFinder
+from tpmsd.estimators.settings import SETTINGS
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import RL, RR
 
@@ -73,7 +73,7 @@ def compile_kernel(compilers: Sequence[str] = COMPILERS) -> ctypes.CDLL | str:
 
 
 class Kernel:
-    """The filter of `mpf_pn` for the rear pair, in C."""
+    """MPF-PN for the rear pair in C: with gates, floors and Student-t likelihood, without changes."""
 
     def __init__(self, library: ctypes.CDLL, count: int, seed: int) -> None:
         config = config_of(TEXTBOOK, setting_of(TEXTBOOK, "correlated"), count)
@@ -85,7 +85,7 @@ class Kernel:
         radii = VEHICLE.wheel_radius_m
         self._filter = library.filter_new(
             count, seed, VEHICLE.track_rear_m, radii[RL], radii[RR],
-            PRIOR_STD_M, NOISE_STD_M, NOISE_FLOOR_M,
+            SETTINGS.radius_prior * radii[RL], SETTINGS.noise_m, SETTINGS.noise_floor_m,
         )  # fmt: skip
         if not self._filter:
             raise MemoryError("no memory for the particles")

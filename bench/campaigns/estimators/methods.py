@@ -4,13 +4,13 @@ In: a method's name, a number of particles, a seed. Out: an `Estimator`, built t
 
 No method is starved: `python -m bench run estimators --tune` plays each over the grid in
 `tune` (memory or random walk of the radii, and a factor on the receiver's stated error, which buys off
-the whiteness that all but MPF-RB take for granted), for each receiver, on a seed that no table uses;
-`TUNED` holds the best.
+the whiteness that all but the Gaussian sum take for granted), for each receiver, on a seed that no table
+uses; `TUNED` holds the best.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,8 @@ from bench.worlds.paper_drive import RADIUS_M, TEETH, TICK_S
 from bench.worlds.paper_route import TRACK_M, WHEELBASE_M
 from tpmsd.config.model import CanConfig, Config, FilterConfig, VehicleConfig
 from tpmsd.estimators.base import Estimator
-from tpmsd.estimators.build import METHODS, build_estimator, monitored_wheels
+from tpmsd.estimators.build import build_filter, monitored_wheels
+from tpmsd.estimators.table import TABLE, row_of
 from tpmsd.timeline.tick import Tick
 
 VEHICLE = VehicleConfig(
@@ -31,12 +32,10 @@ VEHICLE = VehicleConfig(
     driven_axle="front",
     teeth_per_rev=float(TEETH),
 )
-DEFAULT = "mpf-rb"
+DEFAULT = "gaussian-sum"
 """The product's default method."""
-TEXTBOOK = "mpf-pn-textbook"
-"""MPF-PN as Table I prints it: no supposed sudden changes (`mpf_pn`)."""
-OURS = (TEXTBOOK,)
-"""Names of the bench's own, beside those of [filter] method."""
+TEXTBOOK = "mpf-pn-paper"
+"""MPF-PN as Table I prints it (`tpmsd.estimators.table`)."""
 WANTED = (DEFAULT, TEXTBOOK, "mpf-pn", "aug-pf", "aug-ekf", "aug-ukf", "mpf-mn")
 """In the order of the tables."""
 SAMPLED = (TEXTBOOK, "mpf-pn", "aug-pf", "mpf-mn")
@@ -52,7 +51,7 @@ class Setting:
     receiver_factor: float = 1.0
     """On the stated error of a position."""
     options: tuple[tuple[str, float], ...] = ()
-    """Arguments of the method's constructor."""
+    """Fields of the method's pieces that differ from the table's."""
 
 
 _WALK = (("drift_std_m", 0.06e-3),)
@@ -80,7 +79,7 @@ def setting_of(method: str, receiver: str) -> Setting:
 
 def available() -> tuple[list[str], list[str]]:
     """Methods to compare that this program has, and those that it has not."""
-    have = [name for name in WANTED if name in METHODS or name in OURS]
+    have = [name for name in WANTED if name in TABLE]
     return have, [name for name in WANTED if name not in have]
 
 
@@ -91,7 +90,7 @@ def config_of(method: str, setting: Setting, particles: int | None, front: bool 
         vehicle=VEHICLE,
         can=CanConfig(signals={f"wheel_count_{w}": f"W.{w}" for w in wheels}, dbc=Path("bus.dbc")),
         filter=FilterConfig(
-            method="mpf-pn" if method == TEXTBOOK else method,
+            method=method,
             rate_hz=1.0 / TICK_S,
             particles=particles,
             window_s=setting.window_s,
@@ -110,14 +109,23 @@ def build(
     """An estimator of the rear pair, or of all wheels; `config` None: of the bench's own car."""
     config = config_of(method, setting, particles, front) if config is None else config
     rng = np.random.default_rng([seed, 7])
-    options: dict[str, Any] = dict(setting.options)
-    if method == TEXTBOOK:
-        options["change_rate_per_s"] = 0.0
-    if not options:
-        return build_estimator(config, rng)
-    kind = METHODS[config.filter.method]
+    row = row_of(config.filter.method)
+    if row is not None and setting.options:
+        row = replace(row, pieces=_tuned(row.pieces, dict(setting.options)))
     all_wheels = len(monitored_wheels(config)) == 4
-    return kind(config.vehicle, config.gnss, config.filter, rng, front=all_wheels, **options)
+    return build_filter(config.vehicle, config.gnss, config.filter, rng, all_wheels, row)
+
+
+def _tuned(pieces: Any, options: dict[str, float]) -> Any:
+    """The pieces with these fields, wherever among them they are."""
+    own = {field.name for field in fields(pieces)}
+    here = {name: value for name, value in options.items() if name in own}
+    deeper = {
+        field.name: _tuned(part, options)
+        for field in fields(pieces)
+        if is_dataclass(part := getattr(pieces, field.name))
+    }
+    return replace(pieces, **deeper, **here)
 
 
 def heard(ticks: list[Tick], setting: Setting) -> list[Tick]:

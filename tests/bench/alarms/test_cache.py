@@ -76,7 +76,7 @@ def test_the_key_is_of_readings_and_of_code(leaking: Driven) -> None:
     drive = leaking.drive
     other = replace(drive, gyro=drive.gyro + np.eye(1, len(drive.gyro))[0])
     slower = replace(config, filter=FilterConfig(rate_hz=5.0))
-    names = [path.stem for path in code_of(["tpmsd.estimators.mpf_rb"])]
+    names = [path.stem for path in code_of(["tpmsd.estimators.mixture"])]
 
     keys = [
         key_of(drive, config, estimator, False),
@@ -86,5 +86,5 @@ def test_the_key_is_of_readings_and_of_code(leaking: Driven) -> None:
     ]
     assert keys[0] == key_of(drive, config, estimator, False)
     assert 4 == len(set(keys))
-    assert {"mpf_rb", "error_state", "grade", "kinematics"} <= set(names)
+    assert {"mixture", "error_state", "grade", "kinematics"} <= set(names)
     assert "monitor" not in names

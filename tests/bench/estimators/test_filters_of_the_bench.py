@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.campaigns.estimators.batches import NiwRadii, play_batch
+from bench.campaigns.estimators.batches import Radii, play_batch
 from bench.campaigns.estimators.kernel import Kernel, compile_kernel
 from bench.campaigns.estimators.library import LibraryAugPf
 from bench.campaigns.estimators.limit import limit
@@ -23,6 +23,7 @@ from bench.campaigns.estimators.tasks import Task
 from bench.cli import main, parse
 from bench.worlds.paper_drive import PUNCTURE_M, RADIUS_M, RL, RR, SCENARIOS, Driven, drive
 from tests.bench.estimators.drives import RURAL, piece
+from tpmsd.estimators.radius_models import NiwRadii
 
 UNBALANCED_MM = -1.5
 
@@ -70,7 +71,7 @@ def test_batches_and_kernel_and_the_programs_filter_agree(rural: Driven) -> None
     ours = play(build(TEXTBOOK, Setting(), 500, 1), rural.ticks)
     assert pytest.approx(UNBALANCED_MM, abs=0.3) == mean_mm(difference(ours.rear_m))
     rng = np.random.default_rng(4)
-    runs = play_batch(NiwRadii(4 * 200, 1.0 - 1.0 / 600, rng), [rural.ticks] * 4, 200, rng)
+    runs = play_batch(Radii(NiwRadii(1.0 - 1.0 / 600), 4 * 200, rng), [rural.ticks] * 4, 200, rng)
     for run in runs:
         assert pytest.approx(UNBALANCED_MM, abs=0.3) == mean_mm(difference(run.rear_m))
     library = compile_kernel()
@@ -111,7 +112,7 @@ def test_without_a_compiler_a_line_says_so() -> None:
 
 def test_chords_find_the_tyres_own_difference(rural: Driven) -> None:
     """Without any filter; the standard error is truthful within a factor of three."""
-    config = config_of("mpf-rb", Setting(), None)
+    config = config_of("gaussian-sum", Setting(), None)
     found, std = own_difference_m(rural.ticks, config)
     assert abs(1e3 * found - UNBALANCED_MM) < 3 * 1e3 * std
     assert std < 2e-3
@@ -177,7 +178,7 @@ def test_parts_of_another_state_of_the_program_are_not_kept(tmp_path: Path) -> N
 def test_a_run_that_was_done_is_not_done_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Its row is read from the file, at the same commit only; a line cut short does no harm."""
     args = parse(["run", "estimators", "--out", str(tmp_path), "--jobs", "1"])
-    task = Task("puncture", "white", 0, "mpf-rb", 0)
+    task = Task("puncture", "white", 0, "gaussian-sum", 0)
     row = {**asdict(task), "rmse_difference_m": 0.5}
     lines = [json.dumps({"commit": "abc", "task": task.label, "row": row}), '{"commit": "ab']
     (tmp_path / "rows.jsonl").write_text("\n".join(lines) + "\n", encoding="utf-8")

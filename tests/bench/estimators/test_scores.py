@@ -120,8 +120,8 @@ def test_ratios_are_of_the_seeds_that_both_have() -> None:
     """A seed that only the default has does not count; RMSEs are pooled as squares."""
     rows = [
         row(TEXTBOOK, 5000, 0.5, receiver="white"),
-        row("mpf-rb", 0, 0.1, receiver="white"),
-        row("mpf-rb", 0, 9.0, receiver="white", seed=1),
+        row("gaussian-sum", 0, 0.1, receiver="white"),
+        row("gaussian-sum", 0, 9.0, receiver="white", seed=1),
         row("limit", 0, 0.0) | {
             "causal": {"rmse_difference_m": 0.05e-3, "rmse_radius_m": 0.1e-3},
             "smoother": {"rmse_difference_m": 0.02e-3, "rmse_radius_m": 0.1e-3},
