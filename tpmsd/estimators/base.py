@@ -73,23 +73,3 @@ def unsound(estimate: RadiusEstimate, wheels: list[int]) -> str:
     if np.any(np.abs(deviation) > MOST_DEVIATION_M):
         return f"a radius is off by more than {MOST_DEVIATION_M:g} m"
     return ""
-
-
-def checked_radii(
-    saved: dict[str, Any], order: list[int], nominal: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Mean (d,) and covariance (d, d) of a snapshot, if it belongs to these wheels and is sane.
-
-    Raises ValueError otherwise: radii saved for another car, not finite, or more than 10 % off nominal.
-    """
-    if saved.get("order") != order or not np.allclose(saved.get("nominal_m", []), nominal):
-        raise ValueError("the saved radii belong to another set of wheels or nominal radii")
-    mean = np.asarray(saved["mean_m"], dtype=np.float64)
-    covariance = np.asarray(saved["covariance_m2"], dtype=np.float64)
-    if mean.shape != nominal.shape or covariance.shape != (nominal.size, nominal.size):
-        raise ValueError("the saved radii have another shape")
-    if not (np.all(np.isfinite(mean)) and np.all(np.isfinite(covariance))):
-        raise ValueError("the saved radii are not finite")
-    if np.any(np.abs(mean) > 0.1 * nominal) or np.any(np.linalg.eigvalsh(covariance) < -1e-12):
-        raise ValueError("the saved radii are absurd (more than 10 % off nominal, or no covariance)")
-    return mean, covariance

@@ -7,6 +7,7 @@ rl, rr[, fl, fr], in all arrays here; d is their number.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -51,6 +52,11 @@ class Pose:
     heading_rad: float
     position_std_m: float
     heading_std_rad: float
+
+
+def wrapped(heading_rad: float) -> float:
+    """The same heading within half a turn of east; NaN for one that is not finite."""
+    return math.remainder(heading_rad, 2 * math.pi) if math.isfinite(heading_rad) else math.nan
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,6 @@ In: a `Config` and a random generator. Out: an `Estimator`. What there is stands
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -66,7 +65,7 @@ def build_filter(
     car = car_of(vehicle, gnss, front)
     return RadiusFilter(
         *(car, vehicle, settings, gate or make_gate(settings, vehicle), row.gates),
-        begin=partial(begin_belief, row, car, settings, rng),
+        begin_belief(row, car, settings, rng),
     )
 
 

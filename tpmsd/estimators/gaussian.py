@@ -32,6 +32,7 @@ from tpmsd.estimators.belief import (
     Saved,
     Sight,
     saved_radii,
+    wrapped,
 )
 from tpmsd.estimators.gnss_likelihood import position_variance
 from tpmsd.estimators.pose_start import PoseStart
@@ -251,7 +252,7 @@ class GaussianBelief:
         pose = Pose(
             east_m=float(mean[E]),
             north_m=float(mean[N]),
-            heading_rad=math.remainder(float(mean[PSI]), 2 * math.pi),
+            heading_rad=wrapped(float(mean[PSI])),
             position_std_m=math.sqrt((variance[E] + variance[N]) / 2),
             heading_std_rad=math.sqrt(variance[PSI]),
         )

@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from tpmsd.bounds import no_wider
 from tpmsd.estimators import measurements
 from tpmsd.estimators.batched_kalman import Weights, scalar_update, square_weights, symmetrise
 from tpmsd.estimators.belief import (
@@ -39,8 +40,23 @@ from tpmsd.estimators.belief import (
     numbers,
     saved_covariance,
     saved_radii,
+    wrapped,
 )
-from tpmsd.estimators.error_state import BE, BN, FWD, GYRO, LAT, MU, PSI, SLIP, E, Motion, N, ProcessModel
+from tpmsd.estimators.error_state import (
+    BE,
+    BN,
+    FWD,
+    GYRO,
+    LAT,
+    MU,
+    PSI,
+    SLIP,
+    E,
+    Motion,
+    N,
+    ProcessModel,
+    initial_state,
+)
 from tpmsd.estimators.jump_hypotheses import JUMPS, JumpHypotheses
 from tpmsd.estimators.odometry_block import Block, BlockBuilder
 from tpmsd.estimators.pose_start import PoseStart
@@ -274,7 +290,7 @@ class MixtureBelief:
         pose = Pose(
             east_m=float(east),
             north_m=float(north),
-            heading_rad=math.remainder(float(heading), 2 * math.pi),
+            heading_rad=wrapped(float(heading)),
             position_std_m=math.sqrt((variance[E] + variance[N]) / 2),
             heading_std_rad=math.sqrt(variance[PSI]),
         )
@@ -293,13 +309,14 @@ class MixtureBelief:
 
     def restore(self, saved: Saved) -> None:
         """The radii may have changed while the car stood, and the receiver may be another: the saved
-        covariances are widened by what a night can do."""
+        covariances are widened by what a night can do, to those of the prior at most."""
         mean, covariance = saved_radii(saved, self._car.nominal_m)
         size = MU - LAT
         nuisance = numbers(saved, "nuisance", (size,), NUISANCE_LIMIT)
         nuisance_m2 = saved_covariance(saved, "nuisance_covariance", size, NUISANCE_LIMIT**2)
         bank = self.bank
+        most = np.diag(initial_state(1, self._car.nominal_m)[1][0])
         bank.mean[:, MU:] = self._radii = mean
-        bank.covariance[:, MU:, MU:] = covariance + self._process.drift * RESTART_S
+        bank.covariance[:, MU:, MU:] = no_wider(covariance + self._process.drift * RESTART_S, most[MU:])
         bank.mean[:, LAT:MU] = nuisance
-        bank.covariance[:, LAT:MU, LAT:MU] = nuisance_m2 * 2.0
+        bank.covariance[:, LAT:MU, LAT:MU] = no_wider(nuisance_m2 * 2.0, most[LAT:MU])

@@ -7,7 +7,6 @@ made of pieces (`table`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,9 +50,9 @@ class RadiusFilter:
         settings: FilterConfig,
         gate: MotionGate,
         gates: Gates,
-        begin: Callable[[], Belief],
+        belief: Belief,
     ) -> None:
-        """`begin` makes the belief as it is before the first tick, also after a failure."""
+        """`belief` as it is before the first tick."""
         self._car = car
         self._grid = np.ix_(car.order, car.order)
         self._places = list(car.order)
@@ -61,8 +60,7 @@ class RadiusFilter:
         self._settings = settings
         self._gate = gate
         self._gates = gates
-        self._begin = begin
-        self.belief = begin()
+        self.belief = belief
         self._fix_gate = FixGate()
         self._finder = PoseFinder()
         self._located = False
@@ -72,25 +70,17 @@ class RadiusFilter:
         self._speed, self._yaw_rate = 0.0, 0.0
         self._steady_yaw_rate = 0.0
         """By the present radii, smoothed."""
-        self.counts: dict[str, int] = {"fixes": 0, "rejected_fixes": 0, "lost_pose": 0, "failures": 0}
+        self.counts: dict[str, int] = {"fixes": 0, "rejected_fixes": 0, "lost_pose": 0}
 
     def step(self, tick: Tick) -> RadiusEstimate:
         """Advance by one tick; never raises on odd input."""
         if tick.gap_s > SETTINGS.coast_limit_s:
             self._lose_pose()
-        try:
-            moment = self._move(tick)
-            for fix in tick.fixes:
-                self._take_fix(fix, tick)
-            self.belief.settle(moment)
-            moments = self.belief.moments()
-            # One sum is not finite if any of its terms is not.
-            failed = not math.isfinite(float(moments.mean_m.sum() + moments.covariance_m2.sum()))
-        except (ArithmeticError, ValueError, np.linalg.LinAlgError):
-            failed = True  # what arithmetic makes of numbers that are not finite
-        if failed:
-            moment, moments = self._moment(tick, False), self._start_anew()
-        return self._estimate(moment, moments)
+        moment = self._move(tick)
+        for fix in tick.fixes:
+            self._take_fix(fix, tick)
+        self.belief.settle(moment)
+        return self._estimate(moment, self.belief.moments())
 
     # -- motion ---------------------------------------------------------------------------------------------
 
@@ -190,15 +180,6 @@ class RadiusFilter:
         self._fix_gate.reset()
         self.belief.lose()
         self.counts["lost_pose"] += 1
-
-    def _start_anew(self) -> Moments:
-        """The belief is not finite: nothing of it can be kept."""
-        self._lose_pose()
-        self.belief = self._begin()
-        self._stop()
-        self._informative_s = 0.0
-        self.counts["failures"] += 1
-        return self.belief.moments()
 
     # -- out, and what survives a restart -------------------------------------------------------------------
 

@@ -30,6 +30,7 @@ from tpmsd.estimators.belief import (
     Sight,
     numbers,
     saved_radii,
+    wrapped,
 )
 from tpmsd.estimators.changes import ChangeModel
 from tpmsd.estimators.gnss_likelihood import PositionLog, position_variance, student_t_log
@@ -122,7 +123,7 @@ class SampledBelief:
         pose = Pose(
             east_m=float(mean[0]),
             north_m=float(mean[1]),
-            heading_rad=math.remainder(float(mean[2]), 2 * math.pi),
+            heading_rad=wrapped(float(mean[2])),
             position_std_m=math.sqrt((spread[0] + spread[1]) / 2),
             heading_std_rad=math.sqrt(spread[2]),
         )
