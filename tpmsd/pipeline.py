@@ -101,7 +101,7 @@ class Pipeline:
         try:
             estimate = self.estimator.step(tick)
             reason = unsound(estimate, self._wheels)
-        except (ArithmeticError, np.linalg.LinAlgError) as error:
+        except (ArithmeticError, ValueError) as error:  # sines of infinity, matrices that have no root
             reason = f"{type(error).__name__}: {error}"
         if not reason:
             return tick, estimate

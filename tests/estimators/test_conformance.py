@@ -260,7 +260,7 @@ def test_a_belief_that_is_not_finite_says_so(method: str, drive: Drive) -> None:
     with np.errstate(invalid="ignore", over="ignore"):
         try:
             said = [unsound(filter_.step(tick), [0, 1, 2, 3]) for tick in drive.ticks[100:110]]
-        except (ArithmeticError, np.linalg.LinAlgError):
+        except (ArithmeticError, ValueError):
             return
     assert said[-1]
 
