@@ -130,7 +130,13 @@ def fault(kind: str, spec: Spec, rng: np.random.Generator) -> Spec:
         }
         return replace(spec, physics={"wheel_spin": event})
     if kind == "counts_lost_at_low_speed":
-        return replace(spec, blind_below_mps=float(rng.uniform(2.0, 3.0)), wheel_signal="counts")
+        return replace(spec, blind_below_mps=float(rng.uniform(2.0, 3.0)), **_counted(spec))
     if kind == "teeth_44_as_48":
-        return replace(spec, teeth=44.0, configured_teeth=48.0, wheel_signal="counts")
+        return replace(spec, teeth=44.0, configured_teeth=48.0, **_counted(spec))
     raise ValueError(f"{kind}: not among {', '.join(FAULTS)}")
+
+
+def _counted(spec: Spec) -> dict[str, Any]:
+    """What makes it a drive with counters."""
+    speeds = {"averaged", "filtered"}
+    return {"wheel_signal": "counts", "tags": tuple(tag for tag in spec.tags if tag not in speeds)}

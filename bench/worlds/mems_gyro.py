@@ -12,6 +12,7 @@ Niu (2008), IEEE Trans. Instrum. Meas. 57(1). The ranges span data sheets of yaw
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,8 +66,18 @@ class AllanNoise:
         return np.asarray(rate + self.rate_ramp * step_s * np.arange(n))
 
 
+def zeroed(noise: AllanNoise) -> Callable[[int, float, np.random.Generator], Array]:
+    """The noise less its mean over the drive: a constant bias is an effect of the catalogue, no noise."""
+
+    def drawn(n: int, step_s: float, rng: np.random.Generator) -> Array:
+        rate = noise.drawn(n, step_s, rng)
+        return np.asarray(rate - rate.mean())
+
+    return drawn
+
+
 def draw(rng: np.random.Generator, cheap: bool = False) -> AllanNoise:
-    """A sensor, from good to cheap."""
+    """A sensor, from good to cheap, without a ramp: a straight drift is an effect of the catalogue."""
 
     def between(low: float, high: float) -> float:
         return float(np.exp(rng.uniform(np.log(low), np.log(high))))
@@ -75,7 +86,6 @@ def draw(rng: np.random.Generator, cheap: bool = False) -> AllanNoise:
         angle_random_walk=between(0.02 if cheap else 0.004, 0.05) * DEG,
         bias_instability=between(15.0 if cheap else 3.0, 60.0) * DEG / 3600.0,
         rate_random_walk=between(0.2, 5.0) * DEG / 3600.0 / 60.0,
-        rate_ramp=float(rng.normal(0.0, 1.0)) * DEG / 3600.0 / 600.0,
     )
 
 

@@ -91,7 +91,7 @@ def _receiver(spec: Spec, rng: np.random.Generator, seed: int, places: Places) -
 def _mems(spec: Spec, rng: np.random.Generator, seed: int, places: Places) -> tuple[Course, Drive]:
     sensor = mems_gyro.draw(np.random.default_rng([seed, 5]))
     course = kinematic.course(spec, rng)
-    return course, observe(course, spec, rng, seed, Errors(gyro=sensor.drawn))
+    return course, observe(course, spec, rng, seed, Errors(gyro=mems_gyro.zeroed(sensor)))
 
 
 def _mems_spec(rng: np.random.Generator, **fixed: Any) -> Spec:
@@ -103,7 +103,7 @@ def _awkward(spec: Spec, rng: np.random.Generator, seed: int, places: Places) ->
     errors = Errors()
     if "noisy_gyro" in spec.tags:
         sensor = mems_gyro.draw(np.random.default_rng([seed, 5]), cheap=True)
-        errors = Errors(gyro=sensor.drawn)
+        errors = Errors(gyro=mems_gyro.zeroed(sensor))
     return course, observe(course, spec, rng, seed, errors)
 
 
