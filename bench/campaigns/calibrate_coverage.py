@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
-from scipy.stats import beta
 
 from bench.campaigns.calibrate_recording import configured, recording_of
+from bench.statistics import share
 from bench.worlds.kinematic import STEP_S, Drive, Spec, drive
 from tpmsd.calibration.calibrate import calibrate
 from tpmsd.calibration.checks import RefusedError
@@ -183,12 +183,7 @@ def table(outcomes: list[Outcome]) -> list[dict[str, Any]]:
                     "quantity": kind,
                     "intervals": len(sigmas),
                     "coverage": inside / len(sigmas),
-                    "coverage_95": [
-                        float(beta.ppf(0.025, inside, len(sigmas) - inside + 1)) if inside else 0.0,
-                        float(beta.ppf(0.975, inside + 1, len(sigmas) - inside))
-                        if inside < len(sigmas)
-                        else 1.0,
-                    ],
+                    "coverage_95": [share(inside, len(sigmas))[side] for side in ("low", "high")],
                     "rms_sigmas": float(np.sqrt(np.mean(sigmas**2))),
                     "rms_error_mm": float(np.sqrt(np.mean(errors**2)) * 1e3),
                     "median_std_mm": float(np.median(stds) * 1e3),

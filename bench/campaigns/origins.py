@@ -14,22 +14,20 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
-import sys
 import tempfile
-import time
 import traceback
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bench.campaigns.diagnosis.run import code_state, read_results
+from bench.campaigns.diagnosis.run import is_fault
 from bench.campaigns.diagnosis.seal import asked
 from bench.places import OUT, RECORDINGS, REPO
 from bench.registry import UsageError
+from bench.runner import code_state, resume
 from bench.worlds import awkward, real_drives
 from bench.worlds.folder import write_folder
 from bench.worlds.origins import ORIGINS, Places
@@ -54,11 +52,6 @@ class Job:
     kind: str
     """`null`, one of `awkward.FAULTS`, or one of `real_drives.INJECTED`."""
     seed: int
-
-    @property
-    def key(self) -> tuple[str, str, int]:
-        """What tells one drive from all others."""
-        return self.origin, self.kind, self.seed
 
 
 def plan(origins: list[str], kinds: list[str], first: int, number: int) -> list[Job]:
@@ -102,13 +95,13 @@ def make(job: Job, folder: Path, places: Places) -> dict[str, Any]:
     return known
 
 
-def one(job: Job, places: Places, program: Path, options: tuple[str, ...] = ()) -> Row:
+def one(job: Job, places: Places, program: Path, passed: tuple[str, ...] = ()) -> Row:
     """Make a drive, have it diagnosed; its row. A failure of the benchmark is a row as well."""
     folder = Path(tempfile.mkdtemp(prefix="drive-"))
     row: Row = {"origin": job.origin, "kind": job.kind, "seed": job.seed}
     try:
         row |= make(job, folder, places)
-        answer = asked(folder, program, *options)
+        answer = asked(folder, program, *passed)
     except Exception:
         return {**row, "benchmark_fault": traceback.format_exc().strip().splitlines()[-1]}
     finally:
@@ -175,36 +168,14 @@ def main(args: argparse.Namespace) -> int:
     if args.write is not None:
         print(json.dumps(make(jobs[0], args.write, places), indent=1))
         return 0
-    args.out.mkdir(parents=True, exist_ok=True)
-    file, state = args.out / "rows.jsonl", code_state(args.program)
-    known = {
-        (row["origin"], row["kind"], row["seed"])
-        for row in read_results(file)
-        if row["code"] == state and row["options"] == args.option
-    }
-    todo = [job for job in jobs if job.key not in known]
-    faults, begun = 0, time.monotonic()
-    with file.open("a", encoding="utf-8") as log:
-        for number, row in enumerate(_rows(todo, places, args), start=1):
-            log.write(json.dumps(row | {"code": state, "options": args.option}) + "\n")
-            log.flush()
-            faults += "benchmark_fault" in row
-            print(f"{number}/{len(todo)} {described(row)}", file=sys.stderr, flush=True)
-            if args.minutes and time.monotonic() - begun > 60.0 * args.minutes:
-                break
-    return 1 if faults else 0
-
-
-def _rows(jobs: list[Job], places: Places, args: argparse.Namespace) -> Iterator[Row]:
-    passed = tuple(args.option)
-    if args.jobs == 1:
-        for job in jobs:
-            yield one(job, replace(places), args.program.resolve(), passed)
-        return
-    with ProcessPoolExecutor(args.jobs) as pool:
-        waiting = [pool.submit(one, job, places, args.program.resolve(), passed) for job in jobs]
-        try:
-            for future in waiting:
-                yield future.result()
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+    found = resume(
+        args.out / "rows.jsonl",
+        " ".join([code_state(args.program / "tpmsd"), *args.option]),
+        jobs,
+        partial(one, places=places, program=args.program.resolve(), passed=tuple(args.option)),
+        lambda job, row: described(row),
+        jobs=args.jobs,
+        minutes=args.minutes,
+        again=is_fault,
+    )
+    return 1 if any(is_fault(row) for _, row in found) else 0

@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
 
+from bench import statistics
 from bench.campaigns.alarms.lives import is_resized
-from bench.campaigns.diagnosis.report import count
+from bench.statistics import count, percent
 from bench.worlds.surfaces import TAGS
 
 Row = dict[str, Any]
@@ -28,16 +28,7 @@ NO_SIGNAL = ("ferry", "towing", "car_wash", "outages", "canyon")
 
 def rate(events: int, kilometres: float) -> Figures:
     """Events per 10,000 km with their interval."""
-    scale = PER_KM / kilometres if kilometres > 0.0 else float("nan")
-    low = 0.0 if events == 0 else float(chi2.ppf(0.025, 2 * events)) / 2.0
-    high = float(chi2.ppf(0.975, 2 * events + 2)) / 2.0
-    return {
-        "events": events,
-        "km": kilometres,
-        "rate": events * scale,
-        "low": low * scale,
-        "high": high * scale,
-    }
+    return {"km": kilometres, **statistics.rate(events, kilometres, PER_KM)}
 
 
 def figures(rows: Sequence[Row]) -> Figures:
@@ -211,14 +202,6 @@ def bars(found: Figures) -> list[Figures]:
             "held": None if not false["km"] else false["rate"] <= 1.0,
         },
     ]
-
-
-def percent(part: Figures) -> str:
-    """A share with its interval, as text."""
-    if not part["of"]:
-        return "-"
-    low, middle, high = (100.0 * part[name] for name in ("low", "share", "high"))
-    return f"{part['hits']}/{part['of']} = {middle:.1f} % [{low:.1f}, {high:.1f}]"
 
 
 def rated(part: Figures) -> str:

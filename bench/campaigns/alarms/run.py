@@ -14,14 +14,10 @@ done again.
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import os
-import sys
-import time
 import traceback
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +31,7 @@ from bench.campaigns.alarms.score import play_group, play_life
 from bench.campaigns.alarms.text import markdown
 from bench.places import OUT, RECORDINGS, REPO
 from bench.registry import UsageError
+from bench.runner import code_state, last_state, resume
 
 Row = dict[str, Any]
 Unit = tuple[str, str, int, int]
@@ -76,71 +73,27 @@ def work(unit: Unit, memory: Path | None = None) -> list[Row]:
     return rows
 
 
-def code_state() -> str:
+def state_of_code() -> str:
     """Checksum of the program and of the worlds that try it."""
-    digest = hashlib.sha256()
     program = Path(tpmsd.__file__).resolve().parent
-    for root in (program, REPO / "bench" / "campaigns" / "alarms", REPO / "bench" / "worlds"):
-        for path in sorted(root.rglob("*.py")):
-            digest.update(path.name.encode())
-            digest.update(path.read_bytes())
-    return digest.hexdigest()[:12]
-
-
-def read_results(file: Path) -> list[Row]:
-    """All lines; one that was cut off is left out."""
-    lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
-    out = []
-    for line in lines:
-        try:
-            out.append(json.loads(line))
-        except json.JSONDecodeError:
-            continue
-    return out
+    return code_state(program, REPO / "bench" / "campaigns" / "alarms", REPO / "bench" / "worlds")
 
 
 def run(args: argparse.Namespace) -> list[Row]:
     """Do what is not done yet; the rows of the whole plan."""
-    wanted, state = plan(args), code_state()
-    file: Path = args.out / "results.jsonl"
-    args.out.mkdir(parents=True, exist_ok=True)
-    done: dict[Unit, list[Row]] = {
-        tuple(entry["unit"]): entry["rows"] for entry in read_results(file) if entry["code"] == state
-    }
-    todo = [unit for unit in wanted if unit not in done]
-    begun = time.monotonic()
-    cut_off = file.exists() and not file.read_bytes().endswith(b"\n")
-    with file.open("a", encoding="utf-8") as log:
-        log.write("\n" if cut_off else "")
-        for number, (unit, rows) in enumerate(_worked(todo, args.jobs, args.remember), start=1):
-            log.write(json.dumps({"unit": unit, "code": state, "rows": rows}) + "\n")
-            log.flush()
-            done[unit] = rows
-            spent = time.monotonic() - begun
-            left = spent / number * (len(todo) - number) / 60.0
-            print(
-                f"{number}/{len(todo)}, {left:.0f} min left: {_line(unit, rows)}", file=sys.stderr, flush=True
-            )
-            if args.failures is not None:
-                args.failures.write_text(failing(done, state), encoding="utf-8")
-            if args.minutes and spent > 60.0 * args.minutes:
-                print("time is up; the rest is left for another run", file=sys.stderr)
-                break
-    return [row for unit in wanted for row in done.get(unit, [])]
+    state = state_of_code()
 
+    def after(done: dict[str, list[Row]]) -> None:
+        if args.failures is not None:
+            args.failures.write_text(failing(done, state), encoding="utf-8")
 
-def _worked(todo: list[Unit], jobs: int, memory: Path | None) -> Iterator[tuple[Unit, list[Row]]]:
-    if jobs == 1:
-        for unit in todo:
-            yield unit, work(unit, memory)
-        return
-    with ProcessPoolExecutor(jobs) as pool:
-        try:
-            waiting = {pool.submit(work, unit, memory): unit for unit in todo}
-            for future in as_completed(waiting):
-                yield waiting[future], future.result()
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+    found = resume(
+        *(args.out / "results.jsonl", state, plan(args), partial(work, memory=args.remember), _line),
+        jobs=args.jobs,
+        minutes=args.minutes,
+        after=after,
+    )
+    return [row for _, rows in found for row in rows]
 
 
 def _line(unit: Unit, rows: list[Row]) -> str:
@@ -156,7 +109,7 @@ def _line(unit: Unit, rows: list[Row]) -> str:
     return text + (f"; FAILED: {failed[0]}" if failed else "")
 
 
-def failing(done: dict[Unit, list[Row]], state: str) -> str:
+def failing(done: dict[str, list[Row]], state: str) -> str:
     """What went wrong, each with the command that shows it again."""
     lines = [f"# What went wrong with the program at state {state}", ""]
     show = "python -m bench run alarms --one"
@@ -230,10 +183,9 @@ def main(args: argparse.Namespace) -> int:
         args.km = 20_000.0 if args.full or args.campaign else 600.0
     args.out = args.out.resolve() / ("held-out" if args.held_out else "development")
     if args.report_only:
-        entries = read_results(args.out / "results.jsonl")
-        if not entries:
+        rows = [row for unit in last_state(args.out / "results.jsonl") for row in unit]
+        if not rows:
             raise UsageError(f"no results in {args.out}")
-        rows = [row for entry in entries if entry["code"] == entries[-1]["code"] for row in entry["rows"]]
     else:
         rows = run(args)
     found = figures(rows)

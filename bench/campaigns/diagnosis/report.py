@@ -7,27 +7,14 @@ In: rows. Out: plain figures, and the same as Markdown. Shares bear 95 % interva
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.stats import beta
+
+from bench.statistics import count, percent, share
 
 Row = dict[str, Any]
-Share = dict[str, Any]
-
-
-def share(hits: int, total: int) -> Share:
-    """A share with its interval."""
-    low = 0.0 if hits == 0 else float(beta.ppf(0.025, hits, total - hits + 1))
-    high = 1.0 if hits == total else float(beta.ppf(0.975, hits + 1, total - hits))
-    return {"hits": hits, "of": total, "share": hits / total if total else None, "low": low, "high": high}
-
-
-def count(flags: Iterable[bool]) -> Share:
-    """Of flags."""
-    values = list(flags)
-    return share(sum(map(bool, values)), len(values))
 
 
 def is_clean(row: Row) -> bool:
@@ -162,47 +149,39 @@ def _by_kind(rows: Sequence[Row]) -> list[dict[str, Any]]:
     return out
 
 
-def words(figure: Share) -> str:
-    """A share as text."""
-    if not figure["of"]:
-        return "none"
-    bounds = f"[{100 * figure['low']:.1f}, {100 * figure['high']:.1f}]"
-    return f"{figure['hits']}/{figure['of']} = {100 * figure['share']:.1f} % {bounds}"
-
-
 def markdown(figures: dict[str, Any]) -> str:
     """The figures as tables."""
     rows = [
-        ("drives with nothing missing, yet found", words(figures["clean_wrong"]), "at most 1 %"),
-        ("- receiver's Doppler as old as its position", words(figures["clean_wrong_even_doppler"]), ""),
-        ("- Doppler 20 to 100 ms older", words(figures["clean_wrong_late_doppler"]), ""),
+        ("drives with nothing missing, yet found", percent(figures["clean_wrong"]), "at most 1 %"),
+        ("- receiver's Doppler as old as its position", percent(figures["clean_wrong_even_doppler"]), ""),
+        ("- Doppler 20 to 100 ms older", percent(figures["clean_wrong_late_doppler"]), ""),
         (
             "- multi-body car, nothing laid over it: with a false name",
-            words(figures["multibody_clean_false"]),
+            percent(figures["multibody_clean_false"]),
             "",
         ),
-        ("- radii that wander by 0.02 to 0.05 %, and something found", words(figures["wander_found"]), ""),
+        ("- radii that wander by 0.02 to 0.05 %, and something found", percent(figures["wander_found"]), ""),
     ]
     bars = {"0.5": "80 %", "1": "95 %"}
     for size, figure in figures["first_by_strength"].items():
         if size != "0":
-            rows.append((f"right name first at strength {size}", words(figure), bars.get(size, "")))
+            rows.append((f"right name first at strength {size}", percent(figure), bars.get(size, "")))
     f1 = figures["localisation_f1"]
     heldout, bias = figures["heldout_share"], figures["bias_mm"]
     rows += [
-        ("false discoveries among findings", words(figures["false_discoveries"]), "at most 5 %"),
-        ("drives with a wrong name above 0.9", words(figures["sure_wrong"]), ""),
-        ("several at once: effects found", words(figures["several_found"]), "90 %"),
-        ("several at once: all found", words(figures["several_all"]), ""),
-        ("`unknown` for what no catalogue holds", words(figures["unknown_named"]), "90 %"),
-        ("- of these with a wrong name above 0.9", words(figures["unknown_sure_wrong"]), "never"),
+        ("false discoveries among findings", percent(figures["false_discoveries"]), "at most 5 %"),
+        ("drives with a wrong name above 0.9", percent(figures["sure_wrong"]), ""),
+        ("several at once: effects found", percent(figures["several_found"]), "90 %"),
+        ("several at once: all found", percent(figures["several_all"]), ""),
+        ("`unknown` for what no catalogue holds", percent(figures["unknown_named"]), "90 %"),
+        ("- of these with a wrong name above 0.9", percent(figures["unknown_sure_wrong"]), "never"),
     ]
     if f1["of"]:
         text = f"{f1['mean']:.3f} [{f1['low']:.3f}, {f1['high']:.3f}] ({f1['of']} drives)"
         rows.append(("localisation F1, mean", text, "0.8"))
     for part, figure in figures["places"].items():
-        rows.append((f"- right {part} of right names", words(figure), ""))
-    rows.append(("95 % intervals that hold the truth", words(figures["coverage"]), "90 to 98 %"))
+        rows.append((f"- right {part} of right names", percent(figure), ""))
+    rows.append(("95 % intervals that hold the truth", percent(figures["coverage"]), "90 to 98 %"))
     if heldout["of"]:
         text = f"median {heldout['median']:.3f}, p10 {heldout['p10']:.3f} ({heldout['of']} drives)"
         rows.append(("held-out gain over that of the true model", text, "0.9"))
@@ -240,7 +219,7 @@ def markdown(figures: dict[str, Any]) -> str:
     ]
     for name, each in figures["by_parameter"].items():
         relative = "" if each["median_relative"] is None else f"{100 * each['median_relative']:.1f} %"
-        out.append(f"| {name} | {words(each['coverage'])} | {relative} |")
+        out.append(f"| {name} | {percent(each['coverage'])} | {relative} |")
     if figures["failures"]:
         out += ["", "Failed:", "", *(f"- {line}" for line in figures["failures"])]
     return "\n".join(out) + "\n"

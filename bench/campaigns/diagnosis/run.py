@@ -12,13 +12,11 @@ program is not done again.
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import sys
 import time
 import traceback
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +35,7 @@ from bench.campaigns.diagnosis.score import score
 from bench.campaigns.diagnosis.seal import diagnosed
 from bench.campaigns.diagnosis.truth import truth_of
 from bench.places import OUT, REPO
+from bench.runner import code_state, last_state, resume
 
 Entry = tuple[str, float, int]
 """Kind, strength and seed."""
@@ -127,10 +126,10 @@ def _short(finding: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def guarded(entry: Entry, courses: Path, program: Path, replay: bool) -> dict[str, Any]:
+def guarded(entry: Entry, courses: Path, program: Path, replayed: tuple[Entry, ...] = ()) -> dict[str, Any]:
     """`one`, whose own failure is a row as well."""
     try:
-        return one(entry, courses, program, replay)
+        return one(entry, courses, program, entry in replayed)
     except Exception:
         last = traceback.format_exc().strip().splitlines()
         return {
@@ -140,86 +139,40 @@ def guarded(entry: Entry, courses: Path, program: Path, replay: bool) -> dict[st
         }
 
 
-def code_state(program: Path) -> str:
-    """Checksum of what is tested: the program's sources."""
-    digest = hashlib.sha256()
-    for path in sorted((program / "tpmsd").rglob("*.py")):
-        digest.update(path.relative_to(program).as_posix().encode())
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:12]
-
-
-def read_results(file: Path) -> list[dict[str, Any]]:
-    """All rows; a line that was cut off is left out."""
-    rows = []
-    if file.exists():
-        for line in file.read_text(encoding="utf-8").splitlines():
-            try:
-                rows.append(json.loads(line))
-            except json.JSONDecodeError:
-                continue
-    return rows
-
-
 def run(args: argparse.Namespace, wanted: Plan) -> list[dict[str, Any]]:
     """Do what is not done yet; the rows of the whole plan."""
-    file, state = args.out / "results.jsonl", code_state(args.program)
-    args.out.mkdir(parents=True, exist_ok=True)
-    rows = {
-        (row["kind"], row["strength"], row["seed"]): row
-        for row in read_results(file)
-        if (args.any_code or row.get("code") == state) and not row.get("benchmark_fault")
-    }
-    todo = [entry for entry in wanted if entry not in rows]
-    courses = args.out / "courses"
-    if any(kind.startswith("mb/") for kind, _, _ in todo):
+    state, courses = code_state(args.program / "tpmsd"), args.out / "courses"
+    if any(kind.startswith("mb/") for kind, _, _ in wanted):
         from bench.worlds.multibody import prepare
 
         prepare(courses, lambda text: print(text, file=sys.stderr, flush=True))
-    begun = time.monotonic()
-    cut_off = file.exists() and not file.read_bytes().endswith(b"\n")
-    with file.open("a", encoding="utf-8") as log:
-        log.write("\n" if cut_off else "")
-        for number, row in enumerate(_rows(args, todo, courses), start=1):
-            row["code"] = state
-            log.write(json.dumps(row) + "\n")
-            log.flush()
-            rows[row["kind"], row["strength"], row["seed"]] = row
-            spent = time.monotonic() - begun
-            left = spent / number * (len(todo) - number)
-            print(
-                f"{number}/{len(todo)}, {left / 60:.0f} min left: {row['kind']} x{row['strength']:g} "
-                f"seed {row['seed']}: {row.get('names', row.get('error'))}"
-                f" (can tell {row.get('told', '?')}, found {row.get('told_found', '?')})",
-                file=sys.stderr,
-                flush=True,
-            )
-            if args.failures is not None:
-                args.failures.write_text(failing(list(rows.values()), state), encoding="utf-8")
-            if args.minutes and spent > 60 * args.minutes:
-                print("time is up; the rest is left for another run", file=sys.stderr)
-                break
-    return [rows[entry] for entry in wanted if entry in rows]
+    replayed = tuple(wanted[: args.alarms])
+
+    def after(done: dict[str, dict[str, Any]]) -> None:
+        if args.failures is not None:
+            args.failures.write_text(failing(list(done.values()), state), encoding="utf-8")
+
+    found = resume(
+        args.out / "results.jsonl",
+        state,
+        wanted,
+        partial(guarded, courses=courses, program=args.program, replayed=replayed),
+        lambda entry, row: (
+            f"{row['kind']} x{row['strength']:g} seed {row['seed']}: {row.get('names', row.get('error'))}"
+            f" (can tell {row.get('told', '?')}, found {row.get('told_found', '?')})"
+        ),
+        jobs=args.jobs,
+        minutes=args.minutes,
+        any_state=args.any_code,
+        after=after,
+        again=is_fault,
+    )
+    return [row for _, row in found]
 
 
-def _rows(args: argparse.Namespace, todo: Plan, courses: Path) -> Iterator[dict[str, Any]]:
-    def replay(number: int) -> bool:
-        return number < args.alarms
-
-    if args.jobs == 1:
-        for number, entry in enumerate(todo):
-            yield guarded(entry, courses, args.program, replay(number))
-        return
-    with ProcessPoolExecutor(args.jobs) as pool:
-        try:
-            waiting = [
-                pool.submit(guarded, entry, courses, args.program, replay(number))
-                for number, entry in enumerate(todo)
-            ]
-            for future in as_completed(waiting):
-                yield future.result()
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+def is_fault(row: dict[str, Any]) -> bool:
+    """Whether it was the benchmark that failed."""
+    return bool(row.get("benchmark_fault"))
 
 
 def write_drive(args: argparse.Namespace) -> None:
@@ -274,9 +227,8 @@ def main(args: argparse.Namespace) -> int:
     args.strengths = args.strengths or ("0.25,0.5,1,2" if args.full else "1")
     args.out, args.program = args.out.resolve(), args.program.resolve()
     if args.report_only:
-        rows = [row for row in read_results(args.out / "results.jsonl") if not row.get("benchmark_fault")]
-        if not args.any_code:
-            rows = [row for row in rows if row["code"] == rows[-1]["code"]]
+        found = last_state(args.out / "results.jsonl", args.any_code)
+        rows = [row for row in found if not is_fault(row)]
     else:
         rows = run(args, plan(args))
     figures = summary(rows)

@@ -12,7 +12,6 @@ error.
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
 import math
 import os
@@ -21,7 +20,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from pathlib import Path
 from typing import Any
 
@@ -33,9 +31,11 @@ from bench.campaigns.estimators.report import markdown
 from bench.campaigns.estimators.tasks import LIMIT, Task, perform, plan
 from bench.places import OUT, RECORDINGS, REPO
 from bench.registry import UsageError
+from bench.runner import code_state, each, resume
 
 DEFAULT_RUNS = 2
 FULL_RUNS = 100
+MEASURED = ("tpmsd/estimators", "tpmsd/physics", "tpmsd/timeline", "bench/campaigns/estimators")
 
 
 def options(parser: argparse.ArgumentParser) -> None:
@@ -89,91 +89,31 @@ def checked(args: argparse.Namespace) -> argparse.Namespace:
     return args
 
 
-class Progress:
-    """One line per finished run on standard error."""
-
-    def __init__(self, total: int) -> None:
-        self._total, self._done, self._begun = total, 0, time.monotonic()
-
-    def say(self, line: str, counts: bool = False) -> None:
-        """Print a line; `counts`: it ends one of the runs."""
-        self._done += counts
-        spent = time.monotonic() - self._begun
-        left = spent / self._done * (self._total - self._done) if self._done else 0.0
-        head = (
-            f"[{self._done}/{self._total} {spent:.0f} s, {left:.0f} s to go]"
-            if counts
-            else f"[{spent:.0f} s]"
-        )
-        print(head, line, file=sys.stderr, flush=True)
-
-
 def spread(
-    items: Sequence[Any],
-    work: Callable[[Any], Any],
-    label: Callable[[Any], str],
-    jobs: int,
-    minutes: float = math.inf,
-    keep: Callable[[Any], None] = lambda _: None,
+    items: Sequence[Any], work: Callable[[Any], Any], label: Callable[[Any], str], jobs: int
 ) -> list[Any]:
-    """Do all items in some processes; results in the order of the items.
-
-    Interrupted, or when the time is up, it keeps what is done; items that have begun are finished. `keep`
-    gets each result at once.
-    """
-    progress = Progress(len(items))
-    results: dict[int, Any] = {}
-    ends = time.monotonic() + 60.0 * minutes
-    waiting = list(enumerate(items))[::-1]
-    running: dict[Future[Any], int] = {}
-    # One process works apart, too: what runs piled up in memory does not burden the next part's timing.
-    with ProcessPoolExecutor(jobs) as pool:
-        try:
-            while waiting or running:
-                while waiting and len(running) < jobs and time.monotonic() < ends:
-                    number, item = waiting.pop()
-                    running[pool.submit(work, item)] = number
-                if not running:
-                    print(f"Time is up: {len(waiting)} runs were not begun", file=sys.stderr)
-                    break
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    number = running.pop(future)
-                    results[number] = future.result()
-                    keep(results[number])
-                    progress.say(label(items[number]), counts=True)
-        except KeyboardInterrupt:
-            print("Interrupted: the tables are of what was done", file=sys.stderr)
-    return [results[k] for k in sorted(results)]
+    """Do all items in some processes; results in the order of the items."""
+    results = {}
+    for number, (item, result) in enumerate(each(items, work, jobs, apart=True), start=1):
+        results[label(item)] = result
+        print(f"[{number}/{len(items)}] {label(item)}", file=sys.stderr, flush=True)
+    return [results[label(item)] for item in items if label(item) in results]
 
 
 def play_all(tasks: list[Task], args: argparse.Namespace, state: str) -> list[dict[str, Any]]:
     """All Monte-Carlo runs; those that stand in OUT/rows.jsonl, of this commit, are not done again."""
-    file = args.out / "rows.jsonl"
-    there: dict[str, dict[str, Any]] = {}
-    if file.exists():
-        for line in file.read_text(encoding="utf-8").splitlines():
-            with contextlib.suppress(ValueError, KeyError, TypeError):  # a line cut short by a power cut
-                entry = json.loads(line)
-                if entry["commit"] == state and not state.endswith("-dirty"):
-                    there[entry["task"]] = entry["row"]
-    left = [task for task in tasks if task.label not in there]
-    if len(left) < len(tasks):
-        print(f"{len(tasks) - len(left)} runs of this commit stand in {file}", file=sys.stderr)
-    with file.open("a", encoding="utf-8") as notes:
+    found = resume(
+        *(args.out / "rows.jsonl", state, tasks, perform, lambda task, row: task.label),
+        jobs=args.jobs,
+        minutes=args.minutes,
+        apart=True,
+    )
+    return [row for _, row in found]
 
-        def keep(row: dict[str, Any]) -> None:
-            task = Task(
-                row["scenario"], row["receiver"], row["seed"], row["method"], row["particles"], row["front"]
-            )
-            there[task.label] = row
-            entry = {"commit": state, "task": task.label, "row": row}
-            notes.write(
-                "\n" + json.dumps(entry, default=float) + "\n"
-            )  # the last line may have been cut short
-            notes.flush()
 
-        spread(left, perform, lambda t: t.label, args.jobs, args.minutes, keep)
-    return [there[task.label] for task in tasks if task.label in there]
+def state_of_code() -> str:
+    """Checksum of what is measured."""
+    return code_state(*(REPO / part for part in MEASURED))
 
 
 def commit() -> str:
@@ -184,10 +124,11 @@ def commit() -> str:
         done = subprocess.run(["git", *words], cwd=REPO, capture_output=True, text=True, check=False)
         return done.stdout.strip()
 
-    shown = (f":(exclude)bench/campaigns/estimators/{name}.py" for name in ("figures", "report"))
-    measured = ("tpmsd/estimators", "tpmsd/physics", "tpmsd/timeline", "bench/campaigns/estimators", *shown)
-    changed = git("status", "--porcelain", "--", *measured)
-    return (git("log", "-1", "--format=%h", "--", *measured) or "unknown") + ("-dirty" if changed else "")
+    shown = [f":(exclude)bench/campaigns/estimators/{name}.py" for name in ("figures", "report")]
+    changed = git("status", "--porcelain", "--", *MEASURED, *shown)
+    return (git("log", "-1", "--format=%h", "--", *MEASURED, *shown) or "unknown") + (
+        "-dirty" if changed else ""
+    )
 
 
 def main(args: argparse.Namespace) -> int:
@@ -217,8 +158,7 @@ def main(args: argparse.Namespace) -> int:
         result["survival"] = spread(plans, survive.survive, lambda p: f"{p[0]}: {p[1]:g} h", args.jobs)
         return finish(args.out, result, "survival", begun)
     if "speed" in args.parts:  # first, while nothing else of ours runs
-        progress = Progress(0)
-        result["speed"] = speed.all_figures(args.full, progress.say)
+        result["speed"] = speed.all_figures(args.full, lambda text: print(text, file=sys.stderr, flush=True))
     if "batches" in args.parts:
         found = spread(batches.plan(args.full), batches.perform, lambda b: b.label, args.jobs)
         result["batches"] = [row for rows in found for row in rows]
@@ -232,7 +172,7 @@ def main(args: argparse.Namespace) -> int:
         result["recordings"] = spread(drives, recordings.perform, lambda r: r.label, args.jobs)
     if "runs" in args.parts:
         result["rows"] = play_all(
-            [task for task in plan(args.runs) if task.method in args.methods], args, result["commit"]
+            [task for task in plan(args.runs) if task.method in args.methods], args, state_of_code()
         )
     return finish(args.out, result, "results", begun)
 

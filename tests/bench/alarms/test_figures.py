@@ -11,11 +11,12 @@ from typing import Any
 import pytest
 
 from bench.campaigns.alarms import run as bench
-from bench.campaigns.alarms.figures import bars, detection, figures, percent, rate
+from bench.campaigns.alarms.figures import bars, detection, figures, rate
 from bench.campaigns.alarms.play import Said
 from bench.campaigns.alarms.score import incidents_of
 from bench.campaigns.alarms.text import markdown
 from bench.cli import main, parse
+from bench.statistics import percent
 
 
 def case(number: int, **changed: Any) -> dict[str, Any]:
@@ -160,8 +161,8 @@ def test_units_of_this_state_of_the_program_are_not_played_again(tmp_path: Path)
     """A line that was cut off is passed over; one of another state does not count."""
     args = arguments(cars=1, km=0.0, out=tmp_path, held_out=True)
     unit = bench.plan(args)[0]
-    lines = [{"unit": unit, "code": bench.code_state(), "rows": [case(1)]}]
-    lines.append({"unit": unit, "code": "old", "rows": [case(2)]})
+    lines = [{"unit": unit, "state": bench.state_of_code(), "result": [case(1)]}]
+    lines.append({"unit": unit, "state": "old", "result": [case(2)]})
     (tmp_path / "results.jsonl").write_text("\n".join(map(json.dumps, lines)) + '\n{"unit": ["ca')
 
     assert [case(1)] == bench.run(args)
@@ -180,7 +181,7 @@ def test_the_command_writes_summary_and_picture(tmp_path: Path, capsys: pytest.C
     rows = [case(1), case(2, detected=False, fast_s=None, named=[]), leg(["ice"], 50.0)]
     folder = tmp_path / "development"
     folder.mkdir()
-    entry = {"unit": ["cases", "development", 1, 10], "code": "x", "rows": rows}
+    entry = {"unit": ["cases", "development", 1, 10], "state": "x", "result": rows}
     (folder / "results.jsonl").write_text(json.dumps(entry) + "\n")
 
     assert 0 == main(["run", "alarms", "--report-only", "--out", str(tmp_path)])

@@ -7,10 +7,9 @@ import json
 from collections import Counter
 from pathlib import Path
 
-import pytest
-
 from bench.campaigns.diagnosis import run as bench
 from bench.campaigns.diagnosis.report import failing, markdown, summary
+from bench.runner import code_state, read
 
 
 def options(**changed: object) -> argparse.Namespace:
@@ -45,25 +44,28 @@ def test_a_run_cut_short_has_seen_all_kinds() -> None:
 
 
 def test_results_of_this_state_of_the_program_are_not_made_again(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
 ) -> None:
     """A line that was cut off is passed over; one of another state of the program does not count."""
     program = tmp_path / "program"
     (program / "tpmsd").mkdir(parents=True)
     (program / "tpmsd" / "__init__.py").write_text("", encoding="utf-8")
-    state = bench.code_state(program)
-    rows = [{"kind": "nothing", "strength": 0.0, "seed": seed, "code": state} for seed in (1, 2)]
-    lines = [json.dumps(row) for row in rows] + [json.dumps({**rows[0], "seed": 3, "code": "old"})]
-    (tmp_path / "results.jsonl").write_text("\n".join(lines) + '\n{"kind": "noth', encoding="utf-8")
-    args = options(out=tmp_path, program=program, any_code=False, jobs=1, alarms=0)
+    state = code_state(program / "tpmsd")
+    rows = [{"kind": "nothing", "strength": 0.0, "seed": seed} for seed in (1, 2)]
+    entries = [{"unit": ["nothing", 0.0, row["seed"]], "state": state, "result": row} for row in rows]
+    lines = [json.dumps(entry) for entry in [*entries, {**entries[0], "state": "old", "result": {}}]]
+    (tmp_path / "results.jsonl").write_text("\n".join(lines) + '\n{"unit": ["noth', encoding="utf-8")
+    args = options(
+        out=tmp_path, program=program, any_code=False, jobs=1, alarms=0, minutes=None, failures=None
+    )
 
     assert rows == bench.run(args, [("nothing", 0.0, 1), ("nothing", 0.0, 2)])
-    assert 3 == len(bench.read_results(tmp_path / "results.jsonl"))
+    assert 3 == len(read(tmp_path / "results.jsonl"))
 
 
 def test_a_drive_that_fails_is_a_row_and_not_the_end() -> None:
     """A kind that is not known stands for a fault of the benchmark itself."""
-    row = bench.guarded(("phlogiston", 1.0, 3), Path("none"), Path("none"), False)
+    row = bench.guarded(("phlogiston", 1.0, 3), Path("none"), Path("none"))
 
     assert ("phlogiston", 3, True) == (row["kind"], row["seed"], row["benchmark_fault"])
     assert "phlogiston is no kind that is known" in row["error"]

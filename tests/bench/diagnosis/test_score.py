@@ -19,10 +19,10 @@ from bench.campaigns.diagnosis.draw import (
     draw_case,
 )
 from bench.campaigns.diagnosis.make import make
-from bench.campaigns.diagnosis.report import share
 from bench.campaigns.diagnosis.score import improvement, localisation, match, parameter_errors
 from bench.campaigns.diagnosis.seal import diagnosed
 from bench.campaigns.diagnosis.truth import Concealed, Truth, truth_of
+from bench.statistics import share
 from bench.worlds.instruments import observe
 from bench.worlds.kinematic import course
 from bench.worlds.spec import Spec

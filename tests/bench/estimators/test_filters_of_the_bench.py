@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, astuple
 from itertools import islice, pairwise
 from pathlib import Path
 
@@ -180,7 +180,8 @@ def test_a_run_that_was_done_is_not_done_again(tmp_path: Path, capsys: pytest.Ca
     args = parse(["run", "estimators", "--out", str(tmp_path), "--jobs", "1"])
     task = Task("puncture", "white", 0, "gaussian-sum", 0)
     row = {**asdict(task), "rmse_difference_m": 0.5}
-    lines = [json.dumps({"commit": "abc", "task": task.label, "row": row}), '{"commit": "ab']
+    entry = {"unit": list(astuple(task)), "state": "abc", "result": row}
+    lines = [json.dumps(entry), '{"unit": ["pu']
     (tmp_path / "rows.jsonl").write_text("\n".join(lines) + "\n", encoding="utf-8")
     assert play_all([task], args, "abc") == [row]
-    assert "1 runs of this commit stand" in capsys.readouterr().err
+    assert "1 of 1 stand in" in capsys.readouterr().err

@@ -191,4 +191,3 @@ def test_survival_is_judged_by_what_changes_with_the_hours(
 def test_work_ends_when_its_time_is_up() -> None:
     """What was begun is kept, in the order asked for; what was not is left out."""
     assert spread([3, 1, 2], abs, str, 2) == [3, 1, 2]
-    assert spread([3, 1, 2], abs, str, 1, minutes=-1.0) == []
