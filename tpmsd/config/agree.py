@@ -6,6 +6,7 @@ In: the values that passed their rules. Out: problems, handed to a `Reporter`, a
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 from typing import Any, Protocol
 
 from tpmsd.config.model import AlarmsConfig, GnssConfig, MonitorConfig, TyreConfig, VehicleConfig
@@ -153,6 +154,15 @@ def monitor(settings: MonitorConfig, given: Collection[str], report: Reporter) -
         )
 
 
+_PLACE = ("gnss_latitude", "gnss_longitude")
+
+
+def receiver(settings: GnssConfig, roles: Collection[str]) -> GnssConfig:
+    """Where no source is named, and the bus has the position, it is the source."""
+    named = settings.source is not None or settings.device is not None
+    return settings if named or not set(_PLACE) <= set(roles) else replace(settings, source="can")
+
+
 def gnss(settings: GnssConfig, roles: Collection[str], report: Reporter) -> None:
     """One source of fixes, and one on CAN needs signals of the position."""
     if settings.source is None:
@@ -160,7 +170,7 @@ def gnss(settings: GnssConfig, roles: Collection[str], report: Reporter) -> None
     if settings.device is not None:
         both = BadValueError("stands beside device", show(settings.source), "one of the two")
         report(both, "gnss", "source")
-    missing = [role for role in ("gnss_latitude", "gnss_longitude") if role not in roles]
+    missing = [role for role in _PLACE if role not in roles]
     if settings.source == "can" and missing:
         needed = BadValueError(f"no signal of {' '.join(missing)}", show("can"), "both in [can.signals]")
         report(needed, "gnss", "source")

@@ -18,7 +18,7 @@ from cantools.database.can import Database, Message, Signal
 from tpmsd.config.dbc import NotedDatabase, counter_modulus, find_signal, load_dbc
 from tpmsd.config.document import read_document
 from tpmsd.config.load import Parsed, parse
-from tpmsd.config.model import SignalOptions
+from tpmsd.config.model import GNSS_ROLES, SignalOptions
 from tpmsd.config.plan import TOP_SPEED_MPS, Plan, make_plan
 from tpmsd.config.problems import BadValueError, ConfigProblems, Problem, show
 from tpmsd.config.suggest import nearest
@@ -206,6 +206,11 @@ class _Checker:
     def _check_usefulness(self) -> None:
         """What is allowed but was hardly meant."""
         signals = self._parsed.signals
+        config = self._parsed.config
+        if config is not None and config.gnss.source != "can":
+            for role in signals:
+                if role in GNSS_ROLES:
+                    self._warn("of no use: [gnss] source is not 'can'", "can.signals", role)
         vehicle = self._table("vehicle")
         if not vehicle:
             return

@@ -96,7 +96,7 @@ class _Parser:
         agree.tyre(tyre, given["tyre"], self._report)
         alarms = AlarmsConfig(**good["alarms"])
         agree.alarms(alarms, given["alarms"], self._report)
-        gnss = GnssConfig(**good["gnss"])
+        gnss = agree.receiver(GnssConfig(**good["gnss"]), given["can.signals"])
         agree.gnss(gnss, given["can.signals"], self._report)
         dbc = self._dbc(dbc, good["can"])
         channel = good["can"].get("channel")

@@ -173,6 +173,16 @@ def compile_plans(config: Config, database: Database) -> dict[int, MessagePlan]:
     }
 
 
+def signal_steps(config: Config, database: Database) -> dict[str, float]:
+    """Role -> resolution of its signal in SI units; 0 for floating-point numbers."""
+    return {
+        signal.role: 0.0 if signal.field.is_float else abs(signal.gain)
+        for plan in compile_plans(config, database).values()
+        for group in plan.groups
+        for signal in group.signals
+    }
+
+
 def _key(bus: int, message: Message) -> int:
     return bus << BUS_SHIFT | message.frame_id | (EXTENDED if message.is_extended_frame else 0)
 

@@ -10,10 +10,13 @@ from collections.abc import Iterable
 
 from cantools.database import Database
 
-from tpmsd.config.model import Config
+from tpmsd.config.gnss_source import source_of
+from tpmsd.config.model import GNSS_ROLES, Config
 from tpmsd.sources.can_decoder import CanDecoder
-from tpmsd.sources.events import Event
+from tpmsd.sources.events import Event, InertialSample
+from tpmsd.sources.gnss_on_can import CanFixAssembler
 from tpmsd.sources.nmea_epoch import NmeaAssembler
+from tpmsd.sources.signal_plan import signal_steps
 from tpmsd.timeline.tick import Tick
 from tpmsd.timeline.timeline import Timeline
 
@@ -24,7 +27,12 @@ class TickSource:
     def __init__(self, config: Config, database: Database, rate_hz: float | None = None) -> None:
         """`rate_hz`: ticks per second instead of the configured ones."""
         self.decoder = CanDecoder(config, database)
-        self.assembler = NmeaAssembler()
+        source = source_of(config.gnss)
+        self._on_bus: CanFixAssembler | None = None
+        if source is not None and source.kind == "can":
+            self._on_bus = CanFixAssembler(config.can.signals, signal_steps(config, database))
+        self.assembler: NmeaAssembler | CanFixAssembler = self._on_bus or NmeaAssembler()
+        """Where fixes are made, of sentences or of signals."""
         self.timeline = Timeline(rate_hz or config.filter.rate_hz, config.gnss.latency_s)
 
     def on_frame(
@@ -40,13 +48,19 @@ class TickSource:
         ticks = self.advance(time_s)
         add = self.timeline.add
         for event in self.decoder.decode(time_s, arbitration_id, is_extended, data, is_fd, bus):
+            if isinstance(event, InertialSample) and event.role in GNSS_ROLES:
+                if self._on_bus is not None:
+                    ticks += self._take(self._on_bus.take(event))
+                continue
             ticks += add(event)
         return ticks
 
     def on_sentence(self, time_s: float, line: bytes) -> list[Tick]:
-        """Take one NMEA line."""
+        """Take one NMEA line; it counts for nothing where the receiver is on the bus."""
         ticks = self.advance(time_s)
-        return ticks + self._take(self.assembler.feed(time_s, line))
+        if isinstance(self.assembler, NmeaAssembler):
+            ticks += self._take(self.assembler.feed(time_s, line))
+        return ticks
 
     def on_event(self, event: Event) -> list[Tick]:
         """Take a source's own event (an interface that went down, a receiver unplugged)."""

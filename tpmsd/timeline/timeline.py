@@ -101,7 +101,7 @@ class Timeline:
             if self.observe is not None:
                 self.observe(event)
         elif isinstance(event, InertialSample):
-            if math.isfinite(event.value):
+            if math.isfinite(event.value) and event.role in FIELDS:
                 self._inertial[event.role].append((now, event.value))
         else:
             self._faults.append(event)
