@@ -140,7 +140,10 @@ def test_no_track_is_off_by_the_width_of_a_tyre(rear_m: float, thinkable: bool) 
     """However sure it looks."""
     u = directions(1)
     track = Term("track_width_error", columns(1, width=2), ("rear_m",), 3.5)
-    selector = Selector(evidence(100.0 * rear_m * u[:, 0], 100.0 * u), Given(2, [track], []), last=True)
+    given = Given(2, [track], [])
+    geometry = Geometry(track_front_m=1.5, track_rear_m=1.5, wheelbase_m=2.7)
+    given.bounds = bounds_of(Car(np.full(4, 0.3), geometry, driven_mask("rear")))
+    selector = Selector(evidence(100.0 * rear_m * u[:, 0], 100.0 * u), given, last=True)
 
     assert thinkable == bool(selector.select().chosen)
 
@@ -160,11 +163,11 @@ def test_no_antenna_is_where_there_is_no_car(configured_m: float, thinkable: boo
     assert thinkable == bool(chosen)
 
 
-@pytest.mark.parametrize(("own_nats", "named"), [(1.5, "doppler_lag"), (12.0, "gnss_latency")])
+@pytest.mark.parametrize(("own_nats", "named"), [(1.5, "velocity_lag"), (12.0, "gnss_latency")])
 def test_an_old_fix_that_may_be_an_old_speed_is_the_receivers_own(own_nats: float, named: str) -> None:
     """Alike but for what the positions tell: with one and a half nats of that no name is given."""
     u = directions(2)
-    lag = Term("doppler_lag", columns(1, width=3), ("lag_s",), 3.5)
+    lag = Term("velocity_lag", columns(1, width=3), ("lag_s",), 3.5)
     latency = Term("gnss_latency", columns(2, width=3), ("latency_s",), 3.5)
     position = np.sqrt(2.0 * own_nats)
     responses = 300.0 * np.stack([u[:, 0], u[:, 0] + position / (300.0 * LAG_S) * u[:, 1]], axis=1)

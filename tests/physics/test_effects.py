@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from tests.physics.motions import accelerating, car, steady
+from tpmsd.errors import ConfigError
 from tpmsd.physics.catalogue import EFFECTS, make_effect
 from tpmsd.physics.covariates import covariate
 from tpmsd.physics.effect import Effect
@@ -94,14 +95,14 @@ def test_driven_wheels_slip_forwards_under_drive_force(driven: str, wheels: tupl
 
 def test_driven_wheels_turn_slower_when_the_engine_brakes() -> None:
     """Slip acts for either sign of the acceleration."""
-    slip = make_effect("longitudinal_slip", slip_per_accel=1e-3).slip(accelerating(-2.0), car())
+    slip = make_effect("longitudinal_slip", slip_per_accel=1e-3).wheel_slip(accelerating(-2.0), car())
 
     assert pytest.approx([-2e-3, -2e-3, 0.0, 0.0]) == slip[10]
 
 
 def test_driven_wheels_slip_when_climbing_at_constant_speed() -> None:
     """The drive force that holds a car on a slope slips as the same force in acceleration does."""
-    slip = make_effect("longitudinal_slip", slip_per_accel=1e-3).slip(steady(grade_rad=0.05), car())
+    slip = make_effect("longitudinal_slip", slip_per_accel=1e-3).wheel_slip(steady(grade_rad=0.05), car())
 
     assert pytest.approx(1e-3 * 9.80665 * math.sin(0.05)) == slip[0, FL]
 
@@ -286,7 +287,9 @@ def test_an_effect_acts_through_one_or_two_hooks(name: str) -> None:
     hooks = {
         key
         for key, value in vars(Effect).items()
-        if callable(value) and not key.startswith("_") and key != "values"
+        if callable(value)
+        and not key.startswith("_")
+        and key not in ("values", "unit_of", "not_compensated", "left_in")
     }
 
     assert len(hooks & set(vars(EFFECTS[name]))) in (1, 2)
@@ -311,3 +314,39 @@ def test_effects_combine_whatever_their_order() -> None:
 
     assert pytest.approx(one, rel=1e-14) == other
     assert pytest.approx(by_hand) == one[:, WHEELS.index("fl")]
+
+
+def test_spinning_wheels_turn_faster_within_their_span_alone() -> None:
+    """omega * r = v * (1 + slip) on the named wheels from the onset on for so long."""
+    motion = steady(20.0)
+    event = make_effect("wheel_spin", wheels="front", slip=0.012, onset_s=10.0, duration_s=5.0)
+    rates = wheel_rates(motion, car(), only(event))
+    free = wheel_rates(motion, car(), ExtendedModel())
+    inside = (motion.time_s >= 10.0) & (motion.time_s < 15.0)
+
+    np.testing.assert_allclose(rates[inside, :2] / free[inside, :2], 1.012, rtol=1e-12)
+    np.testing.assert_array_equal(rates[~inside], free[~inside])
+    np.testing.assert_array_equal(rates[:, 2:], free[:, 2:])
+
+
+def test_a_wheel_that_stands_does_not_turn() -> None:
+    """A slip of -1 is a locked wheel; no event has the sign of the other."""
+    motion = steady(20.0)
+    event = make_effect("wheel_lock", wheels="rl", slip=-1.0, onset_s=0.0, duration_s=1e3)
+
+    assert 0.0 == float(np.abs(wheel_rates(motion, car(), only(event))[:, 2]).max())
+    with pytest.raises(ConfigError, match=r"^effect wheel_spin: slip = -0.1 is outside 0 to 50 1$"):
+        make_effect("wheel_spin", wheels="rl", slip=-0.1, onset_s=0.0, duration_s=1.0)
+    with pytest.raises(
+        ConfigError, match=r"^effect wheel_lock: wheels = 'middle' holds 'middle', wanted are "
+    ):
+        make_effect("wheel_lock", wheels="middle", slip=-0.1, onset_s=0.0, duration_s=1.0)
+
+
+def test_an_older_speed_is_that_of_an_earlier_moment_and_its_position_is_not() -> None:
+    """The lag moves speed and course; the fix's own age stays what it was."""
+    model = ExtendedModel(
+        (make_effect("velocity_lag", lag_s=0.2), make_effect("gnss_latency", latency_s=0.1))
+    )
+
+    assert (0.2, 0.1) == (model.velocity_age_s(), model.fix_age_s())

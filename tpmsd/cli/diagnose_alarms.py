@@ -50,6 +50,7 @@ class AlarmReplays:
     def compared(self, diagnosis: Diagnosis) -> list[AlarmsCompared]:
         """All drives without and with the diagnosed model; waits for the replays."""
         from tpmsd.config.load import load_config
+        from tpmsd.physics.effect import Kind
         from tpmsd.report.alarms_compared import compare_alarms
         from tpmsd.timeline.compensation import left_alone
 
@@ -58,7 +59,7 @@ class AlarmReplays:
         for drive in self._drives:
             config = load_config(drive if self._config_file is None else self._config_file)
             notes.append(tuple(left_alone(config, model)))
-            nothing = all(effect.name == "radius_change" for effect in model)
+            nothing = all(effect.kind is Kind.FAULT for effect in model)
             after.append(None if nothing else self._start(drive, model))
         return [
             compare_alarms(

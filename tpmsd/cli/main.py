@@ -32,6 +32,7 @@ COMMANDS: Commands = (
     ("check", "tpmsd.cli.check", "check a configuration and say what would be monitored with what"),
     ("calibrate", "tpmsd.cli.calibrate", "learn the radii of a car from a recorded drive"),
     ("diagnose", "tpmsd.cli.diagnose", "say which physics a recorded drive holds that the model lacks"),
+    ("effects", "tpmsd.cli.effects", "list the effects that are known, and what a drive tells of them"),
 )
 """Name, module and one-line help of every command; one whose module is not there is left out."""
 

@@ -59,7 +59,9 @@ class Candidates:
         if everything:
             shapes = self.hypotheses.pulse_gains(gram, b) + self.hypotheses.smooth_gains(gram, b)
             scanned = self.hypotheses.ramp_gains(gram, b)
-            scanned += [((1.0 - handicap(shape)) * brings, shape) for brings, shape in shapes]
+            scanned += [
+                ((1.0 - handicap(one)) * brings if one.free else brings, one) for brings, one in shapes
+            ]
             out += [(brings - one.penalty, [one]) for brings, one in scanned if one.key not in taken]
         return sorted(out, key=lambda entry: -entry[0])
 
@@ -107,7 +109,7 @@ class Candidates:
     @staticmethod
     def net(term: Term, gain: float, first: float) -> float:
         """What a term's gain is worth against rivals for its place."""
-        if term.effect != "unknown":
+        if not term.free:
             return gain - term.price(first)
         return (1.0 - handicap(term)) * gain - term.price(first)
 

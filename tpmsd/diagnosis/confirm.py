@@ -23,14 +23,14 @@ from tpmsd.inference.least_squares import Evidence, gain_of
 from tpmsd.inference.noise import PRIORS, Noise
 from tpmsd.inference.noise_fit import SLOW, log_posterior, refit_slow, refit_wander
 from tpmsd.inference.whitening import whiten
+from tpmsd.physics.effect import Look
 from tpmsd.wheels import FloatArray
 
-COMMON = ("thermal_growth", "centrifugal_growth", "road_grade")
-SURE = 80.0
+CLEAR = 80.0
 """Log-likelihood beyond which no slow noise of a receiver is the reason."""
-SURE_OF_LATENCY = 0.95
-"""Confidence below which an age of the fixes is not told from an age of their speed alone."""
-SURE_OF_WHEEL = 3000.0
+SURE = 0.95
+"""Confidence below which an effect is not told from what instruments usually make."""
+CLEAR_OF_WHEEL = 3000.0
 """The same of a wheel that changes against the others."""
 WANDERS = 1e-4
 """Relative standard deviation of the radii's slow wander that is more than usual: five times that."""
@@ -41,9 +41,10 @@ UNSURE_OF_WANDER = 1.5
 def confirmed(study: Study, selection: Selection, evidence: Evidence) -> tuple[Selection, Evidence]:
     """Take out the terms that slow noise explains as well."""
     for one in selection.chosen:
-        common = one.term.effect in COMMON or one.term.place == "all"
-        wheel = one.term.effect == "radius_change" or one.term.covariate in ("time", "distance")
-        if one.gain > (SURE if common else SURE_OF_WHEEL if wheel else 0.0):
+        looks = one.term.kind_of.looks
+        common = looks is Look.COMMON or one.term.place == "all"
+        wheel = looks is Look.WHEEL or one.term.covariate in ("time", "distance")
+        if one.gain > (CLEAR if common else CLEAR_OF_WHEEL if wheel else 0.0):
             continue
         terms = [other.term for other in selection.chosen if other is not one]
         selector = Selector(evidence, study.hypotheses)
@@ -61,15 +62,14 @@ def confirmed(study: Study, selection: Selection, evidence: Evidence) -> tuple[S
 
 
 def _receivers_own(study: Study, selection: Selection, evidence: Evidence) -> Selection:
-    """A latency that may as well be the speed's alone is the receiver's own affair, and no finding."""
+    """What may as well be an instrument's usual making is that, and no finding."""
     terms = [one.term for one in selection.chosen]
     for k, one in enumerate(selection.chosen):
-        if one.term.effect != "gnss_latency" or one.confidence >= SURE_OF_LATENCY:
+        usual = one.term.kind_of.beside
+        if not usual or one.confidence >= SURE:
             continue
-        same = [
-            t for t in study.hypotheses.catalogue if t.effect == "doppler_lag" and t.drive == one.term.drive
-        ]
-        if same and not any(term.effect == "doppler_lag" for term in terms):
+        same = [t for t in study.hypotheses.catalogue if t.effect in usual and t.drive == one.term.drive]
+        if same and not any(term.effect in usual for term in terms):
             return Selector(evidence, study.hypotheses).judged([*terms[:k], *terms[k + 1 :], same[0]])
     return selection
 

@@ -19,6 +19,7 @@ from tpmsd.diagnosis.confirm import confirmed
 from tpmsd.diagnosis.drifting import drifting
 from tpmsd.diagnosis.drives import admitted, against
 from tpmsd.diagnosis.findings import report
+from tpmsd.diagnosis.identifiability import Telling, tellings
 from tpmsd.diagnosis.refine import plainest_shape, refine
 from tpmsd.diagnosis.relinearise import relinearise
 from tpmsd.diagnosis.result import INSUFFICIENT, Diagnosis
@@ -26,6 +27,7 @@ from tpmsd.diagnosis.selection import MAX_TERMS, Selector
 from tpmsd.diagnosis.simulated import differences, floored, widened
 from tpmsd.diagnosis.study import Study, first_noise
 from tpmsd.diagnosis.together import together
+from tpmsd.errors import ConfigError
 from tpmsd.inference.least_squares import Evidence
 from tpmsd.inference.noise_fit import Stage, fit_noise, outliers
 from tpmsd.inference.recording import Recording
@@ -71,6 +73,16 @@ def diagnose_against(
     selection, evidence = differences(study, selection, evidence)
     progress(1.0)
     return report(study, selection, evidence, notes)
+
+
+def told_by(recording: Recording) -> tuple[Telling, ...]:
+    """What a drive could tell of each effect at its usual size; ConfigError where it cannot be examined."""
+    readers, notes = admitted([recording])
+    if not readers:
+        raise ConfigError("; ".join(notes))
+    study = Study(readers)
+    _estimate_noise(study, study.hypotheses.everything, Stage.FIRST)
+    return tellings(study)
 
 
 def examine(study: Study, progress: Callable[[float], None]) -> tuple[Selection, Evidence]:

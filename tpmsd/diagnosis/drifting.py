@@ -30,6 +30,7 @@ USUAL = PRIORS["gyro_drift_radps"][0]
 DRIFTS = 4.0 * USUAL
 """Estimated walk (rad/s per square root of a second) that is more than usual."""
 GYRO_NOISE = ["gyro_radps", "gyro_drift_radps"]
+READING = "yaw_rate"
 FAR_RADPS = 5e-4
 """Range of a shape that is no usual walk: eight standard deviations of a quarter of an hour's."""
 
@@ -42,7 +43,7 @@ def drifting(study: Study, selection: Selection, evidence: Evidence) -> tuple[Se
         return selection, evidence
     noise = drive.noise
     terms = [one.term for one in selection.chosen]
-    others = [term for term in terms if term.effect != "yaw_rate_bias"]
+    others = [term for term in terms if term.kind_of.drifts_into != READING]
     drive.noise = replace(noise, gyro_drift_radps=USUAL)
     selector = Selector(study.evidence(), study.hypotheses, last=True)
     shape = _best_shape(selector, others)
@@ -67,7 +68,7 @@ def _best_shape(selector: Selector, others: list[Term]) -> Term | None:
     found = [
         (gain - term.penalty, term)
         for gain, term in selector.hypotheses.smooth_gains(gram, b)
-        if term.place == "yaw_rate" and term.covariate in ("time", "distance")
+        if term.place == READING and term.covariate in ("time", "distance")
     ]
     return max(found, key=lambda entry: entry[0])[1] if found else None
 

@@ -9,9 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from tpmsd.diagnosis.chosen import Chosen
+from tpmsd.diagnosis.response import READINGS
 from tpmsd.diagnosis.terms import ANTISYMMETRIC, PATTERNS
-from tpmsd.physics.effect import Std
-from tpmsd.physics.effects.unknown import CHANNELS, MAX_RADIUS_CHANGE_M, Unknown
+from tpmsd.physics.catalogue import FREE, make_effect
+from tpmsd.physics.effect import Effect, Std
 from tpmsd.wheels import FloatArray
 
 EDGE_S = 0.5
@@ -36,12 +37,13 @@ def shape_of(one: Chosen, knots: FloatArray) -> tuple[tuple[float, float, float]
     return heights if first == 0 else ((float(knots[0]), 0.0, 0.0), *heights)
 
 
-def empirical_effect(one: Chosen, knots: FloatArray) -> tuple[Unknown, dict[str, Std]]:
+def empirical_effect(one: Chosen, knots: FloatArray) -> tuple[Effect, dict[str, Std]]:
     """The effect for the model file, its heights within what is thinkable."""
     on = place_of(one.term.place)
-    _, largest = CHANNELS.get(on, ("m", MAX_RADIUS_CHANGE_M))
+    largest = FREE.largest(on)
     x, heights, stds = zip(*shape_of(one, knots), strict=True)
-    effect = Unknown(
+    effect = make_effect(
+        FREE.name,
         on=on,
         covariate=one.term.covariate,
         knots=tuple(x),
@@ -52,7 +54,7 @@ def empirical_effect(one: Chosen, knots: FloatArray) -> tuple[Unknown, dict[str,
 
 def place_of(place: str) -> str:
     """The place of a term as the effect `unknown` writes it: `rl rr`, `fl -fr rl -rr`, `gnss_speed`."""
-    if place in CHANNELS:
+    if place in READINGS:
         return place
     if place in ANTISYMMETRIC:
         return " ".join(f"-{wheel}" if sign < 0 else wheel for wheel, sign in ANTISYMMETRIC[place])

@@ -14,6 +14,7 @@ import numpy as np
 from tpmsd.diagnosis.advice import advice
 from tpmsd.diagnosis.candidates import ADMIT
 from tpmsd.diagnosis.chosen import Chosen, Selection
+from tpmsd.diagnosis.described import STEP_S, neutral_of, nonlinear_of, usual, words_of
 from tpmsd.diagnosis.empirical import empirical_effect, shape_of
 from tpmsd.diagnosis.explanatory import explanatory
 from tpmsd.diagnosis.reach import Seen, reach
@@ -29,23 +30,13 @@ from tpmsd.diagnosis.where import where_of, whole_range
 from tpmsd.inference.least_squares import Evidence
 from tpmsd.inference.trajectory import WINDOW_S
 from tpmsd.inference.windows import CHANNEL_NAMES
-from tpmsd.physics.catalogue import make_effect, parameters_of
+from tpmsd.physics.catalogue import FAULT, make_effect, parameters_of
 from tpmsd.physics.effect import Effect, Parameter, Std
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import WHEELS
 
-NEUTRAL = {"scale": 1.0, "share": 1.0}
-"""What a parameter is where nothing is missing; fitted is the difference from it."""
-OWN = {
-    "doppler_lag": "the receiver's speed is {:.3f} +- {:.3f} s older than its position; taken into account",
-    "grade_share": "the wheels feel {:.2f} +- {:.2f} of the slopes that the receiver's heights show;"
-    " taken into account",
-}
-"""What is said of terms that are the receiver's own."""
 WANDERS = 2e-4
 """Relative standard deviation of the radii's slow wander from which it is told."""
-STEP_S = 3.0
-"""A ramp shorter than this is a step."""
 
 
 def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[str, ...] = ()) -> Diagnosis:
@@ -63,7 +54,7 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
     effect_stds: list[Mapping[str, Std]] = []
 
     def add(one: Chosen, quantities: dict[str, Quantity]) -> None:
-        if one.term.effect == "unknown":
+        if one.term.free:
             free, heights = empirical_effect(one, study.knots(one.term))
             effects.append(free)
             effect_stds.append(heights)
@@ -73,9 +64,8 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
             effect_stds.append(known)
 
     for k, one in enumerate(selection.chosen):
-        if one.term.calibrates:
-            value = float(one.values[0]) + NEUTRAL.get(one.term.parameters[0], 0.0)
-            notes = (*notes, OWN[one.term.effect].format(value, float(one.stds[0])))
+        if note := usual(one, study.speeds):
+            notes = (*notes, note)
             continue
         rest = terms[:k] + terms[k + 1 :]
         without = float(evidence.heldout(selector.design(rest))[blocks].sum())
@@ -92,7 +82,7 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
                 gain=one.heldout_gain,
                 indistinguishable_from=one.rivals,
                 advice=advice(one.term.effect, one.rivals),
-                shape=shape_of(one, study.knots(one.term)) if one.term.effect == "unknown" else (),
+                shape=shape_of(one, study.knots(one.term)) if one.term.free else (),
                 drives=_drives(study, terms, one.term),
                 held_by=versus[k].by if versus else "",
                 simulated=_quantities(versus[k].simulated, {}) if versus else {},
@@ -162,7 +152,7 @@ def _drives(study: Study, terms: list[Term], term: Term) -> tuple[str, ...]:
 
 def _of_car(term: Term) -> bool:
     """Whether a term is an effect of the catalogue whose value may be common to all drives."""
-    return term.effect not in ("unknown", "radius_change")
+    return not (term.free or term.kind_of.own_per_drive)
 
 
 def _in_full(study: Study, selection: Selection, which: int) -> Chosen:
@@ -192,27 +182,22 @@ def _rms(score: float, rows: int) -> float:
 
 def _quantities(one: Chosen, nonlinear: dict[str, float]) -> dict[str, Quantity]:
     term = one.term
-    if term.effect == "unknown":
+    if term.free:
         return {}
     known = parameters_of(term.effect)
     out: dict[str, Quantity] = {}
-    if term.wheel:
-        out["wheel"] = Quantity(term.wheel, None, "")
+    for name, word in words_of(term).items():
+        out[name] = Quantity(word, None, "")
     for name, value, std in zip(term.parameters, one.values, one.stds, strict=True):
         if name:
             wider = max(float(std), nonlinear.get(name, 0.0))
-            out[name] = Quantity(float(value) + NEUTRAL.get(name, 0.0), wider, known[name].unit)
-    if term.effect == "thermal_growth":
-        std = nonlinear.get("time_constant_s", term.time_constant_s)
-        out["time_constant_s"] = Quantity(term.time_constant_s, std, "s")
-    if term.effect == "radius_change":
-        onset, duration = term.span_s[0], term.span_s[1] - term.span_s[0]
-        step = duration < STEP_S
-        if step:
-            onset += 0.5 * duration
-        stds = [math.hypot(nonlinear.get(name, STEP_S), WINDOW_S) for name in ("onset_s", "duration_s")]
-        out["onset_s"] = Quantity(onset, stds[0], "s")
-        out["duration_s"] = Quantity(0.0 if step else duration, stds[1], "s")
+            out[name] = Quantity(float(value) + neutral_of(term.effect, name), wider, known[name].unit)
+    for name, value in nonlinear_of(term).items():
+        if term.at is not None:
+            std = nonlinear.get(name, term.at)
+        else:
+            std = math.hypot(nonlinear.get(name, STEP_S), WINDOW_S)
+        out[name] = Quantity(value, std, known[name].unit)
     return out
 
 
@@ -271,7 +256,7 @@ def _alone(study: Study, selector: Selector) -> tuple[tuple[str, float], ...]:
         gain, _ = group_gain(term.design[1:], gram, b)
         best[term.effect] = max(best.get(term.effect, 0.0), gain)
     for gain, term in study.hypotheses.ramp_gains(gram, b):
-        name = f"radius_change {term.wheel}"
+        name = f"{FAULT.name} {term.wheel}"
         best[name] = max(best.get(name, 0.0), gain)
     return tuple(sorted(best.items(), key=lambda entry: -entry[1]))
 

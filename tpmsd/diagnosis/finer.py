@@ -110,5 +110,5 @@ def _shape(study: Study, term: Term, knots: FloatArray) -> Shape:
         for k in range(first_hat(place), len(at)):
             hat = Hat(place, term.covariate, at, k)
             response = {n: np.nan_to_num(hat.column(study.drives[n].reader)) for n in acting}
-            columns.append((Refined(None, hat=hat), response))
+            columns.append((Refined(hat=hat), response))
     return Shape(term, at, columns, places)

@@ -12,9 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmsd.diagnosis.terms import MIDDLE_TIME_CONSTANT_S, Hypotheses, Name, Term, for_drive
+from tpmsd.diagnosis.terms import Hypotheses, Name, Term, for_drive
+from tpmsd.physics.catalogue import ALWAYS, EFFECTS
 from tpmsd.wheels import FloatArray
 
+SHARED = frozenset(name for name, effect in EFFECTS.items() if effect.alike_on_every_drive)
+"""Effects of which no drive has a value of its own."""
 BEST = 10
 """Terms over time and distance of one drive that a scan returns."""
 
@@ -34,7 +37,7 @@ class OwnNames:
 def is_own(name: Name, same_road: bool) -> bool:
     """Whether a column is one drive's alone; on the same road at the same times, time is common too."""
     over_time = name[0] == "smooth" and name[2] in ("time", "distance")
-    return name[0] in ("radius", "gyro_delay", "ramp") or (over_time and not same_road)
+    return name[0] in (*ALWAYS, "ramp") or (over_time and not same_road)
 
 
 def is_copied(name: Name, same_road: bool) -> bool:
@@ -61,9 +64,7 @@ class JointHypotheses(Hypotheses):
         common = Hypotheses(shared, drives[0].ramp_knots_s, unusable)
         self.width = width
         self._drives = [
-            Hypotheses(
-                one.names, one.ramp_knots_s, one.unusable if same_road else one.unusable | {"road_grade"}
-            )
+            Hypotheses(one.names, one.ramp_knots_s, one.unusable if same_road else one.unusable | SHARED)
             for one in drives
         ]
         self._at = [
@@ -85,12 +86,8 @@ class JointHypotheses(Hypotheses):
     @property
     def everything(self) -> FloatArray:
         """As in the base, each drive with values of its own: what all of them share is told by these."""
-        own = [term for term in self.catalogue if term.drive is not None or term.effect == "road_grade"]
-        singles = [
-            term.design
-            for term in own
-            if term.design.shape[1] == 1 and term.time_constant_s in (0.0, MIDDLE_TIME_CONSTANT_S)
-        ]
+        own = [term for term in self.catalogue if term.drive is not None or term.effect in SHARED]
+        singles = [term.design for term in own if term.design.shape[1] == 1 and term.typical]
         return np.concatenate([self.nuisance, *singles], axis=1)
 
     def mirrored(self, design: FloatArray, drive: int, other: int) -> FloatArray | None:

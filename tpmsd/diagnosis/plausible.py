@@ -12,7 +12,6 @@ import numpy as np
 
 from tpmsd.diagnosis.terms import Term
 from tpmsd.physics.catalogue import EFFECTS
-from tpmsd.physics.effect import Parameter
 from tpmsd.physics.motion import Car
 from tpmsd.wheels import FloatArray
 
@@ -21,33 +20,18 @@ SMALLEST_M = 3e-5
 IMPOSSIBLE = 12.5
 """Log-likelihood against every ratio of an effect's two values that nature knows: then it is none."""
 Bounds = Mapping[tuple[str, str], tuple[float, float]]
-BOUNDS = {
-    (name, parameter.name): (parameter.lower - 1.0, parameter.upper - 1.0)
-    if name == "yaw_rate_scale"
-    else (parameter.lower, parameter.upper)
-    for name, effect in EFFECTS.items()
-    for parameter in effect.parameters
-    if isinstance(parameter, Parameter)
-}
-BOUNDS["doppler_lag", "lag_s"] = (-0.2, 0.2)
-BOUNDS["grade_share", "share"] = (-1.5, 1.0)
-# No wheels stand a hand's breadth farther out on either side than the car's papers say.
-BOUNDS["track_width_error", "rear_m"] = BOUNDS["track_width_error", "front_m"] = (-0.25, 0.25)
-"""Of the fitted values, by effect and parameter; a scale is fitted as its difference from one."""
-BEHIND_M, BESIDE_M = 1.5, 1.2
-"""How far behind the rear axle, before the front one, and off the middle a car's roof reaches."""
 
 
 def bounds_of(car: Car) -> Bounds:
-    """What a car adds to the bounds: what is called its antenna's place must lie on it."""
-    ahead, left = car.antenna_forward_m, car.antenna_left_m
+    """Of the fitted values (differences from neutral) on this car, by effect and parameter."""
     return {
-        ("antenna_lever_arm", "forward_m"): (-BEHIND_M - ahead, car.geometry.wheelbase_m + BEHIND_M - ahead),
-        ("antenna_lever_arm", "left_m"): (-BESIDE_M - left, BESIDE_M - left),
+        (name, parameter): limits
+        for name, effect in EFFECTS.items()
+        for parameter, limits in effect.limits(car).items()
     }
 
 
-def thinkable(term: Term, values: FloatArray, bounds: Bounds = BOUNDS) -> bool:
+def thinkable(term: Term, values: FloatArray, bounds: Bounds) -> bool:
     """Whether each of a term's values (k,) is within bounds, and a radius' change worth a name."""
     if term.on_radii and float(np.abs(values).max()) < SMALLEST_M:
         return False
@@ -60,8 +44,7 @@ def thinkable(term: Term, values: FloatArray, bounds: Bounds = BOUNDS) -> bool:
 
 def ratio_limits(term: Term) -> tuple[float, float] | None:
     """Least and greatest ratio of a term's two values, if its effect has such limits."""
-    effect = EFFECTS.get(term.effect)
-    return None if effect is None or len(term.parameters) != 2 else effect.ratio_limits
+    return None if len(term.parameters) != 2 else term.kind_of.ratio_limits
 
 
 def against_ratio(term: Term, values: FloatArray, covariance: FloatArray) -> float:

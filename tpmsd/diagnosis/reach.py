@@ -18,6 +18,7 @@ from scipy.stats import chi2
 from tpmsd.diagnosis.terms import Name
 from tpmsd.inference.least_squares import FOLDS
 from tpmsd.inference.windows import CHANNEL_NAMES
+from tpmsd.physics.catalogue import ALWAYS
 from tpmsd.wheels import FloatArray
 
 LAGS = 10
@@ -25,7 +26,7 @@ LAGS = 10
 _SHRINKAGE = np.concatenate([[0.0], np.logspace(-4, 2, 37)])
 """Prior standard deviation of a column's value, in units of its own noise."""
 _MODELS = ("calibration", "model")
-_CALIBRATION = ("data", "radius", "gyro_delay", "ramp", "wheel_slip", "side_slip")
+_CALIBRATION = (*ALWAYS, "data", "ramp", "wheel_slip", "side_slip")
 """Columns that are no part of the flexible model: ramps and slips are free shapes once more."""
 
 

@@ -17,7 +17,7 @@ from tpmsd.diagnosis.finer import Shape, finer_shape, finest_shape
 from tpmsd.diagnosis.response import ramp_knots
 from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.study import Refined, Study
-from tpmsd.diagnosis.terms import Term, for_drive
+from tpmsd.diagnosis.terms import Term, for_drive, wheels_of
 from tpmsd.inference.least_squares import Evidence
 from tpmsd.wheels import WHEELS, FloatArray
 
@@ -33,7 +33,7 @@ class Point:
     """A trial of a term's nonlinear parameters."""
 
     first: float
-    """Middle of a ramp (s), begin of a pulse (s) or time constant (s)."""
+    """Middle of a ramp (s), begin of a pulse (s) or value of the parameter that enters nonlinearly."""
     second: float = 0.0
     """Duration of a ramp (s), end of a pulse (s)."""
 
@@ -48,7 +48,7 @@ def refine(study: Study, selection: Selection, evidence: Evidence, again: bool) 
     added: list[tuple[Term, Point]] = []
     columns: list[tuple[Refined, dict[int, FloatArray]]] = []
     for k, term in enumerate(terms):
-        if term.effect in ("radius_change", "thermal_growth") or term.pulse:
+        if term.ramp or term.pulse or term.at is not None:
             if not again and int(np.flatnonzero(term.design[:, 0])[0]) >= study.grid:
                 continue
             others = [other for j, other in enumerate(terms) if j != k]
@@ -62,13 +62,13 @@ def refine(study: Study, selection: Selection, evidence: Evidence, again: bool) 
         shape.add_to(study, places[at : at + len(shape.columns)])
         at += len(shape.columns)
     for (term, point), place in zip(added, places[: len(columns)], strict=True):
-        if term.effect == "radius_change":
+        if term.ramp:
             onset = point.first - point.second / 2
             study.hypotheses.add_ramp(term.wheel, (onset, onset + point.second), place)
         elif term.pulse:
-            study.hypotheses.add_pulse(term.place, (point.first, point.second), place)
+            study.hypotheses.add_pulse(term, (point.first, point.second), place)
         else:
-            study.hypotheses.add_thermal(point.first, place)
+            study.hypotheses.add_off_grid(term, point.first, place)
         _of_its_drive(study, term)
     return bool(added or shapes)
 
@@ -122,21 +122,21 @@ def _shapes(study: Study, evidence: Evidence, terms: list[Term]) -> list[Shape]:
 
 def _is_coarse(term: Term) -> bool:
     """Over time knots stay as wide as the blocks that are held out: finer ones predict none of them."""
-    shape = term.effect == "unknown" and not term.pulse and not term.knots
+    shape = term.free and not term.pulse and not term.knots
     return shape and term.covariate not in ("time", "distance")
 
 
 def _refined(term: Term, point: Point) -> Refined:
-    if term.effect == "radius_change":
+    if term.ramp:
         onset = point.first - point.second / 2
-        return Refined(WHEELS.index(term.wheel), onset, point.second)
+        return Refined((WHEELS.index(term.wheel),), onset, point.second)
     if term.pulse:
-        return Refined(WHEELS.index(term.place), point.first, point.second, pulse=True)
-    return Refined(None, point.first)
+        return Refined(wheels_of(term.place), point.first, point.second, pulse=True)
+    return Refined((), point.first, like=term)
 
 
 def _trials(term: Term, centre: Point, width: Point) -> list[Point]:
-    if term.effect == "radius_change":
+    if term.ramp:
         return [
             Point(centre.first + a * width.first, max(0.0, centre.second + b * width.second))
             for a in np.linspace(-1.0, 1.0, 7)
@@ -158,7 +158,7 @@ def _best(
     design = Selector(evidence, study.hypotheses).design(others)
     believed = sum(part.small(design).sum(axis=0) for part in evidence.parts)
     acting = [(number, study.drives[number]) for number in study.acting(term)]
-    if term.effect == "radius_change":
+    if term.ramp:
         knots = ramp_knots(acting[0][1].reader)
         step = float(np.median(np.diff(knots)))
         centre = Point(0.5 * (term.span_s[0] + term.span_s[1]), term.span_s[1] - term.span_s[0])
@@ -167,7 +167,10 @@ def _best(
         step = 0.5 * float(np.median(np.diff(ramp_knots(acting[0][1].reader))))
         centre, width = Point(*term.span_s), Point(step, step)
     else:
-        centre, width = Point(term.time_constant_s), Point(1.4)
+        grid = term.kind_of.grid
+        assert grid is not None
+        assert term.at is not None
+        centre, width = Point(term.at), Point(grid.step)
     columns: dict[int, FloatArray] = {}
     for _ in range(ROUNDS):
         points = _trials(term, centre, width)
@@ -185,8 +188,8 @@ def _best(
         best = int(np.argmax(_gains(believed, cross, size)))
         centre = points[best]
         columns = {number: trial[:, :, best] for number, trial in trials.items()}
-        thermal = term.effect == "thermal_growth"
-        width = Point(width.first**0.4 if thermal else width.first / 2.5, width.second / 2.5)
+        on_grid = term.at is not None
+        width = Point(width.first**0.4 if on_grid else width.first / 2.5, width.second / 2.5)
     return centre, columns
 
 

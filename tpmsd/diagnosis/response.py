@@ -8,20 +8,18 @@ own forward model, so an effect is defined once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from tpmsd.diagnosis.wheel_slip import slip_columns
 from tpmsd.inference.trajectory import WINDOW_S
 from tpmsd.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED, Reader
-from tpmsd.physics.catalogue import make_effect, probed_with, probes
+from tpmsd.physics.catalogue import EFFECTS, FAULT, RADIUS, make_effect, probes
 from tpmsd.physics.effect import Effect
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import WHEELS, FloatArray
 
-TIME_CONSTANTS_S = (120.0, 200.0, 300.0, 450.0, 650.0, 1000.0, 1600.0, 3000.0)
-"""Grid of the thermal time constant; the parameter is refined afterwards."""
 RAMP_KNOTS = 40
 SMOOTH_TERMS = 5
 TIME_TERMS = 12
@@ -30,6 +28,8 @@ SMALL_M = 1e-5
 READINGS = {"gnss_speed": SPEED, "gnss_course": COURSE, "yaw_rate": GYRO}
 PLACES = ("fl", "fr", "rl", "rr", *READINGS)
 """Where a smooth term may act."""
+FEW = 30
+"""Windows with a reading, below which a drive does not have it; of the receiver's, twice as many."""
 FEWEST = 6
 """Windows between two of the finest knots."""
 FINER = 4
@@ -75,54 +75,66 @@ def linear_columns(
     return out
 
 
+def available(reader: Reader) -> frozenset[str]:
+    """Which readings a drive has, by the names that effects use for what they need."""
+    known = np.isfinite(reader.windows.measured).sum(axis=0)
+    by = reader.reference.grade_by
+    here = {
+        "yaw_rate": known[GYRO] > FEW,
+        "gnss": bool((known[SPEED:] > FEW).any()),
+        "gnss_speed": known[SPEED] > 2 * FEW,
+        "gnss_position": known[EAST] > 2 * FEW,
+        "slopes": reader.reference.grade_known,
+        "heights": by == "heights",
+        "speeds": bool((reader.recording.quantum_rad == 0.0).all()),
+        "temperature": "temperature" in reader.windows.covariates,
+    }
+    return frozenset(name for name, there in here.items() if there)
+
+
 def radius_columns(reader: Reader) -> Columns:
-    """What a calibration takes up: a constant per wheel that is read, and the delay of the gyro's filter and
-    samples.
-    """
+    """What is always fitted: a constant per wheel that is read, and what instruments always do."""
     out = Columns()
     for wheel in reader.recording.wheels:
-        out.add(("radius", WHEELS[wheel]), _of_radius(reader, wheel))
-    if np.isfinite(reader.windows.measured[:, GYRO]).any():
-        out.add(("gyro_delay",), _of_gyro_delay(reader))
+        out.add((RADIUS.name, WHEELS[wheel]), _of_radius(reader, wheel))
+    here, start = available(reader), None
+    for probe in probes():
+        effect = EFFECTS[probe.effect]
+        if effect.always_fitted and effect is not RADIUS and here >= set(effect.needs):
+            start = reader.predict(ExtendedModel()) if start is None else start
+            more = reader.predict(ExtendedModel((probe.made(),))) - start
+            out.add(probe.key, more / (probe.value - probe.neutral))
     return out
 
 
 def catalogue_columns(reader: Reader, base: ExtendedModel | None = None) -> Columns:
-    """One column per parameter of the catalogue, at `base`."""
+    """One column per probe of the catalogue that the drive can show, at `base`."""
     base = ExtendedModel() if base is None else base
-    start = reader.predict(base)
+    start, here = reader.predict(base), available(reader)
     out = Columns()
-    for name, parameter, value, neutral in probes():
-        varied = {parameter: value} if parameter else {}
-        effect = make_effect(name, **varied, **probed_with(name, parameter))
-        response = (reader.predict(base.plus(effect)) - start) / (value - neutral)
-        out.add((name, parameter), response)
-    if np.isfinite(reader.windows.measured[:, [SPEED, EAST]]).sum(axis=0).min() > 60:
-        lag = np.nan_to_num(out.arrays[out.index()[("gnss_latency", "latency_s")]])
-        lag[:, EAST:] = 0.0
-        out.add(("doppler_lag", "lag_s"), lag)
-    if reader.reference.grade_by == "heights":
-        more = reader.predict(base, grade_share=1.1) - start
-        out.add(("grade_share", "share"), more / 0.1)
-    for tau in TIME_CONSTANTS_S:
-        effect = make_effect("thermal_growth", amplitude_m=SMALL_M, time_constant_s=tau)
-        out.add(("thermal_growth", f"{tau:g}"), (reader.predict(base.plus(effect)) - start) / SMALL_M)
+    for probe in probes():
+        effect = EFFECTS[probe.effect]
+        if not effect.always_fitted and here >= set(effect.needs):
+            response = (reader.predict(base.plus(probe.made())) - start) / (probe.value - probe.neutral)
+            out.add(probe.key, response)
     return out
 
 
-def thermal_column(reader: Reader, time_constant_s: float, base: ExtendedModel | None = None) -> FloatArray:
-    """(w, 9) response to a metre of warm-up growth with this time constant, at `base`."""
-    effect = make_effect("thermal_growth", amplitude_m=SMALL_M, time_constant_s=time_constant_s)
-    return _change(reader, effect, ExtendedModel() if base is None else base) / SMALL_M
+def grid_column(
+    reader: Reader, effect: str, place: str, at: float, base: ExtendedModel | None = None
+) -> FloatArray:
+    """(w, 9) response to an effect's linear parameter where its nonlinear one has this value, at `base`."""
+    probe = replace(next(one for one in probes() if one.effect == effect and one.place == place), at=at)
+    change = _change(reader, probe.made(), ExtendedModel() if base is None else base)
+    return change / (probe.value - probe.neutral)
 
 
 def ramp_column(
     reader: Reader, wheel: int, onset_s: float, duration_s: float, base: ExtendedModel | None = None
 ) -> FloatArray:
-    """(w, 9) response to a metre of `radius_change`, at `base`."""
-    effect = make_effect(
-        "radius_change", wheel=WHEELS[wheel], deviation_m=SMALL_M, onset_s=onset_s, duration_s=duration_s
-    )
+    """(w, 9) response to a radius that ramps by a metre, at `base`."""
+    span = {"onset_s": onset_s, "duration_s": duration_s}
+    effect = make_effect(FAULT.name, wheel=WHEELS[wheel], deviation_m=SMALL_M, **span)
     return _change(reader, effect, ExtendedModel() if base is None else base) / SMALL_M
 
 
@@ -236,16 +248,4 @@ def _of_radius(reader: Reader, wheel: int) -> FloatArray:
     """
     out = np.zeros((len(reader.windows), CHANNELS))
     out[:, wheel] = -reader.rolled_m[:, wheel] / reader.reference.car.radius_m[wheel]
-    return out
-
-
-def _of_gyro_delay(reader: Reader) -> FloatArray:
-    """(w, 9) response to a gyro whose readings are a second old: gyros are filtered, and sampled on their
-    own.
-    """
-    motion, per = reader.reference.motion, round(WINDOW_S / reader.recording.dt_s)
-    edge = motion.yaw_rate_radps[::per]
-    index = reader.windows.index
-    out = np.zeros((len(index), CHANNELS))
-    out[:, GYRO] = -(edge[index + 1] - edge[index]) / WINDOW_S
     return out

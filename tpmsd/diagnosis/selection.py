@@ -18,11 +18,10 @@ import numpy as np
 
 from tpmsd.diagnosis.candidates import ADMIT, Candidates
 from tpmsd.diagnosis.chosen import Chosen, Selection
-from tpmsd.diagnosis.plausible import BOUNDS, IMPOSSIBLE, against_ratio, ratio_limits, thinkable
+from tpmsd.diagnosis.plausible import IMPOSSIBLE, against_ratio, ratio_limits, thinkable
 from tpmsd.diagnosis.terms import Hypotheses, Term, group_gain
 from tpmsd.inference.least_squares import Evidence
-from tpmsd.physics.catalogue import EFFECTS
-from tpmsd.physics.effects.unknown import Unknown
+from tpmsd.physics.catalogue import FAULT, FREE
 from tpmsd.wheels import FloatArray
 
 HELDOUT = 4.0
@@ -64,7 +63,7 @@ class Selector(Candidates):
         """With `last` it is the verdict that is asked for, and not what the noise is estimated beside."""
         super().__init__(evidence, hypotheses)
         self.last = last
-        self._bounds = {**BOUNDS, **hypotheses.bounds}
+        self._bounds = hypotheses.bounds
         self._shares: dict[tuple[int, str, str], float] = {}
 
     def select(self, most: int = MAX_TERMS) -> Selection:
@@ -108,7 +107,7 @@ class Selector(Candidates):
     def _coarser(self, chosen: list[Term], which: int) -> list[Term]:
         """The finest of a shape's coarser forms, if there is any: too many knots predict nothing."""
         term = chosen[which]
-        if term.effect != "unknown" or term.pulse:
+        if not term.free or term.pulse:
             return []
         size = term.design.shape[1]
         coarser = [
@@ -133,7 +132,7 @@ class Selector(Candidates):
         singles = self.foremost(chosen)
         best: tuple[float, list[Term]] | None = None
         threshold = self._threshold(chosen)
-        free = [term for term in chosen if term.effect in ("unknown", "radius_change")]
+        free = [term for term in chosen if term.free or term.ramp]
         beside = BESIDE * (self.gain(chosen) - self.gain(free))
         for gain, terms in [*singles, *self.pairs(chosen)[:3]]:
             price = sum(term.penalty for term in terms)
@@ -213,36 +212,35 @@ class Selector(Candidates):
 
     def _over(self, terms: list[Term], which: int) -> list[Term]:
         """The free shapes among the terms over the covariate that an effect depends on."""
-        effect = EFFECTS.get(terms[which].effect)
-        if not self.last or effect is None or effect is Unknown or effect.shows_in[1] in ("time", "distance"):
+        effect = terms[which].kind_of
+        if not self.last or effect is FREE or effect.shows_in[1] in ("time", "distance"):
             return []
-        return [t for t in terms if t.effect == "unknown" and t.covariate == effect.shows_in[1]]
+        return [t for t in terms if t.free and t.covariate == effect.shows_in[1]]
 
     def _apart(self, terms: list[Term], which: int) -> list[Term]:
         """The free shapes of wheels among the terms over another covariate than that of an effect which, like
         them, shows in wheel against wheel, and is not of one wheel alone.
         """
         term = terms[which]
-        effect = EFFECTS.get(term.effect)
-        if not self.last or effect is None or effect is Unknown or term.wheel:
+        effect = term.kind_of
+        if not self.last or effect is FREE or term.wheel or term.place:
             return []
         if effect.shows_in[0] != "wheel_ratio":
             return []
-        shapes = [t for t in terms if t.effect == "unknown" and t.on_radii and not t.pulse]
+        shapes = [t for t in terms if t.free and t.on_radii and not t.pulse]
         return [t for t in shapes if t.covariate != effect.shows_in[1]]
 
     @staticmethod
     def _completes(chosen: list[Term], term: Term) -> bool:
         """Whether a term is an effect, or a shape that lets a chosen one act on other wheels, too."""
-        return term.effect != "unknown" or any(
-            other.effect == "unknown" and other.covariate == term.covariate != "time" for other in chosen
+        return not term.free or any(
+            other.free and other.covariate == term.covariate != "time" for other in chosen
         )
 
     def _beside(self, terms: list[Term], which: int, value: bool = False) -> list[Term]:
         """What else an effect must be told from where free shapes act over its covariate: a shape of its own
-        for each axle, unless that is the effect in other words, and for an old fix the age of the Doppler
-        speed alone. For its value also the side slip of tyres that slip under drive force: in bends it makes
-        the course look old.
+        for each axle, unless that is the effect in other words, and the effects that it names itself. For its
+        `value` also further ones.
         """
         over = self._over(terms, which)
         if not over:
@@ -252,11 +250,9 @@ class Selector(Candidates):
         wanted = ("all" if "all" not in places else "front",) if "all" in usual else ("front", "rear")
         out = [usual[place] for place in wanted if place in usual and place not in places]
         out = [shape for shape in out if self._imitated(terms[which], shape) < SAME]
-        if terms[which].effect == "gnss_latency":
-            alike = {"doppler_lag", "lateral_slip"} if value else {"doppler_lag"}
-            alike -= {term.effect for term in terms}
-            out += [term for term in self.hypotheses.catalogue if term.effect in alike]
-        return out
+        effect = terms[which].kind_of
+        alike = {*effect.beside, *(effect.beside_value if value else ())} - {term.effect for term in terms}
+        return out + [term for term in self.hypotheses.catalogue if term.effect in alike]
 
     def _imitated(self, term: Term, shape: Term) -> float:
         """Share (0 to 1) of an effect's response that shapes on those wheels can take the place of."""
@@ -297,7 +293,7 @@ class Selector(Candidates):
         A shape of both axles' difference puts half of what one axle does on the other, and the speed of the
         free wheels is then wrong by what looks like an old fix.
         """
-        for shape in [term for term in chosen if term.effect == "unknown" and not term.pulse]:
+        for shape in [term for term in chosen if term.free and not term.pulse]:
             same = [term for term in self.hypotheses.shapes_over(shape) if term.knots == shape.knots]
             by_place = {term.place: term for term in same}
             options = [[term] for term in same if term is not shape]
@@ -354,19 +350,18 @@ class Selector(Candidates):
         for net, terms in self.candidates(rest):
             rival = terms[0]
             raw = net + rival.penalty
-            if rival.effect == term.effect and (rival.wheel, rival.place) == (term.wheel, term.place):
+            same = (rival.wheel, rival.place) == (term.wheel, term.place)
+            if same and (rival.effect == term.effect or (rival.pulse and term.pulse)):
                 continue
             if raw > 0.5 * gain and self._independent([*rest, rival], term, gain):
                 continue
-            name = rival.effect if rival.effect != "radius_change" else f"radius_change:{rival.wheel}"
-            if rival.effect == "unknown":
-                name = "unknown"
+            name = f"{FAULT.name}:{rival.wheel}" if rival.ramp else rival.effect
             better = net - self.net(term, gain, float(fit.values[start]))
-            if rival.effect in EFFECTS and not self._possible([*rest, rival]):
+            if not self._possible([*rest, rival]):
                 continue
             if name not in weights and name != term.effect:
                 weights[name] = math.exp(min(better / (float(ratios.max()) + ALIKE * gain), 0.0))
-            if rival.effect in ("unknown", term.effect) or rival.calibrates:
+            if rival.free or rival.effect == term.effect or rival.calibrates:
                 continue
             if raw < gain - alike and 1 < term.design.shape[1] <= 2:
                 # Part of the term may stay beside the rival.

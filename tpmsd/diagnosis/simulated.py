@@ -20,7 +20,7 @@ from tpmsd.diagnosis.chosen import Chosen, Selection
 from tpmsd.diagnosis.joint_terms import JointHypotheses
 from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.study import Refined, Study
-from tpmsd.diagnosis.terms import Hypotheses, Term
+from tpmsd.diagnosis.terms import Hypotheses, Term, wheels_of
 from tpmsd.inference.least_squares import Evidence, Fit
 from tpmsd.inference.noise import Noise
 from tpmsd.wheels import WHEELS, FloatArray
@@ -207,11 +207,7 @@ def simulated_effects(study: Study, selection: Selection) -> tuple[str, ...]:
 
 
 def _alike(one: Term, other: Term) -> bool:
-    return (one.parameters, one.span_s, one.time_constant_s) == (
-        other.parameters,
-        other.span_s,
-        other.time_constant_s,
-    )
+    return (one.parameters, one.span_s, one.at) == (other.parameters, other.span_s, other.at)
 
 
 def _valued(one: Chosen, fit: Fit, into: FloatArray, ratio: float) -> tuple[Chosen, float]:
@@ -281,12 +277,12 @@ def _take(
 
 def _refined(term: Term) -> Refined | None:
     """What has an onset or a time constant of its own, as a column of both drives."""
-    if term.effect == "radius_change":
+    if term.ramp:
         onset, end = term.span_s
-        return Refined(WHEELS.index(term.wheel), onset, end - onset)
+        return Refined((WHEELS.index(term.wheel),), onset, end - onset)
     if term.pulse:
-        return Refined(WHEELS.index(term.place), *term.span_s, pulse=True)
-    return Refined(None, term.time_constant_s) if term.effect == "thermal_growth" else None
+        return Refined(wheels_of(term.place), *term.span_s, pulse=True)
+    return None if term.at is None else Refined((), term.at, like=term)
 
 
 def _told(evidence: Evidence, nuisance: FloatArray, design: FloatArray) -> float:

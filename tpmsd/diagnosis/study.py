@@ -16,19 +16,21 @@ import numpy as np
 from tpmsd.diagnosis.joint_terms import JointHypotheses, OwnNames, is_copied, is_own
 from tpmsd.diagnosis.plausible import bounds_of
 from tpmsd.diagnosis.response import (
+    available,
+    grid_column,
     hat_functions,
     linear_columns,
     ramp_column,
     ramp_knots,
     response_at,
     smooth_knots,
-    thermal_column,
 )
 from tpmsd.diagnosis.terms import ANTISYMMETRIC, PATTERNS, Hypotheses, Name, Term
 from tpmsd.inference.least_squares import Evidence, Part, extended, part
 from tpmsd.inference.noise import Noise
 from tpmsd.inference.whitening import Whitener
 from tpmsd.inference.windows import Reader
+from tpmsd.physics.catalogue import EFFECTS
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import FloatArray
 
@@ -59,27 +61,32 @@ class Hat:
 
 @dataclass(frozen=True)
 class Refined:
-    """A ramp of a wheel's radius, a warm-up or a shape's hat off the grid."""
+    """A ramp or a pulse of wheels' radii, a nonlinear effect or a shape's hat off the grid."""
 
-    wheel: int | None
-    """None of a warm-up or a hat."""
+    wheels: tuple[int, ...] = ()
+    """Of a ramp or a pulse."""
     first: float = 0.0
-    """Onset (s) or time constant (s)."""
+    """Onset (s) or value of the parameter that enters nonlinearly."""
     second: float = 0.0
     """Duration (s); of a pulse its end (s)."""
     pulse: bool = False
     hat: Hat | None = None
+    like: Term | None = None
+    """The term of a nonlinear effect."""
 
     def column(self, reader: Reader, base: ExtendedModel) -> FloatArray:
-        """(w, 9) the response to a metre (of a hat on a reading: to its unit), at `base`."""
+        """(w, 9) the response to a metre (to the unit of a hat or a parameter), at `base`."""
         if self.hat is not None:
             return self.hat.column(reader)
-        if self.wheel is None:
-            return thermal_column(reader, self.first, base)
-        if self.pulse:
-            up = ramp_column(reader, self.wheel, self.first, 0.0, base)
-            return up - ramp_column(reader, self.wheel, self.second, 0.0, base)
-        return ramp_column(reader, self.wheel, self.first, self.second, base)
+        if self.like is not None:
+            return grid_column(reader, self.like.effect, self.like.place, self.first, base)
+        out: FloatArray = np.zeros(0)
+        for wheel in self.wheels:
+            one = ramp_column(reader, wheel, self.first, 0.0 if self.pulse else self.second, base)
+            if self.pulse:
+                one = one - ramp_column(reader, wheel, self.second, 0.0, base)
+            out = one if not out.size else out + one
+        return out
 
 
 @dataclass(frozen=True)
@@ -244,7 +251,9 @@ class Study:
                 knots = {c: at for c, at in knots.items() if c in apart} | common
             self.drives.append(DriveStudy(reader, knots, block_s))
         self.hypotheses = self._alone() if len(readers) == 1 else self._together()
-        self.hypotheses.bounds = bounds_of(readers[0].reference.car)
+        car = readers[0].reference.car
+        self.hypotheses.bounds = bounds_of(car)
+        self.hypotheses.radius_m, self.hypotheses.driven = car.radius_m, car.driven
         self.grid = self.hypotheses.width
         """Places in the common index from here on are of exact columns."""
         self.width = self.grid
@@ -253,6 +262,11 @@ class Study:
     def examined(self) -> list[DriveStudy]:
         """The drives whose physics is asked for: all but a simulation."""
         return self.drives[:1] if self.simulation else self.drives
+
+    @property
+    def speeds(self) -> bool:
+        """Whether the bus has wheel speeds and no counts."""
+        return all(bool((drive.reader.recording.quantum_rad == 0.0).all()) for drive in self.examined)
 
     @property
     def driving_s(self) -> float:
@@ -339,12 +353,5 @@ def first_noise(reader: Reader) -> Noise:
 
 def unusable(reader: Reader) -> frozenset[str]:
     """Effects of which this drive holds no trace whatever: without a gyro no gyro error."""
-    out = set()
-    known = np.isfinite(reader.windows.measured).sum(axis=0) > 30
-    if not known[4]:
-        out |= {"yaw_rate_bias", "yaw_rate_scale"}
-    if not reader.reference.grade_known:
-        out.add("road_grade")
-    if not known[5:].any():
-        out |= {"gnss_latency", "antenna_lever_arm", "lateral_slip", "road_grade"}
-    return frozenset(out)
+    here = available(reader)
+    return frozenset(name for name, effect in EFFECTS.items() if not here >= set(effect.needs))

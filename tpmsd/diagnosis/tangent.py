@@ -11,13 +11,12 @@ from __future__ import annotations
 import numpy as np
 
 from tpmsd.diagnosis.chosen import Chosen, Selection
-from tpmsd.diagnosis.response import ramp_column, thermal_column
-from tpmsd.diagnosis.study import DriveStudy, Study
+from tpmsd.diagnosis.response import grid_column, ramp_column
+from tpmsd.diagnosis.study import DriveStudy, Refined, Study
+from tpmsd.diagnosis.terms import wheels_of
 from tpmsd.inference.least_squares import fitted
 from tpmsd.wheels import WHEELS, FloatArray
 
-WARM_UPS_S = (60.0, 6000.0)
-"""Time constants that are thinkable."""
 WITHIN = 1.92
 """Fall of the log-likelihood at the ends of a 95 % interval."""
 
@@ -32,9 +31,9 @@ def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, fl
             tangents.append({number: found[name] for number, found in by_drive.items()})
             owner.append((k, name))
     out = {
-        k: _of_warm_up(study, selection, k, tangents)
+        k: _of_grid(study, selection, k, tangents)
         for k, one in enumerate(selection.chosen)
-        if one.term.effect == "thermal_growth"
+        if one.term.at is not None
     }
     if not tangents:
         return out
@@ -62,17 +61,20 @@ def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, fl
     return out
 
 
-def _of_warm_up(
+def _of_grid(
     study: Study, selection: Selection, which: int, tangents: list[dict[int, FloatArray]]
 ) -> dict[str, float]:
-    """Standard deviations of a warm-up's amplitude and time constant; `tangents` by drive, of what is beside.
+    """Standard deviations of an effect's linear and nonlinear parameter; `tangents` by drive, of what is
+    beside.
 
     The farthest end of the interval in which the likelihood, all linear values fitted, is within 1.92 of its
     maximum (Wilks, Annals of Mathematical Statistics 9, 1938) counts as 1.96 of them.
     """
     one, others = selection.chosen[which], [c.term for k, c in enumerate(selection.chosen) if k != which]
-    tau, size = one.term.time_constant_s, float(one.values[0])
-    trials = np.concatenate([[tau], np.geomspace(*WARM_UPS_S, 19)])
+    grid, tau, size = one.term.kind_of.grid, one.term.at, float(one.values[0])
+    assert grid is not None
+    assert tau is not None
+    trials = np.concatenate([[tau], np.geomspace(*grid.range, 19)])
     rest = np.concatenate([study.hypotheses.nuisance, *(term.design for term in others)], axis=1)
     linear_only = 1 + rest.shape[1]
     known = linear_only + len(tangents)
@@ -86,7 +88,8 @@ def _of_warm_up(
             if number in tangent:
                 rows[:, :, linear_only + j] = drive.whitened(tangent[number][:, :, None])[:, :, 0]
         if number in acting:
-            columns = [thermal_column(drive.reader, trial, drive.base) for trial in trials]
+            term = one.term
+            columns = [grid_column(drive.reader, term.effect, term.place, x, drive.base) for x in trials]
             rows[:, :, known:] = drive.whitened(np.stack(columns, axis=2))
         flat = rows.reshape(-1, len(gram))
         gram += flat.T @ flat
@@ -108,8 +111,8 @@ def _of_warm_up(
     linear = float(one.stds[0])
     scale = linear / max(abs(size), 1e-12)
     return {
-        "time_constant_s": max(reach / 1.96, scale * tau),
-        "amplitude_m": float(np.hypot(linear, spread / 1.96)),
+        grid.parameter: max(reach / 1.96, scale * tau),
+        one.term.parameters[0]: float(np.hypot(linear, spread / 1.96)),
     }
 
 
@@ -123,15 +126,20 @@ def crossing(gains: FloatArray, level: float, inside: int, step: int) -> float:
 
 
 def _tangents(drive: DriveStudy, one: Chosen) -> dict[str, FloatArray]:
+    """Derivatives of a ramp's or an event's response by onset and duration."""
     term, size = one.term, float(one.values[0])
-    if term.effect != "radius_change":
+    event = term.pulse and not term.free
+    if not term.ramp and not event:
         return {}
-    wheel = WHEELS.index(term.wheel)
     onset, duration = term.span_s[0], term.span_s[1] - term.span_s[0]
     h = max(2.0, 0.05 * duration)
 
     def column(at: float, long: float) -> FloatArray:
-        return ramp_column(drive.reader, wheel, at, max(long, 0.0), drive.base)
+        if event:
+            what = Refined(wheels_of(term.place), at, at + max(long, 0.0), pulse=True)
+            radius = float(drive.reader.reference.car.radius_m[what.wheels[0]])
+            return -radius * what.column(drive.reader, drive.base)
+        return ramp_column(drive.reader, WHEELS.index(term.wheel), at, max(long, 0.0), drive.base)
 
     by_onset = (column(onset + h, duration) - column(onset - h, duration)) / (2 * h)
     out = {"onset_s": size * by_onset}

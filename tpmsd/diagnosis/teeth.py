@@ -17,8 +17,9 @@ from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.tone_ring import ADMIT, Ripple, ripples, wrong_teeth
 from tpmsd.diagnosis.where import PLACE
 from tpmsd.inference.least_squares import Fit
+from tpmsd.physics.catalogue import ALWAYS, TEETH
 
-CHANNEL, COVARIATE = PLACE["tone_ring_error"]
+CHANNEL, COVARIATE = PLACE[TEETH.name]
 
 
 def teeth(study: Study, calibration: Fit, seconds: float) -> list[Finding]:
@@ -71,7 +72,7 @@ def _uneven(found: list[Ripple], seconds: float) -> Finding:
     amplitude = float(np.average([one.amplitude_rad for one in found], weights=weight))
     first = found[0]
     return Finding(
-        effect="tone_ring_error",
+        effect=TEETH.name,
         confidence=1.0 - math.exp(-gain),
         parameters={
             "wheel": Quantity(first.wheel, None, ""),
@@ -97,13 +98,13 @@ def _wrong(study: Study, calibration: Fit) -> list[set[tuple[str, float]]]:
         for k, wheel in enumerate(recording.wheels):
             radii[wheel] += calibration.values[at + k]
         found.append(set(wrong_teeth(recording, radii)))
-        at += sum(name[0] in ("radius", "gyro_delay") for name in drive.names)
+        at += sum(name[0] in ALWAYS for name in drive.names)
     return found
 
 
 def _miscounted(name: str, teeth: float) -> Finding:
     return Finding(
-        effect="tone_ring_error",
+        effect=TEETH.name,
         confidence=0.9,
         parameters={
             "wheel": Quantity(name, None, ""),

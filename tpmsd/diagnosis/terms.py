@@ -14,15 +14,13 @@ from types import MappingProxyType
 
 import numpy as np
 
-from tpmsd.diagnosis.response import PLACES, RAMP_KNOTS, TIME_CONSTANTS_S
-from tpmsd.physics.catalogue import EFFECTS, groups
+from tpmsd.diagnosis.response import PLACES, RAMP_KNOTS
+from tpmsd.physics.catalogue import ALWAYS, EFFECTS, EVENTS, FAULT, FREE, groups
+from tpmsd.physics.effect import Effect, Kind
 from tpmsd.wheels import WHEELS, FloatArray
 
 PER_VALUE = 3.5
 """Log-likelihood that a further free value must bring: half the logarithm of a thousand windows."""
-POSITIVE = frozenset(name for name, effect in EFFECTS.items() if effect.one_sign)
-"""Effects whose first value has but one sign in nature; a wrong configuration may show the other."""
-ODD_SIGN = 4.0
 PATTERNS: dict[str, tuple[str, ...]] = {
     **{place: (place,) for place in PLACES},
     "front": ("fl", "fr"),
@@ -38,11 +36,22 @@ ANTISYMMETRIC: dict[str, tuple[tuple[str, float], ...]] = {
 }
 
 Name = tuple[str, ...]
+RAMPED, SLIPPING = "deviation_m", "slip"
+"""Parameter that is linear, of a ramp of the radius and of an event."""
 
 
-def thermal_price(time_constant_s: float) -> float:
-    """Penalty of a warm-up: tyres take ten minutes, give or take a factor of two."""
-    return PER_VALUE + 1.5 + 0.5 * (math.log(time_constant_s / 500.0) / 0.7) ** 2
+PULSED = ("fl", "fr", "rl", "rr", "front", "rear")
+"""Wheels and axles that may act for a span of time."""
+
+
+def wheels_of(place: str) -> tuple[int, ...]:
+    """Numbers of the wheels of a place."""
+    return tuple(WHEELS.index(wheel) for wheel in PATTERNS[place])
+
+
+def grid_price(effect: type[Effect], at: float | None) -> float:
+    """Penalty of a value of the parameter that enters nonlinearly."""
+    return 0.0 if effect.grid is None or at is None else effect.grid.price(at)
 
 
 def shape_price(hats: int) -> float:
@@ -63,8 +72,9 @@ class Term:
     """Nats that it must bring to pay for its freedom."""
     wheel: str = ""
     span_s: tuple[float, float] = (0.0, 0.0)
-    """Of a radius change: onset and end of the ramp; of a pulse, from when to when."""
-    time_constant_s: float = 0.0
+    """Of a ramp: onset and end; of a pulse, from when to when."""
+    at: float | None = None
+    """Value of the parameter that enters nonlinearly."""
     place: str = ""
     covariate: str = ""
     knots: tuple[float, ...] = ()
@@ -74,29 +84,37 @@ class Term:
 
     def price(self, first: float) -> float:
         """The penalty, given the first value: what nature seldom shows must be paid for."""
-        if self.calibrates:
-            beyond = (abs(first) - USUAL_LAG_S) / (UNUSUAL_LAG_S - USUAL_LAG_S)
-            unusual = min(max(beyond, 0.0), 1.0)
-            own = 2.0 * unusual - 1.0 if self.effect == "doppler_lag" else 0.0
-            return self.penalty + RECEIVERS_OWN * own
-        odd = self.effect in POSITIVE and first < 0.0
-        return self.penalty + (ODD_SIGN if odd else 0.0)
+        return self.penalty + self.kind_of.against(first)
+
+    @property
+    def kind_of(self) -> type[Effect]:
+        """The effect itself."""
+        return EFFECTS[self.effect]
+
+    @property
+    def free(self) -> bool:
+        """Whether this is a description without a formula."""
+        return self.kind_of.kind is Kind.FREE
+
+    @property
+    def ramp(self) -> bool:
+        """Whether this is a radius that steps or ramps once."""
+        return self.kind_of.ramp
 
     @property
     def on_radii(self) -> bool:
         """Whether the values are changes of single wheels' radii in metres."""
-        free = self.effect == "unknown" and self.place not in ("gnss_speed", "gnss_course", "yaw_rate")
-        return free or self.effect == "radius_change"
+        return (self.free and self.place not in ("gnss_speed", "gnss_course", "yaw_rate")) or self.ramp
 
     @property
     def calibrates(self) -> bool:
-        """Whether this is a constant of the receiver rather than a finding."""
-        return self.effect in CALIBRATION
+        """Whether this is never a finding, but what instruments always do."""
+        return self.kind_of.kind is Kind.NUISANCE
 
     @property
     def pulse(self) -> bool:
-        """Whether this is a change of a wheel's radius that goes back after a while, in `span_s`."""
-        return self.effect == "unknown" and self.span_s[1] > self.span_s[0]
+        """Whether this acts from one time to another, in `span_s`."""
+        return self.span_s[1] > self.span_s[0] and not self.ramp
 
     @property
     def key(self) -> tuple[str, ...]:
@@ -104,40 +122,30 @@ class Term:
         place).
         """
         drive = "" if self.drive is None else str(self.drive)
-        if self.effect == "unknown":
-            return ("unknown", self.place, self.covariate, drive)
-        return (self.effect, self.wheel, drive)
+        return (self.effect, self.wheel, self.place, self.covariate, drive)
 
-
-MIDDLE_TIME_CONSTANT_S = 450.0
-CALIBRATION = frozenset({"doppler_lag", "grade_share"})
-"""Terms that are looked for as effects are, but tell of the receiver's own making: no findings.
-
-Receivers give a speed that is some hundredths of a second older than their position (on every real
-recording at hand). Who does not know of it takes it for an old fix. And their heights wander by metres: on
-a flat road that looks like slopes, and slip or load transfer by the pull of these slopes would be missing.
-"""
-RECEIVERS_OWN = 6.0
-"""Log-likelihood by which the lag that receivers usually have goes before an effect that explains as much,
-and by which an unusual one stands behind it: where the positions do not tell, that has the catalogue's name.
-"""
-USUAL_LAG_S, UNUSUAL_LAG_S = 0.05, 0.08
-"""Up to the one it is usual, from the other on it is not."""
-GROUPS = (*groups(), ("doppler_lag", ("lag_s",)), ("grade_share", ("share",)))
+    @property
+    def typical(self) -> bool:
+        """Whether the parameter that enters nonlinearly, if there is one, has its middle value."""
+        grid = self.kind_of.grid
+        return grid is None or self.at == grid.middle
 
 
 class Hypotheses:
     """All terms that a drive's columns allow."""
 
     bounds: Mapping[tuple[str, str], tuple[float, float]] = MappingProxyType({})
-    """Of the values, by effect and parameter, where the car has bounds of its own."""
+    """Of the values, by effect and parameter: what may be fitted on this car."""
+    radius_m: FloatArray = np.full(4, 0.3)
+    driven: np.ndarray = np.ones(4, dtype=np.bool_)
+    """(4,) each, of the car."""
 
     def __init__(self, names: list[Name], ramp_knots_s: FloatArray, unusable: frozenset[str]) -> None:
         """`names` are those of the columns, the data's own first; `unusable` effects are left out."""
         self.place = {name: k for k, name in enumerate(names)}
         self.width = len(names)
         self.knots_s = ramp_knots_s
-        self.nuisance = self._unit([name for name in names if name[0] in ("radius", "gyro_delay")])
+        self.nuisance = self._unit([name for name in names if name[0] in ALWAYS])
         self.catalogue = [term for term in self._catalogue() if term.effect not in unusable]
         self.wheels = [wheel for wheel in WHEELS if ("ramp", wheel, "0") in self.place]
         pairs = [(a, b) for a in range(RAMP_KNOTS) for b in range(a + 1, RAMP_KNOTS + 1)]
@@ -154,11 +162,7 @@ class Hypotheses:
         What it leaves is noise, whatever is missing: the noise is first estimated from it (Mallows,
         Technometrics 15, 1973).
         """
-        singles = [
-            term.design
-            for term in self.catalogue
-            if term.design.shape[1] == 1 and term.time_constant_s in (0.0, MIDDLE_TIME_CONSTANT_S)
-        ]
+        singles = [term.design for term in self.catalogue if term.design.shape[1] == 1 and term.typical]
         return np.concatenate([self.nuisance, *singles], axis=1)
 
     def widen(self, width: int) -> None:
@@ -183,16 +187,15 @@ class Hypotheses:
 
     def _catalogue(self) -> list[Term]:
         out = []
-        for effect, parameters in GROUPS:
-            if (effect, parameters[0]) not in self.place:
+        for group in groups():
+            if any(probe.key not in self.place for probe in group):
                 continue
-            design = self._unit([(effect, parameter) for parameter in parameters])
-            out.append(Term(effect, design, parameters, PER_VALUE * len(parameters)))
-        for tau in TIME_CONSTANTS_S:
-            design = self._unit([("thermal_growth", f"{tau:g}")])
-            out.append(
-                Term("thermal_growth", design, ("amplitude_m",), thermal_price(tau), time_constant_s=tau)
-            )
+            name, place, at = group[0].effect, group[0].place, group[0].at
+            price = PER_VALUE * len(group) + grid_price(EFFECTS[name], at)
+            price += math.log(max(len(EFFECTS[name].places), 1))
+            design = self._unit([probe.key for probe in group])
+            parameters = tuple(probe.parameter for probe in group)
+            out.append(Term(name, design, parameters, price, place=place, at=at))
         return out
 
     def add_ramp(self, wheel: str, span_s: tuple[float, float], column: int) -> None:
@@ -200,22 +203,18 @@ class Hypotheses:
         design = np.zeros((self.width, 1))
         design[column, 0] = 1.0
         price = PER_VALUE + math.log(4 * RAMP_KNOTS)
+        self.catalogue.append(Term(FAULT.name, design, (RAMPED,), price, wheel=wheel, span_s=span_s))
+
+    def add_off_grid(self, like: Term, at: float, column: int) -> None:
+        """A term whose nonlinear parameter lies off the grid."""
+        more = grid_price(like.kind_of, at) - grid_price(like.kind_of, like.at)
         self.catalogue.append(
-            Term("radius_change", design, ("deviation_m",), price, wheel=wheel, span_s=span_s)
+            replace(like, design=self._column(column), penalty=like.penalty + more, at=at, drive=None)
         )
 
-    def add_thermal(self, time_constant_s: float, column: int) -> None:
-        """A warm-up off the grid."""
-        design = np.zeros((self.width, 1))
-        design[column, 0] = 1.0
-        price = thermal_price(time_constant_s)
-        self.catalogue.append(
-            Term("thermal_growth", design, ("amplitude_m",), price, time_constant_s=time_constant_s)
-        )
-
-    def add_pulse(self, wheel: str, span_s: tuple[float, float], column: int) -> None:
+    def add_pulse(self, like: Term, span_s: tuple[float, float], column: int) -> None:
         """A pulse off the grid."""
-        self.catalogue.append(self._pulse(wheel, span_s, self._column(column)))
+        self.catalogue.append(self._pulse(like.effect, like.place, span_s, self._column(column)))
 
     def add_shapes(
         self, like: Term, knots: tuple[float, ...], columns: dict[str, list[int]], drives: int
@@ -234,29 +233,54 @@ class Hypotheses:
         design[column, 0] = 1.0
         return design
 
-    @staticmethod
-    def _pulse(wheel: str, span_s: tuple[float, float], design: FloatArray) -> Term:
-        price = PER_VALUE + math.log(2 * RAMP_KNOTS * RAMP_KNOTS)
-        values = ("height_m",)
-        return Term("unknown", design, values, price, span_s=span_s, place=wheel, covariate="time")
+    def _pulse(self, effect: str, place: str, span_s: tuple[float, float], design: FloatArray) -> Term:
+        """A pulse of the radii on some wheels, or the event that looks so: its value is then a slip."""
+        price = PER_VALUE + math.log(len(PULSED) / 2 * RAMP_KNOTS * RAMP_KNOTS)
+        if effect == FREE.name:
+            return Term(effect, design, ("height_m",), price, span_s=span_s, place=place, covariate="time")
+        slip = -design * self.mean_radius_m(place)
+        return Term(effect, slip, (SLIPPING,), price, span_s=span_s, place=place)
+
+    def mean_radius_m(self, place: str) -> float:
+        """Of the wheels of a place."""
+        return float(np.mean([self.radius_m[WHEELS.index(wheel)] for wheel in PATTERNS[place]]))
 
     def pulse_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
-        """For each wheel the best pulse (a ramp up between two knots, one down between two others)."""
+        """For each wheel and axle the best pulse (a ramp up between two knots, one down between two others),
+        and the events that look so.
+        """
         out = []
         middle = 0.5 * (self.knots_s[1:] + self.knots_s[:-1])
-        for wheel in self.wheels:
-            at = np.array([self.place[("ramp", wheel, str(k))] for k in range(RAMP_KNOTS)]) - 1
-            own = np.diag(gram)[at]
-            size = own[:, None] + own[None, :] - 2.0 * gram[np.ix_(at, at)]
+        columns = {
+            wheel: np.array([self.place[("ramp", wheel, str(k))] for k in range(RAMP_KNOTS)]) - 1
+            for wheel in self.wheels
+        }
+        for place in PULSED:
+            wheels = PATTERNS[place]
+            if any(wheel not in columns for wheel in wheels):
+                continue
+            at = [columns[wheel] for wheel in wheels]
+            both = sum(gram[np.ix_(a, c)] for a in at for c in at)
+            own = np.diag(both)
+            size = own[:, None] + own[None, :] - both - both.T
             floor = 1e-6 * float(np.max(size, initial=1e-30))
-            score = b[at][:, None] - b[at][None, :]
-            gain = np.triu(np.where(size > floor, 0.5 * score**2 / np.maximum(size, floor), 0.0), 2)
+            total = sum(b[a] for a in at)
+            score = total[:, None] - total[None, :]
+            gain = np.triu(np.where(size > floor, 0.5 * score**2 / np.maximum(size, floor), 0.0), 1)
             i, j = (int(k) for k in np.unravel_index(int(np.argmax(gain)), gain.shape))
             design = np.zeros((self.width, 1))
-            design[at[i] + 1, 0], design[at[j] + 1, 0] = 1.0, -1.0
+            for a in at:
+                design[a[i] + 1, 0], design[a[j] + 1, 0] = 1.0, -1.0
             span = (float(middle[i]), float(middle[j]))
-            out.append((float(gain[i, j]), self._pulse(wheel, span, design)))
+            slip = -float(score[i, j] / max(size[i, j], floor)) / self.mean_radius_m(place)
+            for effect in (FREE.name, *self._events(place, slip, span[1] - span[0])):
+                out.append((float(gain[i, j]), self._pulse(effect, place, span, design)))
         return out
+
+    def _events(self, place: str, slip: float, duration_s: float) -> list[str]:
+        """Events that make these wheels slip so for so long."""
+        driven = all(self.driven[WHEELS.index(wheel)] for wheel in PATTERNS[place])
+        return [name for name in EVENTS if EFFECTS[name].fits_span(slip, duration_s, driven)]
 
     def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
         """For each wheel the best ramp and its gain."""
@@ -279,7 +303,7 @@ class Hypotheses:
             design[self.place[("ramp", wheel, str(k))], 0] = 1.0 / (b - a)
         penalty = PER_VALUE + math.log(4 * RAMP_KNOTS)
         span = (float(self.knots_s[a]), float(self.knots_s[b]))
-        return Term("radius_change", design, ("deviation_m",), penalty, wheel=wheel, span_s=span)
+        return Term(FAULT.name, design, (RAMPED,), penalty, wheel=wheel, span_s=span)
 
     def _smooth_groups(self) -> list[Term]:
         number: dict[tuple[str, str], int] = {}
@@ -305,11 +329,11 @@ class Hypotheses:
     def _shape(place: str, covariate: str, design: FloatArray, knots: tuple[float, ...] = ()) -> Term:
         values = tuple(f"at_{k + 1}" for k in range(design.shape[1]))
         penalty = shape_price(design.shape[1])
-        return Term("unknown", design, values, penalty, place=place, covariate=covariate, knots=knots)
+        return Term(FREE.name, design, values, penalty, place=place, covariate=covariate, knots=knots)
 
     def shapes_over(self, like: Term) -> list[Term]:
         """All smooth terms over a term's covariate, of any pattern and knots."""
-        pool = [term for term in self.catalogue if term.effect == "unknown" and not term.pulse]
+        pool = [term for term in self.catalogue if term.free and not term.pulse]
         both = (like.covariate, like.drive)
         return [term for term in (*pool, *self._smooth) if (term.covariate, term.drive) == both]
 

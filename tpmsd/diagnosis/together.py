@@ -63,7 +63,7 @@ def _changed_radius(selector: Selector, terms: list[Term], shape: Term, before: 
     gram, b = selector.evidence.projected(selector.design(terms))
     free, _ = group_gain(shape.design[1:], gram, b)
     for term in before:
-        if term.effect == "radius_change" and term.wheel == shape.place and term not in terms:
+        if term.ramp and term.wheel == shape.place and term not in terms:
             gain, _ = group_gain(term.design[1:], gram, b)
             if gain - term.penalty > (1.0 - FREE_SHAPE) * free - shape.penalty:
                 return term

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from tpmsd.diagnosis.chosen import Selection
+from tpmsd.diagnosis.described import usual
 from tpmsd.diagnosis.result import Ground, Trace
 from tpmsd.diagnosis.selection import Selector
 from tpmsd.diagnosis.study import Study
@@ -27,7 +28,7 @@ def traces(study: Study, selection: Selection, evidence: Evidence) -> list[Trace
     terms = [one.term for one in selection.chosen]
     selector = Selector(evidence, study.hypotheses)
     for k, one in enumerate(selection.chosen):
-        if one.term.calibrates:
+        if usual(one, study.speeds):
             continue
         covariate = where_of(study, one).covariate
         values = values_of(study, one.term, covariate)

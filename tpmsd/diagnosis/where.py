@@ -16,8 +16,6 @@ from tpmsd.wheels import WHEELS, FloatArray
 
 PLACE = {name: effect.shows_in for name, effect in EFFECTS.items()}
 """Channel and covariate over which an effect shows."""
-ALWAYS = ("yaw_rate_bias",)
-"""Effects that act at all times alike."""
 RECEIVER = ("gnss_speed", "gnss_course", "yaw_rate")
 """Places of smooth terms that are no wheels."""
 
@@ -26,15 +24,15 @@ def where_of(study: Study, one: Chosen) -> Where:
     """The place of a term, as its report has it."""
     term = one.term
     wheels, channel, covariate = place_of(study, term)
-    if term.effect == "radius_change":
+    if term.ramp or (term.pulse and not term.free):
         spans = _spans(study, one)
         return Where(wheels, channel, "time", (spans[0][0], spans[-1][1]), spans)
-    if term.effect == "unknown" and covariate == "time":
+    if term.free and covariate == "time":
         return Where(wheels, channel, None, None, _spans(study, one))
     values = values_of(study, term, covariate)
     if values is None:
         return Where(wheels, channel, None, None)
-    if term.effect in ALWAYS:
+    if term.kind_of.everywhere:
         return whole_range(study, term)
     weight = np.concatenate([_energy(study, study.drives[number], one) for number in study.acting(term)])
     return Where(wheels, channel, covariate, _quantiles(values, weight, 0.025, 0.975))
@@ -61,7 +59,7 @@ def place_of(study: Study, term: Term) -> tuple[tuple[str, ...], str, str | None
     """Wheels, channel and covariate of a term."""
     drives = [study.drives[number] for number in study.acting(term)]
     read = [WHEELS[k] for k in sorted({k for drive in drives for k in drive.reader.recording.wheels})]
-    if term.effect == "unknown":
+    if term.free:
         if term.place in RECEIVER:
             return (), term.place, term.covariate
         if term.place in ANTISYMMETRIC:
@@ -71,16 +69,10 @@ def place_of(study: Study, term: Term) -> tuple[tuple[str, ...], str, str | None
         return tuple(wheels), channel, term.covariate
     channel, covariate = PLACE[term.effect]
     car = drives[0].reader.reference.car
-    driven = tuple(w for k, w in enumerate(WHEELS) if car.driven[k] and w in read)
-    if term.effect == "radius_change":
-        return (term.wheel,), channel if len(read) == 4 else "wheel", covariate
-    if term.effect == "longitudinal_slip":
-        return driven, channel if len(driven) < len(read) else "wheel", covariate
-    if term.effect == "track_width_error":
-        rear = "rear_m" in term.parameters
-        front = "front_m" in term.parameters
-        on = {"rl": rear, "rr": rear, "fl": front, "fr": front}
-        return tuple(w for w in read if on[w]), channel, covariate
+    acts: tuple[str, ...] = term.kind_of.acting_wheels(car, term.parameters)
+    if term.wheel or term.place:
+        acts = (term.wheel,) if term.wheel else PATTERNS[term.place]
+    wheels = tuple(wheel for wheel in read if wheel in acts)
     if channel.startswith(("gnss", "yaw")):
         measured = np.concatenate([np.isfinite(drive.reader.windows.measured) for drive in drives])
         if channel == "gnss_speed" and measured[:, 5].sum() < 30:
@@ -88,7 +80,11 @@ def place_of(study: Study, term: Term) -> tuple[tuple[str, ...], str, str | None
         if channel == "gnss_course" and measured[:, 6].sum() < 30:
             channel = "gnss_position"
         return (), channel, covariate
-    return tuple(read), channel, covariate
+    # Without another wheel to be compared with, only the receiver shows it.
+    alone = set(wheels) == set(read) or (term.ramp and len(read) < 4)
+    if channel == "wheel_ratio" and alone and not term.kind_of.contrast:
+        channel = "wheel"
+    return wheels, channel, covariate
 
 
 def _energy(study: Study, drive: DriveStudy, one: Chosen) -> FloatArray:
@@ -115,7 +111,7 @@ def _spans(study: Study, one: Chosen) -> tuple[tuple[float, float], ...]:
     end = float(study.drives[study.acting(one.term)[0]].reader.recording.edges_s[-1])
     if one.term.pulse:
         return ((max(one.term.span_s[0], 0.0), min(one.term.span_s[1], end)),)
-    if one.term.effect == "radius_change":
+    if one.term.ramp:
         return ((max(one.term.span_s[0], 0.0), end),)
     knots = study.knots(one.term)
     level = np.concatenate([np.zeros(len(knots) - len(one.values)), one.values])

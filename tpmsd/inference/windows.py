@@ -103,16 +103,11 @@ class Reader:
         self._rolled = None
         self.windows = self._windows(base)
 
-    def predict(
-        self, model: ExtendedModel, radii_m: FloatArray | None = None, grade_share: float = 1.0
-    ) -> FloatArray:
-        """(w, 9) what the channels would read if the car moved as the reference does and the model acted.
-
-        With `grade_share` slopes are so many times what the reference says.
-        """
+    def predict(self, model: ExtendedModel, radii_m: FloatArray | None = None) -> FloatArray:
+        """(w, 9) what the channels would read if the car moved as the reference does and the model acted."""
         recording, motion, car = self.recording, self.reference.motion, self.reference.car
-        if grade_share != 1.0:
-            motion = replace(motion, grade_rad=grade_share * motion.grade_rad)
+        if (felt := model.grade_factor()) != 1.0:
+            motion = replace(motion, grade_rad=felt * motion.grade_rad)
         out = np.full((len(self._kept), CHANNELS), np.nan)
         base = None if radii_m is None else radii_m + model.radius_change_m(motion, car)
         angles = wheel_angles(motion, car, model, base)
@@ -126,11 +121,12 @@ class Reader:
         antenna = antenna_truth(motion, car, model)
         when = recording.fix_time_s - model.fix_age_s()
 
-        def at(values: FloatArray) -> FloatArray:
-            return np.interp(when, motion.time_s, values)
+        def at(values: FloatArray, age_s: float = 0.0) -> FloatArray:
+            return np.interp(when - age_s, motion.time_s, values)
 
-        ve, vn = at(antenna.shown_east_mps), at(antenna.shown_north_mps)
-        heading = at(motion.heading_rad)
+        lag = model.velocity_age_s()
+        ve, vn = at(antenna.shown_east_mps, lag), at(antenna.shown_north_mps, lag)
+        heading = at(motion.heading_rad, lag)
         course = heading + np.remainder(np.arctan2(vn, ve) - heading + np.pi, 2 * np.pi) - np.pi
         out[:, SPEED] = self._mean_fixes(np.hypot(ve, vn), np.isfinite(recording.speed_mps))
         out[:, COURSE] = self._mean_fixes(course, np.isfinite(recording.course_rad))

@@ -9,12 +9,20 @@ from __future__ import annotations
 import difflib
 import importlib
 import pkgutil
-from collections.abc import Iterable
-from dataclasses import MISSING, fields
+from collections.abc import Callable, Iterable
+from dataclasses import MISSING, dataclass, fields
 
 from tpmsd.errors import ConfigError
 from tpmsd.physics import effects
-from tpmsd.physics.effect import AnyParameter, Effect, Parameter, Value
+from tpmsd.physics.effect import (
+    AnyParameter,
+    Effect,
+    Kind,
+    Parameter,
+    TextParameter,
+    Value,
+    WheelParameter,
+)
 
 
 def _found() -> dict[str, type[Effect]]:
@@ -40,46 +48,98 @@ def sentence_of(name: str) -> str:
     return effect.sentence or first[:1].lower() + first[1:]
 
 
-def probes() -> tuple[tuple[str, str, float, float], ...]:
-    """What the diagnosis may fit: (effect, parameter, a value at which to take its response, neutral value).
+@dataclass(frozen=True, slots=True)
+class Probe:
+    """One number that a fit may find: an effect's parameter, at a place, at a value of the grid."""
 
-    The parameter is empty for effects that have none: they act or do not.
-    """
+    effect: str
+    parameter: str
+    """Empty for effects that have none: they act or do not."""
+    value: float
+    """At which to take the response."""
+    neutral: float
+    place: str = ""
+    at: float | None = None
+    """Of the parameter that enters nonlinearly."""
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """What it is called among the columns of a design."""
+        grid = () if self.at is None else (f"{self.at:g}",)
+        return (self.effect, self.parameter, *((self.place,) if self.place else ()), *grid)
+
+    def made(self) -> Effect:
+        """The effect with this parameter at its probing value, others neutral or typical."""
+        cls = EFFECTS[self.effect]
+        values: dict[str, object] = {self.parameter: self.value} if self.parameter else {}
+        for p in cls.parameters:
+            if isinstance(p, WheelParameter | TextParameter):
+                if self.place:
+                    values[p.name] = self.place
+            elif isinstance(p, Parameter) and p.name != self.parameter and p.name in _required(cls):
+                values[p.name] = p.neutral if p.probe > 0.0 else p.typical
+        if cls.grid is not None and self.at is not None:
+            values[cls.grid.parameter] = self.at
+        return make_effect(self.effect, **values)
+
+
+def _linear(effect: type[Effect]) -> list[Parameter]:
+    return [p for p in effect.parameters if isinstance(p, Parameter) and p.probe > 0.0]
+
+
+def probes() -> tuple[Probe, ...]:
+    """What a fit may find of effects that are looked for in windows, ramps and spans of time apart."""
     out = []
     for name, effect in EFFECTS.items():
-        if not effect.parameters:
-            out.append((name, "", 1.0, 0.0))
-        for p in effect.parameters:
-            if isinstance(p, Parameter) and p.probe > 0.0:
-                out.append((name, p.name, p.neutral + p.probe, p.neutral))
+        if effect.ramp or effect.span or effect.by_teeth or effect.kind is Kind.FREE:
+            continue
+        for place in effect.places or ("",):
+            if not effect.parameters:
+                out.append(Probe(name, "", 1.0, 0.0, place))
+            for p in _linear(effect):
+                for at in (None,) if effect.grid is None else effect.grid.values:
+                    out.append(Probe(name, p.name, p.neutral + p.probe, p.neutral, place, at))
     return tuple(out)
 
 
-def probed_with(name: str, parameter: str) -> dict[str, float]:
-    """Values of an effect's further required parameters while one is probed."""
-    return {
-        p.name: p.neutral if p.probe > 0.0 else p.typical
-        for p in EFFECTS[name].parameters
-        if isinstance(p, Parameter) and p.name != parameter and p.name in _required(EFFECTS[name])
-    }
-
-
-def groups() -> tuple[tuple[str, tuple[str, ...]], ...]:
-    """Sets of an effect's probed parameters that make sense together: each that needs no other, and all."""
-    by_effect: dict[str, list[str]] = {}
-    for name, parameter, _, _ in probes():
-        by_effect.setdefault(name, []).append(parameter)
-    out: list[tuple[str, tuple[str, ...]]] = []
-    for name, free in by_effect.items():
-        required = _required(EFFECTS[name]) & set(free)
-        out += [(name, (parameter,)) for parameter in free if required <= {parameter}]
+def groups() -> tuple[tuple[Probe, ...], ...]:
+    """Sets of probes that make sense together: each that needs no other, and all of an effect."""
+    by_effect: dict[tuple[str, str, float | None], list[Probe]] = {}
+    for probe in probes():
+        by_effect.setdefault((probe.effect, probe.place, probe.at), []).append(probe)
+    out: list[tuple[Probe, ...]] = []
+    for (name, _, _), free in by_effect.items():
+        if EFFECTS[name].always_fitted:
+            continue
+        required = _required(EFFECTS[name]) & {probe.parameter for probe in free}
+        out += [(probe,) for probe in free if required <= {probe.parameter}]
         if len(free) > 1:
-            out.append((name, tuple(free)))
+            out.append(tuple(free))
     return tuple(out)
 
 
 def _required(effect: type[Effect]) -> set[str]:
     return {one.name for one in fields(effect) if one.default is MISSING and one.default_factory is MISSING}
+
+
+def _the(what: str, rule: Callable[[type[Effect]], bool]) -> type[Effect]:
+    found = [effect for effect in EFFECTS.values() if rule(effect)]
+    if len(found) != 1:
+        raise RuntimeError(f"{len(found)} effects in the catalogue are {what}, one is wanted")
+    return found[0]
+
+
+FREE = _the("free", lambda effect: effect.kind is Kind.FREE)
+"""The description without a formula."""
+FAULT = _the("a ramp of a radius", lambda effect: effect.ramp)
+"""The tyre that changes."""
+TEETH = _the("of a ring's teeth", lambda effect: effect.by_teeth)
+SLOPES = _the("the shortening by slopes", lambda effect: effect.shortens)
+RADIUS = _the("a constant of each wheel", lambda effect: effect.always_fitted and bool(effect.places))
+"""What a calibration takes up."""
+ALWAYS = frozenset(name for name, effect in EFFECTS.items() if effect.always_fitted)
+"""What is fitted along with every model."""
+EVENTS = tuple(name for name, effect in EFFECTS.items() if effect.span)
 
 
 def parameters_of(name: str) -> dict[str, AnyParameter]:

@@ -1,130 +1,98 @@
 """What an effect is: a piece of physics that the pure rolling model leaves out.
 
-In: nothing. Out: `Parameter` and its kin, and the base class `Effect` with its hooks. An effect
-overrides the one or two hooks through which it acts; the others are neutral. Hooks are pure and vectorised
-over time, so that simulator, estimator and diagnosis share them. A concrete effect is a frozen dataclass in
-`tpmsd.physics.effects` whose fields are its parameters.
+In: nothing. Out: the base class `Effect`. An effect says everything that others know about it: what kind of
+thing it is, its parameters with one prior each, what it may be taken for, which readings it needs, on which
+wheels it acts; and it overrides the one or two hooks through which it acts, the others are neutral. Hooks are
+pure and vectorised over time, so that simulator, estimator and diagnosis share them. A concrete effect is a
+frozen dataclass in `tpmsd.physics.effects` whose fields are its parameters.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from enum import Enum
 from typing import ClassVar
 
 import numpy as np
 
 from tpmsd.errors import ConfigError
 from tpmsd.physics.motion import Car, Motion
+from tpmsd.physics.parameters import (
+    MAX_ENTRIES,
+    AnyParameter,
+    Parameter,
+    Prior,
+    Std,
+    TextParameter,
+    Value,
+    VectorParameter,
+    WheelParameter,
+)
 from tpmsd.wheels import WHEELS, FloatArray
 
-Value = float | str | tuple[float, ...]
-Std = float | tuple[float, ...]
-"""Standard deviation of a number, or of each entry of a vector."""
+__all__ = [
+    "MAX_ENTRIES",
+    "AnyParameter",
+    "Effect",
+    "Grid",
+    "Kind",
+    "Look",
+    "Parameter",
+    "Prior",
+    "Std",
+    "TextParameter",
+    "Value",
+    "VectorParameter",
+    "WheelParameter",
+]
 
 
-MAX_ENTRIES = 200
-"""Of a vector."""
+class Kind(Enum):
+    """What sort of thing an effect is."""
+
+    PHYSICS = "physics"
+    """Of tyres, car and road: the same on every drive."""
+    INSTRUMENT = "instrument"
+    """Of receiver, gyro, counters and bus."""
+    FAULT = "fault"
+    """A tyre that changes: what the daemon watches, never compensated."""
+    EVENT = "event"
+    """Of a span of time."""
+    FREE = "free"
+    """A description without a formula."""
+    NUISANCE = "nuisance"
+    """Fitted along and never a finding: calibration, and what instruments always do."""
 
 
-@dataclass(frozen=True, slots=True)
-class Parameter:
-    """A number that belongs to an effect."""
+class Look(Enum):
+    """Which slow noise an effect resembles: it must stand against that noise at its likeliest."""
 
-    name: str
-    unit: str
-    typical: float
-    """A size met on ordinary cars: a start for a fit, an example for a user."""
-    lower: float
-    upper: float
-    """Both inclusive: what is physically thinkable, with room."""
-    description: str = ""
-    probe: float = 0.0
-    """A difference from neutral in which the effect is linear, so that the diagnosis fits it; 0: it does not,
-    and takes the typical value."""
-    neutral: float = 0.0
-    """The value with which the effect does nothing."""
-
-    def check(self, value: object) -> Value:
-        """The value as it is stored; ValueError with the reason if it cannot be one."""
-        number = _number(self.name, value, finite=False)
-        if not math.isfinite(number) or not self.lower <= number <= self.upper:
-            raise ValueError(
-                f"{self.name} = {number:g} is outside {self.lower:g} to {self.upper:g} {self.unit}".rstrip()
-            )
-        return number
-
-
-@dataclass(frozen=True, slots=True)
-class WheelParameter:
-    """The wheel an effect sits on: one of `fl fr rl rr`."""
-
-    name: str = "wheel"
-    unit: str = ""
-    description: str = "which wheel"
-
-    def check(self, value: object) -> Value:
-        """The wheel's name; ValueError with the reason if there is no such wheel."""
-        if value not in WHEELS:
-            raise ValueError(f"{self.name} = {value!r} is not one of {' '.join(WHEELS)}")
-        return str(value)
+    OTHER = "none"
+    COMMON = "the receiver's slow error"
+    """It acts on all wheels alike and slowly, so that only the receiver shows it."""
+    WHEEL = "radius drift"
+    """It changes single wheels slowly."""
 
 
 @dataclass(frozen=True, slots=True)
-class TextParameter:
-    """A word or a list of words; the effect itself checks which."""
+class Grid:
+    """Values of a parameter that enters nonlinearly, at which the effect is first looked for."""
 
-    name: str
-    typical: str
-    description: str = ""
-    unit: str = ""
-
-    def check(self, value: object) -> Value:
-        """The text, blanks put in order; ValueError if it is none."""
-        if not isinstance(value, str) or not value.strip():
-            raise ValueError(f"{self.name} = {value!r} is not a name")
-        return " ".join(value.split())
-
-
-@dataclass(frozen=True, slots=True)
-class VectorParameter:
-    """Several numbers in a row."""
-
-    name: str
-    typical: tuple[float, ...]
-    description: str = ""
-    unit: str = ""
-    """Empty where it depends on the effect's other parameters."""
-
-    def check(self, value: object) -> Value:
-        """The numbers; from text, they stand between blanks. ValueError with the reason if they are none."""
-        entries: Sequence[object]
-        if isinstance(value, str):
-            entries = value.split()
-        elif isinstance(value, (list, tuple, np.ndarray)):
-            entries = list(value)
-        else:
-            raise ValueError(f"{self.name} = {value!r} is not a list of numbers")
-        if not 2 <= len(entries) <= MAX_ENTRIES:
-            raise ValueError(f"{self.name} has {len(entries)} entries, 2 to {MAX_ENTRIES} are wanted")
-        return tuple(_number(f"{self.name}[{k}]", entry) for k, entry in enumerate(entries))
+    parameter: str
+    values: tuple[float, ...]
+    middle: float
+    """The one that stands for all while noise is estimated."""
+    range: tuple[float, float]
+    """Least and greatest that is thinkable."""
+    price: Callable[[float], float]
+    """Nats against a value, beside those for the choice among the grid's."""
+    step: float
+    """Factor between neighbours."""
 
 
-AnyParameter = Parameter | WheelParameter | TextParameter | VectorParameter
-
-
-def _number(name: str, value: object, finite: bool = True) -> float:
-    if isinstance(value, str):
-        try:
-            value = float(value)
-        except ValueError:
-            raise ValueError(f"{name} = {value!r} is not a number") from None
-    if isinstance(value, bool) or not isinstance(value, (int, float, np.floating, np.integer)):
-        raise ValueError(f"{name} = {value!r} is not a number")
-    if finite and not math.isfinite(value):
-        raise ValueError(f"{name} = {float(value)} is not a finite number")
-    return float(value)
+ODD_SIGN = 4.0
+"""Nats against a sign that nature does not know, which a wrong configuration may show: odds of fifty."""
 
 
 @dataclass(frozen=True)
@@ -139,8 +107,43 @@ class Effect:
     """What to drive so that it shows beside what resembles it."""
     shows_in: ClassVar[tuple[str, str]] = ("wheel", "speed")
     """Channel and covariate over which it shows: wheel, wheel_ratio, gnss_speed, gnss_course, yaw_rate."""
+    kind: ClassVar[Kind] = Kind.PHYSICS
+    formula: ClassVar[str] = ""
+    """What it does, in one line of plain text, for the reference."""
     one_sign: ClassVar[bool] = False
     """Whether nature knows but one sign (positive) of its first parameter."""
+    needs: ClassVar[tuple[str, ...]] = ()
+    """Readings without which no drive shows it: `yaw_rate`, `gnss` (any), `gnss_speed`, `gnss_position`,
+    `slopes`, `heights` (slopes by the receiver's alone), `speeds` (no counts on the bus), `temperature`."""
+    looks: ClassVar[Look] = Look.OTHER
+    beside: ClassVar[tuple[str, ...]] = ()
+    """Effects beside which it must be needed, where shapes act that no formula holds."""
+    beside_value: ClassVar[tuple[str, ...]] = ()
+    """Further ones that are fitted along when its value is told."""
+    own_per_drive: ClassVar[bool] = False
+    """Whether each drive has a value of its own, and none is common to all."""
+    alike_on_every_drive: ClassVar[bool] = False
+    """Whether a drive cannot have its own value, as a slope's share in the horizontal."""
+    always_fitted: ClassVar[bool] = False
+    """Of a nuisance: part of the baseline model, not a hypothesis."""
+    everywhere: ClassVar[bool] = False
+    """Whether it acts at all times alike, so that its place is the whole drive."""
+    drifts_into: ClassVar[str] = ""
+    """A reading, of which this is the constant part of a slow error."""
+    places: ClassVar[tuple[str, ...]] = ()
+    """Wheels or groups of wheels on which it may act, one hypothesis each; empty: it knows its wheels."""
+    contrast: ClassVar[bool] = False
+    """Whether it acts on wheels with both signs, so that it shows between them although all take part."""
+    grid: ClassVar[Grid | None] = None
+    """Of its one parameter that enters nonlinearly."""
+    ramp: ClassVar[bool] = False
+    """Whether it steps or ramps once, at a time that is looked for."""
+    span: ClassVar[bool] = False
+    """Whether it acts from one time to another, which are looked for."""
+    by_teeth: ClassVar[bool] = False
+    """Whether it is looked for once per turn of a wheel, apart from the windows of a second."""
+    shortens: ClassVar[bool] = False
+    """Whether it is the geometry by which slopes shorten the horizontal: in every world there is."""
     ratio_limits: ClassVar[tuple[float, float] | None] = None
     """Of its second parameter to its first, the least and the greatest that nature knows, if it has such."""
 
@@ -153,6 +156,51 @@ class Effect:
                 object.__setattr__(self, parameter.name, parameter.check(value))
             except ValueError as error:
                 raise ConfigError(f"effect {self.name}: {error}") from None
+
+    @classmethod
+    def limits(cls, car: Car) -> Mapping[str, tuple[float, float]]:
+        """By parameter, least and greatest difference from neutral that a fit may find on this car."""
+        numbers = (p for p in cls.parameters if isinstance(p, Parameter))
+        return {p.name: (p.limits[0] - p.neutral, p.limits[1] - p.neutral) for p in numbers}
+
+    @classmethod
+    def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
+        """On which wheels it shows, where these of its parameters were fitted."""
+        return WHEELS
+
+    @classmethod
+    def against(cls, value: float) -> float:
+        """Nats against a first value (difference from neutral): what nature seldom shows must be paid for."""
+        return ODD_SIGN if cls.one_sign and value < 0.0 else 0.0
+
+    @classmethod
+    def usual(cls, value: float, std: float, speeds: bool) -> str:
+        """What is said of a value that instruments usually have, which is then no finding; empty: it is one.
+
+        `speeds` says that the bus has wheel speeds and no counts.
+        """
+        return ""
+
+    @classmethod
+    def largest(cls, on: str) -> float:
+        """Of a free description, the largest size that is thinkable on wheels or a reading."""
+        return 0.0
+
+    @classmethod
+    def fits_span(cls, slip: float, duration_s: float, driven: bool) -> bool:
+        """Of an event: whether wheels that turn faster by this share for so long may show it.
+
+        `driven` says whether all of the wheels are driven.
+        """
+        return False
+
+    def not_compensated(self, signals: frozenset[str]) -> str | None:
+        """Why it stays in the ticks on a bus with these roles; None if it is taken out."""
+        return None
+
+    def left_in(self) -> str | None:
+        """What of it stays in the ticks although the rest is taken out; None if nothing."""
+        return None
 
     def values(self) -> dict[str, Value]:
         """Parameters by name, without those that are optional and not given."""
@@ -167,7 +215,7 @@ class Effect:
         """(n, 4) change of the effective rolling radii in metres."""
         return np.zeros((len(motion), 4))
 
-    def slip(self, motion: Motion, car: Car) -> FloatArray:
+    def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) s in omega * r = v * (1 + s)."""
         return np.zeros((len(motion), 4))
 
@@ -182,6 +230,14 @@ class Effect:
     def fix_age_s(self) -> float:
         """Age of a fix on arrival beyond the configured one."""
         return 0.0
+
+    def velocity_age_s(self) -> float:
+        """How much older a fix's speed and course are than its position."""
+        return 0.0
+
+    def grade_factor(self) -> float:
+        """Slopes that the wheels feel over those that the reference shows."""
+        return 1.0
 
     def antenna_offset_m(self) -> tuple[float, float]:
         """(forward, left): where the antenna is minus where the configuration says."""

@@ -33,7 +33,7 @@ def wheel_rates(
     geometry = car.with_tracks(*model.track_error_m())
     speeds = wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, geometry, lateral)
     radii = wheel_radii(motion, car, model) if radii_m is None else radii_m
-    return np.asarray(speeds * (1.0 + model.slip(motion, car)) / radii)
+    return np.asarray(speeds * (1.0 + model.wheel_slip(motion, car)) / radii)
 
 
 def wheel_angles(

@@ -47,11 +47,11 @@ class ExtendedModel:
             out += effect.radius_change_m(motion, car)
         return out
 
-    def slip(self, motion: Motion, car: Car) -> FloatArray:
+    def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) sum of the slips."""
         out = np.zeros((len(motion), 4))
         for effect in self.effects:
-            out += effect.slip(motion, car)
+            out += effect.wheel_slip(motion, car)
         return out
 
     def axle_course_rad(self, motion: Motion) -> FloatArray:
@@ -71,6 +71,14 @@ class ExtendedModel:
     def fix_age_s(self) -> float:
         """Sum of the latencies."""
         return sum(effect.fix_age_s() for effect in self.effects)
+
+    def velocity_age_s(self) -> float:
+        """Sum of what speed and course are older than the position."""
+        return sum(effect.velocity_age_s() for effect in self.effects)
+
+    def grade_factor(self) -> float:
+        """Product of the shares of the slopes that the wheels feel."""
+        return float(np.prod([effect.grade_factor() for effect in self.effects]))
 
     def antenna_offset_m(self) -> tuple[float, float]:
         """(forward, left), summed."""

@@ -1,14 +1,14 @@
 """What missing physics means for the tyres: alarms and radii of a drive without and with the found model.
 
 In: two `ReplayResult`s of one drive, the second with the model compensated, and the faults found. Out:
-`AlarmsCompared`, its JSON and its sentences. A `radius_change` is the fault itself: it is in both replays,
+`AlarmsCompared`, its JSON and its sentences. A radius that changes is the fault itself: in both replays,
 and is taken out of the radii only where their bias is measured.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,8 +16,7 @@ import numpy as np
 
 from tpmsd.diagnosis.result import Finding
 from tpmsd.monitor.records import AlarmEvent, AlarmKind
-from tpmsd.physics.catalogue import make_effect
-from tpmsd.physics.effects.radius_change import RadiusChange
+from tpmsd.physics.catalogue import FAULT
 from tpmsd.report.replay_document import alarm_entry
 from tpmsd.report.replay_result import ReplayResult
 from tpmsd.report.wording import drive_time, wheel_name
@@ -43,6 +42,16 @@ class WheelBias:
 
 
 @dataclass(frozen=True)
+class Fault:
+    """A wheel's radius that ramps by `deviation_m`."""
+
+    wheel: str
+    deviation_m: float
+    onset_s: float = 0.0
+    duration_s: float = 0.0
+
+
+@dataclass(frozen=True)
 class AlarmsCompared:
     """One drive, replayed without and with the model."""
 
@@ -50,7 +59,7 @@ class AlarmsCompared:
     before: ReplayResult
     after: ReplayResult
     """The same record where the model holds nothing to compensate."""
-    faults: tuple[RadiusChange, ...]
+    faults: tuple[Fault, ...]
     notes: tuple[str, ...]
     """What of the model was not compensated."""
 
@@ -108,6 +117,11 @@ class AlarmsCompared:
         return tuple(out)
 
 
+def _fault(values: Mapping[str, float | str]) -> Fault:
+    wheel, *numbers = (values.get(name, 0.0) for name in ("wheel", "deviation_m", "onset_s", "duration_s"))
+    return Fault(str(wheel), *(float(number) for number in numbers))
+
+
 def compare_alarms(
     drive: str,
     before: ReplayResult,
@@ -116,12 +130,11 @@ def compare_alarms(
     notes: tuple[str, ...] = (),
 ) -> AlarmsCompared:
     """Put the two replays side by side; `after` is None where there was nothing to compensate."""
-    faults = []
-    for finding in findings:
-        if finding.effect == RadiusChange.name and drive in (finding.drives or (drive,)):
-            values = {name: quantity.value for name, quantity in finding.parameters.items()}
-            faults.append(make_effect(RadiusChange.name, **values))
-    found = tuple(fault for fault in faults if isinstance(fault, RadiusChange))
+    found = tuple(
+        _fault({name: quantity.value for name, quantity in finding.parameters.items()})
+        for finding in findings
+        if finding.effect == FAULT.name and drive in (finding.drives or (drive,))
+    )
     return AlarmsCompared(drive, before, before if after is None else after, found, notes)
 
 

@@ -1,4 +1,4 @@
-"""Faults: tyres that lose pressure, as `radius_change` effects.
+"""Faults: tyres that lose pressure, as changes of radius.
 
 In: a kind (puncture, leak, diffusion, step), a wheel, a size in one of three units, an onset. Out: effects.
 """
@@ -8,7 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmsd.errors import ConfigError
-from tpmsd.physics.effects.radius_change import RadiusChange
+from tpmsd.physics.catalogue import FAULT, make_effect
+from tpmsd.physics.effect import Effect
 from tpmsd.physics.tyre import radius_change_for_pressure_loss
 from tpmsd.wheels import WHEELS, FloatArray
 
@@ -41,15 +42,16 @@ class Fault:
         if self.kind != "diffusion" and self.wheel not in WHEELS:
             raise ConfigError(f"{self.kind}: wheel {self.wheel!r} is not one of {' '.join(WHEELS)}")
 
-    def effects(self, nominal_radius_m: FloatArray) -> tuple[RadiusChange, ...]:
-        """The `radius_change` effects, one per wheel concerned."""
+    def effects(self, nominal_radius_m: FloatArray) -> tuple[Effect, ...]:
+        """The changes of radius, one per wheel concerned."""
         wheels = WHEELS if self.wheel is None else (self.wheel,)
         duration = FAULT_DURATION_S[self.kind] if self.duration_s is None else self.duration_s
         effects = []
         for wheel in wheels:
             radius = float(nominal_radius_m[WHEELS.index(wheel)])
             change = deviation_m(self.size, self.size_unit, radius)
-            effects.append(RadiusChange(wheel, change, self.onset_s, duration))
+            values = {"deviation_m": change, "onset_s": self.onset_s, "duration_s": duration}
+            effects.append(make_effect(FAULT.name, wheel=wheel, **values))
         return tuple(effects)
 
 

@@ -103,14 +103,15 @@ def measure(world: World, spec: ReceiverSpec, clocks: Clocks, rng: np.random.Gen
         motion.time_s, antenna.east_mps, antenna.north_mps, height, spec.latitude_deg, spec.longitude_deg
     )
 
-    def at_epochs(values: FloatArray) -> FloatArray:
-        return np.asarray(np.interp(time_s, motion.time_s, values), dtype=np.float64)
+    def at_epochs(values: FloatArray, age_s: float = 0.0) -> FloatArray:
+        return np.asarray(np.interp(time_s - age_s, motion.time_s, values), dtype=np.float64)
 
     # Longitudes are unwrapped for the interpolation, since a drive may cross the date line.
     longitude = at_epochs(np.degrees(np.unwrap(np.radians(full.longitude_deg))))
     track = Track(
         at_epochs(full.latitude_deg), longitude, at_epochs(full.east_mps), at_epochs(full.north_mps)
     )
+    lag = world.model.velocity_age_s()
     count = len(time_s)
     wander = gauss_markov(rng, count, period, spec.position_std_m, spec.position_tau_s, 3)
     white = spec.white_std_m * rng.standard_normal((count, 3))
@@ -124,8 +125,9 @@ def measure(world: World, spec: ReceiverSpec, clocks: Clocks, rng: np.random.Gen
         east_error_m=error[:, 0],
         north_error_m=error[:, 1],
         up_error_m=error[:, 2],
-        east_mps=track.east_mps + at_epochs(antenna.shown_east_mps - antenna.east_mps) + velocity[:, 0],
-        north_mps=track.north_mps + at_epochs(antenna.shown_north_mps - antenna.north_mps) + velocity[:, 1],
+        east_mps=at_epochs(full.east_mps + antenna.shown_east_mps - antenna.east_mps, lag) + velocity[:, 0],
+        north_mps=at_epochs(full.north_mps + antenna.shown_north_mps - antenna.north_mps, lag)
+        + velocity[:, 1],
         valid=valid,
         hdop=hdop,
         track=track,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effects.road_grade import RoadGrade
+from tpmsd.physics.catalogue import SLOPES
 from tpmsd.physics.forward import AntennaTruth, antenna_truth, counted_revolutions, wheel_angles, wheel_radii
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.physics.motion import Car, Motion
@@ -58,11 +58,11 @@ def make_world(
     """Let the effects act on the motion.
 
     `radius_offset_m` (4,) is true minus nominal radius, constant over the drive. A road that is not level
-    always shortens what the receiver sees: `road_grade` is added where it is missing.
+    always shortens what the receiver sees: that effect is added where it is missing.
     """
     motion = with_instruments(motion, car)
-    if np.any(motion.grade_rad != 0.0) and not any(isinstance(effect, RoadGrade) for effect in model):
-        model = model.plus(RoadGrade())
+    if np.any(motion.grade_rad != 0.0) and not any(effect.shortens for effect in model):
+        model = model.plus(SLOPES())
     offset = np.zeros(4) if radius_offset_m is None else radius_offset_m
     radii = wheel_radii(motion, car, model) + offset
     step = float(motion.time_s[1] - motion.time_s[0])

@@ -4,10 +4,8 @@ In: `Tick`s and an `ExtendedModel` (a `model.toml` that `diagnose` wrote). Out: 
 made them if its wheels rolled on constant radii and its sensors were as configured. The effects' own forward
 hooks are used, so simulator, diagnosis and compensation cannot disagree on what an effect does.
 
-`radius_change` is left out: it is the fault to be found, not physics to be taken away. So is an `unknown`
-over time or distance: on a wheel it may be the fault, and it belongs to the drive on which it was found. The
-once-per-revolution part of `tone_ring_error` is left out too, for its phase is unknown after a restart and
-it averages out. `left_alone` says all this of a model, one line each.
+An effect says itself whether it stays: the fault that is to be found does, and so does what belongs to one
+drive alone. `left_alone` says all this of a model, one line each.
 """
 
 from __future__ import annotations
@@ -18,11 +16,7 @@ import math
 import numpy as np
 
 from tpmsd.config.model import Config
-from tpmsd.physics.covariates import ROLES
 from tpmsd.physics.effect import Effect
-from tpmsd.physics.effects.radius_change import RadiusChange
-from tpmsd.physics.effects.tone_ring_error import ToneRingError
-from tpmsd.physics.effects.unknown import Unknown
 from tpmsd.physics.grade import GradeTracker
 from tpmsd.physics.kinematics import Geometry
 from tpmsd.physics.model import ExtendedModel
@@ -41,24 +35,14 @@ def left_alone(config: Config, model: ExtendedModel) -> list[str]:
     for effect in model:
         if (why := _why_not(config, effect)) is not None:
             notes.append(f"{effect.name} is not compensated: {why}")
-        elif isinstance(effect, ToneRingError) and effect.amplitude_rad != 0.0:
-            notes.append(
-                f"{effect.name} of {effect.wheel}: its ripple stays, for it averages out over a turn"
-            )
+        elif (note := effect.left_in()) is not None:
+            notes.append(note)
     return notes
 
 
 def _why_not(config: Config, effect: Effect) -> str | None:
     """Why an effect must stay in the ticks; None if it is taken out."""
-    if isinstance(effect, RadiusChange):
-        return f"the radius of {effect.wheel} is what is watched, and its change the fault itself"
-    if isinstance(effect, Unknown):
-        if effect.covariate in ("time", "distance"):
-            return f"a shape over {effect.covariate} belongs to the drive on which it was found"
-        role = ROLES.get(effect.covariate)
-        if role is not None and role not in config.can.signals:
-            return f"it depends on {effect.covariate}, and the bus has no {role}"
-    return None
+    return effect.not_compensated(frozenset(config.can.signals))
 
 
 def adjusted(config: Config, model: ExtendedModel) -> Config:
@@ -119,7 +103,7 @@ class Compensation:
             self._grade.update(fix.up_m)
         motion = self._motion(tick)
         change = self._model.radius_change_m(motion, self._car)[0] / self._car.radius_m
-        factor: FloatArray = (1.0 + change) / (1.0 + self._model.slip(motion, self._car)[0])
+        factor: FloatArray = (1.0 + change) / (1.0 + self._model.wheel_slip(motion, self._car)[0])
         course = float(self._model.axle_course_rad(motion)[0])
         course += float(self._model.gnss_course_error_rad(motion, self._car)[0])
         faster = float(self._model.gnss_speed_error_mps(motion, self._car)[0])

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from tpmsd.physics.effect import Effect, Parameter
+from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.physics.motion import Car
+
+BEHIND_M, BESIDE_M = 1.5, 1.2
+"""How far behind the rear axle, before the front one, and off the middle a car's roof reaches."""
 
 
 @dataclass(frozen=True)
@@ -17,12 +22,33 @@ class AntennaLeverArm(Effect):
     """
 
     name: ClassVar[str] = "antenna_lever_arm"
+    kind: ClassVar[Kind] = Kind.INSTRUMENT
+    formula: ClassVar[str] = "antenna at (forward_m, left_m) from its configured place"
+    needs: ClassVar[tuple[str, ...]] = ("gnss",)
     sentence: ClassVar[str] = "the antenna is not where the configuration says"
     telling_drive: ClassVar[str] = "drive full circles at walking pace, to both sides, then bends at speed"
     shows_in: ClassVar[tuple[str, str]] = ("gnss_course", "yaw_rate")
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("forward_m", "m", 1.0, -20.0, 20.0, "true minus configured, along the body", probe=0.5),
-        Parameter("left_m", "m", 0.3, -5.0, 5.0, "true minus configured, to the left", probe=0.2),
+        Parameter(
+            "forward_m",
+            "m",
+            1.0,
+            -20.0,
+            20.0,
+            "true minus configured, along the body",
+            probe=0.5,
+            prior=Prior(0.0, 0.4, "a tape measure along a roof"),
+        ),
+        Parameter(
+            "left_m",
+            "m",
+            0.3,
+            -5.0,
+            5.0,
+            "true minus configured, to the left",
+            probe=0.2,
+            prior=Prior(0.0, 0.2, "a tape measure across a roof"),
+        ),
     )
     forward_m: float = 0.0
     left_m: float = 0.0
@@ -30,3 +56,13 @@ class AntennaLeverArm(Effect):
     def antenna_offset_m(self) -> tuple[float, float]:
         """(forward, left)."""
         return self.forward_m, self.left_m
+
+    @classmethod
+    def limits(cls, car: Car) -> Mapping[str, tuple[float, float]]:
+        """What is called an antenna's place must lie on the car's roof."""
+        ahead, left = car.antenna_forward_m, car.antenna_left_m
+        longest = car.geometry.wheelbase_m + BEHIND_M
+        return {
+            "forward_m": (-BEHIND_M - ahead, longest - ahead),
+            "left_m": (-BESIDE_M - left, BESIDE_M - left),
+        }

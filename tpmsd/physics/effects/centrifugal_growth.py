@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Parameter
+from tpmsd.physics.effect import Effect, Look, Parameter, Prior
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.wheels import FloatArray
 
@@ -22,12 +22,25 @@ class CentrifugalGrowth(Effect):
     """
 
     name: ClassVar[str] = "centrifugal_growth"
+    formula: ClassVar[str] = "delta_r = k * v^2 on all wheels"
+    looks: ClassVar[Look] = Look.COMMON
     sentence: ClassVar[str] = "the tyres grow with speed"
     telling_drive: ClassVar[str] = "hold 30 m/s for two minutes, then coast to 15 m/s, twice"
     shows_in: ClassVar[tuple[str, str]] = ("wheel", "speed")
     one_sign: ClassVar[bool] = True
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("coefficient", "s2/m", 1e-6, -2e-5, 2e-5, "k in delta_r = k * v^2", probe=1e-8),
+        Parameter(
+            "coefficient",
+            "s2/m",
+            1e-6,
+            -2e-5,
+            2e-5,
+            "k in delta_r = k * v^2",
+            probe=1e-8,
+            prior=Prior(
+                1e-6, 7e-7, "Besselink, Schmeitz, Pacejka 2010: 1.1 mm from 10 to 36 m/s on a 205/60R15"
+            ),
+        ),
     )
     coefficient: float
 

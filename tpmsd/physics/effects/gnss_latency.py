@@ -5,7 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from tpmsd.physics.effect import Effect, Parameter
+from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
+
+FRAME_AGE_S = 0.04
+"""Longest interval over which control units average wheel speeds before the stamp."""
 
 
 @dataclass(frozen=True)
@@ -18,15 +21,39 @@ class GnssLatency(Effect):
     """
 
     name: ClassVar[str] = "gnss_latency"
+    kind: ClassVar[Kind] = Kind.INSTRUMENT
+    formula: ClassVar[str] = "position, speed and course of t arrive at t + latency_s"
+    needs: ClassVar[tuple[str, ...]] = ("gnss",)
+    beside: ClassVar[tuple[str, ...]] = ("velocity_lag",)
+    beside_value: ClassVar[tuple[str, ...]] = ("lateral_slip",)
     sentence: ClassVar[str] = "the receiver's fixes are older than they seem"
     telling_drive: ClassVar[str] = "accelerate and brake firmly on a straight, ten times"
     shows_in: ClassVar[tuple[str, str]] = ("gnss_speed", "accel_long")
     one_sign: ClassVar[bool] = True
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("latency_s", "s", 0.1, -2.0, 5.0, "age of a fix on arrival", probe=0.01),
+        Parameter(
+            "latency_s",
+            "s",
+            0.1,
+            -2.0,
+            5.0,
+            "age of a fix on arrival",
+            probe=0.01,
+            prior=Prior(0.05, 0.1, "receivers transmit 30 to 300 ms after the epoch, by make, rate and baud"),
+        ),
     )
     latency_s: float
 
     def fix_age_s(self) -> float:
         """The latency."""
         return self.latency_s
+
+    @classmethod
+    def usual(cls, value: float, std: float, speeds: bool) -> str:
+        """Wheel speeds are means over an interval before their stamp, which makes fixes look younger."""
+        if speeds and -FRAME_AGE_S - 2.0 * std <= value < 0.0:
+            return (
+                f"the wheel speeds are {-value:.3f} +- {std:.3f} s older than their stamps;"
+                " taken into account"
+            )
+        return ""

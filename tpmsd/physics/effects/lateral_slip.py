@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from tpmsd.physics.effect import Effect, Parameter
+from tpmsd.physics.effect import Effect, Parameter, Prior
 from tpmsd.physics.motion import Motion
 from tpmsd.wheels import FloatArray
 
@@ -20,6 +20,8 @@ class LateralSlip(Effect):
     """
 
     name: ClassVar[str] = "lateral_slip"
+    formula: ClassVar[str] = "beta = -c * a_y at the rear axle"
+    needs: ClassVar[tuple[str, ...]] = ("gnss",)
     sentence: ClassVar[str] = "the rear axle drifts outwards in bends"
     telling_drive: ClassVar[str] = (
         "drive the same bend slowly and fast: slip grows with speed, a lever arm does not"
@@ -27,7 +29,16 @@ class LateralSlip(Effect):
     shows_in: ClassVar[tuple[str, str]] = ("gnss_course", "accel_lat")
     one_sign: ClassVar[bool] = True
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("coefficient", "rad.s2/m", 5e-3, -0.1, 0.1, "c, radians per m/s2", probe=1e-5),
+        Parameter(
+            "coefficient",
+            "rad.s2/m",
+            5e-3,
+            -0.1,
+            0.1,
+            "c, radians per m/s2",
+            probe=1e-5,
+            prior=Prior(5e-3, 3e-3, "650 kg on 1e5 N/rad; Gillespie, ch. 6"),
+        ),
     )
     coefficient: float
 

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Parameter
+from tpmsd.physics.effect import Effect, Parameter, Prior
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.wheels import IS_LEFT, FloatArray
 
@@ -22,12 +22,23 @@ class LoadTransferLateral(Effect):
     """
 
     name: ClassVar[str] = "load_transfer_lateral"
+    formula: ClassVar[str] = "delta_r = +c * a_y left, -c * a_y right"
+    contrast: ClassVar[bool] = True
     sentence: ClassVar[str] = "bends shift load between the sides and change the radii"
     telling_drive: ClassVar[str] = "drive the same bend slowly and fast, to both sides"
     shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "accel_lat")
     one_sign: ClassVar[bool] = True
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("coefficient", "s2", 1e-4, -2e-3, 2e-3, "c, metres of radius per m/s2", probe=1e-6),
+        Parameter(
+            "coefficient",
+            "s2",
+            1e-4,
+            -2e-3,
+            2e-3,
+            "c, metres of radius per m/s2",
+            probe=1e-6,
+            prior=Prior(1e-4, 1e-4, "270 N per wheel and m/s2, 0.25 mm per 500 N"),
+        ),
     )
     coefficient: float
 

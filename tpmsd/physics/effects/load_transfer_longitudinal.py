@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Parameter
+from tpmsd.physics.effect import Effect, Parameter, Prior
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.wheels import IS_FRONT, FloatArray
 
@@ -23,12 +23,23 @@ class LoadTransferLongitudinal(Effect):
     """
 
     name: ClassVar[str] = "load_transfer_longitudinal"
+    formula: ClassVar[str] = "delta_r = +c * a_x front, -c * a_x rear"
+    contrast: ClassVar[bool] = True
     sentence: ClassVar[str] = "driving and braking shift load between the axles and change the radii"
     telling_drive: ClassVar[str] = "brake and accelerate firmly on a straight, ten times"
     shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "accel_long")
     one_sign: ClassVar[bool] = True
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("coefficient", "s2", 6e-5, -2e-3, 2e-3, "c, metres of radius per m/s2", probe=1e-6),
+        Parameter(
+            "coefficient",
+            "s2",
+            6e-5,
+            -2e-3,
+            2e-3,
+            "c, metres of radius per m/s2",
+            probe=1e-6,
+            prior=Prior(6e-5, 5e-5, "156 N per wheel and m/s2, 0.25 mm per 500 N"),
+        ),
     )
     coefficient: float
 

@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Parameter
+from tpmsd.physics.effect import Effect, Parameter, Prior
 from tpmsd.physics.motion import Car, Motion
-from tpmsd.wheels import FloatArray
+from tpmsd.wheels import WHEELS, FloatArray
 
 
 @dataclass(frozen=True)
@@ -24,6 +24,7 @@ class LongitudinalSlip(Effect):
     """
 
     name: ClassVar[str] = "longitudinal_slip"
+    formula: ClassVar[str] = "omega * r = v * (1 + c * a_x + d * v^2) on driven wheels"
     sentence: ClassVar[str] = "driven wheels slip under drive force"
     telling_drive: ClassVar[str] = "accelerate firmly and coast at the same speeds on a straight, ten times"
     shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "accel_long")
@@ -31,17 +32,38 @@ class LongitudinalSlip(Effect):
     ratio_limits: ClassVar[tuple[float, float]] = (0.0, 5e-3)
     """One tyre under two forces: d/c is half a rho c_d A / m, 3e-4 /m for a car, 1e-3 for a tall one."""
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("slip_per_accel", "s2/m", 2e-3, -0.1, 0.1, "c, slip per m/s2", probe=1e-5),
         Parameter(
-            "slip_per_speed2", "s2/m2", 5e-7, -1e-4, 1e-4, "d, slip per speed squared, from drag", probe=1e-8
+            "slip_per_accel",
+            "s2/m",
+            2e-3,
+            -0.1,
+            0.1,
+            "c, slip per m/s2",
+            probe=1e-5,
+            prior=Prior(3e-3, 3e-3, "1e-3 to 8e-3 by tyre and axle: Gustafsson 1997"),
+        ),
+        Parameter(
+            "slip_per_speed2",
+            "s2/m2",
+            5e-7,
+            -1e-4,
+            1e-4,
+            "d, slip per speed squared, from drag",
+            probe=1e-8,
+            prior=Prior(8e-7, 8e-7, "half rho c_d A / m, 2.7e-4 /m, times the slip per m/s2"),
         ),
     )
     slip_per_accel: float
     slip_per_speed2: float = 0.0
 
-    def slip(self, motion: Motion, car: Car) -> FloatArray:
+    def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) c*a_x + d*v^2 on the driven wheels, zero on the others."""
         slip = (
             self.slip_per_accel * motion.specific_force_long_mps2 + self.slip_per_speed2 * motion.speed_mps**2
         )
         return slip[:, None] * car.driven.astype(np.float64)
+
+    @classmethod
+    def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
+        """The driven ones."""
+        return tuple(wheel for wheel, drives in zip(WHEELS, car.driven, strict=True) if drives)

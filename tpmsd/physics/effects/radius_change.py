@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Parameter, WheelParameter
+from tpmsd.physics.effect import Effect, Kind, Look, Parameter, Prior, WheelParameter
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.wheels import WHEELS, FloatArray
 
@@ -23,12 +23,25 @@ class RadiusChange(Effect):
     """
 
     name: ClassVar[str] = "radius_change"
+    kind: ClassVar[Kind] = Kind.FAULT
+    formula: ClassVar[str] = "delta_r = deviation_m * clip((t - onset_s) / duration_s, 0, 1) on one wheel"
+    looks: ClassVar[Look] = Look.WHEEL
+    own_per_drive: ClassVar[bool] = True
+    ramp: ClassVar[bool] = True
     sentence: ClassVar[str] = "the radius of a tyre changed during the drive: the fault itself"
     telling_drive: ClassVar[str] = "repeat the drive: a tyre that lost air stays small, warm-up starts anew"
     shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "time")
     parameters: ClassVar[tuple[Parameter | WheelParameter, ...]] = (
         WheelParameter(),
-        Parameter("deviation_m", "m", -2e-3, -0.05, 0.05, "final change of the effective radius"),
+        Parameter(
+            "deviation_m",
+            "m",
+            -2e-3,
+            -0.05,
+            0.05,
+            "final change of the effective radius",
+            prior=Prior(0.0, 2e-3, "-20 % of pressure is -1.4 mm on a 205/60R15 (Magic Formula 6.1)"),
+        ),
         Parameter("onset_s", "s", 300.0, -1e6, 1e6, "when it begins, from the drive's start"),
         Parameter("duration_s", "s", 30.0, 0.0, 1e7, "how long it takes; 0 for a step"),
     )
@@ -47,3 +60,7 @@ class RadiusChange(Effect):
             share = (since >= 0).astype(np.float64)
         out[:, WHEELS.index(self.wheel)] = self.deviation_m * share
         return out
+
+    def not_compensated(self, signals: frozenset[str]) -> str | None:
+        """Never taken out."""
+        return f"the radius of {self.wheel} is what is watched, and its change the fault itself"

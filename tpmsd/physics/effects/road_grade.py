@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect
+from tpmsd.physics.effect import Effect, Look
 from tpmsd.physics.motion import Motion
 from tpmsd.wheels import FloatArray
 
@@ -21,6 +21,11 @@ class RoadGrade(Effect):
     """
 
     name: ClassVar[str] = "road_grade"
+    formula: ClassVar[str] = "horizontal way = cos(grade) * way rolled"
+    needs: ClassVar[tuple[str, ...]] = ("gnss", "slopes")
+    looks: ClassVar[Look] = Look.COMMON
+    alike_on_every_drive: ClassVar[bool] = True
+    shortens: ClassVar[bool] = True
     sentence: ClassVar[str] = "wheels roll along slopes, the receiver reports the horizontal"
     telling_drive: ClassVar[str] = "drive up and down a long slope of 5 % or more at constant speed"
     shows_in: ClassVar[tuple[str, str]] = ("wheel", "grade")

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Parameter, WheelParameter
+from tpmsd.physics.effect import Effect, Kind, Parameter, Prior, WheelParameter
 from tpmsd.wheels import WHEELS, FloatArray
 
 
@@ -25,12 +25,23 @@ class ToneRingError(Effect):
     """
 
     name: ClassVar[str] = "tone_ring_error"
+    kind: ClassVar[Kind] = Kind.INSTRUMENT
+    formula: ClassVar[str] = "counts = (theta + a * sin(theta + phase)) * teeth / (2 * pi)"
+    by_teeth: ClassVar[bool] = True
     sentence: ClassVar[str] = "a wheel's teeth are unevenly spaced or their number is wrong"
     telling_drive: ClassVar[str] = "roll at walking pace on a smooth straight for a minute"
     shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "wheel_angle")
     parameters: ClassVar[tuple[Parameter | WheelParameter, ...]] = (
         WheelParameter(),
-        Parameter("amplitude_rad", "rad", 5e-3, -0.5, 0.5, "amplitude of the once-per-revolution error"),
+        Parameter(
+            "amplitude_rad",
+            "rad",
+            5e-3,
+            -0.5,
+            0.5,
+            "amplitude of the once-per-revolution error",
+            prior=Prior(0.0, 2e-3, "0.1 mm off centre on a ring of 50 mm"),
+        ),
         Parameter("teeth_per_rev", "1", 47.0, 1.0, 1e6, "the wheel's true counts per revolution"),
         Parameter("phase_rad", "rad", 0.0, -2 * np.pi, 2 * np.pi, "phase of the once-per-revolution error"),
     )
@@ -48,3 +59,9 @@ class ToneRingError(Effect):
     def true_teeth_per_rev(self, wheel: int) -> float | None:
         """The wrong wheel's number of teeth, None for the others."""
         return self.teeth_per_rev if wheel == WHEELS.index(self.wheel) else None
+
+    def left_in(self) -> str | None:
+        """The ripple: its phase is unknown after a restart."""
+        if self.amplitude_rad == 0.0:
+            return None
+        return f"{self.name} of {self.wheel}: its ripple stays, for it averages out over a turn"

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from tpmsd.physics.effect import Effect, Parameter
+from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.physics.motion import Car
+from tpmsd.wheels import WHEELS
 
 
 @dataclass(frozen=True)
@@ -17,12 +19,35 @@ class TrackWidthError(Effect):
     """
 
     name: ClassVar[str] = "track_width_error"
+    kind: ClassVar[Kind] = Kind.INSTRUMENT
+    formula: ClassVar[str] = "hub speeds = v -+ yaw rate * (track + error) / 2"
+    contrast: ClassVar[bool] = True
     sentence: ClassVar[str] = "the track differs from the configured one"
     telling_drive: ClassVar[str] = "drive full circles slowly, to both sides: load transfer is small there"
     shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "yaw_rate")
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("rear_m", "m", 0.03, -0.5, 0.5, "rear track, true minus configured", probe=1e-3),
-        Parameter("front_m", "m", 0.03, -0.5, 0.5, "front track, true minus configured", probe=1e-3),
+        Parameter(
+            "rear_m",
+            "m",
+            0.03,
+            -0.5,
+            0.5,
+            "rear track, true minus configured",
+            probe=1e-3,
+            prior=Prior(0.0, 0.03, "other rims or spacers: 10 to 60 mm"),
+            fitted=(-0.25, 0.25),
+        ),
+        Parameter(
+            "front_m",
+            "m",
+            0.03,
+            -0.5,
+            0.5,
+            "front track, true minus configured",
+            probe=1e-3,
+            prior=Prior(0.0, 0.03, "other rims or spacers: 10 to 60 mm"),
+            fitted=(-0.25, 0.25),
+        ),
     )
     rear_m: float = 0.0
     front_m: float = 0.0
@@ -30,3 +55,9 @@ class TrackWidthError(Effect):
     def track_error_m(self) -> tuple[float, float]:
         """(front, rear), in the order of the wheels."""
         return self.front_m, self.rear_m
+
+    @classmethod
+    def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
+        """Those of the axles whose tracks were fitted."""
+        axle = ("front_m", "front_m", "rear_m", "rear_m")
+        return tuple(wheel for wheel, name in zip(WHEELS, axle, strict=True) if name in fitted)

@@ -9,8 +9,8 @@ from typing import ClassVar
 import numpy as np
 
 from tpmsd.errors import ConfigError
-from tpmsd.physics.covariates import COVARIATES, covariate
-from tpmsd.physics.effect import AnyParameter, Effect, TextParameter, VectorParameter
+from tpmsd.physics.covariates import COVARIATES, ROLES, covariate
+from tpmsd.physics.effect import AnyParameter, Effect, Kind, TextParameter, VectorParameter
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.wheels import WHEELS, FloatArray
 
@@ -36,6 +36,8 @@ class Unknown(Effect):
     """
 
     name: ClassVar[str] = "unknown"
+    kind: ClassVar[Kind] = Kind.FREE
+    formula: ClassVar[str] = "delta_r, or a reading's error, = f(covariate), piecewise linear"
     sentence: ClassVar[str] = "something that no effect of the catalogue explains"
     parameters: ClassVar[tuple[AnyParameter, ...]] = (
         TextParameter("on", "rl rr", "wheels with their signs, gnss_speed, gnss_course or yaw_rate"),
@@ -120,3 +122,17 @@ class Unknown(Effect):
 
     def _if(self, channel: str, motion: Motion, car: Car) -> FloatArray:
         return self.height(motion, car) if self.on == channel else np.zeros(len(motion))
+
+    @classmethod
+    def largest(cls, on: str) -> float:
+        """Metres on wheels, the unit of a reading."""
+        return CHANNELS.get(on, ("m", MAX_RADIUS_CHANGE_M))[1]
+
+    def not_compensated(self, signals: frozenset[str]) -> str | None:
+        """A shape over time belongs to its drive; others need what they depend on."""
+        if self.covariate in ("time", "distance"):
+            return f"a shape over {self.covariate} belongs to the drive on which it was found"
+        role = ROLES.get(self.covariate)
+        if role is not None and role not in signals:
+            return f"it depends on {self.covariate}, and the bus has no {role}"
+        return None

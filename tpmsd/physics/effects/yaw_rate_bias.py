@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from tpmsd.physics.effect import Effect, Parameter
+from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
 from tpmsd.wheels import FloatArray
 
 
@@ -17,11 +17,25 @@ class YawRateBias(Effect):
     """
 
     name: ClassVar[str] = "yaw_rate_bias"
+    kind: ClassVar[Kind] = Kind.INSTRUMENT
+    formula: ClassVar[str] = "reading = truth + bias"
+    needs: ClassVar[tuple[str, ...]] = ("yaw_rate",)
+    everywhere: ClassVar[bool] = True
+    drifts_into: ClassVar[str] = "yaw_rate"
     sentence: ClassVar[str] = "the gyro reads a rate on the straight"
     telling_drive: ClassVar[str] = "stand still for a minute with the ignition on"
     shows_in: ClassVar[tuple[str, str]] = ("yaw_rate", "time")
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("bias", "rad/s", 1e-3, -0.2, 0.2, "reading minus truth", probe=1e-3),
+        Parameter(
+            "bias",
+            "rad/s",
+            1e-3,
+            -0.2,
+            0.2,
+            "reading minus truth",
+            probe=1e-3,
+            prior=Prior(0.0, 5e-3, "data sheets, uncalibrated"),
+        ),
     )
     bias: float
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from tpmsd.physics.effect import Effect, Parameter
+from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
 from tpmsd.wheels import FloatArray
 
 
@@ -17,11 +17,24 @@ class YawRateScale(Effect):
     """
 
     name: ClassVar[str] = "yaw_rate_scale"
+    kind: ClassVar[Kind] = Kind.INSTRUMENT
+    formula: ClassVar[str] = "reading = scale * truth"
+    needs: ClassVar[tuple[str, ...]] = ("yaw_rate",)
     sentence: ClassVar[str] = "the gyro's scale is off"
     telling_drive: ClassVar[str] = "drive ten full circles to each side"
     shows_in: ClassVar[tuple[str, str]] = ("yaw_rate", "yaw_rate")
     parameters: ClassVar[tuple[Parameter, ...]] = (
-        Parameter("scale", "1", 1.01, 0.5, 2.0, "reading divided by truth", probe=0.01, neutral=1.0),
+        Parameter(
+            "scale",
+            "1",
+            1.01,
+            0.5,
+            2.0,
+            "reading divided by truth",
+            probe=0.01,
+            neutral=1.0,
+            prior=Prior(1.0, 0.03, "data sheets: 1 to 3 % over temperature"),
+        ),
     )
     scale: float
 

@@ -1,0 +1,61 @@
+"""Effects own their knowledge: nothing of the program but their files names one."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+from tpmsd.physics.catalogue import EFFECTS, FREE
+
+REPO = Path(__file__).resolve().parents[2]
+PACKAGE = REPO / "tpmsd"
+HOME = PACKAGE / "physics" / "effects"
+EXAMPLES = {"tpmsd/cli/simulate.py", "tpmsd/cli/effects.py"}
+"""Help texts whose examples name effects as a user types them."""
+NOT_NAMES = {FREE.name}
+"""A word of the language that stands for other things as well."""
+
+
+def named(source: str) -> list[str]:
+    """Effects that a module imports or names in a string that is no docstring."""
+    tree = ast.parse(source)
+    docs = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    out = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("tpmsd.physics.effects."):
+            out.append(f"{node.lineno}: import of {node.module}")
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docs:
+            words = set(re.findall(r"[a-z_]+", node.value))
+            out += [f"{node.lineno}: {name}" for name in sorted(words & (set(EFFECTS) - NOT_NAMES))]
+    return out
+
+
+def test_no_module_but_its_own_names_an_effect() -> None:
+    """Neither an import nor a string outside the folder of the effects."""
+    faults = [
+        f"{path.relative_to(REPO)}:{fault}"
+        for path in sorted(PACKAGE.rglob("*.py"))
+        if HOME not in path.parents and path.relative_to(REPO).as_posix() not in EXAMPLES
+        for fault in named(path.read_text(encoding="utf-8"))
+    ]
+
+    assert [] == faults
+
+
+@pytest.mark.parametrize(
+    ("source", "faults"),
+    [
+        ("from tpmsd.physics.effects.road_grade import RoadGrade", 1),
+        ("if term.effect == 'gnss_latency': pass", 1),
+        ("x = f'radius_change {wheel}'", 1),
+        ("x = {'road_grades': 1}", 0),
+        ('def f():\n    """Like `road_grade`."""', 0),
+        ("from tpmsd.physics.catalogue import FAULT", 0),
+    ],
+)
+def test_the_watch_over_names_sees(source: str, faults: int) -> None:
+    """Imports, strings and parts of formatted strings are found; documentation is let through."""
+    assert faults == len(named(source))

@@ -1,0 +1,51 @@
+"""Slopes by the receiver's heights are larger or smaller than the wheels feel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
+
+
+@dataclass(frozen=True)
+class GradeShare(Effect):
+    """The wheels feel `share` of the slopes that the receiver's heights show.
+
+    Heights wander by metres: on a flat road that looks like slopes, and slip or load transfer by the pull of
+    these slopes would be missing. Source: errors in variables attenuate a slope (Fuller, Measurement Error
+    Models, 1987, section 1.1).
+    """
+
+    name: ClassVar[str] = "grade_share"
+    kind: ClassVar[Kind] = Kind.NUISANCE
+    formula: ClassVar[str] = "grade = share * grade by heights"
+    sentence: ClassVar[str] = "slopes by the receiver's heights are not those that the wheels feel"
+    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "grade")
+    needs: ClassVar[tuple[str, ...]] = ("heights",)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "share",
+            "1",
+            0.8,
+            -0.5,
+            2.0,
+            "slope felt over slope shown",
+            probe=0.1,
+            neutral=1.0,
+            prior=Prior(1.0, 0.3, "attenuation by heights of 3 m over 12 s"),
+        ),
+    )
+    share: float
+
+    @classmethod
+    def usual(cls, value: float, std: float, speeds: bool) -> str:
+        """Always the receiver's own."""
+        return (
+            f"the wheels feel {1.0 + value:.2f} +- {std:.2f} of the slopes that the receiver's heights show;"
+            " taken into account"
+        )
+
+    def grade_factor(self) -> float:
+        """The share."""
+        return self.share

@@ -1,0 +1,48 @@
+"""The gyro's readings are old: they are filtered, and sampled on their own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True)
+class GyroDelay(Effect):
+    """reading(t) = truth(t) - delay * d truth / dt, to first order.
+
+    Source: group delay of a stability controller's low-pass of 10 to 30 Hz, and half a sampling interval.
+    """
+
+    name: ClassVar[str] = "gyro_delay"
+    kind: ClassVar[Kind] = Kind.NUISANCE
+    formula: ClassVar[str] = "reading = truth - delay_s * d truth / dt"
+    sentence: ClassVar[str] = "the gyro's readings are old"
+    shows_in: ClassVar[tuple[str, str]] = ("yaw_rate", "time")
+    needs: ClassVar[tuple[str, ...]] = ("yaw_rate",)
+    own_per_drive: ClassVar[bool] = True
+    always_fitted: ClassVar[bool] = True
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "delay_s",
+            "s",
+            0.03,
+            -1.0,
+            1.0,
+            "age of a reading",
+            probe=0.1,
+            prior=Prior(0.02, 0.03, "low-pass of 10 to 30 Hz"),
+        ),
+    )
+    delay_s: float
+
+    def yaw_rate_error_radps(self, motion: Motion, car: Car) -> FloatArray:
+        """(n,) -delay times the yaw acceleration."""
+        if len(motion) < 2:
+            return np.zeros(len(motion))
+        return np.asarray(-self.delay_s * np.gradient(motion.yaw_rate_radps, motion.time_s))

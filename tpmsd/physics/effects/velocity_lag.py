@@ -1,0 +1,66 @@
+"""The receiver's speed and course are older than its position."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
+
+USUAL_S, UNUSUAL_S = 0.05, 0.08
+"""Up to the one a lag is usual (every real recording at hand has one of 0.03 to 0.06 s), from the other on it
+is not."""
+OWN = 6.0
+"""Nats by which the usual lag goes before an effect that explains as much, and by which an unusual one stands
+behind it: where the positions do not tell, that effect has the better known name."""
+
+
+@dataclass(frozen=True)
+class VelocityLag(Effect):
+    """Doppler speed and course are `lag_s` older than the position of the same fix.
+
+    Receivers filter the Doppler, so a lag of some hundredths of a second is their own making: it is taken
+    into account and no finding. Source: group delay of a first-order velocity filter, 1 / (2 pi bandwidth),
+    16 to 160 ms for 1 to 10 Hz.
+    """
+
+    name: ClassVar[str] = "velocity_lag"
+    kind: ClassVar[Kind] = Kind.INSTRUMENT
+    formula: ClassVar[str] = "speed and course of t - lag_s stand beside the position of t"
+    sentence: ClassVar[str] = "the receiver's speed and course are older than its position"
+    telling_drive: ClassVar[str] = "accelerate and brake firmly on a straight under the open sky, ten times"
+    shows_in: ClassVar[tuple[str, str]] = ("gnss_speed", "accel_long")
+    needs: ClassVar[tuple[str, ...]] = ("gnss_speed", "gnss_position")
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "lag_s",
+            "s",
+            0.05,
+            -2.0,
+            5.0,
+            "age of speed and course beyond that of the position",
+            probe=0.01,
+            prior=Prior(0.03, 0.05, "0.03 to 0.06 s on the recordings at hand"),
+            fitted=(-0.2, 1.0),
+        ),
+    )
+    lag_s: float
+
+    @classmethod
+    def against(cls, value: float) -> float:
+        """The usual lag is cheap, an unusual one dear."""
+        beyond = (abs(value) - USUAL_S) / (UNUSUAL_S - USUAL_S)
+        return OWN * (2.0 * min(max(beyond, 0.0), 1.0) - 1.0)
+
+    @classmethod
+    def usual(cls, value: float, std: float, speeds: bool) -> str:
+        """A lag that is not surely unusual is the receiver's own."""
+        if abs(value) - 2.0 * std > UNUSUAL_S:
+            return ""
+        return (
+            f"the receiver's speed is {value:.3f} +- {std:.3f} s older than its position; taken into account"
+        )
+
+    def velocity_age_s(self) -> float:
+        """The lag."""
+        return self.lag_s
