@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from tpmsd.api.drive import Drive, load
     from tpmsd.api.functions import calibrate, diagnose, replay, simulate
+    from tpmsd.api.import_table import load_table
     from tpmsd.api.results import Calibration, Diagnosis, Replay
     from tpmsd.errors import ConfigError, InputError, TpmsdError
     from tpmsd.simulator.faults import Fault
@@ -31,6 +32,7 @@ __version__ = "0.1.0"
 _HOME = {
     "Drive": "tpmsd.api.drive",
     "load": "tpmsd.api.drive",
+    "load_table": "tpmsd.api.import_table",
     "replay": "tpmsd.api.functions",
     "diagnose": "tpmsd.api.functions",
     "calibrate": "tpmsd.api.functions",
@@ -58,6 +60,7 @@ __all__ = [
     "calibrate",
     "diagnose",
     "load",
+    "load_table",
     "replay",
     "simulate",
 ]

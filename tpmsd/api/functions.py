@@ -23,7 +23,7 @@ from tpmsd.api.reading import (
     play,
     read_ticks,
 )
-from tpmsd.api.results import Calibration, Diagnosis, Replay
+from tpmsd.api.results import Calibration, Diagnosis, Replay, Source
 from tpmsd.calibration.calibrate import METHODS
 from tpmsd.calibration.calibrate import calibrate as calibrate_recordings
 from tpmsd.calibration.checks import RefusedError
@@ -79,7 +79,7 @@ def replay(
     notes: list[str] = []
     extended = load_model(model) if isinstance(model, str | Path) else model
     result, ticks = replayed(dataclasses.replace(one, config=config), extended, table, progress, notes.append)
-    return Replay(result, ticks, tuple(notes))
+    return Replay(result, ticks, tuple(notes), _source([one]))
 
 
 def replayed(
@@ -129,11 +129,13 @@ def diagnose(
     recordings = [diagnosis_recording(drive) for drive in wanted]
     names = tuple(drive.name for drive in wanted)
     if simulation is None:
-        return Diagnosis(diagnosis.diagnose(recordings, progress), names)
+        return Diagnosis(diagnosis.diagnose(recordings, progress), names, _source(wanted))
     if len(recordings) > 1:
         raise ConfigError("a simulation is compared with one drive, that of which it is a simulation")
-    simulated = diagnosis_recording(as_drive(simulation), "your simulation")
-    return Diagnosis(diagnosis.diagnose_against(recordings[0], simulated, progress), names)
+    other = as_drive(simulation)
+    simulated = diagnosis_recording(other, "your simulation")
+    found = diagnosis.diagnose_against(recordings[0], simulated, progress)
+    return Diagnosis(found, names, _source([*wanted, other]))
 
 
 def calibrate(
@@ -160,7 +162,7 @@ def calibrate(
         at = refusal.drive
         where = wanted[at].name if at is not None else ", ".join(drive.name for drive in wanted)
         raise InputError(where, f"cannot be calibrated from: {refusal}") from None
-    return Calibration(found)
+    return Calibration(found, _source(wanted))
 
 
 def simulate(**settings: Any) -> Drive:
@@ -217,6 +219,12 @@ def _recorded(drive: Drive, record: Callable[[list[Tick]], T]) -> T:
         raise
     except ValueError as error:
         raise InputError(drive.name, str(error)) from None
+
+
+def _source(drives: list[Drive]) -> Source:
+    """What a document says of its input."""
+    folders = tuple(drive.folder for drive in drives if drive.folder is not None)
+    return Source(folders, drives[0].config.file if folders else None)
 
 
 def _drives(drives: DriveLike | Iterable[DriveLike]) -> list[Drive]:

@@ -22,6 +22,7 @@ from tpmsd.monitor.records import AlarmEvent
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.physics.model_file import save_model
 from tpmsd.plain import plain
+from tpmsd.provenance import provenance
 from tpmsd.report.diagnosis_document import diagnosis_document
 from tpmsd.report.replay_document import replay_document
 from tpmsd.report.replay_result import ReplayResult, WheelOutcome
@@ -34,6 +35,23 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
+REPLAY_SCHEMA = "tpmsd.replay/2"
+DIAGNOSIS_SCHEMA = "tpmsd.diagnosis/2"
+CALIBRATION_SCHEMA = "tpmsd.calibration/2"
+
+
+@dataclass(frozen=True)
+class Source:
+    """What a result was made of: folders and configuration; nothing of drives in memory."""
+
+    folders: tuple[Path, ...] = ()
+    configuration: Path | None = None
+
+    def document(self, schema: str) -> dict[str, Any]:
+        """The keys `schema`, `program` and `input`; reads the files once more to hash them."""
+        return provenance(schema, self.folders, self.configuration)
+
+
 @dataclass(frozen=True)
 class Replay:
     """What the daemon would have said on a drive."""
@@ -44,6 +62,7 @@ class Replay:
     """A row per tick; None where it was not asked for."""
     notes: tuple[str, ...] = ()
     """What was wrong with the recording, a line each."""
+    source: Source = Source()
 
     @property
     def alarms(self) -> tuple[AlarmEvent, ...]:
@@ -57,7 +76,7 @@ class Replay:
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `tpmsd replay --json`."""
-        return _plain_dict(replay_document(self.result))
+        return _plain_dict({**self.source.document(REPLAY_SCHEMA), **replay_document(self.result)})
 
     def to_pandas(self) -> pd.DataFrame:
         """The tick table; ConfigError where it was not asked for, or without pandas."""
@@ -114,8 +133,7 @@ class Diagnosis:
     result: DiagnosisResult
     """The record that reports and plots are made of."""
     drives: tuple[str, ...]
-    model_file: str | None = None
-    """Where the extended model was written, if it was."""
+    source: Source = Source()
 
     @property
     def verdict(self) -> str:
@@ -139,7 +157,9 @@ class Diagnosis:
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `tpmsd diagnose --json`."""
-        return _plain_dict(diagnosis_document(self.result, self.model_file))
+        return _plain_dict(
+            {**self.source.document(DIAGNOSIS_SCHEMA), **diagnosis_document(self.result, None)}
+        )
 
     def to_pandas(self) -> pd.DataFrame:
         """A row per parameter of each finding (one row for a finding without parameters)."""
@@ -190,6 +210,7 @@ class Calibration:
 
     result: CalibrationResult
     """The record that reports and plots are made of."""
+    source: Source = Source()
 
     @property
     def radii_m(self) -> dict[str, float]:
@@ -198,7 +219,7 @@ class Calibration:
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `tpmsd calibrate --json`."""
-        return _plain_dict(calibration_document(self.result))
+        return _plain_dict({**self.source.document(CALIBRATION_SCHEMA), **calibration_document(self.result)})
 
     def to_pandas(self) -> pd.DataFrame:
         """A row per wheel."""

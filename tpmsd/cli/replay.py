@@ -10,8 +10,9 @@ import sys
 from pathlib import Path
 
 from tpmsd.api import functions
-from tpmsd.api.drive import Drive
+from tpmsd.api.drive import Drive, settings_of
 from tpmsd.api.reading import FolderRecording
+from tpmsd.api.results import REPLAY_SCHEMA
 from tpmsd.cli.drive_reading import say, span_s
 from tpmsd.cli.output import Progress, Subparsers, add_json_option, json_text
 from tpmsd.cli.outputs import Outputs
@@ -24,10 +25,12 @@ from tpmsd.provenance import provenance
 from tpmsd.report.replay_document import replay_document
 from tpmsd.report.replay_result import ReplayResult
 from tpmsd.report.replay_summary import replay_summary
+from tpmsd.tables.car_file import toml_text
 from tpmsd.tables.tick_table import TickTable
+from tpmsd.tables.write import check_packages, csv_text, parquet_bytes
+from tpmsd.tables.write_mcap import mcap_bytes
 from tpmsd.timeline.compensation import left_alone
 
-SCHEMA = "tpmsd.replay/2"
 _DESCRIPTION = """\
 Runs a recorded drive through the same core as the daemon, at full speed, and says what the daemon would
 have said: radius of each wheel with its standard deviation, alarms, and how well the inputs served.
@@ -39,7 +42,13 @@ examples:
   tpmsd replay drives/monday
   tpmsd replay drives/monday --plot monday.png --json monday.json
   tpmsd replay drives/monday --config other.toml     the same drive with another configuration
+  tpmsd replay drives/monday --parquet monday.parquet --mcap monday.mcap
 """
+_TABLES = {
+    "csv": "as CSV",
+    "parquet": "as Parquet",
+    "mcap": "as MCAP, for Foxglove and PlotJuggler",
+}
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -55,6 +64,8 @@ def add_parser(subparsers: Subparsers) -> None:
         "--config", type=Path, metavar="FILE", help="configuration instead of DRIVE/vehicle.toml"
     )
     parser.add_argument("--plot", type=Path, metavar="FILE", help="write a picture (.png .svg .pdf)")
+    for kind, what in _TABLES.items():
+        parser.add_argument(f"--{kind}", type=Path, metavar="FILE", help=f"write the tick table {what}")
     parser.add_argument(
         "--model", type=Path, metavar="FILE", help="physics of a model.toml to be compensated"
     )
@@ -68,9 +79,14 @@ def run(args: argparse.Namespace) -> int:
     """Replay the drive."""
     from tpmsd.report.replay_plot import check_plot_target, plot_replay
 
-    outputs = Outputs(("--plot", args.plot), ("--json", args.json))
+    kinds = ("csv", "parquet", "mcap")
+    asked = [(f"--{kind}", getattr(args, kind)) for kind in kinds]
+    outputs = Outputs(("--plot", args.plot), *asked, ("--json", args.json))
     if args.plot is not None:
         check_plot_target(args.plot)
+    for kind in kinds:
+        if outputs.asked(f"--{kind}"):
+            check_packages(kind)
     config = load_config(args.config if args.config is not None else _vehicle_of(args.drive))
     config = _overridden(config, args)
     model = None
@@ -79,14 +95,21 @@ def run(args: argparse.Namespace) -> int:
         model = load_model(model_file)
         for note in left_alone(config, model):
             print(f"tpmsd: {model_file}: {note}", file=sys.stderr)
-    result = replay(args.drive, config, model)
+    wanted = any(outputs.asked(option) for option, _ in asked)
+    car = toml_text(settings_of(config))
+    result, table = replayed(args.drive, config, model, table=wanted)
+    if table is not None and table.fixes_left_out:
+        say(f"the tick table lacks {table.fixes_left_out} fixes: the receiver is faster than the ticks")
     if not outputs.fill_stdout:
         print(replay_summary(result), flush=True)
     outputs.write(
         {
             "--plot": lambda: plot_replay(result, args.plot.suffix),
+            "--csv": lambda: csv_text(table) if table is not None else None,
+            "--parquet": lambda: parquet_bytes(table, car) if table is not None else None,
+            "--mcap": lambda: mcap_bytes(table) if table is not None else None,
             "--json": lambda: json_text(
-                {**provenance(SCHEMA, [args.drive], config.file), **replay_document(result)}
+                {**provenance(REPLAY_SCHEMA, [args.drive], config.file), **replay_document(result)}
             ),
         }
     )

@@ -27,6 +27,10 @@ PLANE_STD_M = 1.0
 """Standard deviation of positions of which the table says nothing."""
 
 
+class TableError(ConfigError):
+    """Readings that cannot be used, whatever the columns are said to be."""
+
+
 def signals_from(series: Mapping[str, Series], modulus: Mapping[str, int] | None = None) -> Signals:
     """Sort the series out; `modulus`: at which number a wheel's count begins anew, by role.
 
@@ -79,10 +83,10 @@ def _present(roles: tuple[str, ...], series: Mapping[str, Series]) -> list[tuple
 def _check_times(series: Series, name: str) -> None:
     times = series.finite().time_s
     if len(times) < 2:
-        raise ConfigError(f"{name}: fewer than two readings")
+        raise TableError(f"{name}: fewer than two readings")
     if not bool(np.all(np.diff(times) > 0)):
         at = int(np.flatnonzero(np.diff(times) <= 0)[0])
-        raise ConfigError(f"{name}: time does not rise at {times[at + 1]:.6f} s")
+        raise TableError(f"{name}: time does not rise at {times[at + 1]:.6f} s")
 
 
 def _integrated(series: Series) -> Series:

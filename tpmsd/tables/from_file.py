@@ -1,0 +1,126 @@
+"""A table with its map as a car's signals.
+
+In: a table's path, a `TableMap`. Out: role -> `Series` in SI units, the moduli of counts, the car's tables. A
+column that the map names and the table lacks is told with the map's line.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tpmsd.config.problems import BadValueError, ConfigProblems, Problem
+from tpmsd.config.suggest import nearest
+from tpmsd.errors import ConfigError, InputError
+from tpmsd.tables.map_file import ColumnMap, TableMap
+from tpmsd.tables.read_table import Table, read_table
+from tpmsd.tables.roles import TIME_UNITS, is_linear, scale_of, split_name
+from tpmsd.tables.signals import Series
+from tpmsd.wheels import WHEELS, FloatArray
+
+TIME = "time_s"
+_USUAL_RADIUS_M = 0.3
+
+
+@dataclasses.dataclass(frozen=True)
+class FileSignals:
+    """What a table file holds."""
+
+    series: dict[str, Series]
+    moduli: dict[str, int]
+    car: dict[str, dict[str, Any]]
+    """Tables of a vehicle.toml that the map or the table itself brings; empty where the map names a file."""
+
+
+def read_signals(path: Path, mapped: TableMap) -> FileSignals:
+    """Read all columns that are mapped.
+
+    InputError where the table cannot be used; ConfigProblems where the map does not fit to it.
+    """
+    columns = mapped.columns
+    wanted = None
+    if columns is not None:
+        times = {one.time for one in columns.values()} | {mapped.time}
+        wanted = {one.column for one in columns.values()} | {name for name in times if name}
+    table = read_table(path, wanted)
+    car = mapped.car
+    if not car.get("vehicle") and mapped.config is None and table.vehicle_toml is not None:
+        car = {**tomllib.loads(table.vehicle_toml), **car}
+    if columns is None:
+        columns = _by_names(table, path)
+    else:
+        _check_names(table, mapped, columns)
+    radii = _radii(mapped, car)
+    series: dict[str, Series] = {}
+    for role, one in columns.items():
+        values = table.column(one.column)
+        values = np.where(np.isin(values, one.invalid), np.nan, values) if one.invalid else values
+        factor, offset = scale_of(role, one.unit)
+        values = factor * (one.scale * values + one.offset) + offset
+        if is_linear(role, one.unit):
+            values = values / radii[role[-2:]]
+        time_s = _time(table, path, mapped, one)
+        if len(time_s) != len(values):
+            raise InputError(path, f"{one.column}: {len(values)} values, {len(time_s)} times")
+        series[role] = Series(time_s, values)
+    moduli = {role: one.modulus for role, one in columns.items() if one.modulus is not None}
+    return FileSignals(series, moduli, car)
+
+
+def _by_names(table: Table, path: Path) -> dict[str, ColumnMap]:
+    """Columns whose names are a role with its unit, as in the tick table."""
+    found = {}
+    for name in table.names:
+        split = split_name(name)
+        if split is not None and split[0] not in found:
+            found[split[0]] = ColumnMap(name, split[1])
+    if not found:
+        raise ConfigError(f"{path}: no column's name is a role with a unit; give --map (docs/python.md)")
+    return found
+
+
+def _check_names(table: Table, mapped: TableMap, columns: dict[str, ColumnMap]) -> None:
+    wanted = [(one.column, f"[columns] {role}", one.line) for role, one in columns.items()]
+    wanted += [(one.time, f"[columns] {role}.time", one.line) for role, one in columns.items() if one.time]
+    here = next((one.column for one in columns.values() if one.column in table.names), None)
+    shared = here is None or table.own_time(here) is None
+    if mapped.time is not None and shared:
+        wanted.append((mapped.time, "[table] time", mapped.time_line))
+    problems: list[Problem] = []
+    for name, key, line in wanted:
+        if name not in table.names:
+            bad = BadValueError(f"the table has no column {name!r}", suggestion=nearest(name, table.names))
+            problems.append(bad.at(mapped.file or "map", line, key))
+    if problems:
+        raise ConfigProblems(sorted(problems, key=lambda problem: problem.line or 0))
+
+
+def _time(table: Table, path: Path, mapped: TableMap, one: ColumnMap) -> FloatArray:
+    if one.time is not None:
+        return table.column(one.time) * TIME_UNITS[one.time_unit]
+    own = table.own_time(one.column)
+    if own is not None:
+        return own
+    if mapped.time is not None:
+        return table.column(mapped.time) * TIME_UNITS[mapped.time_unit]
+    if TIME not in table.names:
+        raise ConfigError(f"{mapped.file or path}: [table] time: missing; the table has no column {TIME}")
+    return table.column(TIME)
+
+
+def _radii(mapped: TableMap, car: dict[str, dict[str, Any]]) -> dict[str, float]:
+    """Nominal radii, by which road speeds are divided; what is wrong with them is told with the car."""
+    if mapped.config is not None:
+        return dict(zip(WHEELS, mapped.config.vehicle.wheel_radius_m, strict=True))
+    radius = car.get("vehicle", {}).get("wheel_radius_m", _USUAL_RADIUS_M)
+    each = radius if isinstance(radius, dict) else dict.fromkeys(WHEELS, radius)
+    usable = {
+        wheel: value
+        for wheel, value in each.items()
+        if isinstance(value, int | float) and value > 0 and not isinstance(value, bool)
+    }
+    return {wheel: float(usable.get(wheel, _USUAL_RADIUS_M)) for wheel in WHEELS}

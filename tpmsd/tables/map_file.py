@@ -1,0 +1,208 @@
+"""The map of a table: which column is what, in which unit, and of which car. Checked like a configuration.
+
+In: the path of a map.toml. Out: `TableMap`, or `ConfigProblems` with every problem and its line.
+
+    vehicle = "vehicle.toml"            # or the tables [vehicle], [gnss], ... of a vehicle.toml in this file
+
+    [table]
+    time = "t"                          # column of the time; of MF4 files each signal brings its own
+    time_unit = "ms"                    # s (default), ms, us, ns
+
+    [columns]                           # role = column; without [columns] the names tell role and unit
+    wheel_speed_fl = { column = "whl_spd[0]", unit = "km/h" }
+    wheel_count_rl = { column = "cnt_rl", modulus = 1001 }
+    yaw_rate = { column = "gyro_z", unit = "deg/s", scale = -1.0, invalid = [-999], time = "t2" }
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tpmsd.config.document import Document, read_document
+from tpmsd.config.load import load_config
+from tpmsd.config.model import Config
+from tpmsd.config.problems import BadValueError, ConfigProblems, Problem, show
+from tpmsd.config.schema import tables as config_tables
+from tpmsd.config.suggest import nearest
+from tpmsd.errors import ConfigError
+from tpmsd.tables.roles import COUNT_ROLES, ROLES, TIME_UNITS, scale_of
+
+MAX_MODULUS = 2**32
+_COLUMN_KEYS = ("column", "unit", "scale", "offset", "modulus", "invalid", "time", "time_unit")
+_TABLE_KEYS = ("time", "time_unit")
+
+
+@dataclass(frozen=True)
+class ColumnMap:
+    """One role's column."""
+
+    column: str
+    unit: str | None = None
+    scale: float = 1.0
+    """Before the unit: value in the unit = scale * number + offset."""
+    offset: float = 0.0
+    modulus: int | None = None
+    invalid: tuple[float, ...] = ()
+    """Numbers that mean 'no value'."""
+    time: str | None = None
+    time_unit: str = "s"
+    line: int | None = None
+
+
+@dataclass(frozen=True)
+class TableMap:
+    """What a table means."""
+
+    file: Path | None = None
+    time: str | None = None
+    time_unit: str = "s"
+    time_line: int | None = None
+    columns: dict[str, ColumnMap] | None = None
+    """By role; None: the columns' names tell."""
+    car: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """Tables of a vehicle.toml."""
+    config: Config | None = None
+    """The configuration of a vehicle.toml that the map names."""
+
+
+def load_map(path: Path) -> TableMap:
+    """Read and check a map; ConfigProblems with everything that is wrong."""
+    return _Reader(read_document(path)).read()
+
+
+class _Reader:
+    def __init__(self, document: Document) -> None:
+        self._document = document
+        self._problems: list[Problem] = []
+
+    def read(self) -> TableMap:
+        data = self._document.data
+        cars = {name for name in config_tables(Path()) if "." not in name} - {
+            "can",
+            "alarms",
+            "status",
+            "state",
+        }
+        for name in data:
+            if name not in {"vehicle", "table", "columns", *cars}:
+                known = ("vehicle", "table", "columns", *sorted(cars - {"vehicle"}))
+                self._tell(
+                    BadValueError("unknown", allowed=" ".join(known), suggestion=nearest(name, known)), name
+                )
+        config = self._config(data.get("vehicle"))
+        car = {name: dict(data[name]) for name in cars if isinstance(data.get(name), dict)}
+        table = self._table(data.get("table", {}), "table", _TABLE_KEYS)
+        time = self._text(table.get("time"), "table", "time")
+        unit = self._time_unit(table.get("time_unit", "s"), "table", "time_unit")
+        columns = self._columns(data["columns"]) if "columns" in data else None
+        if self._problems:
+            raise ConfigProblems(sorted(self._problems, key=lambda problem: problem.line or 0))
+        line = self._document.line("table", "time")
+        return TableMap(self._document.file, time, unit, line, columns, car, config)
+
+    def _config(self, vehicle: object) -> Config | None:
+        if isinstance(vehicle, str):
+            try:
+                return load_config(self._document.file.parent / vehicle)
+            except ConfigProblems as error:
+                self._problems += error.problems
+        elif vehicle is not None and not isinstance(vehicle, dict):
+            self._tell(BadValueError("not a path nor a table", show(vehicle)), "vehicle")
+        return None
+
+    def _columns(self, given: object) -> dict[str, ColumnMap]:
+        found: dict[str, ColumnMap] = {}
+        for role, value in self._table(given, "columns", ()).items():
+            if role not in ROLES:
+                near = nearest(role, ROLES)
+                allowed = None if near else " ".join(ROLES)
+                self._tell(BadValueError("unknown role", allowed=allowed, suggestion=near), "columns", role)
+                continue
+            entry = {"column": value} if isinstance(value, str) else value
+            if not isinstance(entry, dict):
+                bad = BadValueError("not a column", show(value), "a name in quotes, or { column = ... }")
+                self._tell(bad, "columns", role)
+                continue
+            made = self._column(role, entry)
+            if made is not None:
+                found[role] = made
+        return found
+
+    def _column(self, role: str, entry: dict[str, Any]) -> ColumnMap | None:
+        before = len(self._problems)
+        self._table(entry, f"columns.{role}", _COLUMN_KEYS, ("columns", role))
+        where = ("columns", role)
+        column = self._text(entry.get("column"), *where, "column")
+        if column is None:
+            self._tell(BadValueError("no column"), *where)
+        unit = self._text(entry.get("unit"), *where, "unit")
+        try:
+            scale_of(role, unit)
+        except ConfigError as error:
+            self._tell(BadValueError(str(error)), *where, "unit")
+        numbers = {}
+        for key, usual in (("scale", 1.0), ("offset", 0.0)):
+            numbers[key] = self._number(entry.get(key, usual), *where, key)
+        if numbers["scale"] == 0.0:
+            self._tell(BadValueError("is zero"), *where, "scale")
+        modulus = entry.get("modulus")
+        if modulus is not None:
+            whole = isinstance(modulus, int) and not isinstance(modulus, bool) and 2 <= modulus <= MAX_MODULUS
+            if role not in COUNT_ROLES:
+                self._tell(BadValueError("only counts have one"), *where, "modulus")
+            elif not whole:
+                bad = BadValueError("not a modulus", show(modulus), f"a whole number, 2 to {MAX_MODULUS}")
+                self._tell(bad, *where, "modulus")
+        invalid = entry.get("invalid", [])
+        if not isinstance(invalid, list):
+            self._tell(
+                BadValueError("not a list", show(invalid), "numbers such as [-999]"), *where, "invalid"
+            )
+            invalid = []
+        bits = tuple(self._number(one, *where, "invalid") for one in invalid)
+        time = self._text(entry.get("time"), *where, "time")
+        time_unit = self._time_unit(entry.get("time_unit", "s"), *where, "time_unit")
+        if len(self._problems) > before or column is None:
+            return None
+        line = self._document.line(*where)
+        return ColumnMap(
+            column, unit, numbers["scale"], numbers["offset"], modulus, bits, time, time_unit, line
+        )
+
+    def _table(
+        self, given: object, name: str, keys: tuple[str, ...], where: tuple[str, ...] | None = None
+    ) -> dict[str, Any]:
+        """The table, its unknown keys told; empty if it is none."""
+        place = where or (name,)
+        if not isinstance(given, dict):
+            self._tell(BadValueError("must be a table", show(given)), *place)
+            return {}
+        for key in given:
+            if keys and key not in keys:
+                near = nearest(key, keys)
+                self._tell(BadValueError("unknown key", allowed=" ".join(keys), suggestion=near), *place, key)
+        return given
+
+    def _text(self, value: object, *where: str) -> str | None:
+        if value is None or (isinstance(value, str) and value.strip()):
+            return value
+        self._tell(BadValueError("not a text", show(value), "a text in quotes"), *where)
+        return None
+
+    def _number(self, value: object, *where: str) -> float:
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            return float(value)
+        self._tell(BadValueError("not a number", show(value)), *where)
+        return 1.0
+
+    def _time_unit(self, value: object, *where: str) -> str:
+        if isinstance(value, str) and value in TIME_UNITS:
+            return value
+        self._tell(BadValueError("no unit of time", show(value), " ".join(TIME_UNITS)), *where)
+        return "s"
+
+    def _tell(self, bad: BadValueError, *where: str) -> None:
+        key = f"[{where[0]}] {'.'.join(where[1:])}" if len(where) > 1 else f"[{where[0]}]"
+        self._problems.append(bad.at(self._document.file, self._document.line(*where), key))
