@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+
 from tpmsd.api.drive import Drive, as_drive
 from tpmsd.api.reading import (
     DESK_RATE_HZ,
@@ -118,18 +120,21 @@ def diagnose(
     drives: DriveLike | Iterable[DriveLike],
     *,
     simulation: DriveLike | None = None,
+    certify: int = 19,
     progress: Callable[[float], None] = ignore_progress,
 ) -> Diagnosis:
     """Say which physics the drives of one car hold that the rolling model (or your `simulation`) lacks.
 
-    `progress` is told the share that is done. ConfigError where the drives are of different cars, or the
-    simulation of another road; InputError where nothing usable is in a drive.
+    Findings get p-values from at most `certify` replicates of the drives; 0 skips that. `progress` is told
+    the share that is done. ConfigError where the drives are of different cars, or the simulation of another
+    road; InputError where nothing usable is in a drive.
     """
     wanted = _drives(drives)
     recordings = [diagnosis_recording(drive) for drive in wanted]
     names = tuple(drive.name for drive in wanted)
     if simulation is None:
-        return Diagnosis(diagnosis.diagnose(recordings, progress), names, _source(wanted))
+        certification = diagnosis.Certification(certify, np.random.default_rng(0))
+        return Diagnosis(diagnosis.diagnose(recordings, progress, certification), names, _source(wanted))
     if len(recordings) > 1:
         raise ConfigError("a simulation is compared with one drive, that of which it is a simulation")
     other = as_drive(simulation)

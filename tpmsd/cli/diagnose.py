@@ -41,6 +41,12 @@ examples:
 Nothing is written but what was asked for: --model-out for the extended model, --json, --html.
 """
 
+REPLICATES = 19
+"""Of the certificate, at most: seven do where a finding is beyond doubt, which costs about as much as the
+diagnosis itself."""
+CERTIFY_SEED = 0
+"""Of the replicates: the same drives get the same certificate."""
+
 
 def add_parser(subparsers: Subparsers) -> None:
     """Add `diagnose` to the command line."""
@@ -63,6 +69,14 @@ def add_parser(subparsers: Subparsers) -> None:
         help="drive folder that your own simulator wrote of the same drive: say what it lacks,"
         " not what the rolling model lacks",
     )
+    parser.add_argument(
+        "--certify",
+        type=_count,
+        default=REPLICATES,
+        metavar="N",
+        help="give each finding a p-value from at most N replicates of the drive, drawn without it; what is"
+        " not sure enough is a suspicion and makes no mismatch (default: %(default)s; 0 skips it)",
+    )
     parser.add_argument("--model-out", type=Path, metavar="FILE", help="where the extended model goes")
     parser.add_argument("--html", type=Path, metavar="FILE", help="write a page with pictures")
     parser.add_argument(
@@ -74,13 +88,22 @@ def add_parser(subparsers: Subparsers) -> None:
     add_json_option(parser)
 
 
+def _count(text: str) -> int:
+    """A number of replicates."""
+    if not text.isdigit():
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of replicates (0 or more)")
+    return int(text)
+
+
 def run(args: argparse.Namespace) -> int:
     """Diagnose."""
     # Thousands of small matrices: threads of the linear algebra only get in each other's way.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    import numpy as np
+
     from tpmsd.cli.diagnose_alarms import AlarmReplays
-    from tpmsd.diagnosis.diagnose import diagnose, diagnose_against
+    from tpmsd.diagnosis.diagnose import Certification, diagnose, diagnose_against
     from tpmsd.diagnosis.result import INSUFFICIENT
     from tpmsd.physics.model_file import format_model
     from tpmsd.provenance import provenance
@@ -100,7 +123,8 @@ def run(args: argparse.Namespace) -> int:
         replays = stack.enter_context(AlarmReplays(args.drives, args.config)) if args.alarms else None
         with Progress(1.0, "diagnose") as progress:
             if simulation is None:
-                diagnosis = diagnose(recordings, progress.update)
+                certify = Certification(args.certify, np.random.default_rng(CERTIFY_SEED))
+                diagnosis = diagnose(recordings, progress.update, certify)
             else:
                 diagnosis = diagnose_against(recordings[0], simulation, progress.update)
         for note in diagnosis.notes:

@@ -11,9 +11,11 @@ In: `Recording`s of one car. Out: `Diagnosis`. Pure: the same recordings give th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
+from tpmsd.diagnosis.certify import certified
 from tpmsd.diagnosis.chosen import Selection
 from tpmsd.diagnosis.confirm import confirmed
 from tpmsd.diagnosis.drifting import drifting
@@ -40,10 +42,21 @@ SHAPES = 3
 __all__ = ["diagnose", "diagnose_against", "first_noise"]
 
 
+@dataclass(frozen=True)
+class Certification:
+    """How findings are to be certified."""
+
+    replicates: int
+    """At most."""
+    rng: np.random.Generator
+
+
 def diagnose(
-    recordings: Sequence[Recording], progress: Callable[[float], None] = lambda share: None
+    recordings: Sequence[Recording],
+    progress: Callable[[float], None] = lambda share: None,
+    certify: Certification | None = None,
 ) -> Diagnosis:
-    """Diagnose the drives of one car together.
+    """Diagnose the drives of one car together; findings get p-values where a certificate is asked for.
 
     ConfigError where the drives' configurations describe different cars.
     """
@@ -53,8 +66,11 @@ def diagnose(
     study = Study(readers)
     progress(0.2)
     selection, evidence = examine(study, progress)
+    diagnosis = report(study, selection, evidence, notes)
+    if certify is not None:
+        diagnosis = certified(study, selection, evidence, diagnosis, certify.replicates, certify.rng)
     progress(1.0)
-    return report(study, selection, evidence, notes)
+    return diagnosis
 
 
 def diagnose_against(

@@ -13,6 +13,7 @@ from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import FloatArray
 
 CONSISTENT, MISMATCH, INSUFFICIENT = "consistent", "mismatch", "insufficient_data"
+FINDING, SUSPICION = "finding", "suspicion"
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,10 @@ class Finding:
     """Compared with a simulation: recording, simulation, or both at different values; else empty."""
     simulated: dict[str, Quantity] = field(default_factory=dict)
     """The simulation's own values; `parameters` are the recording's less these."""
+    p_value: float | None = None
+    """How often a drive without it would show as much; None where no certificate was asked for."""
+    status: str = FINDING
+    """finding | suspicion; a suspicion does not make a mismatch."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +110,8 @@ class Diagnosis:
     """How much of the reachable improvement was reached; None where the data are insufficient."""
     explanatory: tuple[Explanatory, ...] = ()
     """What slips by the tyre model would gain."""
+    replicates: int = 0
+    """Drawn for the certificate of the findings; 0 without one."""
     inner: Inner | None = field(default=None, repr=False)
 
 

@@ -8,6 +8,7 @@ drive's own), a calibration constant is each drive's own.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -20,6 +21,7 @@ from tpmsd.diagnosis.response import (
     grid_column,
     hat_functions,
     linear_columns,
+    radius_columns,
     ramp_column,
     ramp_knots,
     response_at,
@@ -28,6 +30,8 @@ from tpmsd.diagnosis.response import (
 from tpmsd.diagnosis.terms import ANTISYMMETRIC, PATTERNS, Hypotheses, Name, Term
 from tpmsd.inference.least_squares import Evidence, Part, extended, part
 from tpmsd.inference.noise import Noise
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.trajectory import reference
 from tpmsd.inference.whitening import Whitener
 from tpmsd.inference.windows import Reader
 from tpmsd.physics.catalogue import EFFECTS
@@ -125,6 +129,8 @@ class DriveStudy:
         self.here = np.arange(len(self.names))
         """Where columns stand in the common index, and which stands there."""
         self.local = np.arange(len(self.names))
+        self.values = np.zeros(len(self.names) - 1)
+        """(n - 1,) of the columns, at `base`."""
         self._kept: list[Whitened] = []
         """Under the noises asked for last, the present one at the end."""
 
@@ -138,10 +144,21 @@ class DriveStudy:
         The values of all columns stay what they were: the change of an effect's value from zero, of a
         radius from the former origin.
         """
-        self.base = base
         used = np.flatnonzero(fitted)
         left = self.columns[:, :, 0] - self.columns[:, :, 1 + used] @ fitted[used]
-        made = Whitener.of(self.reader.windows, self.noise, np.isfinite(left), self.inflate)
+        self._moved_to(base, radii_m, values, left, self.inflate)
+
+    def _moved_to(
+        self,
+        base: ExtendedModel,
+        radii_m: FloatArray,
+        values: FloatArray,
+        left: FloatArray,
+        inflate: FloatArray | None,
+    ) -> None:
+        """All columns anew, about the motion that what is left (w, 9) of the channels shows."""
+        self.base, self.values = base, values
+        made = Whitener.of(self.reader.windows, self.noise, np.isfinite(left), inflate)
         errors = made.smooth(made.apply(left[:, :, None])[:, :, 0])
         self.reader.recalibrate(radii_m, base, errors)
         arrays = linear_columns(self.reader, self.knots, base).arrays
@@ -151,6 +168,28 @@ class DriveStudy:
             residual = residual + values[k] * arrays[k]
         self.columns = stacked(residual, arrays)
         self._kept = []
+
+    def repeated(self, recording: Recording) -> DriveStudy:
+        """The same columns under the same noise, of a replicate of this drive's recording.
+
+        Its reference motion is made anew from the replicate, and moved by its own smoothed errors once: what
+        it shares with the residual it shares here as well.
+        """
+        out = copy.copy(self)
+        out.reader = Reader(recording, reference(recording), len(self.reader.windows))
+        windows = out.reader.windows
+        out.blocks = np.zeros(len(windows), dtype=int)
+        out.inflate = None
+        residual = windows.measured - out.reader.predict(self.base)
+        calibration = radius_columns(out.reader).arrays
+        made = Whitener.of(windows, self.noise, np.isfinite(residual))
+        white = made.apply(stacked(residual, calibration)).reshape(-1, 1 + len(calibration))
+        fitted = np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
+        left = residual - sum(value * column for value, column in zip(fitted, calibration, strict=True))
+        radii = out.reader.reference.car.radius_m.copy()
+        radii[recording.wheels] += fitted[: len(recording.wheels)]
+        out._moved_to(self.base, radii, self.values, left, None)
+        return out
 
     def append(self, columns: FloatArray) -> None:
         """Further columns (w, 9, k) at the end."""

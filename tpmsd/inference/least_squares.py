@@ -107,6 +107,20 @@ class Evidence:
         self.blocks = count
         self.folds = [np.flatnonzero(np.arange(count) % FOLDS == fold) for fold in range(min(FOLDS, count))]
 
+    def less(self, weights: FloatArray) -> Evidence:
+        """The same columns, with a combination (1 + p,) of them taken from the data."""
+        taken = -weights
+        taken[0] += 1.0
+        parts = []
+        for one in self.parts:
+            own = one.own(taken[:, None])[:, 0]
+            by_block = one.by_block.copy()
+            cross = by_block @ own
+            by_block[:, 0, :] = by_block[:, :, 0] = cross
+            by_block[:, 0, 0] = cross @ own
+            parts.append(Part(by_block, one.here, one.local))
+        return Evidence(parts, self.width)
+
     @property
     def width(self) -> int:
         """1 + p, the data included."""

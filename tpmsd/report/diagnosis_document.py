@@ -31,6 +31,7 @@ def diagnosis_document(
             "significant": diagnosis.unexplained is not None,
             "where": None if diagnosis.unexplained is None else _where(diagnosis.unexplained),
         },
+        "certificate": {"replicates": diagnosis.replicates} if diagnosis.replicates else None,
         "model_file": model_file,
         "driving_s": diagnosis.driving_s,
         "model": {"heldout_rms": diagnosis.model_rms},
@@ -70,7 +71,9 @@ def _reach(reach: Reach) -> dict[str, Any]:
 def _finding(finding: Finding) -> dict[str, Any]:
     out: dict[str, Any] = {
         "effect": finding.effect,
+        "status": finding.status,
         "confidence": finding.confidence,
+        "p_value": finding.p_value,
         "parameters": {
             name: {"value": quantity.value, "std": quantity.std, "unit": quantity.unit}
             for name, quantity in finding.parameters.items()

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from tpmsd.diagnosis.result import INSUFFICIENT, Diagnosis, Finding, Quantity, Trace
+from tpmsd.diagnosis.result import FINDING, INSUFFICIENT, Diagnosis, Finding, Quantity, Trace
 from tpmsd.physics.catalogue import sentence_of
 from tpmsd.report.alarms_compared import AlarmsCompared
 from tpmsd.report.diagnosis_html_alarms import alarms_section
@@ -94,7 +94,8 @@ def _table(diagnosis: Diagnosis) -> list[str]:
             f"{escape(name)} = {escape(_readable(q))}" for name, q in finding.parameters.items()
         )
         rows += (
-            f'<tr><td>{escape(finding.effect)}</td><td class="w">{values or "free shape, below"}</td>'
+            f"<tr><td>{escape(finding.effect)}{_doubt(finding)}</td>"
+            f'<td class="w">{values or "free shape, below"}</td>'
             f'<td class="n">{finding.confidence:.3f}</td><td class="n">{_nats(finding.gain)}</td>'
             f'<td class="n">{finding.rms_before:.3f} → {finding.rms_after:.3f}</td></tr>'
         )
@@ -107,6 +108,14 @@ def _table(diagnosis: Diagnosis) -> list[str]:
         " gain is that of the finding in the presence of the others; e to its power is how much likelier it"
         " makes the held-out data. The residual is in units of the noise.</p>",
     ]
+
+
+def _doubt(finding: Finding) -> str:
+    """What the certificate says of a finding."""
+    if finding.p_value is None:
+        return ""
+    doubt = "a suspicion, " if finding.status != FINDING else ""
+    return f"<br>{doubt}p {finding.p_value:.1g}"
 
 
 def _readable(quantity: Quantity) -> str:

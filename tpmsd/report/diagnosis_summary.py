@@ -8,7 +8,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tpmsd.diagnosis.reach import Reach
-from tpmsd.diagnosis.result import CONSISTENT, INSUFFICIENT, Diagnosis, Explanatory, Finding, Quantity, Where
+from tpmsd.diagnosis.result import (
+    CONSISTENT,
+    FINDING,
+    INSUFFICIENT,
+    Diagnosis,
+    Explanatory,
+    Finding,
+    Quantity,
+    Where,
+)
 from tpmsd.physics.catalogue import sentence_of
 from tpmsd.physics.covariates import COVARIATES
 from tpmsd.report.alarms_compared import AlarmsCompared, alarms_summary
@@ -42,9 +51,15 @@ def _found(diagnosis: Diagnosis, model_file: str | None) -> str:
     head = f"{diagnosis.driving_s:.0f} s of driving compared with {baseline_name(diagnosis)}. "
     if diagnosis.verdict == CONSISTENT:
         text = head + agreement(diagnosis)
+        if diagnosis.findings:
+            text += "\nWhat looks like an effect, but is not sure enough:\n"
+            for number, finding in enumerate(diagnosis.findings, 1):
+                text += "\n" + "\n".join(_paragraph(number, finding)) + "\n"
         return text + _rest(diagnosis)
-    count = len(diagnosis.findings)
-    text = head + f"They differ: {count} finding{'s' if count > 1 else ''}.\n"
+    count = sum(finding.status == FINDING for finding in diagnosis.findings)
+    more = len(diagnosis.findings) - count
+    doubtful = f" and {more} suspicion{'s' if more > 1 else ''}" if more else ""
+    text = head + f"They differ: {count} finding{'s' if count > 1 else ''}{doubtful}.\n"
     for number, finding in enumerate(diagnosis.findings, 1):
         text += "\n" + "\n".join(_paragraph(number, finding)) + "\n"
     text += (
@@ -81,9 +96,12 @@ def reached(reach: Reach) -> str:
 
 
 def _paragraph(number: int, finding: Finding) -> list[str]:
-    lines = [
-        f"{number}. {finding.effect} (confidence {finding.confidence:.2f}): {sentence_of(finding.effect)}."
-    ]
+    sure = f"confidence {finding.confidence:.2f}"
+    if finding.p_value is not None:
+        sure += f", p {finding.p_value:.1g}"
+    if finding.status != FINDING:
+        sure = f"a suspicion, {sure}"
+    lines = [f"{number}. {finding.effect} ({sure}): {sentence_of(finding.effect)}."]
     if finding.parameters:
         lines.append(
             "   " + ", ".join(f"{name} = {quantity_text(q)}" for name, q in finding.parameters.items())

@@ -1,0 +1,119 @@
+"""The certificate of findings: replicates, p-values, false discoveries."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.stats import gumbel_r, kstest
+
+from bench.worlds.kinematic import Spec, drive
+from tests.diagnosis.recorded import recording_of
+from tpmsd.diagnosis.certify import certified, discoveries, p_value
+from tpmsd.diagnosis.diagnose import Certification, diagnose, examine
+from tpmsd.diagnosis.result import Diagnosis
+from tpmsd.diagnosis.study import Study, first_noise
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.replicate import replicate
+from tpmsd.inference.trajectory import reference
+from tpmsd.inference.windows import COURSE, EAST, GYRO, SPEED, Reader
+from tpmsd.physics.model import ExtendedModel
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    """Six minutes of a car whose tyres feel the bends."""
+    physics: dict[str, dict[str, object]] = {"load_transfer_lateral": {"coefficient": 2e-4}}
+    return recording_of(drive(Spec(duration_s=360.0, road="rural", physics=physics), 21))
+
+
+@pytest.fixture(scope="module")
+def diagnosis(recording: Recording) -> Diagnosis:
+    """With a certificate."""
+    return diagnose([recording], certify=Certification(9, np.random.default_rng(1)))
+
+
+@pytest.fixture(scope="module")
+def plain(recording: Recording) -> Diagnosis:
+    """Without one."""
+    return diagnose([recording])
+
+
+def test_a_strong_effect_is_certified(diagnosis: Diagnosis) -> None:
+    """Its p-value is small, it is a finding, and drawing stops before the most that was allowed."""
+    finding = diagnosis.findings[0]
+
+    assert ("load_transfer_lateral", "finding", "mismatch") == (
+        finding.effect,
+        finding.status,
+        diagnosis.verdict,
+    )
+    assert finding.p_value is not None
+    assert finding.p_value < 1e-6
+    assert 7 == diagnosis.replicates
+
+
+def test_without_a_certificate_there_is_no_p_value(plain: Diagnosis) -> None:
+    """None asked for, or no replicates: a finding stays one."""
+    finding = plain.findings[0]
+
+    assert (None, "finding") == (finding.p_value, finding.status)
+
+
+def test_a_replicate_is_the_drive_with_new_errors(recording: Recording) -> None:
+    """Its residuals scatter as the noise says that they were drawn from, channel by channel."""
+    reader = Reader(recording, reference(recording))
+    noise = dataclasses.replace(
+        first_noise(reader), gyro_radps=4e-3, speed_mps=0.2, cross_mps=0.1, slow_m=3.0, rough_m=2e-3
+    )
+    again = replicate(reader, ExtendedModel(), noise, np.random.default_rng(2))
+    windows = Reader(again, reader.reference).windows
+    left = windows.measured - Reader(again, reader.reference).predict(ExtendedModel())
+    speed = windows.covariates["speed"]
+    way = np.sqrt(noise.rough_m**2 * speed + 2.0 * np.square(noise.reading_m[0]))
+
+    assert np.std(left[:, 0] / way) == pytest.approx(1.0, rel=0.15)
+    assert np.std(left[:, GYRO]) == pytest.approx(noise.gyro_radps, rel=0.15)
+    assert np.nanstd(left[:, SPEED]) == pytest.approx(noise.speed_mps, rel=0.25)
+    assert np.nanstd(left[:, COURSE] * speed) == pytest.approx(noise.cross_mps, rel=0.25)
+    assert 1.0 < np.nanstd(left[:, EAST]) < 5.0
+    assert recording.inertial["accel_lat_mps2"] is again.inertial["accel_lat_mps2"]
+
+
+def test_p_values_are_uniform_where_nothing_is_to_find() -> None:
+    """Of values from the maxima's own distribution; never too small by more than the doubt of few draws."""
+    rng = np.random.default_rng(3)
+    drawn = gumbel_r.rvs(size=(400, 20), random_state=rng)
+    values = [p_value(float(row[0]), [float(x) for x in row[1:]]) for row in drawn]
+
+    assert kstest(values, "uniform").statistic < 0.1
+    assert np.mean(np.array(values) < 0.01) <= 0.01
+
+
+def test_a_value_that_chance_often_reaches_is_no_discovery() -> None:
+    """Counted where replicates reach it; and no tail is extended from fewer than seven."""
+    assert p_value(1.0, [0.0, 2.0, 2.0, 2.0]) == pytest.approx(0.75)
+    assert p_value(50.0, [0.0] * 3) == pytest.approx(0.25)
+    assert p_value(50.0, [0.0, 1.0] * 4) < 1e-6
+
+
+def test_false_discoveries_are_held_as_benjamini_and_hochberg_do() -> None:
+    """Their example of 1995 (section 4.2): at 5 %, four of fifteen."""
+    p = [1e-4, 4e-4, 0.0019, 0.0095, 0.0201, 0.0278, 0.0298, 0.0344, 0.0459, 0.324]
+    p += [0.4262, 0.5719, 0.6528, 0.7590, 1.0]
+
+    assert [True] * 4 + [False] * 11 == discoveries(p, 0.05)
+    assert [False, True] == discoveries([0.2, 0.001], 0.05)
+
+
+def test_what_noise_makes_as_well_is_a_suspicion(recording: Recording, plain: Diagnosis) -> None:
+    """A chosen effect whose gain noise reaches in most replicates makes no mismatch and leaves the model."""
+    reader = Reader(recording, reference(recording))
+    study = Study([reader])
+    selection, evidence = examine(study, lambda share: None)
+    weak = dataclasses.replace(selection.chosen[0], gain=0.5)
+    doubtful = dataclasses.replace(selection, chosen=(weak,))
+    out = certified(study, doubtful, evidence, plain, 9, np.random.default_rng(5))
+
+    assert ("suspicion", "consistent", 0) == (out.findings[0].status, out.verdict, len(out.model))
