@@ -187,7 +187,7 @@ def _model(study: Study, selection: Selection, drive: int) -> ExtendedModel:
     for one in selection.chosen:
         if drive not in study.acting(one.term) or one.term.calibrates:
             continue
-        if one.term.effect == "unknown":
+        if one.term.free:
             effects.append(empirical_effect(one, study.knots(one.term))[0])
         else:
             made = effect_of(one.term, one.values)
@@ -215,7 +215,7 @@ def _of_term(study: Study, selection: Selection, evidence: Evidence, which: int)
     one = selection.chosen[which]
     search = Candidates(evidence, study.hypotheses)
     value = search.net(one.term, one.gain, float(one.values[0]))
-    made = None if one.term.effect == "unknown" else effect_of(one.term, one.values)
+    made = None if one.term.free else effect_of(one.term, one.values)
     response = one.term.design @ (one.values if made is None else made[1])
 
     def largest(again: Replicate) -> float:
