@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
+from bench.places import OUT, REPO
 from bench.registry import CAMPAIGNS, UsageError
 from tpmsd.cli.output import write_json
 
@@ -31,7 +34,33 @@ def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
                 "--json", metavar="FILE", help="write the result as JSON ('-': standard output)"
             )
             each.set_defaults(parser=each)
+    report = commands.add_parser("report", help="the tables of a campaign's results, for its page of docs/")
+    report.add_argument("name", choices=[each.name for each in CAMPAIGNS.values() if each.page])
+    report.add_argument("--out", type=Path, help="where the results lie (bench-out/NAME)")
+    report.add_argument("--write", action="store_true", help="put them into the page, between its marks")
+    report.set_defaults(parser=report)
     return parser
+
+
+def into_page(page: str, name: str, table: str) -> str:
+    """A page with what stands between a campaign's marks exchanged; UsageError without the marks."""
+    begin, end = f"<!-- python -m bench report {name} -->", f"<!-- end of {name} -->"
+    head, found, rest = page.partition(begin)
+    _, closed, tail = rest.partition(end)
+    if not found or not closed:
+        raise UsageError(f"the page has no marks {begin} and {end}")
+    return f"{head}{begin}\n\n{table.strip()}\n\n{end}{tail}"
+
+
+def _report(args: argparse.Namespace) -> int:
+    campaign = CAMPAIGNS[args.name]
+    text = campaign.report(args.out or OUT / args.name)
+    if args.write:
+        page = REPO / "docs" / campaign.page
+        page.write_text(into_page(page.read_text(encoding="utf-8"), args.name, text), encoding="utf-8")
+    else:
+        print(text)
+    return 0
 
 
 def parse(words: Sequence[str]) -> argparse.Namespace:
@@ -41,15 +70,13 @@ def parse(words: Sequence[str]) -> argparse.Namespace:
 
 def main(words: Sequence[str] | None = None) -> int:
     """The command; its exit code."""
-    import sys
-
     args = parse(sys.argv[1:] if words is None else words)
     if args.command == "list":
         for campaign in CAMPAIGNS.values():
             print(f"{campaign.name:18} {campaign.summary}")
         return 0
     try:
-        result: Any = CAMPAIGNS[args.name].main(args)
+        result: Any = _report(args) if args.command == "report" else CAMPAIGNS[args.name].main(args)
     except UsageError as error:
         args.parser.error(str(error))
     if isinstance(result, int):

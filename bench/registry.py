@@ -11,6 +11,7 @@ import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 
@@ -25,6 +26,8 @@ class Campaign:
     name: str
     summary: str
     module: str
+    page: str = ""
+    """The page of docs/ that holds its tables."""
 
     @property
     def about(self) -> str:
@@ -41,9 +44,14 @@ class Campaign:
         """What runs it; an exit code (int) or its result as plain numbers."""
         return import_module(self.module).main  # type: ignore[no-any-return]
 
+    @property
+    def report(self) -> Callable[[Path], str]:
+        """What makes Markdown of the results in a folder; only where there is a page."""
+        return import_module(self.module).report  # type: ignore[no-any-return]
 
-def _campaign(name: str, summary: str, module: str | None = None) -> Campaign:
-    return Campaign(name, summary, f"bench.campaigns.{module or name.replace('-', '_')}")
+
+def _campaign(name: str, summary: str, module: str | None = None, page: str = "") -> Campaign:
+    return Campaign(name, summary, f"bench.campaigns.{module or name.replace('-', '_')}", page)
 
 
 CAMPAIGNS = {
@@ -54,12 +62,24 @@ CAMPAIGNS = {
         _campaign("live", "the daemon in real time on a full bus"),
         _campaign("calibrate", "calibration against the published method, and coverage of its intervals"),
         _campaign(
-            "diagnosis", "the diagnosis on drives of independent origins, sealed truth", "diagnosis.run"
+            "diagnosis", "the diagnosis on drives whose truth is sealed", "diagnosis.run", "bench-diagnose.md"
         ),
         _campaign("goldens", "the program's answers to a fixed set of drives, compared with stored ones"),
-        _campaign("origins", "the diagnosis on null drives and faults of every origin"),
-        _campaign("alarms", "soft tyres and harmless drives: detection, false alarms per km", "alarms.run"),
-        _campaign("estimators", "filters side by side on the published comparison", "estimators.run"),
+        _campaign(
+            "origins", "the diagnosis on null drives and faults of every origin", page="bench-origins.md"
+        ),
+        _campaign(
+            "alarms",
+            "soft tyres and harmless drives: detection, false alarms per km",
+            "alarms.run",
+            "bench-alarms.md",
+        ),
+        _campaign(
+            "estimators",
+            "filters side by side on the published comparison",
+            "estimators.run",
+            "bench-estimators.md",
+        ),
         _campaign(
             "drift-levels", "coverage of the default under other levels of radius drift", "levels_of_drift"
         ),

@@ -25,22 +25,14 @@ import numpy as np
 
 from bench.campaigns.diagnosis.run import is_fault
 from bench.campaigns.diagnosis.seal import asked
+from bench.campaigns.origins_report import HELD_OUT_FROM, REAL, markdown
 from bench.places import OUT, RECORDINGS, REPO
 from bench.registry import UsageError
-from bench.runner import code_state, resume
+from bench.runner import code_state, last_state, resume
 from bench.worlds import awkward, real_drives
 from bench.worlds.folder import write_folder
 from bench.worlds.origins import ORIGINS, Places
 
-HELD_OUT_FROM = 50_000
-"""Seeds from here on belong to the held-out half."""
-REAL = "real"
-EXPECTED = {
-    "spin_on_ice": "wheel_spin",
-    "counts_lost_at_low_speed": "counter_lost_low_speed",
-    "teeth_44_as_48": "tone_ring_error",
-}
-"""The catalogue's name of a fault; effects injected into recordings bear it already."""
 Row = dict[str, Any]
 
 
@@ -154,6 +146,14 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--program", type=Path, default=REPO, help="where the tpmsd that is tested lies")
     parser.add_argument("--out", type=Path, default=OUT / "origins")
     parser.add_argument("--write", type=Path, metavar="FOLDER", help="write the first drive and stop")
+
+
+def report(out: Path) -> str:
+    """The tables of what stands in a folder."""
+    rows = last_state(out / "rows.jsonl")
+    if not rows:
+        raise UsageError(f"no results in {out}")
+    return markdown(rows)
 
 
 def main(args: argparse.Namespace) -> int:

@@ -169,6 +169,14 @@ def options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def report(out: Path) -> str:
+    """The tables of what stands in a folder, its `development` or `held-out`."""
+    rows = [row for unit in last_state(out / "results.jsonl") for row in unit]
+    if not rows:
+        raise UsageError(f"no results in {out}")
+    return markdown(figures(rows))
+
+
 def main(args: argparse.Namespace) -> int:
     """Play, write what was found, print it."""
     if args.one is not None:

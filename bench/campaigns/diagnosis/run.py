@@ -35,6 +35,7 @@ from bench.campaigns.diagnosis.score import score
 from bench.campaigns.diagnosis.seal import diagnosed
 from bench.campaigns.diagnosis.truth import truth_of
 from bench.places import OUT, REPO
+from bench.registry import UsageError
 from bench.runner import code_state, last_state, resume
 
 Entry = tuple[str, float, int]
@@ -215,6 +216,14 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--write", type=Path, metavar="FOLDER", help="write one drive, print its truth")
     parser.add_argument("--kind", default="nothing")
     parser.add_argument("--strength", type=float, default=1.0)
+
+
+def report(out: Path) -> str:
+    """The tables of what stands in a folder."""
+    rows = [row for row in last_state(out / "results.jsonl") if not is_fault(row)]
+    if not rows:
+        raise UsageError(f"no results in {out}")
+    return markdown(summary(rows))
 
 
 def main(args: argparse.Namespace) -> int:

@@ -131,6 +131,14 @@ def commit() -> str:
     )
 
 
+def report(out: Path) -> str:
+    """The tables of what stands in a folder."""
+    file = out / "results.json"
+    if not file.exists():
+        raise UsageError(f"no results in {out}")
+    return markdown(json.loads(file.read_text(encoding="utf-8")))
+
+
 def main(args: argparse.Namespace) -> int:
     """The bench; its exit code."""
     args = checked(args)

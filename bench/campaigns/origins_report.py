@@ -1,0 +1,155 @@
+"""The tables of the campaign `origins`.
+
+In: rows of one state of the program. Out: Markdown. Shares bear 95 % intervals of Clopper and Pearson;
+whether an origin differs from the others is Fisher's exact test; whether p-values of null drives are uniform
+is the test of Kolmogorov and Smirnov.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from bench.statistics import apart, count, percent, uniform
+from bench.worlds import awkward, real_drives
+from bench.worlds.origins import ORIGINS
+
+HELD_OUT_FROM = 50_000
+"""Seeds from here on belong to the held-out half."""
+REAL = "real"
+EXPECTED = {
+    "spin_on_ice": "wheel_spin",
+    "counts_lost_at_low_speed": "counter_lost_low_speed",
+    "teeth_44_as_48": "tone_ring_error",
+}
+"""The catalogue's name of a fault; effects injected into recordings bear it already."""
+SURE = 0.9
+SPAN_S = 5.0
+"""An event's span counts as found when both ends are right to within this time."""
+Row = dict[str, Any]
+
+
+def markdown(rows: Sequence[Row]) -> str:
+    """All tables."""
+    failed = [row for row in rows if row.get("error") or row.get("benchmark_fault")]
+    done = [row for row in rows if row not in failed]
+    parts = []
+    for half, name in ((False, "Development seeds"), (True, "Held-out seeds")):
+        those = [row for row in done if (row["seed"] >= HELD_OUT_FROM) == half]
+        if those:
+            parts += [f"### {name}\n", _null_table(those), _faults_table(those), _conditions_table(those)]
+    parts.append(_speed(done))
+    if failed:
+        told = [f"{row['origin']}/{row['kind']} {row['seed']}" for row in failed]
+        parts.append(f"Not diagnosed, the program or the benchmark failed: {', '.join(told)}.\n")
+    return "\n".join(part for part in parts if part)
+
+
+def _null_table(rows: Sequence[Row]) -> str:
+    null = [row for row in rows if row["kind"] == "null"]
+    judged = [row for row in null if row["verdict"] != "insufficient_data"]
+    lines = [
+        "| null drives of | drives | too little data | with a finding | with a suspicion only "
+        "| differs from the others (p) | p-values uniform (p) | false names |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    simulated = [row for row in judged if row["origin"] != REAL]
+    for origin in [*ORIGINS, REAL]:
+        those = [row for row in judged if row["origin"] == origin]
+        all_of_it = [row for row in null if row["origin"] == origin]
+        if not all_of_it:
+            continue
+        others = [row for row in simulated if row["origin"] != origin]
+        differs = "-" if not others or not those else f"{apart(_found(those), _found(others)):.2g}"
+        lines.append(_null_row(origin, all_of_it, those, differs))
+    all_null = [row for row in null if row["origin"] != REAL]
+    lines.append(_null_row("all simulated", all_null, simulated, ""))
+    return "\n".join(lines) + "\n"
+
+
+def _null_row(name: str, null: Sequence[Row], judged: Sequence[Row], differs: str) -> str:
+    names = Counter(each["effect"] for row in judged for each in row["findings"])
+    told = ", ".join(f"{name} {number}" for name, number in names.most_common()) or "-"
+    suspected = count(bool(row["suspicions"]) and not row["findings"] for row in judged)
+    every = [each["p_value"] for row in judged for each in (*row["findings"], *row["suspicions"])]
+    known = [value for value in every if value is not None]
+    tested = uniform(known)
+    cells = [name, str(len(null)), str(len(null) - len(judged)), percent(_found(judged)), percent(suspected)]
+    cells += [differs, "-" if tested is None else f"{tested:.2g} of {len(known)}", told]
+    return f"| {' | '.join(cells)} |"
+
+
+def _found(rows: Sequence[Row]) -> dict[str, Any]:
+    return count(bool(row["findings"]) for row in rows)
+
+
+def _faults_table(rows: Sequence[Row]) -> str:
+    lines = [
+        "| fault or event | drives | named | named first | wheels and span right | `unknown` alone "
+        f"| a wrong name above {SURE:g} | missed |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for kind in (*awkward.FAULTS, *real_drives.INJECTED):
+        those = [row for row in rows if row["kind"] == kind and row["verdict"] != "insufficient_data"]
+        if not those:
+            continue
+        wanted = EXPECTED.get(kind, kind)
+        names = [[each["effect"] for each in row["findings"]] for row in those]
+        cells = [
+            f"{kind} ({those[0]['origin']})",
+            str(len(those)),
+            percent(count(wanted in found for found in names)),
+            percent(count(found[:1] == [wanted] for found in names)),
+            percent(count(_placed(row, wanted) for row in those)) if wanted == "wheel_spin" else "-",
+            percent(count(bool(found) and set(found) == {"unknown"} for found in names)),
+            percent(count(_sure_wrong(row, wanted) for row in those)),
+            percent(count(not found for found in names)),
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n" if len(lines) > 2 else ""
+
+
+def _sure_wrong(row: Row, wanted: str) -> bool:
+    return any(
+        each["effect"] not in (wanted, "unknown") and each["confidence"] > SURE for each in row["findings"]
+    )
+
+
+def _placed(row: Row, wanted: str) -> bool:
+    """Whether an event's wheels and span are right."""
+    truth = row["truth"]
+    begin, end = truth["onset_s"], truth["onset_s"] + truth["duration_s"]
+    for each in row["findings"]:
+        if each["effect"] == wanted and sorted(each["where"]["wheels"]) == sorted(truth["wheels"]):
+            onset, long = (each["parameters"][key][0] for key in ("onset_s", "duration_s"))
+            if abs(onset - begin) < SPAN_S and abs(onset + long - end) < SPAN_S:
+                return True
+    return False
+
+
+def _conditions_table(rows: Sequence[Row]) -> str:
+    null = [row for row in rows if row["kind"] == "null" and row["origin"] == "awkward"]
+    judged = [row for row in null if row["verdict"] != "insufficient_data"]
+    tags = sorted({tag for row in judged for tag in row["tags"]})
+    if not tags:
+        return ""
+    lines = ["| awkward null drives | with the condition | without it |", "| --- | --- | --- |"]
+    for tag in tags:
+        having = [row for row in judged if tag in row["tags"]]
+        lacking = [row for row in judged if tag not in row["tags"]]
+        lines.append(f"| {tag} | {percent(_found(having))} | {percent(_found(lacking))} |")
+    return "\n".join(lines) + "\n"
+
+
+def _speed(rows: Sequence[Row]) -> str:
+    if not rows:
+        return ""
+    times = np.array([row["duration_s"] / row["cpu_s"] for row in rows if row["cpu_s"] > 0.0])
+    low, middle, high = np.quantile(times, [0.1, 0.5, 0.9])
+    return (
+        f"One core, reading included: median {middle:.0f} times faster than real time "
+        f"(tenths {low:.0f} and {high:.0f}, {len(times)} drives).\n"
+    )

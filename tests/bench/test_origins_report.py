@@ -1,0 +1,100 @@
+"""The tables of the drives of every origin."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bench.campaigns.origins_report import markdown
+from bench.cli import into_page, main
+from bench.registry import UsageError
+
+
+def finding(effect: str, confidence: float = 0.99, **more: Any) -> dict[str, Any]:
+    where = {"wheels": ["rl", "rr"], "channel": "wheel", "covariate": "speed"}
+    basis = {"status": "finding", "p_value": None, "where": where, "parameters": {}, "gain": 9.0}
+    return {"effect": effect, "confidence": confidence, **basis, **more}
+
+
+def row(origin: str, seed: int, *findings: dict[str, Any], kind: str = "null", **more: Any) -> dict[str, Any]:
+    basis = {"verdict": "consistent", "suspicions": [], "tags": [], "error": "", "duration_s": 900.0}
+    return {
+        "origin": origin,
+        "kind": kind,
+        "seed": seed,
+        "findings": list(findings),
+        "cpu_s": 9.0,
+        **basis,
+        **more,
+    }
+
+
+def test_null_drives_are_counted_by_origin_with_their_interval() -> None:
+    """A finding of four drives; drives with too little data are not judged; the real ones are apart."""
+    rows = [row("kinematic", k) for k in range(3)] + [row("kinematic", 4, finding("unknown"))]
+    rows += [row("kinematic", 5, verdict="insufficient_data"), row("real", 1, finding("gnss_latency"))]
+    lines = markdown(rows).splitlines()
+
+    kinematic = next(line for line in lines if line.startswith("| kinematic"))
+    assert kinematic.startswith("| kinematic | 5 | 1 | 1/4 = 25.0 % [0.6, 80.6] | 0/4")
+    assert kinematic.endswith("| unknown 1 |")
+    assert any(line.startswith("| all simulated | 5 | 1 | 1/4") for line in lines)
+    assert "100 times faster than real time" in lines[-1]
+
+
+def test_halves_are_reported_apart() -> None:
+    """Seeds from 50000 on are the held-out half."""
+    text = markdown([row("mems", 1), row("mems", 50_001, finding("unknown"))])
+    development, held_out = text.split("### Held-out seeds")
+
+    assert "0/1" in development
+    assert "1/1" in held_out
+
+
+def test_an_event_is_right_by_name_wheels_and_span() -> None:
+    """One right, one with a span that is off, one with another name for sure, one missed."""
+    truth = {"wheels": ["rl", "rr"], "slip": 0.01, "onset_s": 100.0, "duration_s": 30.0}
+
+    def spun(onset: float) -> dict[str, Any]:
+        return finding("wheel_spin", parameters={"onset_s": [onset, 1.0], "duration_s": [30.0, 1.0]})
+
+    found: list[list[dict[str, Any]]] = [[spun(101.0)], [spun(140.0)], [finding("track_width_error")], []]
+    rows = [row("awkward", k, *each, kind="spin_on_ice", truth=truth) for k, each in enumerate(found)]
+    line = next(line for line in markdown(rows).splitlines() if line.startswith("| spin_on_ice"))
+    cells = [cell.strip().split(" ")[0] for cell in line.strip("|").split("|")]
+
+    assert ["4", "2/4", "2/4", "1/4", "0/4", "1/4", "1/4"] == cells[1:]
+
+
+def test_small_p_values_of_null_drives_are_told() -> None:
+    """The test of Kolmogorov and Smirnov in the origin's row."""
+    rows = [row("traffic", k, finding("unknown", p_value=0.01 * k, status="suspicion")) for k in range(1, 9)]
+    line = next(line for line in markdown(rows).splitlines() if line.startswith("| traffic"))
+
+    assert float(line.split("|")[7].split(" of ")[0]) < 1e-3
+
+
+def test_a_report_is_put_between_the_marks_of_its_page() -> None:
+    """What stood there goes, what is around stays; without marks nothing is written."""
+    page = "a\n<!-- python -m bench report x -->\nold\n<!-- end of x -->\nb\n"
+    written = into_page(page, "x", "new\n")
+
+    assert "a\n<!-- python -m bench report x -->\n\nnew\n\n<!-- end of x -->\nb\n" == written
+    assert written == into_page(written, "x", "new")
+    with pytest.raises(UsageError, match="no marks"):
+        into_page("a", "x", "new")
+
+
+def test_the_command_prints_what_stands_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of the last state of the program alone; nothing there is wrong usage."""
+    entries = [{"unit": [k], "state": state, "result": row("mems", k)} for k, state in ((1, "a"), (2, "b"))]
+    (tmp_path / "rows.jsonl").write_text("\n".join(map(json.dumps, entries)) + "\n")
+
+    assert 0 == main(["report", "origins", "--out", str(tmp_path)])
+    assert "| mems | 1 |" in capsys.readouterr().out
+    with pytest.raises(SystemExit) as end:
+        main(["report", "origins", "--out", str(tmp_path / "nowhere")])
+    assert 2 == end.value.code
