@@ -29,7 +29,7 @@ DOCDIR ?= /usr/local/share/doc/tpmsd
 MANDIR ?= /usr/local/share/man
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format bench bench-live bench-calibrate bench-diagnose bench-alarms test-hil install uninstall deb bench-vehicle-state bench-estimators soak fuzz clean
+.PHONY: help demo test lint format bench bench-live bench-calibrate bench-diagnose bench-alarms test-hil test-connect install uninstall deb bench-vehicle-state bench-estimators soak fuzz clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | awk -F'\t' '{printf "  make %-15s %s\n", $$1, $$2}'
@@ -60,6 +60,9 @@ bench-calibrate: $(DEV)  ## paper 002's experiment, its method and ours (BENCH_A
 
 test-hil: $(DEV)  ## the daemon on a real CAN stack and as a real service (HIL_ARGS=..., TPMSD_SKIP_HIL=1)
 	$(PY) -m tests.hil.run $(HIL_ARGS)
+
+test-connect: $(DEV)  ## against real gpsd, mosquitto, prometheus (installed: gpsd mosquitto prometheus openssl)
+	TPMSD_CONNECT=1 OMP_NUM_THREADS=1 $(PY) -m pytest -n 0 -rs tests/connect
 
 PLACES = DESTDIR="$(DESTDIR)" PREFIX="$(PREFIX)" BINDIR="$(BINDIR)" UNITDIR="$(UNITDIR)" DOCDIR="$(DOCDIR)" MANDIR="$(MANDIR)"
 
