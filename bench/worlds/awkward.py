@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from bench.worlds.course import Array, Course, summed
+from bench.worlds.course import Array, Course, rigid, summed
 from bench.worlds.spec import Spec, draw_spec
 
 STEP_S = 0.02
@@ -93,18 +93,7 @@ def course(spec: Spec, rng: np.random.Generator) -> Course:
     fast_s = np.maximum(gaussian_filter1d(np.interp(time_s, moments, speed), 0.5 / STEP_S), 0.0)
     way = summed(fast_s, time_s)
     curve = np.interp(way, np.arange(len(bend)) * WAY_STEP_M, bend)
-    yaw = fast_s * curve
-    return Course(
-        time_s=time_s,
-        speed=fast_s,
-        yaw=yaw,
-        grade=np.zeros(len(time_s)),
-        heading=float(rng.uniform(-3, 3)) + summed(yaw, time_s),
-        accel=np.gradient(fast_s, STEP_S),
-        a_lat=fast_s * yaw,
-        bend=curve,
-        beta=np.zeros(len(time_s)),
-    )
+    return rigid(time_s, fast_s, curve, np.zeros(len(time_s)), float(rng.uniform(-3, 3)))
 
 
 def _reachable(limit: Array, up: float, down: float) -> Array:

@@ -8,7 +8,6 @@ rear-driven). They share no line with tpmsd's own physics.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from typing import Any
@@ -58,6 +57,36 @@ def rolling_radius_m(p: Any) -> FloatArray:
     return np.asarray(p.R_w / (1.0 - slip))
 
 
+def at_rest_on_springs(speed_mps: float, p: Any) -> list[float]:
+    """The library's state of a car that drives straight at a speed."""
+    return [float(value) for value in init_mb([0.0, 0.0, 0.0, speed_mps, 0.0, 0.0, 0.0], p)]
+
+
+def advance(
+    state: list[float], control: list[float], step_s: float, p: Any
+) -> tuple[list[float], list[float]]:
+    """State after a step by the midpoint rule, and its rate before; control: steering rate, acceleration."""
+    first = vehicle_dynamics_mb(list(state), list(control), p)
+    middle = [x + 0.5 * step_s * f for x, f in zip(state, first, strict=True)]
+    rate = vehicle_dynamics_mb(middle, list(control), p)
+    return [x + step_s * f for x, f in zip(state, rate, strict=True)], first
+
+
+def hub_speeds(steer: Any, forward: Any, across: Any, yaw: Any, p: Any) -> FloatArray:
+    """(..., 4) speeds of the hubs of fl, fr, rl, rr along their rolling direction.
+
+    The library's axes have z down, y right and "left" wheels on the left; here they are read as z up, y
+    left, so that its left wheels are ours of the right. The car is symmetric.
+    """
+    front = (across + p.a * yaw) * np.sin(steer)
+    out = [(forward + side * yaw * p.T_f / 2) * np.cos(steer) + front for side in (-1.0, 1.0)]
+    return np.stack([*out, forward - yaw * p.T_r / 2, forward + yaw * p.T_r / 2], axis=-1)
+
+
+SPINS = [24, 23, 26, 25]
+"""Where the wheels' turning rates stand in the library's state, in the order fl, fr, rl, rr."""
+
+
 @dataclass(frozen=True)
 class Now:
     """What a driver sees."""
@@ -104,40 +133,21 @@ class Run:
 def run(driver: Driver, duration_s: float, speed_mps: float, car: Any = None) -> Run:
     """Drive for so long from a straight start; `car`: of `parameters`, the default one if None."""
     p = parameters() if car is None else car
-    x = np.array(init_mb([0.0, 0.0, 0.0, speed_mps, 0.0, 0.0, 0.0], p))
+    x = at_rest_on_springs(speed_mps, p)
     angle, path = np.zeros(4), np.zeros(4)
     rows = []
     steer = pull = 0.0
     for step in range(round(duration_s / STEP_S) + 1):
         if step % KEEP_EVERY == 0:
             steer, pull = driver(Now(step * STEP_S, x[0], x[1], x[4], x[3], x[10], x[5]))
-        u = [STEER_SERVO_PER_S * (steer - x[2]), pull]
-        first = np.array(vehicle_dynamics_mb(x.tolist(), u, p))
-        middle = np.array(vehicle_dynamics_mb((x + STEP_S / 2 * first).tolist(), u, p))
+        before = x
+        x, rate = advance(before, [STEER_SERVO_PER_S * (steer - before[2]), pull], STEP_S, p)
         if step % KEEP_EVERY == 0:
-            accel_long, accel_lat = first[3] - x[10] * x[5], first[10] + x[3] * x[5]
-            head = [step * STEP_S, x[0], x[1], x[4], x[10], x[3], x[5], x[2]]
-            rows.append([*head, accel_long, accel_lat, -x[6], x[8], *angle, *path])
-        x = x + STEP_S * middle
-        # The model calls left what lies to the right in a frame with z up: its "left" wheels are faster in a
-        # left turn. They are ours of the right.
-        angle = angle + STEP_S * x[[24, 23, 26, 25]]
-        path = path + STEP_S * _hub_speeds(x, p)
+            accel_long, accel_lat = rate[3] - before[10] * before[5], rate[10] + before[3] * before[5]
+            head = [step * STEP_S, *(before[k] for k in (0, 1, 4, 10, 3, 5, 2))]
+            rows.append([*head, accel_long, accel_lat, -before[6], before[8], *angle, *path])
+        angle = angle + STEP_S * np.array([x[k] for k in SPINS])
+        path = path + STEP_S * hub_speeds(x[2], x[3], x[10], x[5], p)
     table = np.array(rows)
     plain = len(fields(Run)) - 2
     return Run(*table[:, :plain].T, table[:, plain : plain + 4], table[:, plain + 4 :])
-
-
-def _hub_speeds(x: FloatArray, p: Any) -> FloatArray:
-    """(4,) speed of the hubs along their rolling direction."""
-    front = (x[10] + p.a * x[5]) * math.sin(x[2])
-    half_front, half_rear = x[5] * p.T_f / 2, x[5] * p.T_r / 2
-    cos = math.cos(x[2])
-    return np.array(
-        [
-            (x[3] - half_front) * cos + front,
-            (x[3] + half_front) * cos + front,
-            x[3] - half_rear,
-            x[3] + half_rear,
-        ]
-    )

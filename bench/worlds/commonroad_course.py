@@ -11,15 +11,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from vehiclemodels.init_mb import init_mb
 from vehiclemodels.parameters_vehicle2 import parameters_vehicle2
-from vehiclemodels.vehicle_dynamics_mb import vehicle_dynamics_mb
 
+from bench.worlds.commonroad_car import KEEP_EVERY, SPINS, STEP_S, advance, at_rest_on_springs, hub_speeds
 from tpmsd.wheels import FloatArray
 
 SPEED_MPS = 60 / 3.6
-STEP_S = 1e-3
-KEEP_EVERY = 10
 # (length of the straight before it, angle in degrees, radius): a dozen bends, left positive.
 BENDS = (
     (105, 75, 75), (40, -40, 90), (55, 90, 70), (65, -55, 85), (50, 95, 70), (75, 50, 120),
@@ -53,7 +50,7 @@ def drive(length_m: float = 2200.0) -> CourseTruth:
     """Drive the course once: steering by preview, speed held."""
     p = parameters_vehicle2()
     curvature = _curvature(length_m)
-    x = np.array(init_mb([0.0, 0.0, 0.0, SPEED_MPS, 0.0, 0.0, 0.0], p))
+    x = at_rest_on_springs(SPEED_MPS, p)
     rows: list[list[float]] = []
     angle, path = np.zeros(4), np.zeros(4)
     way = heading_error = 0.0
@@ -67,34 +64,20 @@ def drive(length_m: float = 2200.0) -> CourseTruth:
         wanted = math.atan((p.a + p.b) * kappa) + 0.0012 * kappa * speed**2 + 0.35 * heading_error
         steer_rate = float(np.clip(12.0 * (wanted - x[2]), -0.4, 0.4))
         pull = float(np.clip(1.5 * (SPEED_MPS - x[3]) + 0.15, -3.0, 3.0))
-        u = [steer_rate, pull]
-        k1 = np.array(vehicle_dynamics_mb(x.tolist(), u, p))
-        k2 = np.array(vehicle_dynamics_mb((x + STEP_S / 2 * k1).tolist(), u, p))
+        before = x
+        x, rates = advance(before, [steer_rate, pull], STEP_S, p)
         if step % KEEP_EVERY == 0:
-            rows.append(_row(step * STEP_S, x, k1, angle, path, p))
-        x = x + STEP_S * k2
-        # The model calls left what lies to the right in a frame with z up: its "left" wheels are faster in a
-        # left turn. They are ours of the right.
-        angle = angle + STEP_S * x[[24, 23, 26, 25]]
-        path = path + STEP_S * _hub_speeds(x, p)
+            rows.append(_row(step * STEP_S, before, rates, angle, path, p))
+        angle = angle + STEP_S * np.array([x[k] for k in SPINS])
+        path = path + STEP_S * hub_speeds(x[2], x[3], x[10], x[5], p)
         way += speed * STEP_S
         step += 1
     table = np.array(rows)
     return CourseTruth(*table[:, :7].T, table[:, 7:11], table[:, 11:15], p.T_f, p.T_r, p.a + p.b, p.R_w)
 
 
-def _hub_speeds(x: FloatArray, p: Any) -> FloatArray:
-    """(4,) speed of the hubs along their rolling direction."""
-    v, lateral, yaw, steer = x[3], x[10], x[5], x[2]
-    front = lateral + p.a * yaw
-    out = []
-    for side in (-1.0, 1.0):
-        out.append((v + side * yaw * p.T_f / 2) * math.cos(steer) + front * math.sin(steer))
-    return np.array([*out, v - yaw * p.T_r / 2, v + yaw * p.T_r / 2])
-
-
 def _row(
-    time_s: float, x: FloatArray, rates: FloatArray, angle: FloatArray, path: FloatArray, p: Any
+    time_s: float, x: list[float], rates: list[float], angle: FloatArray, path: FloatArray, p: Any
 ) -> list[float]:
     back = p.b
     accel_long = rates[3] - x[10] * x[5]

@@ -75,6 +75,26 @@ def summed(rate: Array, time_s: Array) -> Array:
     return out
 
 
+def rigid(
+    time_s: Array, speed: Array, bend: Array, slope: Array, heading: float, side_slip: float = 0.0
+) -> Course:
+    """A rigid car on a road of that curvature and slope, from that heading; `side_slip` is minus the rear
+    axle's course against the heading, per lateral acceleration."""
+    yaw = speed * bend
+    a_lat = speed * yaw
+    return Course(
+        time_s=time_s,
+        speed=speed,
+        yaw=yaw,
+        grade=np.arctan(slope),
+        heading=heading + summed(yaw, time_s),
+        accel=np.gradient(speed, float(time_s[1] - time_s[0])),
+        a_lat=a_lat,
+        bend=bend,
+        beta=-side_slip * a_lat,
+    )
+
+
 def value(spec: Spec, name: str, key: str, default: float = 0.0) -> float:
     """A number of the concealed physics."""
     return float(spec.physics.get(name, {}).get(key, default))

@@ -113,6 +113,20 @@ def observe(course: Course, spec: Spec, rng: np.random.Generator, seed: int, err
     return _received(course, spec, rng, more, angle, gyro, spec.radius_m + offset, seed, errors)
 
 
+def felt(course: Course, spec: Spec, rng: np.random.Generator) -> dict[str, Array]:
+    """The motion itself, and what accelerometers and the steering wheel's sensor make of it."""
+    n = len(course.time_s)
+    return {
+        "time_s": course.time_s,
+        "speed": course.speed,
+        "yaw_rate": course.yaw,
+        "grade": course.grade,
+        "accel_long": course.force + rng.normal(0, spec.accel_std, n),
+        "accel_lat": course.a_lat + rng.normal(0, spec.accel_std, n),
+        "steering_wheel": 15.0 * np.arctan(spec.wheelbase_m * course.bend) + rng.normal(0, 0.01, n),
+    }
+
+
 def _received(
     course: Course,
     spec: Spec,
@@ -154,15 +168,9 @@ def _received(
     lag = more.exponential(spec.arrival_jitter_s, m) if spec.arrival_jitter_s > 0 else np.zeros(m)
     return Drive(
         spec=spec,
-        time_s=t,
-        speed=course.speed,
-        yaw_rate=course.yaw,
-        grade=course.grade,
         shown_rad=angle,
         gyro=gyro,
-        accel_long=course.force + rng.normal(0, spec.accel_std, len(t)),
-        accel_lat=course.a_lat + rng.normal(0, spec.accel_std, len(t)),
-        steering_wheel=15.0 * np.arctan(spec.wheelbase_m * course.bend) + rng.normal(0, 0.01, len(t)),
+        **felt(course, spec, rng),
         fix_true_s=fix[kept],
         fix_age_s=float(spec.physics.get("gnss_latency", {}).get("latency_s", 0.0)),
         fix_east=(at(way.east, fix) + slow[0] + white[:, 0] + place[:, 0])[kept],

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.worlds.course import Array, Course, summed
+from bench.worlds.course import Array, Course, rigid
 from bench.worlds.instruments import Drive, markov, observe
 from bench.worlds.road import STEP_S, profile
 from bench.worlds.spec import Spec, draw_spec
@@ -25,19 +25,8 @@ def course(spec: Spec, rng: np.random.Generator) -> Course:
     bend = bend + markov(rng, n, STEP_S, 2e-4, 3.0)
     tight = 3.2 / np.maximum(speed, 7.3) ** 2
     bend = np.clip(bend, -tight, tight)
-    yaw = speed * bend
     time_s: Array = np.arange(n, dtype=np.float64) * STEP_S
-    return Course(
-        time_s=time_s,
-        speed=speed,
-        yaw=yaw,
-        grade=np.arctan(slope),
-        heading=float(rng.uniform(-3, 3)) + summed(yaw, time_s),
-        accel=np.gradient(speed, STEP_S),
-        a_lat=speed * yaw,
-        bend=bend,
-        beta=np.zeros(n),
-    )
+    return rigid(time_s, speed, bend, slope, float(rng.uniform(-3, 3)))
 
 
 def drive(spec: Spec, seed: int) -> Drive:

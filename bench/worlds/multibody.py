@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.worlds.commonroad_car import advance, at_rest_on_springs, hub_speeds, parameters
 from bench.worlds.course import Course, summed
 from bench.worlds.instruments import markov
 from bench.worlds.road import STEP_S, profile
@@ -65,17 +66,6 @@ def piece(spec: Spec, rng: np.random.Generator, folder: Path) -> tuple[Course, S
     return course, replace(spec, driven=driven, **{key: float(value) for key, value in measures.items()})
 
 
-def parameters(car: int) -> Any:
-    """The library's parameters of a car; its steering is let turn as fast as a driver's hand."""
-    from vehiclemodels.parameters_vehicle1 import parameters_vehicle1
-    from vehiclemodels.parameters_vehicle2 import parameters_vehicle2
-    from vehiclemodels.parameters_vehicle3 import parameters_vehicle3
-
-    p = (parameters_vehicle1, parameters_vehicle2, parameters_vehicle3)[car - 1]()
-    p.steering.v_min, p.steering.v_max = -1.2, 1.2
-    return p
-
-
 def file_of(folder: Path, number: int) -> Path:
     """Where a long drive is kept."""
     car, road = BASES[number]
@@ -84,9 +74,6 @@ def file_of(folder: Path, number: int) -> Path:
 
 def integrated(car: int, road: str, duration_s: float, seed: int) -> dict[str, Array]:
     """Drive it: arrays every 20 ms of the state, without the time in which the car settles on its springs."""
-    from vehiclemodels.init_mb import init_mb
-    from vehiclemodels.vehicle_dynamics_mb import vehicle_dynamics_mb
-
     p = parameters(car)
     rng = np.random.default_rng([seed, car])
     speed, bend, _ = profile(Spec(duration_s=duration_s + WARM_S, road=road), rng)
@@ -94,7 +81,7 @@ def integrated(car: int, road: str, duration_s: float, seed: int) -> dict[str, A
     tight = 2.8 / np.maximum(speed, 7.3) ** 2
     bend = np.clip(bend, -tight, tight)
     target = np.maximum(speed, SLOWEST_MPS)
-    state = [float(value) for value in init_mb([0.0, 0.0, 0.0, float(target[0]), 0.0, 0.0, 0.0], p)]
+    state = at_rest_on_springs(float(target[0]), p)
     rows = []
     for k in range(len(target) - 1):
         v = state[3]
@@ -108,10 +95,7 @@ def integrated(car: int, road: str, duration_s: float, seed: int) -> dict[str, A
         h = STEP_S / steps
         rows.append(list(state))
         for _ in range(steps):
-            slope = vehicle_dynamics_mb(list(state), list(control), p)
-            middle = [x + 0.5 * h * f for x, f in zip(state, slope, strict=True)]
-            slope = vehicle_dynamics_mb(middle, list(control), p)
-            state = [x + h * f for x, f in zip(state, slope, strict=True)]
+            state, _ = advance(state, control, h, p)
     table = np.array(rows)[round(WARM_S / STEP_S) :]
     return {"state": table[:, [2, 3, 4, 5, 10, 23, 24, 25, 26]]}
 
@@ -125,18 +109,9 @@ def _check(course: Course, name: str) -> None:
 
 
 def course_of(arrays: dict[str, Array], p: Any) -> Course:
-    """The motion of the middle of the rear axle, hubs and spin of the wheels.
-
-    The library's axes have z down, y right and "left" wheels on the left; here they are read as z up, y
-    left, so that its left wheels are ours of the right. The car is symmetric.
-    """
+    """The motion of the middle of the rear axle, hubs and spin of the wheels."""
     steer, v, heading, yaw, across, *spins = arrays["state"].T
-    front = across + p.a * yaw
-    hubs = np.stack(
-        [(v + side * yaw * p.T_f / 2) * np.cos(steer) + front * np.sin(steer) for side in (-1.0, 1.0)]
-        + [v - yaw * p.T_r / 2, v + yaw * p.T_r / 2],
-        axis=1,
-    )
+    hubs = hub_speeds(steer, v, across, yaw, p)
     turning = np.stack([spins[k] for k in SWAPPED], axis=1)
     time_s: Array = np.arange(len(v), dtype=np.float64) * STEP_S
     return Course(

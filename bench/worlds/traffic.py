@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
-from bench.worlds.course import Course, summed
+from bench.worlds.course import Course, rigid, summed
 
 Array = NDArray[np.float64]
 STEP_S = 0.02
@@ -176,22 +176,11 @@ def course_of(trace: Trace, rng: np.random.Generator, hilly: float = 0.0) -> Cou
     fast = np.interp(along, way * along[-1] / max(float(way[-1]), 1.0), speed)
     curvature = _drivable(curvature, fast)
     bend = np.interp(way * along[-1] / max(float(way[-1]), 1.0), along, curvature)
-    yaw = speed * bend
     slope = np.zeros(len(time_s))
     if hilly > 0.0:
         knots = np.arange(0.0, way[-1] + 800.0, 250.0)
         slope = np.clip(CubicSpline(knots, rng.normal(0, hilly, len(knots)))(way), -0.12, 0.12)
-    return Course(
-        time_s=time_s,
-        speed=speed,
-        yaw=yaw,
-        grade=np.arctan(slope),
-        heading=float(rng.uniform(-3, 3)) + summed(yaw, time_s),
-        accel=np.gradient(speed, STEP_S),
-        a_lat=speed * yaw,
-        bend=bend,
-        beta=np.zeros(len(time_s)),
-    )
+    return rigid(time_s, speed, bend, slope, float(rng.uniform(-3, 3)))
 
 
 def _curvature(trace: Trace) -> tuple[Array, Array]:

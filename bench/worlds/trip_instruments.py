@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.worlds.course import Course, antenna, gyro_reading, summed
-from bench.worlds.instruments import Drive, markov
+from bench.worlds.instruments import Drive, felt, markov
 from bench.worlds.magic_tyre import Array
 from bench.worlds.spec import Spec
 from bench.worlds.surfaces import Surface
@@ -39,15 +39,9 @@ def observe(
     seen = _received(course, spec, surface, rng)
     return Drive(
         spec=spec,
-        time_s=t,
-        speed=course.speed,
-        yaw_rate=course.yaw,
-        grade=course.grade,
         shown_rad=angle,
         gyro=gyro,
-        accel_long=course.force + rng.normal(0.0, spec.accel_std, n),
-        accel_lat=course.a_lat + rng.normal(0.0, spec.accel_std, n),
-        steering_wheel=15.0 * np.arctan(spec.wheelbase_m * course.bend) + rng.normal(0.0, 0.01, n),
+        **felt(course, spec, rng),
         fix_age_s=0.0,
         seed=seed,
         start_s=start_s,

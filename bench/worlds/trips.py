@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.worlds import surfaces as events
-from bench.worlds.course import Course, decayed, hub_speeds, summed
+from bench.worlds.course import DRIVEN, Course, decayed, hub_speeds, rigid, summed
 from bench.worlds.instruments import START_S, Drive, markov
 from bench.worlds.magic_tyre import SLIP_STIFFNESS, Array, gauge_at
 from bench.worlds.surfaces import Surface
@@ -19,7 +19,6 @@ from bench.worlds.trip_cars import G_MPS2, Car
 from bench.worlds.trip_instruments import observe
 from bench.worlds.trip_road import STEP_S, Profile
 
-DRIVEN = {"front": [1, 1, 0, 0], "rear": [0, 0, 1, 1], "all": [1, 1, 1, 1]}
 WARMING_K, WARMING_S, COOLING_S = 28.0, 500.0, 1500.0
 """Air in the tyre over ambient at 30 m/s and nominal load; time constants rolling and standing."""
 BRAKE_KPW = 6e-4
@@ -116,19 +115,8 @@ def drive_leg(car: Car, leg: Leg, temperature_k: Array | None = None) -> Driven:
 
 def _course(car: Car, ride: Profile, rng: np.random.Generator) -> Course:
     time_s: Array = np.arange(len(ride.speed), dtype=np.float64) * STEP_S
-    yaw = ride.speed * ride.bend
-    a_lat = ride.speed * yaw
-    return Course(
-        time_s=time_s,
-        speed=ride.speed,
-        yaw=yaw,
-        grade=np.arctan(ride.slope),
-        heading=float(rng.uniform(-3.0, 3.0)) + summed(yaw, time_s),
-        accel=np.gradient(ride.speed, STEP_S),
-        a_lat=a_lat,
-        bend=ride.bend,
-        beta=-car.side_slip * a_lat,
-    )
+    heading = float(rng.uniform(-3.0, 3.0))
+    return rigid(time_s, ride.speed, ride.bend, ride.slope, heading, car.side_slip)
 
 
 def _forces(car: Car, leg: Leg, course: Course) -> tuple[Array, Array]:

@@ -45,6 +45,16 @@ def test_null_drives_are_counted_by_origin_with_their_interval() -> None:
     assert "100 times faster than real time" in lines[-1]
 
 
+def test_what_a_multibody_cars_own_tyres_do_is_no_false_finding() -> None:
+    """Slip on that origin is true; on another it is false, and so is a latency on that one."""
+    rows = [row("multibody", 1, finding("longitudinal_slip")), row("mems", 1, finding("longitudinal_slip"))]
+    rows += [row("multibody", 2, finding("gnss_latency"))]
+    lines = markdown(rows).splitlines()
+
+    assert "| 1/2 = " in next(line for line in lines if line.startswith("| multibody"))
+    assert "| 1/1 = " in next(line for line in lines if line.startswith("| mems"))
+
+
 def test_halves_are_reported_apart() -> None:
     """Seeds from 50000 on are the held-out half."""
     text = markdown([row("mems", 1), row("mems", 50_001, finding("unknown"))])
