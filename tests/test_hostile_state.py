@@ -158,6 +158,13 @@ class Broken:
         self._inner, self._from, self._how = inner, from_tick, how
         self._ticks = 0
 
+    def snapshot(self) -> dict[str, Any]:
+        saved: dict[str, Any] = self._inner.snapshot()
+        return saved
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        self._inner.restore(saved)
+
     def step(self, tick: Tick) -> RadiusEstimate:
         self._ticks += 1
         estimate: RadiusEstimate = self._inner.step(tick)
@@ -176,7 +183,7 @@ def test_an_estimate_that_is_no_number_is_a_malfunction_and_a_new_start(how: str
     estimator, and the puncture forty seconds later is found."""
     config, items = drive()
     pipeline = Pipeline(config, load_database(config.can.dbc))
-    pipeline.estimator = Broken(pipeline.estimator, 650, how)
+    pipeline.estimator.inner = Broken(pipeline.estimator.inner, 650, how)
     said, numbers = [], []
     for item in items:
         if isinstance(item, CanFrame):

@@ -8,7 +8,7 @@ same alarms.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,14 +16,15 @@ from cantools.database import Database
 
 from tpmsd.bounds import check_like, check_plain
 from tpmsd.config.model import Config
-from tpmsd.estimators.base import Estimator, RadiusEstimate, unsound
+from tpmsd.estimators.base import Estimator, RadiusEstimate
 from tpmsd.estimators.build import build_estimator, monitored_wheels
+from tpmsd.estimators.guarded import GuardedEstimator
 from tpmsd.monitor.monitor import Monitor
 from tpmsd.monitor.records import MonitorReport
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.resonance.watch import ResonanceWatch
 from tpmsd.sinks.reset_request import PREFIX, ResetRequest, from_frame, from_sentence
-from tpmsd.sources.events import Event, SourceFault
+from tpmsd.sources.events import Event
 from tpmsd.timeline.compensation import Compensation, adjusted
 from tpmsd.timeline.tick import Tick
 from tpmsd.timeline.tick_source import TickSource
@@ -55,8 +56,10 @@ class Pipeline:
         self.assembler = self._source.assembler
         self.timeline = self._source.timeline
         self._config = config
-        self.estimator = self._new_estimator()
-        self._wheels = list(monitored_wheels(config))
+        wheels = list(monitored_wheels(config))
+        self.estimator = GuardedEstimator(
+            self._new_estimator, wheels, np.array(config.vehicle.wheel_radius_m)
+        )
         self._reset_id, self._extended = config.alarms.reset_id, config.alarms.extended_ids
         self._reset_s = -math.inf
         self.monitor = Monitor(config.vehicle, config.monitor, monitored_wheels(config), config.tyre)
@@ -95,21 +98,6 @@ class Pipeline:
         """One that has learned nothing."""
         return build_estimator(self._config, np.random.default_rng(self._config.filter.seed))
 
-    def _estimated(self, tick: Tick) -> tuple[Tick, RadiusEstimate]:
-        """The tick's estimate. One that is no number is never handed on: the estimator starts anew, and the
-        tick bears the fault, of which the monitor makes a malfunction."""
-        try:
-            estimate = self.estimator.step(tick)
-            reason = unsound(estimate, self._wheels)
-        except (ArithmeticError, ValueError) as error:  # sines of infinity, matrices that have no root
-            reason = f"{type(error).__name__}: {error}"
-        if not reason:
-            return tick, estimate
-        self.estimator = self._new_estimator()
-        fault = SourceFault(tick.time_s, "estimator", "restarted", reason)
-        tick = replace(tick, faults=(*tick.faults, fault))
-        return tick, self.estimator.step(tick)
-
     def _reset(self, request: ResetRequest) -> None:
         """Learn the tyres anew, if the monitor agrees."""
         taken, _ = self.monitor.reset(request.tyres)
@@ -136,14 +124,14 @@ class Pipeline:
         steps: list[Step] = []
         for raw in ticks:
             tick = raw if self._compensation is None else self._compensation.apply(raw)
-            tick, estimate = self._estimated(tick)
+            tick, estimate, agreement = self.estimator.step(tick)
             heard = None if self.resonance is None else self.resonance.evidence_at(tick.time_s)
-            steps.append(Step(tick, estimate, self.monitor.update(tick, estimate, heard)))
+            steps.append(Step(tick, estimate, self.monitor.update(tick, estimate, heard, agreement)))
         return steps
 
     def snapshot(self) -> dict[str, Any]:
         """What was learned, as plain numbers for the state file."""
-        saved = {"estimator": self.estimator.snapshot(), "monitor": self.monitor.snapshot()}
+        saved = {"estimator": self.estimator.inner.snapshot(), "monitor": self.monitor.snapshot()}
         if self.resonance is not None:
             saved["resonance"] = self.resonance.snapshot()
         return saved
@@ -159,7 +147,7 @@ class Pipeline:
         before = self.monitor.snapshot()
         self.monitor.restore(monitor)
         try:
-            self.estimator.restore(estimator)
+            self.estimator.taken_up(estimator)
         except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:
             self.monitor.restore(before)
             raise ValueError(str(error)) from error

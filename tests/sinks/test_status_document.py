@@ -79,6 +79,30 @@ GNSS = SourceHealth(SourceState.DOWN, "/dev/ttyACM0", 3600, {"unplugged": 1}, 12
 DOCUMENT = build_status(REPORT, loop=LOOP, can=CAN, gnss=GNSS, estimate=ESTIMATE, method="mpf-pn")
 
 
+def test_the_wheels_that_are_not_watched_are_named_with_the_reason() -> None:
+    """A wheel that is learned, one that is lost and one without a signal are each not watched, and why; what
+    all four rest on is said."""
+    lost = AlarmEvent(
+        1.0, AlarmKind.MALFUNCTION, "rl", "raised", NAN, NAN, 1.0, "no usable signal of wheel rl"
+    )
+    states = (WheelState.MONITORING, WheelState.UNAVAILABLE, WheelState.UNAVAILABLE, WheelState.LEARNING)
+    wheels = tuple(
+        dataclasses.replace(wheel, state=state) for wheel, state in zip(REPORT.wheels, states, strict=True)
+    )
+    report = dataclasses.replace(REPORT, wheels=wheels, active=(lost,))
+    off = SourceHealth(SourceState.OFF)
+    watch = build_status(report, loop=LOOP, can=off, gnss=off)["watch"]
+    assert ["fl"] == watch["watched"]
+    assert {
+        "fr": "there is no signal of it",
+        "rl": "no usable signal of wheel rl",
+        "rr": "its normal radius is being learned",
+    } == watch["not_watched"]
+    assert watch["all_four_rest_on"].startswith("the receiver alone")
+    shown = " ".join(render_status(build_status(report, loop=LOOP, can=off, gnss=off)).split())
+    assert "not watched: fr (there is no signal of it); rl (no usable signal of wheel rl)" in shown
+
+
 def test_the_document_holds_all_in_the_units_it_states() -> None:
     """Every number of the records is found under its name, metres as mm, NaN and infinity as null."""
     assert {
@@ -138,7 +162,7 @@ def test_the_document_holds_all_in_the_units_it_states() -> None:
             "gnss_age_s": None,
             "effective_particles": 31.5,
         },
-    } == {key: value for key, value in DOCUMENT.items() if key != "wheels"}
+    } == {key: value for key, value in DOCUMENT.items() if key not in ("watch", "wheels")}
     assert ["fl", "fr", "rl", "rr"] == list(DOCUMENT["wheels"])
     assert {
         "state": "learning",

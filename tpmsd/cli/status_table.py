@@ -44,6 +44,7 @@ def render_status(document: Mapping[str, Any], *, colour: bool = False, width: i
         "",
         *_resonance_lines(document, paint),
         *_alarm_lines(document, alarms, paint),
+        *_not_watched_lines(document, paint),
         "",
         _can_line(document, paint),
         _gnss_line(document, paint),
@@ -77,6 +78,18 @@ def _wrapped(line: str, width: int) -> list[str]:
 
 def _visible(text: str) -> int:
     return len(_COLOURS.sub("", text))
+
+
+def _not_watched_lines(document: Mapping[str, Any], paint: _Paint) -> list[str]:
+    """The wheels that nobody watches; those that are learned show so in the table."""
+    missing = {
+        str(name): str(why)
+        for name, why in _dict(_dict(document, "watch"), "not_watched").items()
+        if why != "its normal radius is being learned"
+    }
+    if not missing:
+        return []
+    return [paint("not watched: " + "; ".join(f"{name} ({why})" for name, why in missing.items()), _BOLD)]
 
 
 def _heading(document: Mapping[str, Any]) -> str:

@@ -166,6 +166,10 @@ class Baseline:
             self._recent_s = 0.0
         return self._change([now], harmless_m2), self._change(recent, harmless_m2)
 
+    def forget_recent(self) -> None:
+        """What was seen in the last minutes is not to be believed."""
+        self._recent.clear()
+
     def _jumped(self, now: _Sample, harmless_m2: FloatArray) -> bool:
         """Whether the radii are others than in the last minutes, so that a mean would mix two states."""
         before = self._change(list(self._recent), harmless_m2)

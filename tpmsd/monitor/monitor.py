@@ -16,6 +16,7 @@ import numpy as np
 
 from tpmsd.bounds import LARGEST, number
 from tpmsd.config.model import MonitorConfig, TyreConfig, VehicleConfig
+from tpmsd.estimators.agreement import AGREED, Agreement
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.alarm_state import Hysteresis
 from tpmsd.monitor.baseline import Baseline
@@ -59,6 +60,7 @@ class Monitor:
         self._sets = TyreSets(vehicle, self._wheels, settings.learn_s, self._judge)
         self._since_judged_s = 0.0
         self._judged = Judgement.unknown()
+        self._trusted = True
         self._since_seen_s = math.inf
         """Since the wheels were last known well enough to see a soft one."""
         radius = float(np.mean(np.array(vehicle.wheel_radius_m)[self._wheels]))
@@ -91,15 +93,26 @@ class Monitor:
     # -- per tick --------------------------------------------------------------------------------------------
 
     def update(
-        self, tick: Tick, estimate: RadiusEstimate, resonance: ResonanceEvidence | None = None
+        self,
+        tick: Tick,
+        estimate: RadiusEstimate,
+        resonance: ResonanceEvidence | None = None,
+        agreement: Agreement = AGREED,
     ) -> MonitorReport:
-        """Take one tick and its estimate, and what the wheels' resonances say if they are listened to."""
+        """Take one tick and its estimate, and what the wheels' resonances say if they are listened to.
+
+        `agreement`: of wheels and receiver; without it no tyre is judged and nothing is learned.
+        """
         self._resonance = resonance
+        self._trusted = agreement.trusted
         self._since_seen_s += tick.dt_s
-        events = self._signals.update(tick, estimate, self._watching())
+        events = self._signals.update(tick, estimate, self._watching(), agreement)
         events += self._announce_taken_back(tick, estimate)
         self._sets.update(tick, estimate)
-        if estimate.informative:
+        if not agreement.trusted:
+            self._judged = Judgement.unknown()
+            self._sets.judging.forget_recent()
+        elif estimate.informative:
             self._since_judged_s += tick.dt_s
             if self._since_judged_s >= JUDGE_EVERY_S:
                 events += self._judge_now(tick, estimate, self._since_judged_s)
@@ -230,7 +243,8 @@ class Monitor:
     # -- reports ---------------------------------------------------------------------------------------------
 
     def _wheel_report(self, wheel: int, tick: Tick, estimate: RadiusEstimate) -> WheelReport:
-        if wheel not in self._wheels or self._signals.is_lost(wheel, tick.time_s):
+        blind = self._signals.unusable or not math.isfinite(float(estimate.deviation_m[wheel]))
+        if wheel not in self._wheels or blind or self._signals.is_lost(wheel, tick.time_s):
             state = WheelState.UNAVAILABLE
         elif any(standing == wheel for _, standing in self._standing):
             state = WheelState.ALARM
@@ -241,8 +255,8 @@ class Monitor:
         return WheelReport(
             wheel=WHEELS[wheel],
             state=state,
-            deviation_m=float(estimate.deviation_m[wheel]),
-            std_m=_std(float(estimate.covariance_m2[wheel, wheel])),
+            deviation_m=float(estimate.deviation_m[wheel]) if self._trusted else math.nan,
+            std_m=_std(float(estimate.covariance_m2[wheel, wheel])) if self._trusted else math.nan,
             change_m=float(judged.change_m[wheel]),
             change_std_m=float(judged.change_std_m[wheel]),
             deflation_probability=_known(judged.deflated[wheel]),

@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 
 from tpmsd.config.model import MonitorConfig
+from tpmsd.estimators.agreement import AGREED, Agreement
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.records import AlarmEvent, AlarmKind
 from tpmsd.timeline.tick import Fix, Tick
@@ -143,6 +144,8 @@ class SignalWatch:
             "driving for ten minutes, and no soft tyre would have been seen", None, 10.0
         )
         self._undecided = _Malfunction("a reset waits for its baseline for ten minutes of driving")
+        self._unsteady = _Malfunction("the wheels' readings jump again and again: they are not believed")
+        self._last_fix_s = -math.inf
         self._heard_s = {"unplugged": -math.inf, "spoofed": -math.inf, "restarted": -math.inf}
         self._receiver = ReceiverSpeed()
         self._wheels = {
@@ -156,15 +159,29 @@ class SignalWatch:
     @property
     def standing(self) -> tuple[AlarmEvent, ...]:
         """The malfunctions that stand now, each as it was raised."""
-        inputs = (self._rear, self._gnss, self._unplugged, self._spoofed, self._disagree, self._restarted)
-        everything = (*inputs, self._blind, self._undecided, *self._wheels.values())
+        inputs = (self._rear, self._gnss, self._unplugged, self._spoofed, self._disagree, self._unsteady)
+        own = (self._restarted, self._blind, self._undecided)
+        everything = (*inputs, *own, *self._wheels.values())
         return tuple(m.raised for m in everything if m.raised is not None)
 
     def is_lost(self, wheel: int, time_s: float) -> bool:
         """Whether a wheel has had no usable signal for as long as a malfunction takes."""
         return time_s - self._last_valid_s.get(wheel, -math.inf) > self._settings.malfunction_s
 
-    def update(self, tick: Tick, estimate: RadiusEstimate, watching: Watching) -> list[AlarmEvent]:
+    @property
+    def unusable(self) -> bool:
+        """Whether a malfunction stands by which no wheel at all is watched."""
+        return any(
+            m.raised is not None for m in (self._rear, self._disagree, self._unsteady, self._restarted)
+        )
+
+    def update(
+        self,
+        tick: Tick,
+        estimate: RadiusEstimate,
+        watching: Watching,
+        agreement: Agreement = AGREED,
+    ) -> list[AlarmEvent]:
         """Take one tick; what it raised or cleared."""
         valid = np.isfinite(tick.rotation_rad)
         for wheel in self._wheels:
@@ -182,7 +199,12 @@ class SignalWatch:
         asleep = not np.any(valid) and self._stood and not self._bus_down
         limit_s = self._settings.malfunction_s
         events = self._rear.update(not rear and not asleep, rear, limit_s, tick)
-        stale = estimate.gnss_age_s > GNSS_FRESH_S
+        if any(math.isfinite(fix.east_m) for fix in tick.fixes):
+            self._last_fix_s = tick.time_s
+        # The estimator uses no fix without the rear wheels, nor one that is withheld: then the receiver's own
+        # silence counts.
+        own = not rear or agreement.withheld
+        stale = (tick.time_s - self._last_fix_s if own else estimate.gnss_age_s) > GNSS_FRESH_S
         events += self._gnss.update(stale and moving, not stale, self._settings.gnss_malfunction_s, tick)
         events += self._faults(tick)
         receiver_mps = self._receiver.update(tick)
@@ -192,7 +214,11 @@ class SignalWatch:
         undecided = watching.undecided
         events += self._undecided.update(driving and undecided, not undecided, BLIND_S, tick)
         known, good = self._compared(rear, estimate.speed_mps, receiver_mps)
-        events += self._disagree.update(known and not good, known and good, limit_s, tick)
+        good = good and not agreement.withheld
+        events += self._disagree.update(
+            agreement.withheld or (known and not good), known and good, limit_s, tick
+        )
+        events += self._unsteady.update(agreement.unsteady, not agreement.unsteady, limit_s, tick)
         turning = bool(np.any(tick.rotation_rad > TURNING_RAD))  # false for NaN
         for wheel, malfunction in self._wheels.items():
             events += malfunction.update(not valid[wheel] and turning, bool(valid[wheel]), limit_s, tick)

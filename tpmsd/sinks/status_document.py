@@ -15,7 +15,14 @@ from typing import Any
 
 from tpmsd import __version__
 from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.monitor.records import AlarmEvent, LearningReport, MonitorReport, WheelReport
+from tpmsd.monitor.records import (
+    AlarmEvent,
+    AlarmKind,
+    LearningReport,
+    MonitorReport,
+    WheelReport,
+    WheelState,
+)
 from tpmsd.resonance.watch import ResonanceStatus
 from tpmsd.wheels import WHEELS
 
@@ -89,6 +96,7 @@ def build_status(
         "can": {**_source(can, "channel"), "frames": can.received},
         "gnss": {**_source(gnss, "device"), "fixes": gnss.received},
         "wheels": {} if report is None else {wheel.wheel: _wheel(wheel) for wheel in report.wheels},
+        "watch": None if report is None else _watch(report),
         "resonance": None if resonance is None else _resonance(report, resonance),
         "alarms": [] if report is None else [_alarm(alarm) for alarm in report.active],
         "estimator": None if estimate is None else _estimator(estimate, method),
@@ -112,6 +120,27 @@ def _source(source: SourceHealth, name_key: str) -> dict[str, Any]:
         "age_s": _number(source.age_s),
         "detail": source.detail,
     }
+
+
+ALL_FOUR = (
+    "the receiver alone: a loss of all four tyres is seen against its speed; "
+    "a receiver whose speed is scaled slowly looks like one, or hides one"
+)
+
+
+def _watch(report: MonitorReport) -> dict[str, Any]:
+    """Which wheels are watched, which are not and why, and what a loss of all four is seen by."""
+    malfunctions = [alarm for alarm in report.active if alarm.kind is AlarmKind.MALFUNCTION]
+    not_watched = {}
+    for wheel in report.wheels:
+        if wheel.state is WheelState.LEARNING:
+            not_watched[wheel.wheel] = "its normal radius is being learned"
+        elif wheel.state is WheelState.UNAVAILABLE:
+            of_it = [alarm.reason for alarm in malfunctions if alarm.wheel == wheel.wheel]
+            of_all = [alarm.reason for alarm in malfunctions if alarm.wheel is None]
+            not_watched[wheel.wheel] = (of_it + of_all + ["there is no signal of it"])[0]
+    watched = [wheel.wheel for wheel in report.wheels if wheel.wheel not in not_watched]
+    return {"watched": watched, "not_watched": not_watched, "all_four_rest_on": ALL_FOUR}
 
 
 def _resonance(report: MonitorReport | None, resonance: Sequence[ResonanceStatus]) -> dict[str, Any]:

@@ -100,8 +100,8 @@ def hear(
         pipeline = Pipeline(config, database)
         remembered = None
         if memory is not None:
-            key = key_of(driven.drive, config, pipeline.estimator, frames)
-            remembered = pipeline.estimator = RememberedEstimator(pipeline.estimator, memory, key)
+            key = key_of(driven.drive, config, pipeline.estimator.inner, frames)
+            remembered = pipeline.estimator.inner = RememberedEstimator(pipeline.estimator.inner, memory, key)
         if before:
             pipeline.restore(json.loads(json.dumps(before)))
         steps: Iterator[Step]

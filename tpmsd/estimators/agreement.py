@@ -1,0 +1,165 @@
+"""Whether wheels and receiver report the same drive; where they do not, no tyre may be judged by them.
+
+In: ticks, and the radii that were believed some time ago. Out: `Agreement`: whether fixes are withheld from
+the estimator, and whether anything may be judged. A receiver that replays another drive, wheels of another
+car's DBC, a ferry, stamps that jump: each would be reported as radii that changed.
+
+Each fix with a speed is held against all wheels. It is off when *every* wheel is off by more than noise, lag
+and unknown radii can explain: one soft, spinning or locked wheel leaves the others. Half of the fixes of ten
+seconds off is a disagreement; it ends when positions, speeds and wheels have agreed for half as long
+as it lasted, 10 to 40 s.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.timeline.tick import Fix, Tick
+from tpmsd.wheels import FloatArray
+
+WINDOW_S = 10.0
+LEAST_FIXES, LEAST_SPAN_S = 4, 3.0
+OFF_SHARE = 0.5
+"""Share of the window's fixes that are off, from which it is a disagreement, ..."""
+FAIR_SHARE = 0.1
+"""... and up to which it is agreement again."""
+SPEED_NOISE_MPS = 0.35
+"""Doppler 0.1 m/s, counts over half a second 0.1 m/s: three standard deviations."""
+SPEED_SHARE = 0.01
+"""Of the speed: what all four radii may do beyond what is believed of them."""
+LAG_S = 0.6
+"""By so much a receiver's speed may be late, of the present acceleration."""
+SMOOTHING_S = 0.5
+MOVING_MPS = 5.0
+"""Below, counts and Doppler are too coarse to tell drives apart."""
+POSITION_NOISE_MPS, POSITION_SHARE = 2.5, 0.1
+"""Of a speed from positions a second or more apart."""
+RECOVER_S = (10.0, 40.0)
+RECOVER_SHARE = 0.5
+FAULTS_WINDOW_S, FAULT_BIN_S, FAULT_BINS = 30.0, 5.0, 4
+"""Wheel readings that are faulty in 4 of the last 6 spans of five seconds are not a fault that passes."""
+STEADY_S = 15.0
+"""So long without a fault, and they are believed again."""
+FAULT_KINDS = frozenset({"jump", "reset", "late", "implausible"})
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """What may be believed of a tick."""
+
+    withheld: bool
+    """Wheels and receiver disagree, or did a moment ago: the fixes are not for the estimator."""
+    unsteady: bool
+    """The wheels' readings are faulty again and again."""
+    began: bool
+    """One of them has just begun: what was estimated in the last seconds is not to be believed."""
+
+    @property
+    def trusted(self) -> bool:
+        """Whether tyres may be judged."""
+        return not (self.withheld or self.unsteady)
+
+
+AGREED = Agreement(withheld=False, unsteady=False, began=False)
+
+
+class AgreementWatch:
+    """Follows wheels and receiver of one car."""
+
+    def __init__(self) -> None:
+        self._speeds = np.full(4, math.nan)
+        self._accel = 0.0
+        self._window: deque[tuple[float, bool]] = deque()
+        self._anchor: Fix | None = None
+        self._withheld = self._unsteady = False
+        self._bad_s = self._good_s = 0.0
+        self._faulty: deque[float] = deque()
+
+    def update(self, tick: Tick, radius_m: FloatArray, radius_std_m: float) -> Agreement:
+        """Take one tick. radius_m (4,): what is believed of the radii; radius_std_m: of their common part."""
+        self._follow(tick, radius_m)
+        share = SPEED_SHARE + 3.0 * radius_std_m / float(np.nanmean(radius_m))
+        for fix in tick.fixes:
+            self._compare(fix, share)
+        while self._window and self._window[0][0] < tick.time_s - WINDOW_S:
+            self._window.popleft()
+        was = self._withheld or self._unsteady
+        self._decide(tick.dt_s)
+        self._count_faults(tick)
+        now = self._withheld or self._unsteady
+        return Agreement(self._withheld, self._unsteady, now and not was)
+
+    def _follow(self, tick: Tick, radius_m: FloatArray) -> None:
+        speeds = tick.rotation_rad * radius_m / tick.dt_s
+        if tick.gap_s > 0.0:
+            self._speeds = np.full(4, math.nan)
+        share = 1.0 - math.exp(-tick.dt_s / SMOOTHING_S)
+        known = np.isfinite(self._speeds)
+        moved = np.where(known, self._speeds + share * (speeds - self._speeds), speeds)
+        step = (moved - self._speeds)[known & np.isfinite(moved)]
+        if step.size:
+            self._accel += share * (float(np.median(step)) / tick.dt_s - self._accel)
+        self._speeds = moved
+
+    def _compare(self, fix: Fix, share: float) -> None:
+        wheels = self._speeds[np.isfinite(self._speeds)]
+        if not wheels.size:
+            return
+        speed = fix.speed_mps
+        fastest = max(float(np.median(wheels)), speed if math.isfinite(speed) else 0.0)
+        chord = self._chord(fix)
+        if fastest < MOVING_MPS:
+            return
+        lag = LAG_S * abs(self._accel)
+        off = False
+        if math.isfinite(speed):
+            off = bool(np.min(np.abs(wheels - speed)) > SPEED_NOISE_MPS + share * fastest + lag)
+        if math.isfinite(chord):
+            limit = POSITION_NOISE_MPS + (POSITION_SHARE + share) * fastest + lag
+            off = off or bool(np.min(np.abs(wheels - chord)) > limit)
+        if math.isfinite(speed) or math.isfinite(chord):
+            self._window.append((fix.time_s, off))
+
+    def _chord(self, fix: Fix) -> float:
+        """Speed by positions, of one second and more; NaN where it is not known (in a bend it is too small by
+        less than the limit)."""
+        anchor = self._anchor
+        if anchor is None or not 0.0 <= fix.time_s - anchor.time_s <= 3.0:
+            self._anchor = fix
+            return math.nan
+        if fix.time_s - anchor.time_s < 0.95:
+            return math.nan
+        self._anchor = fix
+        way = math.hypot(fix.east_m - anchor.east_m, fix.north_m - anchor.north_m)
+        return way / (fix.time_s - anchor.time_s)
+
+    def _decide(self, dt_s: float) -> None:
+        enough = len(self._window) >= LEAST_FIXES and self._window[-1][0] - self._window[0][0] >= LEAST_SPAN_S
+        if not enough:
+            return
+        off = sum(bad for _, bad in self._window) / len(self._window)
+        if off >= OFF_SHARE:
+            self._withheld, self._good_s = True, 0.0
+            self._bad_s += dt_s
+        elif self._withheld and off > FAIR_SHARE:
+            self._good_s = 0.0
+        elif self._withheld:
+            self._good_s += dt_s
+            if self._good_s >= min(max(RECOVER_SHARE * self._bad_s, RECOVER_S[0]), RECOVER_S[1]):
+                self._withheld, self._bad_s = False, 0.0
+
+    def _count_faults(self, tick: Tick) -> None:
+        if any(fault.source == "can" and fault.kind in FAULT_KINDS for fault in tick.faults):
+            bin_s = FAULT_BIN_S * math.floor(tick.time_s / FAULT_BIN_S)
+            if not self._faulty or self._faulty[-1] != bin_s:
+                self._faulty.append(bin_s)
+        while self._faulty and self._faulty[0] < tick.time_s - FAULTS_WINDOW_S - FAULT_BIN_S:
+            self._faulty.popleft()
+        if self._unsteady:
+            self._unsteady = bool(self._faulty) and tick.time_s - self._faulty[-1] < FAULT_BIN_S + STEADY_S
+        else:
+            self._unsteady = len(self._faulty) >= FAULT_BINS and self._faulty[-1] + FAULT_BIN_S > tick.time_s

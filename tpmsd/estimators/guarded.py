@@ -1,0 +1,94 @@
+"""An estimator that is never handed what cannot be believed, and never hands on what is no estimate.
+
+In: ticks. Out: for each the tick (with a fault where the estimate broke down), the estimate and the
+`Agreement` of wheels and receiver. Where they disagree the fixes are withheld, and the estimator goes back to
+what it knew before: what it took in meanwhile was no drive of this car.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tpmsd.estimators.agreement import Agreement, AgreementWatch
+from tpmsd.estimators.base import Estimator, RadiusEstimate, unsound
+from tpmsd.sources.events import SourceFault
+from tpmsd.timeline.tick import Tick
+from tpmsd.wheels import FloatArray
+
+KEEP_EVERY_S, KEPT = 10.0, 8
+"""What is known is kept for 80 s: readings are unsteady for 20 s, fixes off for 5 s, before that shows."""
+
+
+class GuardedEstimator:
+    """Wraps the estimator that `make` makes."""
+
+    def __init__(self, make: Callable[[], Estimator], wheels: list[int], radius_m: FloatArray) -> None:
+        """`wheels`: indices of those that are estimated; radius_m (4,): nominal."""
+        self._make = make
+        self._wheels = wheels
+        self._nominal = radius_m
+        self.inner = make()
+        self._watch = AgreementWatch()
+        self._kept: deque[tuple[dict[str, Any], FloatArray, float]] = deque(maxlen=KEPT)
+        self._since_kept_s = 0.0
+        self._trusted = True
+        self._believed = (radius_m, 0.01 * float(np.mean(radius_m)))
+
+    def step(self, tick: Tick) -> tuple[Tick, RadiusEstimate, Agreement]:
+        """Advance by one tick."""
+        agreement = self._watch.update(tick, *self._believed)
+        if agreement.trusted != self._trusted:
+            self._go_back()
+            self._trusted = agreement.trusted
+        given = replace(tick, fixes=()) if agreement.withheld and tick.fixes else tick
+        estimate, reason = self._try(given)
+        if reason:
+            self.inner = self._make()
+            self._kept.clear()
+            fault = SourceFault(tick.time_s, "estimator", "restarted", reason)
+            tick = replace(tick, faults=(*tick.faults, fault))
+            estimate, _ = self._try(given)
+        assert estimate is not None
+        if agreement.trusted:
+            self._keep(tick, estimate)
+        return tick, estimate, agreement
+
+    def _try(self, tick: Tick) -> tuple[RadiusEstimate | None, str]:
+        """The estimate, and why it is none."""
+        try:
+            estimate = self.inner.step(tick)
+        except (ArithmeticError, ValueError) as error:  # sines of infinity, matrices that have no root
+            return None, f"{type(error).__name__}: {error}"
+        return estimate, unsound(estimate, self._wheels)
+
+    def _go_back(self) -> None:
+        """Begin again with what was known before the trouble."""
+        self.inner = self._make()
+        if self._kept:
+            self.inner.restore(self._kept[0][0])
+            kept = self._kept[0]
+            self._kept.clear()
+            self._kept.append(kept)
+
+    def _keep(self, tick: Tick, estimate: RadiusEstimate) -> None:
+        self._since_kept_s += tick.dt_s
+        if self._since_kept_s < KEEP_EVERY_S:
+            return
+        self._since_kept_s = 0.0
+        radius = self._nominal + np.nan_to_num(estimate.deviation_m)
+        wheels = np.ix_(self._wheels, self._wheels)
+        std = float(np.sqrt(max(float(np.mean(estimate.covariance_m2[wheels])), 0.0)))
+        self._kept.append((self.inner.snapshot(), radius, std))
+        # The radii of half a minute ago: those of now may have followed a lie already.
+        past = self._kept[max(len(self._kept) - 4, 0)]
+        self._believed = (past[1], past[2])
+
+    def taken_up(self, saved: dict[str, Any]) -> None:
+        """Take up a snapshot; raises as the estimator's `restore`."""
+        self.inner.restore(saved)
+        self._kept.clear()
