@@ -41,20 +41,27 @@ def scalar_update(
     covariances allow for them, their own mean and covariance stay. Returns the log-likelihood (N,) under a
     Student-t of the same scale.
     """
-    gain = np.matmul(covariance, row[..., None])[..., 0] if row.ndim == 2 else covariance @ row
-    projected = np.einsum("ij,ij->i", gain, row) if row.ndim == 2 else gain @ row
+    if row.ndim == 2:
+        gain = np.matmul(covariance, row[:, :, None])[:, :, 0]
+        projected = np.einsum("ij,ij->i", gain, row)
+    else:
+        count, size = mean.shape
+        gain = (covariance.reshape(-1, size) @ row).reshape(count, size)
+        projected = gain @ row
     total = projected + variance
     squared = innovation**2 / total
     dof = SETTINGS.innovation_dof
     log = -0.5 * (dof + 1.0) * np.log1p(squared / dof) - 0.5 * np.log(total)
     total = projected + variance / weights(np.sqrt(squared))
-    scaled = gain / total[:, None]
+    # K g' with K = g / total, formed from one scaled copy of g, so that rounding keeps it symmetric.
+    pull = innovation / total
+    root = gain / np.sqrt(total)[:, None]
     if frozen_from is not None:
         kept = covariance[:, frozen_from:, frozen_from:].copy()
-        mean[:, :frozen_from] += scaled[:, :frozen_from] * innovation[:, None]
+        mean[:, :frozen_from] += gain[:, :frozen_from] * pull[:, None]
     else:
-        mean += scaled * innovation[:, None]
-    covariance -= scaled[:, :, None] * gain[:, None, :]
+        mean += gain * pull[:, None]
+    covariance -= root[:, :, None] * root[:, None, :]
     if frozen_from is not None:
         covariance[:, frozen_from:, frozen_from:] = kept
     return np.asarray(log)

@@ -26,8 +26,6 @@ from tpmsd.wheels import FloatArray
 
 E, N, PSI, BE, BN, LAT, LATV, TRK, FWD, GYRO, GAIN, SLIP, LOAD, MU = range(14)
 """Places in the state; the radius errors (rl, rr[, fl, fr]) come last, from MU on."""
-BENDS = [PSI, TRK, SLIP, LOAD, MU, MU + 1]
-"""What moves the pose in a tick."""
 
 
 def initial_state(count: int, nominal_m: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -82,7 +80,7 @@ class Motion:
 
 
 class ProcessModel:
-    """Moves all particles through a tick."""
+    """Moves all hypotheses through a tick, in arrays that it keeps."""
 
     def __init__(self, nominal_m: FloatArray, track_rear_m: float, driven_rear: bool) -> None:
         self._nominal = nominal_m
@@ -92,29 +90,38 @@ class ProcessModel:
         self.drift = drift_covariance(self._wheels)
         self._drift_common = np.full((self._wheels, self._wheels), SETTINGS.drift_common_m**2)
         self._drift_own = self.drift - self._drift_common
+        size = MU + self._wheels
+        self._fade, self._noise = np.ones((size, size)), np.zeros((size, size))
+        self._bend = np.zeros((0, 3, size))
 
     def drift_at(self, levels: FloatArray) -> FloatArray:
-        """(N, d, d) growth of the radii's covariance per second at levels (N,), which are relative to
-        `drift_own_m` and `drift_axle_m`; `drift_common_m` follows them down
-        to `calm_common` only and never up."""
+        """(N, n, n) growth of the covariance per second by the radii's drift at levels (N,), which are
+        relative to `drift_own_m` and `drift_axle_m`; `drift_common_m` follows them down to `calm_common` only
+        and never up."""
         own, common = levels[:, None, None], np.clip(levels, SETTINGS.calm_common, 1.0)[:, None, None]
-        return np.asarray(np.square(own) * self._drift_own + np.square(common) * self._drift_common)
+        out = np.zeros((levels.size, *self._noise.shape))
+        out[:, MU:, MU:] = np.square(own) * self._drift_own + np.square(common) * self._drift_common
+        return out
 
     def way_and_turn(self, mean: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
-        """(N,) way of the rear axle's middle and turn of each particle, eqs (6a), (6b)."""
-        roll = motion.rear_rad * (self._nominal[:2] + mean[:, MU : MU + 2])
-        way = (roll[:, 0] + roll[:, 1]) / 2 * motion.horizontal
+        """(N,) way of the rear axle's middle and turn of each hypothesis, eqs (6a), (6b)."""
+        left, right = float(motion.rear_rad[0]), float(motion.rear_rad[1])
+        rolled_left = left * (self._nominal[0] + mean[:, MU])
+        rolled_right = right * (self._nominal[1] + mean[:, MU + 1])
+        way = (rolled_left + rolled_right) * (0.5 * motion.horizontal)
         if self._driven_rear:
             way *= 1.0 - mean[:, SLIP] * motion.accel_long_mps2
         if motion.steered_curvature is not None:
             return way, way * motion.steered_curvature
-        turn = (roll[:, 1] - roll[:, 0]) / self._track * (1.0 + mean[:, TRK])
-        return way, turn + mean[:, LOAD] * self.load_turn(motion)
+        turn = (rolled_right - rolled_left) * (1.0 + mean[:, TRK])
+        turn /= self._track
+        turn += mean[:, LOAD] * self.load_turn(motion)
+        return way, turn
 
     def load_turn(self, motion: Motion) -> float:
         """Turn per LOAD: in a left turn the right radius shrinks and the left one grows, so the wheels show
         too much of it."""
-        return -motion.accel_lat_mps2 * float(motion.rear_rad.sum()) / self._track
+        return -motion.accel_lat_mps2 * float(motion.rear_rad[0] + motion.rear_rad[1]) / self._track
 
     def propagate(
         self,
@@ -123,70 +130,74 @@ class ProcessModel:
         motion: Motion,
         position_std_m: float,
         drift: FloatArray | None = None,
-    ) -> tuple[FloatArray, float, float]:
-        """Move mean (in place) and covariance (returned) through eq. (7), heading at mid-step.
+    ) -> tuple[float, float]:
+        """Move mean (N, n) and covariance (N, n, n) through eq. (7), heading at mid-step, in place; mean way
+        and turn of the tick.
 
-        `drift` (N, d, d): growth of the radii's covariance per second, of each particle; None: `drift`.
-
-        Returns the covariance and the mean way and turn of the tick.
+        `drift` (N, n, n): growth of the covariance per second of each hypothesis (`drift_at`); None: that at
+        level 1.
         """
+        count = mean.shape[0]
+        if self._bend.shape[0] != count:
+            self._bend = np.zeros((count, *self._bend.shape[1:]))
         way, turn = self.way_and_turn(mean, motion)
-        middle = mean[:, PSI] + turn / 2
+        middle = turn * 0.5
+        middle += mean[:, PSI]
         cos, sin = np.cos(middle), np.sin(middle)
+        bend = self._pose_by_state(way, turn, cos, sin, motion)
         mean[:, E] += way * cos
         mean[:, N] += way * sin
         mean[:, PSI] += turn
         decay = math.exp(-motion.dt_s / SETTINGS.bias_tau_s)
         mean[:, BE : BN + 1] *= decay
-        mean_way, mean_turn = float(way.sum()) / way.size, float(turn.sum()) / turn.size
-        noise = self._noise(motion, abs(mean_way), mean_turn)
-        noise[BE] = noise[BN] = position_std_m**2 * (1.0 - decay**2)
-        # F P F' row by row: only the pose's rows of F hold anything beside the diagonal. The other rows of
-        # its first columns are these, mirrored.
-        bend = self._pose_by_bends(way, turn, cos, sin, motion)
-        out = covariance.copy()
-        out[:, BE : BN + 1, :] *= decay
-        out[:, :, BE : BN + 1] *= decay
-        pose = out[:, : PSI + 1, :]
-        pose += bend @ out.take(BENDS, axis=1)
-        pose[:, :, : PSI + 1] += pose[:, :, BENDS] @ bend.swapaxes(1, 2)
-        out[:, PSI + 1 :, : PSI + 1] = pose[:, :, PSI + 1 :].swapaxes(1, 2)
-        np.einsum("ijj->ij", out)[:] += noise
-        out[:, MU:, MU:] += (self.drift if drift is None else drift) * motion.dt_s
-        return out, mean_way, mean_turn
+        mean_way, mean_turn = float(way.sum()) / count, float(turn.sum()) / count
+        # F P F' with F = I + B, of which only the pose's rows hold anything: P + B P in those rows, then
+        # (P + B P) B' in their first columns; the other rows of the first columns are these, mirrored.
+        pose = covariance[:, : PSI + 1, :]
+        pose += np.matmul(bend, covariance)
+        pose[:, :, : PSI + 1] += np.matmul(pose, bend.swapaxes(1, 2))
+        covariance[:, PSI + 1 :, : PSI + 1] = pose[:, :, PSI + 1 :].swapaxes(1, 2)
+        # The receiver's slow error fades; over all places at once, for that is one pass through memory.
+        fade, noise = self._fade, self._noise
+        fade[BE : BN + 1] = fade[:, BE : BN + 1] = decay
+        fade[BE : BN + 1, BE : BN + 1] = decay**2
+        covariance *= fade
+        self._set_noise(noise, motion, abs(mean_way), mean_turn)
+        noise[BE, BE] = noise[BN, BN] = position_std_m**2 * (1.0 - decay**2)
+        covariance += noise
+        covariance += (self.drift_at(np.ones(count)) if drift is None else drift) * motion.dt_s
+        return mean_way, mean_turn
 
-    def _pose_by_bends(
+    def _pose_by_state(
         self, way: FloatArray, turn: FloatArray, cos: FloatArray, sin: FloatArray, motion: Motion
     ) -> FloatArray:
-        """(N, 3, 6) derivative of the tick's change of E, N, PSI by the states `BENDS`."""
-        out = np.zeros((way.size, 3, len(BENDS)))
-        east, north, heading = out[:, E], out[:, N], out[:, PSI]
-        psi, trk, slip, load = range(4)
-        east[:, psi] = -way * sin
-        north[:, psi] = way * cos
+        """(N, 3, n) derivative of the tick's change of E, N, PSI by the state."""
+        out = self._bend
+        across_east, across_north = -way * sin, way * cos
+        out[:, E, PSI], out[:, N, PSI] = across_east, across_north
         by_wheels = motion.steered_curvature is None
         for k, sign in enumerate((-1.0, 1.0)):
-            half = motion.rear_rad[k] / 2 * motion.horizontal
-            bend = sign * motion.rear_rad[k] / self._track * by_wheels
-            east[:, load + 1 + k] = half * cos - way * sin * bend / 2
-            north[:, load + 1 + k] = half * sin + way * cos * bend / 2
-            heading[:, load + 1 + k] = bend
+            angle = float(motion.rear_rad[k])
+            half, turned = 0.5 * angle * motion.horizontal, sign * angle / self._track * by_wheels
+            out[:, E, MU + k] = half * cos + (0.5 * turned) * across_east
+            out[:, N, MU + k] = half * sin + (0.5 * turned) * across_north
+            out[:, PSI, MU + k] = turned
         if self._driven_rear:
-            east[:, slip] = -way * motion.accel_long_mps2 * cos
-            north[:, slip] = -way * motion.accel_long_mps2 * sin
-        if by_wheels:
-            # The wheels' own reading error here would be taken for a track (errors in variables).
-            heading[:, trk] = turn if motion.witness_turn_rad is None else motion.witness_turn_rad
-            heading[:, load] = self.load_turn(motion)
+            slip = way * -motion.accel_long_mps2
+            out[:, E, SLIP], out[:, N, SLIP] = slip * cos, slip * sin
+        # The wheels' own reading error here would be taken for a track (errors in variables).
+        witness = turn if motion.witness_turn_rad is None else motion.witness_turn_rad
+        out[:, PSI, TRK] = witness if by_wheels else 0.0
+        out[:, PSI, LOAD] = self.load_turn(motion) if by_wheels else 0.0
         return out
 
-    def _noise(self, motion: Motion, distance: float, turn: float) -> FloatArray:
-        """(n,) what a tick adds to the variances."""
-        out = np.zeros(MU + self._wheels)
+    def _set_noise(self, out: FloatArray, motion: Motion, distance: float, turn: float) -> None:
+        """What a tick adds to the covariance of every hypothesis (n, n), but for BE, BN and the radii."""
         rough = not motion.teaches
-        out[E] = out[N] = SETTINGS.way_noise**2 * distance + (SETTINGS.rough_way * distance) ** 2 * rough
-        out[PSI] = SETTINGS.turn_noise**2 * distance + (SETTINGS.turn_relative * turn) ** 2
-        out[PSI] += (SETTINGS.rough_turn * distance / self._track) ** 2 * rough
-        out[LAT] = SETTINGS.latency_drift**2 * motion.dt_s
-        out[GYRO] = SETTINGS.gyro_drift**2 * motion.dt_s
-        return out
+        out[E, E] = out[N, N] = (
+            SETTINGS.way_noise**2 * distance + (SETTINGS.rough_way * distance) ** 2 * rough
+        )
+        heading = SETTINGS.turn_noise**2 * distance + (SETTINGS.turn_relative * turn) ** 2
+        out[PSI, PSI] = heading + (SETTINGS.rough_turn * distance / self._track) ** 2 * rough
+        out[LAT, LAT] = SETTINGS.latency_drift**2 * motion.dt_s
+        out[GYRO, GYRO] = SETTINGS.gyro_drift**2 * motion.dt_s

@@ -130,7 +130,7 @@ class MixtureBelief:
             steered_curvature=rolling.curvature,
         )
         bank = self.bank
-        bank.covariance, way, turn = self._process.propagate(
+        way, turn = self._process.propagate(
             bank.mean, bank.covariance, motion, self._position_std_m, self._drift
         )
         # By the present radii: with nominal ones a bend would be seen wherever left and right differ.
@@ -152,7 +152,8 @@ class MixtureBelief:
         mean[:, N] += way * np.sin(mean[:, PSI])
         mean[:, PSI] += turn
         own = (SETTINGS.coast_speed_std_mps * dt_s) ** 2 + (way * SETTINGS.coast_speed_share) ** 2
-        covariance[:, [E, N], [E, N]] += own
+        covariance[:, E, E] += own
+        covariance[:, N, N] += own
         covariance[:, PSI, PSI] += SETTINGS.coast_yaw_std**2 * dt_s
         return way, turn
 
@@ -284,15 +285,18 @@ class MixtureBelief:
         weights = bank.weights()
         self._radii, radii_m2 = self._mixture(slice(MU, None), weights)
         own = bank.mean[:, : PSI + 1]
-        east, north, heading = centre = weights @ own
-        within = np.einsum("ijj->ij", bank.covariance[:, : PSI + 1, : PSI + 1])
-        variance = np.maximum(weights @ (within + np.square(own - centre)), 0.0)
+        centre = weights @ own
+        spread = own - centre
+        spread *= spread
+        spread += np.einsum("ijj->ij", bank.covariance[:, : PSI + 1, : PSI + 1])
+        east, north, heading = centre.tolist()
+        east_m2, north_m2, heading_rad2 = np.maximum(weights @ spread, 0.0).tolist()
         pose = Pose(
-            east_m=float(east),
-            north_m=float(north),
-            heading_rad=wrapped(float(heading)),
-            position_std_m=math.sqrt((variance[E] + variance[N]) / 2),
-            heading_std_rad=math.sqrt(variance[PSI]),
+            east_m=east,
+            north_m=north,
+            heading_rad=wrapped(heading),
+            position_std_m=math.sqrt((east_m2 + north_m2) / 2),
+            heading_std_rad=math.sqrt(heading_rad2),
         )
         return Moments(self._radii, radii_m2, self._noise_std, pose, effective_number(weights))
 

@@ -56,6 +56,10 @@ class RadiusFilter:
         self._car = car
         self._grid = np.ix_(car.order, car.order)
         self._places = list(car.order)
+        self._back = np.argsort(self._places) if len(car.order) == 4 else None
+        """Where each of the four wheels is in the filter's order; None if not all are."""
+        if self._back is not None:
+            self._flat = (4 * self._back[:, None] + self._back).ravel()
         self._steering_ratio = vehicle.steering_ratio
         self._settings = settings
         self._gate = gate
@@ -184,10 +188,15 @@ class RadiusFilter:
     # -- out, and what survives a restart -------------------------------------------------------------------
 
     def _estimate(self, moment: Moment, said: Moments) -> RadiusEstimate:
-        deviation, full, noise = np.full(4, np.nan), np.full((4, 4), np.nan), np.full(4, np.nan)
-        deviation[self._places] = said.mean_m
-        full[self._grid] = said.covariance_m2
-        noise[self._places] = said.noise_std_m
+        back = self._back
+        if back is None:
+            deviation, full, noise = np.full(4, np.nan), np.full((4, 4), np.nan), np.full(4, np.nan)
+            deviation[self._places] = said.mean_m
+            full[self._grid] = said.covariance_m2
+            noise[self._places] = said.noise_std_m
+        else:
+            deviation, noise = said.mean_m[back], said.noise_std_m[back]
+            full = said.covariance_m2.take(self._flat).reshape(4, 4)
         found, pose, time_s = self._located, said.pose, moment.tick.time_s
         return RadiusEstimate(
             time_s=time_s,
