@@ -25,6 +25,7 @@ import numpy as np
 
 from bench.campaigns.vehicle_state import workshop
 from bench.registry import UsageError
+from bench.vehicle_state.observer import SlipObserver
 from bench.worlds.commonroad_car import Run
 from bench.worlds.hard_drives import (
     OFFSETS_M,
@@ -40,7 +41,6 @@ from tpmsd.estimators.build import build_filter
 from tpmsd.estimators.motion_gate import MotionGate
 from tpmsd.timeline.tick import Tick
 from tpmsd.vehicle_state.car import CarDynamics, typical
-from tpmsd.vehicle_state.observer import SlipObserver
 from tpmsd.vehicle_state.slips import slip_traces
 from tpmsd.wheels import RL, RR, FloatArray
 

@@ -21,7 +21,8 @@ from tpmsd.physics.kinematics import Geometry
 from tpmsd.physics.motion import GRAVITY_MPS2, Car, Motion, driven_mask
 from tpmsd.report.diagnosis_document import diagnosis_document
 from tpmsd.report.diagnosis_summary import explained
-from tpmsd.vehicle_state.slip_shapes import FREE_WHEELS, dynamics_of, wheel_slip_shapes
+from tpmsd.vehicle_state.settings import SETTINGS
+from tpmsd.vehicle_state.slip_shapes import dynamics_of, wheel_slip_shapes
 
 STIFFNESS = 60.0
 """Slip stiffness over load: a stiff tyre, so that ten minutes hold no more than some thousand nats."""
@@ -94,7 +95,7 @@ def test_small_forces_slip_in_proportion_to_the_acceleration(driven: str) -> Non
         off = [2, 3] if axle == "front" else [0, 1]
         share = np.maximum(accel, 0.0) if how == "drive" else np.minimum(accel, 0.0)
         assert np.stack([share, share], axis=1) == pytest.approx(shape[:, on], rel=2e-3)
-        spun = FREE_WHEELS * share if how == "drive" and driven != "all" else 0.0 * share
+        spun = SETTINGS.free_wheels * share if how == "drive" and driven != "all" else 0.0 * share
         assert np.stack([spun, spun], axis=1) == pytest.approx(-shape[:, off], rel=2e-3)
 
 

@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from bench.vehicle_state import model
+from bench.vehicle_state.kalman import Belief, Ekf, Noise, StateFilter, Ukf
+from bench.vehicle_state.model import Inputs
+from bench.vehicle_state.particle import UnscentedParticleFilter
+from bench.vehicle_state.robust import RobustSettings
 from tests.vehicle_state.cars import PAPER_CAR, START
-from tpmsd.vehicle_state import model
-from tpmsd.vehicle_state.kalman import Belief, Ekf, Noise, StateFilter, Ukf
-from tpmsd.vehicle_state.model import Inputs
-from tpmsd.vehicle_state.particle import UnscentedParticleFilter
-from tpmsd.vehicle_state.robust import RobustSettings
 
 NOISE = Noise()
 MAKERS: dict[str, Callable[[int], StateFilter]] = {

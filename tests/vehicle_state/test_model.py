@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bench.vehicle_state import model
+from bench.vehicle_state.linear import advance_jacobian, rates_jacobian, readings_jacobian
 from tests.vehicle_state.cars import PAPER_CAR, steering
 from tpmsd.physics.motion import GRAVITY_MPS2
-from tpmsd.vehicle_state import model
 from tpmsd.vehicle_state.car import CarDynamics, typical
-from tpmsd.vehicle_state.linear import advance_jacobian, rates_jacobian, readings_jacobian
+from tpmsd.vehicle_state.loads import wheel_loads
 from tpmsd.vehicle_state.tyre import dugoff
 
 ACCEL = st.floats(-9.0, 9.0)
@@ -69,7 +70,7 @@ def test_braking_and_driving_turn_the_force_round_and_a_lifted_wheel_has_none() 
 @given(ACCEL, ACCEL)
 def test_wheel_loads_sum_to_the_weight(accel_long: float, accel_lat: float) -> None:
     """Accelerations move load about and make none."""
-    loads = model.wheel_loads(PAPER_CAR, np.array(accel_long), np.array(accel_lat))
+    loads = wheel_loads(PAPER_CAR, np.array(accel_long), np.array(accel_lat))
     assert PAPER_CAR.mass_kg * GRAVITY_MPS2 == pytest.approx(loads.sum())
 
 
@@ -78,15 +79,15 @@ def test_wheel_loads_sum_to_the_weight(accel_long: float, accel_lat: float) -> N
 def test_wheel_loads_balance_the_moments(accel_long: float, accel_lat: float) -> None:
     """About the road under the centre of gravity: the loads' moments carry m h times the accelerations."""
     car = PAPER_CAR
-    loads = model.wheel_loads(car, np.array(accel_long), np.array(accel_lat))
+    loads = wheel_loads(car, np.array(accel_long), np.array(accel_lat))
     assert -car.mass_kg * car.height_m * accel_long == pytest.approx(loads @ car.forward_m, abs=1e-6)
     assert -car.mass_kg * car.height_m * accel_lat == pytest.approx(loads @ car.left_m, abs=1e-6)
 
 
 def test_load_goes_forward_when_braking_and_out_of_the_bend() -> None:
     """Braking loads the front, a left turn the right wheels."""
-    loads = model.wheel_loads(PAPER_CAR, np.array(-3.0), np.array(3.0))
-    rest = model.wheel_loads(PAPER_CAR, np.array(0.0), np.array(0.0))
+    loads = wheel_loads(PAPER_CAR, np.array(-3.0), np.array(3.0))
+    rest = wheel_loads(PAPER_CAR, np.array(0.0), np.array(0.0))
     assert loads[1] > loads[0] and loads[3] > loads[2]
     assert loads[:2].sum() > rest[:2].sum()
 

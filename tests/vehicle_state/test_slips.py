@@ -9,11 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bench.vehicle_state import model
+from bench.vehicle_state.model import Inputs
+from bench.vehicle_state.observer import SlipObserver
 from tests.vehicle_state.cars import PAPER_CAR, steering
-from tpmsd.vehicle_state import model
-from tpmsd.vehicle_state.model import Inputs
-from tpmsd.vehicle_state.observer import SlipObserver
-from tpmsd.vehicle_state.slips import MAX_USE, angle_for_force, slip_traces, wheel_slips
+from tpmsd.vehicle_state.loads import wheel_loads
+from tpmsd.vehicle_state.settings import SETTINGS
+from tpmsd.vehicle_state.slips import angle_for_force, slip_traces, wheel_slips
 from tpmsd.vehicle_state.tyre import dugoff
 
 NONE = np.zeros(1)
@@ -22,8 +24,8 @@ NONE = np.zeros(1)
 @settings(derandomize=True)
 @given(st.floats(-1.0, 1.0), st.floats(500.0, 9000.0))
 def test_the_turned_tyre_gives_back_the_force(share: float, load: float) -> None:
-    """angle_for_force is the inverse of Dugoff's side force, up to `MAX_USE` of the limit."""
-    wanted = MAX_USE * share * 0.9 * load
+    """angle_for_force is the inverse of Dugoff's side force, up to `max_use` of the limit."""
+    wanted = SETTINGS.max_use * share * 0.9 * load
     angle = angle_for_force(np.array(wanted), np.array(load), 50e3, 0.9)
     back = dugoff(np.array(0.0), angle, np.array(load), 80e3, 50e3, 0.9).left_n
     assert wanted == pytest.approx(float(back), rel=1e-6, abs=1e-6)
@@ -42,7 +44,7 @@ def test_wheel_slips_carry_the_acceleration() -> None:
             np.array([value]) for value in (accel, lateral, -0.02 if lateral else 0.0, front_angle, steer)
         )
         slips = wheel_slips(car, *arrays)
-        load = model.wheel_loads(car, np.array([accel]), np.array([lateral]))
+        load = wheel_loads(car, np.array([accel]), np.array([lateral]))
         rear_angle = 0.02 if lateral else 0.0
         angles = np.array([[front_angle, front_angle, rear_angle, rear_angle]])
         along = dugoff(slips, angles, load, car.longitudinal_n, car.cornering_n, car.friction).along_n
@@ -67,7 +69,7 @@ def test_slip_traces_are_those_of_steady_cornering() -> None:
 def test_grip_used_is_the_share_of_the_friction_circle() -> None:
     """A front wheel that brakes with its share of m a uses that over friction times its load."""
     traces = slip_traces(PAPER_CAR, np.array([-2.0]), NONE)
-    load = model.wheel_loads(PAPER_CAR, np.array([-2.0]), NONE)
+    load = wheel_loads(PAPER_CAR, np.array([-2.0]), NONE)
     share = PAPER_CAR.brake_front_share * 0.5
     front = PAPER_CAR.mass_kg * 2.0 * share / (PAPER_CAR.friction * load[0, 0])
     assert front == pytest.approx(traces.grip_used[0, 0], rel=1e-6)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmsd.vehicle_state.robust import MIN_FACTOR, MIN_WEIGHT, RobustSettings, igg3
-from tpmsd.vehicle_state.unscented import moments, sigma_points, sigma_weights
+from bench.vehicle_state.robust import MIN_FACTOR, MIN_WEIGHT, RobustSettings
+from bench.vehicle_state.unscented import moments, sigma_points, sigma_weights
+from tpmsd.vehicle_state.robust import igg3
 
 
 def gaussian(size: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:

@@ -95,12 +95,13 @@ class ProcessModel:
         self._bend = np.zeros((0, 3, size))
 
     def drift_at(self, levels: FloatArray) -> FloatArray:
-        """(N, n, n) growth of the covariance per second by the radii's drift at levels (N,), which are
-        relative to `drift_own_m` and `drift_axle_m`; `drift_common_m` follows them down to `calm_common` only
-        and never up."""
-        own, common = levels[:, None, None], np.clip(levels, SETTINGS.calm_common, 1.0)[:, None, None]
-        out = np.zeros((levels.size, *self._noise.shape))
-        out[:, MU:, MU:] = np.square(own) * self._drift_own + np.square(common) * self._drift_common
+        """(N, n, n) growth of the covariance per second by the radii's drift at levels (N, d) of each wheel,
+        which are relative to `drift_own_m` and `drift_axle_m`; `drift_common_m` follows the lowest of them
+        down to `calm_common` only and never up."""
+        common = np.clip(levels.min(axis=1), SETTINGS.calm_common, 1.0)[:, None, None]
+        own = levels[:, :, None] * levels[:, None, :]
+        out = np.zeros((levels.shape[0], *self._noise.shape))
+        out[:, MU:, MU:] = own * self._drift_own + np.square(common) * self._drift_common
         return out
 
     def way_and_turn(self, mean: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
@@ -165,7 +166,9 @@ class ProcessModel:
         self._set_noise(noise, motion, abs(mean_way), mean_turn)
         noise[BE, BE] = noise[BN, BN] = position_std_m**2 * (1.0 - decay**2)
         covariance += noise
-        covariance += (self.drift_at(np.ones(count)) if drift is None else drift) * motion.dt_s
+        covariance += (
+            self.drift_at(np.ones((count, self._wheels))) if drift is None else drift
+        ) * motion.dt_s
         return mean_way, mean_turn
 
     def _pose_by_state(

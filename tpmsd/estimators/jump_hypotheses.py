@@ -13,6 +13,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tpmsd.estimators.error_state import MU, PSI, initial_state
 from tpmsd.estimators.settings import SETTINGS
@@ -33,13 +34,16 @@ class Bank:
     log_weights: FloatArray
     """(N,)"""
     level: FloatArray
-    """(N,) process-noise level of the radii that each hypothesis assumes."""
+    """(N, d) process-noise level of each wheel's radius that a hypothesis assumes."""
+    kind: NDArray[np.intp]
+    """(N,) which of the kinds of hypothesis that is (`JumpHypotheses.kinds`)."""
 
     def copy(self, child: int, parent: int) -> None:
         """Put a copy of one hypothesis in another's place; its weight is the caller's."""
         self.mean[child] = self.mean[parent]
         self.covariance[child] = self.covariance[parent]
         self.level[child] = self.level[parent]
+        self.kind[child] = self.kind[parent]
 
     def weights(self) -> FloatArray:
         """(N,) normalised."""
@@ -60,33 +64,47 @@ class JumpHypotheses:
     std: float = SETTINGS.jump_std
     heading_std_rad: float = SETTINGS.jump_heading_rad
     levels: tuple[tuple[float, float], ...] = SETTINGS.drift_levels
-    """Process-noise levels and their prior probabilities."""
+    """Process-noise levels of all wheels alike and their prior probabilities."""
+    alone: tuple[float, float, float] | None = None
+    """Level of one wheel whose radius drifts alone, that of the others, and the prior probability of each
+    such kind; None: there are none."""
     level_floor: float = SETTINGS.level_floor
 
+    def kinds(self, wheels: int) -> list[tuple[FloatArray, float]]:
+        """Level (d,) of each wheel and prior probability of each kind of hypothesis."""
+        out = [(np.full(wheels, level), chance) for level, chance in self.levels]
+        if self.alone is not None:
+            own, rest, chance = self.alone
+            out += [(np.where(np.arange(wheels) == wheel, own, rest), chance) for wheel in range(wheels)]
+        return out
+
     def begin(self, count: int, nominal_m: FloatArray) -> Bank:
-        """The prior: one hypothesis per level, and the other places empty."""
+        """The prior: one hypothesis per kind, and the other places empty."""
         mean, covariance = initial_state(count, nominal_m)
-        bank = Bank(mean, covariance, np.full(count, UNUSED), np.ones(count))
-        for place in range(min(len(self.levels), max(count // 8, 1))):
-            bank.level[place], chance = self.levels[place]
+        level, kind = np.ones((count, nominal_m.size)), np.zeros(count, dtype=np.intp)
+        bank = Bank(mean, covariance, np.full(count, UNUSED), level, kind)
+        kinds = self.kinds(nominal_m.size)
+        for place in range(min(len(kinds), max(count // 4, 1)) if count >= 8 else 1):
+            bank.kind[place], (bank.level[place], chance) = place, kinds[place]
             bank.log_weights[place] = math.log(chance)
         return bank
 
     def keep_levels(self, bank: Bank) -> None:
-        """Keep one hypothesis of each level in play, with at least a share of the best one's weight.
+        """Keep one hypothesis of each kind in play, with at least a share of the best one's weight.
 
-        What a level has lost beyond that it has lost with radii of its own; it begins again at the best ones.
+        What a kind has lost beyond that it has lost with radii of its own; it begins again at the best ones.
         """
-        if bank.log_weights.size < 8 * len(self.levels):
+        kinds = self.kinds(bank.level.shape[1])
+        if bank.log_weights.size < 4 * len(kinds):
             return
         best = int(np.argmax(bank.log_weights))
         least = bank.log_weights[best] + math.log(self.level_floor)
-        for level, _ in self.levels:
-            if np.any(bank.log_weights[bank.level == level] >= least):
+        for kind, (level, _) in enumerate(kinds):
+            if np.any(bank.log_weights[bank.kind == kind] >= least):
                 continue
             child = int(np.argmin(bank.log_weights))
             bank.copy(child, best)
-            bank.level[child], bank.log_weights[child] = level, least
+            bank.kind[child], bank.level[child], bank.log_weights[child] = kind, level, least
 
     def branch(self, bank: Bank, duration_s: float, nominal_m: FloatArray, next_wheel: int) -> int:
         """For each wheel, one hypothesis branches off the best: this wheel has just changed.

@@ -12,18 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tpmsd.physics.motion import GRAVITY_MPS2
+from tpmsd.vehicle_state.settings import SETTINGS
 from tpmsd.wheels import FloatArray
-
-FRONT_LOAD_SHARE = {"front": 0.58, "rear": 0.52, "all": 0.55}
-"""Share of the weight on the front axle, by the driven axle."""
-TYPICAL_MASS_KG = 1500.0
-HEIGHT_PER_WHEELBASE = 0.21
-CORNERING_PER_LOAD = (12.0, 15.0)
-"""Cornering stiffness over wheel load at the front and the rear, 1/rad, with the compliance of steering and
-axle in it: what makes a passenger car understeer."""
-LONGITUDINAL_PER_LOAD = 20.0
-"""Slip stiffness over wheel load."""
-BRAKE_FRONT_SHARE = 0.66
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +38,7 @@ class CarDynamics:
     friction: float = 1.0
     drive_front_share: float = 1.0
     """Share of the driving force at the front axle: 1 front, 0 rear drive."""
-    brake_front_share: float = BRAKE_FRONT_SHARE
+    brake_front_share: float = SETTINGS.brake_front_share
     roll_rad_per_mps2: float = 0.0
     """Roll of the body per lateral acceleration. A sensor fixed to the body reads a_y * (1 + g * roll)."""
     forward_m: FloatArray = field(init=False, repr=False, compare=False)
@@ -90,20 +80,24 @@ class CarDynamics:
 
 def typical(wheelbase_m: float, track_front_m: float, track_rear_m: float, driven: str) -> CarDynamics:
     """A passenger car of this geometry; `driven` is front, rear or all."""
-    share = FRONT_LOAD_SHARE[driven]
+    share = {
+        "front": SETTINGS.front_load_driven_front,
+        "rear": SETTINGS.front_load_driven_rear,
+        "all": SETTINGS.front_load_driven_all,
+    }[driven]
     front_m, rear_m = (1.0 - share) * wheelbase_m, share * wheelbase_m
-    mass = TYPICAL_MASS_KG
+    mass = SETTINGS.mass_kg
     front_load, rear_load = mass * GRAVITY_MPS2 * share / 2, mass * GRAVITY_MPS2 * (1.0 - share) / 2
     return CarDynamics(
         mass_kg=mass,
         yaw_inertia_kgm2=mass * front_m * rear_m,
         front_m=front_m,
         rear_m=rear_m,
-        height_m=HEIGHT_PER_WHEELBASE * wheelbase_m,
+        height_m=SETTINGS.height_per_wheelbase * wheelbase_m,
         track_front_m=track_front_m,
         track_rear_m=track_rear_m,
-        cornering_front_n=CORNERING_PER_LOAD[0] * front_load,
-        cornering_rear_n=CORNERING_PER_LOAD[1] * rear_load,
-        longitudinal_n=LONGITUDINAL_PER_LOAD * mass * GRAVITY_MPS2 / 4,
+        cornering_front_n=SETTINGS.cornering_front_per_load * front_load,
+        cornering_rear_n=SETTINGS.cornering_rear_per_load * rear_load,
+        longitudinal_n=SETTINGS.longitudinal_per_load * mass * GRAVITY_MPS2 / 4,
         drive_front_share={"front": 1.0, "rear": 0.0, "all": 0.5}[driven],
     )

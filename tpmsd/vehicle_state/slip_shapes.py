@@ -11,16 +11,12 @@ import numpy as np
 
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.vehicle_state.car import CarDynamics, typical
-from tpmsd.vehicle_state.model import wheel_loads
+from tpmsd.vehicle_state.loads import wheel_loads
+from tpmsd.vehicle_state.settings import SETTINGS
 from tpmsd.vehicle_state.slips import SlipTraces, slip_traces
 from tpmsd.wheels import FloatArray
 
 AXLES: dict[str, tuple[int, int]] = {"front": (0, 1), "rear": (2, 3)}
-PROBE_MPS2 = 0.01
-"""An acceleration at which no tyre slides."""
-FREE_WHEELS = 0.02
-"""Force that spins up an axle of wheels without drive, over the car's mass times its acceleration: two wheels
-of 1 kg m2 and 0.3 m against 1.1 t."""
 
 
 def wheel_slip_shapes(motion: Motion, car: Car) -> dict[str, FloatArray]:
@@ -36,7 +32,7 @@ def wheel_slip_shapes(motion: Motion, car: Car) -> dict[str, FloatArray]:
     dynamics = dynamics_of(car)
     softer = _stiffness_lost(dynamics, motion)
     slip = typical_slips(motion, car).wheel_slip * softer
-    small = np.array([PROBE_MPS2, -PROBE_MPS2])
+    small = np.array([SETTINGS.probe_mps2, -SETTINGS.probe_mps2])
     slopes = slip_traces(dynamics, small, np.zeros(2)).wheel_slip / small[:, None]
     out = {}
     for axle, wheels in AXLES.items():
@@ -48,7 +44,7 @@ def wheel_slip_shapes(motion: Motion, car: Car) -> dict[str, FloatArray]:
                 if how == "drive" and np.count_nonzero(slopes[sign]) == 2:
                     free = slopes[sign] == 0.0
                     pull = np.maximum(motion.specific_force_long_mps2, 0.0)[:, None]
-                    shape[:, free] = -FREE_WHEELS * pull * softer[:, free]
+                    shape[:, free] = -SETTINGS.free_wheels * pull * softer[:, free]
                 out[f"{axle}_{how}"] = shape
     return out
 

@@ -12,14 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.vehicle_state.car import CarDynamics
-from tpmsd.vehicle_state.model import wheel_loads
+from tpmsd.vehicle_state.loads import wheel_loads
+from tpmsd.vehicle_state.settings import SETTINGS
 from tpmsd.vehicle_state.tyre import dugoff
 from tpmsd.wheels import FloatArray
-
-MAX_SLIP = 0.3
-"""Forces beyond the tyre's reach are said to need this much."""
-MAX_USE = 0.9
-"""Share of the friction limit up to which a force is turned into a slip angle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,10 +68,10 @@ def angle_for_force(
     """Slip angle under which a tyre without longitudinal slip gives this side force; same shape.
 
     Dugoff's law turned round: linear up to half the limit L = friction * load, then
-    |F| = L (1 - L / (4 C tan alpha)). Forces beyond `MAX_USE` of the limit give that one's angle.
+    |F| = L (1 - L / (4 C tan alpha)). Forces beyond `max_use` of the limit give that one's angle.
     """
     limit = np.maximum(friction * load_n, 1.0)
-    size = np.minimum(np.abs(force_n), MAX_USE * limit)
+    size = np.minimum(np.abs(force_n), SETTINGS.max_use * limit)
     gripping = size / cornering_n
     sliding = limit**2 / (4.0 * cornering_n * np.maximum(limit - size, 1e-9))
     tangent = np.where(size <= limit / 2.0, gripping, sliding)
@@ -117,5 +113,5 @@ def wheel_slips(
 
 def _slip(ratio: FloatArray) -> FloatArray:
     """sigma of sigma / (1 + sigma) = F_x / C_sigma, within what makes sense."""
-    held = np.clip(ratio, -MAX_SLIP, MAX_SLIP)
-    return np.asarray(np.clip(held / (1.0 - held), -MAX_SLIP, MAX_SLIP))
+    held = np.clip(ratio, -SETTINGS.max_slip, SETTINGS.max_slip)
+    return np.asarray(np.clip(held / (1.0 - held), -SETTINGS.max_slip, SETTINGS.max_slip))

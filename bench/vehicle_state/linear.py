@@ -8,9 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.physics.motion import GRAVITY_MPS2
-from tpmsd.vehicle_state.car import CarDynamics
-from tpmsd.vehicle_state.model import (
+from bench.vehicle_state.model import (
     MIN_SPEED_MPS,
     Inputs,
     R,
@@ -21,6 +19,8 @@ from tpmsd.vehicle_state.model import (
     substeps,
     wheels,
 )
+from tpmsd.physics.motion import GRAVITY_MPS2
+from tpmsd.vehicle_state.car import CarDynamics
 from tpmsd.vehicle_state.tyre import dugoff_gradients
 from tpmsd.wheels import FloatArray
 

@@ -24,6 +24,7 @@ import numpy as np
 
 from tpmsd.physics.motion import GRAVITY_MPS2
 from tpmsd.vehicle_state.car import CarDynamics
+from tpmsd.vehicle_state.loads import wheel_loads
 from tpmsd.vehicle_state.tyre import TyreForces, dugoff
 from tpmsd.wheels import FloatArray
 
@@ -60,24 +61,6 @@ class Wheels:
     hub_along_mps: FloatArray
     """Speed of the hub along the body's x axis."""
     hub_left_mps: FloatArray
-
-
-def wheel_loads(car: CarDynamics, accel_long_mps2: FloatArray, accel_lat_mps2: FloatArray) -> FloatArray:
-    """(..., 4) loads in N; their sum is m g whatever the accelerations. Negative where a wheel would lift.
-
-    Eq. (8) with the division by the wheelbase: each axle takes the lateral transfer of the mass it carries,
-    and braking moves load to the front.
-    """
-    base = car.wheelbase_m
-    rest = (
-        car.mass_kg * GRAVITY_MPS2 / (2 * base) * np.array([car.rear_m, car.rear_m, car.front_m, car.front_m])
-    )
-    pitch = car.mass_kg * car.height_m / (2 * base) * np.array([-1.0, -1.0, 1.0, 1.0])
-    front = car.height_m * car.mass_kg * car.rear_m / (base * car.track_front_m)
-    rear = car.height_m * car.mass_kg * car.front_m / (base * car.track_rear_m)
-    roll = np.array([-front, front, -rear, rear])
-    along, across = np.asarray(accel_long_mps2)[..., None], np.asarray(accel_lat_mps2)[..., None]
-    return np.asarray(rest + along * pitch + across * roll)
 
 
 def carried_slip(car: CarDynamics, accel_long_mps2: FloatArray | float) -> FloatArray:

@@ -19,12 +19,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.vehicle_state import model
+from bench.vehicle_state import model
+from bench.vehicle_state.kalman import SIGMA, Belief, Noise, correct
+from bench.vehicle_state.model import Inputs
+from bench.vehicle_state.robust import RobustSettings
+from bench.vehicle_state.unscented import moments, sigma_points
 from tpmsd.vehicle_state.car import CarDynamics
-from tpmsd.vehicle_state.kalman import SIGMA, Belief, Noise, correct
-from tpmsd.vehicle_state.model import Inputs
-from tpmsd.vehicle_state.robust import RobustSettings
-from tpmsd.vehicle_state.unscented import moments, sigma_points
 from tpmsd.wheels import FloatArray
 
 DEFAULT_PARTICLES = 100

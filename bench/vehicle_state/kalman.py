@@ -11,12 +11,12 @@ from typing import Protocol
 
 import numpy as np
 
-from tpmsd.vehicle_state import model
+from bench.vehicle_state import model
+from bench.vehicle_state.linear import advance_jacobian, readings_jacobian
+from bench.vehicle_state.model import Inputs
+from bench.vehicle_state.robust import RobustSettings
+from bench.vehicle_state.unscented import cross, moments, sigma_points, sigma_weights
 from tpmsd.vehicle_state.car import CarDynamics
-from tpmsd.vehicle_state.linear import advance_jacobian, readings_jacobian
-from tpmsd.vehicle_state.model import Inputs
-from tpmsd.vehicle_state.robust import RobustSettings
-from tpmsd.vehicle_state.unscented import cross, moments, sigma_points, sigma_weights
 from tpmsd.wheels import FloatArray
 
 SIGMA = sigma_weights(3)

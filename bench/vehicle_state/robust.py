@@ -1,0 +1,47 @@
+"""Equivalent weights and the adaptive factor: how much to believe a reading, and the prediction.
+
+In: innovations and corrections with their standard deviations. Out: factors from 0 to 1. [Liu 2022, eqs 19
+and 20].
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.vehicle_state.robust import igg3
+from tpmsd.wheels import FloatArray
+
+MIN_WEIGHT = 1e-8
+"""A reading of weight 0 is one of a variance so much larger: nothing divides by zero, nothing is learned."""
+MIN_FACTOR = 0.02
+"""Floor of the adaptive factor. At 0 the prediction would count for nothing, and what no reading sees (the
+lateral speed) would be lost."""
+
+
+@dataclass(frozen=True, slots=True)
+class RobustSettings:
+    """Zones of both functions, in standard deviations."""
+
+    believe: float = 1.5
+    """K0, 1 to 1.5."""
+    refuse: float = 6.0
+    """Kg, 3 to 8."""
+    keep: float = 1.5
+    """c0, 1 to 1.5."""
+    abandon: float = 6.0
+    """c1, 3 to 8."""
+
+    def weights(self, innovation: FloatArray, std: FloatArray) -> FloatArray:
+        """Equivalent weights of readings by their innovations, floored so that they can divide."""
+        return np.maximum(igg3(innovation / std, self.believe, self.refuse), MIN_WEIGHT)
+
+    def factor(self, correction: FloatArray, variance: FloatArray) -> float:
+        """Adaptive factor by how far the readings pull the prediction (n,), given its variances (n,).
+
+        The printed norm adds metres to radians per second; here each state counts in its own standard
+        deviations.
+        """
+        moved = np.sqrt(np.mean(correction**2 / variance))
+        return max(float(igg3(moved, self.keep, self.abandon)), MIN_FACTOR)
