@@ -17,7 +17,7 @@ REPO = Path(__file__).resolve().parent.parent
 PACKAGE = REPO / "tpmsd"
 BENCH = REPO / "bench"
 
-EVERYWHERE = {"bounds", "errors", "plain", "wheels"}
+EVERYWHERE = {"bounds", "errors", "plain", "wheels", "lean"}
 """Modules that any room may import, beside its own and those of the table."""
 _CORE_FLOW = ("config", "sources", "timeline", "estimators", "monitor", "sinks")
 """The direction of flow: each imports only what lies before it."""
@@ -28,6 +28,7 @@ ALLOWED |= {
     "bounds": set(),
     "errors": set(),
     "wheels": set(),
+    "lean": set(),
     "plain": set(),
     "physics": {"config"},
     "vehicle_state": {"physics"},

@@ -19,6 +19,7 @@ from tpmsd import __version__
 from tpmsd.cli.output import Subparsers
 from tpmsd.cli.parser import EXIT_CODES, Parser
 from tpmsd.errors import TpmsdError
+from tpmsd.lean import leave_out_mf4
 
 Commands = tuple[tuple[str, str, str], ...]
 
@@ -50,6 +51,7 @@ examples:
 def main(argv: Sequence[str] | None = None, commands: Commands = COMMANDS) -> int:
     """Run one of `commands`; `argv` defaults to the process's own arguments."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    leave_out_mf4()
     try:
         if isinstance(sys.stdout, io.TextIOWrapper):
             # A path or a unit that the terminal cannot show must not end the command.

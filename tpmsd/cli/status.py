@@ -17,7 +17,6 @@ from typing import IO, Any
 from tpmsd.cli.output import Subparsers, dumps, write_json
 from tpmsd.cli.outputs import Outputs
 from tpmsd.cli.status_table import WIDTH, render_status
-from tpmsd.config.load import load_config
 from tpmsd.config.model import StatusConfig
 from tpmsd.errors import TpmsdError
 from tpmsd.sinks.status_client import read_status, watch_status
@@ -114,6 +113,8 @@ def _socket_path(args: argparse.Namespace) -> Path:
     if args.socket is not None:
         return Path(args.socket)
     if args.config is not None:
+        from tpmsd.config.load import load_config  # takes its time, and is seldom needed
+
         return load_config(args.config).status.socket
     return StatusConfig().socket
 

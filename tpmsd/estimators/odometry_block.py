@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from tpmsd.estimators.settings import SETTINGS
 from tpmsd.physics.kinematics import Geometry, wheel_speeds
@@ -171,7 +170,7 @@ class BlockBuilder:
         # there the turn is smoothed.
         size = max(round(SETTINGS.front_smoothing_s / self._ticks[0][0].dt_s), 1)
         whole = np.where(share > 0.0, turns / np.maximum(share, 1e-9), 0.0)
-        smooth = uniform_filter1d(whole, size, mode="nearest") * share
+        smooth = moving_mean(whole, size) * share
         lateral = (smooth - turns) * self._geometry.wheelbase_m
         paths = wheel_speeds(ways, turns, self._geometry, lateral)
         out: list[FrontResidual | None] = []
@@ -192,3 +191,11 @@ class BlockBuilder:
             residual = float(paths[:, wheel].sum() - angle[column] * radius[column])
             out.append(FrontResidual(residual, by_rear, side * self._geometry.track_front_m / 2, noise))
         return out[0], out[1]
+
+
+def moving_mean(values: FloatArray, size: int) -> FloatArray:
+    """(n,) mean over `size` neighbours of each, of which one more lies before than behind if `size` is even;
+    beyond the ends the first and the last value go on."""
+    before = size // 2
+    padded = np.concatenate([np.full(before, values[0]), values, np.full(size - 1 - before, values[-1])])
+    return np.convolve(padded, np.full(size, 1.0 / size), mode="valid")

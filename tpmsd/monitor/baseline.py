@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
 
 from tpmsd.bounds import number, whole
 from tpmsd.config.model import VehicleConfig
@@ -43,8 +42,8 @@ RANGE_SAMPLES = 40
 DRIVE_SAMPLES = 8
 MAX_CONTRAST_STD = 0.0008
 """Learning goes on until the contrast between the wheels is known this well, relative to the radius."""
-FIT_LIMIT = {d: float(chi2.ppf(0.999, d)) for d in range(1, 5)}
-"""A sample that fits worse than this quantile of chi-square is not learned; by number of wheels."""
+FIT_LIMIT = {1: 10.827566170662733, 2: 13.815510557964274, 3: 16.266236196238129, 4: 18.466826952903151}
+"""A sample that fits worse than the 0.999 quantile of chi-square is not learned; by number of wheels."""
 RECENT_SAMPLES = 9
 SETTLED_SAMPLES = 45
 """From so many (15 min of driving) on a drive is held against what was known before it, ..."""

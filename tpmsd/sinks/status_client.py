@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from tpmsd.errors import TpmsdError
-from tpmsd.sinks.status_document import DOCUMENT_VERSION
 from tpmsd.sinks.status_server import check_socket_path
+from tpmsd.sinks.status_version import DOCUMENT_VERSION
 
 TIMEOUT_S = 5.0
 MAX_LINE_BYTES = 1 << 20

@@ -24,10 +24,8 @@ from tpmsd.monitor.records import (
     WheelState,
 )
 from tpmsd.resonance.watch import ResonanceStatus
+from tpmsd.sinks.status_version import DOCUMENT_VERSION
 from tpmsd.wheels import WHEELS
-
-DOCUMENT_VERSION = 1
-"""Rises when a field changes its meaning or goes; new fields do not raise it."""
 
 
 class SourceState(StrEnum):

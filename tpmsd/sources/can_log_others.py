@@ -17,6 +17,7 @@ from typing import TextIO, cast
 import can
 
 from tpmsd.errors import InputError
+from tpmsd.lean import bring_in_mf4
 from tpmsd.sources.can_frame import CanFrame
 from tpmsd.sources.can_log_lines import AscLines, LogLines
 
@@ -73,7 +74,7 @@ def _read_blf(path: Path, note: Note) -> Iterator[CanFrame]:
 
 def _read_mf4(path: Path, note: Note) -> Iterator[CanFrame]:
     try:
-        import asammdf  # noqa: F401
+        bring_in_mf4()
     except ImportError:
         raise InputError(path, "MF4 needs the package asammdf: pip install 'tpmsd[mf4]'") from None
     try:

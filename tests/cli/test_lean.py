@@ -1,0 +1,65 @@
+"""What commands do not import: they start quickly, and the daemon stays small."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+CHECKED = """
+import sys
+from tpmsd.cli.main import main
+main({arguments!r})
+print(*sorted(name for name in {names!r} if name in sys.modules))
+"""
+HEAVY = ["asammdf", "pandas", "scipy", "scipy.stats", "scipy.ndimage"]
+
+
+def imported(arguments: list[str], names: list[str]) -> str:
+    """Which of these modules a command imports; the last line that it prints."""
+    code = CHECKED.format(arguments=arguments, names=names)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return done.stdout.splitlines()[-1]
+
+
+def test_status_imports_no_numpy(tmp_path: Path) -> None:
+    """Asking the daemon needs a socket and a table."""
+    asked = ["status", "--socket", str(tmp_path / "none.sock")]
+    assert "" == imported(asked, [*HEAVY, "numpy", "can", "cantools"])
+
+
+def test_check_imports_nothing_heavy(tmp_path: Path) -> None:
+    """A configuration that is not there is found out about with the modules of one that is."""
+    assert "cantools" == imported(["check", str(tmp_path)], [*HEAVY, "cantools"])
+
+
+def test_the_daemons_core_imports_no_statistics() -> None:
+    """Of scipy the pipeline needs its special functions alone."""
+    code = CHECKED.format(arguments=["--version"], names=HEAVY).replace(
+        "print(", "import tpmsd.pipeline\nprint("
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "scipy" == done.stdout.splitlines()[-1]
+
+
+def test_mf4_is_brought_in_after_all(tmp_path: Path) -> None:
+    """A command that left asammdf out reads an MF4 file as if it had not."""
+    pytest.importorskip("asammdf")
+    code = f"""
+from pathlib import Path
+from tpmsd.lean import leave_out_mf4
+leave_out_mf4()
+import can
+assert can.io.mf4.asammdf is None
+from tpmsd.sources.can_log_others import bring_in_mf4
+bring_in_mf4()
+path = Path({str(tmp_path / "can.mf4")!r})
+with can.io.mf4.MF4Writer(path) as writer:
+    writer.on_message_received(can.Message(timestamp=1.0, arbitration_id=5, data=b"ab"))
+from tpmsd.sources.can_log import read_can_log
+print(len(list(read_can_log(path, lambda line, what: print(what)))))
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert "1" == done.stdout.strip(), done.stderr

@@ -1,0 +1,42 @@
+"""What a command leaves out of memory until it is needed.
+
+In: nothing. Out: nothing; the import system is told. python-can imports asammdf wherever that is installed,
+and asammdf pandas: a second and 90 MB, of which only MF4 files make use.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.abc
+import sys
+from collections.abc import Sequence
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+
+
+class _LeftOut(importlib.abc.MetaPathFinder):
+    """Lets asammdf look as if it were not installed."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        if fullname == "asammdf":
+            raise ModuleNotFoundError(f"{fullname} is left out until a file needs it", name=fullname)
+        return None
+
+
+def leave_out_mf4() -> None:
+    """From now on python-can is imported without its reader of MF4 files; once is enough."""
+    if not any(isinstance(finder, _LeftOut) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _LeftOut())
+
+
+def bring_in_mf4() -> None:
+    """Import asammdf after all, and python-can's reader with it; ImportError where it is not installed."""
+    left_out = [finder for finder in sys.meta_path if isinstance(finder, _LeftOut)]
+    for finder in left_out:
+        sys.meta_path.remove(finder)
+    importlib.import_module("asammdf")
+    reader = sys.modules.get("can.io.mf4")
+    if left_out and reader is not None:
+        importlib.reload(reader)
