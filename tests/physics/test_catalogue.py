@@ -33,6 +33,7 @@ CONTRACT = {
     "yaw_rate_bias": {"bias"},
     "yaw_rate_scale": {"scale"},
     "velocity_lag": set(),
+    "counter_lost_low_speed": set(),
     "wheel_spin": {"wheels", "slip", "onset_s", "duration_s"},
     "wheel_lock": {"wheels", "slip", "onset_s", "duration_s"},
     "unknown": set(),

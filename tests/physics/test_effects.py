@@ -350,3 +350,11 @@ def test_an_older_speed_is_that_of_an_earlier_moment_and_its_position_is_not() -
     )
 
     assert (0.2, 0.1) == (model.velocity_age_s(), model.fix_age_s())
+
+
+def test_a_blind_counter_shows_nothing_below_its_speed() -> None:
+    """At 2 m/s a wheel that loses all counts below 2.5 m/s stands, at 3 m/s it turns as it does."""
+    effect = make_effect("counter_lost_low_speed", wheels="rr", below_mps=2.5)
+
+    assert [0.0, 0.0, 0.0, -1.0] == effect.wheel_slip(steady(2.0), car())[0].tolist()
+    assert [0.0] * 4 == effect.wheel_slip(steady(3.0), car())[0].tolist()

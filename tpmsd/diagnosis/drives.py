@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
+from tpmsd.diagnosis.tone_ring import all_recounted, one_recounted
 from tpmsd.errors import ConfigError
 from tpmsd.inference.recording import Recording
 from tpmsd.inference.trajectory import reference
@@ -38,7 +39,7 @@ def admitted(recordings: Sequence[Recording]) -> tuple[list[Reader], tuple[str, 
     for recording in recordings:
         reason = unfit(recording)
         if not reason:
-            reader = Reader(recording, reference(recording))
+            reader = read(recording)
             reason = unfit_windows(reader)
         if reason:
             notes.append(f"{recording.name}: left out, for {reason}" if several else reason)
@@ -60,7 +61,7 @@ def against(recording: Recording, simulation: Recording) -> tuple[list[Reader], 
     for one in (recording, simulation):
         reason = unfit(one)
         if not reason:
-            readers.append(Reader(one, reference(one), MAX_WINDOWS // 2))
+            readers.append(read(one, MAX_WINDOWS // 2))
             reason = unfit_windows(readers[-1])
         if reason and one is recording:
             return [], (reason,)
@@ -70,6 +71,14 @@ def against(recording: Recording, simulation: Recording) -> tuple[list[Reader], 
     if reason:
         raise ConfigError(f"the simulation is of another road: {reason}")
     return readers, tuple(_examined(reader) for reader in readers if reader.left_out)
+
+
+def read(recording: Recording, limit: int = MAX_WINDOWS) -> Reader:
+    """Its reader, once rings with plainly another number of teeth than configured are counted right."""
+    counted = one_recounted(recording)
+    first = reference(counted)
+    right = all_recounted(counted, first.car.radius_m)
+    return Reader(right, first if right is counted else reference(right), limit)
 
 
 def other_road(recorded: Reader, simulated: Reader) -> str:

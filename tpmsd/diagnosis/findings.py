@@ -26,6 +26,7 @@ from tpmsd.diagnosis.tangent import nonlinear_stds
 from tpmsd.diagnosis.teeth import teeth
 from tpmsd.diagnosis.terms import Term, group_gain
 from tpmsd.diagnosis.traces import ground, traces
+from tpmsd.diagnosis.walking_pace import lost
 from tpmsd.diagnosis.where import where_of, whole_range
 from tpmsd.inference.least_squares import Evidence
 from tpmsd.inference.trajectory import WINDOW_S
@@ -92,7 +93,8 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
             add(one, quantities)
     for one in whole_model(study, selection):
         add(one, _quantities(one, {}))
-    for finding in teeth(study, evidence.fit(study.hypotheses.nuisance), seconds):
+    apart = [] if study.simulation else lost(study, seconds)
+    for finding in [*apart, *teeth(study, evidence.fit(study.hypotheses.nuisance), seconds)]:
         findings.append(finding)
         values = {name: quantity.value for name, quantity in finding.parameters.items()}
         effects.append(make_effect(finding.effect, **values))

@@ -17,8 +17,12 @@ from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.tone_ring import ADMIT, Ripple, ripples, wrong_teeth
 from tpmsd.diagnosis.where import PLACE
 from tpmsd.inference.least_squares import Fit
-from tpmsd.physics.catalogue import ALWAYS, TEETH
+from tpmsd.physics.catalogue import ALWAYS, RADIUS, TEETH
+from tpmsd.physics.effect import Parameter
+from tpmsd.wheels import WHEELS
 
+ALL, NOMINAL_M = "", 0.3
+"""Name of all wheels together; radius to which the prior of radii belongs."""
 CHANNEL, COVARIATE = PLACE[TEETH.name]
 
 
@@ -34,13 +38,16 @@ def teeth(study: Study, calibration: Fit, seconds: float) -> list[Finding]:
             if ripple.gain >= 0.5 * ADMIT + choice:
                 by_wheel.setdefault(ripple.wheel, []).append(ripple)
     wrong = _wrong(study, calibration)
+    configured = study.drives[0].reader.recording.car.teeth_per_rev
     out = [_uneven(found, seconds) for found in by_wheel.values()]
     if not study.simulation:
-        return out + [_miscounted(name, count) for name, count in sorted(set.intersection(*wrong))]
+        return out + [
+            _miscounted(name, count, configured) for name, count in sorted(set.intersection(*wrong))
+        ]
     simulated = study.drives[1].reader
     rings = {ring.wheel: ring for ring in ripples(simulated.recording, simulated.reference)}
     beyond = [one for one in (_beyond(finding, rings) for finding in out) if one is not None]
-    miscounted = [_miscounted(name, count) for name, count in sorted(wrong[0] - wrong[1])]
+    miscounted = [_miscounted(name, count, configured) for name, count in sorted(wrong[0] - wrong[1])]
     return beyond + [replace(finding, held_by=RECORDING) for finding in miscounted]
 
 
@@ -89,7 +96,10 @@ def _uneven(found: list[Ripple], seconds: float) -> Finding:
 
 
 def _wrong(study: Study, calibration: Fit) -> list[set[tuple[str, float]]]:
-    """By drive, the wheels that show another number of teeth than is configured, and that number."""
+    """By drive, the wheels that show another number of teeth than is configured, and that number.
+
+    A wheel of no name stands for all four.
+    """
     found: list[set[tuple[str, float]]] = []
     at = 0
     for drive in study.drives:
@@ -97,24 +107,32 @@ def _wrong(study: Study, calibration: Fit) -> list[set[tuple[str, float]]]:
         radii = drive.reader.reference.car.radius_m.copy()
         for k, wheel in enumerate(recording.wheels):
             radii[wheel] += calibration.values[at + k]
-        found.append(set(wrong_teeth(recording, radii)))
+        counts = dict(zip(WHEELS, recording.counts_per_rev, strict=True))
+        plain = {(wheel, count) for wheel, count in counts.items() if count is not None}
+        if len(plain) == len(WHEELS) and len(set(counts.values())) == 1:
+            plain = {(ALL, count) for _, count in plain}
+        faint = [] if plain else wrong_teeth(recording, radii)
+        found.append({*plain, *faint})
         at += sum(name[0] in ALWAYS for name in drive.names)
     return found
 
 
-def _miscounted(name: str, teeth: float) -> Finding:
+def _miscounted(name: str, teeth: float, configured: float) -> Finding:
+    """A wheel, or all of them, whose ring has another number of teeth."""
+    of_wheel = {} if name == ALL else {"wheel": Quantity(name, None, "")}
+    (radius,) = (p for p in RADIUS.parameters if isinstance(p, Parameter))
+    assert radius.prior is not None
+    # A radius that is off by so much is the other explanation: what is known of radii speaks against it.
+    gain = 0.5 * ((configured / teeth - 1.0) * NOMINAL_M / radius.prior.std) ** 2
     return Finding(
         effect=TEETH.name,
-        confidence=0.9,
-        parameters={
-            "wheel": Quantity(name, None, ""),
-            "teeth_per_rev": Quantity(teeth, 0.0, "1"),
-        },
-        where=Where((name,), CHANNEL, None, None),
+        confidence=1.0 / (1.0 + math.exp(-min(gain, 50.0))),
+        parameters={**of_wheel, "teeth_per_rev": Quantity(teeth, 0.0, "1")},
+        where=Where(WHEELS if name == ALL else (name,), "wheel" if name == ALL else CHANNEL, None, None),
         rms_before=1.0,
         rms_after=1.0,
         loglik_gain_per_s=0.0,
-        gain=0.0,
+        gain=gain,
         indistinguishable_from=(),
         advice="count the ring's teeth: a tyre of another size looks the same on the bus",
     )

@@ -54,6 +54,8 @@ class Recording:
     """Mathematical angle, counter-clockwise from east."""
     name: str = "the drive"
     """What reports call it."""
+    counts_per_rev: tuple[float | None, ...] = (None, None, None, None)
+    """By wheel, the counts per turn by which the angles were made, where not the configured ones."""
 
     @property
     def ticks(self) -> int:

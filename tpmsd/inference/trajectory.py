@@ -169,7 +169,7 @@ def _radius_scale(recording: Recording, speed: FloatArray) -> float:
     at_fix = np.interp(recording.fix_time_s, recording.edges_s, speed)
     usable = np.isfinite(recording.speed_mps) & (at_fix > 5.0)
     if usable.sum() > 30:
-        return float(np.clip(np.median(recording.speed_mps[usable] / at_fix[usable]), 0.8, 1.25))
+        return float(np.median(recording.speed_mps[usable] / at_fix[usable]))
     way = np.interp(recording.fix_time_s, recording.edges_s, integrate(speed, recording.edges_s))
     step = max(1, round(len(way) / max(float(np.ptp(recording.fix_time_s)), 1.0))) if len(way) > 2 else 1
     if len(way) <= step:
@@ -180,7 +180,7 @@ def _radius_scale(recording: Recording, speed: FloatArray) -> float:
     )
     rolled = way[step:] - way[:-step]
     usable = (rolled > 5.0) & np.isfinite(moved)
-    return float(np.clip(np.median(moved[usable] / rolled[usable]), 0.8, 1.25)) if usable.sum() > 30 else 1.0
+    return float(np.median(moved[usable] / rolled[usable])) if usable.sum() > 30 else 1.0
 
 
 def _balanced(recording: Recording, car: Car, yaw: FloatArray, speed: FloatArray) -> FloatArray:
@@ -192,8 +192,7 @@ def _balanced(recording: Recording, car: Car, yaw: FloatArray, speed: FloatArray
         usable = np.isfinite(recording.rotation_rad[:, k]) & (middle_v > 5.0) & (np.abs(middle_w) < 0.1)
         if usable.sum() > 50:
             turned = recording.rotation_rad[usable, k].sum()
-            ratio = expected[usable, k].sum() / max(turned * radii[k], 1e-9)
-            radii[k] *= min(max(float(ratio), 0.9), 1.1)
+            radii[k] *= float(expected[usable, k].sum() / max(turned * radii[k], 1e-9))
     return radii
 
 

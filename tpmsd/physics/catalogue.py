@@ -91,7 +91,9 @@ def probes() -> tuple[Probe, ...]:
     """What a fit may find of effects that are looked for in windows, ramps and spans of time apart."""
     out = []
     for name, effect in EFFECTS.items():
-        if effect.ramp or effect.span or effect.by_teeth or effect.kind is Kind.FREE:
+        if effect.ramp or effect.span or effect.by_teeth or effect.at_walking_pace:
+            continue
+        if effect.kind is Kind.FREE:
             continue
         for place in effect.places or ("",):
             if not effect.parameters:
@@ -134,6 +136,7 @@ FREE = _the("free", lambda effect: effect.kind is Kind.FREE)
 FAULT = _the("a ramp of a radius", lambda effect: effect.ramp)
 """The tyre that changes."""
 TEETH = _the("of a ring's teeth", lambda effect: effect.by_teeth)
+LOST = _the("of counts lost at walking pace", lambda effect: effect.at_walking_pace)
 SLOPES = _the("the shortening by slopes", lambda effect: effect.shortens)
 RADIUS = _the("a constant of each wheel", lambda effect: effect.always_fitted and bool(effect.places))
 """What a calibration takes up."""

@@ -142,6 +142,8 @@ class Effect:
     """Whether it acts from one time to another, which are looked for."""
     by_teeth: ClassVar[bool] = False
     """Whether it is looked for once per turn of a wheel, apart from the windows of a second."""
+    at_walking_pace: ClassVar[bool] = False
+    """Whether it is looked for below the speeds of the windows, apart from them."""
     shortens: ClassVar[bool] = False
     """Whether it is the geometry by which slopes shorten the horizontal: in every world there is."""
     ratio_limits: ClassVar[tuple[float, float] | None] = None

@@ -32,7 +32,7 @@ class ToneRingError(Effect):
     telling_drive: ClassVar[str] = "roll at walking pace on a smooth straight for a minute"
     shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "wheel_angle")
     parameters: ClassVar[tuple[Parameter | WheelParameter, ...]] = (
-        WheelParameter(),
+        WheelParameter(description="which wheel; all of them where it is not given"),
         Parameter(
             "amplitude_rad",
             "rad",
@@ -45,23 +45,28 @@ class ToneRingError(Effect):
         Parameter("teeth_per_rev", "1", 47.0, 1.0, 1e6, "the wheel's true counts per revolution"),
         Parameter("phase_rad", "rad", 0.0, -2 * np.pi, 2 * np.pi, "phase of the once-per-revolution error"),
     )
-    wheel: str
+    wheel: str | None = None
     amplitude_rad: float = 0.0
     teeth_per_rev: float | None = None
     phase_rad: float = 0.0
 
     def tooth_angle_error_rad(self, angle_rad: FloatArray, wheel: int) -> FloatArray:
         """The first harmonic on its wheel, zero on the others."""
-        if wheel != WHEELS.index(self.wheel):
+        if not self._has(wheel):
             return np.zeros_like(angle_rad)
         return self.amplitude_rad * np.sin(angle_rad + self.phase_rad)
 
     def true_teeth_per_rev(self, wheel: int) -> float | None:
         """The wrong wheel's number of teeth, None for the others."""
-        return self.teeth_per_rev if wheel == WHEELS.index(self.wheel) else None
+        return self.teeth_per_rev if self._has(wheel) else None
+
+    def _has(self, wheel: int) -> bool:
+        return self.wheel is None or wheel == WHEELS.index(self.wheel)
 
     def left_in(self) -> str | None:
         """The ripple: its phase is unknown after a restart."""
         if self.amplitude_rad == 0.0:
             return None
-        return f"{self.name} of {self.wheel}: its ripple stays, for it averages out over a turn"
+        return (
+            f"{self.name} of {self.wheel or 'all wheels'}: its ripple stays, for it averages out over a turn"
+        )

@@ -1,0 +1,71 @@
+"""Counters that miscount: rings of another number of teeth, and counts lost at walking pace."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from bench.worlds.kinematic import Spec, drive
+from tests.diagnosis.recorded import recording_of
+from tpmsd.diagnosis.drives import read
+from tpmsd.diagnosis.low_speed import lost_counts
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.trajectory import reference
+
+BELOW_MPS = 2.4
+
+
+@cache
+def city() -> Recording:
+    """Five minutes of a town with stops."""
+    return recording_of(drive(Spec(duration_s=400.0, road="city", stops=True), 5))
+
+
+@pytest.mark.parametrize(
+    ("counted", "counts"),
+    [
+        ((44, 44, 44, 44), (44.0, 44.0, 44.0, 44.0)),
+        ((96, 96, 96, 96), (96.0, 96.0, 96.0, 96.0)),
+        ((48, 48, 44, 48), (None, None, 44.0, None)),
+        ((48, 60, 48, 48), (None, 60.0, None, None)),
+        ((48, 48, 48, 48), (None, None, None, None)),
+    ],
+)
+def test_a_ring_of_any_number_of_teeth_is_counted_right(
+    counted: tuple[int, ...], counts: tuple[float | None, ...]
+) -> None:
+    """Angles by 48 teeth configured are put right; radii that differ by less are left alone."""
+    recording = city()
+    wrong = replace(recording, rotation_rad=recording.rotation_rad * (np.array(counted) / 48.0))
+
+    right = read(wrong).recording
+
+    assert counts == right.counts_per_rev
+    np.testing.assert_allclose(right.rotation_rad, recording.rotation_rad, rtol=1e-12)
+
+
+def blind(below_mps: float) -> Recording:
+    """The same drive with counters that stand below a speed."""
+    recording = city()
+    speed = recording.rotation_rad.mean(axis=1) / recording.dt_s * recording.car.radius_m[0]
+    return replace(recording, rotation_rad=np.where(speed[:, None] < below_mps, 0.0, recording.rotation_rad))
+
+
+def test_counts_lost_below_a_speed_are_found() -> None:
+    """All wheels, all of their counts, and the speed within its interval."""
+    recording = blind(BELOW_MPS)
+
+    found = lost_counts(recording, reference(recording).car.radius_m)
+
+    assert found is not None
+    assert ("fl", "fr", "rl", "rr") == found.wheels
+    assert pytest.approx(1.0, abs=0.05) == found.share
+    assert abs(found.below_mps - BELOW_MPS) < 2.0 * found.below_std_mps < 1.5
+
+
+def test_whole_counters_lose_nothing() -> None:
+    """The receiver's speed and the wheels' agree down to walking pace."""
+    assert lost_counts(city(), reference(city()).car.radius_m) is None

@@ -1,0 +1,49 @@
+"""Wheels that slip for a span of time: named with axle and span, and apart from what lasts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bench.worlds.kinematic import Spec, drive
+from tests.diagnosis.recorded import recording_of
+from tpmsd.diagnosis.diagnose import diagnose
+from tpmsd.physics.catalogue import EFFECTS, EVENTS
+
+
+@pytest.mark.parametrize(
+    ("slip", "duration_s", "driven", "named"),
+    [
+        (0.012, 40.0, True, ["wheel_spin"]),
+        (0.012, 40.0, False, []),
+        (-0.05, 5.0, False, ["wheel_lock"]),
+        (-0.005, 300.0, True, []),
+        (0.001, 40.0, True, []),
+    ],
+)
+def test_what_may_be_an_event(slip: float, duration_s: float, driven: bool, named: list[str]) -> None:
+    """Only driven wheels spin; what is small or lasts for minutes is a change of the tyre or a warm brake."""
+    assert named == [name for name in EVENTS if EFFECTS[name].fits_span(slip, duration_s, driven)]
+
+
+def test_both_wheels_of_an_axle_that_spin_on_ice_are_one_finding() -> None:
+    """12 s at a slip of 0.8 % in a drive of seven minutes: axle, slip, onset and duration."""
+    recording = recording_of(drive(Spec(duration_s=420.0, road="rural", driven="rear"), 8))
+    times = recording.edges_s[:-1]
+    spinning = (times >= 200.0) & (times < 212.0)
+    factor = 1.0 + 0.008 * spinning[:, None] * np.array([0.0, 0.0, 1.0, 1.0])
+
+    diagnosis = diagnose([replace(recording, rotation_rad=recording.rotation_rad * factor)])
+
+    assert ["wheel_spin"] == [finding.effect for finding in diagnosis.findings]
+    (finding,) = diagnosis.findings
+    values = {name: quantity.value for name, quantity in finding.parameters.items()}
+    assert "rl rr" == values["wheels"]
+    assert ("rl", "rr") == finding.where.wheels
+    assert pytest.approx(0.008, abs=4e-4) == values["slip"]
+    assert pytest.approx(200.0, abs=1.5) == values["onset_s"]
+    assert pytest.approx(12.0, abs=2.0) == values["duration_s"]
+    ((begin, end),) = finding.where.time_spans
+    assert pytest.approx((200.0, 212.0), abs=2.0) == (begin, end)

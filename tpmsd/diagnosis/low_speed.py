@@ -1,0 +1,145 @@
+"""Looks for counts that are lost at walking pace, below the speeds of the windows.
+
+In: `Recording`. Out: `Lost` per drive: the wheels, the speed below which they lose counts, the share, and
+what the receiver's speeds say for it. At every fix each wheel's speed about that instant is compared with the
+receiver's: what differs is regressed on the speed (a radius), the acceleration (the age of the fix) and the
+speed where it is below a limit (lost counts). Where the receiver is slow itself its speed is mostly noise, so
+that the least speed looked at is several times its error.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.inference.recording import Recording
+from tpmsd.wheels import WHEELS, FloatArray
+
+FASTEST_MPS = 15.0
+"""Up to which fixes are compared: beyond, radii that grow with speed show."""
+LIMITS_MPS = np.arange(1.0, 4.01, 0.1)
+"""Speeds below which counts may be lost."""
+LEAST_MPS, ERRORS = 0.6, 4.0
+"""Least speed looked at, and the same in standard deviations of the receiver's speed."""
+HALF_S = 0.25
+"""Half the time over which a wheel's speed is taken."""
+ADMIT = 14.0
+"""Nats that lost counts must bring: their share, their limit among thirty, and odds of a thousand."""
+SHARE = 0.3
+"""Least share of counts that is called lost: what is less may be a low-pass of the sensor."""
+BLOCK_S = 20.0
+BRAKING_MPS2 = 2.0
+"""Usual change of speed before a stop."""
+FEWEST = 3
+"""Fixes below the limit."""
+
+
+@dataclass(frozen=True)
+class Lost:
+    """Counts lost by some wheels of a drive."""
+
+    wheels: tuple[str, ...]
+    below_mps: float
+    below_std_mps: float
+    share: float
+    share_std: float
+    gain: float
+    speeds_mps: tuple[float, float]
+    """Least speed that was looked at, and the limit."""
+
+
+def lost_counts(recording: Recording, radii_m: FloatArray) -> Lost | None:
+    """What is lost; None where nothing is, or where the drive does not tell. `radii_m` (4,) are the car's."""
+    use = np.isfinite(recording.speed_mps)
+    time_s, speed = recording.fix_time_s[use], recording.speed_mps[use]
+    if len(time_s) < 30:
+        return None
+    accel = np.gradient(speed, np.maximum.accumulate(time_s + 1e-6 * np.arange(len(time_s))))
+    shown = _wheel_speeds(recording, radii_m, time_s)
+    slow = speed < FASTEST_MPS
+    found: list[tuple[int, float, float, float, float, float]] = []
+    least = LEAST_MPS
+    for wheel in recording.wheels:
+        y = shown[:, wheel] - speed
+        here = slow & np.isfinite(y) & np.isfinite(accel)
+        calm = here & (speed > LIMITS_MPS[-1])
+        if calm.sum() < 3 * FEWEST:
+            return None
+        base = np.stack([speed, accel], axis=1)
+        values = np.linalg.lstsq(base[calm], y[calm], rcond=None)[0]
+        left = y - base @ values
+        std = max(float(np.median(np.abs(left[calm]))) / 0.6745, 0.02)
+        least = max(LEAST_MPS, ERRORS * std)
+        best = _best(time_s, speed, left, here & (speed > least), std)
+        if best is not None:
+            found.append((wheel, *best))
+    if not found:
+        return None
+    gains = np.array([gain for *_, gain in found])
+    _, below, below_std, share, share_std, _ = found[int(np.argmax(gains))]
+    alike = [one for one in found if abs(one[1] - below) <= 0.5]
+    return Lost(
+        wheels=tuple(WHEELS[one[0]] for one in alike),
+        below_mps=float(np.mean([one[1] for one in alike])),
+        below_std_mps=below_std,
+        share=float(np.clip(share, 0.0, 1.0)),
+        share_std=share_std,
+        gain=float(sum(one[-1] for one in alike)),
+        speeds_mps=(least, below),
+    )
+
+
+def _best(
+    time_s: FloatArray, speed: FloatArray, left: FloatArray, use: np.ndarray, std: float
+) -> tuple[float, float, float, float, float] | None:
+    """Limit and share with their standard deviations, and the gain, of what is left (n,); None of no loss."""
+    best: tuple[float, float, float, float] | None = None
+    for limit in LIMITS_MPS:
+        below = use & (speed < limit)
+        if below.sum() < FEWEST:
+            continue
+        x, y, block = -speed[below], left[below], (time_s[below] // BLOCK_S).astype(int)
+        size = float(x @ x)
+        share = float(x @ y) / size
+        # Fixes that follow each other err alike: blocks tell how sure the share is (White, 1980).
+        score = np.bincount(block - block.min(), x * (y - share * x))
+        spread = max(float(score @ score), size * std**2)
+        ratio = spread / (size * std**2)
+        gain = 0.5 * float(x @ y) ** 2 / size / std**2 / ratio
+        if share > SHARE and gain > ADMIT and (best is None or gain > best[3]):
+            best = (float(limit), share, float(np.sqrt(spread)) / size, gain)
+    if best is None:
+        return None
+    limit, share, share_std, gain = best
+    # About the limit a speed taken over half a second is half of either side.
+    blurred = HALF_S * BRAKING_MPS2 / 2.0
+    clear = use & (speed < limit - blurred)
+    if clear.sum() >= FEWEST:
+        share = float(np.median(-left[clear] / speed[clear]))
+    gone = -left > 0.5 * share * speed
+    lower = float(np.max(speed[use & gone & (speed < limit)], initial=LEAST_MPS))
+    upper = float(np.min(speed[use & ~gone & (speed > lower)], initial=limit + 1.0))
+    return (
+        0.5 * (lower + upper),
+        float(np.hypot(blurred, (upper - lower) / 12.0**0.5)),
+        share,
+        share_std,
+        gain,
+    )
+
+
+def _wheel_speeds(recording: Recording, radii_m: FloatArray, time_s: FloatArray) -> FloatArray:
+    """(m, 4) speeds of the wheels about these times; NaN where they were not read."""
+    edges = recording.edges_s
+    out = np.full((len(time_s), 4), np.nan)
+    for wheel in recording.wheels:
+        turned = recording.rotation_rad[:, wheel]
+        angle = np.concatenate([[0.0], np.cumsum(np.nan_to_num(turned))])
+        unread = np.concatenate([[0.0], np.cumsum(~np.isfinite(turned))])
+        ends = [np.interp(time_s + side, edges, angle) for side in (-HALF_S, HALF_S)]
+        gaps = [np.interp(time_s + side, edges, unread) for side in (-HALF_S, HALF_S)]
+        rate = (ends[1] - ends[0]) / (2.0 * HALF_S)
+        inside = (time_s > HALF_S) & (time_s < edges[-1] - HALF_S) & (gaps[1] == gaps[0])
+        out[:, wheel] = np.where(inside, rate * radii_m[wheel], np.nan)
+    return out

@@ -1,0 +1,67 @@
+"""Below a speed a counter loses counts: inductive sensors give too little voltage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.errors import ConfigError
+from tpmsd.physics.effect import Effect, Kind, Parameter, Prior, TextParameter
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.physics.spans import wheel_mask
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True)
+class CounterLostLowSpeed(Effect):
+    """Below `below_mps` the counter shows the share 1 - lost of the wheel's turn, above it all of it.
+
+    Source: the voltage of a variable-reluctance sensor goes with the speed of the teeth; trigger levels of
+    anti-lock controllers are reached between 0.5 and 1.5 m/s (Bosch
+    Automotive Handbook, wheel-speed sensors).
+    """
+
+    name: ClassVar[str] = "counter_lost_low_speed"
+    kind: ClassVar[Kind] = Kind.INSTRUMENT
+    formula: ClassVar[str] = "omega shown = omega * (1 - lost) where v < below_mps"
+    sentence: ClassVar[str] = "counts are lost below a speed"
+    telling_drive: ClassVar[str] = "roll at walking pace for a minute, under the open sky"
+    shows_in: ClassVar[tuple[str, str]] = ("wheel", "speed")
+    needs: ClassVar[tuple[str, ...]] = ("gnss_speed",)
+    at_walking_pace: ClassVar[bool] = True
+    parameters: ClassVar[tuple[TextParameter | Parameter, ...]] = (
+        TextParameter("wheels", "all", "wheels that lose counts: their names, or all"),
+        Parameter(
+            "below_mps",
+            "m/s",
+            1.5,
+            0.1,
+            10.0,
+            "speed below which counts are lost",
+            prior=Prior(1.0, 0.7, "trigger levels reached between 0.5 and 1.5 m/s"),
+        ),
+        Parameter(
+            "lost", "1", 1.0, 0.0, 1.0, "share of the counts", prior=Prior(1.0, 0.3, "no trigger, no count")
+        ),
+    )
+    wheels: str
+    below_mps: float
+    lost: float = 1.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        try:
+            wheel_mask(self.wheels)
+        except ValueError as error:
+            raise ConfigError(f"effect {self.name}: {error}") from None
+
+    def not_compensated(self, signals: frozenset[str]) -> str | None:
+        """What was not counted cannot be put back."""
+        return "what was not counted cannot be put back"
+
+    def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
+        """(n, 4) minus the lost share on its wheels below the speed, zero above."""
+        slow = (motion.speed_mps < self.below_mps).astype(np.float64)
+        return -self.lost * slow[:, None] * wheel_mask(self.wheels)
