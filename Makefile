@@ -29,7 +29,7 @@ DOCDIR ?= /usr/local/share/doc/tpmsd
 MANDIR ?= /usr/local/share/man
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format bench bench-live bench-calibrate bench-diagnose bench-alarms test-hil test-connect install uninstall deb bench-vehicle-state bench-estimators soak fuzz clean
+.PHONY: help demo test lint format bench bench-live bench-calibrate bench-diagnose bench-origins bench-alarms test-hil test-connect install uninstall deb bench-vehicle-state bench-estimators soak fuzz clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | awk -F'\t' '{printf "  make %-15s %s\n", $$1, $$2}'
@@ -77,6 +77,9 @@ deb: $(RUNTIME)  ## a Debian package, to build/deb
 
 bench-diagnose: $(DEV)  ## the diagnosis on drives of other worlds, truth sealed (BENCH_ARGS=--full: a day)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run diagnosis $(BENCH_ARGS)
+
+bench-origins: $(DEV)  ## the diagnosis on null drives and faults of seven origins (BENCH_ARGS=--help)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run origins $(BENCH_ARGS)
 
 bench-alarms: $(DEV)  ## soft tyres and harmless drives: detection, false alarms per km (BENCH_ARGS=--full: hours)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run alarms $(BENCH_ARGS)

@@ -16,6 +16,7 @@ import pytest
 REPO = Path(__file__).resolve().parent.parent
 PACKAGE = REPO / "tpmsd"
 BENCH = REPO / "bench"
+TESTS = REPO / "tests"
 
 EVERYWHERE = {"bounds", "errors", "plain", "wheels", "lean"}
 """Modules that any room may import, beside its own and those of the table."""
@@ -269,9 +270,56 @@ def test_the_core_is_pure() -> None:
     ]
 
 
+def with_bench() -> list[Path]:
+    """Every module of program and benchmarks."""
+    return sorted(path for root in (PACKAGE, BENCH) for path in root.rglob("*.py"))
+
+
+def rings(needs: dict[str, set[str]]) -> list[str]:
+    """Names that need themselves over others, what each needs given."""
+    reached = {name: set(others) for name, others in needs.items()}
+    for middle in needs:
+        for others in reached.values():
+            if middle in others:
+                others |= reached[middle]
+    return sorted(name for name, others in reached.items() if name in others)
+
+
+def needs_of(paths: list[Path]) -> dict[str, set[str]]:
+    """What each module imports at its top, of the modules that are given; not for type checkers alone."""
+    known = {dotted_name(path).removesuffix(".__init__") for path in paths}
+    needs: dict[str, set[str]] = {}
+    for path in paths:
+        name = dotted_name(path).removesuffix(".__init__")
+        top = [node for node in ast.parse(read(path)).body if isinstance(node, ast.Import | ast.ImportFrom)]
+        found = {full for node in top for _, full in imports(node)}
+        parents = {full.rpartition(".")[0] for full in found if full not in known}
+        needs[name] = {target for target in (*found, *parents) if target in known and target != name}
+    return needs
+
+
+def test_imports_are_written_in_full() -> None:
+    """No relative import in program, benchmarks and tests."""
+    everywhere = [*with_bench(), *sorted(TESTS.rglob("*.py"))]
+    found = {dotted_name(path): [name for _, name in imports(ast.parse(read(path)))] for path in everywhere}
+
+    assert [] == [module for module, names in found.items() if any(name.startswith(".") for name in names)]
+
+
+def test_no_modules_import_each_other_in_a_ring() -> None:
+    """Nested rooms included: program and benchmarks can be read from the bottom up."""
+    assert [] == rings(needs_of(with_bench()))
+
+
+def test_the_watch_over_rings_sees() -> None:
+    """A ring of three is found with all its members; a diamond is none."""
+    assert ["a", "b", "c"] == rings({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}})
+    assert [] == rings({"a": {"b", "c"}, "b": {"d"}, "c": {"d"}, "d": set()})
+
+
 def test_modules_are_short() -> None:
     """A module is of one thing: at most 400 lines."""
-    lengths = {dotted_name(path): len(read(path).splitlines()) for path in modules()}
+    lengths = {dotted_name(path): len(read(path).splitlines()) for path in with_bench()}
 
     assert {} == {module: length for module, length in lengths.items() if length > MAX_LINES}
 
@@ -280,7 +328,7 @@ def test_modules_say_what_they_are_for() -> None:
     """Every module that holds anything begins with a docstring."""
     assert [] == [
         dotted_name(path)
-        for path in modules()
+        for path in with_bench()
         if read(path).strip() and not ast.get_docstring(ast.parse(read(path)))
     ]
 

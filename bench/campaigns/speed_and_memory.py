@@ -18,7 +18,9 @@ import dataclasses
 import io
 import os
 import platform
+import resource
 import statistics
+import subprocess
 import sys
 import tempfile
 import time
@@ -29,8 +31,10 @@ from typing import Any
 import numpy as np
 
 from bench.campaigns.decode import frames_per_second
-from bench.places import RECORDINGS
+from bench.places import RECORDINGS, REPO
 from bench.registry import UsageError
+from bench.worlds.folder import write_folder
+from bench.worlds.kinematic import Spec, drive
 from tpmsd.cli.replay import replay
 from tpmsd.config.load import load_config
 from tpmsd.config.model import FILTER_METHODS, Config
@@ -46,6 +50,7 @@ from tpmsd.sources.drive import Drive
 from tpmsd.timeline.tick import Tick
 
 DRIVE_S = 600.0
+DIAGNOSED_S = 1200.0
 TICKS = 1500
 """How many of the drive's ticks an estimator is timed on."""
 TICKS_FROM = 1500
@@ -117,6 +122,18 @@ def replay_factor(folder: Path, config: Config) -> tuple[float, float]:
     return result.duration_s / elapsed_s, 1e3 * cpu_s / (result.duration_s * config.filter.rate_hz)
 
 
+def diagnosis_s(folder: Path, *options: str) -> float:
+    """CPU seconds of `tpmsd diagnose` in a process of its own, reading included."""
+    with tempfile.TemporaryDirectory() as name:
+        words = ["diagnose", str(folder), "--model-out", str(Path(name) / "model.toml"), *options]
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+        command = [sys.executable, "-m", "tpmsd", *words]
+        subprocess.run(command, env=environment, cwd=REPO, capture_output=True, check=True)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
 def with_method(config: Config, method: str) -> Config:
     """The same car with another estimator."""
     return dataclasses.replace(config, filter=dataclasses.replace(config.filter, method=method))
@@ -185,6 +202,20 @@ def figures(runs: int, drive_s: float, say: Callable[[Figure], None]) -> list[Fi
                     runs,
                     lambda speeds=speeds: next(speeds),  # type: ignore[misc]
                     lambda factor: factor,
+                )
+            )
+    with tempfile.TemporaryDirectory() as folder_name:
+        folder = Path(folder_name)
+        grows = {"centrifugal_growth": {"coefficient": 1.5e-6}}
+        write_folder(drive(Spec(duration_s=DIAGNOSED_S, physics=grows), 1), folder)
+        for name, options in (("", ("--certify", "0")), (" with certificate", ())):
+            take(
+                measure(
+                    f"diagnosis, {DIAGNOSED_S / 60:.0f} min{name}",
+                    "s",
+                    runs,
+                    lambda options=options: diagnosis_s(folder, *options),  # type: ignore[misc]
+                    lambda seconds: DIAGNOSED_S / seconds,
                 )
             )
     for folder in recordings():

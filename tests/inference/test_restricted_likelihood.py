@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
-from tests.worlds.kinematic import Spec, drive
 from tpmsd.inference.noise import LIMITS, Noise
 from tpmsd.inference.noise_fit import Data, log_prior, maximised, restricted_posterior
 from tpmsd.inference.state_space import Geometry, StateSpace, diagonals, geometry
