@@ -16,7 +16,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
-from tpmsd.bridges.summary import Alarm, Summary
+from tpmsd.bridges.summary import Alarm, Summary, Wheel
 
 MAX_EVENTS = 500
 """Events kept while the broker is away: an hour with one every seven seconds."""
@@ -135,12 +135,16 @@ def state_document(summary: Summary) -> dict[str, Any]:
         "malfunction": summary.malfunction,
         "can": summary.can,
         "gnss": summary.gnss,
-        "wheels": {
-            wheel.name: {key: value for key, value in asdict(wheel).items() if key != "name"}
-            for wheel in summary.wheels
-        },
+        "wheels": {wheel.name: _wheel_document(wheel) for wheel in summary.wheels},
         "alarms": [_alarm_document(alarm) for alarm in summary.alarms],
     }
+
+
+def _wheel_document(wheel: Wheel) -> dict[str, Any]:
+    document = {key: value for key, value in asdict(wheel).items() if key != "name"}
+    if wheel.pressure_loss_percent is not None:
+        document["pressure_loss_percent"] = max(wheel.pressure_loss_percent, 0.0)  # a gain is no loss
+    return document
 
 
 def recalled(payload: bytes) -> Iterable[Alarm]:

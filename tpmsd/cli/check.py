@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from tpmsd.cli.output import Subparsers, add_json_option, json_text
 from tpmsd.cli.outputs import Outputs
 from tpmsd.config.gnss_source import source_of
+from tpmsd.errors import ConfigError
 
 if TYPE_CHECKING:
     from tpmsd.config.check import CheckResult
@@ -64,6 +65,14 @@ def run(args: argparse.Namespace) -> int:
         count = len(result.problems)
         print(f"{result.file}: {count} problem{'s' if count != 1 else ''}", file=sys.stderr)
         return 2
+    if result.plan.config.can.output:
+        from tpmsd.sinks.can_output import CanOutputs
+        from tpmsd.sources.databases import load_databases
+
+        try:
+            CanOutputs(result.plan.config, load_databases(result.plan.config))
+        except ConfigError as error:
+            raise ConfigError(f"{result.file}: {error}") from None
     if args.json != "-":
         print("\n".join(summary(result.plan)))
     return 0

@@ -143,7 +143,7 @@ def configuration(args: argparse.Namespace) -> tuple[Config, list[str]]:
     state, status = config.state, config.status
     warnings = [warning.text for warning in result.warnings]
     if args.state is not None:
-        state = dataclasses.replace(state, file=args.state)
+        state = dataclasses.replace(state, file=args.state if args.state != Path() else None)
     elif source.is_dir() and state.file is not None and not _inside(state.file, source):
         # What is learned with a recording's configuration must not replace what the service learned.
         warnings.append(f"{source}: a drive folder: {state.file} is left alone (--state FILE keeps a state)")

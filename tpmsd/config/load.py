@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from tpmsd.config import agree
+from tpmsd.config.can_output import MOST_OUTPUTS, read_output
 from tpmsd.config.document import Document, read_document
 from tpmsd.config.model import (
     AlarmsConfig,
@@ -21,6 +22,7 @@ from tpmsd.config.model import (
     FilterConfig,
     GnssConfig,
     MonitorConfig,
+    OutputConfig,
     SignalOptions,
     StateConfig,
     StatusConfig,
@@ -70,6 +72,9 @@ def parse(document: Document, dbc: Path | None = None, *, dbc_elsewhere: bool = 
     return _Parser(document, dbc_elsewhere).parse(dbc)
 
 
+_READ_APART = {("can", "buses"), ("can", "output")}
+
+
 class _Parser:
     def __init__(self, document: Document, dbc_elsewhere: bool = False) -> None:
         self._document = document
@@ -102,12 +107,16 @@ class _Parser:
         channel = good["can"].get("channel")
         buses = self._buses(good["can"], dbc, options)
         self._distinct(signals, options)
+        outputs = self._outputs()
         config = None
         if not self._problems and vehicle is not None and dbc is not None:
             config = Config(
                 vehicle=vehicle,
                 can=CanConfig(
-                    **{**good["can"], "signals": signals, "dbc": dbc}, options=options, buses=buses
+                    **{**good["can"], "signals": signals, "dbc": dbc},
+                    options=options,
+                    buses=buses,
+                    output=outputs,
                 ),
                 gnss=gnss,
                 filter=FilterConfig(**good["filter"]),
@@ -161,7 +170,7 @@ class _Parser:
     def _read_table(self, table: str, rules: Mapping[str, Rule]) -> dict[str, Any]:
         good: dict[str, Any] = {}
         for key, value in self._raw(table).items():
-            if f"{table}.{key}" in self._tables or (table, key) == ("can", "buses"):
+            if f"{table}.{key}" in self._tables or (table, key) in _READ_APART:
                 continue
             if key not in rules:
                 self._report(self._unknown_key(table, key, rules), table, key)
@@ -217,6 +226,22 @@ class _Parser:
                 unknown = BadValueError("bus: no such bus", show(option.bus), known)
                 self._report(unknown, "can.signals", role)
         return buses
+
+    def _outputs(self) -> tuple[OutputConfig, ...]:
+        """The entries of [[can.output]] that can be read."""
+        raw = self._raw("can").get("output", [])
+        good: list[OutputConfig] = []
+        if not isinstance(raw, list) or len(raw) > MOST_OUTPUTS:
+            bad = BadValueError("must be a list of tables", show(raw), "[[can.output]] on a line of its own")
+            self._report(bad, "can", "output")
+            return ()
+        for number, entry in enumerate(raw):
+            try:
+                good.append(read_output(entry, self._document.file.parent))
+            except BadValueError as error:
+                line = self._document.line("can", "output", number)
+                self._problems.append(error.at(self._document.file, line, f"[[can.output]] {number + 1}"))
+        return tuple(good)
 
     def _spread_teeth(self, vehicle: dict[str, Any], wheels: tuple[str, ...]) -> None:
         """A table of teeth becomes one number and the numbers of all wheels."""

@@ -109,6 +109,43 @@ class BusConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class OutputSignal:
+    """What a signal of `[[can.output]]` is filled with."""
+
+    value: str | None = None
+    """A name of `tpmsd.sinks.output_values.NAMES`; None: the constant."""
+    constant: float = 0.0
+    unknown: float | None = None
+    """Physical value where nobody knows the number; None: the signal's initial value."""
+    mapped: tuple[float, ...] = ()
+    """Physical values for 0, 1, 2, ..."""
+    algorithm: str | None = None
+    """Of a checksum."""
+    data_id: tuple[int, ...] = ()
+    """Bytes that come before the frame's own in a checksum."""
+    modulo: int | None = None
+    """Of a counter; None: the signal's width."""
+
+
+@dataclass(frozen=True, slots=True)
+class OutputConfig:
+    """One message that tpmsd sends in the car's own format."""
+
+    message: str | None = None
+    signals: tuple[tuple[str, OutputSignal], ...] = ()
+    dbc: Path | None = None
+    """None: the DBC of the bus."""
+    bus: str | None = None
+    """A name of [can.buses]; None: the bus of [can]."""
+    when: str = "cyclic"
+    """cyclic | change | both"""
+    period_s: float = 0.1
+    j1939: str | None = None
+    """tire | dm1: a standard message instead."""
+    source_address: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class CanConfig:
     """The bus and where on it the signals are."""
 
@@ -123,6 +160,9 @@ class CanConfig:
     """Role -> what its table form says; roles given as plain names have none."""
     buses: dict[str, BusConfig] = field(default_factory=dict)
     """The further buses by name, in the order of the file."""
+    output_ids: tuple[int, ...] = ()
+    """What may be sent by `output`."""
+    output: tuple[OutputConfig, ...] = ()
 
     def option(self, role: str) -> SignalOptions:
         """The options of a role."""

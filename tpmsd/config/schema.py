@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from tpmsd.config.can_output import Identifiers
 from tpmsd.config.gnss_source import SourceRule
 from tpmsd.config.model import FILTER_GATES, FILTER_METHODS, FIX_WEIGHTS, ROLES
 from tpmsd.config.rules import (
@@ -52,6 +53,7 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
             "dbc": FilePath(folder),
             "fd": Flag(),
             "bitrate": Whole(5_000, 8_000_000),
+            "output_ids": Identifiers(),
         },
         "can.signals": {role: SignalEntry(role) for role in ROLES},
         "gnss": {

@@ -28,7 +28,7 @@ def config_toml(config: Config, dbc: str) -> str:
                 value = dbc
             if value is None and (table, field.name) == ("state", "file"):
                 value = ""  # None says: keep none; leaving the key out would say: the usual one
-            if field.name == "teeth_by_wheel":
+            if field.name in ("teeth_by_wheel", "output", "output_ids"):  # a replay sends nothing
                 continue
             if field.name == "teeth_per_rev" and config.vehicle.teeth_by_wheel is not None:
                 value = config.vehicle.teeth_by_wheel

@@ -47,10 +47,12 @@ from tpmsd.monitor.tyre_sets import NAME
 from tpmsd.pipeline import Pipeline, Step
 from tpmsd.provenance import provenance
 from tpmsd.sinks.can_frames import CanReporter
+from tpmsd.sinks.can_output import CanOutputs
 from tpmsd.sinks.reset_request import PREFIX, ResetRequest, to_sentence
 from tpmsd.sinks.sd_notify import Notifier
 from tpmsd.sinks.status_server import StatusServer, StatusSocketError
 from tpmsd.sources.can_decoder import can_filters
+from tpmsd.sources.can_frame import CanFrame
 from tpmsd.sources.events import SourceFault
 
 SCHEMA = "tpmsd.status/2"
@@ -105,7 +107,8 @@ class Daemon:
         self._state = StateKeeper(config, self._log)
         self._pipeline = self._state.restored(lambda: make_pipeline(config, database))
         self._queue = InputQueue()
-        filters = [*can_filters(config, database), *reset_filters(config.alarms)]
+        self._outputs = CanOutputs(config, database)
+        filters = [*can_filters(config, database), *reset_filters(config.alarms), *self._outputs.filters(0)]
         channel, out = config.can.channel, config.alarms.channel
         self._bus = BusLink(
             lambda: open_bus(config.can, filters, channel), f"CAN {channel}", self._log, kernel
@@ -150,7 +153,8 @@ class Daemon:
         settings = dataclasses.replace(
             self._config.can, interface=bus.interface, channel=bus.channel, fd=bus.fd, bitrate=bus.bitrate
         )
-        return open_bus(settings, can_filters(self._config, database, number), bus.channel)
+        filters = [*can_filters(self._config, database, number), *self._outputs.filters(number)]
+        return open_bus(settings, filters, bus.channel)
 
     @property
     def ticks(self) -> int:
@@ -170,6 +174,8 @@ class Daemon:
     def document(self) -> dict[str, Any]:
         """The status document as it is now."""
         document = self._health.document(self._pipeline, self._clock.monotonic(), self._deadlines.missed)
+        if self._outputs:
+            document["can_output"] = self._outputs.status()
         return {**self._provenance, **document}
 
     def reset(self, tyres: str | None) -> str:
@@ -253,9 +259,12 @@ class Daemon:
         may be held up at any line, and what comes meanwhile waits to be read.
         """
         now_s, monotonic_s = self._clock.read()
-        frames = self._bus.read(monotonic_s)
-        for other in self._others:
-            frames += other.read(monotonic_s)
+        frames: list[CanFrame] = []
+        for number, bus in enumerate((self._bus, *self._others)):
+            came = bus.read(monotonic_s)
+            if self._outputs:
+                self._watch_outputs(number, came)
+            frames += came
         read_s = self._clock.now()
         for frame in frames:
             stamp_s = self._frame_time(frame.time_s)
@@ -297,8 +306,16 @@ class Daemon:
                 self._state.alarm_changed()
             # The tick's own time, not the host's: it only rises.
             self._out.send(self._reporter.frames(step.tick.time_s, step.report), monotonic_s)
+            for number, frames in self._outputs.frames(step.tick.time_s, step.report).items():
+                (self._bus, *self._others)[number].send(frames, monotonic_s)
             if self._on_step is not None:
                 self._on_step(step)
+
+    def _watch_outputs(self, number: int, frames: list[CanFrame]) -> None:
+        """A frame that another node sends under an identifier of ours ends that output."""
+        for frame in frames:
+            if told := self._outputs.heard(number, frame.arbitration_id, frame.is_extended):
+                self._log.warning("%s", told)
 
     def _faults(self, time_s: float) -> list[SourceFault]:
         """For as long as an input is down, the monitor is told so with every tick."""

@@ -36,7 +36,7 @@ class OutFrame(NamedTuple):
     data: bytes
 
 
-class _Cycle:
+class Cycle:
     """When something periodic is due, without drift, bursts after a pause, or trust in a clock that never
     steps back."""
 
@@ -45,9 +45,11 @@ class _Cycle:
         self._next_s = -math.inf
 
     def restart(self, now_s: float) -> None:
+        """Let a whole period pass from now."""
         self._next_s = now_s + self._period_s
 
     def due(self, now_s: float) -> bool:
+        """Whether it is due now; if so the next period begins."""
         stepped_back = now_s < self._next_s - self._period_s - _SLACK_S
         if not stepped_back and now_s < self._next_s - _SLACK_S:
             return False
@@ -62,7 +64,7 @@ class _Announced:
 
     event: AlarmEvent
     sequence: int
-    cycle: _Cycle
+    cycle: Cycle
     repeats_left: int
     """Only counted once it is cleared."""
 
@@ -87,7 +89,7 @@ class CanReporter:
         if alarms.status_id == alarms.alarm_id:
             raise ConfigError(f"alarms.status_id and alarms.alarm_id are both 0x{alarms.status_id:X}")
         self._alarms = alarms
-        self._status_cycle = _Cycle(alarms.status_period_s)
+        self._status_cycle = Cycle(alarms.status_period_s)
         self._status_counter = 0
         self._alarm_counter = 0
         self._sequence = 0
@@ -150,7 +152,7 @@ class CanReporter:
 
     def _announce(self, event: AlarmEvent, now_s: float) -> _Announced:
         self._sequence = (self._sequence + 1) % layout.SEQUENCE_MODULO
-        alarm = _Announced(event, self._sequence, _Cycle(self._alarms.alarm_period_s), CLEARED_REPEATS)
+        alarm = _Announced(event, self._sequence, Cycle(self._alarms.alarm_period_s), CLEARED_REPEATS)
         alarm.cycle.restart(now_s)
         self._announced[_key(event)] = alarm
         return alarm
