@@ -22,6 +22,7 @@ from tpmsd.config.model import (
     FilterConfig,
     GnssConfig,
     MonitorConfig,
+    NotifyConfig,
     OutputConfig,
     SignalOptions,
     StateConfig,
@@ -125,6 +126,7 @@ class _Parser:
                 alarms=alarms,
                 status=StatusConfig(**good["status"]),
                 state=StateConfig(**good["state"]),
+                notify=NotifyConfig(**good["notify"]),
                 calibration=CalibrationConfig(**good["calibration"]),
                 file=self._document.file,
             )

@@ -287,6 +287,20 @@ class StatusConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class NotifyConfig:
+    """A program that is run when an alarm is raised or cleared."""
+
+    command: tuple[str, ...] = ()
+    """Program and arguments, no shell; empty: none."""
+    kinds: tuple[str, ...] = ()
+    """Kinds of alarms it is run for; empty: all."""
+    min_interval_s: float = 5.0
+    """From one start to the next; events in between wait."""
+    timeout_s: float = 30.0
+    """After this it is killed."""
+
+
+@dataclass(frozen=True, slots=True)
 class StateConfig:
     """What is kept over restarts."""
 
@@ -325,6 +339,7 @@ class Config:
     alarms: AlarmsConfig = field(default_factory=AlarmsConfig)
     status: StatusConfig = field(default_factory=StatusConfig)
     state: StateConfig = field(default_factory=StateConfig)
+    notify: NotifyConfig = field(default_factory=NotifyConfig)
     calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
     file: Path | None = None
     """Where it was read from."""

@@ -164,6 +164,28 @@ class Rising:
 
 
 @dataclass(frozen=True, slots=True)
+class Words:
+    """A list of texts; `choices`: what they may be, anything where there are none."""
+
+    most: int
+    choices: tuple[str, ...] = ()
+
+    def read(self, value: object) -> tuple[str, ...]:
+        """The texts."""
+        allowed = f"a list of up to {self.most} texts" + (
+            f" of {' '.join(self.choices)}" if self.choices else ""
+        )
+        if not isinstance(value, list) or len(value) > self.most:
+            raise BadValueError("not a list", show(value), allowed)
+        for one in value:
+            if not isinstance(one, str) or "\0" in one or (self.choices and one not in self.choices):
+                raise BadValueError("not one of the texts that may stand here", show(one), allowed)
+        if value and not value[0]:
+            raise BadValueError("empty", show(value), allowed)
+        return tuple(value)
+
+
+@dataclass(frozen=True, slots=True)
 class TyreSize:
     """A tyre's size as on its side wall."""
 

@@ -22,6 +22,7 @@ from tpmsd.config.rules import (
     Text,
     TyreSize,
     Whole,
+    Words,
 )
 from tpmsd.config.signal_table import SignalEntry, TeethTable
 from tpmsd.wheels import WHEELS
@@ -113,6 +114,12 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
         "status": {
             "socket": FilePath(folder, socket=True),
             "mode": Whole(0, 0o777, base=8),
+        },
+        "notify": {
+            "command": Words(64),
+            "kinds": Words(8, ("deflation", "radius_deviation", "slow_leak", "malfunction")),
+            "min_interval_s": Number(0.0, 86_400.0, "s"),
+            "timeout_s": Number(0.1, 3600.0, "s"),
         },
         "state": {
             "file": FilePath(folder, may_be_empty=True),

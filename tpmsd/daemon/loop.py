@@ -14,6 +14,7 @@ import contextlib
 import dataclasses
 import logging
 import math
+import os
 import threading
 from collections.abc import Callable
 from errno import EADDRINUSE
@@ -33,6 +34,7 @@ from tpmsd.daemon.frame_stamps import TOLERANCE_S, WINDOW_S, FrameStamps
 from tpmsd.daemon.health import Health
 from tpmsd.daemon.input_queue import InputQueue
 from tpmsd.daemon.journal import LOGGER, log_alarm
+from tpmsd.daemon.notify import Notices
 from tpmsd.daemon.receiver_link import (
     OpenReceiver,
     ReceiverLink,
@@ -131,6 +133,7 @@ class Daemon:
             label, stream = f"receiver {source.label}", configured_stream(config.gnss)
             self._receiver = ReceiverLink(open_receiver(config.gnss), label, self._log, stream)
         self._reporter = CanReporter(config.alarms)
+        self._notices = Notices(config.notify, self._log, os.environ)
         buses = {bus.channel: number for number, bus in enumerate(config.can.buses.values(), 1)}
         self._feeder = Feeder(self._pipeline, self._queue, recorder, grace_s, buses)
         start_s = clock.monotonic()
@@ -290,6 +293,7 @@ class Daemon:
             if self._stamps is not None:
                 self._stamps.reset()
         self._state.service(monotonic_s, self._pipeline.snapshot)
+        self._notices.service(self._clock.to_real(monotonic_s))
         self._tell(monotonic_s)
         if self._second.due(monotonic_s):
             if self._server is not None:
@@ -303,6 +307,7 @@ class Daemon:
         for step in steps:
             for event in step.report.events:
                 log_alarm(self._log, event)
+                self._notices.take(event)
                 self._state.alarm_changed()
             # The tick's own time, not the host's: it only rises.
             self._out.send(self._reporter.frames(step.tick.time_s, step.report), monotonic_s)
@@ -357,6 +362,7 @@ class Daemon:
             self._state.save(monotonic_s, self._pipeline.snapshot())
 
     def _close(self) -> None:
+        self._notices.close()
         for link in self._links():
             link.close()
         if self._server is not None:

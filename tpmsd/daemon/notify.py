@@ -1,0 +1,122 @@
+"""Runs a program on alarm events: `[notify] command`.
+
+In: alarm events, monotonic time. Out: child processes, one at a time, without a shell, with what happened in
+their environment. Starting one costs a fork and an exec; nothing here waits for its end.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import math
+import os
+import signal
+import subprocess
+from collections import deque
+from collections.abc import Mapping
+
+from tpmsd.config.model import NotifyConfig
+from tpmsd.monitor.records import AlarmEvent
+
+MOST_WAITING = 32
+"""Events that wait for their turn; of more the oldest are left out, for the newest say how it is."""
+PASSED_ON = ("PATH", "HOME", "LANG", "LC_ALL", "TZ")
+"""What the program sees of the daemon's own environment; secrets of the service are not its business."""
+
+
+class Notices:
+    """One program, run for one event after the other.
+
+    `counts`: `run`, `failed` (ended with another code than 0, or could not be started), `killed` (took too
+    long), `left_out`.
+    """
+
+    def __init__(self, config: NotifyConfig, log: logging.Logger, environment: Mapping[str, str]) -> None:
+        self._config, self._log = config, log
+        self._base = {name: environment[name] for name in PASSED_ON if name in environment}
+        self._waiting: deque[AlarmEvent] = deque()
+        self._process: subprocess.Popen[bytes] | None = None
+        self._begun_s = self._last_s = -math.inf
+        self._told = ""
+        self.counts = {"run": 0, "failed": 0, "killed": 0, "left_out": 0}
+
+    def take(self, event: AlarmEvent) -> None:
+        """An alarm was raised or cleared."""
+        if not self._config.command or event.kind not in (self._config.kinds or (event.kind,)):
+            return
+        if len(self._waiting) == MOST_WAITING:
+            self._waiting.popleft()
+            self.counts["left_out"] += 1
+        self._waiting.append(event)
+
+    def service(self, now_s: float) -> None:
+        """Look after the program that runs, and start the next where one is due; never waits."""
+        if self._process is not None:
+            self._look_after(self._process, now_s)
+        due = now_s - self._last_s >= self._config.min_interval_s
+        if self._process is None and self._waiting and due:
+            self._start(self._waiting.popleft(), now_s)
+
+    def close(self) -> None:
+        """The daemon ends: what runs may run on, what waits is left out."""
+        self.counts["left_out"] += len(self._waiting)
+        self._waiting.clear()
+        self._process = None
+
+    def _look_after(self, process: subprocess.Popen[bytes], now_s: float) -> None:
+        code = process.poll()
+        if code is None and now_s - self._begun_s > self._config.timeout_s:
+            self.counts["killed"] += 1
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.killpg(process.pid, signal.SIGKILL)  # its children, too
+            self._tell(f"{self._config.command[0]} took longer than {self._config.timeout_s:g} s: killed")
+            self._begun_s = math.inf  # killed once; it is reaped when it is gone
+        elif code is not None:
+            self._process = None
+            if code != 0:
+                self.counts["failed"] += 1
+                self._tell(f"{self._config.command[0]} ended with {code}")
+            else:
+                self._told = ""
+
+    def _start(self, event: AlarmEvent, now_s: float) -> None:
+        self._last_s = self._begun_s = now_s
+        try:
+            self._process = subprocess.Popen(
+                self._config.command,
+                env={**self._base, **variables(event)},
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+        except (OSError, ValueError) as error:
+            self.counts["failed"] += 1
+            reason = getattr(error, "strerror", None) or error
+            self._tell(f"{self._config.command[0]} cannot be run: {reason}")
+        else:
+            self.counts["run"] += 1
+
+    def _tell(self, what: str) -> None:
+        """One line, and no repetition of it."""
+        if what != self._told:
+            self._log.warning("[notify] %s", what)
+        self._told = what
+
+
+def variables(event: AlarmEvent) -> dict[str, str]:
+    """What the program is told; a number that nobody knows is an empty text."""
+    return {
+        "TPMSD_KIND": str(event.kind),
+        "TPMSD_STATE": event.state,
+        "TPMSD_WHEEL": event.wheel or "",
+        "TPMSD_TIME": _number(event.time_s, 3),
+        "TPMSD_DEVIATION_MM": _number(1e3 * event.deviation_m, 2),
+        "TPMSD_PRESSURE_LOSS_PERCENT": _number(100.0 * event.pressure_loss, 0),
+        "TPMSD_PROBABILITY": _number(event.probability, 4),
+        "TPMSD_REASON": "".join(c if c.isprintable() else " " for c in event.reason),
+    }
+
+
+def _number(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if math.isfinite(value) else ""
