@@ -67,7 +67,8 @@ for _room in ("monitor", "sinks", "pipeline", "report", "daemon", "cli"):
     ALLOWED[_room] = ALLOWED[_room] | {"resonance"}
 
 ALLOWED["api"] = (ALLOWED["cli"] - {"daemon", "sinks"}) | {"tables"}
-ALLOWED["cli"] = ALLOWED["cli"] | {"api", "tables"}
+ALLOWED["fleet"] = {"__init__", "api", "calibration", "diagnosis", "provenance", "report", "tables"}
+ALLOWED["cli"] = ALLOWED["cli"] | {"api", "tables", "fleet"}
 
 PURE_ROOMS = {
     *("sources", "timeline", "estimators", "monitor", "pipeline"),

@@ -34,6 +34,7 @@ COMMANDS: Commands = (
     ("calibrate", "tpmsd.cli.calibrate", "learn the radii of a car from a recorded drive"),
     ("diagnose", "tpmsd.cli.diagnose", "say which physics a recorded drive holds that the model lacks"),
     ("effects", "tpmsd.cli.effects", "list the effects that are known, and what a drive tells of them"),
+    ("fleet", "tpmsd.cli.fleet", "many drives of many cars: in parallel, as tables, judged together"),
     ("import", "tpmsd.cli.import_table", "make a drive of a table of your own simulator or logger"),
 )
 """Name, module and one-line help of every command; one whose module is not there is left out."""

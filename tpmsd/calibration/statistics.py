@@ -1,0 +1,73 @@
+"""What one drive tells of its car, as a quadratic log-likelihood: the sufficient statistics of a calibration.
+
+In: one `Recording` and the configured `Vehicle`. Out: `DriveStatistics`: information matrix and vector of the
+car's parameters, without what was believed beforehand, so that those of many drives may simply be added.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.calibration.checks import check_fit, check_recordings
+from tpmsd.calibration.joint import PRIOR, JointFit, fit
+from tpmsd.calibration.nominal import Vehicle
+from tpmsd.calibration.recording import Recording
+from tpmsd.calibration.windows import PARAMETERS
+from tpmsd.wheels import WHEELS, FloatArray
+
+REFERENCE_SPEED_MPS = 20.0
+"""The radii of all drives are stated at this speed, about the mean of mixed driving; each drive's own speed
+would mix growth into them."""
+TELLING = 1e-3
+"""A direction of which the data tell less than this share of the prior's information tells nothing: the
+difference of two inverse matrices does not hold more digits."""
+
+
+@dataclass(frozen=True)
+class DriveStatistics:
+    """log likelihood = const + vector @ theta - theta @ information @ theta / 2."""
+
+    names: tuple[str, ...]
+    """p parameters, as in `windows.PARAMETERS`: radii, tracks and gyro gain relative to the configured
+    values, the others in SI units."""
+    information: FloatArray
+    """(p, p) positive semidefinite."""
+    vector: FloatArray
+    """(p,)"""
+
+
+def drive_statistics(
+    recording: Recording, start: Vehicle, progress: Callable[[float], None] = lambda share: None
+) -> DriveStatistics:
+    """The statistics of one drive; `RefusedError` where it cannot be calibrated from, with the reason."""
+    check_recordings([recording], start)
+    found = fit([recording], start, progress)
+    check_fit([recording], found)
+    return statistics_of(found, start)
+
+
+def statistics_of(found: JointFit, start: Vehicle) -> DriveStatistics:
+    """Take the prior out of a fit of one drive, and state the radii at the reference speed."""
+    place = [k for k, name in enumerate(found.names) if name.split("@")[0] in PARAMETERS]
+    names = tuple(found.names[k].split("@")[0] for k in place)
+    prior = np.array([PRIOR[name] for name in names])
+    posterior = np.linalg.inv(found.covariance[np.ix_(place, place)])
+    # In units of the prior's standard deviations every entry is of the same kind.
+    scale = prior[:, 1]
+    white = scale[:, None] * posterior * scale - np.eye(len(names))
+    vector = scale * (posterior @ found.values[place]) - prior[:, 0] / scale
+    values, vectors = np.linalg.eigh(0.5 * (white + white.T))
+    kept = vectors[:, values > TELLING]
+    white = (kept * values[values > TELLING]) @ kept.T
+    vector = kept @ (kept.T @ vector)
+    turn = np.eye(len(names))
+    growth = names.index("growth")
+    for wheel, radius_m in zip(WHEELS, start.radius_m, strict=True):
+        # radius at the drive's speed = radius at the reference speed + growth * (v^2 - v_ref^2)
+        squares = found.reference_speed_mps**2 - REFERENCE_SPEED_MPS**2
+        turn[names.index(f"radius_{wheel}"), growth] = squares / radius_m
+    information = white / np.outer(scale, scale)
+    return DriveStatistics(names, turn.T @ information @ turn, turn.T @ (vector / scale))

@@ -1,0 +1,244 @@
+"""`tpmsd fleet`: many drives of many cars, worked off in parallel and judged together.
+
+In: a store and what to do with it. Out: tables, a report; progress on standard error.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tpmsd.cli.output import Subparsers, json_text
+from tpmsd.cli.outputs import Outputs
+from tpmsd.errors import ConfigError, InputError
+
+if TYPE_CHECKING:
+    from tpmsd.fleet.run import Tally
+
+_DESCRIPTION = """\
+Keeps the drives of a fleet in a store, replays, calibrates and diagnoses each on this machine's cores or on a
+Dask cluster, and judges the drives of a car and the cars of a model together. Needs the extra tpmsd[fleet].
+"""
+_EPILOG = """\
+examples:
+  tpmsd fleet add store vans/*/*              folders, globs, URLs; the folder above a drive names its car
+  tpmsd fleet run store --jobs 4              killed at any moment, it goes on with what is missing
+  tpmsd fleet run store --scheduler tcp://10.0.0.1:8786
+  tpmsd fleet status store --json
+  tpmsd fleet report store --html fleet.html
+  tpmsd fleet sql store "select car, count(*) from alarms where kind = 'deflation' group by car"
+"""
+STAGES = ("replay", "calibrate", "diagnose")
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Add `fleet` to the command line."""
+    parser = subparsers.add_parser(
+        "fleet",
+        help="many drives of many cars",
+        description=_DESCRIPTION,
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parts = parser.add_subparsers(title="what to do", metavar="ACTION", dest="action", required=True)
+    add = parts.add_parser("add", help="add drives; a drive that is there already is left alone")
+    add.add_argument("store", type=Path, metavar="STORE", help="folder of the fleet; made if need be")
+    add.add_argument("drives", nargs="+", metavar="DRIVE", help="drive folder, folder of drives, glob or URL")
+    add.add_argument("--car", metavar="NAME", help="car of these drives (default: the folder above each)")
+    add.add_argument("--model", metavar="NAME", help="model of the car (default: by its table [vehicle])")
+    _optional_json(add)
+    work = parts.add_parser("run", help="work on what is missing")
+    work.add_argument("store", type=Path, metavar="STORE")
+    where = work.add_mutually_exclusive_group()
+    where.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler, such as tcp://10.0.0.1:8786")
+    where.add_argument("--jobs", type=int, metavar="N", default=1, help="processes here (default: 1)")
+    work.add_argument("--memory", metavar="SIZE", default="2GiB", help="of each process here (default: 2GiB)")
+    work.add_argument(
+        "--without", choices=("calibrate", "diagnose"), action="append", default=[], help="leave this out"
+    )
+    work.add_argument(
+        "--recompute", action="store_true", help="anew where another version of the program worked"
+    )
+    _optional_json(work)
+    status = parts.add_parser("status", help="how far the store is")
+    status.add_argument("store", type=Path, metavar="STORE")
+    _optional_json(status)
+    report = parts.add_parser("report", help="what the fleet shows, for its manager and its engineer")
+    report.add_argument("store", type=Path, metavar="STORE")
+    report.add_argument("--html", type=Path, metavar="FILE", help="write a page that opens offline")
+    _optional_json(report)
+    sql = parts.add_parser("sql", help="ask the tables: drives wheels alarms findings statistics")
+    sql.add_argument("store", type=Path, metavar="STORE")
+    sql.add_argument("query", metavar="QUERY")
+    _optional_json(sql)
+
+
+def _optional_json(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--json",
+        metavar="FILE",
+        nargs="?",
+        const="-",
+        help="write it as JSON to FILE (default and '-': standard output)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Do what is asked."""
+    actions = {"add": _add, "run": _run, "status": _status, "report": _report, "sql": _sql}
+    return actions[args.action](args)
+
+
+def _add(args: argparse.Namespace) -> int:
+    from tpmsd.fleet.find import find_drives
+    from tpmsd.fleet.store import Store
+
+    outputs = Outputs(("--json", args.json))
+    store = Store.create(args.store)
+    added = known = 0
+    unusable: list[str] = []
+    for name in args.drives:
+        try:
+            for entry in find_drives([name], args.car, args.model):
+                if store.add(entry):
+                    added += 1
+                else:
+                    known += 1
+        except InputError as error:
+            unusable.append(str(error))
+    for line in unusable:
+        print(f"tpmsd: {line}", file=sys.stderr)
+    document = {**_head("add", args.store), "added": added, "known": known, "unusable": unusable}
+    if not outputs.fill_stdout:
+        print(f"{added} drives added, {known} were there already; the store has {len(store.entries())}")
+    outputs.write({"--json": lambda: json_text(document)})
+    return InputError.exit_code if unusable and not added + known else 0
+
+
+def _run(args: argparse.Namespace) -> int:
+    from tpmsd.fleet import run as fleet_run
+    from tpmsd.fleet.status import status_document
+    from tpmsd.fleet.store import Store
+    from tpmsd.fleet.tables import write_tables
+
+    outputs = Outputs(("--json", args.json))
+    if not 1 <= args.jobs <= 1024:
+        raise ConfigError(f"--jobs {args.jobs}: 1 to 1024")
+    store = Store.open(args.store)
+    stages = tuple(stage for stage in STAGES if stage not in args.without)
+    shown = _Shown()
+    tally = fleet_run.run(store, args.scheduler, args.jobs, args.memory, stages, args.recompute, shown.update)
+    shown.close()
+    rows = write_tables(store)
+    document = {
+        **_head("run", args.store),
+        "worked_on": tally.done,
+        "outcomes": tally.outcomes,
+        "elapsed_s": tally.elapsed_s,
+        "tables": rows,
+        **status_document(store),
+    }
+    if not outputs.fill_stdout:
+        told = ", ".join(f"{count} {name}" for name, count in sorted(tally.outcomes.items()))
+        print(f"{tally.done} drives worked on in {tally.elapsed_s:.0f} s{': ' if told else ''}{told}")
+        print(_summary(document))
+    outputs.write({"--json": lambda: json_text(document)})
+    return 0
+
+
+def _status(args: argparse.Namespace) -> int:
+    from tpmsd.fleet.status import status_document
+    from tpmsd.fleet.store import Store
+
+    outputs = Outputs(("--json", args.json))
+    document = {**_head("status", args.store), **status_document(Store.open(args.store))}
+    if not outputs.fill_stdout:
+        print(_summary(document))
+    outputs.write({"--json": lambda: json_text(document)})
+    return 0
+
+
+def _report(args: argparse.Namespace) -> int:
+    from tpmsd.fleet.report import report_document, report_text
+    from tpmsd.fleet.report_html import report_page
+    from tpmsd.fleet.store import Store
+    from tpmsd.fleet.tables import rows_of
+
+    outputs = Outputs(("--html", args.html), ("--json", args.json))
+    store = Store.open(args.store)
+    tables = rows_of(store)
+    document = {**_head("report", args.store), **report_document(tables)}
+    if not outputs.fill_stdout:
+        print(report_text(document))
+    outputs.write({"--html": lambda: report_page(document, tables), "--json": lambda: json_text(document)})
+    return 0
+
+
+def _sql(args: argparse.Namespace) -> int:
+    from tpmsd.fleet.ask import as_text, ask
+    from tpmsd.fleet.store import Store
+
+    outputs = Outputs(("--json", args.json))
+    names, rows = ask(Store.open(args.store), args.query)
+    if not outputs.fill_stdout:
+        print(as_text(names, rows))
+    made = [dict(zip(names, row, strict=True)) for row in rows]
+    outputs.write({"--json": lambda: json_text({**_head("sql", args.store), "rows": made})})
+    return 0
+
+
+def _head(action: str, store: Path) -> dict[str, Any]:
+    """The keys `schema`, `program` and `input`; a store's hash would take as long as reading all of it."""
+    from tpmsd.provenance import provenance
+
+    head = provenance(f"tpmsd.fleet.{action}/1")
+    head["input"] = {"paths": [str(store)], "configuration": None, "hash": None}
+    return {**head, "store": str(store)}
+
+
+def _summary(status: dict[str, Any]) -> str:
+    lines = [
+        f"{status['drives']} drives of {status['cars']} cars and {status['models']} models: "
+        f"{status['done']} done, {status['failed']} failed, {status['set_aside']} set aside, "
+        f"{status['missing']} missing"
+    ]
+    if status["other_version"]:
+        lines.append(f"{status['other_version']} by another version of the program (run --recompute)")
+    lines += [f"  {one['path']}: {one['reason']}" for one in status["not_done"][:20]]
+    if len(status["not_done"]) > 20:
+        lines.append(f"  and {len(status['not_done']) - 20} more")
+    return "\n".join(lines)
+
+
+class _Shown:
+    """Progress with rate and time left: on a terminal one line, elsewhere a line now and then."""
+
+    def __init__(self) -> None:
+        self._terminal = sys.stderr.isatty()
+        self._next_s = 0.0
+        self._width = 0
+
+    def update(self, tally: Tally) -> None:
+        """Tell how far it is."""
+        from tpmsd.fleet.settings import SETTINGS
+
+        now = time.monotonic()
+        if now < self._next_s and tally.done < tally.total:
+            return
+        self._next_s = now + (0.2 if self._terminal else SETTINGS.progress_s)
+        minutes, seconds = divmod(round(min(tally.left_s, 359_999.0)), 60)
+        left = f"{minutes // 60}:{minutes % 60:02d}:{seconds:02d}"
+        line = f"{tally.done} of {tally.total} drives, {tally.rate:.2f} drives/s, {left} left"
+        if self._terminal:
+            print("\r" + line.ljust(self._width), end="", file=sys.stderr, flush=True)
+            self._width = len(line)
+        else:
+            print(f"tpmsd: {line}", file=sys.stderr, flush=True)
+
+    def close(self) -> None:
+        """Leave the line."""
+        if self._terminal and self._width:
+            print(file=sys.stderr)

@@ -1,0 +1,212 @@
+"""What a fleet shows: effects of a model, cars that differ from it, tyres that leak or wear.
+
+In: the fits of the models, the times of the drives. Out: `Discovery`s with p-values, those kept by
+Benjamini and Hochberg (J. R. Stat. Soc. B 57, 1995) over all that were tested. Pure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from tpmsd.fleet.hierarchy import RIDGE, ModelFit, Stack, fit_with, sampled, shrunken, spreads
+from tpmsd.fleet.parameters import BACK, PARAMETERS_OF_FLEET, SCALES
+from tpmsd.fleet.settings import SETTINGS, FleetSettings
+from tpmsd.wheels import WHEELS, FloatArray
+
+DAYS_PER_WEEK = 7.0
+OUTLIER_P = 1e-3
+"""Cars that differ at this level by themselves do not take part in estimating what cars of the model are
+like: a faulty car would widen the spread that it is held against."""
+ROUNDS = 5
+WELL_KNOWN = 3.0
+"""A value whose standard deviation is beyond so many scales is not known at all, and not tested."""
+
+
+@dataclass(frozen=True, slots=True)
+class Discovery:
+    """Something that was tested."""
+
+    level: str
+    """model | car"""
+    model: str
+    car: str
+    """Empty for a model."""
+    kind: str
+    """effect: acts on the model. differs: this car is unlike its model. leak, wear: a trend of this car."""
+    effect: str
+    parameter: str
+    value: float
+    """In `unit`; of a car that differs, its difference to the model."""
+    std: float
+    unit: str
+    p_value: float
+    kept: bool = False
+
+
+def model_effects(model: str, fit: ModelFit) -> list[Discovery]:
+    """Tests of every parameter's population mean against what the rolling model says: zero."""
+    found = []
+    for k, parameter in enumerate(PARAMETERS_OF_FLEET):
+        if not parameter.null or fit.std[k] > WELL_KNOWN:
+            continue
+        p_value = 2.0 * float(stats.t.sf(abs(fit.mean[k] / fit.std[k]), fit.freedom[k]))
+        found.append(_discovery("model", model, "", "effect", k, fit.mean[k], fit.std[k], p_value))
+    return found
+
+
+def robust_fit(stack: Stack) -> tuple[ModelFit, NDArray[np.bool_]]:
+    """The fit of a model by the cars that are alike, and (m,) which cars those are.
+
+    Cars that differ at `OUTLIER_P` are taken out of mean and spread, and judged again in the next round.
+    """
+    alike = np.ones(stack.cars, dtype=np.bool_)
+    for _ in range(ROUNDS):
+        cars, drives = spreads(sampled(stack.of(alike)))
+        fit = _with_population(stack, alike, cars, drives)
+        p_values = differences(fit, alike)[2]
+        level = OUTLIER_P / max(p_values.shape[1], 1)
+        now = ~np.any(p_values < level, axis=1)
+        if now.sum() < max(2, stack.cars // 2) or np.array_equal(now, alike):
+            break
+        alike = now
+    return fit, alike
+
+
+def _with_population(
+    stack: Stack, alike: NDArray[np.bool_], cars: FloatArray, drives: FloatArray
+) -> ModelFit:
+    """All cars, shrunk to the population of those that are alike."""
+    whole, population = fit_with(stack, cars, drives), fit_with(stack.of(alike), cars, drives)
+    names = ("mean", "covariance", "freedom")
+    return replace(whole, **{name: getattr(population, name) for name in names})
+
+
+def differences(fit: ModelFit, alike: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(m, p) each car's own value less the other cars' mean, its standard deviation, and its p-value.
+
+    The mean is taken without the car itself: with weights 1/(spread^2 + std^2), parameter by parameter.
+    """
+    own_variance = np.einsum("cii->ci", fit.own_covariance)
+    variance = own_variance + np.square(fit.car_spread)
+    weight = np.where(alike[:, None], 1.0 / variance, 0.0)
+    others = weight.sum(axis=0) - weight
+    mean = ((weight * fit.own).sum(axis=0) - weight * fit.own) / np.maximum(others, RIDGE)
+    std = np.sqrt(variance + 1.0 / np.maximum(others, RIDGE))
+    counted = np.maximum(alike.sum() - 1.0 - alike, 1.0)[:, None]
+    p_values = 2.0 * stats.t.sf(np.abs(fit.own - mean) / std, counted)
+    known = (np.sqrt(own_variance) < WELL_KNOWN) & (fit.drives > 0)[:, None]
+    return fit.own - mean, std, np.where(known, p_values, 1.0)
+
+
+def cars_that_differ(
+    model: str, cars: Sequence[str], fit: ModelFit, alike: NDArray[np.bool_]
+) -> list[Discovery]:
+    """Tests of every car's every parameter against the other cars of the model."""
+    if len(cars) < 3:
+        return []
+    value, std, p_value = differences(fit, alike)
+    return [
+        _discovery("car", model, car, "differs", k, value[c, k], std[c, k], float(p_value[c, k]))
+        for c, car in enumerate(cars)
+        for k in range(len(PARAMETERS_OF_FLEET))
+        if p_value[c, k] < 1.0
+    ]
+
+
+def trends(
+    model: str,
+    cars: Sequence[str],
+    stack: Stack,
+    days: FloatArray,
+    drive_variance: FloatArray,
+    settings: FleetSettings = SETTINGS,
+) -> list[Discovery]:
+    """Slopes of radii over the days (n,): each wheel against the other of its axle, and all together.
+
+    Generalised least squares with a line per radius and constants for all else; drives differ by
+    `drive_variance`. One-sided: tyres leak and wear, they do not grow.
+    """
+    found: list[Discovery] = []
+    K, k = shrunken(stack.information, stack.vector, drive_variance)
+    p = k.shape[1]
+    for c, car in enumerate(cars):
+        mine = stack.car == c
+        t = days[mine]
+        known = np.isfinite(t)
+        if known.sum() < settings.min_drives_trend or np.ptp(t[known]) < settings.min_span_days:
+            continue
+        t = np.where(known, t - t[known].mean(), 0.0)
+        Kc, kc = K[mine][known], k[mine][known]
+        t = t[known]
+        cross = np.einsum("d,dij->ij", t, Kc)[:, :4]
+        slopes = np.einsum("d,dij->ij", t * t, Kc)[:4, :4]
+        total = np.block([[Kc.sum(axis=0), cross], [cross.T, slopes]]) + RIDGE * np.eye(p + 4)
+        right = np.concatenate([kc.sum(axis=0), (t @ kc)[:4]])
+        covariance = np.asarray(np.linalg.inv(total), dtype=np.float64)
+        slope, of_slope = (covariance @ right)[p:], covariance[p:, p:]
+        freedom = max(len(t) - 2, 1)
+        for wheel in range(4):
+            axle = BACK[wheel] - BACK[wheel ^ 1]
+            found.append(_trend(model, car, "leak", WHEELS[wheel], axle, slope, of_slope, freedom))
+        common = np.array([1.0, 0.0, 0.0, 0.0])
+        found.append(_trend(model, car, "wear", "all", common, slope, of_slope, freedom))
+    return found
+
+
+def _trend(
+    model: str,
+    car: str,
+    kind: str,
+    wheel: str,
+    contrast: FloatArray,
+    slope: FloatArray,
+    covariance: FloatArray,
+    freedom: int,
+) -> Discovery:
+    row = contrast * SCALES[:4]
+    per_week = 100.0 * DAYS_PER_WEEK
+    value, std = float(row @ slope) * per_week, float(np.sqrt(row @ covariance @ row)) * per_week
+    p_value = float(stats.t.cdf(value / std, freedom))
+    effect = "slow_leak" if kind == "leak" else "wear"
+    return Discovery("car", model, car, kind, effect, wheel, value, std, "%/week", p_value)
+
+
+def _discovery(
+    level: str, model: str, car: str, kind: str, k: int, value: float, std: float, p_value: float
+) -> Discovery:
+    one = PARAMETERS_OF_FLEET[k]
+    return Discovery(
+        level,
+        model,
+        car,
+        kind,
+        one.effect,
+        one.parameter,
+        float(value * one.scale),
+        float(std * one.scale),
+        one.unit,
+        p_value,
+    )
+
+
+def controlled(found: Sequence[Discovery], rate: float = SETTINGS.false_discovery_rate) -> list[Discovery]:
+    """The same with `kept` set: Benjamini and Hochberg at `rate` within each kind of question.
+
+    Kinds are families of their own, so that a model with many effects does not make its cars look faulty.
+    """
+    kept: set[int] = set()
+    for kind in {one.kind for one in found}:
+        places = sorted(
+            (k for k, one in enumerate(found) if one.kind == kind), key=lambda k: found[k].p_value
+        )
+        last = 0
+        for rank, k in enumerate(places, 1):
+            if found[k].p_value <= rate * rank / len(places):
+                last = rank
+        kept.update(places[:last])
+    return [replace(one, kept=k in kept) for k, one in enumerate(found)]

@@ -1,0 +1,108 @@
+"""Finds drives: folders, globs and URLs to drives with the hash of their content, their car and its model.
+
+In: what the user named. Out: `DriveEntry`s. Behind URLs (`s3://...`, with the package that fsspec asks for) a
+drive is read once to be hashed, and once more by the worker that works on it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import glob
+import hashlib
+import json
+import os
+import tempfile
+import tomllib
+from collections.abc import Iterable, Iterator
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from tpmsd.errors import InputError
+from tpmsd.fleet.store import DriveEntry
+from tpmsd.provenance import content_hash
+from tpmsd.tables.extras import need
+
+VEHICLE = "vehicle.toml"
+_GEOMETRY = ("wheel_radius_m", "track_front_m", "track_rear_m", "wheelbase_m")
+_MODEL_KEYS = (*_GEOMETRY, "driven_axle", "teeth_per_rev")
+
+
+def find_drives(
+    names: Iterable[str], car: str | None = None, model: str | None = None
+) -> Iterator[DriveEntry]:
+    """The drives that are meant: a folder with a vehicle.toml, or all such below a folder.
+
+    The car is `car`, or the name of the folder that holds the drive's; the model is `model`, or what the
+    table [vehicle] says. InputError where a name leads to no drive.
+    """
+    for name in names:
+        found = False
+        for path in _folders(name):
+            found = True
+            with local_copy(path) as folder:
+                key = content_hash([folder]).removeprefix("sha256:")[:40]
+                kind = model or model_of(folder / VEHICLE)
+            yield DriveEntry(key, path, car or _parent(path), kind)
+        if not found:
+            raise InputError(name, "no drive folder (with a vehicle.toml) there or below")
+
+
+def _folders(name: str) -> Iterator[str]:
+    if "://" in name:
+        yield from _remote_folders(name)
+        return
+    matches = [name]
+    if glob.has_magic(name) and not Path(name).exists():
+        matches = sorted(glob.glob(name, recursive=True))  # noqa: PTH207 - absolute patterns, too
+    for match in matches:
+        for here, below, files in os.walk(match):
+            below.sort()
+            if VEHICLE in files:
+                below.clear()  # a drive holds no drives
+                yield str(Path(here).resolve())
+
+
+def _remote_folders(url: str) -> Iterator[str]:
+    fsspec = need("fsspec", "fleet", "URLs")
+    try:
+        system, root = fsspec.core.url_to_fs(url)
+        tops = system.glob(root) if glob.has_magic(root) else [root]
+        for top in tops:
+            for file in sorted(system.find(top)):
+                if PurePosixPath(file).name == VEHICLE:
+                    yield str(system.unstrip_protocol(str(PurePosixPath(file).parent)))
+    except (OSError, ValueError, ImportError) as error:
+        raise InputError(url, " ".join(str(error).split())[:200]) from None
+
+
+@contextlib.contextmanager
+def local_copy(path: str) -> Iterator[Path]:
+    """A drive as a folder of this machine; fetched for the time of use where it is behind a URL."""
+    if "://" not in path:
+        yield Path(path)
+        return
+    fsspec = need("fsspec", "fleet", "URLs")
+    with tempfile.TemporaryDirectory(prefix="tpmsd-drive-") as folder:
+        try:
+            system, root = fsspec.core.url_to_fs(path)
+            for file in sorted(system.find(root, maxdepth=1)):
+                system.get_file(file, str(Path(folder) / PurePosixPath(file).name))
+        except (OSError, ValueError, ImportError) as error:
+            raise InputError(path, " ".join(str(error).split())[:200]) from None
+        yield Path(folder)
+
+
+def model_of(vehicle_file: Path) -> str:
+    """A name for all cars whose configured geometry is the same, such as `2.63m-front-1f3a`."""
+    try:
+        table: Any = tomllib.loads(vehicle_file.read_text(encoding="utf-8")).get("vehicle", {})
+        told = {key: table.get(key) for key in _MODEL_KEYS}
+    except (OSError, ValueError, AttributeError, RecursionError):
+        return "unknown"  # the worker says what is wrong with the file
+    mark = hashlib.sha256(json.dumps(told, sort_keys=True, default=str).encode()).hexdigest()[:4]
+    return f"{told['wheelbase_m']}m-{told['driven_axle'] or 'front'}-{mark}"
+
+
+def _parent(path: str) -> str:
+    parent = PurePosixPath(path.partition("://")[2] or path).parent.name
+    return parent or "unnamed"

@@ -1,0 +1,228 @@
+"""Cars of a model and drives of a car: a hierarchical linear model, fitted by empirical Bayes.
+
+In: per drive an information matrix and a vector (sufficient statistics, `calibration.statistics`), and which
+car it was. Out: `ModelFit`: population mean with its uncertainty, spread of cars and of drives, and per car
+the value shrunk to the population and the one by its own drives alone. Pure.
+
+    drive d of car c:  theta_d = theta_c + delta_d,  delta_d ~ N(0, T),  T diagonal
+    car c:             theta_c = mu + gamma_c,       gamma_c ~ N(0, G),  G diagonal
+
+The variances are restricted maximum likelihood by the fixed point that Harville (J. Am. Stat. Assoc. 72,
+1977) gives for variance components: sigma^2 <- sigma^2 score^2 / information, which keeps them positive.
+Matrices are eliminated drive by drive and car by car, so the cost is linear in the number of drives.
+Empirical Bayes after Efron and Morris (J. Am. Stat. Assoc. 70, 1975); degrees of freedom after Satterthwaite
+(Biometrics Bulletin 2, 1946).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tpmsd.wheels import FloatArray
+
+MAX_ITERATIONS = 60
+STILL = 2e-3
+"""Converged when no standard deviation moves by more than this share of itself, or of `SMALL` scales."""
+SMALL = 0.2
+VARIANCE_DRIVES = 3_000
+"""Drives (whole cars, evenly chosen) from which the spreads are estimated, to some per cent."""
+RIDGE = 1e-8
+"""Information, in scaled units, that everything has: what no drive tells gets a standard deviation of 10,000
+scales instead of a singular matrix."""
+START = 0.3
+"""First standard deviations of cars and drives, in scales."""
+CHUNK = 10_000
+"""Drives whose matrices are in work at a time."""
+
+
+@dataclass(frozen=True)
+class Stack:
+    """The statistics of the n drives of one model, in scaled units, sorted by car."""
+
+    information: FloatArray
+    """(n, p, p)"""
+    vector: FloatArray
+    """(n, p)"""
+    car: NDArray[np.int64]
+    """(n,) 0 to m - 1, rising."""
+
+    @property
+    def cars(self) -> int:
+        """m."""
+        return int(self.car[-1]) + 1 if len(self.car) else 0
+
+    def of(self, cars: NDArray[np.bool_]) -> Stack:
+        """The drives of some cars, renumbered."""
+        kept = cars[self.car]
+        number = np.cumsum(cars) - 1
+        return Stack(self.information[kept], self.vector[kept], number[self.car[kept]])
+
+
+@dataclass(frozen=True)
+class ModelFit:
+    """A model's population and its m cars, in scaled units."""
+
+    mean: FloatArray
+    """(p,)"""
+    covariance: FloatArray
+    """(p, p) of the mean."""
+    freedom: FloatArray
+    """(p,) degrees of freedom of each mean's standard deviation."""
+    car_spread: FloatArray
+    """(p,) standard deviation from car to car."""
+    drive_spread: FloatArray
+    """(p,) standard deviation from drive to drive of a car."""
+    shrunk: FloatArray
+    """(m, p) each car's value given all cars."""
+    shrunk_covariance: FloatArray
+    """(m, p, p)"""
+    own: FloatArray
+    """(m, p) each car's value by its own drives."""
+    own_covariance: FloatArray
+    """(m, p, p)"""
+    drives: NDArray[np.int64]
+    """(m,) how many each car has."""
+
+    @property
+    def std(self) -> FloatArray:
+        """(p,) of the mean."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def fit_model(stack: Stack) -> ModelFit:
+    """Fit one model; ValueError if there is no drive."""
+    if not len(stack.car):
+        raise ValueError("no drive")
+    cars, drives = spreads(sampled(stack))
+    return fit_with(stack, cars, drives)
+
+
+def fit_with(stack: Stack, car_variance: FloatArray, drive_variance: FloatArray) -> ModelFit:
+    """The population and the cars for given variances (p,) from car to car and from drive to drive."""
+    p = stack.vector.shape[1]
+    K, k = by_car(stack, drive_variance)
+    M, m = shrunken(K, k, car_variance)
+    total = M.sum(axis=0) + RIDGE * np.eye(p)
+    V = _symmetric(np.linalg.inv(total))
+    mu = V @ m.sum(axis=0)
+    G = np.diag(car_variance)
+    gain = np.eye(p) - G @ M
+    shrunk = mu + np.einsum("ij,cj->ci", G, m - M @ mu)
+    own_covariance = _symmetric(np.linalg.inv(K + RIDGE * np.eye(p)))
+    return ModelFit(
+        mean=mu,
+        covariance=V,
+        freedom=_freedom(M, V, car_variance),
+        car_spread=np.sqrt(car_variance),
+        drive_spread=np.sqrt(drive_variance),
+        shrunk=shrunk,
+        shrunk_covariance=G - G @ M @ G + gain @ V @ np.swapaxes(gain, 1, 2),
+        own=np.einsum("cij,cj->ci", own_covariance, k),
+        own_covariance=own_covariance,
+        drives=np.bincount(stack.car, minlength=stack.cars),
+    )
+
+
+def spreads(stack: Stack) -> tuple[FloatArray, FloatArray]:
+    """(p,) variances from car to car and from drive to drive, by restricted maximum likelihood.
+
+    A level that the data cannot show (one car; one drive per car) has the variance zero.
+    """
+    p = stack.vector.shape[1]
+    cars = np.full(p, START**2 if stack.cars > 1 else 0.0)
+    drives = np.full(p, START**2 if len(stack.car) > stack.cars else 0.0)
+    for _ in range(MAX_ITERATIONS):
+        before = np.sqrt(np.concatenate([cars, drives]))
+        cars, drives = _improved(stack, cars, drives)
+        after = np.sqrt(np.concatenate([cars, drives]))
+        if np.all(np.abs(after - before) < STILL * np.maximum(after, SMALL)):
+            break
+    return cars, drives
+
+
+def _improved(stack: Stack, cars: FloatArray, drives: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """One step of the fixed point for both variances."""
+    p = stack.vector.shape[1]
+    Kd, kd = shrunken(stack.information, stack.vector, drives)
+    K, k = _summed(stack, Kd), _summed(stack, kd)
+    M, m = shrunken(K, k, cars)
+    V = np.linalg.inv(M.sum(axis=0) + RIDGE * np.eye(p))
+    mu = V @ m.sum(axis=0)
+    score = m - M @ mu
+    information = np.einsum("cii->ci", M) - np.einsum("cij,jk,cki->ci", M, V, M)
+    G = np.diag(cars)
+    gain = np.eye(p) - G @ M
+    theta = mu + score @ G
+    P = G - G @ M @ G + gain @ V @ np.swapaxes(gain, 1, 2)
+    score_d = kd - np.einsum("dij,dj->di", Kd, theta[stack.car])
+    information_d = np.einsum("dii->di", Kd) - np.einsum(
+        "dij,djk,dki->di", Kd, P[stack.car], Kd, optimize=True
+    )
+    return _step(cars, score, information), _step(drives, score_d, information_d)
+
+
+def _step(variance: FloatArray, score: FloatArray, information: FloatArray) -> FloatArray:
+    squares, total = np.square(score).sum(axis=0), information.sum(axis=0)
+    ratio = np.divide(squares, total, out=np.ones_like(total), where=total > RIDGE)
+    return np.asarray(variance * np.clip(ratio, 0.05, 20.0))
+
+
+def by_car(stack: Stack, drive_variance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(m, p, p) and (m, p): what the drives of each car tell of it together."""
+    p = stack.vector.shape[1]
+    K, k = np.zeros((stack.cars, p, p)), np.zeros((stack.cars, p))
+    for begin in range(0, len(stack.car), CHUNK):
+        part = slice(begin, begin + CHUNK)
+        Kd, kd = shrunken(stack.information[part], stack.vector[part], drive_variance)
+        np.add.at(K, stack.car[part], Kd)
+        np.add.at(k, stack.car[part], kd)
+    return K, k
+
+
+def shrunken(J: FloatArray, h: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Information (n, p, p) and vector (n, p) once a random effect of this variance (p,) is integrated out.
+
+    J (I + T J)^-1 and (I + J T)^-1 h; exact for variances of zero, too.
+    """
+    p = h.shape[1]
+    both = np.linalg.solve(np.eye(p) + J * variance, np.concatenate([J, h[:, :, None]], axis=2))
+    return _symmetric(both[:, :, :p]), both[:, :, p]
+
+
+def _summed(stack: Stack, values: FloatArray) -> FloatArray:
+    begins = np.searchsorted(stack.car, np.arange(stack.cars))
+    return np.add.reduceat(values, begins, axis=0)
+
+
+def _symmetric(matrices: NDArray[np.floating[Any]]) -> FloatArray:
+    return np.asarray(0.5 * (matrices + np.swapaxes(matrices, -1, -2)), dtype=np.float64)
+
+
+def _freedom(M: FloatArray, V: FloatArray, car_variance: FloatArray) -> FloatArray:
+    """(p,) degrees of freedom of the means' variances, whose part by the cars' spread is itself estimated.
+
+    The spread is taken at one standard error above its estimate: an estimate of zero from few cars is not the
+    certainty that cars are alike.
+    """
+    weight = np.einsum("cii->ci", M)
+    sum_1, sum_2 = weight.sum(axis=0), np.square(weight).sum(axis=0)
+    effective = np.divide(sum_1**2, sum_2, out=np.ones_like(sum_1), where=sum_2 > 0.0)
+    error = np.sqrt(np.divide(2.0, sum_2, out=np.zeros_like(sum_2), where=sum_2 > 0.0))
+    # A mean of `effective` cars has this part of its variance from their spread.
+    part = (car_variance + error) / np.maximum(effective, 1.0)
+    share = np.minimum(part / np.maximum(np.diag(V), 1e-300), 1.0)
+    return np.asarray(np.maximum(effective - 1.0, 1.0) / np.maximum(share, 1e-3) ** 2)
+
+
+def sampled(stack: Stack) -> Stack:
+    """Whole cars, evenly chosen, with at most about `VARIANCE_DRIVES` drives."""
+    if len(stack.car) <= VARIANCE_DRIVES:
+        return stack
+    wanted = max(2, round(stack.cars * VARIANCE_DRIVES / len(stack.car)))
+    chosen = np.zeros(stack.cars, dtype=np.bool_)
+    chosen[np.linspace(0, stack.cars - 1, wanted).round().astype(np.int64)] = True
+    return stack.of(chosen)

@@ -1,0 +1,80 @@
+"""The parameters of a car that a fleet estimates: their names, effects and units.
+
+In: the names of a calibration's parameters. Out: the fleet's names, the matrix between both, and for each its
+effect, its parameter, unit and factor, as findings have them. Radii are told as their mean and as contrasts,
+for within an axle they agree to a tenth of a per cent, and from car to car to half of one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.calibration.joint import PRIOR
+from tpmsd.calibration.windows import PARAMETERS
+from tpmsd.wheels import WHEELS, FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One parameter."""
+
+    name: str
+    effect: str
+    """Of the catalogue; `radius` for the radii themselves, which are no effect."""
+    parameter: str
+    unit: str
+    scale: float
+    """Size that is usual, in `unit`: all parameters are divided by it, so that matrices are of one kind."""
+    null: bool = True
+    """Whether zero is what the rolling model says."""
+
+
+RADII = tuple(f"radius_{wheel}" for wheel in WHEELS)
+CONTRASTS = (
+    "radius_mean",
+    "radius_front_minus_rear",
+    "radius_front_left_minus_right",
+    "radius_rear_left_minus_right",
+)
+BACK = np.array([[1.0, 0.5, 0.5, 0.0], [1.0, 0.5, -0.5, 0.0], [1.0, -0.5, 0.0, 0.5], [1.0, -0.5, 0.0, -0.5]])
+"""(4, 4) radii fl fr rl rr of the four contrasts."""
+_EFFECTS = {
+    "track_rear": ("track_width_error", "rear_relative", "1"),
+    "track_front": ("track_width_error", "front_relative", "1"),
+    "antenna_forward": ("antenna_lever_arm", "forward_m", "m"),
+    "antenna_left": ("antenna_lever_arm", "left_m", "m"),
+    "load_lateral": ("load_transfer_lateral", "coefficient", "s2"),
+    "slip_long": ("longitudinal_slip", "slip_per_accel", "s2/m"),
+    "slip_lateral": ("lateral_slip", "coefficient", "rad.s2/m"),
+    "growth": ("centrifugal_growth", "coefficient", "s2/m"),
+    "gyro_gain": ("yaw_rate_scale", "scale_minus_one", "1"),
+    "latency": ("gnss_latency", "latency_s", "s"),
+    "doppler_lag": ("velocity_lag", "lag_s", "s"),
+}
+REST = tuple(name for name in PARAMETERS if name not in RADII)
+PARAMETERS_OF_FLEET = (
+    *(
+        Parameter(name, "radius", name, "1", 5e-3 if k < 2 else 1e-3, False)
+        for k, name in enumerate(CONTRASTS)
+    ),
+    *(Parameter(name, *_EFFECTS[name], PRIOR[name][1]) for name in REST),
+)
+NAMES = tuple(parameter.name for parameter in PARAMETERS_OF_FLEET)
+SCALES = np.array([parameter.scale for parameter in PARAMETERS_OF_FLEET])
+
+
+def aligned(names: list[str], information: FloatArray, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A drive's statistics in the fleet's parameters, divided by their scales; (p, p) and (p,).
+
+    A parameter that the drive does not name has no information.
+    """
+    turn = np.zeros((len(names), len(NAMES)))
+    for k, name in enumerate(names):
+        if name in RADII:
+            turn[k, :4] = BACK[RADII.index(name)]
+        elif name in REST:
+            turn[k, 4 + REST.index(name)] = 1.0
+    turn = turn * SCALES
+    return turn.T @ information @ turn, turn.T @ vector

@@ -1,0 +1,156 @@
+"""What a fleet shows: which vehicles need attention and why, and what the drives tell of each model.
+
+In: the tables as rows. Out: a document of plain values, and its text. Pure.
+"""
+
+from __future__ import annotations
+
+import datetime
+from collections import defaultdict
+from collections.abc import Iterable
+from typing import Any
+
+Row = dict[str, Any]
+Tables = dict[str, list[Row]]
+
+URGENT, SOON, LOOK = "now", "soon", "look"
+_ORDER = {URGENT: 0, SOON: 1, LOOK: 2}
+_WHEELS = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
+_WHAT_TO_DO = {
+    "deflation": "check the pressure before the next drive",
+    "radius_deviation": "look at the tyre: another size, worn, or the wrong pressure",
+    "slow_leak": "check the pressure; look for a nail or a leaking valve",
+    "malfunction": "look at bus and receiver: tpmsd could not do its work",
+    "differs": "compare configuration, tyres and sensors with the other cars of the model",
+    "wear": "measure the tread",
+    "failed": "look at the recording: it cannot be used",
+    "set_aside": "look at the recording: working on it took the worker down",
+}
+
+
+def report_document(tables: Tables) -> dict[str, Any]:
+    """`attention`: a row per vehicle and reason, the most urgent first; `models`: findings and parameters."""
+    drives = tables["drives"]
+    attention = [*_alarms(tables), *_joint(tables["findings"]), *_unusable(drives)]
+    attention.sort(key=lambda row: (_ORDER[row["urgency"]], row["car"], row["since"] or "", row["why"]))
+    models = []
+    for model in sorted({row["model"] for row in drives}):
+        mine = [row for row in drives if row["model"] == model]
+        models.append(
+            {
+                "model": model,
+                "cars": len({row["car"] for row in mine}),
+                "drives": len(mine),
+                "findings": [
+                    row for row in tables["findings"] if row["model"] == model and row["level"] == "model"
+                ],
+                "differing": [
+                    row for row in tables["findings"] if row["model"] == model and row["level"] == "car"
+                ],
+                "named_in_drives": _named(row for row in tables["findings"] if row["model"] == model),
+                "parameters": [
+                    row for row in tables["statistics"] if row["model"] == model and row["level"] == "model"
+                ],
+            }
+        )
+    return {
+        "drives": len(drives),
+        "cars": len({row["car"] for row in drives}),
+        "distance_km": sum(row["distance_m"] or 0.0 for row in drives) / 1e3,
+        "duration_h": sum(row["duration_s"] or 0.0 for row in drives) / 3600.0,
+        "attention": attention,
+        "models": models,
+    }
+
+
+def _alarms(tables: Tables) -> list[Row]:
+    """Alarms that stand at the end of a car's last drive that had any, each since it was raised first."""
+    starts = {row["key"]: row["start"] or 0.0 for row in tables["drives"]}
+    standing: dict[tuple[str, str, str], Row] = {}
+    last: dict[str, tuple[float, str]] = {}
+    for row in tables["drives"]:
+        if row["status"] == "done":
+            last[row["car"]] = max(last.get(row["car"], (0.0, "")), (starts[row["key"]], row["key"]))
+    for alarm in sorted(tables["alarms"], key=lambda row: (starts.get(row["key"], 0.0), row["time"] or 0.0)):
+        place = (alarm["car"], alarm["kind"], alarm["wheel"] or "")
+        if alarm["state"] == "raised":
+            standing.setdefault(place, alarm)
+        else:
+            standing.pop(place, None)
+    found = []
+    for (car, kind, wheel), alarm in standing.items():
+        urgency = {"deflation": URGENT, "malfunction": LOOK}.get(kind, SOON)
+        where = _WHEELS.get(wheel, "")
+        found.append(_attention(car, urgency, f"{kind} {where}".strip(), alarm["time"], kind, alarm["key"]))
+    return found
+
+
+def _joint(findings: Iterable[Row]) -> list[Row]:
+    found = []
+    for row in findings:
+        if row["level"] != "car":
+            continue
+        size = f"{row['value']:+.3g} ± {row['std']:.2g} {row['unit']}"
+        if row["effect"] == "slow_leak":
+            why, kind = f"slow leak {_WHEELS[row['parameter']]}: {size} of radius", "slow_leak"
+        elif row["kind"] == "wear":
+            why, kind = f"wear: {size} of radius", "wear"
+        else:
+            why, kind = f"unlike its model: {row['effect']} {row['parameter']} by {size}", "differs"
+        urgency = SOON if kind == "slow_leak" else LOOK
+        found.append(_attention(row["car"], urgency, why, None, kind, None))
+    return found
+
+
+def _unusable(drives: Iterable[Row]) -> list[Row]:
+    return [
+        _attention(row["car"], LOOK, f"{row['path']}: {row['reason']}", None, row["status"], row["key"])
+        for row in drives
+        if row["status"] in ("failed", "set_aside")
+    ]
+
+
+def _attention(car: str, urgency: str, why: str, time_s: float | None, kind: str, key: str | None) -> Row:
+    since = None
+    if time_s is not None:
+        moment = datetime.datetime.fromtimestamp(time_s, tz=datetime.UTC)
+        since = moment.strftime("%Y-%m-%d %H:%M")
+    what = _WHAT_TO_DO.get(kind, "look at it")
+    return {"car": car, "urgency": urgency, "why": why, "since": since, "what_to_do": what, "drive": key}
+
+
+def _named(findings: Iterable[Row]) -> list[Row]:
+    """In how many drives of how many cars the diagnosis named each effect."""
+    drives: dict[str, set[str]] = defaultdict(set)
+    cars: dict[str, set[str]] = defaultdict(set)
+    for row in findings:
+        if row["level"] == "drive":
+            drives[row["effect"]].add(row["key"])
+            cars[row["effect"]].add(row["car"])
+    return [{"effect": name, "drives": len(drives[name]), "cars": len(cars[name])} for name in sorted(drives)]
+
+
+def report_text(document: dict[str, Any]) -> str:
+    """The report in lines."""
+    lines = [
+        f"{document['drives']} drives of {document['cars']} cars: "
+        f"{document['distance_km']:.0f} km, {document['duration_h']:.1f} h",
+        "",
+    ]
+    if not document["attention"]:
+        lines.append("No vehicle needs attention.")
+    for row in document["attention"]:
+        since = f" (since {row['since']} UTC)" if row["since"] else ""
+        lines.append(f"[{row['urgency']}] {row['car']}: {row['why']}{since}: {row['what_to_do']}")
+    for model in document["models"]:
+        lines += ["", f"model {model['model']}: {model['drives']} drives of {model['cars']} cars"]
+        lines += [
+            f"  {row['effect']} {row['parameter']}: {row['value']:+.3g} ± {row['std']:.2g} {row['unit']}"
+            f" (p {row['p_value']:.1g})"
+            for row in model["findings"]
+        ]
+        lines += [
+            f"  {row['effect']}: named in {row['drives']} drives of {row['cars']} cars"
+            for row in model["named_in_drives"]
+        ]
+    return "\n".join(lines)

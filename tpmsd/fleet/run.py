@@ -1,0 +1,134 @@
+"""Works off what is missing in a store, on this machine's cores or on a Dask cluster.
+
+In: a store, a scheduler's address or a number of worker processes. Out: result files; progress to a
+callback. Every task is one drive and writes one file; a task that runs twice writes the same file twice.
+The client holds a few drives per worker at a time, so neither it nor the scheduler ever holds the fleet.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+import uuid
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from tpmsd.errors import TpmsdError
+from tpmsd.fleet.settings import SETTINGS
+from tpmsd.fleet.store import Store
+from tpmsd.fleet.work import STAGES, is_missing, work_on
+from tpmsd.tables.extras import need
+
+CONNECT_S = 20.0
+
+
+@dataclass(frozen=True)
+class Tally:
+    """How far a run is."""
+
+    done: int
+    total: int
+    elapsed_s: float
+    outcomes: dict[str, int]
+
+    @property
+    def rate(self) -> float:
+        """Drives per second so far."""
+        return self.done / self.elapsed_s if self.elapsed_s > 0.0 else 0.0
+
+    @property
+    def left_s(self) -> float:
+        """Time that the rest takes at this rate."""
+        return (self.total - self.done) / self.rate if self.rate > 0.0 else float("inf")
+
+
+def missing(store: Store, stages: tuple[str, ...] = STAGES, recompute: bool = False) -> list[str]:
+    """Keys of the drives that are yet to be worked on."""
+    return [entry.key for entry in store.entries() if is_missing(store.result(entry.key), stages, recompute)]
+
+
+def run(
+    store: Store,
+    scheduler: str | None = None,
+    jobs: int = 1,
+    memory: str = SETTINGS.memory_per_worker,
+    stages: tuple[str, ...] = STAGES,
+    recompute: bool = False,
+    progress: Callable[[Tally], None] = lambda tally: None,
+) -> Tally:
+    """Work off what is missing; ConfigError without Dask, TpmsdError where no scheduler answers."""
+    keys = missing(store, stages, recompute)
+    outcomes: Counter[str] = Counter()
+    begun = time.monotonic()
+    if not keys:
+        return Tally(0, 0, 0.0, {})
+    distributed = need("distributed", "fleet", "fleets")
+    name = uuid.uuid4().hex[:8]
+    with _client(distributed, scheduler, jobs, memory) as client:
+        waiting = iter(keys)
+
+        def submit(key: str) -> Any:
+            # `pure=False` and a name of this run: a scheduler that lives on may remember older tasks.
+            return client.submit(
+                work_on, str(store.path.resolve()), key, stages, name, pure=False, key=f"{key}-{name}"
+            )
+
+        ahead = max(SETTINGS.tasks_ahead * max(len(client.scheduler_info()["workers"]), jobs), 2)
+        first = [submit(key) for _, key in zip(range(ahead), waiting, strict=False)]
+        finished = distributed.as_completed(first)
+        for future in finished:
+            if future.status == "finished":
+                outcomes[future.result()] += 1
+            else:
+                # Dask itself gave the drive up; the marks of its tries decide in the next run.
+                outcomes["lost"] += 1
+            future.release()
+            progress(Tally(sum(outcomes.values()), len(keys), time.monotonic() - begun, dict(outcomes)))
+            with contextlib.suppress(StopIteration):
+                finished.add(submit(next(waiting)))
+    return Tally(sum(outcomes.values()), len(keys), time.monotonic() - begun, dict(outcomes))
+
+
+@contextlib.contextmanager
+def _client(distributed: Any, scheduler: str | None, jobs: int, memory: str) -> Iterator[Any]:
+    dask = need("dask", "fleet", "fleets")
+    quiet = {"distributed.logging": {"distributed": "error"}, "distributed.admin.log-length": 100}
+    with dask.config.set(quiet):
+        if scheduler is not None:
+            try:
+                client = distributed.Client(scheduler, timeout=CONNECT_S)
+            except (OSError, ValueError) as error:
+                reason = " ".join(str(error).split())[:200]
+                raise TpmsdError(f"scheduler {scheduler}: cannot be reached: {reason}") from None
+            with client:
+                yield client
+            return
+        with (
+            _main_left_alone(),
+            distributed.LocalCluster(
+                n_workers=jobs,
+                threads_per_worker=1,
+                memory_limit=memory,
+                dashboard_address="127.0.0.1:0",
+                silence_logs=50,
+            ) as cluster,
+            distributed.Client(cluster) as client,
+        ):
+            yield client
+
+
+@contextlib.contextmanager
+def _main_left_alone() -> Iterator[None]:
+    """Keep new processes from importing the main module: they need none of it, and it may start a command."""
+    main = sys.modules["__main__"]
+    before = {name: getattr(main, name, None) for name in ("__file__", "__spec__")}
+    for name in before:
+        setattr(main, name, None)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            setattr(main, name, value)

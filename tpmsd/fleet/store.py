@@ -1,0 +1,150 @@
+"""The store of a fleet: a folder of files, each written whole or not at all.
+
+In: the store's path. Out: its drives and results. There is no log and no lock: what is done is what is there.
+
+    fleet.json                 that this is a store, and its format
+    drives/KEY.json            a drive that was added: where it is, of which car and model
+    results/KEY.json           what was made of it
+    tries/KEY.RUN.N            start N of a drive in a run; gone once it ended
+    tables/NAME.parquet        the tables, made of the results
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from tpmsd.errors import ConfigError, TpmsdError
+
+FORMAT = "tpmsd.fleet/1"
+_UMASK = os.umask(0)
+os.umask(_UMASK)
+_PARTS = ("drives", "results", "tries", "tables")
+
+
+@dataclass(frozen=True, slots=True)
+class DriveEntry:
+    """A drive of the fleet."""
+
+    key: str
+    """Hash of its content: the same drive under another path is the same drive."""
+    path: str
+    """Folder or URL."""
+    car: str
+    model: str
+
+
+class Store:
+    """A fleet's folder."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.drives, self.results, self.tries, self.tables = (path / part for part in _PARTS)
+
+    @classmethod
+    def create(cls, path: Path) -> Store:
+        """The store at a path, made if there is none; ConfigError where something else is there."""
+        mark = path / "fleet.json"
+        if path.exists() and not path.is_dir():
+            raise ConfigError(f"{path}: not a folder")
+        if not mark.exists():
+            if path.is_dir() and any(path.iterdir()):
+                raise ConfigError(f"{path}: a folder with other things in it, and no store of tpmsd fleet")
+            try:
+                for part in _PARTS:
+                    (path / part).mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise TpmsdError(f"{path}: cannot be made: {error.strerror}") from None
+            write_atomic(mark, json.dumps({"format": FORMAT}) + "\n")
+        return cls.open(path)
+
+    @classmethod
+    def open(cls, path: Path) -> Store:
+        """The store at a path; ConfigError if there is none, or one of another format."""
+        try:
+            found = json.loads((path / "fleet.json").read_text(encoding="utf-8")).get("format")
+        except FileNotFoundError:
+            raise ConfigError(f"{path}: no store of tpmsd fleet (tpmsd fleet add makes one)") from None
+        except (OSError, ValueError, AttributeError) as error:
+            raise ConfigError(f"{path}: not a store of tpmsd fleet: {error}") from None
+        if found != FORMAT:
+            raise ConfigError(f"{path}: a store of format {found!r}, this program has {FORMAT!r}")
+        return cls(path)
+
+    def entries(self) -> list[DriveEntry]:
+        """All drives, by key."""
+        return [self.entry(path.stem) for path in sorted(self.drives.glob("*.json"))]
+
+    def entry(self, key: str) -> DriveEntry:
+        """One drive; TpmsdError where its file is damaged."""
+        file = self.drives / f"{key}.json"
+        try:
+            return DriveEntry(**json.loads(file.read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError) as error:
+            raise TpmsdError(f"{file}: damaged: {error}") from None
+
+    def add(self, entry: DriveEntry) -> bool:
+        """Add a drive; False if its content is there already."""
+        file = self.drives / f"{entry.key}.json"
+        if file.exists():
+            return False
+        write_atomic(file, json.dumps(asdict(entry), ensure_ascii=False) + "\n")
+        return True
+
+    def result(self, key: str) -> dict[str, Any] | None:
+        """What was made of a drive; None if nothing was yet. A damaged file counts as nothing."""
+        try:
+            found = json.loads((self.results / f"{key}.json").read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return None
+        return found if isinstance(found, dict) else None
+
+    def write_result(self, key: str, result: dict[str, Any]) -> None:
+        """Keep what was made of a drive."""
+        text = json.dumps(result, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+        write_atomic(self.results / f"{key}.json", text + "\n")
+
+    def begin_try(self, key: str, run: str) -> int:
+        """Note that a drive is started; the number of its starts in this run, this one included."""
+        number = 1
+        while True:
+            try:
+                (self.tries / f"{key}.{run}.{number}").open("x").close()
+                return number
+            except FileExistsError:
+                number += 1
+
+    def tries_of(self, key: str) -> int:
+        """Starts of a drive over all runs that never ended."""
+        return sum(1 for _ in self.tries.glob(f"{key}.*"))
+
+    def end_try(self, key: str) -> None:
+        """Forget the starts of a drive: it ended, one way or another."""
+        for mark in self.tries.glob(f"{key}.*"):
+            mark.unlink(missing_ok=True)
+
+    def bytes_per_result(self) -> Iterator[int]:
+        """Sizes of the result files."""
+        return (file.stat().st_size for file in sorted(self.results.glob("*.json")))
+
+
+def write_atomic(file: Path, content: str | bytes) -> None:
+    """Write beside the file and rename: a reader sees the old content or the new one, whoever is killed."""
+    data = content.encode("utf-8") if isinstance(content, str) else content
+    handle, beside = tempfile.mkstemp(prefix=f".{file.name}.", dir=file.parent)
+    try:
+        with os.fdopen(handle, "wb") as out:
+            # As other new files: the workers of a cluster may be other users.
+            os.fchmod(handle, 0o666 & ~_UMASK)
+            out.write(data)
+            out.flush()
+            os.fsync(out.fileno())
+        Path(beside).replace(file)
+    except BaseException:
+        Path(beside).unlink(missing_ok=True)
+        raise

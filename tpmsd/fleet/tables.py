@@ -1,0 +1,186 @@
+"""The tables of a store: made anew from the result files, in an order of their own, and kept as Parquet.
+
+In: a store. Out: `drives wheels alarms findings statistics` as rows, and as files that DuckDB, pandas and
+others read. The same results give the same bytes, whoever worked on them in which order.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from tpmsd.fleet.joint import joint_rows
+from tpmsd.fleet.store import DriveEntry, Store, write_atomic
+from tpmsd.tables.extras import need
+
+Row = dict[str, Any]
+
+COLUMNS: dict[str, dict[str, str]] = {
+    "drives": {
+        "key": "string",
+        "car": "string",
+        "model": "string",
+        "path": "string",
+        "start": "double",
+        "duration_s": "double",
+        "distance_m": "double",
+        "status": "string",
+        "reason": "string",
+        "program": "string",
+        "verdict": "string",
+        "calibration": "string",
+    },
+    "wheels": {
+        "key": "string",
+        "car": "string",
+        "wheel": "string",
+        "state": "string",
+        "deviation_mm": "double",
+        "std_mm": "double",
+        "change_mm": "double",
+        "change_std_mm": "double",
+        "deflation_probability": "double",
+        "monitored_s": "double",
+    },
+    "alarms": {
+        "key": "string",
+        "car": "string",
+        "time": "double",
+        "drive_time_s": "double",
+        "kind": "string",
+        "wheel": "string",
+        "state": "string",
+        "deviation_mm": "double",
+        "probability": "double",
+        "reason": "string",
+    },
+    "findings": {
+        "level": "string",
+        "model": "string",
+        "car": "string",
+        "key": "string",
+        "kind": "string",
+        "effect": "string",
+        "parameter": "string",
+        "value": "double",
+        "std": "double",
+        "unit": "string",
+        "confidence": "double",
+        "p_value": "double",
+        "status": "string",
+    },
+    "statistics": {
+        "level": "string",
+        "model": "string",
+        "car": "string",
+        "key": "string",
+        "parameter": "string",
+        "unit": "string",
+        "value": "double",
+        "std": "double",
+        "spread_cars": "double",
+        "spread_drives": "double",
+        "drives": "int64",
+    },
+}
+"""Table -> column -> type. `start` and `time` are on each drive's host clock."""
+
+
+def rows_of(store: Store) -> dict[str, list[Row]]:
+    """All tables as rows, in their final order."""
+    entries = sorted(store.entries(), key=lambda entry: (entry.model, entry.car, entry.key))
+    results = {entry.key: store.result(entry.key) for entry in entries}
+    tables: dict[str, list[Row]] = {name: [] for name in COLUMNS}
+    for entry in entries:
+        result = results[entry.key]
+        tables["drives"].append(_drive(entry, result))
+        if result is None or result["status"] != "done":
+            continue
+        replay = result.get("replay") or {}
+        shared = {"key": entry.key, "car": entry.car}
+        for wheel, one in replay.get("wheels", {}).items():
+            tables["wheels"].append({**shared, "wheel": wheel, **one})
+        tables["alarms"] += [{**shared, **alarm} for alarm in replay.get("alarms", ())]
+        tables["findings"] += _findings(entry, (result.get("diagnose") or {}).get("findings", ()))
+    findings, statistics = joint_rows(entries, results)
+    tables["findings"] += findings
+    tables["statistics"] = statistics
+    return tables
+
+
+def write_tables(store: Store) -> dict[str, int]:
+    """Make the tables anew; how many rows each has."""
+    tables = rows_of(store)
+    for name, rows in tables.items():
+        write_atomic(store.tables / f"{name}.parquet", parquet_of(name, rows))
+    return {name: len(rows) for name, rows in tables.items()}
+
+
+def parquet_of(name: str, rows: Sequence[Row]) -> bytes:
+    """One table as Parquet; null where nobody knows."""
+    pa = need("pyarrow", "fleet", "tables")
+    parquet = need("pyarrow.parquet", "fleet", "tables")
+    types = {"string": pa.string(), "double": pa.float64(), "int64": pa.int64()}
+    columns = COLUMNS[name]
+    arrays = [pa.array([_cell(row.get(key)) for row in rows], types[kind]) for key, kind in columns.items()]
+    out = io.BytesIO()
+    parquet.write_table(pa.Table.from_arrays(arrays, names=list(columns)), out, compression="zstd")
+    return out.getvalue()
+
+
+def _cell(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return json.dumps(value) if isinstance(value, dict | list) else value
+
+
+def _drive(entry: DriveEntry, result: dict[str, Any] | None) -> Row:
+    told = result or {"status": "missing", "reason": "", "program": ""}
+    replay = told.get("replay") or {}
+    return {
+        "key": entry.key,
+        "car": entry.car,
+        "model": entry.model,
+        "path": entry.path,
+        "start": replay.get("start_time"),
+        "duration_s": replay.get("duration_s"),
+        "distance_m": replay.get("distance_m"),
+        "status": told["status"],
+        "reason": told["reason"],
+        "program": told["program"],
+        "verdict": (told.get("diagnose") or {}).get("verdict"),
+        "calibration": (told.get("calibrate") or {}).get("reason"),
+    }
+
+
+def _findings(entry: DriveEntry, findings: Sequence[dict[str, Any]]) -> list[Row]:
+    rows = []
+    for finding in findings:
+        shared = {
+            "level": "drive",
+            "model": entry.model,
+            "car": entry.car,
+            "key": entry.key,
+            "kind": "effect",
+            "effect": finding["effect"],
+            "confidence": finding["confidence"],
+            "p_value": finding.get("p_value"),
+            "status": finding.get("status", "finding"),
+        }
+        parameters = finding["parameters"] or {"": {"value": None, "std": None, "unit": ""}}
+        for name, quantity in parameters.items():
+            value = quantity["value"]
+            number = value if isinstance(value, int | float) else None
+            rows.append(
+                {
+                    **shared,
+                    "parameter": name if number is not None or value is None else f"{name}={value}",
+                    "value": None if number is None else float(number),
+                    "std": quantity["std"],
+                    "unit": quantity["unit"],
+                }
+            )
+    return rows

@@ -1,0 +1,133 @@
+"""What is made of one drive: replayed, calibrated and diagnosed, as one document of plain values.
+
+In: the store's path and a drive's key. Out: the drive's result file. This runs in the workers. A drive that
+cannot be used is a result with its reason; one that took its worker down `tries` times is set aside. The
+document holds neither times of computing nor places, so the same drive gives the same bytes wherever it is
+worked on.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+from tpmsd import __version__
+from tpmsd.errors import TpmsdError
+from tpmsd.fleet.find import local_copy
+from tpmsd.fleet.settings import SETTINGS
+from tpmsd.fleet.store import Store
+from tpmsd.plain import plain
+
+SCHEMA = "tpmsd.fleet.drive/1"
+STAGES = ("replay", "calibrate", "diagnose")
+DIGITS = 12
+"""Significant digits that are kept: sums in another order differ in the last ones."""
+
+
+def program() -> str:
+    """What results are kept under: those of another version are of another program."""
+    return f"tpmsd {__version__}"
+
+
+def is_missing(result: dict[str, Any] | None, stages: tuple[str, ...], recompute: bool) -> bool:
+    """Whether a drive is yet to be worked on.
+
+    Results of another program version count, unless `recompute` asks for new ones.
+    """
+    if result is None or (recompute and result.get("program") != program()):
+        return True
+    return not set(stages) <= set(result.get("stages", ())) and result.get("status") != "set_aside"
+
+
+def work_on(store_path: str, key: str, stages: tuple[str, ...], run: str) -> str:
+    """Work on one drive and keep the result; its status: done, failed or set_aside."""
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    store = Store.open(Path(store_path))
+    number = store.begin_try(key, run)
+    if number > SETTINGS.tries or store.tries_of(key) > SETTINGS.tries_in_all:
+        reason = f"its worker died {number - 1} times"
+        result = _document("set_aside", reason, stages, {})
+    else:
+        result = make_result(store.entry(key).path, stages)
+    store.write_result(key, result)
+    store.end_try(key)
+    return str(result["status"])
+
+
+def make_result(path: str, stages: tuple[str, ...] = STAGES) -> dict[str, Any]:
+    """The result of one drive, as a document."""
+    try:
+        with local_copy(path) as folder:
+            parts = _parts(folder, stages)
+    except TpmsdError as error:
+        reason = str(error).splitlines()[0].replace(path, "DRIVE")
+        return _document("failed", reason, stages, {})
+    except Exception as error:  # a defect of the program is a row, too, and never the end of the run
+        reason = " ".join(f"internal error: {type(error).__name__}: {error}".split())
+        return _document("failed", reason.replace(path, "DRIVE"), stages, {})
+    return _document("done", "", stages, parts)
+
+
+def _document(status: str, reason: str, stages: tuple[str, ...], parts: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "schema": SCHEMA,
+        "program": program(),
+        "status": status,
+        "reason": reason,
+        "stages": list(stages),
+        **parts,
+    }
+
+
+def _parts(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
+    # Imported here: the client, which only hands out keys, needs none of it.
+    from tpmsd.api.drive import load
+    from tpmsd.api.functions import calibration_recording, diagnosis_recording, replayed
+    from tpmsd.report.replay_document import replay_document
+
+    drive = load(folder)
+    parts: dict[str, Any] = {}
+    if "replay" in stages:
+        result, _ = replayed(drive)
+        document = replay_document(result)
+        for name in ("drive", "realtime_factor", "resonance", "pose"):
+            document.pop(name, None)
+        parts["replay"] = _rounded(plain(document))
+    if "calibrate" in stages:
+        from tpmsd.calibration.checks import RefusedError
+        from tpmsd.calibration.nominal import vehicle_of
+        from tpmsd.calibration.statistics import drive_statistics
+
+        try:
+            statistics = drive_statistics(calibration_recording(drive), vehicle_of(drive.config.vehicle))
+        except (RefusedError, TpmsdError) as error:
+            parts["calibrate"] = {"reason": str(error).replace(str(folder), "DRIVE"), "statistics": None}
+        else:
+            parts["calibrate"] = {"reason": "", "statistics": _rounded(plain(_packed(statistics)))}
+    if "diagnose" in stages:
+        from tpmsd.diagnosis.diagnose import diagnose
+        from tpmsd.report.diagnosis_document import diagnosis_document
+
+        document = diagnosis_document(diagnose([diagnosis_recording(drive, "the drive")]), None)
+        kept = ("verdict", "reason", "findings", "driving_s")
+        parts["diagnose"] = _rounded(plain({name: document[name] for name in kept}))
+    return parts
+
+
+def _packed(statistics: Any) -> dict[str, Any]:
+    """The information matrix by its lower triangle, row by row."""
+    rows = statistics.information.tolist()
+    triangle = [value for k, row in enumerate(rows) for value in row[: k + 1]]
+    return {"names": statistics.names, "information": triangle, "vector": statistics.vector}
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}")
+    if isinstance(value, dict):
+        return {key: _rounded(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_rounded(one) for one in value]
+    return value
