@@ -9,6 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.campaigns.diagnosis.draw import draw_case
+from bench.campaigns.diagnosis.make import make as made_of
+from bench.campaigns.diagnosis.truth import truth_of
 from bench.campaigns.origins import Job, make, plan
 from bench.worlds import awkward, real_drives, receiver_residuals, traffic
 from bench.worlds.course import Array, Course, wheel_rates
@@ -309,6 +312,19 @@ def test_recorded_errors_replace_the_drawn_ones() -> None:
     drive = observe(road, spec, rng, 1, none)
 
     assert drive.fix_speed == pytest.approx(np.interp(drive.fix_true_s, road.time_s, road.speed), abs=1e-6)
+
+
+def test_an_effect_is_concealed_in_a_drive_of_any_origin() -> None:
+    """The kind names the origin; what the drive can tell of the effect is worked out as on any other."""
+    case = draw_case("mems/gnss_latency", 1.0, 100_000)
+    made = made_of(case, Path("nowhere"))
+    truth = truth_of(case, made.windows)
+
+    assert "mems" == case.world
+    assert 0.08 == made.drive.fix_age_s
+    assert [("gnss_latency", True)] == [(each.effect, each.told) for each in truth.effects]
+    with pytest.raises(ValueError, match="no such origin: atlantis"):
+        draw_case("atlantis/nothing", 0.0, 1)
 
 
 def test_the_plan_meets_every_origin_before_the_second_seed() -> None:

@@ -13,7 +13,8 @@ Strength 1 is the size of a 20 % pressure loss, or what disturbs a diagnosis as 
     leak_behind_warmup                 a wheel loses what the warm-up gives
     warmup_like_leak                   warm-up alone, slow and nearly a ramp, or cooling down
 
-`mb/` in front of a kind lays it over the multi-body car.
+The name of an origin in front of a kind (`traffic/gnss_latency`; `mb/` for `multibody/`) takes its drive from
+there: see `bench/worlds/origins.py`.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from typing import Any
 
 import numpy as np
 
-from bench.worlds.spec import Spec, draw_spec
+from bench.worlds.origins import ORIGINS
+from bench.worlds.spec import Spec
 
 LOSS = 0.0046
 """Relative change of radius of a 20 % pressure loss: strength 1."""
@@ -82,13 +84,16 @@ class Case:
 def draw_case(kind: str, strength: float, seed: int) -> Case:
     """Draw it; ValueError for a kind that is not known."""
     rng = np.random.default_rng([seed, sum(map(ord, kind)), round(100 * strength)])
-    world, _, plain = kind.rpartition("/")
+    prefix, _, plain = kind.rpartition("/")
+    world = {"": "kinematic", "mb": "multibody"}.get(prefix, prefix)
+    if world not in ORIGINS:
+        raise ValueError(f"{kind}: no such origin: {world}")
     fixed: dict[str, Any] = {}
     if "road_grade" in plain:
         fixed = {"hilly": 0.03 * strength, "road": "hills"}
     if plain.startswith("habit:"):
         fixed = {"rising_speed": True, "road": "mixed", "stops": False}
-    spec = draw_spec(rng, **fixed)
+    spec = ORIGINS[world].spec(rng, **fixed)
     if plain.startswith("absorbed:"):
         spec = replace(
             spec, radius_off=float(rng.choice([-1, 1]) * rng.uniform(0.01, 0.03)), radius_spread_m=1.2e-3
@@ -97,7 +102,7 @@ def draw_case(kind: str, strength: float, seed: int) -> Case:
         spec = replace(spec, radius_wander=float(rng.uniform(2e-4, 5e-4)))
     if "thermal" in plain or "warmup" in plain:
         spec = replace(spec, duration_s=float(rng.uniform(900, 1200)))
-    if world == "mb":
+    if world == "multibody":
         spec = replace(spec, duration_s=min(spec.duration_s, 900.0))
     spec.physics.update(_physics(plain, strength, spec, rng))
     wanted = tuple(name for name in spec.physics if name != "no_shortening")
@@ -107,7 +112,7 @@ def draw_case(kind: str, strength: float, seed: int) -> Case:
         seed=seed,
         spec=spec,
         world_seed=int(rng.integers(2**31)),
-        world="multibody" if world == "mb" else "kinematic",
+        world=world,
         wanted=wanted,
     )
 

@@ -1,6 +1,6 @@
 """Makes a case's drive.
 
-In: `Case`. Out: the drive, its course and its windows. The multi-body courses come from a cache.
+In: `Case`. Out: the drive, its course and its windows. Integrated and simulated courses come from a cache.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ import numpy as np
 
 from bench.campaigns.diagnosis.draw import Case
 from bench.campaigns.diagnosis.signals import Windows, windows_of
-from bench.worlds import kinematic
-from bench.worlds.course import Course
-from bench.worlds.instruments import Drive, observe
+from bench.places import RECORDINGS
+from bench.worlds.instruments import Drive
+from bench.worlds.origins import ORIGINS, Places
 
 
 @dataclass(frozen=True)
@@ -28,13 +28,6 @@ class Made:
 def make(case: Case, courses: Path) -> Made:
     """Drive the case."""
     rng = np.random.default_rng(case.world_seed)
-    course: Course
-    spec = case.spec
-    if case.world == "kinematic":
-        course = kinematic.course(spec, rng)
-    else:
-        from bench.worlds.multibody import piece
-
-        course, spec = piece(spec, rng, courses)
-    drive = observe(course, spec, rng, case.world_seed)
+    places = Places(RECORDINGS, courses)
+    course, drive = ORIGINS[case.world].drive(case.spec, rng, case.world_seed, places)
     return Made(drive, windows_of(course, drive))

@@ -143,7 +143,7 @@ def guarded(entry: Entry, courses: Path, program: Path, replayed: tuple[Entry, .
 def run(args: argparse.Namespace, wanted: Plan) -> list[dict[str, Any]]:
     """Do what is not done yet; the rows of the whole plan."""
     state, courses = code_state(args.program / "tpmsd"), args.out / "courses"
-    if any(kind.startswith("mb/") for kind, _, _ in wanted):
+    if any(kind.startswith(("mb/", "multibody/")) for kind, _, _ in wanted):
         from bench.worlds.multibody import prepare
 
         prepare(courses, lambda text: print(text, file=sys.stderr, flush=True))

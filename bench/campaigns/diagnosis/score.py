@@ -71,7 +71,7 @@ def score(case: Case, truth: Truth, document: dict[str, Any], model: dict[str, A
     }
     if told and not document.get("reason"):
         row["f1"] = localisation(truth, findings, windows)
-    if told and case.world == "kinematic" and "tone_ring_error" not in case.kind:
+    if told and case.world != "multibody" and "tone_ring_error" not in case.kind:
         row["heldout"], row["bias_mm"] = improvement(case, model, windows)
     return row
 

@@ -3,7 +3,7 @@
 In: `Course`, `Spec`, which fixes there were. Out: `Windows` and the channels (w, 9) of any concealed
 physics: ways of the four wheels (m), yaw rate (rad/s), GNSS speed (m/s), course (rad), east and north (m).
 The difference of two such tables is what the physics does; it is written with the equations of
-`tests/worlds` alone.
+`bench/worlds` alone.
 """
 
 from __future__ import annotations

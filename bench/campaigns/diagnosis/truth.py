@@ -175,7 +175,7 @@ def truth_of(case: Case, windows: Windows) -> Truth:
     """What is concealed and what of it can be told."""
     out = Truth(case.kind, case.strength, case.seed, case.world, driving_s=int(windows.read[:, 0].sum()))
     own = windows.channels(rolling(case))
-    if case.world != "kinematic":
+    if case.world == "multibody":
         out.effects, out.beyond = _inherent(windows, case.wanted)
     if not case.wanted:
         return out
