@@ -1,0 +1,26 @@
+"""The car library's files: `cars/*.toml`, part of the package.
+
+In: nothing. Out: `Car`s.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from importlib.resources import files
+
+from tpmsd.discovery.library import Car, car_from
+from tpmsd.errors import ConfigError
+
+
+def load_cars() -> list[Car]:
+    """All entries by name; ConfigError names the file that is no entry."""
+    cars = []
+    for entry in sorted(files("tpmsd.cars").iterdir(), key=lambda one: one.name):
+        if not entry.name.endswith(".toml"):
+            continue
+        try:
+            data = tomllib.loads(entry.read_text(encoding="utf-8"))
+        except tomllib.TOMLDecodeError as error:
+            raise ConfigError(f"car library, {entry.name}: {error}") from None
+        cars.append(car_from(entry.name.removesuffix(".toml"), data))
+    return cars

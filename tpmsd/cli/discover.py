@@ -1,0 +1,145 @@
+"""`tpmsd discover DRIVE`: which signals of an unknown car are its wheels, and what else the drive tells.
+
+In: a drive, a DBC where there is one. Out: a summary or JSON, and, on request, a vehicle.toml (and a DBC). Exit code 4
+where a wheel is undecided.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tpmsd.cli.output import Subparsers, add_json_option, write_json
+from tpmsd.errors import ConfigError
+
+if TYPE_CHECKING:
+    from tpmsd.discovery.result import Discovery
+
+EXIT_UNDECIDED = 4
+_EPILOG = """\
+examples:
+  tpmsd discover drive/ --write vehicle.toml
+  tpmsd discover drive/ --dbc car.dbc --tyre 205/55R16 --json -
+  tpmsd discover can.log gnss.nmea
+
+exit codes: 0 all wheels found, 2 wrong usage, 3 unusable input, 4 a wheel is undecided
+"""
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "discover",
+        help="find the wheels of an unknown car from a drive, and write its configuration",
+        description="Finds which signals of a drive are the four wheels, by what they do against the receiver's\n"
+        "speed and course, with a DBC or without; then the car's measures. A vehicle.toml in DRIVE is not read.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        "drive", metavar="DRIVE", type=Path, nargs="+", help="a folder, or a CAN log and an NMEA log"
+    )
+    parser.add_argument("--dbc", metavar="FILE", type=Path, help="the bus's DBC (default: bus.dbc in DRIVE)")
+    parser.add_argument("--no-dbc", action="store_true", help="use no DBC, also where DRIVE has one")
+    parser.add_argument("--tyre", metavar="SIZE", help="size of the tyres, such as 205/55R16")
+    parser.add_argument("--write", metavar="FILE", type=Path, help="write the configuration to FILE")
+    parser.add_argument("--force", action="store_true", help="let --write replace files that are there")
+    add_json_option(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Find and report."""
+    from tpmsd.cli.car_library import load_cars
+    from tpmsd.cli.document_head import document_head
+    from tpmsd.cli.raw_drive import read_drive
+    from tpmsd.discovery.discover import discover
+    from tpmsd.discovery.geometry import tyre_radius_m
+    from tpmsd.sources.databases import load_database
+
+    if args.tyre is not None and tyre_radius_m(args.tyre) is None:
+        raise ConfigError(f"--tyre {args.tyre}: not a tyre's size, such as 205/55R16")
+    if args.no_dbc and args.dbc is not None:
+        raise ConfigError("--dbc and --no-dbc contradict each other")
+    dbc = None if args.no_dbc else args.dbc or _beside(args.drive)
+    if args.write is not None:
+        _refuse(args.write, args.force)
+        if dbc is None:
+            _refuse(args.write.with_suffix(".dbc"), args.force)
+    database = None if dbc is None else load_database(dbc)
+    drive = read_drive(args.drive)
+    found = discover(drive.log, drive.fixes, database, args.tyre, load_cars())
+    if args.json != "-":
+        print("\n".join(summary(found)))
+    if args.write is not None and found.kind is not None:
+        write_files(found, dbc, args.write)
+    if args.json is not None:
+        head = document_head("tpmsd.discovery/1", [drive.can_log, drive.nmea_log], dbc)
+        write_json({**head, **found.document()}, args.json)
+    return 0 if found.wheels_decided else EXIT_UNDECIDED
+
+
+def _beside(paths: list[Path]) -> Path | None:
+    folder = paths[0] if paths[0].is_dir() else paths[0].parent
+    beside = folder / "bus.dbc"
+    return beside if beside.is_file() else None
+
+
+def _refuse(path: Path, force: bool) -> None:
+    if path.exists() and not force:
+        raise ConfigError(f"{path}: is there already; --force replaces it")
+    if not path.absolute().parent.is_dir():
+        raise ConfigError(f"{path}: no such folder")
+
+
+def write_files(found: Discovery, dbc: Path | None, target: Path) -> None:
+    """The configuration, and beside it the DBC where the fields were found in raw frames."""
+    from tpmsd.discovery.text import dbc_text, vehicle_text
+
+    if dbc is None:
+        dbc = target.with_suffix(".dbc")
+        replace_file(dbc, dbc_text(found))
+    name = os.path.relpath(dbc.resolve(), target.absolute().parent)
+    replace_file(target, vehicle_text(found, name))
+
+
+def replace_file(path: Path, text: str) -> None:
+    """Write beside, then rename: a full disk leaves the old file."""
+    beside = path.with_name(f".{path.name}.new")
+    try:
+        beside.write_text(text, encoding="utf-8")
+        beside.replace(path)
+    except OSError as error:
+        beside.unlink(missing_ok=True)
+        raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def summary(found: Discovery) -> list[str]:
+    """What was found, for people."""
+    lines = [f"{found.duration_s:.0f} s of driving with fixes, {found.frames} frames"]
+    if found.car is not None:
+        lines.append(f"The bus is that of {found.car} in the car library.")
+    if found.kind is not None:
+        lines += ["", f"wheels ({found.kind}) and other signals:"]
+    width = max((len(role) for role in found.roles), default=0)
+    for role, one in found.roles.items():
+        rivals = "".join(f"; {name} {p:.2f}" for name, p in one.rivals)
+        extra = f", modulus {one.modulus}" if one.modulus else ""
+        extra += f", in {one.unit}" if one.unit else ""
+        extra += f", scale {one.scale:g}" if one.scale is not None else ""
+        extra += ", sign turned" if one.sign < 0 else ""
+        lines.append(f"  {role:{width}}  {one.field.signal}{extra}  {one.probability:.3f}{rivals}")
+    if found.counts_per_rev is not None:
+        counts = found.counts_per_rev
+        lines.append(
+            f"  counts per revolution {counts.value:g} +- {counts.std:.2g} ({found.counts_probability:.2f})"
+        )
+    if found.driven_axle is not None:
+        lines.append(f"  driven axle {found.driven_axle[0]} ({found.driven_axle[1]:.2f})")
+    for key, one_estimate in {**found.geometry, **found.gnss}.items():
+        lines.append(f"  {key} {one_estimate.value:.3f} +- {one_estimate.std:.3f}")
+    if found.undecided:
+        lines += ["", "undecided:"]
+        lines += [f"  {one.key}: {one.why}. It takes: {one.drive}." for one in found.undecided]
+    return lines

@@ -1,0 +1,85 @@
+"""Reads a drive without a configuration: all frames, all fixes.
+
+In: a folder with a CAN log and gnss.nmea, or the two files. Out: `BusLog` and `GnssFix`es; notes on standard error.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from tpmsd.discovery.frames import BusLog
+from tpmsd.errors import ConfigError, InputError
+from tpmsd.sources.can_log import SUFFIXES, find_can_log, read_can_log
+from tpmsd.sources.events import GnssFix
+from tpmsd.sources.nmea_epoch import NmeaAssembler
+from tpmsd.sources.nmea_log import bears_host_times, read_nmea_log
+
+
+@dataclass(frozen=True)
+class RawDrive:
+    """What a drive holds."""
+
+    can_log: Path
+    nmea_log: Path
+    log: BusLog
+    fixes: list[GnssFix]
+    host_times: bool
+    """Whether the sentences bear the host's clock."""
+
+
+def drive_files(paths: Sequence[Path]) -> tuple[Path, Path]:
+    """The CAN log and the receiver's log of a folder, or of two files in either order."""
+    if len(paths) == 1:
+        folder = paths[0]
+        if not folder.is_dir():
+            raise InputError(folder, "not a folder" if folder.exists() else "no such drive folder")
+        nmea = next((p for p in (folder / "gnss.nmea", folder / "gnss.nmea.gz") if p.is_file()), None)
+        if nmea is None:
+            raise InputError(folder, "no gnss.nmea: without a receiver's log nothing can be told")
+        return find_can_log(folder), nmea
+    if len(paths) != 2:
+        raise ConfigError("give a drive folder, or its CAN log and its NMEA log")
+    for path in paths:
+        if not path.is_file():
+            raise InputError(path, "no such file")
+    nmea_like = [p for p in paths if ".nmea" in p.name.lower() or ".ubx" in p.name.lower()]
+    can_like = [p for p in paths if p not in nmea_like and any(p.name.lower().endswith(s) for s in SUFFIXES)]
+    if len(can_like) == 2:  # two logs by their names: the one with sentences is the receiver's
+        nmea_like = [p for p in can_like if _has_sentences(p)]
+        can_like = [p for p in can_like if p not in nmea_like]
+    if len(nmea_like) != 1 or len(can_like) != 1:
+        raise ConfigError("of the two files one must be a CAN log and one an NMEA log (gnss.nmea)")
+    return can_like[0], nmea_like[0]
+
+
+def _has_sentences(path: Path) -> bool:
+    with path.open("rb") as file:
+        return b"$G" in file.read(4096)
+
+
+def read_drive(paths: Sequence[Path]) -> RawDrive:
+    """Everything of a drive; InputError where there is nothing usable."""
+    can_log, nmea_log = drive_files(paths)
+    bad: dict[Path, tuple[int, str]] = {}
+
+    def note(path: Path, line: int, reason: str) -> None:
+        count, first = bad.get(path, (0, f"{path}:{line}: {reason}"))
+        bad[path] = count + 1, first
+
+    log = BusLog()
+    for frame in read_can_log(can_log, lambda line, reason: note(can_log, line, reason)):
+        log.add(frame)
+    host_times = bears_host_times(nmea_log)
+    assembler = NmeaAssembler()
+    fixes: list[GnssFix] = []
+    for time_s, line, _ in read_nmea_log(nmea_log, lambda line, reason: note(nmea_log, line, reason)):
+        fixes += [event for event in assembler.feed(time_s, line) if isinstance(event, GnssFix)]
+    fixes += [event for event in assembler.flush() if isinstance(event, GnssFix)]
+    for count, first in bad.values():
+        print(f"tpmsd: {count} bad line{'s' if count != 1 else ''} skipped, first {first}", file=sys.stderr)
+    if log.left_out:
+        print(f"tpmsd: {can_log}: {log.left_out} frames of too many identifiers left out", file=sys.stderr)
+    return RawDrive(can_log, nmea_log, log, fixes, host_times)

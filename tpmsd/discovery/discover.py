@@ -1,0 +1,355 @@
+"""From the frames and fixes of a drive to what the bus carries.
+
+In: `BusLog`, fixes, a DBC where there is one, the tyre's size, the car library. Out: `Discovery`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from cantools.database.can import Database
+
+from tpmsd.config.units import UNITS, canonical_unit
+from tpmsd.discovery.frames import BusLog, MessageLog
+from tpmsd.discovery.geometry import CarGeometry, counts_per_rev, driven_axle, per_metre, tyre_radius_m
+from tpmsd.discovery.library import Car, match_car
+from tpmsd.discovery.other_roles import find_gyro, other_roles
+from tpmsd.discovery.raw_fields import raw_fields
+from tpmsd.discovery.reference import Reference, make_reference
+from tpmsd.discovery.result import Discovery, Estimate, FoundRole, Undecided
+from tpmsd.discovery.series import Field, Series, as_count, as_value
+from tpmsd.discovery.settings import SETTINGS, Settings
+from tpmsd.discovery.wheels import (
+    Assignment,
+    Follower,
+    anchor_of,
+    assign,
+    clusters,
+    followers,
+    physical_scale,
+    placed,
+)
+from tpmsd.errors import ConfigError
+from tpmsd.sources.events import GnssFix
+from tpmsd.sources.signal_plan import EXTENDED, bit_field
+from tpmsd.wheels import FloatArray
+
+_LEAST_DRIVE_S = 30.0
+_SPEED_UNITS = ("km/h", "m/s", "mph", "knots")
+_UNIT_TOLERANCE = 0.08
+"""Makers scale wheel speeds by a radius of their own, some per cent off the true one."""
+_NICE_KMH = (
+    0.01,
+    0.02,
+    0.05,
+    0.1,
+    0.0075,
+    0.05625,
+    1 / 16,
+    1 / 32,
+    1 / 64,
+    1 / 100,
+    1 / 128,
+    1 / 256,
+    0.5,
+    1.0,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Material:
+    """A drive, prepared; `check --drive` asks it more than one question."""
+
+    reference: Reference
+    logs: dict[int, MessageLog]
+    series: list[Series]
+    frames: int
+    has_dbc: bool
+    gyro: FloatArray | None = None
+    bus: Mapping[str, int] = field(default_factory=dict)
+
+
+def prepare(
+    log: BusLog, fixes: Sequence[GnssFix], database: Database | None, settings: Settings = SETTINGS
+) -> Material:
+    """Read every field as it could be meant."""
+    reference = make_reference(fixes, settings)
+    logs = log.messages()
+    edges = reference.edge_s
+    fields = dbc_fields(database, logs) if database is not None else _all_raw(logs, settings)
+    series: list[Series] = []
+    for one in fields:
+        message = logs[one.key]
+        try:
+            raw = message.bits(one.place)
+        except ValueError:
+            continue
+        if len(raw) < 10 or raw.min() == raw.max() or len(edges) < 3:
+            continue
+        series.append(as_value(one, message, raw, edges))
+        if not one.place.is_float and message.period_s * settings.min_rate_hz <= 1.0:
+            counted = as_count(one, message, raw, edges)
+            if counted is not None:
+                series.append(counted)
+    gyro = find_gyro(series, reference, settings) if database is not None else None
+    return Material(reference, logs, series, log.frames, database is not None, gyro)
+
+
+def dbc_fields(database: Database, logs: Mapping[int, MessageLog]) -> list[Field]:
+    """Every signal of the DBC whose message is in the log and that is always in it."""
+    found = []
+    for message in database.messages:
+        key = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
+        if key not in logs:
+            continue
+        for signal in message.signals:
+            if signal.multiplexer_ids is not None:
+                continue
+            try:
+                place = bit_field(signal)
+            except ConfigError:
+                continue
+            scale, offset = float(signal.scale), float(signal.offset)
+            invalid = frozenset(
+                int(raw) & place.mask for raw, text in (signal.choices or {}).items() if _says_none(str(text))
+            )
+            if scale:
+                found.append(
+                    Field(message.name, signal.name, key, place, scale, offset, signal.unit or "", invalid)
+                )
+    return found
+
+
+def _says_none(text: str) -> bool:
+    return any(word in text.lower() for word in ("sna", "invalid", "fault", "error", "not avail", "notavail"))
+
+
+def _all_raw(logs: Mapping[int, MessageLog], settings: Settings) -> list[Field]:
+    return [
+        one for log in logs.values() if log.period_s * settings.min_rate_hz <= 1.0 for one in raw_fields(log)
+    ]
+
+
+def discover(
+    log: BusLog,
+    fixes: Sequence[GnssFix],
+    database: Database | None = None,
+    tyre: str | None = None,
+    cars: Sequence[Car] = (),
+    settings: Settings = SETTINGS,
+) -> Discovery:
+    """Find the wheels and all that goes with them. `cars`: the car library, as prior."""
+    return decide(prepare(log, fixes, database, settings), tyre, cars, database, settings)
+
+
+def decide(
+    material: Material,
+    tyre: str | None = None,
+    cars: Sequence[Car] = (),
+    database: Database | None = None,
+    settings: Settings = SETTINGS,
+) -> Discovery:
+    """What the prepared drive tells."""
+    reference = material.reference
+    nothing = Discovery(
+        None, duration_s=reference.duration_s, frames=material.frames, has_dbc=material.has_dbc
+    )
+    if reference.duration_s < _LEAST_DRIVE_S:
+        why = f"only {reference.duration_s:.0f} s of driving above 2 m/s with fixes"
+        return replace(nothing, undecided=_no_wheels(why, "10 min of mixed driving with the sky in view"))
+    car = None if database is None else match_car(cars, database, material.logs.keys())
+    prior = {} if car is None else {role[-2:]: name for role, name in car.signal_names().items()}
+    best = _best_assignment(material, prior, settings)
+    if best is None:
+        why = "no pair of signals follows the receiver's speed with the difference of two wheels in bends"
+        return replace(nothing, undecided=_no_wheels(why, "10 min of mixed driving with many bends"))
+    assignment = best
+    undecided: list[Undecided] = []
+    roles = _wheel_roles(assignment, undecided, settings)
+    found = Discovery(
+        assignment.kind,
+        roles,
+        assignment=assignment,
+        car=None if car is None else car.name,
+        duration_s=reference.duration_s,
+        frames=material.frames,
+        has_dbc=material.has_dbc,
+    )
+    if assignment.kind == "counts":
+        counted, counted_std = per_metre([role.follower for role in assignment.roles])
+        counts, sure, radius = counts_per_rev(counted, counted_std, tyre, settings)
+        if car is not None and car.teeth_per_rev is not None:
+            counts, sure = Estimate(car.teeth_per_rev, 0.0), settings.max_probability
+            radius = car.teeth_per_rev / (2 * np.pi * counted)
+        found = replace(found, counts_per_rev=counts, counts_probability=sure)
+        radius_std = counts.std / max(counts.value, 1.0) * radius
+        if sure < settings.decided:
+            why = "counts per metre are known to a thousandth, but not the tyre's radius"
+            wanted = "give the tyre's size (--tyre 205/55R16)" if tyre is None else "count one turn by hand"
+            undecided.append(Undecided("vehicle.teeth_per_rev", why, wanted))
+    else:
+        radius = (tyre_radius_m(tyre, settings) if tyre else None) or settings.radius_m
+        radius_std = radius * settings.tyre_radius_std if tyre else settings.radius_std_m
+    geometry = CarGeometry(assignment, reference, material.gyro, settings)
+    measures = {"wheel_radius_m": Estimate(radius, max(radius_std, 0.001)), **geometry.geometry}
+    axle = driven_axle(assignment)
+    if axle is None or axle[1] < settings.decided:
+        why = "the axles' slip does not differ clearly" if axle else "one axle alone is on the bus"
+        undecided.append(
+            Undecided("vehicle.driven_axle", why, "brisk acceleration on a straight road, ten times")
+        )
+    undecided += _unknown_measures(measures, geometry.gnss, assignment)
+    if material.has_dbc:
+        wheels = {role.follower.series.field.signal for role in assignment.roles}
+        speed, yaw = geometry.motion()
+        others = other_roles(material.series, reference, speed, yaw, wheels, settings)
+        found.roles.update(others)
+        undecided += [
+            Undecided(
+                f"can.signals.{role}", f"{one.probability:.2f} for {one.field.signal}", "more bends and stops"
+            )
+            for role, one in others.items()
+            if one.probability < settings.decided
+        ]
+    return replace(found, driven_axle=axle, geometry=measures, gnss=geometry.gnss, undecided=tuple(undecided))
+
+
+def _best_assignment(material: Material, prior: dict[str, str], settings: Settings) -> Assignment | None:
+    """Of all clusters the one with four wheels, counts before speeds, the surest first."""
+    reference = material.reference
+    found = [one for one in followers(material.series, reference, settings) if _plausible(one, settings)]
+    if not material.has_dbc:
+        found = _disjoint(found)
+    ranked = []
+    for group in clusters(found, settings):
+        if len(group) < 2:
+            continue
+        members = placed(group, reference, material.gyro, settings)
+        made = assign(members, anchor_of(members, reference, settings), settings, prior)
+        if made is None:
+            continue
+        least = min(role.probability for role in made.roles)
+        rank = (not made.pair_only, least > 0.5, made.kind == "counts", least)
+        ranked.append((rank, made))
+    if not ranked:
+        return None
+    return max(ranked, key=lambda entry: entry[0])[1]
+
+
+def _plausible(one: Follower, settings: Settings) -> bool:
+    """A wheel counts between four and two hundred thousand times a turn; a speed has steps below 1 m/s."""
+    if one.series.kind == "count":
+        per_turn = one.per_mps * 2 * np.pi * settings.radius_m
+        return 4.0 < per_turn < 2e5
+    return one.per_mps > 0.9
+
+
+def _disjoint(found: Sequence[Follower]) -> list[Follower]:
+    """Of readings that share bits the one that follows best, the widest of equals."""
+    kept: list[Follower] = []
+    used: dict[int, list[tuple[set[int], str]]] = {}
+    for one in sorted(found, key=lambda f: (round(f.r2, 4), f.series.field.place.length), reverse=True):
+        bits = _bits_of(one.series.field)
+        others = used.setdefault(one.series.field.key, [])
+        if all(bits.isdisjoint(other) for other, _ in others):
+            kept.append(one)
+            others.append((bits, one.series.kind))
+    return kept
+
+
+def _bits_of(one: Field) -> set[int]:
+    place = one.place
+    if not place.big_endian:
+        return set(range(place.shift, place.shift + place.length))
+    size = 8 * place.word_bytes
+    return {
+        8 * (place.word_bytes - 1 - at // 8) + at % 8
+        for at in range(place.shift, place.shift + place.length)
+        if at < size
+    }
+
+
+def _wheel_roles(
+    assignment: Assignment, undecided: list[Undecided], settings: Settings
+) -> dict[str, FoundRole]:
+    roles = {}
+    what = "count" if assignment.kind == "counts" else "speed"
+    for role in assignment.roles:
+        key = f"wheel_{what}_{role.wheel}"
+        one = role.follower.series.field
+        roles[key] = (
+            _count_role(key, role.follower, role.probability, role.rivals)
+            if what == "count"
+            else _speed_role(key, role.follower, role.probability, role.rivals)
+        )
+        if role.probability < settings.decided:
+            rivals = ", ".join(f"{name} {p:.2f}" for name, p in role.rivals) or "none of them a wheel"
+            why = f"{one.signal} {role.probability:.2f}, {rivals}"
+            undecided.append(Undecided(f"can.signals.{key}", why, _drive_for(assignment)))
+    return roles
+
+
+def _drive_for(assignment: Assignment) -> str:
+    if assignment.left_right < assignment.front_rear:
+        return "ten bends to either side: the sides do not differ on straight roads"
+    return "ten tight bends at walking to town speed: the front wheels' longer way shows there"
+
+
+def _count_role(
+    key: str, one: Follower, probability: float, rivals: tuple[tuple[str, float], ...]
+) -> FoundRole:
+    series = one.series
+    full = 1 << series.field.place.length
+    modulus = series.modulus if series.modulus_seen and series.modulus != full else 0
+    return FoundRole(key, series.field, probability, rivals, modulus=modulus)
+
+
+def _speed_role(
+    key: str, one: Follower, probability: float, rivals: tuple[tuple[str, float], ...]
+) -> FoundRole:
+    """A speed, its unit and scale held against the receiver."""
+    known = one.series.field
+    declared = canonical_unit(known.unit) or "km/h"
+    kind, factor, _ = UNITS[declared]
+    mps_per_unit = 1.0 / physical_scale(one)
+    if kind == "angular speed":
+        radius = mps_per_unit / factor
+        fits = 0.2 < radius < 0.6
+    else:
+        fits = abs(mps_per_unit / factor - 1.0) < _UNIT_TOLERANCE
+    if fits:
+        return FoundRole(
+            key, known, probability, rivals, unit=None if canonical_unit(known.unit) else declared
+        )
+    for unit in _SPEED_UNITS:
+        if abs(mps_per_unit / UNITS[unit][1] - 1.0) < _UNIT_TOLERANCE:
+            return FoundRole(key, known, probability, rivals, unit=unit)
+    scale = 3.6 / one.per_mps
+    nice = min(_NICE_KMH, key=lambda n: abs(n / scale - 1.0))
+    scale = nice if abs(nice / scale - 1.0) < 0.04 else float(f"{scale:.6g}")
+    base = 0.0 if abs(one.base) < 3.0 else -scale * round(one.base)
+    return FoundRole(key, known, probability, rivals, unit="km/h", scale=scale, offset=base)
+
+
+def _no_wheels(why: str, drive: str) -> tuple[Undecided, ...]:
+    return (Undecided("can.signals.wheel_count_rl", why, drive),)
+
+
+def _unknown_measures(
+    geometry: Mapping[str, Estimate], gnss: Mapping[str, Estimate], assignment: Assignment
+) -> list[Undecided]:
+    wanted = ["track_rear_m"] + ([] if assignment.pair_only else ["track_front_m", "wheelbase_m"])
+    bends = "ten bends to either side, some of them tight"
+    lines = [
+        Undecided(f"vehicle.{key}", "too little turning; a usual value is written", bends)
+        for key in wanted
+        if key not in geometry
+    ]
+    lines += [
+        Undecided(f"gnss.{key}", f"known to {gnss[key].std:.1f} m only", bends)
+        for key in ("antenna_forward_m", "antenna_left_m")
+        if key in gnss and gnss[key].std > 0.5
+    ]
+    return lines

@@ -1,0 +1,109 @@
+"""The frames of a drive as arrays, one pair per message.
+
+In: frames in the order of their stamps. Out: `BusLog`: stamps and payloads by message; raw bits of a field.
+"""
+
+from __future__ import annotations
+
+from array import array
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tpmsd.sources.can_frame import CanFrame
+from tpmsd.sources.signal_plan import EXTENDED, BitField
+from tpmsd.wheels import FloatArray
+
+RawArray = NDArray[np.uint64]
+MAX_MESSAGES = 4096
+"""Identifiers of one log; a bus has some hundred."""
+
+
+@dataclass(frozen=True, slots=True)
+class MessageLog:
+    """All frames of one message."""
+
+    key: int
+    """Identifier, with `EXTENDED` set for 29-bit ones."""
+    time_s: FloatArray
+    """(n,)"""
+    data: NDArray[np.uint8]
+    """(n, bytes); the most common length, frames of other lengths left out."""
+
+    @property
+    def period_s(self) -> float:
+        """Median time between two frames; infinite for fewer than three."""
+        return float(np.median(np.diff(self.time_s))) if len(self.time_s) > 2 else float("inf")
+
+    def bits(self, place: BitField) -> RawArray:
+        """(n,) raw bits of a field; ValueError if the payload does not hold it."""
+        length = self.data.shape[1]
+        if place.min_bytes > length:
+            raise ValueError("beyond the payload")
+        # The field lies within the last bytes of the integer that it was planned on.
+        last, first = place.min_bytes, place.shift // 8
+        raw = np.zeros(len(self.data), dtype=np.uint64)
+        if place.big_endian:
+            first = (8 * place.word_bytes - place.shift - place.length) // 8
+            skip = place.shift - 8 * (place.word_bytes - last)
+        else:
+            skip = place.shift - 8 * first
+        columns = self.data[:, first:last].astype(np.uint64)
+        if not place.big_endian:
+            columns = columns[:, ::-1]
+        count = columns.shape[1]
+        for k in range(count):
+            weight = 8 * (count - 1 - k) - skip
+            column = columns[:, k]
+            if weight >= 0:
+                raw |= column << np.uint64(weight) if weight < 64 else np.uint64(0)
+            else:
+                raw |= column >> np.uint64(-weight)
+        return raw & np.uint64(place.mask)
+
+
+@dataclass(slots=True)
+class _Growing:
+    times: array[float] = field(default_factory=lambda: array("d"))
+    data: dict[int, tuple[array[float], bytearray]] = field(default_factory=dict)
+
+
+class BusLog:
+    """Gathers frames; error and remote frames are left out."""
+
+    def __init__(self) -> None:
+        self._messages: dict[int, _Growing] = {}
+        self.frames = 0
+        self.left_out = 0
+        """Frames of more identifiers than a bus has."""
+
+    def add(self, frame: CanFrame) -> None:
+        """Take one frame."""
+        time_s, _, identifier, is_extended, _, is_error, is_remote, data, _ = frame
+        if is_error or is_remote or not data:
+            return
+        self.frames += 1
+        key = identifier | EXTENDED if is_extended else identifier
+        message = self._messages.get(key)
+        if message is None:
+            if len(self._messages) >= MAX_MESSAGES:
+                self.left_out += 1
+                return
+            message = self._messages[key] = _Growing()
+        kept = message.data.get(len(data))
+        if kept is None:
+            kept = message.data[len(data)] = (array("d"), bytearray())
+        kept[0].append(time_s)
+        kept[1].extend(data)
+
+    def messages(self) -> dict[int, MessageLog]:
+        """What was gathered, by key, in order of the identifiers; stamps sorted."""
+        logs = {}
+        for key in sorted(self._messages):
+            size, (times, data) = max(self._messages[key].data.items(), key=lambda item: len(item[1][0]))
+            time_s = np.frombuffer(times, dtype=np.float64)
+            rows = np.frombuffer(bytes(data), dtype=np.uint8).reshape(-1, size)
+            order = np.argsort(time_s, kind="stable")
+            logs[key] = MessageLog(key, time_s[order], rows[order])
+        return logs

@@ -1,0 +1,195 @@
+"""The car's measures and the antenna's place, once the wheels are known.
+
+In: the wheels' speeds, the receiver's reference. Out: tracks, wheelbase, counts per revolution, driven axle, latency and
+lever arm, each with a standard deviation.
+
+    course of the antenna = heading + x_a r / v - c v r,   speed = v - y_a r + x_a^2 r^2 / (2 v),   both late by tau
+
+(rigid body to first order in r x / v; c is the rear axle's side slip per lateral acceleration). The heading's rate is the
+wheels' difference over the track, whose noise is far below the receiver's: so the receiver is regressed on the wheels.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import norm
+
+from tpmsd.config.rules import TYRE_SIZE
+from tpmsd.discovery.reference import Reference
+from tpmsd.discovery.regress import Fit, fit
+from tpmsd.discovery.result import Estimate
+from tpmsd.discovery.settings import SETTINGS, Settings
+from tpmsd.discovery.wheels import Assignment, Follower
+from tpmsd.wheels import FloatArray
+
+_WINDOW_CELLS = 4
+_INCH_M = 0.0254
+_SLIP_FLOOR_S2PM = 0.0007
+"""Difference of the axles' slip that load transfer alone makes: 1e-4 s2 over 0.32 m, both axles."""
+_USUAL_COUNTS: dict[int, float] = {48: 5.0, 96: 3.0, 44: 2.0, 47: 1.5, 43: 1.5, 46: 1.2, 50: 1.2, 52: 1.2, 60: 1.0,
+                                   86: 1.0, 88: 1.0, 92: 1.0, 94: 1.0, 100: 1.0, 72: 0.6, 120: 0.6}  # fmt: skip
+"""Weights of ring sizes, counts on one or both edges, against 0.15 for any other number."""
+_TRACK_FLOOR = 0.004
+"""Relative: what steering geometry and unequal slip do to a track told by the wheels."""
+
+
+def tyre_radius_m(size: str, settings: Settings = SETTINGS) -> float | None:
+    """Rolling radius of a tyre by its size; None if it is no size."""
+    match = TYRE_SIZE.match(size.strip())
+    if match is None:
+        return None
+    width, aspect, rim = float(match[1]), float(match[2]), float(match[3])
+    return settings.rolling_share * (0.5 * rim * _INCH_M + 1e-3 * width * aspect / 100.0)
+
+
+def counts_per_rev(
+    per_metre: float, per_metre_std: float, tyre: str | None, settings: Settings = SETTINGS
+) -> tuple[Estimate, float, float]:
+    """The likeliest whole number of counts, its probability, and the radius that goes with it.
+
+    `per_metre`: counts per metre of road. Finer rings than 300 counts are not told to the count.
+    """
+    radius = tyre_radius_m(tyre, settings) if tyre else None
+    mean = radius or settings.radius_m
+    std = mean * settings.tyre_radius_std if radius else settings.radius_std_m
+    expected, spread = 2 * math.pi * mean * per_metre, 2 * math.pi * per_metre * std
+    spread = math.hypot(spread, expected * per_metre_std / per_metre)
+    if expected > 300:
+        return Estimate(float(round(expected)), spread), 0.0, mean
+    numbers = np.arange(max(1, int(expected - 5 * spread)), int(expected + 5 * spread) + 2)
+    weight = norm.pdf(numbers, expected, spread) * [_USUAL_COUNTS.get(int(n), 0.15) for n in numbers]
+    weight = weight / weight.sum()
+    best = int(np.argmax(weight))
+    found = float(numbers[best])
+    deviation = float(np.sqrt(weight @ (numbers - found) ** 2))
+    return Estimate(found, deviation), float(weight[best]), found / (2 * math.pi * per_metre)
+
+
+def driven_axle(assignment: Assignment) -> tuple[str, float] | None:
+    """The axle that turns faster under drive force, and how sure that is; None for a pair alone."""
+    if assignment.pair_only:
+        return None
+    slip = [role.follower.slip for role in assignment.roles]
+    stds = [role.follower.slip_std for role in assignment.roles]
+    difference = 0.5 * (slip[0] + slip[1] - slip[2] - slip[3])
+    std = math.hypot(0.5 * math.sqrt(sum(s * s for s in stds)), _SLIP_FLOOR_S2PM)
+    if not math.isfinite(std):
+        return "front", 0.5
+    front = float(norm.cdf(difference / std))
+    return ("front", min(front, 0.999)) if front >= 0.5 else ("rear", min(1.0 - front, 0.999))
+
+
+class CarGeometry:
+    """Regressions of the receiver on the wheels."""
+
+    def __init__(
+        self,
+        assignment: Assignment,
+        reference: Reference,
+        gyro: FloatArray | None = None,
+        settings: Settings = SETTINGS,
+    ) -> None:
+        self._reference, self._settings = reference, settings
+        self._by_wheel = {role.wheel: role.follower for role in assignment.roles}
+        left, right = self._by_wheel["rl"], self._by_wheel["rr"]
+        self._speed = 0.5 * (left.speed + right.speed)
+        self._difference = right.speed - left.speed
+        self._course = self._course_fit()
+        self.geometry: dict[str, Estimate] = {}
+        self.gnss: dict[str, Estimate] = {}
+        self._tracks(gyro)
+        self._antenna()
+
+    def motion(self) -> tuple[FloatArray, FloatArray]:
+        """Speed (m/s) and yaw rate (rad/s) by the rear wheels, over the cells."""
+        track = self.geometry.get("track_rear_m")
+        difference = self._difference
+        if self._course is not None and track is not None:
+            # Unequal tyres make a straight road look like a bend.
+            difference = difference + self._course.value[1] / self._course.value[0] * self._speed
+        return self._speed, difference / (track.value if track else self._settings.track_m)
+
+    def _windows(self, value: FloatArray) -> FloatArray:
+        """Means over windows of cells."""
+        count = len(value) // _WINDOW_CELLS * _WINDOW_CELLS
+        return np.asarray(value[:count].reshape(-1, _WINDOW_CELLS).mean(axis=1))
+
+    def _change(self, value: FloatArray) -> FloatArray:
+        """Rate of change over windows, by the values at their ends."""
+        at_edge = np.concatenate([[np.nan], 0.5 * (value[1:] + value[:-1]), [np.nan]])[::_WINDOW_CELLS]
+        change = np.diff(at_edge) / (_WINDOW_CELLS * self._settings.cell_s)
+        return np.asarray(change[: len(value) // _WINDOW_CELLS])
+
+    def _course_fit(self) -> Fit | None:
+        """Yaw rate by the course on the wheels' difference; columns as in the module's formula."""
+        reference, settings = self._reference, self._settings
+        speed = self._speed
+        yaw = self._difference / settings.track_m
+        with np.errstate(divide="ignore", invalid="ignore"):
+            per_speed = yaw / speed
+        usable = (speed > 3.0) & (np.abs(yaw) < 0.5 * speed)
+        target = np.where(usable, reference.yaw_radps, np.nan)
+        columns = [
+            self._windows(self._difference),
+            self._windows(speed),
+            self._change(yaw),
+            self._change(per_speed),
+            self._change(yaw * speed),
+        ]
+        blocks = np.floor(self._windows(reference.edge_s[:-1]) / settings.block_s)
+        return fit(np.column_stack(columns), self._windows(target), blocks)
+
+    def _tracks(self, gyro: FloatArray | None) -> None:
+        course, geometry = self._course, self.geometry
+        if course is not None and course.value[0] > 0:
+            track = 1.0 / float(course.value[0])
+            std = math.hypot(course.std(0) * track**2, _TRACK_FLOOR * track)
+            if std < 0.5:
+                geometry["track_rear_m"] = Estimate(track, std)
+        if "fl" in self._by_wheel and "track_rear_m" in geometry:
+            rear = geometry["track_rear_m"]
+            spans = [
+                self._by_wheel[a].lateral_m - self._by_wheel[b].lateral_m
+                for a, b in (("fl", "fr"), ("rl", "rr"))
+            ]
+            stds = [self._by_wheel[w].lateral_std_m for w in ("fl", "fr", "rl", "rr")]
+            if min(spans) > 0.3:
+                ratio = spans[0] / spans[1]
+                std = rear.value * ratio * math.hypot(rear.std / rear.value, math.hypot(*stds) / spans[1])
+                geometry["track_front_m"] = Estimate(rear.value * ratio, std)
+            curve = [self._by_wheel[w].curve_m2 for w in ("fl", "fr", "rl", "rr")]
+            curve_stds = [self._by_wheel[w].curve_std_m2 for w in ("fl", "fr", "rl", "rr")]
+            square = curve[0] + curve[1] - curve[2] - curve[3]
+            square_std = math.hypot(*curve_stds)
+            if square > 2.0 and square_std < square:
+                base = math.sqrt(square)
+                geometry["wheelbase_m"] = Estimate(base, math.hypot(0.5 * square_std / base, 0.03 * base))
+
+    def _antenna(self) -> None:
+        reference, settings, gnss = self._reference, self._settings, self.gnss
+        track = self.geometry.get("track_rear_m")
+        speed = self._speed
+        yaw = self._difference / (track.value if track else settings.track_m)
+        accel = np.full(len(speed), np.nan)
+        accel[1:-1] = (speed[2:] - speed[:-2]) / (2 * settings.cell_s)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            columns = [speed, yaw, accel, yaw**2 / speed]
+        usable = (speed > settings.min_speed_mps) & (np.abs(yaw) < 0.5 * speed)
+        blocks = np.floor(reference.edge_s[:-1] / settings.block_s)
+        made = fit(np.column_stack(columns), np.where(usable, reference.speed_mps, np.nan), blocks)
+        if made is not None:
+            gnss["latency_s"] = Estimate(-float(made.value[2]), math.hypot(made.std(2), 0.006))
+            gnss["antenna_left_m"] = Estimate(-float(made.value[1]), math.hypot(made.std(1), 0.05))
+        if self._course is not None:
+            forward = Estimate(float(self._course.value[3]), math.hypot(self._course.std(3), 0.1))
+            gnss["antenna_forward_m"] = forward
+
+
+def per_metre(followers: Sequence[Follower]) -> tuple[float, float]:
+    """Mean counts (as the DBC scales them) per metre over wheels, and the standard deviation of the mean."""
+    values = np.array([one.per_mps * abs(one.series.field.scale) for one in followers])
+    spread = float(values.std(ddof=1)) if len(values) > 1 else 0.0
+    return float(values.mean()), max(spread / math.sqrt(len(values)), 1e-3 * float(values.mean()))

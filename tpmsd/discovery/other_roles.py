@@ -1,0 +1,195 @@
+"""The optional signals: gyro, accelerometers, steering, brake, torque, temperature.
+
+In: series of a DBC's signals, what the wheels and the receiver say of the motion. Out: `FoundRole`s.
+
+Each role has an expectation (yaw rate, v r, dv/dt, r/v, ...), a kind of unit, and words in names. A signal's likelihood
+is that of its residual to the expectation, its scale free; unit and name are evidence beside it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from tpmsd.config.units import UNITS, assumed_unit, canonical_unit, role_kinds, to_si
+from tpmsd.discovery.names import role_evidence
+from tpmsd.discovery.reference import Reference
+from tpmsd.discovery.result import FoundRole
+from tpmsd.discovery.series import Series
+from tpmsd.discovery.settings import SETTINGS, Settings
+from tpmsd.errors import ConfigError
+from tpmsd.wheels import FloatArray
+
+_SMOOTH_CELLS = 5
+_LEAST_R = {
+    "yaw_rate": 0.7, "accel_long": 0.6, "accel_lat": 0.7, "steering_wheel_angle": 0.7, "brake_pressure": 0.5,
+    "drive_torque": 0.4,
+}  # fmt: skip
+"""Correlation with the expectation below which a signal plays no role."""
+_UNIT_NATS = 3.0
+_STEERING_RATIO = (8.0, 30.0)
+_AMBIENT_C = (-45.0, 60.0)
+
+
+def smooth(value: FloatArray, cells: int = _SMOOTH_CELLS) -> FloatArray:
+    """Running mean; NaN where a cell is unknown."""
+    kernel = np.ones(cells) / cells
+    return np.asarray(np.convolve(value, kernel, mode="same"))
+
+
+def physical(one: Series) -> FloatArray:
+    """What the DBC makes of a value."""
+    return one.rate * one.field.scale + one.field.offset
+
+
+def find_gyro(
+    series: Sequence[Series], reference: Reference, settings: Settings = SETTINGS
+) -> FloatArray | None:
+    """A yaw rate in rad/s by a signal that agrees with the receiver's course; None if there is none."""
+    best: tuple[float, FloatArray] | None = None
+    course = smooth(reference.yaw_radps)
+    for one in series:
+        if one.kind != "value" or _unit_kind(one.field.unit, "yaw_rate") is not True:
+            continue
+        factor, _ = to_si("yaw_rate", one.field.unit)
+        value = physical(one) * factor
+        rows = reference.moving & np.isfinite(value) & np.isfinite(course)
+        if rows.sum() < 40 or not np.ptp(value[rows]) > 0:
+            continue
+        r = float(np.corrcoef(smooth(value)[rows], course[rows])[0, 1])
+        if abs(r) < 0.4 or (best is not None and abs(r) <= best[0]):
+            continue
+        slope = float(np.std(value[rows])) / max(float(np.std(course[rows])), 1e-9)
+        if not 0.4 < slope < 2.0:
+            continue
+        bias = float(np.median(math.copysign(1.0, r) * value[rows] - course[rows]))
+        best = abs(r), math.copysign(1.0, r) * value - bias
+    return None if best is None else best[1]
+
+
+def other_roles(
+    series: Sequence[Series],
+    reference: Reference,
+    speed: FloatArray,
+    yaw: FloatArray,
+    taken: set[str],
+    settings: Settings = SETTINGS,
+) -> dict[str, FoundRole]:
+    """Roles with a probability of at least a half; `speed` and `yaw` by the wheels."""
+    accel = np.full(len(speed), np.nan)
+    accel[1:-1] = (speed[2:] - speed[:-2]) / (2 * settings.cell_s)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        curvature = np.where(speed > 3.0, yaw / speed, np.nan)
+    expected = {
+        "yaw_rate": yaw,
+        "accel_lat": yaw * speed,
+        "accel_long": accel,
+        "steering_wheel_angle": curvature,
+        "brake_pressure": np.maximum(-accel - 0.5, 0.0),
+        "drive_torque": accel,
+    }
+    found: dict[str, FoundRole] = {}
+    for role, target in expected.items():
+        ranked = _ranked(series, role, target, speed, taken)
+        if ranked:
+            found[role] = ranked
+            taken = taken | {ranked.field.signal}
+    ambient = _ambient(series, taken)
+    if ambient is not None:
+        found["ambient_temp"] = ambient
+    return found
+
+
+def _unit_kind(unit: str, role: str) -> bool | None:
+    """Whether a unit is of the role's kind; None where it says nothing."""
+    known = canonical_unit(unit)
+    if known is None:
+        return None
+    try:
+        to_si(role, unit)
+    except ConfigError:
+        return False
+    return UNITS[known][0] in role_kinds(role)
+
+
+def _ranked(
+    series: Sequence[Series], role: str, target: FloatArray, speed: FloatArray, taken: set[str]
+) -> FoundRole | None:
+    scored: list[tuple[float, float, Series, float]] = []
+    moving = np.isfinite(target) & (speed > 2.0)
+    aim = smooth(target)
+    for one in series:
+        fits = _unit_kind(one.field.unit, role)
+        if one.kind != "value" or one.field.signal in taken or fits is False:
+            continue
+        word = role_evidence(one.field.signal, role)
+        if fits is None and word == 0.0:
+            continue  # a correlation alone names nothing
+        value = smooth(physical(one))
+        rows = moving & np.isfinite(value) & np.isfinite(aim)
+        if rows.sum() < 40 or not np.ptp(value[rows]) > 0:
+            continue
+        r = float(np.corrcoef(value[rows], aim[rows])[0, 1])
+        if not abs(r) >= _LEAST_R[role]:
+            continue
+        effective = min(rows.sum() / (2 * _SMOOTH_CELLS), 100.0)
+        evidence = -0.5 * effective * math.log(max(1 - r * r, 1e-4)) + word + (_UNIT_NATS if fits else 0.0)
+        if role == "steering_wheel_angle" and fits:
+            evidence += _steering_scale(one, value, aim, rows)
+        scored.append((evidence, r, one, evidence))
+    if not scored:
+        return None
+    scored.sort(key=lambda entry: -entry[0])
+    weight = np.exp(np.array([entry[0] for entry in scored]) - scored[0][0])
+    # The rival that is always there: none of these.
+    share = weight / (weight.sum() + math.exp(-min(scored[0][0], 50.0)))
+    _, r, one, _ = scored[0]
+    rivals = tuple(
+        (entry[2].field.signal, float(p))
+        for entry, p in zip(scored[1:4], share[1:4], strict=True)
+        if p > 1e-3
+    )
+    sign = -1.0 if r < 0 and role in ("yaw_rate", "accel_lat", "accel_long", "steering_wheel_angle") else 1.0
+    if r < 0 and sign > 0:
+        return None
+    unit = None if _unit_kind(one.field.unit, role) else assumed_unit(role)
+    return FoundRole(role, one.field, min(float(share[0]), 0.999), rivals, unit=unit, sign=sign)
+
+
+def _steering_scale(one: Series, value: FloatArray, curvature: FloatArray, rows: np.ndarray) -> float:
+    """A road-wheel angle, or a torque, is no steering-wheel angle: its ratio to the curvature is wrong."""
+    factor, _ = to_si("steering_wheel_angle", one.field.unit)
+    ratio = (
+        float(np.std(value[rows])) * factor / max(float(np.std(curvature[rows])), 1e-9) / SETTINGS.wheelbase_m
+    )
+    return 0.0 if _STEERING_RATIO[0] < ratio < _STEERING_RATIO[1] else -6.0
+
+
+def _ambient(series: Sequence[Series], taken: set[str]) -> FoundRole | None:
+    """A temperature that hardly changes, is one of weather, and is called so."""
+    ranked = []
+    for one in series:
+        if one.kind != "value" or one.field.signal in taken:
+            continue
+        if _unit_kind(one.field.unit, "ambient_temp") is not True:
+            continue
+        value = physical(one)
+        known = value[np.isfinite(value)]
+        if len(known) < 4:
+            continue
+        factor, offset = to_si("ambient_temp", one.field.unit)
+        celsius = factor * known + offset - 273.15
+        if not (_AMBIENT_C[0] < celsius.min() and celsius.max() < _AMBIENT_C[1]) or np.ptp(celsius) > 12.0:
+            continue
+        ranked.append((role_evidence(one.field.signal, "ambient_temp"), one))
+    if not ranked:
+        return None
+    ranked.sort(key=lambda entry: -entry[0])
+    weight = np.exp(np.array([entry[0] for entry in ranked]))
+    share = weight / (weight.sum() + 1.0)  # an inlet, a cabin, a battery at rest is as warm
+    if share[0] < 0.5:
+        return None
+    rivals = tuple((e[1].field.signal, float(p)) for e, p in zip(ranked[1:4], share[1:4], strict=True))
+    return FoundRole("ambient_temp", ranked[0][1].field, float(share[0]), rivals)

@@ -1,0 +1,136 @@
+"""Fields of raw frames, without a DBC: where numbers begin and end.
+
+In: the payloads of a message. Out: `Field`s in both byte orders.
+
+In a number the lower a bit, the oftener it flips. So, going up from a lowest bit, flip rates fall; where they rise
+again, another number begins (Marchetti, Stabili 2018, who use the same for reverse engineering). A checksum's bits all
+flip half the time, an alive counter's lowest bit always: both are no candidates.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tpmsd.discovery.frames import MessageLog
+from tpmsd.discovery.series import Field
+from tpmsd.sources.signal_plan import EXTENDED, BitField
+from tpmsd.wheels import FloatArray
+
+MOST_BYTES = 16
+MIN_BITS, MAX_BITS = 6, 33
+_RISE = 1.35
+"""Flip rates of neighbours within one number may rise by so much by chance."""
+_NOISE = 0.004
+_SAMPLE = 20_000
+
+
+def message_name(key: int) -> str:
+    """`ID_0B0`: the identifier in hexadecimal."""
+    return f"ID_{key & ~EXTENDED:08X}" if key & EXTENDED else f"ID_{key:03X}"
+
+
+def flip_rates(log: MessageLog) -> FloatArray:
+    """(bytes, 8) share of frames in which a bit differs from the frame before; bit 0 is the lowest."""
+    data = log.data[:_SAMPLE, :MOST_BYTES]
+    flips = np.unpackbits(data[1:] ^ data[:-1], axis=1, bitorder="little").reshape(
+        len(data) - 1, data.shape[1], 8
+    )
+    return np.asarray(flips.mean(axis=0))
+
+
+def raw_fields(log: MessageLog) -> list[Field]:
+    """Candidates for numbers in one message."""
+    if len(log.data) < 50:
+        return []
+    rates = flip_rates(log)
+    count = len(rates)
+    fields: dict[tuple[bool, int, int], Field] = {}
+    for big in (False, True):
+        # Bits from the lowest up, as the byte order has them.
+        order = range(count - 1, -1, -1) if big else range(count)
+        places = [(byte, bit) for byte in order for bit in range(8)]
+        line = np.array([rates[byte, bit] for byte, bit in places])
+        for start, length in _runs(line):
+            for bits in _widths(line, start, length):
+                field = _field(log, places[start], bits, big)
+                if field is not None:
+                    fields.setdefault((big and _spans(places[start], bits), *_place(field)), field)
+    return list(fields.values())
+
+
+def _runs(line: FloatArray) -> list[tuple[int, int]]:
+    """Start and length of stretches in which flip rates fall, never-flipping bits on top left out."""
+    runs = []
+    start = 0
+    while start < len(line):
+        if line[start] == 0.0:
+            start += 1
+            continue
+        end = start + 1
+        least = line[start]
+        while end < len(line) and end - start < MAX_BITS:
+            if line[end] > _RISE * least + _NOISE:
+                break
+            if line[end] > 0.0:
+                least = min(least, line[end])
+            end += 1
+        top = end
+        while top > start and line[top - 1] == 0.0:
+            top -= 1
+        if top - start >= MIN_BITS:
+            runs.append((start, top - start))
+        start = max(end, start + 1)
+    return runs
+
+
+def _widths(line: FloatArray, start: int, length: int) -> list[int]:
+    """Lengths to try: the whole run, and up to the ends of bytes within it, where slow top bits may hide one."""
+    tries = {length}
+    for end in range(start + MIN_BITS, start + length):
+        if end % 8 == 0 and length > 8:
+            tries.add(end - start)
+    return sorted(tries, reverse=True)
+
+
+def _spans(place: tuple[int, int], bits: int) -> bool:
+    return place[1] + bits > 8
+
+
+def _place(field: Field) -> tuple[int, int]:
+    return field.place.shift + 1000 * field.place.word_bytes, field.place.length
+
+
+def _field(log: MessageLog, lowest: tuple[int, int], bits: int, big: bool) -> Field | None:
+    byte, bit = lowest
+    mask = (1 << bits) - 1
+    if big:
+        size = byte + 1
+        if 8 * size - bit - bits < 0:
+            return None
+        start = _motorola_start(byte, bit, bits)
+        place = BitField(True, size, bits, bit, size, False, False, mask)
+    else:
+        start = 8 * byte + bit
+        size = (start + bits + 7) // 8
+        if size > log.data.shape[1]:
+            return None
+        place = BitField(False, size, bits, start, size, False, False, mask)
+    name = f"{'M' if big else 'I'}{start}_{bits}"
+    return Field(message_name(log.key), name, log.key, place)
+
+
+def _motorola_start(byte: int, bit: int, bits: int) -> int:
+    """DBC number of the highest bit of a big-endian field by its lowest."""
+    place = 8 * byte + bit
+    for _ in range(bits - 1):
+        place = place + 1 if place % 8 < 7 else place - 15
+    return place
+
+
+def dbc_start(field: Field) -> int:
+    """Start bit as a DBC has it."""
+    place = field.place
+    if not place.big_endian:
+        return place.shift
+    byte = place.word_bytes - 1 - place.shift // 8
+    return _motorola_start(byte, place.shift % 8, place.length)

@@ -1,0 +1,64 @@
+"""Least squares with standard errors from blocks of driving.
+
+In: a design, an observation, block numbers. Out: coefficients and their covariance (sandwich over blocks: White
+1980; Liang, Zeger 1986), which holds where errors within a block go together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """One regression."""
+
+    value: FloatArray
+    """(k,)"""
+    cov: FloatArray
+    """(k, k)"""
+    residual_rms: float
+    r2: float
+    rows: int
+
+    def std(self, k: int) -> float:
+        """Standard error of one coefficient."""
+        return float(np.sqrt(max(self.cov[k, k], 0.0)))
+
+
+def fit(design: FloatArray, target: FloatArray, block: FloatArray) -> Fit | None:
+    """Fit `target` (n,) by `design` (n, k); None where too few rows are known or a column is empty.
+
+    Rows beyond four robust standard deviations are left out once: spins, lost frames.
+    """
+    known = np.isfinite(target) & np.isfinite(design).all(axis=1)
+    if known.sum() < 4 * design.shape[1] + 10:
+        return None
+    X, y, b = design[known], target[known], block[known]
+    scale = np.sqrt((X**2).mean(axis=0))
+    scale[scale == 0] = 1.0
+    X = X / scale
+    ridge = 1e-9 * len(y) * np.eye(X.shape[1])
+    value = np.linalg.solve(X.T @ X + ridge, X.T @ y)
+    residual = y - X @ value
+    spread = 1.4826 * np.median(np.abs(residual))
+    kept = np.abs(residual) <= 4.0 * spread + 1e-12
+    if kept.sum() >= 4 * X.shape[1] + 10:
+        X, y, b = X[kept], y[kept], b[kept]
+        ridge = 1e-9 * len(y) * np.eye(X.shape[1])
+        value = np.linalg.solve(X.T @ X + ridge, X.T @ y)
+        residual = y - X @ value
+    inverse = np.linalg.inv(X.T @ X + ridge)
+    _, index = np.unique(b, return_inverse=True)
+    blocks = int(index.max()) + 1
+    sums = np.zeros((blocks, X.shape[1]))
+    np.add.at(sums, index, X * residual[:, None])
+    correction = blocks / max(blocks - X.shape[1], 1) if blocks > X.shape[1] else 10.0
+    cov = correction * inverse @ (sums.T @ sums) @ inverse
+    total = float(((y - y.mean()) ** 2).sum())
+    r2 = 1.0 - float((residual**2).sum()) / total if total > 0 else 0.0
+    return Fit(value / scale, cov / np.outer(scale, scale), float(np.sqrt((residual**2).mean())), r2, len(y))

@@ -1,0 +1,119 @@
+"""What was found, as records and as the JSON document.
+
+In: nothing. Out: `Discovery`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from tpmsd.discovery.series import Field
+from tpmsd.discovery.wheels import Assignment
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A number with its standard deviation."""
+
+    value: float
+    std: float
+
+    def document(self) -> dict[str, float]:
+        """As JSON has it."""
+        return {"value": self.value, "std": self.std}
+
+
+@dataclass(frozen=True, slots=True)
+class FoundRole:
+    """A signal and what it is."""
+
+    role: str
+    field: Field
+    probability: float
+    rivals: tuple[tuple[str, float], ...] = ()
+    modulus: int = 0
+    """Number of values of a counter where it is not the field's width; 0 else."""
+    unit: str | None = None
+    """The unit that fits where the DBC's does not."""
+    scale: float | None = None
+    """The scale that fits where the DBC's does not."""
+    sign: float = 1.0
+    offset: float | None = None
+    """The offset that goes with `scale`."""
+
+    @property
+    def plain(self) -> bool:
+        """Whether the name says all."""
+        return not self.modulus and self.unit is None and self.scale is None and self.sign > 0
+
+
+@dataclass(frozen=True, slots=True)
+class Undecided:
+    """What this drive does not tell."""
+
+    key: str
+    why: str
+    drive: str
+    """The drive that would."""
+
+    def document(self) -> dict[str, str]:
+        """As JSON has it."""
+        return {"key": self.key, "why": self.why, "drive": self.drive}
+
+
+@dataclass(frozen=True, slots=True)
+class Discovery:
+    """All of it."""
+
+    kind: str | None
+    """counts | speeds; None if no wheels were found."""
+    roles: dict[str, FoundRole] = field(default_factory=dict)
+    counts_per_rev: Estimate | None = None
+    counts_probability: float = 0.0
+    driven_axle: tuple[str, float] | None = None
+    geometry: dict[str, Estimate] = field(default_factory=dict)
+    gnss: dict[str, Estimate] = field(default_factory=dict)
+    undecided: tuple[Undecided, ...] = ()
+    assignment: Assignment | None = None
+    car: str | None = None
+    """The entry of the car library that fits."""
+    duration_s: float = 0.0
+    frames: int = 0
+    has_dbc: bool = True
+
+    @property
+    def wheels_decided(self) -> bool:
+        """Whether every wheel has its signal."""
+        return self.kind is not None and not any(
+            entry.key.startswith("can.signals.wheel") for entry in self.undecided
+        )
+
+    def document(self) -> dict[str, Any]:
+        """The JSON document, without `schema`, `program` and `input`, which the command adds."""
+        axle = self.driven_axle
+        return {
+            "roles": {
+                role: {
+                    "signal": found.field.signal,
+                    "probability": found.probability,
+                    "rivals": [{"signal": name, "probability": p} for name, p in found.rivals],
+                    **({"modulus": found.modulus} if found.modulus else {}),
+                    **({"unit": found.unit} if found.unit else {}),
+                    **({"scale": found.scale} if found.scale is not None else {}),
+                    **({"sign": found.sign} if found.sign < 0 else {}),
+                }
+                for role, found in self.roles.items()
+            },
+            "kind": self.kind,
+            "counts_per_rev": None
+            if self.counts_per_rev is None
+            else {**self.counts_per_rev.document(), "probability": self.counts_probability},
+            "driven_axle": None if axle is None else {"value": axle[0], "probability": axle[1]},
+            "geometry": {key: one.document() for key, one in self.geometry.items()},
+            "gnss": {key: one.document() for key, one in self.gnss.items()},
+            "undecided": [one.document() for one in self.undecided],
+            "car": self.car,
+            "duration_s": self.duration_s,
+            "frames": self.frames,
+        }

@@ -1,0 +1,124 @@
+"""A field of a message over the drive: as a counter, or as a value.
+
+In: stamps and raw bits. Out: `Series`: counts or value per second over the cells of the reference, with the modulus of a
+counter. Nothing is said here of what the field means.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from tpmsd.discovery.frames import MessageLog, RawArray
+from tpmsd.discovery.reference import cell_means
+from tpmsd.sources.signal_plan import BitField
+from tpmsd.wheels import FloatArray
+
+Kind = Literal["count", "value"]
+_LONG_GAP_PERIODS = 5.0
+_FEW_WRAPS = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """Where in which message, and what a DBC says of it."""
+
+    message: str
+    name: str
+    key: int
+    place: BitField
+    scale: float = 1.0
+    offset: float = 0.0
+    unit: str = ""
+    invalid: frozenset[int] = frozenset()
+
+    @property
+    def signal(self) -> str:
+        """'Message.Signal'."""
+        return f"{self.message}.{self.name}"
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """A field read in one way."""
+
+    field: Field
+    kind: Kind
+    rate: FloatArray
+    """(n,) over each cell: raw counts per second, or the mean of the raw number. NaN where unknown."""
+    modulus: int = 0
+    """Number of values of a counter; 0 for values."""
+    modulus_seen: bool = False
+    """Whether roll-overs told the modulus; else it is the field's width."""
+    period_s: float = 0.0
+
+
+def as_value(field: Field, log: MessageLog, raw: RawArray, edges: FloatArray) -> Series:
+    """The field as a number (signed and float as the field says)."""
+    place = field.place
+    if place.is_float:
+        width = {16: np.float16, 32: np.float32, 64: np.float64}[place.length]
+        unsigned = {16: np.uint16, 32: np.uint32, 64: np.uint64}[place.length]
+        value = raw.astype(unsigned).view(width).astype(np.float64)
+    else:
+        value = raw.astype(np.float64)
+        if place.signed:
+            value[raw >> np.uint64(place.length - 1) > 0] -= 2.0**place.length
+    if field.invalid:
+        value[np.isin(raw, np.array(sorted(field.invalid), dtype=np.uint64))] = np.nan
+    return Series(field, "value", cell_means(log.time_s, value, edges), period_s=log.period_s)
+
+
+def as_count(field: Field, log: MessageLog, raw: RawArray, edges: FloatArray) -> Series | None:
+    """The field as a counter that rolls over; None if its steps are not those of one."""
+    if field.place.length < 4 or len(raw) < 20:
+        return None
+    time_s, number = log.time_s, raw
+    if field.invalid:
+        kept = ~np.isin(raw, np.array(sorted(field.invalid), dtype=np.uint64))
+        time_s, number = time_s[kept], raw[kept]
+        if len(number) < 20:
+            return None
+    whole = 2.0 ** min(field.place.length, 62)
+    value = (number % np.uint64(1 << 62)).astype(np.float64)
+    step = np.diff(value)
+    span = float(value.max()) + 1.0
+    wrapped = step < -0.5 * span
+    forward = step[~wrapped & (step > 0)]
+    if len(forward) < 20 or (step[~wrapped] < 0).mean() > 0.02:
+        return None
+    modulus, seen = _modulus(step, wrapped, span, whole)
+    step = np.where(step < -0.5 * modulus, step + modulus, step)
+    gap = np.diff(time_s)
+    long = gap > _LONG_GAP_PERIODS * log.period_s
+    if long.any():
+        # How often it rolled over in a gap follows from the speed before and after.
+        usual = np.interp(time_s[:-1], time_s[:-1][~long], (step / np.maximum(gap, 1e-6))[~long])
+        step = step + np.where(long, modulus * np.rint((usual * gap - step) / modulus), 0.0)
+    counts = np.concatenate([[0.0], np.cumsum(step)])
+    rate = np.diff(np.interp(edges, time_s, counts)) / np.diff(edges)
+    inside = (edges >= time_s[0]) & (edges <= time_s[-1])
+    known = inside[1:] & inside[:-1]
+    return Series(field, "count", np.where(known, rate, np.nan), round(modulus), seen, log.period_s)
+
+
+def _modulus(step: FloatArray, wrapped: np.ndarray, span: float, whole: float) -> tuple[float, bool]:
+    """Number of values: a roll-over's step falls short of its neighbours' by just that."""
+    at = np.flatnonzero(wrapped)
+    at = at[(at > 0) & (at < len(step) - 1)]
+    at = at[~wrapped[at - 1] & ~wrapped[at + 1]] if len(at) else at
+    if len(at) < _FEW_WRAPS:
+        return whole, False
+    missing = 0.5 * (step[at - 1] + step[at + 1]) - step[at]
+    centre = float(np.median(missing))
+    spread = 1.4826 * float(np.median(np.abs(missing - centre)))
+    std = max(1.2533 * spread / np.sqrt(len(at)), 0.2 / np.sqrt(len(at)))
+    if abs(centre - whole) < max(3.0 * std, 0.5):
+        return whole, True
+    # A power of two below the field's width: the bits above never change.
+    power = 2.0 ** np.ceil(np.log2(span))
+    if abs(centre - power) < max(3.0 * std, 0.5):
+        return float(power), True
+    return max(float(np.rint(centre)), span), std < 0.4

@@ -1,0 +1,53 @@
+"""Constants of the discovery, each with its unit and where it comes from.
+
+In: nothing. Out: `Settings`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Limits, priors and floors."""
+
+    cell_s: float = 0.5
+    """Length of the cells over which rates are averaged: two fixes of a 5 Hz receiver, and ten frames of a slow
+    wheel message."""
+    min_rate_hz: float = 4.0
+    """Slower messages carry no wheel; temperatures and torques may be slower."""
+    min_speed_mps: float = 2.0
+    """Below this coarse counters and Doppler speeds say little."""
+    speed_r2: float = 0.97
+    """Share of the speed's variance that a wheel must explain; ice and gravel leave more than this."""
+    max_lag_s: float = 2.0
+    """Largest age of a receiver's fix against the bus that is looked for."""
+    same_scale: float = 0.03
+    """Wheels of one car agree in counts per metre within this share: mixed tyres, 30 % of the pressure."""
+    track_m: float = 1.54
+    track_std_m: float = 0.09
+    """Prior of the track over passenger cars and vans."""
+    wheelbase_m: float = 2.68
+    wheelbase_std_m: float = 0.25
+    radius_m: float = 0.322
+    radius_std_m: float = 0.025
+    """Prior of the rolling radius where no tyre size is given."""
+    tyre_radius_std: float = 0.012
+    """Relative: rolling radius of a tyre of known size, over makes, wear, load and pressure."""
+    rolling_share: float = 0.969
+    """Rolling radius over the unloaded radius of the size (ETRTO: circumference at 60 km/h, 3.05 of the diameter
+    for radial tyres, is 0.971 pi; at working load a little less)."""
+    contrast_floor_m: float = 0.06
+    """Least standard deviation of a wheel's lateral place, for what the model of a rolling car leaves out."""
+    curvature_floor_m2: float = 0.35
+    """The same for the front axle's longer way in a bend, in m2 (half the square of the wheelbase is 3.6)."""
+    block_s: float = 10.0
+    """Length of the blocks whose sums give standard errors: driving within one is one event."""
+    decided: float = 0.95
+    """A role below this probability is listed as undecided."""
+    max_probability: float = 0.999
+    """No more is claimed, whatever the numbers: the model itself may be wrong."""
+
+
+SETTINGS = Settings()

@@ -1,0 +1,106 @@
+"""What was found as files: `vehicle.toml`, and a DBC for fields found in raw frames.
+
+In: `Discovery`. Out: text.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+
+from tpmsd.discovery.raw_fields import dbc_start
+from tpmsd.discovery.result import Discovery, FoundRole
+from tpmsd.discovery.series import Field
+from tpmsd.discovery.settings import SETTINGS
+from tpmsd.sources.signal_plan import EXTENDED
+
+_USUAL = {
+    "track_front_m": SETTINGS.track_m,
+    "track_rear_m": SETTINGS.track_m,
+    "wheelbase_m": SETTINGS.wheelbase_m,
+}
+
+
+def vehicle_text(found: Discovery, dbc: str) -> str:
+    """A configuration that `tpmsd check` accepts; what is undecided stands in comments."""
+    lines = ["# Found by tpmsd discover. Look over what is marked as undecided."]
+    lines += [f"# undecided: {one.key}: {one.why}. It takes: {one.drive}." for one in found.undecided]
+    lines += ["", "[vehicle]"]
+    radius = found.geometry.get("wheel_radius_m")
+    lines.append(f"wheel_radius_m = {radius.value if radius else SETTINGS.radius_m:.4f}")
+    for key, usual in _USUAL.items():
+        measured = found.geometry.get(key)
+        if measured is None and key == "track_front_m":
+            measured = found.geometry.get("track_rear_m")
+        note = "" if measured is not None else "   # a usual value: not measured"
+        lines.append(f"{key} = {measured.value if measured else usual:.3f}{note}")
+    if found.driven_axle is not None:
+        lines.append(f'driven_axle = "{found.driven_axle[0]}"   # probability {found.driven_axle[1]:.2f}')
+    if found.counts_per_rev is not None:
+        lines.append(
+            f"teeth_per_rev = {found.counts_per_rev.value:g}   # probability {found.counts_probability:.2f}"
+        )
+    lines += ["", "[can]", 'interface = "socketcan"', 'channel = "can0"', f"dbc = {json.dumps(dbc)}"]
+    lines += ["", "[can.signals]"]
+    lines += [f"{role} = {_signal(one)}   # {one.probability:.3f}" for role, one in found.roles.items()]
+    lines += ["", "[gnss]", 'device = "/dev/ttyACM0"', "baud = 115200"]
+    for key, low, high in (("antenna_forward_m", -10.0, 20.0), ("antenna_left_m", -3.0, 3.0)):
+        place = found.gnss.get(key)
+        use = place is not None and place.std < 0.5 and low <= place.value <= high
+        lines.append(f"{key} = {place.value:.2f}" if use and place is not None else f"{key} = 0.0")
+    latency = found.gnss.get("latency_s")
+    if latency is not None and latency.std < 0.05 and 0.0 <= latency.value <= 5.0:
+        lines.append(f"latency_s = {latency.value:.3f}")
+    return "\n".join(lines) + "\n"
+
+
+def _signal(one: FoundRole) -> str:
+    name = json.dumps(one.field.signal)
+    if one.plain or _written_in_dbc(one):
+        return name
+    parts = [f"signal = {name}"]
+    if one.modulus:
+        parts.append(f"modulus = {one.modulus}")
+    if one.scale is not None:
+        parts.append(f"scale = {one.scale:.10g}")
+    if one.offset is not None:
+        parts.append(f"offset = {one.offset:.10g}")
+    if one.unit is not None:
+        parts.append(f"unit = {json.dumps(one.unit)}")
+    if one.sign < 0:
+        parts.append("sign = -1")
+    return "{ " + ", ".join(parts) + " }"
+
+
+def _written_in_dbc(one: FoundRole) -> bool:
+    """Whether the DBC is our own and says it all."""
+    return one.field.message.startswith("ID_") and not one.modulus
+
+
+def dbc_text(found: Discovery) -> str:
+    """A DBC of the fields that have a role; messages are called by their identifiers."""
+    by_key: dict[int, list[FoundRole]] = {}
+    for one in found.roles.values():
+        by_key.setdefault(one.field.key, []).append(one)
+    lines = ['VERSION ""', "", "NS_ :", "", "BS_:", "", "BU_: CAR", ""]
+    for key, roles in sorted(by_key.items()):
+        number = (key & ~EXTENDED) | (1 << 31 if key & EXTENDED else 0)
+        lines.append(f"BO_ {number} {roles[0].field.message}: {_length(roles)} CAR")
+        lines += [_signal_line(one) for one in roles]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _length(roles: Sequence[FoundRole]) -> int:
+    return max(8, *(one.field.place.min_bytes for one in roles))
+
+
+def _signal_line(one: FoundRole) -> str:
+    field: Field = one.field
+    place = field.place
+    scale = one.scale if one.scale is not None else field.scale
+    offset = one.offset if one.offset is not None else field.offset
+    layout = f"{dbc_start(field)}|{place.length}@{0 if place.big_endian else 1}{'-' if place.signed else '+'}"
+    low, high = offset, scale * place.mask + offset
+    unit = one.unit or ""
+    return f' SG_ {field.name} : {layout} ({scale:.10g},{offset:.10g}) [{low:.10g}|{high:.10g}] "{unit}" CAR'
