@@ -43,7 +43,10 @@ ALLOWED |= {
     "report": {"physics", "diagnosis", *_CORE_FLOW[:5]},
     "daemon": {"physics", "pipeline", "provenance", *_CORE_FLOW},
     "bridges": {"config", "sinks"},
+    "discovery": {"physics", "config", "sources"},
+    "cars": set(),
     "cli": {
+        "discovery",
         "physics",
         "pipeline",
         "provenance",
@@ -72,7 +75,7 @@ ALLOWED["cli"] = ALLOWED["cli"] | {"api", "tables", "fleet"}
 
 PURE_ROOMS = {
     *("sources", "timeline", "estimators", "monitor", "pipeline"),
-    *("physics", "vehicle_state", "resonance", "diagnosis", "bounds", "errors", "wheels"),
+    *("physics", "discovery", "vehicle_state", "resonance", "diagnosis", "bounds", "errors", "wheels"),
 }
 SHELLS = {
     *(f"tpmsd.sources.{name}" for name in ("can_live", "can_log", "can_log_candump", "can_log_others")),

@@ -1,7 +1,7 @@
 """`tpmsd discover DRIVE`: which signals of an unknown car are its wheels, and what else the drive tells.
 
-In: a drive, a DBC where there is one. Out: a summary or JSON, and, on request, a vehicle.toml (and a DBC). Exit code 4
-where a wheel is undecided.
+In: a drive, a DBC where there is one. Out: a summary or JSON, and, on request, a vehicle.toml (and a DBC).
+Exit code 4 where a wheel is undecided.
 """
 
 from __future__ import annotations
@@ -33,8 +33,9 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         "discover",
         help="find the wheels of an unknown car from a drive, and write its configuration",
-        description="Finds which signals of a drive are the four wheels, by what they do against the receiver's\n"
-        "speed and course, with a DBC or without; then the car's measures. A vehicle.toml in DRIVE is not read.",
+        description="Finds which signals of a drive are the four wheels, by what they do against the\n"
+        "receiver's speed and course, with a DBC or without; then the car's measures.\n"
+        "A vehicle.toml in DRIVE is not read.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

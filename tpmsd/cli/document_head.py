@@ -16,7 +16,8 @@ _CHUNK = 1 << 20
 
 
 def document_head(schema: str, paths: Sequence[Path], configuration: Path | None = None) -> dict[str, Any]:
-    """`schema` is a name and version, `paths` the recordings, `configuration` the file that speaks of them."""
+    """`schema` is a name and version, `paths` the recordings, `configuration` the file that speaks of
+    them."""
     return {
         "schema": schema,
         "program": {"name": "tpmsd", "version": __version__},

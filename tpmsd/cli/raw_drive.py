@@ -1,6 +1,7 @@
 """Reads a drive without a configuration: all frames, all fixes.
 
-In: a folder with a CAN log and gnss.nmea, or the two files. Out: `BusLog` and `GnssFix`es; notes on standard error.
+In: a folder with a CAN log and gnss.nmea, or the two files. Out: `BusLog` and `GnssFix`es; notes on
+standard error.
 """
 
 from __future__ import annotations

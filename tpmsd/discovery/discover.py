@@ -12,7 +12,8 @@ import numpy as np
 from cantools.database.can import Database
 
 from tpmsd.config.units import UNITS, canonical_unit
-from tpmsd.discovery.frames import BusLog, MessageLog
+from tpmsd.discovery.assign import Assignment, assign
+from tpmsd.discovery.frames import BusLog, MessageLog, RawArray
 from tpmsd.discovery.geometry import CarGeometry, counts_per_rev, driven_axle, per_metre, tyre_radius_m
 from tpmsd.discovery.library import Car, match_car
 from tpmsd.discovery.other_roles import find_gyro, other_roles
@@ -22,10 +23,9 @@ from tpmsd.discovery.result import Discovery, Estimate, FoundRole, Undecided
 from tpmsd.discovery.series import Field, Series, as_count, as_value
 from tpmsd.discovery.settings import SETTINGS, Settings
 from tpmsd.discovery.wheels import (
-    Assignment,
     Follower,
     anchor_of,
-    assign,
+    by_lag,
     clusters,
     followers,
     physical_scale,
@@ -37,6 +37,8 @@ from tpmsd.sources.signal_plan import EXTENDED, bit_field
 from tpmsd.wheels import FloatArray
 
 _LEAST_DRIVE_S = 30.0
+_EQUAL_R2 = 5e-4
+"""Readings of the same bits that follow the speed equally well differ by less."""
 _SPEED_UNITS = ("km/h", "m/s", "mph", "knots")
 _UNIT_TOLERANCE = 0.08
 """Makers scale wheel speeds by a radius of their own, some per cent off the true one."""
@@ -88,6 +90,8 @@ def prepare(
             continue
         if len(raw) < 10 or raw.min() == raw.max() or len(edges) < 3:
             continue
+        if database is None and not _may_follow(message, raw, reference):
+            continue
         series.append(as_value(one, message, raw, edges))
         if not one.place.is_float and message.period_s * settings.min_rate_hz <= 1.0:
             counted = as_count(one, message, raw, edges)
@@ -95,6 +99,22 @@ def prepare(
                 series.append(counted)
     gyro = find_gyro(series, reference, settings) if database is not None else None
     return Material(reference, logs, series, log.frames, database is not None, gyro)
+
+
+def _may_follow(log: MessageLog, raw: RawArray, reference: Reference) -> bool:
+    """A cheap look at a field of raw frames: does its number follow the speed, or does it count?"""
+    at = np.searchsorted(log.time_s, reference.edge_s[:: max(1, len(reference.edge_s) // 400)])
+    at = at[(at > 0) & (at < len(raw))]
+    speed = np.interp(log.time_s[at], reference.edge_s[:-1], np.nan_to_num(reference.speed_mps))
+    value = raw[at].astype(np.float64)
+    if len(at) > 20 and np.ptp(value) > 0:
+        ranks = [np.argsort(np.argsort(x)) for x in (value, speed)]
+        if np.corrcoef(ranks[0], ranks[1])[0, 1] > 0.7:
+            return True
+    step = np.diff(raw[: min(len(raw), 6000)].astype(np.float64))
+    moves = step[step != 0]
+    span = float(raw.max()) + 1.0
+    return len(moves) > 20 and bool((moves[moves > -0.5 * span] < 0).mean() < 0.02)
 
 
 def dbc_fields(database: Database, logs: Mapping[int, MessageLog]) -> list[Field]:
@@ -226,13 +246,16 @@ def _best_assignment(material: Material, prior: dict[str, str], settings: Settin
     for group in clusters(found, settings):
         if len(group) < 2:
             continue
-        members = placed(group, reference, material.gyro, settings)
-        made = assign(members, anchor_of(members, reference, settings), settings, prior)
-        if made is None:
-            continue
-        least = min(role.probability for role in made.roles)
-        rank = (not made.pair_only, least > 0.5, made.kind == "counts", least)
-        ranked.append((rank, made))
+        late = by_lag(placed(group, reference, material.gyro, settings), settings)
+        for order, part in enumerate(late):
+            if len(part) < 2:
+                continue
+            members = part if len(late) == 1 else placed(part, reference, material.gyro, settings)
+            made = assign(members, anchor_of(members, reference, settings), settings, prior)
+            if made is None:
+                continue
+            least = min(role.probability for role in made.roles)
+            ranked.append(((not made.pair_only, least > 0.5, made.kind == "counts", -order, least), made))
     if not ranked:
         return None
     return max(ranked, key=lambda entry: entry[0])[1]
@@ -249,13 +272,27 @@ def _plausible(one: Follower, settings: Settings) -> bool:
 def _disjoint(found: Sequence[Follower]) -> list[Follower]:
     """Of readings that share bits the one that follows best, the widest of equals."""
     kept: list[Follower] = []
-    used: dict[int, list[tuple[set[int], str]]] = {}
-    for one in sorted(found, key=lambda f: (round(f.r2, 4), f.series.field.place.length), reverse=True):
-        bits = _bits_of(one.series.field)
-        others = used.setdefault(one.series.field.key, [])
-        if all(bits.isdisjoint(other) for other, _ in others):
-            kept.append(one)
-            others.append((bits, one.series.kind))
+    used: dict[int, list[set[int]]] = {}
+    for best in sorted(found, key=lambda f: -f.r2):
+        key, bits = best.series.field.key, _bits_of(best.series.field)
+        others = used.setdefault(key, [])
+        if any(bits & other for other in others):
+            continue
+        one = best
+        for wider in found:
+            same = wider.series.field.key == key and wider.series.kind == best.series.kind
+            wide = _bits_of(wider.series.field) if same else set()
+            order = wider.series.field.place.big_endian == best.series.field.place.big_endian
+            if (
+                len(wide) > len(bits)
+                and wide > bits
+                and (order or len(bits) <= 8)
+                and wider.r2 > best.r2 - _EQUAL_R2
+                and not any(wide & other for other in others)
+            ):
+                one, bits = wider, wide
+        kept.append(one)
+        others.append(bits)
     return kept
 
 
@@ -348,8 +385,8 @@ def _unknown_measures(
         if key not in geometry
     ]
     lines += [
-        Undecided(f"gnss.{key}", f"known to {gnss[key].std:.1f} m only", bends)
+        Undecided(f"gnss.{key}", f"known to {gnss[key].std:.1f} m only" if key in gnss else "not seen", bends)
         for key in ("antenna_forward_m", "antenna_left_m")
-        if key in gnss and gnss[key].std > 0.5
+        if key not in gnss or gnss[key].std > 0.5
     ]
     return lines

@@ -1,12 +1,14 @@
 """The car's measures and the antenna's place, once the wheels are known.
 
-In: the wheels' speeds, the receiver's reference. Out: tracks, wheelbase, counts per revolution, driven axle, latency and
-lever arm, each with a standard deviation.
+In: the wheels' speeds, the receiver's reference. Out: tracks, wheelbase, counts per revolution, driven
+axle, latency and lever arm, each with a standard deviation.
 
-    course of the antenna = heading + x_a r / v - c v r,   speed = v - y_a r + x_a^2 r^2 / (2 v),   both late by tau
+    course of the antenna = heading + x_a r / v - c v r
+    its speed             = v - y_a r + x_a^2 r^2 / (2 v)       both late by tau
 
-(rigid body to first order in r x / v; c is the rear axle's side slip per lateral acceleration). The heading's rate is the
-wheels' difference over the track, whose noise is far below the receiver's: so the receiver is regressed on the wheels.
+(rigid body to first order in r x / v; c is the rear axle's side slip per lateral acceleration). The heading's
+rate is the wheels' difference over the track, whose noise is far below the receiver's: so the receiver is
+regressed on the wheels.
 """
 
 from __future__ import annotations
@@ -18,20 +20,39 @@ import numpy as np
 from scipy.stats import norm
 
 from tpmsd.config.rules import TYRE_SIZE
+from tpmsd.discovery.assign import Assignment
 from tpmsd.discovery.reference import Reference
 from tpmsd.discovery.regress import Fit, fit
 from tpmsd.discovery.result import Estimate
 from tpmsd.discovery.settings import SETTINGS, Settings
-from tpmsd.discovery.wheels import Assignment, Follower
+from tpmsd.discovery.wheels import Follower
 from tpmsd.wheels import FloatArray
 
 _WINDOW_CELLS = 4
 _INCH_M = 0.0254
 _SLIP_FLOOR_S2PM = 0.0007
 """Difference of the axles' slip that load transfer alone makes: 1e-4 s2 over 0.32 m, both axles."""
-_USUAL_COUNTS: dict[int, float] = {48: 5.0, 96: 3.0, 44: 2.0, 47: 1.5, 43: 1.5, 46: 1.2, 50: 1.2, 52: 1.2, 60: 1.0,
-                                   86: 1.0, 88: 1.0, 92: 1.0, 94: 1.0, 100: 1.0, 72: 0.6, 120: 0.6}  # fmt: skip
+_USUAL_COUNTS: dict[int, float] = {
+    48: 5.0,
+    96: 3.0,
+    44: 2.0,
+    47: 1.5,
+    43: 1.5,
+    46: 1.2,
+    50: 1.2,
+    52: 1.2,
+    60: 1.0,
+    86: 1.0,
+    88: 1.0,
+    92: 1.0,
+    94: 1.0,
+    100: 1.0,
+    72: 0.6,
+    120: 0.6,
+}
 """Weights of ring sizes, counts on one or both edges, against 0.15 for any other number."""
+_WIDEST_M, _LONGEST_M = 2.0, 8.0
+"""Antennas are on the car; what is farther out, or as uncertain, is not told."""
 _TRACK_FLOOR = 0.004
 """Relative: what steering geometry and unequal slip do to a track told by the wheels."""
 
@@ -145,28 +166,58 @@ class CarGeometry:
     def _tracks(self, gyro: FloatArray | None) -> None:
         course, geometry = self._course, self.geometry
         if course is not None and course.value[0] > 0:
-            track = 1.0 / float(course.value[0])
-            std = math.hypot(course.std(0) * track**2, _TRACK_FLOOR * track)
+            # Rounding of counts in the regressor makes the slope too small (errors in variables).
+            rounding = self._rounding_share()
+            track = 1.0 / (float(course.value[0]) * (1.0 + rounding))
+            std = math.hypot(course.std(0) * track**2, (_TRACK_FLOOR + 0.5 * rounding) * track)
             if std < 0.5:
                 geometry["track_rear_m"] = Estimate(track, std)
         if "fl" in self._by_wheel and "track_rear_m" in geometry:
-            rear = geometry["track_rear_m"]
-            spans = [
-                self._by_wheel[a].lateral_m - self._by_wheel[b].lateral_m
-                for a, b in (("fl", "fr"), ("rl", "rr"))
-            ]
-            stds = [self._by_wheel[w].lateral_std_m for w in ("fl", "fr", "rl", "rr")]
-            if min(spans) > 0.3:
-                ratio = spans[0] / spans[1]
-                std = rear.value * ratio * math.hypot(rear.std / rear.value, math.hypot(*stds) / spans[1])
-                geometry["track_front_m"] = Estimate(rear.value * ratio, std)
-            curve = [self._by_wheel[w].curve_m2 for w in ("fl", "fr", "rl", "rr")]
-            curve_stds = [self._by_wheel[w].curve_std_m2 for w in ("fl", "fr", "rl", "rr")]
-            square = curve[0] + curve[1] - curve[2] - curve[3]
-            square_std = math.hypot(*curve_stds)
-            if square > 2.0 and square_std < square:
-                base = math.sqrt(square)
-                geometry["wheelbase_m"] = Estimate(base, math.hypot(0.5 * square_std / base, 0.03 * base))
+            self._front(geometry["track_rear_m"])
+
+    def _rounding_share(self) -> float:
+        """Variance of the wheels' difference that is rounding of counts, over all of it; 0 for speeds."""
+        ends = [self._by_wheel[wheel] for wheel in ("rl", "rr")]
+        if ends[0].series.kind != "count":
+            return 0.0
+        step_m = 1.0 / ends[0].per_mps
+        window_s = _WINDOW_CELLS * self._settings.cell_s
+        difference = self._windows(self._difference)
+        total = float(np.nanvar(difference[np.isfinite(difference)]))
+        return min(4.0 * step_m**2 / 12.0 / window_s**2 / max(total, 1e-12), 0.2)
+
+    def _front(self, rear: Estimate) -> None:
+        """Front track and wheelbase, exact for rolling wheels.
+
+        With u^2 = (v -+ r T / 2)^2 + (r x)^2 the difference of an axle's squares is 2 v r T, and the sum
+        of the front's less the rear's is 2 r^2 L^2 (tracks alike).
+        """
+        square = {wheel: one.speed**2 for wheel, one in self._by_wheel.items()}
+        speed = self._speed
+        yaw = self._difference / rear.value
+        accel = np.full(len(speed), np.nan)
+        accel[1:-1] = (speed[2:] - speed[:-2]) / (2 * self._settings.cell_s)
+        usable = (speed > self._settings.min_speed_mps) & (np.abs(yaw) < 0.5 * speed)
+        blocks = np.floor(self._reference.edge_s[:-1] / self._settings.block_s)
+        # The receiver's yaw rate as instrument: its noise is not that of the counts and cancels.
+        across = np.column_stack([self._reference.yaw_radps * speed, speed**2])
+        spans = [
+            fit(across, np.where(usable, square[right] - square[left], np.nan), blocks)
+            for left, right in (("fl", "fr"), ("rl", "rr"))
+        ]
+        if spans[0] is not None and spans[1] is not None and spans[1].value[0] > 0.5:
+            ratio = float(spans[0].value[0] / spans[1].value[0])
+            own = [one.std(0) / float(one.value[0]) / 3 for one in spans if one is not None]
+            share = math.hypot(rear.std / rear.value, 0.008, *own)
+            if 0.7 < ratio < 1.4:
+                self.geometry["track_front_m"] = Estimate(rear.value * ratio, rear.value * ratio * share)
+        along = np.column_stack([2.0 * yaw**2, speed**2, speed * yaw, accel * speed**2, accel * speed])
+        sums = square["fl"] + square["fr"] - square["rl"] - square["rr"]
+        base = fit(along, np.where(usable, sums, np.nan), blocks)
+        if base is not None and base.value[0] > 2.0 and base.std(0) < 0.5 * base.value[0]:
+            length = math.sqrt(float(base.value[0]))
+            std = math.hypot(0.5 * base.std(0) / length, 0.02 * length)
+            self.geometry["wheelbase_m"] = Estimate(length, std)
 
     def _antenna(self) -> None:
         reference, settings, gnss = self._reference, self._settings, self.gnss
@@ -176,16 +227,19 @@ class CarGeometry:
         accel = np.full(len(speed), np.nan)
         accel[1:-1] = (speed[2:] - speed[:-2]) / (2 * settings.cell_s)
         with np.errstate(divide="ignore", invalid="ignore"):
-            columns = [speed, yaw, accel, yaw**2 / speed]
+            columns = [speed, yaw, accel, yaw**2 / speed, accel * speed]
         usable = (speed > settings.min_speed_mps) & (np.abs(yaw) < 0.5 * speed)
         blocks = np.floor(reference.edge_s[:-1] / settings.block_s)
         made = fit(np.column_stack(columns), np.where(usable, reference.speed_mps, np.nan), blocks)
         if made is not None:
             gnss["latency_s"] = Estimate(-float(made.value[2]), math.hypot(made.std(2), 0.006))
-            gnss["antenna_left_m"] = Estimate(-float(made.value[1]), math.hypot(made.std(1), 0.05))
+            left = Estimate(-float(made.value[1]), math.hypot(made.std(1), 0.05))
+            if abs(left.value) < _WIDEST_M and left.std < _WIDEST_M:
+                gnss["antenna_left_m"] = left
         if self._course is not None:
             forward = Estimate(float(self._course.value[3]), math.hypot(self._course.std(3), 0.1))
-            gnss["antenna_forward_m"] = forward
+            if abs(forward.value) < _LONGEST_M and forward.std < _LONGEST_M:
+                gnss["antenna_forward_m"] = forward
 
 
 def per_metre(followers: Sequence[Follower]) -> tuple[float, float]:

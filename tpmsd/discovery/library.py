@@ -25,7 +25,8 @@ class Car:
     dbc: str
     """File of the public collection that describes the bus."""
     signals: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    """Role -> the table form of a signal, with `id`, `start`, `bits`, ... where it can be decoded without a DBC."""
+    """Role -> the table form of a signal, with `id`, `start`, `bits`, ... where it can be decoded without
+    a DBC."""
     teeth_per_rev: float | None = None
 
     def signal_names(self) -> dict[str, str]:

@@ -1,6 +1,7 @@
 """What a signal's name says of its role: one piece of evidence, never the only one.
 
-In: 'Message.Signal', a role. Out: log-likelihood ratio, in nats. Languages and makers' customs are the table below.
+In: 'Message.Signal', a role. Out: log-likelihood ratio, in nats. Languages and makers' customs are the
+table below.
 """
 
 from __future__ import annotations

@@ -2,7 +2,8 @@
 
 In: series of a DBC's signals, what the wheels and the receiver say of the motion. Out: `FoundRole`s.
 
-Each role has an expectation (yaw rate, v r, dv/dt, r/v, ...), a kind of unit, and words in names. A signal's likelihood
+Each role has an expectation (yaw rate, v r, dv/dt, r/v, ...), a kind of unit, and words in names. A
+signal's likelihood
 is that of its residual to the expectation, its scale free; unit and name are evidence beside it.
 """
 

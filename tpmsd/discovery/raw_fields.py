@@ -2,9 +2,9 @@
 
 In: the payloads of a message. Out: `Field`s in both byte orders.
 
-In a number the lower a bit, the oftener it flips. So, going up from a lowest bit, flip rates fall; where they rise
-again, another number begins (Marchetti, Stabili 2018, who use the same for reverse engineering). A checksum's bits all
-flip half the time, an alive counter's lowest bit always: both are no candidates.
+In a number the lower a bit, the oftener it flips. So, going up from a lowest bit, flip rates fall; where
+they rise again, another number begins (Marchetti, Stabili 2018, who use the same for reverse engineering). A
+checksum's bits all flip half the time, an alive counter's lowest bit always: both are no candidates.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ MIN_BITS, MAX_BITS = 6, 33
 _RISE = 1.35
 """Flip rates of neighbours within one number may rise by so much by chance."""
 _NOISE = 0.004
-_SAMPLE = 20_000
+_SLOW = 0.2
+"""Bits that flip oftener are low ones, whose rates follow from the steps: they may rise (steps of 2^k)."""
+_SAMPLE = 400_000
 
 
 def message_name(key: int) -> str:
@@ -51,10 +53,15 @@ def raw_fields(log: MessageLog) -> list[Field]:
         places = [(byte, bit) for byte in order for bit in range(8)]
         line = np.array([rates[byte, bit] for byte, bit in places])
         for start, length in _runs(line):
-            for bits in _widths(line, start, length):
-                field = _field(log, places[start], bits, big)
+            parts = _parts(start, length)
+            # Top bits that did not change on this drive: a number ends with a byte more often than not.
+            room = -(start + length) % 8
+            if room and not line[start + length : start + length + room].any():
+                parts.append((start, length + room))
+            for first, bits in parts:
+                field = _field(log, places[first], bits, big)
                 if field is not None:
-                    fields.setdefault((big and _spans(places[start], bits), *_place(field)), field)
+                    fields.setdefault((big and _spans(places[first], bits), *_place(field)), field)
     return list(fields.values())
 
 
@@ -69,7 +76,7 @@ def _runs(line: FloatArray) -> list[tuple[int, int]]:
         end = start + 1
         least = line[start]
         while end < len(line) and end - start < MAX_BITS:
-            if line[end] > _RISE * least + _NOISE:
+            if least < _SLOW and line[end] > _RISE * least + _NOISE:
                 break
             if line[end] > 0.0:
                 least = min(least, line[end])
@@ -83,13 +90,13 @@ def _runs(line: FloatArray) -> list[tuple[int, int]]:
     return runs
 
 
-def _widths(line: FloatArray, start: int, length: int) -> list[int]:
-    """Lengths to try: the whole run, and up to the ends of bytes within it, where slow top bits may hide one."""
-    tries = {length}
-    for end in range(start + MIN_BITS, start + length):
-        if end % 8 == 0 and length > 8:
-            tries.add(end - start)
-    return sorted(tries, reverse=True)
+def _parts(start: int, length: int) -> list[tuple[int, int]]:
+    """Fields to try: the whole run, and parts that begin or end at bytes, where fast top bits hide the
+    end."""
+    end = start + length
+    starts = {start, *range(-(-start // 8) * 8, end, 8)}
+    ends = {end, *range(-(-start // 8) * 8, end, 8)}
+    return sorted((a, b - a) for a in starts for b in ends if MIN_BITS <= b - a <= MAX_BITS)
 
 
 def _spans(place: tuple[int, int], bits: int) -> bool:

@@ -1,6 +1,7 @@
 """The receiver's view of the drive: speed and yaw rate over cells of equal length.
 
-In: fixes. Out: `Reference` on a grid of the host's clock. Where the receiver gives no speed or course, they come from
+In: fixes. Out: `Reference` on a grid of the host's clock. Where the receiver gives no speed or course,
+they come from
 positions. The stamps of the fixes are smoothed: UTC plus the slowly varying offset of their arrival.
 """
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from tpmsd.discovery.assign import Assignment
 from tpmsd.discovery.series import Field
-from tpmsd.discovery.wheels import Assignment
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """A field of a message over the drive: as a counter, or as a value.
 
-In: stamps and raw bits. Out: `Series`: counts or value per second over the cells of the reference, with the modulus of a
-counter. Nothing is said here of what the field means.
+In: stamps and raw bits. Out: `Series`: counts or value per second over the cells of the reference, with
+the modulus of a counter. Nothing is said here of what the field means.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from tpmsd.wheels import FloatArray
 Kind = Literal["count", "value"]
 _LONG_GAP_PERIODS = 5.0
 _FEW_WRAPS = 3
+_STEP_STD = 0.7
+"""Least standard deviation of a step against the mean of its neighbours, in counts: rounding of three."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,11 +116,11 @@ def _modulus(step: FloatArray, wrapped: np.ndarray, span: float, whole: float) -
     missing = 0.5 * (step[at - 1] + step[at + 1]) - step[at]
     centre = float(np.median(missing))
     spread = 1.4826 * float(np.median(np.abs(missing - centre)))
-    std = max(1.2533 * spread / np.sqrt(len(at)), 0.2 / np.sqrt(len(at)))
-    if abs(centre - whole) < max(3.0 * std, 0.5):
+    std = max(1.2533 * spread, _STEP_STD) / np.sqrt(len(at))
+    if abs(centre - whole) < max(4.0 * std, 0.5):
         return whole, True
     # A power of two below the field's width: the bits above never change.
     power = 2.0 ** np.ceil(np.log2(span))
-    if abs(centre - power) < max(3.0 * std, 0.5):
+    if abs(centre - power) < max(4.0 * std, 0.5):
         return float(power), True
-    return max(float(np.rint(centre)), span), std < 0.4
+    return max(float(np.rint(centre)), span), std < 0.2

@@ -13,8 +13,8 @@ class Settings:
     """Limits, priors and floors."""
 
     cell_s: float = 0.5
-    """Length of the cells over which rates are averaged: two fixes of a 5 Hz receiver, and ten frames of a slow
-    wheel message."""
+    """Length of the cells over which rates are averaged: two fixes of a 5 Hz receiver, and ten frames of a
+    slow wheel message."""
     min_rate_hz: float = 4.0
     """Slower messages carry no wheel; temperatures and torques may be slower."""
     min_speed_mps: float = 2.0
@@ -23,6 +23,8 @@ class Settings:
     """Share of the speed's variance that a wheel must explain; ice and gravel leave more than this."""
     max_lag_s: float = 2.0
     """Largest age of a receiver's fix against the bus that is looked for."""
+    lag_gap_s: float = 0.03
+    """Signals further apart in time are of different units: a wheel message comes every 10 to 40 ms."""
     same_scale: float = 0.03
     """Wheels of one car agree in counts per metre within this share: mixed tyres, 30 % of the pressure."""
     track_m: float = 1.54
@@ -36,8 +38,8 @@ class Settings:
     tyre_radius_std: float = 0.012
     """Relative: rolling radius of a tyre of known size, over makes, wear, load and pressure."""
     rolling_share: float = 0.969
-    """Rolling radius over the unloaded radius of the size (ETRTO: circumference at 60 km/h, 3.05 of the diameter
-    for radial tyres, is 0.971 pi; at working load a little less)."""
+    """Rolling radius over the unloaded radius of the size (ETRTO: circumference at 60 km/h, 3.05 of the
+    diameter for radial tyres, is 0.971 pi; at working load a little less)."""
     contrast_floor_m: float = 0.06
     """Least standard deviation of a wheel's lateral place, for what the model of a rolling car leaves out."""
     curvature_floor_m2: float = 0.35
