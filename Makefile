@@ -78,7 +78,7 @@ deb: $(RUNTIME)  ## a Debian package, to build/deb
 bench-diagnose: $(DEV)  ## the diagnosis on drives of other worlds, truth sealed (BENCH_ARGS=--full: a day)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run diagnosis $(BENCH_ARGS)
 
-bench-origins: $(DEV)  ## the diagnosis on null drives and faults of seven origins (BENCH_ARGS=--help)
+bench-origins: $(DEV)  ## the diagnosis on null drives and faults of eight origins (BENCH_ARGS=--help)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run origins $(BENCH_ARGS)
 
 bench-alarms: $(DEV)  ## soft tyres and harmless drives: detection, false alarms per km (BENCH_ARGS=--full: hours)

@@ -148,17 +148,15 @@ def _placed(row: Row, wanted: str) -> bool:
 
 
 def _conditions_table(rows: Sequence[Row]) -> str:
-    null = [row for row in rows if row["kind"] == "null" and row["origin"] == "awkward"]
-    judged = [row for row in null if row["verdict"] != "insufficient_data"]
-    tags = sorted({tag for row in judged for tag in row["tags"]})
-    if not tags:
-        return ""
-    lines = ["| awkward null drives | with the condition | without it |", "| --- | --- | --- |"]
-    for tag in tags:
-        having = [row for row in judged if tag in row["tags"]]
-        lacking = [row for row in judged if tag not in row["tags"]]
-        lines.append(f"| {tag} | {percent(_found(having))} | {percent(_found(lacking))} |")
-    return "\n".join(lines) + "\n"
+    lines = ["| null drives of | condition | with it | without it |", "| --- | --- | --- | --- |"]
+    for origin in ("wheels", "awkward"):
+        null = [row for row in rows if row["kind"] == "null" and row["origin"] == origin]
+        judged = [row for row in null if row["verdict"] != "insufficient_data"]
+        for tag in sorted({tag for row in judged for tag in row["tags"]}):
+            having = [row for row in judged if tag in row["tags"]]
+            lacking = [row for row in judged if tag not in row["tags"]]
+            lines.append(f"| {origin} | {tag} | {percent(_found(having))} | {percent(_found(lacking))} |")
+    return "\n".join(lines) + "\n" if len(lines) > 2 else ""
 
 
 def _speed(rows: Sequence[Row]) -> str:

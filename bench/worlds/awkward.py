@@ -18,6 +18,7 @@ lost at low speed, 44 teeth configured as 48.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -32,6 +33,25 @@ WAY_STEP_M = 0.25
 FAULTS = ("spin_on_ice", "counts_lost_at_low_speed", "teeth_44_as_48")
 
 
+def wheel_signal(tags: Sequence[str], rng: np.random.Generator) -> dict[str, Any]:
+    """What the conditions of the wheels' signal change of a specification."""
+    speeds = "averaged" in tags or "filtered" in tags
+    teeth = float(rng.integers(20, 61)) if "few_teeth" in tags else float(rng.choice([44, 48, 96, 100]))
+    changed: dict[str, Any] = {"wheel_signal": "speeds" if speeds else "counts", "teeth": teeth}
+    if "averaged" in tags:
+        changed["speed_window_s"] = float(rng.uniform(0.01, 0.04))
+    if "filtered" in tags:
+        changed["speed_filter_s"] = float(rng.uniform(0.01, 0.03))
+    return changed
+
+
+def draw_wheels(rng: np.random.Generator, **fixed: Any) -> Spec:
+    """An ordinary drive whose wheels' signal alone is awkward."""
+    tag = str(rng.choice(["averaged", "averaged", "filtered", "few_teeth"]))
+    changed = wheel_signal([tag], rng)
+    return replace(draw_spec(rng), **{**changed, "tags": (tag,), **fixed})
+
+
 def draw(rng: np.random.Generator, **fixed: Any) -> Spec:
     """A drive with at least one awkward condition."""
     while True:
@@ -44,7 +64,7 @@ def draw(rng: np.random.Generator, **fixed: Any) -> Spec:
             tags.append("averaged" if rng.random() < 0.5 else "filtered")
         if tags:
             break
-    changed: dict[str, Any] = {"wheel_signal": "speeds" if speeds else "counts", "with_gyro": True}
+    changed: dict[str, Any] = {"with_gyro": True}
     if "car_park" in tags:
         changed |= {"duration_s": float(rng.uniform(400, 700)), "road": "city"}
     if "noisy_1hz" in tags:
@@ -55,12 +75,7 @@ def draw(rng: np.random.Generator, **fixed: Any) -> Spec:
         }
     if "tunnels" in tags:
         changed |= {"outages_per_hour": float(rng.uniform(6, 15)), "longest_outage_s": 90.0}
-    teeth = float(rng.integers(20, 61)) if "few_teeth" in tags else float(rng.choice([44, 48, 96, 100]))
-    changed |= {"teeth": teeth}
-    if "averaged" in tags:
-        changed["speed_window_s"] = float(rng.uniform(0.01, 0.04))
-    if "filtered" in tags:
-        changed["speed_filter_s"] = float(rng.uniform(0.01, 0.03))
+    changed |= wheel_signal(tags, rng)
     return replace(draw_spec(rng), **{**changed, "tags": tuple(tags), **fixed})
 
 

@@ -120,6 +120,7 @@ ORIGINS = {
         Origin("traffic", "SUMO's trajectories, first-order noise", _traffic_spec, _traffic),
         Origin("receiver", "a rigid car, receiver errors resampled from recordings", draw_spec, _receiver),
         Origin("mems", "a rigid car, gyro by its Allan variance", _mems_spec, _mems),
+        Origin("wheels", "a rigid car, averaged speeds or 20 to 60 teeth", awkward.draw_wheels, _kinematic),
         Origin("awkward", "tight bends, poor receivers and gyros, averaged speeds", awkward.draw, _awkward),
     )
 }

@@ -286,7 +286,7 @@ def test_a_piece_of_a_recording_is_cut_alike_from_both_logs(tmp_path: Path) -> N
     assert "bus.dbc" == (tmp_path / "piece" / "bus.dbc").read_text()
 
 
-@pytest.mark.parametrize("name", ["kinematic", "mems", "awkward"])
+@pytest.mark.parametrize("name", ["kinematic", "mems", "wheels", "awkward"])
 def test_an_origin_gives_the_same_drive_for_the_same_seed(name: str) -> None:
     """Bit for bit; another seed gives another."""
 
