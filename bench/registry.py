@@ -58,6 +58,7 @@ CAMPAIGNS = {
     campaign.name: campaign
     for campaign in (
         _campaign("speed", "figures of the README: rates, memory, start-up", "speed_and_memory"),
+        _campaign("gnss-accuracy", "radii with and without the receiver's own accuracy of its speed"),
         _campaign("decode", "CAN frames decoded per second"),
         _campaign("live", "the daemon in real time on a full bus"),
         _campaign("calibrate", "calibration against the published method, and coverage of its intervals"),

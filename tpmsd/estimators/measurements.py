@@ -86,7 +86,7 @@ def course(
     row[PSI] = 1.0
     row[LAT] = row[LATV] = -now.yaw_rate_radps
     row[FWD] = now.yaw_rate_radps / along
-    doppler = (SETTINGS.doppler_mps / max(now.speed_mps, 0.5)) ** 2 * max(
+    doppler = (fix.speed_noise * SETTINGS.doppler_mps / max(now.speed_mps, 0.5)) ** 2 * max(
         1.0, 2 * SETTINGS.doppler_tau_s / interval_s
     )
     timing = (SETTINGS.timing_s * now.yaw_rate_radps) ** 2
@@ -105,7 +105,7 @@ def doppler_way(
     row[MU : MU + 2] = block.angle_rad[:2] / 2 * horizontal
     row[LAT] = row[LATV] = -block.speed_change_mps
     row[SLIP] = -block.way_m * block.accel_mps2 if driven_rear else 0.0
-    doppler = SETTINGS.doppler_mps**2 * 2 * SETTINGS.doppler_tau_s * block.duration_s
+    doppler = (block.speed_noise * SETTINGS.doppler_mps) ** 2 * 2 * SETTINGS.doppler_tau_s * block.duration_s
     variance = doppler + (SETTINGS.timing_s * block.speed_swing_mps) ** 2 + block.reading_way_m**2
     return Scalar(block.doppler_way_m - predicted, row, variance)
 

@@ -47,6 +47,8 @@ class Block:
     """Mean longitudinal acceleration."""
     speed_change_mps: float
     """Doppler speed at the end minus that at the start."""
+    speed_noise: float
+    """By how much the error of the Doppler speeds is greater than usual."""
     speed_swing_mps: float
     """Largest step between Doppler speeds, plus the change: what jitter of the time stamps acts on."""
     reading_way_m: float
@@ -109,11 +111,13 @@ class BlockBuilder:
         share = np.ones(len(ticks))
         way = math.nan
         change = swing = 0.0
+        noise = 1.0
         if doppler:
             times = np.array([f.time_s for _, f in self._fixes])
             speeds = np.array([f.speed_mps for _, f in self._fixes])
             way = float(np.sum((speeds[1:] + speeds[:-1]) / 2 * np.diff(times)))
             change = float(speeds[-1] - speeds[0])
+            noise = float(np.sqrt(np.mean([f.speed_noise**2 for _, f in self._fixes])))
             swing = float(np.abs(np.diff(speeds)).max(initial=0.0)) + abs(change)
             for j, t in enumerate(ticks):
                 start = t.time_s - t.dt_s
@@ -147,6 +151,7 @@ class BlockBuilder:
             turn_rad=float(turns.sum()),
             accel_mps2=float(np.mean([a for _, _, a in self._ticks])),
             speed_change_mps=change,
+            speed_noise=noise,
             speed_swing_mps=swing,
             reading_way_m=reading_roll_m / 2,
             front=front,

@@ -28,13 +28,13 @@ class Fix:
     up_m: float = NAN
     """Height, for the grade; the estimate of radii does not need it."""
     speed_mps: float = NAN
-    speed_std_mps: float = NAN
-    """As the receiver states it; NaN where it does not."""
     heading_rad: float = NAN
     """Course over ground as a mathematical angle: counter-clockwise from east."""
     quality: int = 1
     arrival_lag_s: float = NAN
     """Arrival minus validity."""
+    speed_noise: float = 1.0
+    """By how much the error of speed and course is greater than usual, as the receiver states it."""
 
 
 @dataclass(frozen=True, slots=True)

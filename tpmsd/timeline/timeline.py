@@ -20,6 +20,7 @@ from tpmsd.sources.events import Event, GnssFix, InertialSample, RotationSample,
 from tpmsd.timeline.host_clock import HostClock
 from tpmsd.timeline.local_plane import LocalPlane
 from tpmsd.timeline.rotation_track import RotationTrack, rotation_between
+from tpmsd.timeline.speed_accuracy import SpeedAccuracy
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.timeline.utc_offset import UtcOffsetTracker
 
@@ -61,6 +62,7 @@ class Timeline:
         self._clock = HostClock()
         self._offset = UtcOffsetTracker(latency_s=latency_s)
         self._plane = LocalPlane()
+        self._accuracy = SpeedAccuracy()
         self._tracks = [RotationTrack() for _ in range(4)]
         self._inertial: defaultdict[str, list[tuple[float, float]]] = defaultdict(list)
         self._held: dict[str, tuple[float, float]] = {}
@@ -252,7 +254,7 @@ class Timeline:
                 position_std_m=fix.position_std_m,
                 up_m=fix.altitude_m,
                 speed_mps=fix.speed_mps,
-                speed_std_mps=fix.speed_std_mps,
+                speed_noise=self._accuracy.factor(fix.speed_std_mps),
                 heading_rad=heading,
                 quality=fix.quality,
                 arrival_lag_s=arrival - valid,
@@ -277,7 +279,7 @@ class Timeline:
                 position_std_m=f.position_std_m,
                 up_m=f.up_m,
                 speed_mps=f.speed_mps,
-                speed_std_mps=f.speed_std_mps,
+                speed_noise=f.speed_noise,
                 heading_rad=f.heading_rad,
                 quality=f.quality,
                 arrival_lag_s=f.arrival_lag_s,

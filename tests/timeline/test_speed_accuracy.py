@@ -1,0 +1,88 @@
+"""What a receiver says of its speed becomes a factor, whatever its scale."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tpmsd.estimators import measurements
+from tpmsd.estimators.error_state import PSI
+from tpmsd.estimators.measurements import Present
+from tpmsd.sources.events import GnssFix
+from tpmsd.timeline.speed_accuracy import MOST, TOLERATED, USUAL_MPS, SpeedAccuracy
+from tpmsd.timeline.tick import Fix, Tick
+from tpmsd.timeline.timeline import Timeline
+
+OPEN, STREET = 0.05, 0.5
+
+
+def factors(stated: list[float]) -> list[float]:
+    accuracy = SpeedAccuracy()
+    return [accuracy.factor(one) for one in stated]
+
+
+@pytest.mark.parametrize("lie", [1 / 2.4, 1.0, 3.0])
+def test_a_street_is_told_whatever_the_scale(lie: float) -> None:
+    """Ten times its usual error is a factor of ten, also from a receiver that is off by a factor of three."""
+    stated = [lie * one for one in [OPEN] * 100 + [STREET] * 40 + [OPEN] * 20]
+    got = factors(stated)
+
+    assert [1.0] * 100 == pytest.approx(got[:100])
+    assert [STREET / OPEN] * 40 == pytest.approx(got[100:140])
+    assert [1.0] * 20 == pytest.approx(got[140:])
+
+
+def test_what_is_off_by_more_is_taken_at_its_word() -> None:
+    """A receiver that always says 1 m/s is weighed by it, beyond the tolerated factor of three."""
+    assert 1.0 / (TOLERATED * USUAL_MPS) == pytest.approx(factors([1.0] * 50)[-1])
+
+
+def test_silence_changes_nothing() -> None:
+    """Without a statement, or with a nonsensical one, the error is the usual one."""
+    assert [1.0] * 4 == factors([math.nan, 0.0, -1.0, math.inf])
+
+
+@settings(derandomize=True, deadline=None, max_examples=100)
+@given(st.lists(st.floats(), max_size=60))
+def test_the_factor_is_bounded(stated: list[float]) -> None:
+    """Whatever is stated, the factor lies between one and the most there is."""
+    assert all(1.0 <= factor <= MOST for factor in factors(stated))
+
+
+def test_the_factor_comes_with_the_fix() -> None:
+    """From the receiver's statement through the timeline into the tick."""
+    timeline = Timeline(10.0)
+    ticks: list[Tick] = []
+    for k in range(60):
+        at_s = 1.7e9 + 0.1 * k
+        place = {"latitude_deg": 48.0, "longitude_deg": 11.0, "position_std_m": 1.0}
+        std = STREET if k == 40 else OPEN
+        ticks += timeline.advance(at_s)
+        ticks += timeline.add(GnssFix(at_s, at_s, **place, quality=1, speed_mps=20.0, speed_std_mps=std))
+    noise = [round(fix.speed_noise, 6) for tick in ticks for fix in tick.fixes]
+
+    assert {1.0: len(noise) - 1, 10.0: 1} == {one: noise.count(one) for one in set(noise)}
+
+
+def test_variances_grow_with_the_square() -> None:
+    """A course of three times the error has nine times the Doppler part of its variance."""
+    mean = np.zeros((1, PSI + 20))
+    now = Present(20.0, 0.0, 0.0, 0.0)
+    tick = Tick(1, 1.0, 0.1, np.zeros(4), np.zeros(4))
+    variance = [
+        measurements.course(
+            mean,
+            Fix(1.0, 1.0, 0.0, 0.0, 1.0, speed_mps=20.0, heading_rad=0.0, speed_noise=noise),
+            tick,
+            now,
+            0.0,
+            1e9,
+        ).variance
+        for noise in (0.0, 1.0, 3.0)
+    ]
+
+    assert 9.0 == pytest.approx((variance[2] - variance[0]) / (variance[1] - variance[0]))

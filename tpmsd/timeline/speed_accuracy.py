@@ -1,0 +1,49 @@
+"""How much worse than usual a receiver says that its speed is.
+
+In: the standard deviations that it states, one per fix. Out: a factor of at least one, by which the usual
+error of a Doppler speed is multiplied.
+
+The statement is taken against the receiver's own usual one, since makers calibrate it differently: what is
+always wrong by the same factor, up to `TOLERATED`, changes nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+USUAL_MPS = 0.06
+"""Error of a Doppler speed under an open sky, as the estimators take it."""
+TOLERATED = 3.0
+"""A receiver whose usual statement is off by more is taken at its word beyond this."""
+MEMORY = 600
+"""Fixes: a minute at 10 Hz, ten at 1 Hz; longer than an underpass or a street of high houses."""
+QUANTILE = 0.25
+"""Of the statements: what it says under an open sky, as long as a quarter of the drive has one."""
+EVERY = 10
+"""The quantile is computed anew after so many fixes."""
+MOST = 30.0
+"""2 m/s: a speed that bad tells nothing."""
+
+
+class SpeedAccuracy:
+    """One receiver."""
+
+    def __init__(self) -> None:
+        self._stated: deque[float] = deque(maxlen=MEMORY)
+        self._usual_mps = math.nan
+        self._since = 0
+
+    def factor(self, stated_mps: float) -> float:
+        """The factor for a fix with this statement; 1 where there is none."""
+        if not (math.isfinite(stated_mps) and stated_mps > 0.0):
+            return 1.0
+        self._stated.append(stated_mps)
+        self._since += 1
+        if self._since >= EVERY or len(self._stated) < EVERY:
+            self._since = 0
+            usual = float(np.quantile(self._stated, QUANTILE))
+            self._usual_mps = min(max(usual, USUAL_MPS / TOLERATED), USUAL_MPS * TOLERATED)
+        return min(max(stated_mps / self._usual_mps, 1.0), MOST)
