@@ -29,7 +29,7 @@ DOCDIR ?= /usr/local/share/doc/tpmsd
 MANDIR ?= /usr/local/share/man
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format bench bench-live bench-calibrate bench-diagnose bench-origins bench-alarms test-hil test-connect install uninstall deb bench-vehicle-state bench-estimators soak fuzz clean
+.PHONY: help demo test lint format bench bench-live bench-calibrate bench-diagnose bench-origins bench-alarms test-hil test-connect test-web install uninstall deb bench-vehicle-state bench-estimators soak fuzz clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | awk -F'\t' '{printf "  make %-15s %s\n", $$1, $$2}'
@@ -63,6 +63,9 @@ test-hil: $(DEV)  ## the daemon on a real CAN stack and as a real service (HIL_A
 
 test-connect: $(DEV)  ## against real gpsd, mosquitto, prometheus (installed: gpsd mosquitto prometheus openssl)
 	TPMSD_CONNECT=1 OMP_NUM_THREADS=1 $(PY) -m pytest -n 0 -rs tests/connect
+
+test-web: $(DEV)  ## the pages of tpmsd web in a real browser (Chromium and its driver)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m pytest -m browser tests/browser -rs
 
 PLACES = DESTDIR="$(DESTDIR)" PREFIX="$(PREFIX)" BINDIR="$(BINDIR)" UNITDIR="$(UNITDIR)" DOCDIR="$(DOCDIR)" MANDIR="$(MANDIR)"
 

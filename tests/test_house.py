@@ -71,7 +71,8 @@ for _room in ("monitor", "sinks", "pipeline", "report", "daemon", "cli"):
 
 ALLOWED["api"] = (ALLOWED["cli"] - {"daemon", "sinks"}) | {"tables"}
 ALLOWED["fleet"] = {"__init__", "api", "calibration", "diagnosis", "provenance", "report", "tables"}
-ALLOWED["cli"] = ALLOWED["cli"] | {"api", "tables", "fleet"}
+ALLOWED["cli"] = ALLOWED["cli"] | {"api", "tables", "fleet", "web"}
+ALLOWED["web"] = {"api", "sinks", "tables"}
 
 PURE_ROOMS = {
     *("sources", "timeline", "estimators", "monitor", "pipeline"),

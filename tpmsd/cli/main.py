@@ -32,6 +32,7 @@ COMMANDS: Commands = (
     ("simulate", "tpmsd.cli.simulate", "make a drive, with a puncture if wanted: to a folder or live"),
     ("check", "tpmsd.cli.check", "check a configuration and say what would be monitored with what"),
     ("discover", "tpmsd.cli.discover", "find the wheels of an unknown car from a recorded drive"),
+    ("web", "tpmsd.cli.web", "a page for the running daemon or a recorded drive"),
     ("calibrate", "tpmsd.cli.calibrate", "learn the radii of a car from a recorded drive"),
     ("diagnose", "tpmsd.cli.diagnose", "say which physics a recorded drive holds that the model lacks"),
     ("effects", "tpmsd.cli.effects", "list the effects that are known, and what a drive tells of them"),

@@ -61,10 +61,10 @@ def _documents(
         except BrokenPipeError:
             pass  # it may have answered before it closed
         except OSError as error:
-            raise StatusError(_refusal(path, error)) from error
+            raise StatusError(refusal(path, error)) from error
         buffer = bytearray()
         while True:
-            yield _parse(path, _line(connection, buffer, path, timeout_s))
+            yield parse_status(path, _line(connection, buffer, path, timeout_s))
 
 
 def _line(connection: socket.socket, buffer: bytearray, path: Path, timeout_s: float) -> bytes:
@@ -92,7 +92,8 @@ def _line(connection: socket.socket, buffer: bytearray, path: Path, timeout_s: f
     return line
 
 
-def _parse(path: Path, line: bytes) -> dict[str, Any]:
+def parse_status(path: Path, line: bytes) -> dict[str, Any]:
+    """A line of the socket as a document; StatusError where it is none, or says that it refuses."""
     try:
         document = json.loads(line)
     except (ValueError, RecursionError) as error:
@@ -120,7 +121,8 @@ def _silence(path: Path, timeout_s: float) -> str:
     return f"{path}: tpmsd does not answer (waited {timeout_s:g} s)"
 
 
-def _refusal(path: Path, error: OSError) -> str:
+def refusal(path: Path, error: OSError) -> str:
+    """Why nobody can be asked on a socket, in one line that says what to do."""
     if error.errno == errno.ENOENT:
         return f"there is no socket {path}: is tpmsd running? (--socket PATH or --config FILE names another)"
     if error.errno == errno.ECONNREFUSED:

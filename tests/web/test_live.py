@@ -1,0 +1,171 @@
+"""The hub between one daemon and many visitors."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from tpmsd.sinks.status_server import StatusServer
+from tpmsd.web.live import LiveHub
+from tpmsd.web.settings import WebSettings
+
+SETTINGS = WebSettings(retry_s=0.05, silence_s=2.0, heartbeat_s=0.2, history_s=100.0, history_rows=10)
+
+
+def document(time_s: float) -> dict[str, Any]:
+    """What a daemon says."""
+    wheel = {
+        "state": "monitoring",
+        "change_mm": -time_s,
+        "change_std_mm": 0.1,
+        "deviation_mm": 5.0,
+        "std_mm": 1,
+    }
+    return {"version": 1, "time": time_s, "wheels": {"rl": wheel}, "alarms": []}
+
+
+@contextmanager
+def daemon(path: Path) -> Iterator[StatusServer]:
+    """A status server whose clock advances by 10 s with each of its updates, every 20 ms."""
+    stop, ticks = threading.Event(), [0]
+    server = StatusServer(path, lambda: document(10.0 * ticks[0]))
+    server.open()
+
+    def loop() -> None:
+        while not stop.wait(0.02):
+            ticks[0] += 1
+            server.publish(time.monotonic())
+        server.close()
+
+    thread = threading.Thread(target=loop)
+    thread.start()
+    try:
+        yield server
+    finally:
+        stop.set()
+        thread.join()
+
+
+async def heard(hub: LiveHub, name: str, count: int) -> list[Any]:
+    """The data of the next events of a kind."""
+    found: list[Any] = []
+    async for text in hub.events():
+        kind, _, data = text.partition("\n")
+        if kind == f"event: {name}":
+            found.append(json.loads(data.removeprefix("data: ")))
+        if len(found) == count:
+            return found
+    raise AssertionError("the stream ended")
+
+
+def run(coroutine: Any, hub: LiveHub) -> Any:
+    """Run beside the hub."""
+
+    async def both() -> Any:
+        task = asyncio.create_task(hub.run())
+        try:
+            return await asyncio.wait_for(coroutine, 10.0)
+        finally:
+            task.cancel()
+
+    return asyncio.run(both())
+
+
+def test_many_visitors_are_one_watcher(tmp_path: Path) -> None:
+    """Fifty streams get the newest documents; the daemon serves one connection."""
+    with daemon(tmp_path / "s") as server:
+        hub = LiveHub(tmp_path / "s", SETTINGS)
+
+        async def look() -> tuple[list[list[Any]], int]:
+            streams = [asyncio.create_task(heard(hub, "status", 5)) for _ in range(50)]
+            found = await asyncio.gather(*streams)
+            return found, server.watchers
+
+        found, watchers = run(look(), hub)
+    assert 1 == watchers
+    for one in found:
+        times = [entry["time"] for entry in one]
+        assert sorted(times) == times
+    assert 0 == hub.streams
+
+
+def test_a_slow_visitor_gets_the_newest_and_not_a_queue(tmp_path: Path) -> None:
+    """Who reads nothing for a while continues with what is true now."""
+    with daemon(tmp_path / "s"):
+        hub = LiveHub(tmp_path / "s", SETTINGS)
+
+        async def dawdle() -> tuple[float, float]:
+            events = hub.events()
+            while not (await anext(events)).startswith("event: status"):
+                pass
+            await asyncio.sleep(0.5)
+            assert hub.document is not None
+            now = hub.document["time"]
+            return now, json.loads((await anext(events)).partition("data: ")[2])["time"]
+
+        now, got = run(dawdle(), hub)
+    assert now <= got
+
+
+def test_a_daemon_that_goes_and_comes_back(tmp_path: Path) -> None:
+    """The page is told why there is no data, and goes on by itself."""
+    hub = LiveHub(tmp_path / "s", SETTINGS)
+
+    async def follow() -> list[Any]:
+        (absent,) = await heard(hub, "down", 1)
+        with daemon(tmp_path / "s"):
+            (first,) = await heard(hub, "status", 1)
+            await asyncio.sleep(0.1)
+        (gone,) = await heard(hub, "down", 1)
+        with daemon(tmp_path / "s"):
+            (second,) = await heard(hub, "status", 1)
+        return [absent, first, gone, second]
+
+    absent, first, gone, second = run(follow(), hub)
+    assert "is tpmsd running?" in absent["reason"]
+    assert gone["reason"]
+    assert "wheels" in first
+    assert "wheels" in second
+
+
+def test_history_is_bounded_and_starts_anew_where_the_clock_goes_back(tmp_path: Path) -> None:
+    """Rows are as far apart as the span allows; what is older than the span goes."""
+    hub = LiveHub(tmp_path / "s", SETTINGS)
+    for k in range(1000):
+        hub._remember(document(float(k)))
+    times = [row["time"] for row in hub.history]
+    assert len(times) <= SETTINGS.history_rows
+    assert all(later - earlier >= 10.0 for earlier, later in pairwise(times))
+    assert times[-1] - times[0] <= SETTINGS.history_s
+    assert [-times[-1], 0.1] == hub.history[-1]["rl"]
+    hub._remember(document(3.0))
+    assert [3.0] == [row["time"] for row in hub.history]
+
+
+def test_what_is_no_daemon_is_said(tmp_path: Path) -> None:
+    """Somebody else on the socket is one line, not a dead page."""
+
+    async def stranger(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        writer.write(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+        await writer.drain()
+        writer.close()
+
+    hub = LiveHub(tmp_path / "s", SETTINGS)
+
+    async def ask() -> str:
+        server = await asyncio.start_unix_server(stranger, str(tmp_path / "s"))
+        async with server:
+            while True:
+                (down,) = await heard(hub, "down", 1)
+                if "what answers" in down["reason"]:
+                    return str(down["reason"])
+                await asyncio.sleep(0.01)
+
+    assert "what answers is not tpmsd (no JSON)" in run(ask(), hub)

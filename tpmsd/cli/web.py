@@ -1,0 +1,144 @@
+"""`tpmsd web [DRIVE]`: a page for the running daemon, or for a recorded drive.
+
+In: the daemon's status socket, or a drive folder. Out: an HTTP server, on loopback unless a certificate and a
+token are given. It is a process of its own: the daemon serves it like any other reader of its status.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tpmsd.cli.output import Progress, Subparsers
+from tpmsd.config.model import StatusConfig
+from tpmsd.errors import ConfigError, TpmsdError
+
+if TYPE_CHECKING:
+    from starlette.applications import Starlette
+
+    from tpmsd.web.settings import WebSettings
+
+_LONGEST_TOKEN, _SHORTEST_TOKEN = 200, 16
+_EPILOG = """\
+examples:
+  tpmsd web                                 the daemon of this machine, on http://127.0.0.1:8377/
+  tpmsd web --config vehicle.toml           the daemon with this configuration
+  tpmsd web drives/monday                   a recorded drive: map, radii, alarms
+  tpmsd web --host car.lan --certificate c.pem --key k.pem --token-file token
+                                            for others, too; they are asked for the token
+"""
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Declare the command."""
+    parser = subparsers.add_parser(
+        "web",
+        help="a page for the running daemon or a recorded drive",
+        description="Serve a page that shows the tyres as the running daemon sees them, or a recorded drive.",
+        epilog=_EPILOG,
+    )
+    parser.add_argument("drive", metavar="DRIVE", nargs="?", type=Path, help="a drive folder to look into")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--socket", metavar="PATH", type=Path, help="the daemon's status socket")
+    where.add_argument("--config", metavar="FILE", type=Path, help="configuration that names the socket")
+    server = parser.add_argument_group("the server")
+    server.add_argument("--host", metavar="NAME", default="127.0.0.1", help="address (default: 127.0.0.1)")
+    server.add_argument("--port", metavar="N", type=int, default=8377, help="default: 8377; 0: any free one")
+    server.add_argument("--certificate", metavar="FILE", type=Path, help="TLS certificate (PEM)")
+    server.add_argument("--key", metavar="FILE", type=Path, help="its private key (PEM)")
+    server.add_argument(
+        "--token-file", metavar="FILE", type=Path, help="file with the token that visitors must know"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve until Ctrl-C."""
+    try:
+        import uvicorn
+    except ImportError:
+        raise ConfigError(
+            "the page needs uvicorn, which is not installed: pip install 'tpmsd[web]'"
+        ) from None
+    settings = settings_of(args)
+    app = _app(args, settings)
+    config = uvicorn.Config(
+        app,
+        host=settings.host,
+        port=settings.port,
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        proxy_headers=False,
+        limit_concurrency=2 * settings.max_streams,
+        timeout_graceful_shutdown=2,
+        ssl_certfile=None if args.certificate is None else str(args.certificate),
+        ssl_keyfile=None if args.key is None else str(args.key),
+    )
+    try:
+        listener = config.bind_socket()
+    except (OSError, SystemExit) as error:
+        reason = error.strerror if isinstance(error, OSError) else None
+        raise TpmsdError(
+            f"{settings.host}:{settings.port}: cannot listen{f': {reason}' if reason else ''}"
+        ) from None
+    scheme = "https" if settings.secure else "http"
+    port = listener.getsockname()[1]
+    print(f"{scheme}://{settings.host}:{port}/  (Ctrl-C ends it)", file=sys.stderr, flush=True)
+    uvicorn.Server(config).run(sockets=[listener])
+    return 0
+
+
+def settings_of(args: argparse.Namespace) -> WebSettings:
+    """Host, port and secrets; ConfigError where others could look on unasked."""
+    from tpmsd.web.guard import LOOPBACK
+    from tpmsd.web.settings import WebSettings
+
+    if not 0 <= args.port <= 65535:
+        raise ConfigError(f"--port {args.port}: 0 to 65535")
+    if (args.certificate is None) != (args.key is None):
+        raise ConfigError("--certificate and --key go together")
+    for file in (args.certificate, args.key):
+        if file is not None and not file.is_file():
+            raise ConfigError(f"{file}: no such file")
+    token = None if args.token_file is None else _token(args.token_file)
+    if args.host not in LOOPBACK and (token is None or args.certificate is None):
+        raise ConfigError(
+            f"--host {args.host}: others could look on; that takes --certificate, --key and --token-file"
+        )
+    return WebSettings(host=args.host, port=args.port, token=token, secure=args.certificate is not None)
+
+
+def _token(file: Path) -> str:
+    try:
+        with file.open(encoding="utf-8") as stream:
+            token = stream.read(_LONGEST_TOKEN + 2).strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if not _SHORTEST_TOKEN <= len(token) <= _LONGEST_TOKEN or not token.isascii() or not token.isprintable():
+        raise ConfigError(f"{file}: a token has {_SHORTEST_TOKEN} to {_LONGEST_TOKEN} ASCII characters")
+    return token
+
+
+def _app(args: argparse.Namespace, settings: WebSettings) -> Starlette:
+    from tpmsd.web.app import drive_app, live_app
+
+    if args.drive is None:
+        socket = StatusConfig().socket
+        if args.socket is not None:
+            socket = args.socket
+        elif args.config is not None:
+            from tpmsd.config.load import load_config
+
+            socket = load_config(args.config).status.socket
+        return live_app(socket, settings)
+    from tpmsd.api.drive import load
+    from tpmsd.api.functions import replay
+    from tpmsd.cli.drive_reading import span_s
+
+    with Progress(span_s(args.drive) if sys.stderr.isatty() else 0.0, "replay") as bar:
+        replayed = replay(load(args.drive), progress=bar.update)
+    for note in replayed.notes:
+        print(f"tpmsd: {note}", file=sys.stderr)
+    return drive_app(replayed, settings)

@@ -1,0 +1,1 @@
+"""A page for the running daemon and for recorded drives: `tpmsd web`, a process of its own (extra `web`)."""

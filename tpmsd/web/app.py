@@ -1,0 +1,172 @@
+"""The pages and what they ask for, as an ASGI application (Starlette).
+
+In: the status socket of a daemon, or a replayed drive. Out: pages, JSON and server-sent events. Nothing
+changes anything but `POST /api/reset`, which takes the visitor's Origin and a secret that only this page's
+own scripts read.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import secrets
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response, StreamingResponse
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
+
+from tpmsd import __version__
+from tpmsd.api.results import Replay
+from tpmsd.errors import TpmsdError
+from tpmsd.sinks.status_client import request_reset
+from tpmsd.web import drive as drive_data
+from tpmsd.web.guard import COOKIE, LOGIN, Guard, same
+from tpmsd.web.live import LiveHub
+from tpmsd.web.settings import WebSettings
+
+STATIC = Path(__file__).parent / "static"
+Handler = Callable[[Request], Any]
+
+
+def live_app(socket: Path, settings: WebSettings) -> Starlette:
+    """The page of a running daemon."""
+    hub = LiveHub(socket, settings)
+    csrf = secrets.token_urlsafe(32)
+
+    @contextlib.asynccontextmanager
+    async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        task = asyncio.create_task(hub.run())
+        try:
+            yield
+        finally:
+            task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await task
+
+    async def status(_: Request) -> Response:
+        if hub.document is None:
+            return JSONResponse({"error": hub.reason}, 503)
+        return JSONResponse(hub.document)
+
+    async def events(_: Request) -> Response:
+        if hub.streams >= settings.max_streams:
+            return PlainTextResponse("too many visitors; try again later\n", 503, {"Retry-After": "30"})
+        return StreamingResponse(hub.events(), media_type="text/event-stream")
+
+    async def session(_: Request) -> Response:
+        return JSONResponse({"version": __version__, "csrf": csrf})
+
+    async def reset(request: Request) -> Response:
+        if not same(request.headers.get("x-csrf-token", ""), csrf):
+            return PlainTextResponse("wrong CSRF token\n", 403)
+        try:
+            body = json.loads(await request.body() or b"{}")
+            tyres = body.get("tyres") if isinstance(body, dict) else None
+            if tyres is not None and not isinstance(tyres, str):
+                raise ValueError
+        except (ValueError, RecursionError):
+            return PlainTextResponse('a JSON object such as {"tyres": "winter"} is wanted\n', 400)
+        try:
+            await asyncio.to_thread(request_reset, socket, tyres)
+        except TpmsdError as error:
+            return JSONResponse({"error": str(error)}, 503)
+        return JSONResponse({"asked": True}, 202)
+
+    routes = [
+        Route("/", page("live.html")),
+        Route("/api/status", status),
+        Route("/api/live", events),
+        Route("/api/session", session),
+        Route("/api/reset", reset, methods=["POST"]),
+    ]
+    return _app(routes, settings, lifespan)
+
+
+def drive_app(replay: Replay, settings: WebSettings) -> Starlette:
+    """The page of a recorded drive."""
+    overview = drive_data.overview(replay)
+
+    def series(request: Request) -> Response:
+        query = request.query_params
+        names = [name for name in query.get("columns", "").split(",") if name][:32]
+        found = drive_data.series(
+            replay,
+            names,
+            _number(query.get("from"), 0.0),
+            _number(query.get("to"), float(overview["duration_s"] or 0.0)),
+            _points(query.get("points"), settings),
+        )
+        return JSONResponse(found)
+
+    def track(request: Request) -> Response:
+        query = request.query_params
+        points = _points(query.get("points"), settings)
+        return JSONResponse(drive_data.track(replay, query.get("colour", "speed_mps"), points))
+
+    routes = [
+        Route("/", page("drive.html")),
+        Route("/api/drive", lambda _: JSONResponse(overview)),
+        Route("/api/series", series),
+        Route("/api/track", track),
+    ]
+    return _app(routes, settings, None)
+
+
+def page(name: str) -> Handler:
+    """A handler that sends one of the pages."""
+
+    async def send(_: Request) -> Response:
+        return FileResponse(STATIC / name, media_type="text/html")
+
+    return send
+
+
+def _app(routes: list[Route], settings: WebSettings, lifespan: Any) -> Starlette:
+    async def login(request: Request) -> Response:
+        if request.method == "GET":
+            return FileResponse(STATIC / "login.html", media_type="text/html")
+        body = (await request.body()).decode("utf-8", "replace").strip()
+        if settings.token is None or not same(body, settings.token):
+            return PlainTextResponse("wrong token\n", 403)
+        answer = PlainTextResponse("welcome\n")
+        answer.set_cookie(COOKIE, settings.token, httponly=True, samesite="strict", secure=settings.secure)
+        return answer
+
+    return Starlette(
+        routes=[
+            *routes,
+            Route(LOGIN, login, methods=["GET", "POST"]),
+            Mount("/static", StaticFiles(directory=STATIC)),
+        ],
+        middleware=[Middleware(Guard, settings=settings)],
+        exception_handlers={TpmsdError: _refused, HTTPException: _http_error},
+        lifespan=lifespan,
+    )
+
+
+async def _refused(_: Request, error: Exception) -> Response:
+    return JSONResponse({"error": str(error)}, 400)
+
+
+async def _http_error(_: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    return PlainTextResponse(f"{error.detail}\n", error.status_code)
+
+
+def _number(text: str | None, usual: float) -> float:
+    try:
+        return usual if text is None else float(text)
+    except ValueError:
+        return usual
+
+
+def _points(text: str | None, settings: WebSettings) -> int:
+    return int(min(max(_number(text, 2000.0), 2.0), settings.max_points)) if text != "nan" else 2000

@@ -1,0 +1,143 @@
+"""The running daemon for any number of visitors, over one connection to its status socket.
+
+In: the path of the socket. Out: the newest document, and a history of the last hours. However many look on,
+and however slow they are, the daemon serves one watcher: a visitor that does not keep up misses updates,
+since it is always given the newest one.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+from collections import deque
+from collections.abc import AsyncIterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tpmsd.errors import TpmsdError
+from tpmsd.sinks.status_client import parse_status, refusal
+from tpmsd.web.settings import WebSettings
+from tpmsd.wheels import WHEELS
+
+MAX_LINE_BYTES = 1 << 20
+
+
+@dataclass
+class LiveHub:
+    """The daemon as it was last heard of."""
+
+    socket: Path
+    settings: WebSettings
+    document: Mapping[str, Any] | None = None
+    """None until the daemon has answered, and while it does not."""
+    reason: str = "not asked yet"
+    """Why there is no document."""
+    history: deque[dict[str, Any]] = field(default_factory=deque)
+    streams: int = 0
+    """Visitors that look on."""
+    _version: int = 0
+    _changed: asyncio.Condition = field(default_factory=asyncio.Condition)
+
+    async def run(self) -> None:
+        """Follow the daemon for ever; a daemon that goes away is asked again until it is back."""
+        while True:
+            try:
+                await self._follow()
+            except TpmsdError as error:
+                await self._publish(None, str(error))
+            except (OSError, ValueError) as error:
+                await self._publish(None, f"{self.socket}: {error}")
+            await asyncio.sleep(self.settings.retry_s)
+
+    async def _follow(self) -> None:
+        try:
+            reader, writer = await asyncio.open_unix_connection(str(self.socket), limit=MAX_LINE_BYTES)
+        except OSError as error:
+            raise TpmsdError(refusal(self.socket, error)) from None
+        try:
+            writer.write(b'{"request": "watch"}\n')
+            await writer.drain()
+            while True:
+                line = await asyncio.wait_for(reader.readline(), self.settings.silence_s)
+                if not line.endswith(b"\n"):
+                    raise TpmsdError("tpmsd has closed the connection: it is stopping or starting anew")
+                await self._publish(parse_status(self.socket, line), "")
+        except TimeoutError:
+            raise TpmsdError(f"tpmsd has said nothing for {self.settings.silence_s:g} s") from None
+        finally:
+            writer.close()
+            with contextlib.suppress(OSError):
+                await writer.wait_closed()
+
+    async def _publish(self, document: Mapping[str, Any] | None, reason: str) -> None:
+        self.document, self.reason = document, reason
+        if document is not None:
+            self._remember(document)
+        self._version += 1
+        async with self._changed:
+            self._changed.notify_all()
+
+    def _remember(self, document: Mapping[str, Any]) -> None:
+        now = document.get("time")
+        if not isinstance(now, int | float):
+            return
+        step_s = self.settings.history_s / self.settings.history_rows
+        if self.history and now < self.history[-1]["time"]:
+            self.history.clear()  # the clock was set back: what was before has no place on this axis
+        if self.history and now - self.history[-1]["time"] < step_s:
+            return
+        self.history.append(history_row(document))
+        while len(self.history) > self.settings.history_rows or (
+            self.history and now - self.history[0]["time"] > self.settings.history_s
+        ):
+            self.history.popleft()
+
+    async def _newer_than(self, version: int) -> bool:
+        """Wait for an update, as long as a stream may be silent; whether there is one."""
+        try:
+            async with asyncio.timeout(self.settings.heartbeat_s), self._changed:
+                await self._changed.wait_for(lambda: self._version != version)
+        except TimeoutError:
+            return False
+        return True
+
+    async def events(self) -> AsyncIterator[str]:
+        """Server-sent events for one visitor: the history first, then every update it can take."""
+        self.streams += 1
+        seen = -1
+        try:
+            yield event("history", list(self.history))
+            while True:
+                if not await self._newer_than(seen):
+                    yield ": still here\n\n"
+                    continue
+                seen = self._version
+                if self.document is None:
+                    yield event("down", {"reason": self.reason})
+                else:
+                    yield event("status", self.document)
+        finally:
+            self.streams -= 1
+
+
+def history_row(document: Mapping[str, Any]) -> dict[str, Any]:
+    """What the timeline shows of one document."""
+    wheels = document.get("wheels")
+    known = wheels if isinstance(wheels, dict) else {}
+    row: dict[str, Any] = {"time": document["time"]}
+    for wheel in WHEELS:
+        one = known.get(wheel)
+        one = one if isinstance(one, dict) else {}
+        learned = one.get("change_mm") is not None
+        row[wheel] = [
+            one.get("change_mm" if learned else "deviation_mm"),
+            one.get("change_std_mm" if learned else "std_mm"),
+        ]
+    return row
+
+
+def event(name: str, data: object) -> str:
+    """One server-sent event (WHATWG HTML, 9.2)."""
+    return f"event: {name}\ndata: {json.dumps(data, separators=(',', ':'))}\n\n"

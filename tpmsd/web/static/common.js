@@ -1,0 +1,85 @@
+// What both pages share: wheels, colours that follow the theme, numbers with units, plots.
+export const WHEELS = ["fl", "fr", "rl", "rr"];
+export const NAMES = { fl: "front left", fr: "front right", rl: "rear left", rr: "rear right" };
+const DASHES = { fl: [], fr: [8, 3], rl: [2, 2], rr: [8, 3, 2, 3] }; // told apart in grey, too
+
+export const byId = (id) => document.getElementById(id);
+export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+
+/** An element with text and attributes; text never becomes markup. */
+export function element(tag, text = "", attributes = {}) {
+  const node = document.createElement(tag);
+  if (text !== "") node.textContent = text;
+  for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
+  return node;
+}
+
+export function duration(seconds) {
+  if (!Number.isFinite(seconds)) return "";
+  if (seconds < 90) return `${Math.round(seconds)} s`;
+  const minutes = Math.round(seconds / 60);
+  return minutes < 90 ? `${minutes} min` : `${Math.floor(minutes / 60)} h ${String(minutes % 60).padStart(2, "0")} min`;
+}
+
+export function signed(value, digits) {
+  return value === null || value === undefined ? "–" : `${value >= 0 ? "+" : "−"}${Math.abs(value).toFixed(digits)}`;
+}
+
+/** The series of one wheel with its band, for uPlot. */
+export function wheelSeries(wheel, label) {
+  return { label, stroke: () => css(wheel), width: 2, dash: DASHES[wheel], spanGaps: false, points: { show: false } };
+}
+
+export const edge = () => ({ show: true, width: 0, points: { show: false }, label: "" });
+
+export function axis(label, extra = {}) {
+  return { label, stroke: () => css("text"), grid: { stroke: () => css("line"), width: 1 }, ticks: { stroke: () => css("line") }, ...extra };
+}
+
+export function band(wheel, high, low) {
+  return { series: [high, low], fill: () => `color-mix(in srgb, ${css(wheel)} 22%, transparent)` };
+}
+
+/** Vertical lines at alarms, drawn over a plot. */
+export function alarmLines(alarms, time) {
+  return {
+    hooks: {
+      draw: [
+        (plot) => {
+          const { ctx, bbox } = plot;
+          ctx.save();
+          ctx.lineWidth = Math.max(1, devicePixelRatio);
+          ctx.textAlign = "left";
+          ctx.font = `${12 * devicePixelRatio}px system-ui, sans-serif`;
+          let last = -Infinity;
+          for (const alarm of alarms()) {
+            const x = plot.valToPos(time(alarm), "x", true);
+            if (!(x >= bbox.left && x <= bbox.left + bbox.width)) continue;
+            ctx.strokeStyle = ctx.fillStyle = css(alarm.state === "raised" ? "bad" : "soft");
+            ctx.setLineDash([4 * devicePixelRatio, 4 * devicePixelRatio]);
+            ctx.beginPath();
+            ctx.moveTo(x, bbox.top);
+            ctx.lineTo(x, bbox.top + bbox.height);
+            ctx.stroke();
+            if (x - last > 90 * devicePixelRatio) {
+              ctx.fillText(`${alarm.kind} ${alarm.wheel ?? ""}`, x + 3, bbox.top + 12 * devicePixelRatio);
+              last = x;
+            }
+          }
+          ctx.restore();
+        },
+      ],
+    },
+  };
+}
+
+/** Plots follow the width of their box and the theme. */
+export function keepFitting(plots) {
+  const fit = () => {
+    for (const [box, plot] of plots()) plot.setSize({ width: Math.max(box.clientWidth, 200), height: plot.height });
+  };
+  addEventListener("resize", fit);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+    for (const [, plot] of plots()) plot.redraw(false);
+  });
+}

@@ -1,0 +1,174 @@
+// A recorded drive: map, linked plots, wheels and alarms.
+import { NAMES, WHEELS, alarmLines, axis, band, byId, css, duration, edge, element, keepFitting, signed, wheelSeries } from "./common.js";
+
+const drive = await (await fetch("api/drive")).json();
+const columns = new Map(drive.columns.map((column) => [column.name, column]));
+const SHOWN = { m: ["mm", 1000], "m/s": ["m/s", 1] };
+let span = [0, drive.duration_s];
+let track = null;
+
+byId("name").textContent = drive.drive;
+document.title = `tpmsd: ${drive.drive}`;
+byId("connection").textContent = `${duration(drive.duration_s)}, ${(drive.distance_m / 1000).toFixed(1)} km`;
+
+function table(node, head, rows) {
+  const row = (cells, tag) => {
+    const line = element("tr");
+    for (const cell of cells) line.append(element(tag, cell, typeof cell === "string" && /^[+−–\d]/.test(cell) ? { class: "number" } : {}));
+    return line;
+  };
+  const thead = element("thead"), tbody = element("tbody");
+  thead.append(row(head, "th"));
+  for (const cells of rows) tbody.append(row(cells, "td"));
+  node.replaceChildren(thead, tbody);
+}
+
+table(byId("wheels"), ["wheel", "state", "minus nominal (mm)", "change (mm)"],
+  Object.entries(drive.wheels).map(([name, wheel]) => [NAMES[name], wheel.state,
+    `${signed(wheel.deviation_mm, 2)} ± ${(wheel.std_mm ?? NaN).toFixed(2)}`,
+    wheel.change_mm === null ? "–" : `${signed(wheel.change_mm, 2)} ± ${wheel.change_std_mm.toFixed(2)}`]));
+if (drive.alarms.length)
+  table(byId("alarms"), ["time", "alarm", "wheel", "", "reason"],
+    drive.alarms.map((alarm) => [duration(alarm.drive_time_s), alarm.kind, NAMES[alarm.wheel] ?? "the car", alarm.state, alarm.reason ?? ""]));
+else byId("alarms").replaceChildren(element("caption", "No alarms."));
+byId("notes").replaceChildren(...drive.notes.map((note) => element("li", note)));
+
+const plots = [];
+const wheelOf = (name) => WHEELS.find((wheel) => name.includes(`_${wheel}`));
+
+async function seriesOf(panel) {
+  const query = new URLSearchParams({ columns: panel.series.join(","), from: span[0], to: span[1], points: 2 * Math.min(innerWidth, 2000) });
+  return (await fetch(`api/series?${query}`)).json();
+}
+
+function dataOf(panel, found, scale) {
+  const scaled = (values) => values.map((value) => (value === null ? null : scale * value));
+  const out = [found.x];
+  for (const name of panel.series) {
+    out.push(scaled(found[name]));
+    if (panel.banded) out.push(scaled(found[`${name}:high`]), scaled(found[`${name}:low`]));
+  }
+  return out;
+}
+
+async function makePlot(panel) {
+  const found = await seriesOf(panel);
+  const unit = columns.get(panel.series[0]).unit;
+  const radius = unit === "m" && wheelOf(panel.series[0]);
+  const [shown, scale] = radius ? SHOWN.m : [unit, 1];
+  panel.banded = panel.series.every((name) => `${name}:low` in found);
+  const series = [{ label: "time", value: (_, value) => (value === null ? "" : `${value.toFixed(1)} s`) }], bands = [];
+  const other = ["fl", "fr", "rl", "rr"];
+  for (const [k, name] of panel.series.entries()) {
+    const wheel = wheelOf(name) ?? other[k % 4];
+    const at = series.length;
+    series.push(wheelSeries(wheel, wheelOf(name) ? NAMES[wheelOf(name)] : name.replace(/_[a-z0-9]+$/, "").replaceAll("_", " ")));
+    if (panel.banded) {
+      series.push(edge(), edge());
+      bands.push(band(wheel, at + 1, at + 2));
+    }
+  }
+  const box = element("div", "", { class: "plot", role: "img", "aria-label": `${panel.title} over time` });
+  byId("plots").append(box);
+  const plot = new uPlot({
+    title: panel.title, width: Math.max(box.clientWidth, 200), height: 200, series, bands,
+    scales: { x: { time: false } },
+    axes: [axis("time since the start (s)"), axis(shown === "1" || shown === "" ? "" : `(${shown})`, { size: 60 })],
+    cursor: { sync: { key: "drive" }, drag: { x: true, y: false, setScale: false } },
+    legend: { show: true, live: false },
+    plugins: [alarmLines(() => drive.alarms, (alarm) => alarm.drive_time_s)],
+    hooks: { setSelect: [(one) => { if (one.select.width > 4) zoom(one.posToVal(one.select.left, "x"), one.posToVal(one.select.left + one.select.width, "x")); }] },
+  }, dataOf(panel, found, scale), box);
+  if (panel.banded) for (const [k, entry] of [...box.querySelectorAll(".u-series")].entries()) if (k % 3) entry.remove(); // the edges of a band have no entry
+  plots.push([box, plot, panel, scale]);
+}
+
+async function zoom(from, to) {
+  span = [Math.max(0, from), Math.min(drive.duration_s, to)];
+  if (!(span[1] - span[0] > 0.5)) return;
+  await Promise.all(plots.map(async ([, plot, panel, scale]) => {
+    plot.setData(dataOf(panel, await seriesOf(panel), scale), false);
+    plot.setScale("x", { min: span[0], max: span[1] });
+    plot.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
+  }));
+  drawMap();
+}
+
+// Lightness rises with the value (viridis at five stops), so that the map reads in grey, too.
+const STOPS = [[68, 1, 84], [59, 82, 139], [33, 145, 140], [94, 201, 98], [253, 231, 37]];
+function colourAt(share) {
+  const at = Math.min(Math.max(share, 0), 1) * (STOPS.length - 1);
+  const k = Math.min(Math.floor(at), STOPS.length - 2), rest = at - k;
+  return `rgb(${STOPS[k].map((value, c) => Math.round(value + rest * (STOPS[k + 1][c] - value))).join(" ")})`;
+}
+
+function drawMap() {
+  const canvas = byId("map"), ctx = canvas.getContext("2d");
+  const width = (canvas.width = canvas.clientWidth * devicePixelRatio), height = (canvas.height = canvas.clientHeight * devicePixelRatio);
+  const seen = track.east_m.map((east, k) => [east, track.north_m[k], track.value[k], track.time_s[k]]).filter(([east, north]) => east !== null && north !== null);
+  if (seen.length < 2) {
+    ctx.fillStyle = css("text");
+    ctx.font = `${14 * devicePixelRatio}px system-ui, sans-serif`;
+    return ctx.fillText("No positions.", 20, 40);
+  }
+  const range = (values) => values.reduce(([low, high], value) => [Math.min(low, value), Math.max(high, value)], [Infinity, -Infinity]);
+  const [left, right] = range(seen.map((point) => point[0])), [bottom, top] = range(seen.map((point) => point[1]));
+  const values = seen.map((point) => point[2]).filter((value) => value !== null).sort((a, b) => a - b);
+  const low = values[Math.floor(0.02 * values.length)] ?? 0, high = values[Math.floor(0.98 * (values.length - 1))] ?? 1;
+  const margin = 30 * devicePixelRatio;
+  const scale = Math.min((width - 2 * margin) / Math.max(right - left, 1), (height - 2 * margin) / Math.max(top - bottom, 1));
+  const x = (east) => width / 2 + scale * (east - (left + right) / 2), y = (north) => height / 2 - scale * (north - (bottom + top) / 2);
+  ctx.lineCap = "round";
+  for (let k = 1; k < seen.length; k++) {
+    const [east, north, value, time] = seen[k];
+    const inside = time >= span[0] && time <= span[1];
+    ctx.strokeStyle = !inside || value === null ? css("line") : colourAt((value - low) / Math.max(high - low, 1e-12));
+    ctx.lineWidth = (inside ? 4 : 2) * devicePixelRatio;
+    ctx.beginPath();
+    ctx.moveTo(x(seen[k - 1][0]), y(seen[k - 1][1]));
+    ctx.lineTo(x(east), y(north));
+    ctx.stroke();
+  }
+  ctx.fillStyle = ctx.strokeStyle = css("text");
+  ctx.font = `${12 * devicePixelRatio}px system-ui, sans-serif`;
+  for (const [k, word] of [[0, "start"], [seen.length - 1, "end"]]) {
+    ctx.beginPath();
+    ctx.arc(x(seen[k][0]), y(seen[k][1]), 5 * devicePixelRatio, 0, 7);
+    ctx.fill();
+    ctx.fillText(word, x(seen[k][0]) + 8 * devicePixelRatio, y(seen[k][1]) - 6 * devicePixelRatio);
+  }
+  for (const alarm of drive.alarms.filter((one) => one.state === "raised")) {
+    const point = seen.find((one) => one[3] >= alarm.drive_time_s);
+    if (!point) continue;
+    ctx.fillStyle = css("bad");
+    ctx.fillRect(x(point[0]) - 5 * devicePixelRatio, y(point[1]) - 5 * devicePixelRatio, 10 * devicePixelRatio, 10 * devicePixelRatio);
+    ctx.fillText(`${alarm.kind} ${alarm.wheel ?? ""}`, x(point[0]) + 9 * devicePixelRatio, y(point[1]) + 4 * devicePixelRatio);
+  }
+  const metres = 10 ** Math.floor(Math.log10((0.3 * width) / scale));
+  ctx.fillStyle = css("text");
+  ctx.lineWidth = 2 * devicePixelRatio;
+  ctx.beginPath();
+  ctx.moveTo(margin, height - margin / 2);
+  ctx.lineTo(margin + metres * scale, height - margin / 2);
+  ctx.stroke();
+  ctx.fillText(metres >= 1000 ? `${metres / 1000} km` : `${metres} m`, margin, height - margin / 2 - 6 * devicePixelRatio);
+  ctx.fillText("N ↑", width - margin, margin / 2 + 6 * devicePixelRatio);
+  const column = columns.get(byId("colour").value);
+  byId("legend").textContent = `dark ${low.toPrecision(3)} to bright ${high.toPrecision(3)} ${column.unit === "1" ? "" : column.unit}`;
+}
+
+const select = byId("colour");
+for (const column of drive.columns) select.append(element("option", column.meaning, { value: column.name }));
+select.value = columns.has("speed_mps") ? "speed_mps" : drive.columns[0].name;
+async function recolour() {
+  track = await (await fetch(`api/track?${new URLSearchParams({ colour: select.value, points: 4000 })}`)).json();
+  drawMap();
+}
+select.addEventListener("change", recolour);
+byId("all").addEventListener("click", () => zoom(0, drive.duration_s));
+addEventListener("resize", drawMap);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawMap);
+keepFitting(() => plots);
+await recolour();
+for (const panel of drive.panels) await makePlot(panel);
+document.body.dataset.ready = "1";
