@@ -26,6 +26,7 @@ _EPILOG = """\
 examples:
   tpmsd check vehicle.toml
   tpmsd check drives/monday --dbc new/bus.dbc --json -
+  tpmsd check vehicle.toml --drive drives/monday     is the file that of this car?
 
 exit codes: 0 all is well (warnings apart), 2 something is wrong
 """
@@ -41,7 +42,16 @@ def add_parser(subparsers: Subparsers) -> None:
         "is well, what would be monitored with what.",
         epilog=_EPILOG,
     )
-    parser.add_argument("config", metavar="CONFIG", type=Path, help="a TOML file, or a drive folder")
+    parser.add_argument(
+        "config",
+        metavar="CONFIG",
+        type=Path,
+        nargs="?",
+        help="a TOML file, or a drive folder (default: DRIVE)",
+    )
+    parser.add_argument(
+        "--drive", metavar="DRIVE", type=Path, help="hold the configuration against a recorded drive, too"
+    )
     parser.add_argument(
         "--dbc", metavar="FILE", type=Path, help="take this DBC and not the configuration's own"
     )
@@ -55,12 +65,23 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.provenance import provenance
 
     outputs = Outputs(("--json", args.json))
-    result = check(args.config, args.dbc)
+    if args.config is None and args.drive is None:
+        raise ConfigError("give a configuration, or a drive with --drive")
+    result = check(args.drive if args.config is None else args.config, args.dbc)
     for warning in result.warnings:
         print(f"warning: {warning.text}", file=sys.stderr)
     for problem in result.problems:
         print(problem.text, file=sys.stderr)
-    outputs.write({"--json": lambda: json_text({**provenance(SCHEMA, (), args.config), **_document(result)})})
+    suspected = None
+    if args.drive is not None and result.plan is not None:
+        suspected = _against_drive(result.plan, args.drive)
+
+    def document() -> str:
+        paths = () if args.drive is None else (args.drive,)
+        told = {} if suspected is None else {"suspicions": suspected}
+        return json_text({**provenance(SCHEMA, paths, result.file), **_document(result), **told})
+
+    outputs.write({"--json": document})
     if result.plan is None:
         count = len(result.problems)
         print(f"{result.file}: {count} problem{'s' if count != 1 else ''}", file=sys.stderr)
@@ -75,7 +96,40 @@ def run(args: argparse.Namespace) -> int:
             raise ConfigError(f"{result.file}: {error}") from None
     if args.json != "-":
         print("\n".join(summary(result.plan)))
+        if suspected is not None:
+            print("\n".join(_told(result.file, suspected)))
     return 0
+
+
+def _against_drive(plan: Plan, drive: Path) -> list[dict[str, object]]:
+    """What the drive says against the configuration, with the line of each key."""
+    from tpmsd.cli.raw_drive import read_drive
+    from tpmsd.config.document import read_document
+    from tpmsd.discovery.suspicions import suspicions
+    from tpmsd.sources.databases import load_database
+
+    raw = read_drive([drive])
+    document = read_document(plan.file)
+    return [
+        {
+            "key": one.key,
+            "line": document.line(*one.key.split(".")),
+            "suspicion": one.suspicion,
+            "probability": one.probability,
+            "suggest": one.suggest,
+        }
+        for one in suspicions(plan.config, load_database(plan.dbc), raw.log, raw.fixes)
+    ]
+
+
+def _told(file: Path, suspected: list[dict[str, object]]) -> list[str]:
+    if not suspected:
+        return ["", "Nothing in the drive speaks against it."]
+    return ["", "The drive speaks against it:"] + [
+        f"  {file}:{one['line']}: {one['key']}: {one['suspicion']} ({one['probability']:.2f}): "
+        f"{one['suggest']}"
+        for one in suspected
+    ]
 
 
 def summary(plan: Plan) -> list[str]:

@@ -11,12 +11,14 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tpmsd.cli.output import Subparsers, add_json_option, write_json
+from tpmsd.cli.output import Subparsers, add_json_option, json_text
+from tpmsd.cli.outputs import Outputs
 from tpmsd.errors import ConfigError
 
 if TYPE_CHECKING:
     from tpmsd.discovery.result import Discovery
 
+SCHEMA = "tpmsd.discovery/2"
 EXIT_UNDECIDED = 4
 _EPILOG = """\
 examples:
@@ -53,10 +55,10 @@ def add_parser(subparsers: Subparsers) -> None:
 def run(args: argparse.Namespace) -> int:
     """Find and report."""
     from tpmsd.cli.car_library import load_cars
-    from tpmsd.cli.document_head import document_head
     from tpmsd.cli.raw_drive import read_drive
     from tpmsd.discovery.discover import discover
     from tpmsd.discovery.geometry import tyre_radius_m
+    from tpmsd.provenance import provenance
     from tpmsd.sources.databases import load_database
 
     if args.tyre is not None and tyre_radius_m(args.tyre) is None:
@@ -68,6 +70,7 @@ def run(args: argparse.Namespace) -> int:
         _refuse(args.write, args.force)
         if dbc is None:
             _refuse(args.write.with_suffix(".dbc"), args.force)
+    outputs = Outputs(("--json", args.json))
     database = None if dbc is None else load_database(dbc)
     drive = read_drive(args.drive)
     found = discover(drive.log, drive.fixes, database, args.tyre, load_cars())
@@ -75,9 +78,8 @@ def run(args: argparse.Namespace) -> int:
         print("\n".join(summary(found)))
     if args.write is not None and found.kind is not None:
         write_files(found, dbc, args.write)
-    if args.json is not None:
-        head = document_head("tpmsd.discovery/1", [drive.can_log, drive.nmea_log], dbc)
-        write_json({**head, **found.document()}, args.json)
+    head = provenance(SCHEMA, [drive.can_log, drive.nmea_log], dbc)
+    outputs.write({"--json": lambda: json_text({**head, **found.document()})})
     return 0 if found.wheels_decided else EXIT_UNDECIDED
 
 

@@ -121,6 +121,8 @@ class CarGeometry:
         self._course = self._course_fit()
         self.geometry: dict[str, Estimate] = {}
         self.gnss: dict[str, Estimate] = {}
+        self.square_m2: Estimate | None = None
+        """Square of the wheelbase; negative where the axles are exchanged. None if it is not seen."""
         self._tracks(gyro)
         self._antenna()
 
@@ -214,6 +216,8 @@ class CarGeometry:
         along = np.column_stack([2.0 * yaw**2, speed**2, speed * yaw, accel * speed**2, accel * speed])
         sums = square["fl"] + square["fr"] - square["rl"] - square["rr"]
         base = fit(along, np.where(usable, sums, np.nan), blocks)
+        if base is not None:
+            self.square_m2 = Estimate(float(base.value[0]), base.std(0))
         if base is not None and base.value[0] > 2.0 and base.std(0) < 0.5 * base.value[0]:
             length = math.sqrt(float(base.value[0]))
             std = math.hypot(0.5 * base.std(0) / length, 0.02 * length)

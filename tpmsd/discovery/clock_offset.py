@@ -1,0 +1,59 @@
+"""How far two clocks are apart, by the speed in both recordings.
+
+In: a wheel's speed with its stamps, the receiver's. Out: the offset and the correlation there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tpmsd.wheels import FloatArray
+
+_STEP_S = 1.0
+_LEAST_OVERLAP = 120
+"""Seconds that both recordings must share at an offset, so that chance does not fit."""
+
+
+def best_offset(
+    wheel_s: FloatArray, wheel: FloatArray, fix_s: FloatArray, speed: FloatArray
+) -> tuple[float, float, float] | None:
+    """Offset in s to add to the fixes' stamps, correlation there, and correlation as stamped (NaN if apart).
+
+    None where the recordings are too short or one of them stands still.
+    """
+    one, start_one = _resampled(wheel_s, wheel)
+    other, start_other = _resampled(fix_s, speed)
+    if min(len(one), len(other)) < _LEAST_OVERLAP or min(one.std(), other.std()) < 0.5:
+        return None
+    size = 1 << int(np.ceil(np.log2(len(one) + len(other))))
+
+    def correlate(x: FloatArray, y: FloatArray) -> FloatArray:
+        full = np.fft.irfft(np.fft.rfft(x, size) * np.conj(np.fft.rfft(y, size)), size)
+        return np.concatenate([full[size - len(y) + 1 :], full[: len(x)]])
+
+    ones, ones_other = np.ones(len(one)), np.ones(len(other))
+    count = np.maximum(correlate(ones, ones_other), 1e-9)
+    sum_x, sum_y = correlate(one, ones_other), correlate(ones, other)
+    var_x = correlate(one**2, ones_other) - sum_x**2 / count
+    var_y = correlate(ones, other**2) - sum_y**2 / count
+    covariance = correlate(one, other) - sum_x * sum_y / count
+    with np.errstate(divide="ignore", invalid="ignore"):
+        r = covariance / np.sqrt(np.maximum(var_x, 1e-6) * np.maximum(var_y, 1e-6))
+    shared = count >= min(_LEAST_OVERLAP, 0.5 * min(len(one), len(other)))
+    r = np.where(shared & (var_x / count > 0.3) & (var_y / count > 0.3), r, -1.0)
+    lags = np.arange(-(len(other) - 1), len(one)) * _STEP_S
+    best = int(np.argmax(r))
+    offsets = lags + start_one - start_other
+    near = np.flatnonzero(np.abs(offsets) <= 2.5)
+    here = float(r[near].max()) if len(near) else float("nan")
+    return float(offsets[best]), float(r[best]), here
+
+
+def _resampled(time_s: FloatArray, value: FloatArray) -> tuple[FloatArray, float]:
+    known = np.isfinite(value) & np.isfinite(time_s)
+    t, x = time_s[known], value[known]
+    if len(t) < 2:
+        return np.zeros(0), 0.0
+    start = float(np.ceil(t[0]))
+    grid = np.arange(start, t[-1], _STEP_S)
+    return np.interp(grid, t, x), start

@@ -1,0 +1,330 @@
+"""What a drive says against a configuration.
+
+In: the configuration, its DBC, frames and fixes. Out: `Suspicion`s with key, probability and what to write
+instead.
+
+Each is a test of one statement of the file, on the same regressions that `discover` rests on. Its
+probability is that of
+the other hypothesis against the stated one, with floors for what a right file may be off by.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from cantools.database.can import Database
+from scipy.stats import norm
+
+from tpmsd.config.dbc import counter_modulus, find_signal
+from tpmsd.config.model import Config
+from tpmsd.config.units import UNITS, canonical_unit, to_si
+from tpmsd.discovery.assign import Assignment, Role
+from tpmsd.discovery.clock_offset import best_offset
+from tpmsd.discovery.discover import Material, prepare
+from tpmsd.discovery.frames import BusLog, MessageLog
+from tpmsd.discovery.geometry import CarGeometry, driven_axle
+from tpmsd.discovery.other_roles import physical, smooth
+from tpmsd.discovery.reference import make_reference
+from tpmsd.discovery.series import Field, Series, as_count, as_value
+from tpmsd.discovery.settings import SETTINGS, Settings
+from tpmsd.discovery.wheels import Follower, followers, placed
+from tpmsd.sources.events import GnssFix
+from tpmsd.sources.signal_plan import EXTENDED, bit_field
+from tpmsd.wheels import WHEELS, FloatArray
+
+_LEAST = 0.95
+"""Probability from which a suspicion is told."""
+_RADIUS_STD = 0.006
+"""Relative: how far a configured radius may be off in a file that is right."""
+_SPEED_STD = 0.012
+"""The same for a maker's scale of wheel speeds."""
+_OTHER_TEETH_STD = 0.06
+"""Spread of the same where the number of teeth, or a unit, is wrong."""
+_PLACE_FLOOR_M = {"antenna_left_m": 0.15, "antenna_forward_m": 0.5}
+"""Standard deviation of an antenna's place beyond that of the regression; lateral slip moves the forward
+one."""
+_NEVER_SEEN_S = 10.0
+_UNITS = ("km/h", "m/s", "mph", "knots")
+_SIGNED = ("yaw_rate", "accel_lat", "accel_long", "steering_wheel_angle")
+
+
+@dataclass(frozen=True, slots=True)
+class Suspicion:
+    """One statement of the file that the drive speaks against."""
+
+    key: str
+    suspicion: str
+    probability: float
+    suggest: str
+
+
+def suspicions(
+    config: Config,
+    database: Database,
+    log: BusLog,
+    fixes: Sequence[GnssFix],
+    settings: Settings = SETTINGS,
+) -> list[Suspicion]:
+    """All of them, the surest first."""
+    found: list[Suspicion] = []
+    logs = log.messages()
+    fields = _fields(config, database)
+    for role, one in fields.items():
+        if one.key not in logs:
+            what = f"no frame of {one.message} (identifier {one.key & ~EXTENDED:#05x}) in the drive"
+            key = f"can.signals.{role}"
+            found.append(Suspicion(key, "message_never_seen", 0.999, f"{what}: wrong DBC or bus?"))
+    shifted, offset = _aligned(config, fields, logs, fixes)
+    if offset is not None:
+        found.append(offset)
+    material = prepare(log, shifted, database, settings)
+    found += _wheels(config, fields, material, settings)
+    return sorted(found, key=lambda one: -one.probability)
+
+
+def _fields(config: Config, database: Database) -> dict[str, Field]:
+    """Role -> field as the configuration reads it."""
+    fields = {}
+    for role, name in config.can.signals.items():
+        if config.can.option(role).bus is not None:
+            continue
+        message, signal = find_signal(database, name)
+        option = config.can.option(role)
+        key = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
+        scale = float(signal.scale if option.scale is None else option.scale)
+        offset = float(signal.offset if option.offset is None else option.offset)
+        unit = option.unit or signal.unit or ""
+        if role.startswith("wheel_count_"):
+            modulus = option.modulus or counter_modulus(signal)
+            unit = f"modulus {modulus}"
+        fields[role] = Field(message.name, signal.name, key, bit_field(signal), scale, offset, unit)
+    return fields
+
+
+def _aligned(
+    config: Config, fields: dict[str, Field], logs: dict[int, MessageLog], fixes: Sequence[GnssFix]
+) -> tuple[Sequence[GnssFix], Suspicion | None]:
+    """The fixes on the frames' clock, and the suspicion where they were not."""
+    role = next((r for r in fields if r.startswith("wheel_") and fields[r].key in logs), None)
+    reference = make_reference(fixes)
+    if role is None or len(reference.fix_s) < 10:
+        return fixes, None
+    message = logs[fields[role].key]
+    edges = np.arange(np.ceil(message.time_s[0]), message.time_s[-1], 1.0)
+    if len(edges) < 3:
+        return fixes, None
+    raw = message.bits(fields[role].place)
+    one = (
+        as_count(fields[role], message, raw, edges)
+        if role.startswith("wheel_count_")
+        else as_value(fields[role], message, raw, edges)
+    )
+    if one is None:
+        return fixes, None
+    per_metre = config.vehicle.teeth_per_rev / (2 * math.pi * config.vehicle.wheel_radius_m[2])
+    speed = one.rate * abs(fields[role].scale) / (per_metre if one.kind == "count" else 3.6)
+    best = best_offset(0.5 * (edges[1:] + edges[:-1]), speed, reference.fix_s, reference.fix_speed_mps)
+    if best is None:
+        return fixes, None
+    offset_s, there, here = best
+    if abs(offset_s) <= 2.5 or there < 0.97 or (math.isfinite(here) and there - here < 0.05):
+        return fixes, None
+    apart = fixes[0].arrival_s > message.time_s[-1] or fixes[-1].arrival_s < message.time_s[0]
+    said = "the recordings do not overlap; " if apart else ""
+    suggest = f"{said}the fixes' stamps are {-offset_s:+.0f} s off: shift them by {offset_s:+.0f} s"
+    moved = [replace(fix, arrival_s=fix.arrival_s + offset_s) for fix in fixes]
+    return moved, Suspicion("gnss", "clock_offset", min(0.999, there), suggest)
+
+
+def _wheels(
+    config: Config, fields: dict[str, Field], material: Material, settings: Settings
+) -> list[Suspicion]:
+    found: list[Suspicion] = []
+    series = {}
+    for role, one in fields.items():
+        if not role.startswith("wheel_") or one.key not in material.logs:
+            continue
+        log = material.logs[one.key]
+        raw = log.bits(one.place)
+        if len(raw) < 20 or raw.min() == raw.max():
+            continue
+        edges = material.reference.edge_s
+        read = as_count if role.startswith("wheel_count_") else as_value
+        made = read(one, log, raw, edges)
+        if made is not None:
+            series[role] = made
+    for role, made in series.items():
+        stated = int(made.field.unit.split()[1]) if made.kind == "count" else 0
+        if made.modulus_seen and made.modulus != stated:
+            suggest = f"modulus = {made.modulus}: a step over the end falls short by that, not {stated}"
+            found.append(Suspicion(f"can.signals.{role}", "wrong_modulus", 0.99, suggest))
+    following = {
+        role: one_found
+        for role, made in series.items()
+        for one_found in followers([made], material.reference, settings)
+    }
+    for role, one_follower in following.items():
+        wrong = _scale(config, role, one_follower)
+        if wrong is not None:
+            found.append(wrong)
+    by_wheel = {role[-2:]: role for role in following}
+    members = placed(list(following.values()), material.reference, material.gyro, settings)
+    places = {role[-2:]: one for role, one in zip(following, members, strict=True)}
+    found += _sides(by_wheel, places)
+    if {"rl", "rr"} <= places.keys():
+        found += _car(config, by_wheel, places, material, settings)
+    return found
+
+
+def _scale(config: Config, role: str, one: Follower) -> Suspicion | None:
+    """Counts per metre against teeth and radius; a speed against its unit."""
+    wheel = WHEELS.index(role[-2:])
+    radius = config.vehicle.wheel_radius_m[wheel]
+    if one.series.kind == "count":
+        per_metre = one.per_mps * abs(one.series.field.scale)
+        teeth = config.vehicle.teeth(wheel)
+        error = math.log(teeth / (2 * math.pi * radius * per_metre))
+        sure = _against(error, _RADIUS_STD)
+        fitting = round(2 * math.pi * radius * per_metre)
+        if sure < _LEAST or fitting == teeth:
+            return None
+        suggest = f"{fitting} counts per revolution go with a radius of {radius:g} m; {teeth:g} would need "
+        suggest += f"{teeth / (2 * math.pi * per_metre):.3f} m"
+        return Suspicion("vehicle.teeth_per_rev", "wrong_teeth", sure, suggest)
+    unit = canonical_unit(one.series.field.unit) or "km/h"
+    kind, factor, _ = UNITS[unit]
+    mps = factor * (radius if kind == "angular speed" else 1.0)
+    error = math.log(one.per_mps * abs(one.series.field.scale) * mps)
+    sure = _against(error, _SPEED_STD)
+    if sure < _LEAST or abs(error) < 0.05:
+        return None
+    key = f"can.signals.{role}"
+    seen = 1.0 / (one.per_mps * abs(one.series.field.scale))
+    for other in _UNITS:
+        if other != unit and abs(math.log(seen / UNITS[other][1])) < 0.05:
+            suggest = f'unit = "{other}": the receiver sees {seen / mps:.3f} times the speed'
+            return Suspicion(key, "wrong_unit", sure, suggest)
+    scale = one.series.field.scale * seen / mps
+    suggest = f"scale = {scale:.6g}: the receiver sees {seen / mps:.3f} times the speed"
+    return Suspicion(key, "wrong_scale", sure, suggest)
+
+
+def _against(error: float, std: float) -> float:
+    """Probability that an error is not one of a right file."""
+    right = norm.logpdf(error, 0.0, std)
+    wrong = norm.logpdf(error, 0.0, _OTHER_TEETH_STD) if abs(error) < 0.3 else 0.0
+    return min(0.999, float(1.0 / (1.0 + 9.0 * math.exp(min(right - wrong, 50.0)))))
+
+
+def _sides(by_wheel: dict[str, str], places: dict[str, Follower]) -> list[Suspicion]:
+    found = []
+    for left, right in (("fl", "fr"), ("rl", "rr")):
+        if left not in places or right not in places:
+            continue
+        one, other = places[left], places[right]
+        std = math.hypot(one.lateral_std_m, other.lateral_std_m, 0.15)
+        span = one.lateral_m - other.lateral_m
+        track, spread = SETTINGS.track_m, math.hypot(std, 0.15)
+        if not math.isfinite(span / std):
+            continue
+        # Two hypotheses: the track, or minus the track; a prior of one file in fifty.
+        ratio = norm.logpdf(span, -track, spread) - norm.logpdf(span, track, spread) + math.log(0.02)
+        sure = min(0.999, float(1.0 / (1.0 + math.exp(-min(max(ratio, -50.0), 50.0)))))
+        if sure >= _LEAST:
+            names = f"{one.series.field.signal} is on the right and {other.series.field.signal} on the left"
+            found.append(Suspicion(f"can.signals.{by_wheel[left]}", "swapped_left_right", sure, names))
+    return found
+
+
+def _car(
+    config: Config,
+    by_wheel: dict[str, str],
+    places: dict[str, Follower],
+    material: Material,
+    settings: Settings,
+) -> list[Suspicion]:
+    four = len(places) == 4
+    wheels = WHEELS if four else ("rl", "rr")
+    kind = "counts" if places["rl"].series.kind == "count" else "speeds"
+    swapped_sides = places["rl"].lateral_m < places["rr"].lateral_m
+    order = {w: (w[0] + ("r" if w[1] == "l" else "l") if swapped_sides else w) for w in wheels}
+    roles = tuple(Role(w, places[order[w]], 1.0, ()) for w in wheels)
+    found: list[Suspicion] = []
+    assignment = Assignment(kind, roles, not four, 1.0, 1.0)
+    geometry = CarGeometry(assignment, material.reference, material.gyro, settings)
+    turned = False
+    if four and geometry.square_m2 is not None:
+        square, std = geometry.square_m2.value, math.hypot(geometry.square_m2.std, 0.5)
+        aim, spread = config.vehicle.wheelbase_m**2, math.hypot(std, 0.3 * config.vehicle.wheelbase_m)
+        ratio = norm.logpdf(square, -aim, spread) - norm.logpdf(square, aim, spread) + math.log(0.02)
+        sure = min(0.999, float(1.0 / (1.0 + math.exp(-min(max(ratio, -50.0), 50.0)))))
+        turned = sure >= _LEAST
+        if turned:
+            key = f"can.signals.{by_wheel['fl']}"
+            suggest = "in bends the wheels called rear have the longer way: exchange front and rear"
+            found.append(Suspicion(key, "swapped_front_rear", sure, suggest))
+    axle = driven_axle(assignment)
+    if axle is not None and config.vehicle.driven_axle in ("front", "rear"):
+        name, sure = axle
+        if turned:
+            name = "rear" if name == "front" else "front"
+        if name != config.vehicle.driven_axle and sure >= 0.99:
+            suggest = f'driven_axle = "{name}": its wheels turn faster under acceleration'
+            found.append(Suspicion("vehicle.driven_axle", "wrong_driven_axle", sure, suggest))
+    if not turned:
+        found += _antenna(config, geometry)
+    speed, yaw = geometry.motion()
+    return found + _signs(config, material, speed, yaw)
+
+
+def _antenna(config: Config, geometry: CarGeometry) -> list[Suspicion]:
+    found = []
+    for key, floor in _PLACE_FLOOR_M.items():
+        place = geometry.gnss.get(key)
+        if place is None:
+            continue
+        stated = float(getattr(config.gnss, key))
+        z = abs(place.value - stated) / math.hypot(place.std, floor)
+        sure = min(0.999, float(1.0 - 2 * norm.sf(z)))
+        if z > 4.0:
+            suggest = f"{key} = {place.value:.2f} (+- {place.std:.2f})"
+            found.append(Suspicion(f"gnss.{key}", "wrong_antenna", sure, suggest))
+    return found
+
+
+def _signs(config: Config, material: Material, speed: FloatArray, yaw: FloatArray) -> list[Suspicion]:
+    accel = np.full(len(speed), np.nan)
+    accel[1:-1] = (speed[2:] - speed[:-2]) / (2 * SETTINGS.cell_s)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        expected = {
+            "yaw_rate": material.reference.yaw_radps,
+            "accel_lat": material.reference.yaw_radps * speed,
+            "accel_long": accel,
+            "steering_wheel_angle": np.where(speed > 3.0, material.reference.yaw_radps / speed, np.nan),
+        }
+    values: dict[str, Series] = {one.field.signal: one for one in material.series if one.kind == "value"}
+    found = []
+    for role in _SIGNED:
+        one = values.get(config.can.signals.get(role, ""))
+        if one is None:
+            continue
+        option = config.can.option(role)
+        unit = option.unit or one.field.unit
+        factor, _ = to_si(role, unit)
+        value = smooth(option.sign * factor * physical(one))
+        aim = smooth(expected[role])
+        rows = np.isfinite(value) & np.isfinite(aim) & (speed > 3.0)
+        if rows.sum() < 60 or not np.ptp(value[rows]) > 0:
+            continue
+        r = float(np.corrcoef(value[rows], aim[rows])[0, 1])
+        # Fisher's z with as many independent readings as smoothing leaves.
+        z = -math.atanh(max(min(r, 0.999), -0.999)) * math.sqrt(max(rows.sum() / 15.0 - 3.0, 1.0))
+        if r < -0.4 and z > 3.0:
+            sure = min(0.999, float(norm.cdf(z)))
+            turned = -1 if option.sign > 0 else 1
+            suggest = f"sign = {turned}: it runs against the car's motion (correlation {r:.2f})"
+            found.append(Suspicion(f"can.signals.{role}", "wrong_sign", sure, suggest))
+    return found
