@@ -87,11 +87,11 @@ bench-origins: $(DEV)  ## the diagnosis on null drives and faults of eight origi
 bench-alarms: $(DEV)  ## soft tyres and harmless drives: detection, false alarms per km (BENCH_ARGS=--full: hours)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run alarms $(BENCH_ARGS)
 
-bench-vehicle-state: $(DEV)  ## paper 004's experiment, and what its slips do for the tyres (BENCH_ARGS=...)
+bench-vehicle-state: $(DEV)  ## Liu et al.'s (2022) experiment, and what its slips do for the tyres (BENCH_ARGS=...)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run vehicle-state $(BENCH_ARGS)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run slip-gate
 
-bench-estimators: $(DEV)  ## paper 000's comparison of filters, and beyond it (BENCH_ARGS=--full: hours)
+bench-estimators: $(DEV)  ## Lundquist et al.'s (2013) comparison of filters, and beyond it (BENCH_ARGS=--full: hours)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run estimators $(BENCH_ARGS)
 
 bench-resonance: $(DEV)  ## which sampling shows the torsional resonance of a soft tyre (BENCH_ARGS=...)

@@ -1,9 +1,9 @@
-"""Effects laid over real recordings: is what was put there found, beside what the car does of its own?
+"""Effects injected into real recordings: is what was put there found, beside what the car does of its own?
 
     python -m bench run injected ../shared/recordings/van-motorway-a [...]
 
 In: drive folders. Out: a line per effect: what the diagnosis finds in the drive as it is, and with the effect
-laid over it. Roads, noise and receiver are real; the effect's equation is written here, not taken from the
+injected. Roads, noise and receiver are real; the effect's equation is written here, not taken from the
 catalogue, and acts on the readings: a wheel whose radius is larger by d turns less by d / r, a receiver that
 is late stamps its fixes later. Acceleration and yaw rate are those of the wheels, smoothed over seconds.
 """
@@ -31,8 +31,8 @@ LEFT = (0, 2)
 SMOOTH_S = 1.5
 
 
-class Laid:
-    """A recording, and effects to lay over it."""
+class Injected:
+    """A recording, and effects to inject into it."""
 
     def __init__(self, recording: Recording) -> None:
         self.recording = recording
@@ -118,6 +118,6 @@ def main(args: argparse.Namespace) -> int:
     """Print it."""
     for folder in args.drives:
         print(f"\n{folder.name}")
-        for name, recording in Laid(read_recording(folder)).all():
+        for name, recording in Injected(read_recording(folder)).all():
             print(f"  {name:38} {'; '.join(map(told, diagnose([recording]).findings)) or '-'}", flush=True)
     return 0

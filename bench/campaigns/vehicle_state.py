@@ -1,4 +1,4 @@
-"""Paper 004's experiment on a multi-body car: EKF, UKF, UPF and ARUPF, with and without outliers.
+"""Liu et al.'s (2022) experiment on a multi-body car: EKF, UKF, UPF and ARUPF, with and without outliers.
 
     make bench-vehicle-state    or: python -m bench run vehicle-state [--json FILE] [--seeds 4]
 

@@ -1,8 +1,8 @@
 """The 3-DOF car: how lateral speed, longitudinal speed and yaw rate change, and what the sensors read.
 
 In: states (..., 3) of any leading shape (particles, sigma points), and the tick's inputs. Out: arrays of the
-same leading shape. Paper 004, eqs (1)-(12), each sign taken from a free-body drawing: hub i lies x_i ahead
-and y_i to the left of the centre of gravity and moves with (u - r y_i, v + r x_i).
+same leading shape. Liu et al. (2022), eqs (1)-(12), each sign taken from a free-body drawing: hub i lies x_i
+ahead and y_i to the left of the centre of gravity and moves with (u - r y_i, v + r x_i).
 
 State: (v, u, r), lateral and longitudinal speed of the centre of gravity and yaw rate. Inputs: longitudinal
 acceleration and angle of the road wheels. Readings: lateral acceleration, yaw rate and, where wheels tell

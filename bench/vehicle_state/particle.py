@@ -1,4 +1,4 @@
-"""The unscented particle filter (UPF) and its adaptive robust form (ARUPF) of paper 004.
+"""The unscented particle filter (UPF) and its adaptive robust form (ARUPF) of Liu et al. (2022).
 
 In: `Inputs` and readings (3,). Out: `Belief`. Every particle carries a Gaussian of its own; an unscented
 Kalman step moves it and takes the readings, the particle's new place is drawn from the result, and its weight

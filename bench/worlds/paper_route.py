@@ -1,4 +1,4 @@
-"""An 18 min, 12 km drive like paper 000's: town, a small rural road, a highway, town; clockwise.
+"""An 18 min, 12 km drive like Lundquist et al.'s (2013): town, small rural road, highway, town; clockwise.
 
 In: nothing (plain numbers). Out: `Route`: where a rigid car is and what its wheels have rolled, every 10
 ms. It imports nothing of the program; a path is a curvature over its length, a drive is that length over

@@ -1,1 +1,1 @@
-"""Paper 000's comparison of estimators, and what goes beyond it: `make bench-estimators`."""
+"""Lundquist et al.'s (2013) comparison of estimators, and what goes beyond it: `make bench-estimators`."""

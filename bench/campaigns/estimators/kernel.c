@@ -1,4 +1,4 @@
-/* One tick of MPF-PN (paper 000, Table I) for the rear pair, particle by particle: what plain NumPy is held against.
+/* One tick of MPF-PN (Lundquist et al. (2013), Table I) for the rear pair, particle by particle: what plain NumPy is held against.
  *
  * Scalar code, one thread. Same arithmetic as tpmsd/estimators/mpf_pn.py without supposed changes: statistics (20),
  * Student-t draw (21), motion (7), statistics (19) with the floor, weights (22) by a Student-t of 4 degrees of

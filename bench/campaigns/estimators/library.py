@@ -2,9 +2,9 @@
 
 In: ticks. Out: one step at a time, and the estimate of mu3 - mu4.
 
-The model is paper 000's, eqs (25)-(29): state east, north, heading, mu3, mu4, Sigma3, Sigma4; variances
-move by an inverse gamma whose mean is kept and whose standard deviation is 5 % (27), (28); means by a
-random walk. The library's own distributions draw and weigh, its `SMC` runs the bootstrap filter and
+The model is Lundquist et al.'s (2013), eqs (25)-(29): state east, north, heading, mu3, mu4, Sigma3, Sigma4;
+variances move by an inverse gamma whose mean is kept and whose standard deviation is 5 % (27), (28); means
+by a random walk. The library's own distributions draw and weigh, its `SMC` runs the bootstrap filter and
 resamples.
 """
 

@@ -1,4 +1,4 @@
-"""Paper 000's comparison of estimators, and what goes beyond it.
+"""Lundquist et al.'s (2013) comparison of estimators, and what goes beyond it.
 
     make bench-estimators                            a few minutes on two cores
     make bench-estimators BENCH_ARGS="--full"        100 Monte-Carlo runs of everything: hours

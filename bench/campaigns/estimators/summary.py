@@ -1,6 +1,6 @@
 """From the rows of single runs to means, ratios and verdicts.
 
-In: rows of `tasks.perform`. Out: plain numbers, and each claim of paper 000 with what it came to.
+In: rows of `tasks.perform`. Out: plain numbers, and what each claim of Lundquist et al. (2013) came to.
 """
 
 from __future__ import annotations

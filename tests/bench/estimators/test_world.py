@@ -23,7 +23,7 @@ from bench.worlds.paper_route import TRACK_M, paper_route
 
 
 def test_the_drive_is_twelve_kilometres_in_eighteen_minutes() -> None:
-    """As paper 000's."""
+    """As Lundquist et al.'s (2013)."""
     route = paper_route()
     assert pytest.approx(1080.0) == route.time_s[-1]
     assert pytest.approx(12_000.0) == route.rolled_m[-1, [RL, RR]].mean()
