@@ -26,7 +26,7 @@ def first_fit(loss_m: float) -> Noise:
     inertial = {name: np.full(recording.ticks, np.nan) for name in recording.inertial}
     recording = dataclasses.replace(recording, rotation_rad=rotation, inertial=inertial)
     reader = Reader(recording, reference(recording))
-    study = DriveStudy(reader, {})
+    study = DriveStudy(reader, {}, {})
     radii = [k for k, name in enumerate(study.names) if name[0] == "radius"]
     columns = study.columns[:, :, [0, *radii]]
     return fit_noise(reader.windows, columns, first_noise(reader), Stage.FIRST)

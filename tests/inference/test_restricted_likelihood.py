@@ -11,7 +11,7 @@ from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
 from tpmsd.inference.noise import LIMITS, Noise
 from tpmsd.inference.noise_fit import Data, log_prior, maximised, restricted_posterior
-from tpmsd.inference.state_space import Geometry, StateSpace, diagonals, geometry
+from tpmsd.inference.state_space import STATES, Geometry, StateSpace, V, W, diagonals, geometry
 from tpmsd.inference.trajectory import reference
 from tpmsd.inference.whitening import Whitener
 from tpmsd.inference.windows import GYRO, Reader
@@ -69,6 +69,35 @@ def test_products_of_whitened_columns_are_those_of_the_dense_inverse(space: Geom
 
     assert white.T @ white == pytest.approx(flat.T @ np.linalg.solve(covariance, flat), rel=1e-6)
     assert made.logdet == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-9)
+
+
+def test_the_motion_is_known_as_the_dense_posterior_says(space: Geometry) -> None:
+    """Standard deviations of speed and yaw rate are those of all states and channels written out."""
+    inflate = np.ones((WINDOWS, 9))
+    made = diagonals(space, NOISE, inflate)
+    system = StateSpace(space, made)
+    transition, fresh = system.transition, system.fresh
+    size = WINDOWS * STATES
+    moved = np.eye(size)
+    for k in range(1, WINDOWS):
+        at, before = slice(k * STATES, (k + 1) * STATES), slice((k - 1) * STATES, k * STATES)
+        moved[at, before] = -transition[k]
+    new = np.zeros((size, size))
+    new[:STATES, :STATES] = transition[0] @ np.diag(made.start) @ transition[0].T
+    for k in range(WINDOWS):
+        new[k * STATES : (k + 1) * STATES, k * STATES : (k + 1) * STATES] += fresh[k]
+    back = np.linalg.inv(moved)
+    prior = back @ new @ back.T
+    H = np.zeros((WINDOWS * 9, size))
+    for k in range(WINDOWS):
+        H[9 * k : 9 * k + 9, k * STATES : (k + 1) * STATES] = space.rows[k]
+    seen = space.here.ravel()
+    H, R = H[seen], np.diag(made.variance.ravel()[seen])
+    gain = prior @ H.T @ np.linalg.inv(H @ prior @ H.T + R)
+    variances = np.diag(prior - gain @ H @ prior).reshape(WINDOWS, STATES)
+
+    expected = np.sqrt(variances[:, [V, W]])
+    assert Whitener(space, made).motion_stds() == pytest.approx(expected, rel=1e-3)
 
 
 def test_the_restricted_likelihood_is_that_of_error_contrasts(space: Geometry) -> None:

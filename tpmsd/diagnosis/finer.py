@@ -93,7 +93,8 @@ def finer_shape(study: Study, evidence: Evidence, others: list[Term], term: Term
 def _finest(study: Study, term: Term) -> FloatArray:
     drives = [study.drives[number] for number in study.acting(term)]
     values = np.concatenate([drive.reader.windows.covariates[term.covariate] for drive in drives])
-    return finer_knots(values, FINER * (len(study.knots(term)) - 1))
+    std = max(drive.stds.get(term.covariate, 0.0) for drive in drives)
+    return finer_knots(values, FINER * (len(study.knots(term)) - 1), std)
 
 
 def _first(term: Term) -> int:

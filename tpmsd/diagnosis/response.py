@@ -8,7 +8,9 @@ own forward model, so an effect is defined once.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -23,6 +25,7 @@ from tpmsd.wheels import WHEELS, FloatArray
 RAMP_KNOTS = 40
 SMOOTH_TERMS = 5
 TIME_TERMS = 12
+ROLLING = ExtendedModel()
 SMALL_M = 1e-5
 """A change of radius small enough to be linear."""
 READINGS = {"gnss_speed": SPEED, "gnss_course": COURSE, "yaw_rate": GYRO}
@@ -32,6 +35,9 @@ FEW = 30
 """Windows with a reading, below which a drive does not have it; of the receiver's, twice as many."""
 FEWEST = 6
 """Windows between two of the finest knots."""
+APART = 4.0
+"""Standard deviations of a covariate between two knots: a bump between nearer ones is smeared into them, and
+what it shares with the residual by the reference motion bends it (bench origin `traffic`, null drive 1)."""
 FINER = 4
 """Intervals of the finest shape, per interval of the first look."""
 
@@ -110,7 +116,7 @@ def radius_columns(reader: Reader) -> Columns:
 def catalogue_columns(reader: Reader, base: ExtendedModel | None = None) -> Columns:
     """One column per probe of the catalogue that the drive can show, at `base`."""
     base = ExtendedModel() if base is None else base
-    start, here = reader.predict(base), available(reader)
+    start, here = reader.predicted(base), available(reader)
     out = Columns()
     for probe in probes():
         effect = EFFECTS[probe.effect]
@@ -133,14 +139,19 @@ def ramp_column(
     reader: Reader, wheel: int, onset_s: float, duration_s: float, base: ExtendedModel | None = None
 ) -> FloatArray:
     """(w, 9) response to a radius that ramps by a metre, at `base`."""
-    span = {"onset_s": onset_s, "duration_s": duration_s}
-    effect = make_effect(FAULT.name, wheel=WHEELS[wheel], deviation_m=SMALL_M, **span)
-    return _change(reader, effect, ExtendedModel() if base is None else base) / SMALL_M
+    unit = make_effect(
+        FAULT.name, wheel=WHEELS[wheel], deviation_m=SMALL_M, onset_s=onset_s, duration_s=duration_s
+    )
+    motion, car = reader.reference.motion, reader.reference.car
+    share = unit.radius_change_m(motion, car)[:, wheel] / SMALL_M
+    out = np.zeros((len(reader.windows), CHANNELS))
+    out[:, wheel] = reader.by_radius(wheel, share, ROLLING if base is None else base)
+    return out
 
 
 def _change(reader: Reader, effect: Effect, base: ExtendedModel) -> FloatArray:
     """(w, 9) what one more effect changes; zero where nothing is measured."""
-    return np.nan_to_num(reader.predict(base.plus(effect)) - reader.predict(base))
+    return np.nan_to_num(reader.predict(base.plus(effect)) - reader.predicted(base))
 
 
 def ramp_knots(reader: Reader) -> FloatArray:
@@ -166,17 +177,32 @@ def ramp_columns(reader: Reader) -> Columns:
     return out
 
 
-def smooth_knots(covariates: dict[str, FloatArray]) -> dict[str, FloatArray]:
-    """Knots by covariate at quantiles of its values, where it varies; the first and last are 1 % and 99 %."""
+def smooth_knots(
+    covariates: Mapping[str, FloatArray], stds: Mapping[str, float] = MappingProxyType({})
+) -> dict[str, FloatArray]:
+    """Knots by covariate at quantiles of its values, where it varies; the first and last are 1 % and 99 %.
+
+    No two are nearer than `APART` of the covariate's standard deviations `stds`.
+    """
     out: dict[str, FloatArray] = {}
     for covariate, values in covariates.items():
         if covariate == "accel_kinematic":
             continue  # the specific force stands for it
         terms = TIME_TERMS if covariate in ("time", "distance") else SMOOTH_TERMS
         at = np.unique(np.quantile(values, np.linspace(0.01, 0.99, terms + 1)))
+        at = _apart(at, APART * stds.get(covariate, 0.0))
         if len(at) >= 3 and np.ptp(at) >= 1e-9:
             out[covariate] = at
     return out
+
+
+def _apart(knots: FloatArray, least: float) -> FloatArray:
+    """The knots without those that are nearer than that to the one kept before, or to the last."""
+    kept = [float(knots[0])]
+    for knot in knots[1:-1]:
+        if knot - kept[-1] >= least and knots[-1] - knot >= least:
+            kept.append(float(knot))
+    return np.array([*kept, float(knots[-1])]) if knots[-1] - knots[0] >= least else knots[:1]
 
 
 def smooth_columns(reader: Reader, knots: dict[str, FloatArray]) -> Columns:
@@ -218,8 +244,9 @@ def response_at(reader: Reader, place: str) -> FloatArray:
     return out
 
 
-def finer_knots(values: FloatArray, intervals: int) -> FloatArray:
-    """(at most intervals + 1,) knots between the 0.2 % and 99.8 % quantiles, half by quantile, half evenly.
+def finer_knots(values: FloatArray, intervals: int, std: float = 0.0) -> FloatArray:
+    """(at most intervals + 1,) knots between the 0.2 % and 99.8 % quantiles, half by quantile, half evenly,
+    none nearer to another than `APART` of the covariate's standard deviation.
 
     By quantiles alone the tails, where the effects are largest, would have none.
     """
@@ -229,7 +256,8 @@ def finer_knots(values: FloatArray, intervals: int) -> FloatArray:
     kept = [float(knots[0])]
     for knot in knots[1:]:
         here = np.count_nonzero((values > kept[-1]) & (values <= knot))
-        if here >= FEWEST and knot - kept[-1] > 1e-6 * max(float(high - low), 1e-12):
+        least = max(APART * std, 1e-6 * max(float(high - low), 1e-12))
+        if here >= FEWEST and knot - kept[-1] > least:
             kept.append(float(knot))
     return np.array(kept)
 

@@ -28,6 +28,7 @@ from tpmsd.diagnosis.response import (
     smooth_knots,
 )
 from tpmsd.diagnosis.terms import ANTISYMMETRIC, PATTERNS, Hypotheses, Name, Term
+from tpmsd.inference.covariate_errors import covariate_stds
 from tpmsd.inference.least_squares import Evidence, Part, extended, part
 from tpmsd.inference.noise import Noise
 from tpmsd.inference.recording import Recording
@@ -109,10 +110,17 @@ class Whitened:
 class DriveStudy:
     """One drive's residual, columns and noise."""
 
-    def __init__(self, reader: Reader, knots: dict[str, FloatArray], block_s: float = BLOCK_S) -> None:
-        """`knots` of the smooth terms by covariate."""
+    def __init__(
+        self,
+        reader: Reader,
+        knots: dict[str, FloatArray],
+        stds: Mapping[str, float],
+        block_s: float = BLOCK_S,
+    ) -> None:
+        """`knots` of the smooth terms by covariate, and `stds` of the covariates' errors."""
         self.reader = reader
         self.knots = knots
+        self.stds = stds
         windows = reader.windows
         self.base = ExtendedModel()
         """About which everything is linear."""
@@ -282,13 +290,14 @@ class Study:
         windows = sum(len(reader.windows) for reader in readers)
         block_s = max(BLOCK_S, windows / MAX_BLOCKS)
         apart = () if simulation else ("time", "distance")
-        common = _common_knots(readers, apart) if len(readers) > 1 else {}
+        stds = [covariate_stds(reader, first_noise(reader)) for reader in readers]
+        common = _common_knots(readers, stds, apart) if len(readers) > 1 else {}
         self.drives = []
-        for reader in readers:
-            knots = smooth_knots(reader.windows.covariates)
+        for reader, own in zip(readers, stds, strict=True):
+            knots = smooth_knots(reader.windows.covariates, own)
             if len(readers) > 1:
                 knots = {c: at for c, at in knots.items() if c in apart} | common
-            self.drives.append(DriveStudy(reader, knots, block_s))
+            self.drives.append(DriveStudy(reader, knots, own, block_s))
         self.hypotheses = self._alone() if len(readers) == 1 else self._together()
         car = readers[0].reference.car
         self.hypotheses.bounds = bounds_of(car)
@@ -371,7 +380,9 @@ class Study:
         return JointHypotheses(shared, frozenset.intersection(*lost), own, width, self.simulation)
 
 
-def _common_knots(readers: Sequence[Reader], apart: Sequence[str]) -> dict[str, FloatArray]:
+def _common_knots(
+    readers: Sequence[Reader], stds: Sequence[Mapping[str, float]], apart: Sequence[str]
+) -> dict[str, FloatArray]:
     """Knots over all drives, of the covariates that all of them have, less some."""
     names = [
         name
@@ -379,7 +390,8 @@ def _common_knots(readers: Sequence[Reader], apart: Sequence[str]) -> dict[str, 
         if name not in apart and all(name in one.windows.covariates for one in readers)
     ]
     return smooth_knots(
-        {name: np.concatenate([one.windows.covariates[name] for one in readers]) for name in names}
+        {name: np.concatenate([one.windows.covariates[name] for one in readers]) for name in names},
+        {name: max(own[name] for own in stds) for name in names},
     )
 
 

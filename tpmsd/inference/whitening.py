@@ -137,6 +137,18 @@ class Whitener:
         heading = start + np.cumsum(fresh[:, PSI, 0])
         return np.asarray(np.stack([fresh[:, V, 0], fresh[:, W, 0], heading], axis=1))
 
+    def motion_stds(self) -> FloatArray:
+        """(w, 2) standard deviations of the smoothed errors of speed (m/s) and yaw rate (rad/s): how well the
+        whole drive tells the motion of a window."""
+        information, _ = self._information()
+        into = self._space.motion[:, :, : W - V + 1]
+        joint = self._space.joint[:, :, V : PN + 1] @ into
+        white = self._inverse @ joint[:, CARRY:]
+        carried = joint[:, :CARRY] - self._gain.transpose(0, 2, 1) @ white
+        told = (carried * (information @ carried)).sum(axis=1) + (white**2).sum(axis=1)
+        before = into[:, [V - V, W - V], [V - V, W - V]]
+        return np.asarray(np.sqrt(np.maximum(before - told, 0.0)))
+
     def simulate(self, rng: np.random.Generator, replicates: int) -> FloatArray:
         """(w, 9, replicates) residuals drawn from the noise; zero where nothing was measured."""
         count = len(self._phi)
@@ -156,14 +168,7 @@ class Whitener:
         adjoint, before = self._adjoint(white)
         pull = self._pull(white, adjoint)
         count = len(white)
-        information = np.empty((count, CARRY, CARRY))
-        N = np.zeros((CARRY, CARRY))
-        seen = self._seen.transpose(0, 2, 1) @ self._seen
-        for k in range(count - 1, -1, -1):
-            information[k] = N
-            phi = self._phi[k]
-            N = phi.T @ (N @ phi)
-            N += seen[k]
+        information, N = self._information()
         inverse, gain = self._inverse, self._gain
         rows = self._space.rows
         white_rows = inverse @ rows
@@ -192,6 +197,18 @@ class Whitener:
         of_start = np.zeros(STATES)
         of_start[CARRIED] = 0.5 * ((before**2).sum(1) - np.diag(N))
         return Derivatives(of_variance, of_decay, of_fresh, of_start)
+
+    def _information(self) -> tuple[FloatArray, FloatArray]:
+        """(w, c, c) what all later windows tell about the carried states after each, and before the first."""
+        out = np.empty((len(self._phi), CARRY, CARRY))
+        N = np.zeros((CARRY, CARRY))
+        seen = self._seen.transpose(0, 2, 1) @ self._seen
+        for k in range(len(out) - 1, -1, -1):
+            out[k] = N
+            phi = self._phi[k]
+            N = phi.T @ (N @ phi)
+            N += seen[k]
+        return out, N
 
     def _filtered_states(self, white: FloatArray) -> FloatArray:
         """(w, c, p) the states before each window, given the innovations."""

@@ -17,7 +17,7 @@ import numpy as np
 from tpmsd.inference.recording import Recording
 from tpmsd.inference.trajectory import WINDOW_S, Reference, moved
 from tpmsd.physics.covariates import COVARIATES, covariate
-from tpmsd.physics.forward import antenna_truth, gyro_rates, wheel_angles, wheel_rates
+from tpmsd.physics.forward import antenna_truth, gyro_rates, wheel_angles, wheel_radii, wheel_rates
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import FloatArray
 
@@ -85,6 +85,8 @@ class Reader:
         self._window_of_fix = np.floor(recording.fix_time_s / WINDOW_S).astype(int)
         self.windows = self._windows(ExtendedModel())
         self._rolled: FloatArray | None = None
+        self._turning: tuple[ExtendedModel, FloatArray] | None = None
+        self._base: tuple[ExtendedModel, FloatArray] | None = None
 
     @property
     def rolled_m(self) -> FloatArray:
@@ -100,8 +102,23 @@ class Reader:
         car = replace(self.reference.car, radius_m=radii_m)
         end_s = (self.windows.index + 1.0) * WINDOW_S
         self.reference = moved(self.recording, replace(self.reference, car=car), end_s, errors)
-        self._rolled = None
+        self._rolled = self._turning = self._base = None
         self.windows = self._windows(base)
+
+    def predicted(self, base: ExtendedModel) -> FloatArray:
+        """(w, 9) the prediction of a model; that of the model asked for last is kept."""
+        if self._base is None or self._base[0] is not base:
+            self._base = base, self.predict(base)
+        return self._base[1]
+
+    def by_radius(self, wheel: int, share: FloatArray, base: ExtendedModel) -> FloatArray:
+        """(w,) change of a wheel's way by a metre more radius times a share (n + 1,) at the ticks' edges, at
+        a model: rate is speed over radius, so its derivative is minus rate over radius."""
+        motion, car = self.reference.motion, self.reference.car
+        if self._turning is None or self._turning[0] is not base:
+            rates = wheel_rates(motion, car, base) / wheel_radii(motion, car, base)
+            self._turning = base, rates * car.radius_m * WINDOW_S
+        return -self.over_windows(share * self._turning[1][:, wheel])
 
     def predict(self, model: ExtendedModel, radii_m: FloatArray | None = None) -> FloatArray:
         """(w, 9) what the channels would read if the car moved as the reference does and the model acted."""
