@@ -19,8 +19,9 @@ import numpy as np
 
 from bench.worlds.hard_drives import SETTINGS, HardDrive, instrumented, truth
 from tpmsd.config.model import GnssConfig
+from tpmsd.diagnosis.drive_study import DriveStudy
 from tpmsd.diagnosis.drives import admitted
-from tpmsd.diagnosis.study import DriveStudy, Study
+from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.wheel_slip import SIDE_SLIP, WHEEL_SLIP
 from tpmsd.inference.noise_fit import Stage, fit_noise
 from tpmsd.inference.recording import Recording, record

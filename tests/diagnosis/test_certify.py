@@ -12,8 +12,9 @@ from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
 from tpmsd.diagnosis.certify import certified, discoveries, p_value
 from tpmsd.diagnosis.diagnose import Certification, diagnose, examine
+from tpmsd.diagnosis.drive_study import first_noise
 from tpmsd.diagnosis.result import Diagnosis
-from tpmsd.diagnosis.study import Study, first_noise
+from tpmsd.diagnosis.study import Study
 from tpmsd.inference.recording import Recording
 from tpmsd.inference.replicate import replicate
 from tpmsd.inference.trajectory import reference

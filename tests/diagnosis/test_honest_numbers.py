@@ -12,9 +12,9 @@ import pytest
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import PER_TICK, recording_of
 from tpmsd.diagnosis.diagnose import diagnose
+from tpmsd.diagnosis.drive_study import first_noise
 from tpmsd.diagnosis.response import catalogue_columns, radius_columns
 from tpmsd.diagnosis.result import Diagnosis
-from tpmsd.diagnosis.study import first_noise
 from tpmsd.diagnosis.tone_ring import ripples
 from tpmsd.inference.trajectory import reference
 from tpmsd.inference.whitening import whiten

@@ -10,7 +10,7 @@ import pytest
 
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.study import DriveStudy, first_noise
+from tpmsd.diagnosis.drive_study import DriveStudy, first_noise
 from tpmsd.diagnosis.tangent import crossing
 from tpmsd.inference.noise import Noise
 from tpmsd.inference.noise_fit import Stage, fit_noise

@@ -17,8 +17,9 @@ import numpy as np
 
 from tpmsd.diagnosis.candidates import ADMIT
 from tpmsd.diagnosis.chosen import Selection
+from tpmsd.diagnosis.drive_study import DriveStudy
 from tpmsd.diagnosis.selection import Selector
-from tpmsd.diagnosis.study import DriveStudy, Study
+from tpmsd.diagnosis.study import Study
 from tpmsd.inference.least_squares import Evidence, gain_of
 from tpmsd.inference.noise import PRIORS, Noise
 from tpmsd.inference.noise_fit import SLOW, log_posterior, refit_slow, refit_wander

@@ -19,6 +19,7 @@ from tpmsd.diagnosis.certify import certified
 from tpmsd.diagnosis.chosen import Selection
 from tpmsd.diagnosis.confirm import confirmed
 from tpmsd.diagnosis.drifting import drifting
+from tpmsd.diagnosis.drive_study import first_noise
 from tpmsd.diagnosis.drives import admitted, against
 from tpmsd.diagnosis.findings import report
 from tpmsd.diagnosis.identifiability import Telling, tellings
@@ -27,7 +28,7 @@ from tpmsd.diagnosis.relinearise import relinearise
 from tpmsd.diagnosis.result import INSUFFICIENT, Diagnosis
 from tpmsd.diagnosis.selection import MAX_TERMS, Selector
 from tpmsd.diagnosis.simulated import differences, floored, widened
-from tpmsd.diagnosis.study import Study, first_noise
+from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.together import together
 from tpmsd.errors import ConfigError
 from tpmsd.inference.least_squares import Evidence

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tpmsd.diagnosis.drive_study import Hat, Refined
 from tpmsd.diagnosis.response import FINER, READINGS, finer_knots, first_hat, hat_functions
 from tpmsd.diagnosis.selection import Selector
-from tpmsd.diagnosis.study import Hat, Refined, Study
+from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.terms import ANTISYMMETRIC, Term, shape_price
 from tpmsd.inference.least_squares import Evidence, gain_of
 from tpmsd.wheels import WHEELS, FloatArray

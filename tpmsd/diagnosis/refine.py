@@ -13,10 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.diagnosis.chosen import Selection
+from tpmsd.diagnosis.drive_study import Refined
 from tpmsd.diagnosis.finer import Shape, finer_shape, finest_shape
 from tpmsd.diagnosis.response import ramp_knots
 from tpmsd.diagnosis.selection import Selector
-from tpmsd.diagnosis.study import Refined, Study
+from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.terms import Term, for_drive, wheels_of
 from tpmsd.inference.least_squares import Evidence
 from tpmsd.wheels import WHEELS, FloatArray

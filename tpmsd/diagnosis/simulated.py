@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 
 from tpmsd.diagnosis.chosen import Chosen, Selection
+from tpmsd.diagnosis.drive_study import Refined
 from tpmsd.diagnosis.joint_terms import JointHypotheses
 from tpmsd.diagnosis.selection import Selector
-from tpmsd.diagnosis.study import Refined, Study
+from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.terms import Hypotheses, Term, wheels_of
 from tpmsd.inference.least_squares import Evidence, Fit
 from tpmsd.inference.noise import Noise

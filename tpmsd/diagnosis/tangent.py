@@ -11,8 +11,9 @@ from __future__ import annotations
 import numpy as np
 
 from tpmsd.diagnosis.chosen import Chosen, Selection
+from tpmsd.diagnosis.drive_study import DriveStudy, Refined
 from tpmsd.diagnosis.response import grid_column, ramp_column
-from tpmsd.diagnosis.study import DriveStudy, Refined, Study
+from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.terms import wheels_of
 from tpmsd.inference.least_squares import fitted
 from tpmsd.wheels import WHEELS, FloatArray

@@ -8,8 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from tpmsd.diagnosis.chosen import Chosen
+from tpmsd.diagnosis.drive_study import DriveStudy
 from tpmsd.diagnosis.result import Where
-from tpmsd.diagnosis.study import DriveStudy, Study
+from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.terms import ANTISYMMETRIC, PATTERNS, Term
 from tpmsd.physics.catalogue import EFFECTS
 from tpmsd.wheels import WHEELS, FloatArray
