@@ -16,6 +16,7 @@ from tpmsd.inference.noise import Noise
 from tpmsd.inference.noise_fit import Stage, fit_noise
 from tpmsd.inference.trajectory import reference
 from tpmsd.inference.windows import Reader
+from tpmsd.physics.catalogue import RADIUS
 
 
 def first_fit(loss_m: float) -> Noise:
@@ -27,7 +28,7 @@ def first_fit(loss_m: float) -> Noise:
     recording = dataclasses.replace(recording, rotation_rad=rotation, inertial=inertial)
     reader = Reader(recording, reference(recording))
     study = DriveStudy(reader, {}, {})
-    radii = [k for k, name in enumerate(study.names) if name[0] == "radius"]
+    radii = [k for k, name in enumerate(study.names) if name[0] == RADIUS.name]
     columns = study.columns[:, :, [0, *radii]]
     return fit_noise(reader.windows, columns, first_noise(reader), Stage.FIRST)
 
