@@ -13,6 +13,7 @@ from tests.diagnosis.recorded import recording_of
 from tpmsd.diagnosis.certify import certified, discoveries, p_value
 from tpmsd.diagnosis.diagnose import Certification, diagnose, examine
 from tpmsd.diagnosis.drive_study import first_noise
+from tpmsd.diagnosis.negative_control import negative_control
 from tpmsd.diagnosis.result import Diagnosis
 from tpmsd.diagnosis.study import Study
 from tpmsd.inference.recording import Recording
@@ -118,3 +119,28 @@ def test_what_noise_makes_as_well_is_a_suspicion(recording: Recording, plain: Di
     out = certified(study, doubtful, evidence, plain, 9, np.random.default_rng(5))
 
     assert ("suspicion", "consistent", 0) == (out.findings[0].status, out.verdict, len(out.model))
+
+
+def test_covariates_that_cannot_act_gain_nothing(diagnosis: Diagnosis) -> None:
+    """Reversed in time they bring less than they cost."""
+    assert diagnosis.control is not None
+    assert diagnosis.control < 0.0
+
+
+def test_the_negative_control_sees_noise_that_is_believed_too_small(recording: Recording) -> None:
+    """under a noise model of a third of the true standard deviations chance brings far more than it costs."""
+    study = Study([Reader(recording, reference(recording))])
+    selection, _ = examine(study, lambda share: None)
+    calm = negative_control(study, selection)
+    drive_study = study.drives[0]
+    noise = drive_study.noise
+    drive_study.noise = dataclasses.replace(
+        noise,
+        reading_m=tuple(0.3 * one for one in noise.reading_m),
+        rough_m=0.3 * noise.rough_m,
+        gyro_radps=0.3 * noise.gyro_radps,
+        speed_mps=0.3 * noise.speed_mps,
+        cross_mps=0.3 * noise.cross_mps,
+    )
+
+    assert calm < 0.0 < negative_control(study, selection)

@@ -15,7 +15,7 @@ Drawing stops early (Besag and Clifford, Biometrika 78, 1991) once every finding
 or is beyond doubt. Where no replicate reaches a finding, its p-value is that of the Gumbel distribution of
 the replicates' maxima (as Knijnenburg et al., Bioinformatics 25, 2009, extend the tail of permutations).
 Findings are those that stand at a false discovery rate of 1 % (Benjamini and Hochberg, Journal of the Royal
-Statistical Society B 57, 1995).
+Statistical Society B 57, 1995) and gain more than the negative control.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from tpmsd.diagnosis.candidates import Candidates
 from tpmsd.diagnosis.chosen import Selection
 from tpmsd.diagnosis.described import effect_of
 from tpmsd.diagnosis.empirical import empirical_effect
+from tpmsd.diagnosis.negative_control import negative_control
 from tpmsd.diagnosis.result import CONSISTENT, FINDING, MISMATCH, SUSPICION, Diagnosis, Finding
 from tpmsd.diagnosis.study import Study
 from tpmsd.diagnosis.terms import Term
@@ -97,14 +98,21 @@ def certified(
         if all(_decided(one.value, values) for one, values in zip(statistics, drawn, strict=True)):
             break
     p_values = [p_value(one.value, values) for one, values in zip(statistics, drawn, strict=True)]
-    stand = discoveries(p_values, FALSE_DISCOVERIES)
+    control = negative_control(study, selection)
+    certain = discoveries(p_values, FALSE_DISCOVERIES)
+    stand = [sure and one.value > control for sure, one in zip(certain, statistics, strict=True)]
     findings = tuple(
         replace(finding, p_value=p, status=FINDING if stands else SUSPICION)
         for finding, p, stands in zip(diagnosis.findings, p_values, stand, strict=True)
     )
-    verdict = MISMATCH if any(stand) else CONSISTENT
-    model = _without(diagnosis.model, _acting(selection, findings))
-    return replace(diagnosis, findings=findings, verdict=verdict, model=model, replicates=len(drawn[0]))
+    return replace(
+        diagnosis,
+        findings=findings,
+        verdict=MISMATCH if any(stand) else CONSISTENT,
+        model=_without(diagnosis.model, _acting(selection, findings)),
+        replicates=len(drawn[0]),
+        control=control if math.isfinite(control) else None,
+    )
 
 
 def _acting(selection: Selection, findings: Sequence[Finding]) -> list[bool]:

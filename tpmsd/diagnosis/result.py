@@ -112,6 +112,8 @@ class Diagnosis:
     """What slips by the tyre model would gain."""
     replicates: int = 0
     """Drawn for the certificate of the findings; 0 without one."""
+    control: float | None = None
+    """Largest penalised gain (nats) of a shape over covariates that cannot act; None if not asked for."""
     inner: Inner | None = field(default=None, repr=False)
 
 

@@ -31,7 +31,9 @@ def diagnosis_document(
             "significant": diagnosis.unexplained is not None,
             "where": None if diagnosis.unexplained is None else _where(diagnosis.unexplained),
         },
-        "certificate": {"replicates": diagnosis.replicates} if diagnosis.replicates else None,
+        "certificate": {"replicates": diagnosis.replicates, "negative_control": diagnosis.control}
+        if diagnosis.replicates
+        else None,
         "model_file": model_file,
         "driving_s": diagnosis.driving_s,
         "model": {"heldout_rms": diagnosis.model_rms},
