@@ -145,3 +145,24 @@ def test_any_times(times: list[tuple[float, float]]):
         tracker.update(arrival, utc)
     assert tracker.status in ("ok", "step", "outlier", "repeated", "backwards", "no_utc")
     assert len(tracker._recent) <= 4096
+
+
+def test_a_host_on_utc_knows_the_age_of_every_fix():
+    """Whatever the latency and its jitter, the validity is the fix's own time."""
+    tracker = UtcOffsetTracker(latency_s=0.1, host_on_utc=True)
+    rng = np.random.default_rng(2)
+    for k in range(100):
+        utc_s = T + 0.1 * k
+        assert utc_s == tracker.update(utc_s + 0.3 + float(rng.exponential(0.05)), utc_s)
+    assert tracker.update(T + 20.0, math.nan) == pytest.approx(T + 20.0 - 0.335, abs=0.03)
+    assert not tracker.off_utc
+
+
+@pytest.mark.parametrize("offset_s", [-0.2, 5.0, 1e9])
+def test_a_clock_that_is_not_on_utc_is_noticed(offset_s: float):
+    """Fixes are then placed as with a free clock, and counted."""
+    free, wrong = UtcOffsetTracker(), UtcOffsetTracker(host_on_utc=True)
+    for k in range(50):
+        utc_s = T + 0.1 * k
+        assert free.update(utc_s + offset_s, utc_s) == wrong.update(utc_s + offset_s, utc_s)
+        assert wrong.off_utc

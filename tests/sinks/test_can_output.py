@@ -254,6 +254,14 @@ def test_frames_of_the_car_that_are_read_are_never_sent(tmp_path: Path) -> None:
         outputs(tmp_path, twice)
 
 
+def test_check_says_what_would_be_sent(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A right configuration names its outputs in the plan."""
+    outputs(tmp_path, more='bus = "comfort"\nwhen = "both"')
+
+    assert 0 == main(["check", str(tmp_path)])
+    assert "TYRE_LAMP on comfort, both every 0.1 s" in capsys.readouterr().out
+
+
 def test_nothing_is_sent_by_default(tmp_path: Path) -> None:
     """Without [[can.output]] there is no output, whatever the allow-list says."""
     config, database = car(tmp_path)

@@ -161,6 +161,12 @@ def summary(plan: Plan) -> list[str]:
         f"+-{monitor.deviation_percent:g} %, at a probability of {monitor.raise_probability:g}",
     )
     lines += _item("alarms", _alarms(plan))
+    for output in config.can.output:
+        what = output.message or f"j1939 {output.j1939}"
+        period = "" if output.when == "change" else f" every {output.period_s:g} s"
+        lines += _item("output", f"{what} on {output.bus or plan.channel}, {output.when}{period}")
+    if config.notify.command:
+        lines += _item("notify", f"runs {config.notify.command[0]}")
     lines += _item("status", f"{config.status.socket} (mode {config.status.mode:04o})")
     state = f"{config.state.file}, every {config.state.interval_s:g} s" if config.state.file else "not kept"
     lines += _item("state", state)

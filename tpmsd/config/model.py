@@ -189,6 +189,8 @@ class GnssConfig:
     antenna_left_m: float = 0.0
     latency_s: float = 0.0
     """Known age of a fix on its fastest arrival; 0 where it is not known."""
+    host_clock: str = "free"
+    """free | utc: kept on UTC (by chrony, PTP, PPS), so that the age of a fix is known of each."""
 
 
 @dataclass(frozen=True, slots=True)

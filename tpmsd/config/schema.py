@@ -64,6 +64,7 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
             "antenna_forward_m": Number(-10.0, 20.0, "m"),
             "antenna_left_m": Number(-3.0, 3.0, "m"),
             "latency_s": Number(0.0, 5.0, "s"),
+            "host_clock": Choice(("free", "utc")),
         },
         "filter": {
             "method": Choice(FILTER_METHODS),

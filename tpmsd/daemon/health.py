@@ -110,6 +110,7 @@ class Health:
         faults += Counter(  # leaves the zeros out
             late=placed["late_fixes"],
             early=placed["early_fixes"],
+            off_utc=placed["off_utc"],
         )
         age_s = now_s - self._fix_s
         if receiver is None:  # its fixes come on the bus

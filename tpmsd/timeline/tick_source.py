@@ -33,7 +33,8 @@ class TickSource:
             self._on_bus = CanFixAssembler(config.can.signals, signal_steps(config, database))
         self.assembler: NmeaAssembler | CanFixAssembler = self._on_bus or NmeaAssembler()
         """Where fixes are made, of sentences or of signals."""
-        self.timeline = Timeline(rate_hz or config.filter.rate_hz, config.gnss.latency_s)
+        on_utc = config.gnss.host_clock == "utc"
+        self.timeline = Timeline(rate_hz or config.filter.rate_hz, config.gnss.latency_s, on_utc)
 
     def on_frame(
         self,

@@ -56,11 +56,11 @@ FIELDS = {
 class Timeline:
     """Merges events into ticks."""
 
-    def __init__(self, rate_hz: float, latency_s: float = 0.0) -> None:
+    def __init__(self, rate_hz: float, latency_s: float = 0.0, host_on_utc: bool = False) -> None:
         self._dt_s = 1.0 / rate_hz
         self._holdback_s = HOLDBACK_S + latency_s
         self._clock = HostClock()
-        self._offset = UtcOffsetTracker(latency_s=latency_s)
+        self._offset = UtcOffsetTracker(latency_s, host_on_utc)
         self._plane = LocalPlane()
         self._accuracy = SpeedAccuracy()
         self._tracks = [RotationTrack() for _ in range(4)]
@@ -81,6 +81,7 @@ class Timeline:
             "ticks": 0,
             "late_fixes": 0,
             "early_fixes": 0,
+            "off_utc": 0,
             "clock_steps": 0,
             "gaps": 0,
             "implausible": 0,
@@ -221,6 +222,7 @@ class Timeline:
     def _place(self, fix: GnssFix, arrival: float) -> float:
         """Put a fix into the plane and onto the time line; when it was valid."""
         valid = self._offset.update(arrival, fix.utc_s)
+        self.counts["off_utc"] += self._offset.off_utc
         if not (math.isfinite(fix.latitude_deg) and math.isfinite(fix.longitude_deg)):
             return valid
         if not (math.isfinite(fix.position_std_m) and math.isfinite(valid)):

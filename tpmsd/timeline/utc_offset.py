@@ -28,6 +28,8 @@ STEP_FIXES = 4
 STEP_SPREAD_S = 0.15
 MAX_DRIFT = 2e-3
 """Host clock against UTC, s/s: free-running crystals keep 1e-4, the wander of logging hosts reached 1e-3."""
+EARLIEST_S, LATEST_S = 0.05, 2.5
+"""No fix of a host on UTC arrives before it is valid (but for the clock's own error), nor so much later."""
 _TREND_SPAN = 1.7
 _MAX_FIXES = 4096
 _WARM_FIXES = 10
@@ -42,8 +44,12 @@ class UtcOffsetTracker:
     `no_utc`: placed by its arrival and the usual lag.
     """
 
-    def __init__(self, latency_s: float = 0.0) -> None:
+    def __init__(self, latency_s: float = 0.0, host_on_utc: bool = False) -> None:
+        """`host_on_utc`: the host's clock is kept on UTC, so a fix's own time is its validity."""
         self._latency_s = latency_s
+        self._host_on_utc = host_on_utc
+        self.off_utc = False
+        """Whether the last fix gave that the lie."""
         self._recent: deque[tuple[float, float]] = deque(maxlen=_MAX_FIXES)
         self._candidates: deque[tuple[float, float]] = deque(maxlen=STEP_FIXES)
         self._lags: deque[float] = deque(maxlen=64)
@@ -61,6 +67,12 @@ class UtcOffsetTracker:
         self.step_s = 0.0
         if not (math.isfinite(utc_s) and math.isfinite(arrival_s)):
             return self._without_utc(arrival_s)
+        if self._host_on_utc:
+            self.off_utc = not -EARLIEST_S <= arrival_s - utc_s <= LATEST_S
+            if not self.off_utc:
+                self.status, self.offset_s, self.lag_s = "ok", 0.0, arrival_s - utc_s
+                self._lags.append(self.lag_s)
+                return utc_s
         before, self._utc_s = self._utc_s, utc_s
         self.status = "ok"
         if utc_s == before:
