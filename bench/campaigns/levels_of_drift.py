@@ -29,17 +29,14 @@ from tpmsd.estimators.mixture import MixtureBelief, MixturePieces
 from tpmsd.estimators.table import TABLE
 
 Array = NDArray[np.float64]
-Ladder = tuple[tuple[float, float], ...]
-"""Levels of all wheels alike, relative to `error_state`'s drift, and their prior probabilities."""
-
-
-_CALM: Ladder = ((1.0, 0.1), (0.15, 0.295), (0.03, 0.6), (4.0, 0.005))
-VARIANTS: dict[str, Ladder] = {
-    "the program's": JUMPS.levels,
-    "calm": _CALM,
-    "fine ladder": (
-        *((1.0, 0.1), (0.4, 0.1), (0.15, 0.3), (0.05, 0.2), (0.015, 0.2), (0.005, 0.095), (4.0, 0.005)),
-    ),
+_OLD = ((1.0, 0.1), (0.15, 0.895), (4.0, 0.005))
+_FINE = ((1.0, 0.1), (0.15, 0.3), (0.04, 0.3), (0.01, 0.28), (4.0, 0.005))
+VARIANTS: dict[str, JumpHypotheses] = {
+    "the program's": JUMPS,
+    "three levels": JumpHypotheses(levels=_OLD, alone=None),
+    "three levels, or one wheel alone": JumpHypotheses(levels=_OLD, alone=(4.0, 0.15, 0.0035)),
+    "fine ladder": JumpHypotheses(levels=_FINE, alone=None),
+    "fine ladder, or one wheel alone": JumpHypotheses(levels=_FINE, alone=(4.0, 0.04, 0.0035)),
 }
 TRIM = 0.02
 """The least probable hypotheses that are left out hold this probability at most."""
@@ -66,7 +63,7 @@ def one(task: tuple[str, bool, str, int]) -> tuple[Array, Array, Array]:
     config = config_of(DEFAULT, Setting(), None, front)
     row = TABLE[DEFAULT]
     assert isinstance(row.pieces, MixturePieces)
-    row = replace(row, pieces=replace(row.pieces, changes=JumpHypotheses(levels=VARIANTS[name])))
+    row = replace(row, pieces=replace(row.pieces, changes=VARIANTS[name]))
     rng = np.random.default_rng(1)
     estimator = build_filter(config.vehicle, config.gnss, config.filter, rng, front, row)
     belief = estimator.belief

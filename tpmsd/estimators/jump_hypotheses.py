@@ -65,15 +65,15 @@ class JumpHypotheses:
     heading_std_rad: float = SETTINGS.jump_heading_rad
     levels: tuple[tuple[float, float], ...] = SETTINGS.drift_levels
     """Process-noise levels of all wheels alike and their prior probabilities."""
-    alone: tuple[float, float, float] | None = None
-    """Level of one wheel whose radius drifts alone, that of the others, and the prior probability of each
-    such kind; None: there are none."""
+    alone: tuple[float, float, float] | None = SETTINGS.drift_alone
+    """Level of one wheel of four whose radius drifts alone, that of the others, and the prior probability of
+    each such kind; None: there are none."""
     level_floor: float = SETTINGS.level_floor
 
     def kinds(self, wheels: int) -> list[tuple[FloatArray, float]]:
         """Level (d,) of each wheel and prior probability of each kind of hypothesis."""
         out = [(np.full(wheels, level), chance) for level, chance in self.levels]
-        if self.alone is not None:
+        if self.alone is not None and wheels == 4:
             own, rest, chance = self.alone
             out += [(np.where(np.arange(wheels) == wheel, own, rest), chance) for wheel in range(wheels)]
         return out

@@ -142,9 +142,15 @@ class EstimatorSettings:
     """Size of a jump, relative to the radius: a loss of 20 to 40 % of the pressure."""
     jump_heading_rad: float = 0.05
     """Heading error that a jump may have caused before it was supposed."""
-    drift_levels: tuple[tuple[float, float], ...] = ((1.0, 0.1), (0.15, 0.895), (4.0, 0.005))
-    """Process-noise levels relative to the drifts below, and their prior probabilities (bench: balanced and
-    lively drives). The first is that of a filter with few hypotheses."""
+    drift_levels: tuple[tuple[float, float], ...] = (
+        *((1.0, 0.1), (0.15, 0.3), (0.04, 0.3), (0.01, 0.28), (4.0, 0.005)),
+    )
+    """Process-noise levels of all wheels relative to the drifts below, and their prior probabilities (bench:
+    drift-levels). The first is that of a filter with few hypotheses."""
+    drift_alone: tuple[float, float, float] = (4.0, 0.04, 0.0035)
+    """Level of one wheel of four whose radius drifts alone, that of the others, and the prior probability of
+    each such kind of hypothesis (bench: drift-levels, lively drives). A rear pair tells no wheel from the
+    other: there one that drifts alone is all that drift."""
     level_floor: float = 0.003
     """Least weight of each level, relative to the best hypothesis."""
 
