@@ -95,6 +95,8 @@ def check_like(saved: Mapping[str, Any], fresh: Mapping[str, Any]) -> None:
     ones; a vector `mean_m` beside `covariance_m2`, or `X` beside `X_covariance`, may be FAR prior standard
     deviations off. Raises ValueError.
     """
+    if not isinstance(saved, Mapping):
+        raise ValueError("the saved radii are none")
     for name, prior in fresh.items():
         if "covariance" not in name or not isinstance(prior, list):
             continue

@@ -183,6 +183,20 @@ class CanDecoder:
                 self._decode_group(time_s, group, data, little, big, out)
         return out
 
+    def ignores(self, arbitration_id: int, is_extended: bool, bus: int = 0) -> bool:
+        """Whether a frame carries nothing that is decoded."""
+        key = arbitration_id | EXTENDED if is_extended else arbitration_id
+        return (bus << BUS_SHIFT | key if bus else key) not in self._plans
+
+    def count_ignored(self) -> None:
+        """Count a frame that was not given to `decode` because it carries nothing."""
+        self.counts["frames"] += 1
+        self.counts["ignored"] += 1
+
+    def is_calm(self, time_s: float) -> bool:
+        """Whether no message can be overdue at this time: `poll` would say nothing."""
+        return self._polled_s <= time_s < self._calm_until_s
+
     def _compare(self, condition: ConditionPlan, size: int, little: int, big: int) -> None:
         bits = 0
         for field, numbers in (*condition.selectors, (condition.field, None)):

@@ -144,6 +144,16 @@ class Timeline:
             return ticks
         return self._emit(clock.latest_s) if clock.latest_s >= self._due_s else []
 
+    def pass_by(self, host_time_s: float) -> bool:
+        """Let time pass to a host stamp, if nothing comes of it: no tick is due, no step of the clock, no
+        pause. As `advance`, which is for all else (False)."""
+        clock = self._clock
+        now = clock.placed(host_time_s)
+        if not clock.latest_s <= now < self._due_s:
+            return False
+        clock.latest_s = now
+        return True
+
     def finish(self) -> list[Tick]:
         """The ticks that the end of a recording completes."""
         latest_s = self._clock.latest_s
