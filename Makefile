@@ -29,7 +29,7 @@ DOCDIR ?= /usr/local/share/doc/tpmsd
 MANDIR ?= /usr/local/share/man
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format bench bench-live bench-calibrate bench-diagnose bench-origins bench-alarms test-hil test-connect test-web install uninstall deb bench-vehicle-state bench-estimators soak fuzz clean
+.PHONY: help demo test lint format bench bench-live bench-calibrate bench-diagnose bench-origins bench-alarms test-hil test-connect test-web install uninstall deb bench-vehicle-state bench-estimators bench-fleet soak fuzz clean
 
 help:  ## this list
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | awk -F'\t' '{printf "  make %-15s %s\n", $$1, $$2}'
@@ -96,6 +96,9 @@ bench-estimators: $(DEV)  ## Lundquist et al.'s (2013) comparison of filters, an
 
 bench-resonance: $(DEV)  ## which sampling shows the torsional resonance of a soft tyre (BENCH_ARGS=...)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run resonance $(BENCH_ARGS)
+
+bench-fleet: $(DEV)  ## a fleet on workers against a plain loop, and the joint inference (BENCH_ARGS=--help)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run fleet $(BENCH_ARGS)
 
 soak: $(DEV)  ## a day of driving with one fault after the other, in logical time (SOAK_ARGS="--hours 1")
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tests.faults.soak $(SOAK_ARGS)

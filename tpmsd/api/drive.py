@@ -74,6 +74,13 @@ class Drive:
         tables of it, such as `{"filter": {"seed": 2}}`. Unknown readings are NaN.
 
         ConfigError with one line where columns or values make no sense.
+
+        >>> import numpy as np
+        >>> t = np.arange(0.0, 30.0, 0.02)
+        >>> wheels = {"time_s": t, "wheel_angle_rl_rad": 60.0 * t, "wheel_angle_rr_rad": 60.1 * t}
+        >>> car = {"wheel_radius_m": 0.316, "track_rear_m": 1.52}
+        >>> Drive.from_tables(wheels, vehicle=car).config.can.signals
+        {'wheel_count_rl': 'WHEEL_RL.COUNT', 'wheel_count_rr': 'WHEEL_RR.COUNT'}
         """
         tables, radii = _car(vehicle)
         antenna = {"antenna_forward_m": antenna_forward_m, "antenna_left_m": antenna_left_m}

@@ -175,6 +175,10 @@ def simulate(**settings: Any) -> Drive:
 
     `faults` are `tpmsd.Fault`s; `model` is an extended model or a model file. The same arguments give the
     same drive. ConfigError on what makes no sense.
+
+    >>> drive = simulate(duration_s=20.0, seed=3)
+    >>> drive.name, drive.config.vehicle.teeth_per_rev, drive.folder
+    ('simulated-mixed-3', 48.0, None)
     """
     import numpy as np
 

@@ -111,12 +111,18 @@ def _unusable(drives: Iterable[Row]) -> list[Row]:
 
 
 def _attention(car: str, urgency: str, why: str, time_s: float | None, kind: str, key: str | None) -> Row:
-    since = None
-    if time_s is not None:
-        moment = datetime.datetime.fromtimestamp(time_s, tz=datetime.UTC)
-        since = moment.strftime("%Y-%m-%d %H:%M")
+    since = utc(time_s)
     what = _WHAT_TO_DO.get(kind, "look at it")
     return {"car": car, "urgency": urgency, "why": why, "since": since, "what_to_do": what, "drive": key}
+
+
+def utc(time_s: float | None) -> str | None:
+    """A host time as date and minute; None where it is not known or no date."""
+    try:
+        moment = datetime.datetime.fromtimestamp(float("nan") if time_s is None else time_s, tz=datetime.UTC)
+    except (ValueError, OverflowError, OSError):
+        return None
+    return moment.strftime("%Y-%m-%d %H:%M")
 
 
 def _named(findings: Iterable[Row]) -> list[Row]:

@@ -12,6 +12,8 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from tpmsd.fleet.report import utc
+
 Row = dict[str, Any]
 MAX_DRIVES = 2_000
 """Of which the page shows details, the newest of each car first: the page stays under some megabytes."""
@@ -26,12 +28,14 @@ th,td{text-align:left;padding:.3rem .6rem;border-bottom:1px solid #8886;vertical
 th button{all:unset;cursor:pointer;font-weight:600}th button:focus-visible{outline:2px solid}
 th[aria-sort=ascending] button::after{content:" \\25B2"}
 th[aria-sort=descending] button::after{content:" \\25BC"}
-td.n{text-align:right}.now{font-weight:700}.now::before{content:"\\25CF ";color:#d00}
+td.n{text-align:right;white-space:nowrap}.now{font-weight:700}.now::before{content:"\\25CF ";color:#d00}
 .soon::before{content:"\\25CF ";color:#e69f00}.look::before{content:"\\25CF ";color:#888}
 summary{cursor:pointer;padding:.2rem 0}svg{max-width:100%;height:auto}
 @media print{details{display:block}th button::after{content:""!important}}
 """
 _SCRIPT = """
+const show=()=>{const part=document.getElementById(location.hash.slice(1));if(part)part.open=true};
+addEventListener('hashchange',show);show();
 for(const table of document.querySelectorAll('table.sort')){
  table.querySelectorAll('th').forEach((head,k)=>{
   const button=document.createElement('button');button.textContent=head.textContent;
@@ -138,7 +142,7 @@ def _cars(tables: dict[str, list[Row]]) -> Iterable[str]:
         drives.sort(key=lambda row: (row["start"] or 0.0, row["key"]))
         shown = drives[-each:]
         rows = [_drive(row, wheels[row["key"]], alarms[row["key"]]) for row in shown]
-        heads = ("drive", "start (s)", "km", "status", "fl", "fr", "rl", "rr", "alarms")
+        heads = ("drive", "start (UTC)", "km", "status", "fl", "fr", "rl", "rr", "alarms")
         left = f"<p>The newest {len(shown)} of {len(drives)} drives.</p>" if len(shown) < len(drives) else ""
         plot = _plot([(row, wheels[row["key"]]) for row in shown])
         yield (
@@ -160,7 +164,7 @@ def _drive(row: Row, wheels: dict[str, Row], alarms: Sequence[Row]) -> str:
     told = ", ".join(f"{one['kind']} {one['wheel'] or ''} {one['state']}" for one in alarms)
     status = row["status"] + (f": {row['reason']}" if row["reason"] else "")
     return (
-        f"<tr><td>{_text(row['path'])}</td><td class=n>{_g(row['start'], 12)}</td>"
+        f"<tr><td>{_text(row['path'])}</td><td>{_text(utc(row['start']) or '')}</td>"
         f"<td class=n>{_g((row['distance_m'] or 0.0) / 1e3)}</td><td>{_text(status)}</td>"
         f"{''.join(cells)}<td>{_text(told)}</td></tr>"
     )
@@ -235,8 +239,8 @@ def _table(heads: Sequence[str], rows: Iterable[str]) -> str:
     return f"<div class=wide><table class=sort>{head}<tbody>{body}</tbody></table></div>"
 
 
-def _g(value: float | None, digits: int = 4) -> str:
-    return "" if value is None else f"{value:.{digits}g}"
+def _g(value: float | None) -> str:
+    return "" if value is None else f"{value:.4g}"
 
 
 def _text(value: object) -> str:
