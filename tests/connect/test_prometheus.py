@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import re
 import subprocess
@@ -32,6 +33,16 @@ def bridge(folder: Path, port: int) -> Server:
 def get(url: str) -> Any:
     with urllib.request.urlopen(url, timeout=5.0) as answer:
         return json.loads(answer.read())
+
+
+def is_ready(port: int) -> bool:
+    """Prometheus answers 503 for a while after it has begun to listen."""
+    with (
+        contextlib.suppress(OSError),
+        urllib.request.urlopen(f"http://127.0.0.1:{port}/-/ready", timeout=5.0),
+    ):
+        return True
+    return False
 
 
 def test_prometheus_scrapes_and_the_alert_fires(tmp_path: Path) -> None:
@@ -65,6 +76,7 @@ def test_prometheus_scrapes_and_the_alert_fires(tmp_path: Path) -> None:
         return [one["value"][1] for one in found]
 
     with bridge(tmp_path, port), server:
+        wait_for("prometheus", lambda: is_ready(own), 30.0)
         with served(tmp_path / "s") as daemon:
             wait_for("a scrape", lambda: up() == ["1"])
             assert [] == firing()
