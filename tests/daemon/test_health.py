@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import logging
+import struct
 from pathlib import Path
 
 from tests.daemon.fakes import FakeBus, car
 from tests.gnss.sentences import nmea
+from tpmsd.config.load import load_config
 from tpmsd.daemon.bus_link import BusLink
 from tpmsd.daemon.health import GNSS_FAULTS, Health
 from tpmsd.daemon.input_queue import InputQueue
 from tpmsd.daemon.receiver_link import ReceiverLink, configured_receiver
 from tpmsd.pipeline import Pipeline
+from tpmsd.sources.databases import load_database
 from tpmsd.sources.nmea_epoch import NmeaAssembler
 from tpmsd.sources.nmea_sentence import HANDLED
 
 LOG = logging.getLogger("tests.health")
+GPS = """BO_ 1536 GPS: 8 CAR
+ SG_ LAT : 0|32@1- (1e-07,0) [-90|90] "deg" CAR
+ SG_ LON : 32|32@1- (1e-07,0) [-180|180] "deg" CAR
+"""
 
 
 def test_every_fault_of_the_receiver_has_its_place_in_the_status() -> None:
@@ -43,3 +50,28 @@ def test_counts_of_all_stages_are_in_the_document(tmp_path: Path) -> None:
 
     assert {"short": 4, "implausible": 3} == document["can"]["faults"]
     assert {"checksum": 1, "no_fix": 1, "unplugged": 1, "late": 3, "early": 3} == document["gnss"]["faults"]
+
+
+def test_a_receiver_on_the_bus_is_shown_as_any_other(tmp_path: Path) -> None:
+    """With fixes on CAN the document names the bus, counts fixes and tells when they cease."""
+    car(tmp_path)
+    toml, dbc = tmp_path / "vehicle.toml", tmp_path / "bus.dbc"
+    roles = '[can.signals]\ngnss_latitude = "GPS.LAT"\ngnss_longitude = "GPS.LON"\n'
+    toml.write_text(toml.read_text("utf-8").replace("[can.signals]\n", roles), "utf-8")
+    dbc.write_text(dbc.read_text("utf-8") + GPS, "utf-8")
+    config, database = load_config(toml), load_database(dbc)
+    pipeline = Pipeline(config, database)
+    bus = FakeBus()
+    link = BusLink(lambda: bus.opener()(config.can, None, "fake"), "CAN fake", LOG)
+    health = Health(config, link, None, InputQueue(), 0.0)
+    link.service(0.0)
+    states = [health.document(pipeline, 0.0, 0)["gnss"]["state"]]
+    for k in range(10):
+        place = struct.pack("<ii", 480000000 + 10 * k, 110000000)
+        pipeline.on_frame(1000.0 + 0.1 * k, 0x600, False, place)
+    health.stepped([], pipeline, 5.0)
+    gnss = health.document(pipeline, 5.0, 0)["gnss"]
+    states += [gnss["state"], health.document(pipeline, 60.0, 0)["gnss"]["state"]]
+
+    assert ["waiting", "ok", "silent"] == states
+    assert ("on CAN", 10) == (gnss["device"], gnss["fixes"])
