@@ -32,6 +32,8 @@ from tpmsd.wheels import FloatArray
 
 BLOCK_S = 30
 MIN_BLOCKS = 10
+CHUNK = 32
+"""Windows of all columns that fit into a processor's cache while they are laid side by side."""
 KEPT = 2
 """Noises under which a drive's whitened columns are kept: an alternative is tried beside the present one."""
 
@@ -264,9 +266,11 @@ class DriveStudy:
 
 def stacked(residual: FloatArray, arrays: Sequence[FloatArray]) -> FloatArray:
     """(w, 9, 1 + p) the residual (w, 9) and p columns (w, 9)."""
-    out = np.empty((*residual.shape, 1 + len(arrays)))
-    for k, array in enumerate((residual, *arrays)):
-        out[:, :, k] = array
+    every = (residual, *arrays)
+    out = np.empty((*residual.shape, len(every)))
+    for first in range(0, len(residual), CHUNK):
+        part = slice(first, first + CHUNK)
+        out[part] = np.stack([array[part] for array in every], axis=2)
     return out
 
 

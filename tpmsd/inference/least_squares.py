@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy.linalg
@@ -70,12 +71,9 @@ def part(
     white: FloatArray, blocks: np.ndarray, here: np.ndarray | None = None, local: np.ndarray | None = None
 ) -> Part:
     """The `Part` of a drive's rows `white` (w, 9, n); `blocks` (w,) numbers each window's block from 0."""
-    count = int(blocks.max()) + 1 if len(blocks) else 0
     width = white.shape[2]
-    by_block = np.zeros((count, width, width))
-    for block in range(count):
-        rows = white[blocks == block].reshape(-1, width)
-        by_block[block] = rows.T @ rows
+    parts = [rows.T @ rows for rows in _by_block(white, blocks)]
+    by_block = np.array(parts).reshape(-1, width, width)
     every = np.arange(width)
     return Part(by_block, every if here is None else here, every if local is None else local)
 
@@ -85,12 +83,18 @@ def extended(by_block: FloatArray, white: FloatArray, blocks: np.ndarray) -> Flo
     known, width = by_block.shape[1], white.shape[2]
     out = np.empty((len(by_block), width, width))
     out[:, :known, :known] = by_block
-    for block in range(len(by_block)):
-        rows = white[blocks == block].reshape(-1, width)
+    for block, rows in enumerate(_by_block(white, blocks)):
         more = rows[:, known:].T @ rows
         out[block, known:] = more
         out[block, :, known:] = more.T
     return out
+
+
+def _by_block(white: FloatArray, blocks: np.ndarray) -> list[FloatArray]:
+    """(m, n) rows of each block; neighbouring windows are in one block or in the next."""
+    ends = np.flatnonzero(np.diff(blocks)) + 1
+    bounds = [0, *ends.tolist(), len(blocks)] if len(blocks) else [0]
+    return [white[first:last].reshape(-1, white.shape[2]) for first, last in pairwise(bounds)]
 
 
 class Evidence:

@@ -40,7 +40,7 @@ NEAR_NATS = 0.05
 """Gain of a step of the maximisation below which it ends."""
 MAX_STEPS = 40
 _RIDGE = 1e-7
-_PROBE = 1e-4
+_PROBE = 1e-5
 """Step in the logarithm of a parameter by which the closed forms of `Diagonals` are differentiated."""
 
 
@@ -159,7 +159,7 @@ def restricted_posterior(data: Data, noise: Noise, names: Sequence[str]) -> tupl
     value = -0.5 * (float(left @ y) + made.logdet + log_information) + log_prior(noise)
     rows = np.concatenate([left[:, None], X], axis=1).reshape(white.shape)
     by = made.derivatives(rows)
-    slope = np.array([_chained(data, noise, name, by) for name in names])
+    slope = np.array([_chained(data, noise, diagonal, name, by) for name in names])
     return value, slope
 
 
@@ -215,17 +215,14 @@ def _orthonormal(white: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     return y, basis, 2.0 * float(np.log(np.diag(factor)).sum() + np.log(size).sum())
 
 
-def _chained(data: Data, noise: Noise, name: str, by: Derivatives) -> float:
+def _chained(data: Data, noise: Noise, diagonal: Diagonals, name: str, by: Derivatives) -> float:
     """Derivative by one free coordinate."""
     here = _free(name, float(getattr(noise, name)))
-    up, down = (
-        diagonals(data.space, _noise(noise, [name], np.array([here + step])), data.inflate)
-        for step in (_PROBE, -_PROBE)
+    moved = diagonals(data.space, _noise(noise, [name], np.array([here + _PROBE])), data.inflate)
+    out = sum(
+        float(np.sum(getattr(by, part) * (getattr(moved, part) - getattr(diagonal, part)))) / _PROBE
+        for part in _PARTS
     )
-    total = sum(
-        float(np.sum(getattr(by, part) * (getattr(up, part) - getattr(down, part)))) for part in _PARTS
-    )
-    out = total / (2.0 * _PROBE)
     if name in PRIORS:
         middle, spread = PRIORS[name]
         out -= math.log(getattr(noise, name) / middle) / spread**2
