@@ -87,7 +87,11 @@ class JointHypotheses(Hypotheses):
     def everything(self) -> FloatArray:
         """As in the base, each drive with values of its own: what all of them share is told by these."""
         own = [term for term in self.catalogue if term.drive is not None or term.effect in SHARED]
-        singles = [term.design for term in own if term.design.shape[1] == 1 and term.typical]
+        singles = [
+            term.design
+            for term in own
+            if term.design.shape[1] == 1 and term.typical and not term.kind_of.mirror_of
+        ]
         return np.concatenate([self.nuisance, *singles], axis=1)
 
     def mirrored(self, design: FloatArray, drive: int, other: int) -> FloatArray | None:

@@ -162,7 +162,11 @@ class Hypotheses:
         What it leaves is noise, whatever is missing: the noise is first estimated from it (Mallows,
         Technometrics 15, 1973).
         """
-        singles = [term.design for term in self.catalogue if term.design.shape[1] == 1 and term.typical]
+        singles = [
+            term.design
+            for term in self.catalogue
+            if term.design.shape[1] == 1 and term.typical and not term.kind_of.mirror_of
+        ]
         return np.concatenate([self.nuisance, *singles], axis=1)
 
     def widen(self, width: int) -> None:

@@ -142,6 +142,8 @@ class Effect:
     """Whether it acts from one time to another, which are looked for."""
     by_teeth: ClassVar[bool] = False
     """Whether it is looked for once per turn of a wheel, apart from the windows of a second."""
+    mirror_of: ClassVar[str] = ""
+    """The effect of which this is the other sign, by the same sensitivity."""
     at_walking_pace: ClassVar[bool] = False
     """Whether it is looked for below the speeds of the windows, apart from them."""
     shortens: ClassVar[bool] = False

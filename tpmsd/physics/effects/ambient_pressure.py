@@ -1,0 +1,52 @@
+"""The air outside is thinner up the hill, and the tyres are fuller."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect, Look, Parameter, Prior
+from tpmsd.physics.motion import Car, Motion, integrate
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True)
+class AmbientPressure(Effect):
+    """delta_r = k * (height - that at the start) on all wheels: outer pressure falls with height, gauge
+    pressure rises.
+
+    Source: barometric formula, 1.2 kPa per 100 m at sea level; 1 % of 220 kPa is 0.07 mm: 3.8e-7 m per m.
+    """
+
+    name: ClassVar[str] = "ambient_pressure"
+    formula: ClassVar[str] = "delta_r = per_m * (height - height at the start) on all wheels"
+    sentence: ClassVar[str] = "the tyres grow with the height above the sea"
+    telling_drive: ClassVar[str] = "drive up and down a mountain of 500 m"
+    shows_in: ClassVar[tuple[str, str]] = ("wheel", "grade")
+    needs: ClassVar[tuple[str, ...]] = ("gnss", "slopes")
+    one_sign: ClassVar[bool] = True
+    looks: ClassVar[Look] = Look.COMMON
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "per_m",
+            "1",
+            4e-7,
+            -1e-5,
+            1e-5,
+            "k, radius per height",
+            probe=1e-8,
+            prior=Prior(4e-7, 2e-7, "1.2 kPa per 100 m, 0.07 mm per 2.2 kPa"),
+        ),
+    )
+    per_m: float
+
+    def not_compensated(self, signals: frozenset[str]) -> str | None:
+        """The daemon keeps no height since the start."""
+        return "the height since the start is not kept"
+
+    def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
+        """(n, 4) k times the height climbed since the start."""
+        climbed = integrate(motion.speed_mps * np.sin(motion.grade_rad), motion.time_s)
+        return np.repeat(self.per_m * climbed[:, None], 4, axis=1)

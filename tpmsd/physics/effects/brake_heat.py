@@ -1,0 +1,76 @@
+"""Brakes warm a wheel or an axle, which grows and cools down over minutes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from scipy.signal import lfilter
+
+from tpmsd.physics.effect import Effect, Grid, Look, Parameter, Prior, TextParameter
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.physics.spans import wheel_mask
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True)
+class BrakeHeat(Effect):
+    """delta_r = k * h on its wheels, where h gains max(-a_x, 0) * v per second and decays with `cooling_s`.
+
+    h is the braking energy per mass that is still in the brake, m2/s2. Source: first-order cooling of a disc
+    and its rim, 2 to 10 minutes (Limpert, Brake Design and Safety, 2011, chapter 3); a stop from 100 km/h is
+    386 m2/s2, and a rim that is 10 K warmer by it gives 0.3 mm: k of 7e-7 s2/m.
+    """
+
+    name: ClassVar[str] = "brake_heat"
+    formula: ClassVar[str] = "delta_r = k * h, dh/dt = max(-a_x, 0) * v - h / cooling_s, on its wheels"
+    sentence: ClassVar[str] = "brakes warm wheels, which grow and cool down again"
+    telling_drive: ClassVar[str] = "brake firmly from 30 m/s ten times, then roll for ten minutes"
+    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "time")
+    one_sign: ClassVar[bool] = True
+    looks: ClassVar[Look] = Look.WHEEL
+    places: ClassVar[tuple[str, ...]] = ("front", "rear", "fl", "fr", "rl", "rr")
+    grid: ClassVar[Grid] = Grid(
+        "cooling_s",
+        values=(80.0, 200.0, 500.0),
+        middle=200.0,
+        range=(30.0, 2000.0),
+        price=lambda tau: 1.1 + 0.5 * (math.log(tau / 200.0) / 0.7) ** 2,
+        step=1.5,
+    )
+    """Discs and rims take two to ten minutes."""
+    parameters: ClassVar[tuple[TextParameter | Parameter, ...]] = (
+        TextParameter("wheels", "front", "wheels that warm up: their names, or front, rear"),
+        Parameter(
+            "growth",
+            "s2/m",
+            7e-7,
+            -1e-4,
+            1e-4,
+            "k, radius per braking energy and mass",
+            probe=1e-8,
+            prior=Prior(7e-7, 7e-7, "0.3 mm after a stop from 100 km/h"),
+        ),
+        Parameter(
+            "cooling_s",
+            "s",
+            200.0,
+            1.0,
+            1e5,
+            "time constant of cooling",
+            prior=Prior(200.0, 150.0, "2 to 10 minutes: Limpert 2011, ch. 3"),
+        ),
+    )
+    wheels: str
+    growth: float
+    cooling_s: float = 200.0
+
+    def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
+        """(n, 4) k times the energy that is left, on its wheels."""
+        power = np.maximum(-motion.specific_force_long_mps2, 0.0) * motion.speed_mps
+        step = float(motion.time_s[1] - motion.time_s[0]) if len(motion) > 1 else 1.0
+        left = math.exp(-step / self.cooling_s)
+        heat = lfilter([self.cooling_s * (1.0 - left)], [1.0, -left], power)
+        return np.asarray(self.growth * heat[:, None] * wheel_mask(self.wheels))

@@ -1,0 +1,64 @@
+"""Under the brakes all wheels turn slower than the ground passes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect, Parameter, Prior
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import IS_FRONT, WHEELS, FloatArray
+
+
+@dataclass(frozen=True)
+class BrakeSlip(Effect):
+    """omega * r = v * (1 - c * max(-a_x, 0)), c for each axle: brakes act on all wheels, in other shares than
+    drive.
+
+    a_x is the specific force. Source: linear slip stiffness, F_x = C * s, and a brake balance of two thirds
+    in front (Gustafsson, Automatica 33(6), 1997; Gillespie, ch. 3): 1e-3 to 5e-3 s2/m.
+    """
+
+    name: ClassVar[str] = "brake_slip"
+    formula: ClassVar[str] = "omega * r = v * (1 - c * max(-a_x, 0)), c = front or rear"
+    sentence: ClassVar[str] = "all wheels slip under the brakes"
+    telling_drive: ClassVar[str] = "brake firmly and gently from the same speed on a straight, ten times"
+    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "accel_long")
+    one_sign: ClassVar[bool] = True
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "front",
+            "s2/m",
+            2e-3,
+            -0.1,
+            0.1,
+            "c of the front wheels",
+            probe=1e-5,
+            prior=Prior(2e-3, 2e-3, "two thirds of the force in front"),
+        ),
+        Parameter(
+            "rear",
+            "s2/m",
+            1e-3,
+            -0.1,
+            0.1,
+            "c of the rear wheels",
+            probe=1e-5,
+            prior=Prior(1e-3, 1.5e-3, "one third of the force at the rear"),
+        ),
+    )
+    front: float = 0.0
+    rear: float = 0.0
+
+    @classmethod
+    def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
+        """Those of the axles that were fitted."""
+        axle = ("front", "front", "rear", "rear")
+        return tuple(wheel for wheel, name in zip(WHEELS, axle, strict=True) if name in fitted)
+
+    def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
+        """(n, 4) -c times the deceleration on each axle."""
+        braking = np.maximum(-motion.specific_force_long_mps2, 0.0)
+        return -braking[:, None] * np.where(IS_FRONT, self.front, self.rear)

@@ -1,0 +1,46 @@
+"""The body rolls in bends, the wheels lean, and roll on a smaller radius."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect, Parameter, Prior
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True)
+class CamberRoll(Effect):
+    """delta_r = -c * a_y^2 on all wheels: camber goes with the roll angle, and a leaning tyre rolls on its
+    shoulder.
+
+    Source: camber of 0.5 degrees per m/s2 on simple axles, and a loss of radius in proportion to its square
+    (Pacejka, Tyre and Vehicle Dynamics, 2012, section 4.3): 0.1 mm at 5 m/s2 is 4e-6 s4/m.
+    """
+
+    name: ClassVar[str] = "camber_roll"
+    formula: ClassVar[str] = "delta_r = -c * a_y^2 on all wheels"
+    sentence: ClassVar[str] = "in bends the wheels lean and roll on a smaller radius"
+    telling_drive: ClassVar[str] = "drive the same bend slowly and fast, to both sides"
+    shows_in: ClassVar[tuple[str, str]] = ("wheel", "accel_lat")
+    one_sign: ClassVar[bool] = True
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "coefficient",
+            "s4/m",
+            4e-6,
+            -1e-3,
+            1e-3,
+            "c, metres of radius per squared lateral acceleration",
+            probe=1e-7,
+            prior=Prior(4e-6, 4e-6, "0.1 mm at 5 m/s2"),
+        ),
+    )
+    coefficient: float
+
+    def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
+        """(n, 4) -c * a_y^2 on every wheel."""
+        return np.repeat(-self.coefficient * motion.accel_lat_mps2[:, None] ** 2, 4, axis=1)

@@ -1,0 +1,74 @@
+"""The receiver's speed is off by heading: a velocity error that stands in the earth's frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import FloatArray
+
+LEAST_MPS = 3.0
+"""Below, a course is noise."""
+
+
+@dataclass(frozen=True)
+class DopplerHeadingError(Effect):
+    """The reported velocity has a constant error (east, north): with it in the back the speed is too high.
+
+    Source: multipath and clock drift of the satellites in view, 0.01 to 0.05 m/s for minutes (Misra and Enge,
+    Global Positioning System, 2011, section 5.5).
+    """
+
+    name: ClassVar[str] = "doppler_heading_error"
+    kind: ClassVar[Kind] = Kind.INSTRUMENT
+    formula: ClassVar[str] = (
+        "speed shown = speed + east_mps * cos(heading) + north_mps * sin(heading); course by the rest"
+    )
+    sentence: ClassVar[str] = "the receiver's velocity has a constant error"
+    telling_drive: ClassVar[str] = "drive the same road there and back"
+    shows_in: ClassVar[tuple[str, str]] = ("gnss_speed", "time")
+    needs: ClassVar[tuple[str, ...]] = ("gnss_speed",)
+    own_per_drive: ClassVar[bool] = True
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "east_mps",
+            "m/s",
+            0.03,
+            -1.0,
+            1.0,
+            "error towards the east",
+            probe=0.01,
+            prior=Prior(0.0, 0.02, "0.01 to 0.05 m/s"),
+        ),
+        Parameter(
+            "north_mps",
+            "m/s",
+            0.03,
+            -1.0,
+            1.0,
+            "error towards the north",
+            probe=0.01,
+            prior=Prior(0.0, 0.02, "0.01 to 0.05 m/s"),
+        ),
+    )
+    east_mps: float = 0.0
+    north_mps: float = 0.0
+
+    def not_compensated(self, signals: frozenset[str]) -> str | None:
+        """Other satellites, another error."""
+        return "it belongs to the drive on which it was found"
+
+    def gnss_speed_error_mps(self, motion: Motion, car: Car) -> FloatArray:
+        """(n,) the part along the heading."""
+        heading = motion.heading_rad
+        return np.asarray(self.east_mps * np.cos(heading) + self.north_mps * np.sin(heading))
+
+    def gnss_course_error_rad(self, motion: Motion, car: Car) -> FloatArray:
+        """(n,) the part across it, over the speed."""
+        heading = motion.heading_rad
+        across = self.north_mps * np.cos(heading) - self.east_mps * np.sin(heading)
+        return np.asarray(across / np.maximum(motion.speed_mps, LEAST_MPS))

@@ -1,0 +1,52 @@
+"""The gyro's zero drifts while it warms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True)
+class GyroDrift(Effect):
+    """reading = truth + rate * t, t since the drive's start.
+
+    Source: zero-rate level of automotive gyros over temperature, 1e-4 to 5e-4 rad/s per K, at some K in ten
+    minutes.
+    """
+
+    name: ClassVar[str] = "gyro_drift"
+    kind: ClassVar[Kind] = Kind.INSTRUMENT
+    formula: ClassVar[str] = "reading = truth + rate * t"
+    sentence: ClassVar[str] = "the gyro's zero drifts through the drive"
+    telling_drive: ClassVar[str] = "stand still for a minute at the beginning and at the end"
+    shows_in: ClassVar[tuple[str, str]] = ("yaw_rate", "time")
+    needs: ClassVar[tuple[str, ...]] = ("yaw_rate",)
+    own_per_drive: ClassVar[bool] = True
+    drifts_into: ClassVar[str] = "yaw_rate"
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "rate",
+            "rad/s2",
+            1e-6,
+            -1e-4,
+            1e-4,
+            "drift of the zero",
+            probe=1e-7,
+            prior=Prior(0.0, 2e-6, "1e-4 to 5e-4 rad/s per K, some K in ten minutes"),
+        ),
+    )
+    rate: float
+
+    def not_compensated(self, signals: frozenset[str]) -> str | None:
+        """Another day starts at another temperature."""
+        return "it belongs to the drive on which it was found"
+
+    def yaw_rate_error_radps(self, motion: Motion, car: Car) -> FloatArray:
+        """(n,) rate times the time since the start."""
+        return np.asarray(self.rate * motion.time_s)

@@ -1,0 +1,50 @@
+"""The gyro's zero goes with the temperature."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.covariates import covariate
+from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import FloatArray
+
+ROOM_K = 293.15
+"""At which gyros are trimmed."""
+
+
+@dataclass(frozen=True)
+class GyroTemperature(Effect):
+    """reading = truth + c * (T - 293 K), T the ambient temperature on the bus.
+
+    Source: zero-rate level of automotive gyros over temperature, 1e-4 to 5e-4 rad/s per K.
+    """
+
+    name: ClassVar[str] = "gyro_temperature"
+    kind: ClassVar[Kind] = Kind.INSTRUMENT
+    formula: ClassVar[str] = "reading = truth + per_kelvin * (T - 293 K)"
+    sentence: ClassVar[str] = "the gyro's zero goes with the temperature"
+    telling_drive: ClassVar[str] = "drive from a warm garage into the cold"
+    shows_in: ClassVar[tuple[str, str]] = ("yaw_rate", "temperature")
+    needs: ClassVar[tuple[str, ...]] = ("yaw_rate", "temperature")
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "per_kelvin",
+            "rad/(s.K)",
+            1e-4,
+            -1e-2,
+            1e-2,
+            "zero per temperature",
+            probe=1e-5,
+            prior=Prior(0.0, 3e-4, "data sheets"),
+        ),
+    )
+    per_kelvin: float
+
+    def yaw_rate_error_radps(self, motion: Motion, car: Car) -> FloatArray:
+        """(n,) the zero; none where no temperature is known."""
+        kelvin = covariate(motion, car, "temperature")
+        return np.where(np.isnan(kelvin), 0.0, self.per_kelvin * (kelvin - ROOM_K))

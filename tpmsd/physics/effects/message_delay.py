@@ -1,0 +1,49 @@
+"""The wheels of one message are older than those of another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import IS_FRONT, FloatArray
+
+LEAST_MPS = 1.0
+"""Below, the share is that at this speed."""
+
+
+@dataclass(frozen=True)
+class MessageDelay(Effect):
+    """The front wheels are `front_s` older than the rear ones: they show the speed of a moment ago.
+
+    Source: shown speed v(t - d) = v - d * a to first order; messages of 10 to 50 ms that are sent in turn.
+    """
+
+    name: ClassVar[str] = "message_delay"
+    kind: ClassVar[Kind] = Kind.INSTRUMENT
+    formula: ClassVar[str] = "front wheels show v(t - front_s)"
+    sentence: ClassVar[str] = "the wheels of one message are older than those of another"
+    telling_drive: ClassVar[str] = "accelerate and brake firmly on a straight, ten times"
+    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "accel_long")
+    contrast: ClassVar[bool] = True
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "front_s",
+            "s",
+            0.02,
+            -1.0,
+            1.0,
+            "age of the front wheels beyond that of the rear ones",
+            probe=0.001,
+            prior=Prior(0.0, 0.015, "messages of 10 to 50 ms, sent in turn"),
+        ),
+    )
+    front_s: float
+
+    def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
+        """(n, 4) -front_s * a / v on the front wheels, by the kinematic acceleration."""
+        share = -self.front_s * motion.accel_long_mps2 / np.maximum(motion.speed_mps, LEAST_MPS)
+        return share[:, None] * IS_FRONT.astype(np.float64)

@@ -1,0 +1,50 @@
+"""Wheel speeds are rounded down or up: a constant offset."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect, Kind, Look, Parameter, Prior
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import FloatArray
+
+LEAST_MPS = 1.0
+"""Below, the share is that at this speed."""
+
+
+@dataclass(frozen=True)
+class SpeedRoundingOffset(Effect):
+    """The bus shows v + offset: a control unit that cuts off digits shows half a step too little in the mean.
+
+    Source: truncation to a step q has a mean error of -q / 2; steps of 0.01 to 1 km/h are met on buses.
+    """
+
+    name: ClassVar[str] = "speed_rounding_offset"
+    kind: ClassVar[Kind] = Kind.INSTRUMENT
+    formula: ClassVar[str] = "speed shown = speed + offset_mps on all wheels"
+    sentence: ClassVar[str] = "the bus's wheel speeds have a constant offset"
+    telling_drive: ClassVar[str] = "hold several speeds from 5 to 35 m/s for a minute each"
+    shows_in: ClassVar[tuple[str, str]] = ("wheel", "speed")
+    needs: ClassVar[tuple[str, ...]] = ("speeds", "gnss")
+    looks: ClassVar[Look] = Look.COMMON
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "offset_mps",
+            "m/s",
+            -0.05,
+            -1.0,
+            1.0,
+            "shown minus true speed",
+            probe=0.001,
+            prior=Prior(0.0, 0.05, "half a step of 0.01 to 1 km/h"),
+        ),
+    )
+    offset_mps: float
+
+    def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
+        """(n, 4) the offset over the speed, on all wheels."""
+        share = self.offset_mps / np.maximum(motion.speed_mps, LEAST_MPS)
+        return np.repeat(share[:, None], 4, axis=1)

@@ -1,0 +1,48 @@
+"""Wheel speeds are scaled by a factor that changes with speed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect, Kind, Look, Parameter, Prior
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True)
+class SpeedScaleNonlinearity(Effect):
+    """The bus shows v * (1 + k * v): a control unit that corrects speeds by a table, or by time stamps of
+    edges that are late by a constant share of a tooth.
+
+    Source: a latency t of the capture unit at an edge rate f makes a relative error f * t: 10 us at 500 Hz
+    is 5e-3 at 33 m/s, k of 1.5e-4 s/m.
+    """
+
+    name: ClassVar[str] = "speed_scale_nonlinearity"
+    kind: ClassVar[Kind] = Kind.INSTRUMENT
+    formula: ClassVar[str] = "speed shown = v * (1 + k * v) on all wheels"
+    sentence: ClassVar[str] = "the scale of the bus's wheel speeds changes with speed"
+    telling_drive: ClassVar[str] = "hold several speeds from 5 to 35 m/s for a minute each"
+    shows_in: ClassVar[tuple[str, str]] = ("wheel", "speed")
+    needs: ClassVar[tuple[str, ...]] = ("speeds", "gnss")
+    looks: ClassVar[Look] = Look.COMMON
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "per_mps",
+            "s/m",
+            5e-5,
+            -2e-3,
+            2e-3,
+            "k, relative error per speed",
+            probe=1e-7,
+            prior=Prior(0.0, 5e-5, "capture units are late by some microseconds"),
+        ),
+    )
+    per_mps: float
+
+    def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
+        """(n, 4) k * v on all wheels."""
+        return np.repeat(self.per_mps * motion.speed_mps[:, None], 4, axis=1)
