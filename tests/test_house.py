@@ -70,7 +70,16 @@ for _room in ("monitor", "sinks", "pipeline", "report", "daemon", "cli"):
     ALLOWED[_room] = ALLOWED[_room] | {"resonance"}
 
 ALLOWED["api"] = (ALLOWED["cli"] - {"daemon", "sinks"}) | {"tables"}
-ALLOWED["fleet"] = {"__init__", "api", "calibration", "diagnosis", "provenance", "report", "tables"}
+ALLOWED["fleet"] = {
+    "__init__",
+    "api",
+    "calibration",
+    "diagnosis",
+    "physics",
+    "provenance",
+    "report",
+    "tables",
+}
 ALLOWED["cli"] = ALLOWED["cli"] | {"api", "tables", "fleet", "web"}
 ALLOWED["web"] = {"api", "sinks", "tables"}
 

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from tpmsd.cli.diagnose import read_recording
+from tpmsd.diagnosis.assessment.result import Finding
 from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.result import Finding
 from tpmsd.inference.recording import Recording
 
 Array = NDArray[np.float64]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmsd.diagnosis.candidates import ADMIT
-from tpmsd.diagnosis.selection import Selector
-from tpmsd.diagnosis.terms import Hypotheses, Term
+from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term
+from tpmsd.diagnosis.selection.candidates import ADMIT
+from tpmsd.diagnosis.selection.selector import Selector
 from tpmsd.inference.least_squares import Evidence, part
 from tpmsd.wheels import FloatArray
 

@@ -8,11 +8,11 @@ from typing import cast
 import numpy as np
 import pytest
 
-from tpmsd.diagnosis.confirm import _receivers_own
-from tpmsd.diagnosis.plausible import bounds_of
-from tpmsd.diagnosis.selection import Selector
-from tpmsd.diagnosis.study import Study
-from tpmsd.diagnosis.terms import Hypotheses, Term, shape_price
+from tpmsd.diagnosis.hypotheses.plausible import bounds_of
+from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term, shape_price
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.robustness.confirm import _receivers_own
+from tpmsd.diagnosis.selection.selector import Selector
 from tpmsd.inference.least_squares import Evidence, part
 from tpmsd.physics.kinematics import Geometry
 from tpmsd.physics.motion import Car, driven_mask

@@ -10,12 +10,12 @@ from scipy.stats import gumbel_r, kstest
 
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.certify import certified, discoveries, p_value
+from tpmsd.diagnosis.assessment.result import Diagnosis
 from tpmsd.diagnosis.diagnose import Certification, diagnose, examine
-from tpmsd.diagnosis.drive_study import first_noise
-from tpmsd.diagnosis.negative_control import negative_control
-from tpmsd.diagnosis.result import Diagnosis
-from tpmsd.diagnosis.study import Study
+from tpmsd.diagnosis.prepared.drive_study import first_noise
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.robustness.certify import certified, discoveries, p_value
+from tpmsd.diagnosis.robustness.negative_control import negative_control
 from tpmsd.inference.recording import Recording
 from tpmsd.inference.replicate import replicate
 from tpmsd.inference.trajectory import reference

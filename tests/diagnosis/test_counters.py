@@ -10,8 +10,8 @@ import pytest
 
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.drives import read
-from tpmsd.diagnosis.low_speed import lost_counts
+from tpmsd.diagnosis.counters.low_speed import lost_counts
+from tpmsd.diagnosis.prepared.admission import read
 from tpmsd.inference.recording import Recording
 from tpmsd.inference.trajectory import reference
 

@@ -6,8 +6,8 @@ import pytest
 
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
+from tpmsd.diagnosis.assessment.result import Diagnosis, Finding
 from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.result import Diagnosis, Finding
 from tpmsd.inference.recording import Recording
 
 

@@ -13,8 +13,8 @@ from tests.diagnosis.recorded import recording_of
 from tpmsd.cli.main import main
 from tpmsd.cli.replay import replay
 from tpmsd.config.load import load_config
-from tpmsd.diagnosis.empirical import place_of
-from tpmsd.diagnosis.response import first_hat, smooth_columns, smooth_knots
+from tpmsd.diagnosis.hypotheses.response import first_hat, smooth_columns, smooth_knots
+from tpmsd.diagnosis.selection.empirical import place_of
 from tpmsd.inference.trajectory import reference
 from tpmsd.inference.windows import Reader
 from tpmsd.physics.effects.unknown import Unknown

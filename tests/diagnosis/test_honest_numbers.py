@@ -11,11 +11,11 @@ import pytest
 
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import PER_TICK, recording_of
+from tpmsd.diagnosis.assessment.result import Diagnosis
+from tpmsd.diagnosis.counters.tone_ring import ripples
 from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.drive_study import first_noise
-from tpmsd.diagnosis.response import catalogue_columns, radius_columns
-from tpmsd.diagnosis.result import Diagnosis
-from tpmsd.diagnosis.tone_ring import ripples
+from tpmsd.diagnosis.hypotheses.response import catalogue_columns, radius_columns
+from tpmsd.diagnosis.prepared.drive_study import first_noise
 from tpmsd.inference.trajectory import reference
 from tpmsd.inference.whitening import whiten
 from tpmsd.inference.windows import Reader

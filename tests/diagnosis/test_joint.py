@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
 from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.drives import bounded, fair_shares
+from tpmsd.diagnosis.prepared.admission import bounded, fair_shares
 from tpmsd.errors import ConfigError
 from tpmsd.inference.least_squares import Evidence, part
 from tpmsd.inference.recording import Recording

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmsd.diagnosis.reach import Reach, Seen, reach
-from tpmsd.diagnosis.terms import Name
+from tpmsd.diagnosis.assessment.reach import Reach, Seen, reach
+from tpmsd.diagnosis.hypotheses.terms import Name
 from tpmsd.wheels import FloatArray
 
 WINDOWS, FREE = 900, 30

@@ -10,9 +10,9 @@ import pytest
 from bench.worlds.instruments import observe
 from bench.worlds.kinematic import Spec, course, drive
 from tests.diagnosis.recorded import recording_of
+from tpmsd.diagnosis.assessment.result import Diagnosis
 from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.response import FEWEST, finer_knots, hat_functions
-from tpmsd.diagnosis.result import Diagnosis
+from tpmsd.diagnosis.hypotheses.response import FEWEST, finer_knots, hat_functions
 
 
 def diagnosed(seed: int, spec: Spec) -> Diagnosis:

@@ -10,9 +10,9 @@ from tests.diagnosis.recorded import recording_of
 from tests.diagnosis.test_beside_shapes import Given, columns, directions, evidence, shape
 from tpmsd.diagnosis import diagnose as whole
 from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.selection import Selector
-from tpmsd.diagnosis.terms import PATTERNS, Term
-from tpmsd.diagnosis.together import _changed_radius, _common_shape
+from tpmsd.diagnosis.hypotheses.terms import PATTERNS, Term
+from tpmsd.diagnosis.robustness.together import _changed_radius, _common_shape
+from tpmsd.diagnosis.selection.selector import Selector
 from tpmsd.wheels import WHEELS, FloatArray
 
 HATS = 6

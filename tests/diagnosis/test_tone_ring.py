@@ -9,8 +9,8 @@ import pytest
 
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.drives import admitted
-from tpmsd.diagnosis.tone_ring import Ripple, _judged, ripples
+from tpmsd.diagnosis.counters.tone_ring import Ripple, _judged, ripples
+from tpmsd.diagnosis.prepared.admission import admitted
 from tpmsd.inference.recording import Recording
 from tpmsd.inference.windows import Reader
 from tpmsd.wheels import WHEELS

@@ -11,9 +11,9 @@ from bench.worlds.course import Course
 from bench.worlds.instruments import observe
 from bench.worlds.kinematic import Array, Spec, course
 from tests.diagnosis.recorded import recording_of
+from tpmsd.diagnosis.assessment.result import Explanatory
 from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.result import Explanatory
-from tpmsd.diagnosis.wheel_slip import SIDE_SLIP, slip_columns
+from tpmsd.diagnosis.hypotheses.wheel_slip import SIDE_SLIP, slip_columns
 from tpmsd.inference.recording import Recording
 from tpmsd.inference.trajectory import reference
 from tpmsd.inference.windows import Reader

@@ -11,8 +11,8 @@ import pytest
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
 from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.drive_study import first_noise
-from tpmsd.diagnosis.response import APART, finer_knots, smooth_knots
+from tpmsd.diagnosis.hypotheses.response import APART, finer_knots, smooth_knots
+from tpmsd.diagnosis.prepared.drive_study import first_noise
 from tpmsd.inference.trajectory import reference
 from tpmsd.inference.whitening import Whitener
 from tpmsd.inference.windows import Reader

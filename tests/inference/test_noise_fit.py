@@ -10,8 +10,8 @@ import pytest
 
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.drive_study import DriveStudy, first_noise
-from tpmsd.diagnosis.tangent import crossing
+from tpmsd.diagnosis.assessment.tangent import crossing
+from tpmsd.diagnosis.prepared.drive_study import DriveStudy, first_noise
 from tpmsd.inference.noise import Noise
 from tpmsd.inference.noise_fit import Stage, fit_noise
 from tpmsd.inference.trajectory import reference

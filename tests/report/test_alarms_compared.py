@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import pytest
 
 from tests.report.drives import START_S, Drive, alarm
-from tpmsd.diagnosis.result import Finding, Quantity, Where
+from tpmsd.diagnosis.assessment.result import Finding, Quantity, Where
 from tpmsd.monitor.records import AlarmEvent, AlarmKind
 from tpmsd.report.alarms_compared import alarms_document, alarms_summary, compare_alarms
 from tpmsd.report.diagnosis_html_alarms import alarms_section

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tests.report.test_alarms_compared import LEAK
-from tpmsd.diagnosis.reach import ChannelReach, Reach
-from tpmsd.diagnosis.result import Diagnosis, Finding, Ground, Inner, Quantity, Trace, Where
+from tpmsd.diagnosis.assessment.reach import ChannelReach, Reach
+from tpmsd.diagnosis.assessment.result import Diagnosis, Finding, Ground, Inner, Quantity, Trace, Where
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.report.diagnosis_document import diagnosis_document
 from tpmsd.report.diagnosis_html import diagnosis_page

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 from tpmsd.calibration.result import Calibration as CalibrationResult
 from tpmsd.calibration.wording import document as calibration_document
-from tpmsd.diagnosis.result import Diagnosis as DiagnosisResult
-from tpmsd.diagnosis.result import Finding
+from tpmsd.diagnosis.assessment.result import Diagnosis as DiagnosisResult
+from tpmsd.diagnosis.assessment.result import Finding
 from tpmsd.errors import ConfigError
 from tpmsd.monitor.records import AlarmEvent
 from tpmsd.physics.model import ExtendedModel

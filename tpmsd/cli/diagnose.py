@@ -103,8 +103,8 @@ def run(args: argparse.Namespace) -> int:
     import numpy as np
 
     from tpmsd.cli.diagnose_alarms import AlarmReplays
+    from tpmsd.diagnosis.assessment.result import INSUFFICIENT
     from tpmsd.diagnosis.diagnose import Certification, diagnose, diagnose_against
-    from tpmsd.diagnosis.result import INSUFFICIENT
     from tpmsd.physics.model_file import format_model
     from tpmsd.provenance import provenance
     from tpmsd.report.diagnosis_document import diagnosis_document

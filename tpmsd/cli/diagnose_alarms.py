@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from types import TracebackType
 
-    from tpmsd.diagnosis.result import Diagnosis
+    from tpmsd.diagnosis.assessment.result import Diagnosis
     from tpmsd.physics.model import ExtendedModel
     from tpmsd.report.alarms_compared import AlarmsCompared
     from tpmsd.report.replay_result import ReplayResult

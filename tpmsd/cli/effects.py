@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from tpmsd.cli.output import Subparsers, add_json_option, write_json
 
 if TYPE_CHECKING:
-    from tpmsd.diagnosis.identifiability import Telling
+    from tpmsd.diagnosis.assessment.identifiability import Telling
 
 _DESCRIPTION = """\
 Lists the effects that `tpmsd diagnose` knows: formula, sign, units, usual size and source. With a drive: what

@@ -13,6 +13,7 @@ import numpy as np
 
 from tpmsd.calibration.joint import PRIOR
 from tpmsd.calibration.windows import PARAMETERS
+from tpmsd.physics.catalogue import EFFECTS
 from tpmsd.wheels import WHEELS, FloatArray
 
 
@@ -41,17 +42,7 @@ CONTRASTS = (
 BACK = np.array([[1.0, 0.5, 0.5, 0.0], [1.0, 0.5, -0.5, 0.0], [1.0, -0.5, 0.0, 0.5], [1.0, -0.5, 0.0, -0.5]])
 """(4, 4) radii fl fr rl rr of the four contrasts."""
 _EFFECTS = {
-    "track_rear": ("track_width_error", "rear_relative", "1"),
-    "track_front": ("track_width_error", "front_relative", "1"),
-    "antenna_forward": ("antenna_lever_arm", "forward_m", "m"),
-    "antenna_left": ("antenna_lever_arm", "left_m", "m"),
-    "load_lateral": ("load_transfer_lateral", "coefficient", "s2"),
-    "slip_long": ("longitudinal_slip", "slip_per_accel", "s2/m"),
-    "slip_lateral": ("lateral_slip", "coefficient", "rad.s2/m"),
-    "growth": ("centrifugal_growth", "coefficient", "s2/m"),
-    "gyro_gain": ("yaw_rate_scale", "scale_minus_one", "1"),
-    "latency": ("gnss_latency", "latency_s", "s"),
-    "doppler_lag": ("velocity_lag", "lag_s", "s"),
+    name: (effect.name, *what) for effect in EFFECTS.values() for name, what in effect.in_calibration.items()
 }
 REST = tuple(name for name in PARAMETERS if name not in RADII)
 PARAMETERS_OF_FLEET = (

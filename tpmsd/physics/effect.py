@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
+from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -126,6 +127,8 @@ class Effect:
     """Whether a drive cannot have its own value, as a slope's share in the horizontal."""
     always_fitted: ClassVar[bool] = False
     """Of a nuisance: part of the baseline model, not a hypothesis."""
+    in_calibration: ClassVar[Mapping[str, tuple[str, str]]] = MappingProxyType({})
+    """By its name in a joint calibration, what the number there is, and its unit."""
     everywhere: ClassVar[bool] = False
     """Whether it acts at all times alike, so that its place is the whole drive."""
     drifts_into: ClassVar[str] = ""

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.diagnosis.result import Finding
+from tpmsd.diagnosis.assessment.result import Finding
 from tpmsd.monitor.records import AlarmEvent, AlarmKind
 from tpmsd.physics.catalogue import FAULT
 from tpmsd.report.replay_document import alarm_entry

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from tpmsd.diagnosis.reach import Reach
-from tpmsd.diagnosis.result import Diagnosis, Finding, Where
+from tpmsd.diagnosis.assessment.reach import Reach
+from tpmsd.diagnosis.assessment.result import Diagnosis, Finding, Where
 from tpmsd.report.alarms_compared import AlarmsCompared, alarms_document
 
 

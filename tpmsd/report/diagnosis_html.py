@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from tpmsd.diagnosis.result import FINDING, INSUFFICIENT, Diagnosis, Finding, Quantity, Trace
+from tpmsd.diagnosis.assessment.result import FINDING, INSUFFICIENT, Diagnosis, Finding, Quantity, Trace
 from tpmsd.physics.catalogue import sentence_of
 from tpmsd.report.alarms_compared import AlarmsCompared
 from tpmsd.report.diagnosis_html_alarms import alarms_section

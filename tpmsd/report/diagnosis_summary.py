@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tpmsd.diagnosis.reach import Reach
-from tpmsd.diagnosis.result import (
+from tpmsd.diagnosis.assessment.reach import Reach
+from tpmsd.diagnosis.assessment.result import (
     CONSISTENT,
     FINDING,
     INSUFFICIENT,

@@ -10,7 +10,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from tpmsd.diagnosis.identifiability import Telling
+from tpmsd.diagnosis.assessment.identifiability import Telling
 from tpmsd.physics.catalogue import EFFECTS, sentence_of
 from tpmsd.physics.effect import Effect, Parameter
 

@@ -25,6 +25,10 @@ class AntennaLeverArm(Effect):
     kind: ClassVar[Kind] = Kind.INSTRUMENT
     formula: ClassVar[str] = "antenna at (forward_m, left_m) from its configured place"
     needs: ClassVar[tuple[str, ...]] = ("gnss",)
+    in_calibration: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "antenna_forward": ("forward_m", "m"),
+        "antenna_left": ("left_m", "m"),
+    }
     sentence: ClassVar[str] = "the antenna is not where the configuration says"
     telling_drive: ClassVar[str] = "drive full circles at walking pace, to both sides, then bends at speed"
     shows_in: ClassVar[tuple[str, str]] = ("gnss_course", "yaw_rate")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -24,6 +25,7 @@ class CentrifugalGrowth(Effect):
     name: ClassVar[str] = "centrifugal_growth"
     formula: ClassVar[str] = "delta_r = k * v^2 on all wheels"
     looks: ClassVar[Look] = Look.COMMON
+    in_calibration: ClassVar[Mapping[str, tuple[str, str]]] = {"growth": ("coefficient", "s2/m")}
     sentence: ClassVar[str] = "the tyres grow with speed"
     telling_drive: ClassVar[str] = "hold 30 m/s for two minutes, then coast to 15 m/s, twice"
     shows_in: ClassVar[tuple[str, str]] = ("wheel", "speed")

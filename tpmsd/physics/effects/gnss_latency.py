@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -26,6 +27,7 @@ class GnssLatency(Effect):
     needs: ClassVar[tuple[str, ...]] = ("gnss",)
     beside: ClassVar[tuple[str, ...]] = ("velocity_lag",)
     beside_value: ClassVar[tuple[str, ...]] = ("lateral_slip",)
+    in_calibration: ClassVar[Mapping[str, tuple[str, str]]] = {"latency": ("latency_s", "s")}
     sentence: ClassVar[str] = "the receiver's fixes are older than they seem"
     telling_drive: ClassVar[str] = "accelerate and brake firmly on a straight, ten times"
     shows_in: ClassVar[tuple[str, str]] = ("gnss_speed", "accel_long")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -22,6 +23,7 @@ class LateralSlip(Effect):
     name: ClassVar[str] = "lateral_slip"
     formula: ClassVar[str] = "beta = -c * a_y at the rear axle"
     needs: ClassVar[tuple[str, ...]] = ("gnss",)
+    in_calibration: ClassVar[Mapping[str, tuple[str, str]]] = {"slip_lateral": ("coefficient", "rad.s2/m")}
     sentence: ClassVar[str] = "the rear axle drifts outwards in bends"
     telling_drive: ClassVar[str] = (
         "drive the same bend slowly and fast: slip grows with speed, a lever arm does not"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -24,6 +25,7 @@ class LoadTransferLateral(Effect):
     name: ClassVar[str] = "load_transfer_lateral"
     formula: ClassVar[str] = "delta_r = +c * a_y left, -c * a_y right"
     contrast: ClassVar[bool] = True
+    in_calibration: ClassVar[Mapping[str, tuple[str, str]]] = {"load_lateral": ("coefficient", "s2")}
     sentence: ClassVar[str] = "bends shift load between the sides and change the radii"
     telling_drive: ClassVar[str] = "drive the same bend slowly and fast, to both sides"
     shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "accel_lat")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -25,6 +26,7 @@ class LongitudinalSlip(Effect):
 
     name: ClassVar[str] = "longitudinal_slip"
     formula: ClassVar[str] = "omega * r = v * (1 + c * a_x + d * v^2) on driven wheels"
+    in_calibration: ClassVar[Mapping[str, tuple[str, str]]] = {"slip_long": ("slip_per_accel", "s2/m")}
     sentence: ClassVar[str] = "driven wheels slip under drive force"
     telling_drive: ClassVar[str] = "accelerate firmly and coast at the same speeds on a straight, ten times"
     shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "accel_long")

@@ -9,7 +9,7 @@ import numpy as np
 
 from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
 from tpmsd.physics.motion import Car, Motion
-from tpmsd.wheels import IS_FRONT, FloatArray
+from tpmsd.wheels import IS_FRONT, WHEELS, FloatArray
 
 LEAST_MPS = 1.0
 """Below, the share is that at this speed."""
@@ -42,6 +42,11 @@ class MessageDelay(Effect):
         ),
     )
     front_s: float
+
+    @classmethod
+    def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
+        """The front ones."""
+        return WHEELS[:2]
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) -front_s * a / v on the front wheels, by the kinematic acceleration."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -22,6 +23,10 @@ class TrackWidthError(Effect):
     kind: ClassVar[Kind] = Kind.INSTRUMENT
     formula: ClassVar[str] = "hub speeds = v -+ yaw rate * (track + error) / 2"
     contrast: ClassVar[bool] = True
+    in_calibration: ClassVar[Mapping[str, tuple[str, str]]] = {
+        "track_rear": ("rear_relative", "1"),
+        "track_front": ("front_relative", "1"),
+    }
     sentence: ClassVar[str] = "the track differs from the configured one"
     telling_drive: ClassVar[str] = "drive full circles slowly, to both sides: load transfer is small there"
     shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "yaw_rate")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -27,6 +28,7 @@ class VelocityLag(Effect):
     name: ClassVar[str] = "velocity_lag"
     kind: ClassVar[Kind] = Kind.INSTRUMENT
     formula: ClassVar[str] = "speed and course of t - lag_s stand beside the position of t"
+    in_calibration: ClassVar[Mapping[str, tuple[str, str]]] = {"doppler_lag": ("lag_s", "s")}
     sentence: ClassVar[str] = "the receiver's speed and course are older than its position"
     telling_drive: ClassVar[str] = "accelerate and brake firmly on a straight under the open sky, ten times"
     shows_in: ClassVar[tuple[str, str]] = ("gnss_speed", "accel_long")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -20,6 +21,7 @@ class YawRateScale(Effect):
     kind: ClassVar[Kind] = Kind.INSTRUMENT
     formula: ClassVar[str] = "reading = scale * truth"
     needs: ClassVar[tuple[str, ...]] = ("yaw_rate",)
+    in_calibration: ClassVar[Mapping[str, tuple[str, str]]] = {"gyro_gain": ("scale_minus_one", "1")}
     sentence: ClassVar[str] = "the gyro's scale is off"
     telling_drive: ClassVar[str] = "drive ten full circles to each side"
     shows_in: ClassVar[tuple[str, str]] = ("yaw_rate", "yaw_rate")

@@ -1,0 +1,92 @@
+"""The rooms of the diagnosis: their sizes, which may import which, and that all of them are tested."""
+
+from __future__ import annotations
+
+import ast
+from functools import cache
+from pathlib import Path
+
+from tpmsd.diagnosis.stages import STAGES, choose, down_weight, first_noise, other_noise, verdict
+
+REPO = Path(__file__).resolve().parents[2]
+HOME = REPO / "tpmsd" / "diagnosis"
+FLOORS = 6
+THROUGH_OTHERS = {
+    "assessment.explanatory",
+    "assessment.identifiability",
+    "assessment.simulated",
+    "assessment.teeth",
+    "assessment.walking_pace",
+    "counters.miscount",
+    "hypotheses.advice",
+    "hypotheses.joint_terms",
+    "refinement.finer",
+    "refinement.refine",
+    "refinement.relinearise",
+    "reporting.findings",
+    "reporting.traces",
+    "reporting.where",
+    "robustness.drifting",
+    "selection.chosen",
+    "selection.described",
+}
+"""Modules that tests reach through `diagnose` alone; the list only shrinks."""
+
+
+def imported(path: Path) -> set[str]:
+    """Modules that a file imports, in full."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
+
+
+def room_of(module: str) -> str:
+    """`tpmsd.diagnosis.selection.chosen` -> `selection`; `tpmsd.diagnosis.stages` -> `stages`."""
+    return module.split(".")[2]
+
+
+def modules() -> dict[str, Path]:
+    """All modules of the diagnosis by name."""
+    paths = [path for path in HOME.rglob("*.py") if path.name != "__init__.py"]
+    return {".".join(path.relative_to(REPO).with_suffix("").parts): path for path in paths}
+
+
+def test_rooms_hold_three_to_eight_files() -> None:
+    """Few enough to be read in a row, enough to be a room."""
+    sizes = {
+        room.name: len([path for path in room.glob("*.py") if path.name != "__init__.py"])
+        for room in HOME.iterdir()
+        if room.is_dir() and room.name != "__pycache__"
+    }
+
+    assert {} == {room: size for room, size in sizes.items() if not 3 <= size <= 8}
+
+
+def test_rooms_stand_on_at_most_six_floors() -> None:
+    """A room imports rooms of lower floors alone, so that there is no way round in a circle."""
+    below: dict[str, set[str]] = {}
+    for name, path in modules().items():
+        others = {room_of(module) for module in imported(path) if module.startswith("tpmsd.diagnosis.")}
+        below.setdefault(room_of(name), set()).update(others - {room_of(name)})
+
+    @cache
+    def floor(room: str, depth: int = 0) -> int:
+        assert depth <= len(below), f"{room} is imported in a circle"
+        return 1 + max((floor(other, depth + 1) for other in below[room]), default=0)
+
+    assert max(floor(room) for room in below) <= FLOORS
+
+
+def test_every_module_is_imported_by_a_test() -> None:
+    """No module of the diagnosis is without a test that names it, but those listed."""
+    tested = set().union(*(imported(path) for path in (REPO / "tests").rglob("*.py")))
+
+    assert THROUGH_OTHERS == {name.removeprefix("tpmsd.diagnosis.") for name in set(modules()) - tested}
+
+
+def test_outliers_are_weighed_after_events_were_looked_for_and_the_verdict_comes_before_other_noise() -> None:
+    """The order that the rules of the diagnosis rest on."""
+    order = list(STAGES)
+
+    assert first_noise is order[0]
+    assert order.index(choose) < order.index(down_weight)
+    assert [verdict, other_noise] == order[-2:]

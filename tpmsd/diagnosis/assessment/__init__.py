@@ -1,0 +1,1 @@
+"""What was reached, what is left, and how well values are known."""

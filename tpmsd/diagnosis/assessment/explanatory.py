@@ -1,0 +1,58 @@
+"""What slips by the tyre model would explain.
+
+In: a `Study` and the terms that were found. Out: `Explanatory`: what wheel slip and side slip would gain,
+alone and beyond these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tpmsd.diagnosis.assessment.result import Explanatory
+from tpmsd.diagnosis.hypotheses.terms import Term, group_gain
+from tpmsd.diagnosis.hypotheses.wheel_slip import SIDE_SLIP, WHEEL_SLIP
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.inference.least_squares import Evidence
+from tpmsd.inference.windows import GYRO
+from tpmsd.wheels import FloatArray
+
+SHOWN_OVER = {WHEEL_SLIP: "accel_long", SIDE_SLIP: "accel_lat"}
+
+
+def explanatory(study: Study, found: Sequence[Term], evidence: Evidence) -> tuple[Explanatory, ...]:
+    """Gains in sample, over calibration alone and over what was found; none of what no drive can show."""
+    selector = Selector(evidence, study.hypotheses)
+    designs = (selector.design([]), selector.design(found))
+    without = _missing(study)
+    out = []
+    for name, covariate in SHOWN_OVER.items():
+        design = _columns(study, name)
+        if design.shape[1] == 0:
+            continue
+        alone, beyond = (max(group_gain(design[1:], *evidence.projected(known))[0], 0.0) for known in designs)
+        out.append(Explanatory(name, covariate, alone, beyond, without))
+    return tuple(out)
+
+
+def _columns(study: Study, name: str) -> FloatArray:
+    """(1 + p, k) the columns of a slip, common to all drives that have them."""
+    places: dict[tuple[str, ...], int] = {}
+    for drive in study.drives:
+        for at, local in zip(drive.here, drive.local, strict=True):
+            if local < len(drive.names) and drive.names[local][0] == name:
+                places.setdefault(drive.names[local], int(at))
+    design = np.zeros((study.width, len(places)))
+    design[list(places.values()), np.arange(len(places))] = 1.0
+    return design
+
+
+def _missing(study: Study) -> tuple[str, ...]:
+    """Roles of the bus without which slips are told by the wheels and the receiver alone."""
+    drives = study.examined
+    by = {drive.reader.reference.grade_by for drive in drives}
+    turns = [bool(np.isfinite(drive.reader.windows.measured[:, GYRO]).any()) for drive in drives]
+    accel = () if by == {"accelerometer"} else ("accel_long",)
+    return accel if all(turns) else (*accel, "yaw_rate")

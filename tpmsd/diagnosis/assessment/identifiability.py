@@ -1,0 +1,98 @@
+"""What a drive can tell about each effect of the catalogue, and which effects it confounds.
+
+In: a `Study`. Out: `Telling`s: per effect the log-likelihood gain to be expected at its usual size, and the
+effects whose whitened sensitivities lie close to its own, by principal angles (Bjoerck and Golub, Mathematics
+of Computation 27, 1973). Calibration is projected out of both. Nothing is fitted to the data but the noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.diagnosis.hypotheses.advice import advice
+from tpmsd.diagnosis.hypotheses.terms import Term
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.physics.effect import Parameter
+from tpmsd.wheels import FloatArray
+
+CONFOUNDED = 0.9
+"""Cosine of the angle between two sensitivities from which effects count as confounded: of what the one
+brings, four fifths are then brought by the other."""
+TELLS = 10.0
+"""Nats at the usual size from which a drive tells an effect: its penalty, and odds of a thousand."""
+
+
+@dataclass(frozen=True)
+class Telling:
+    """One effect on one drive."""
+
+    effect: str
+    expected_gain: float
+    """Nats at the usual size (the larger of the prior's mean and its standard deviation)."""
+    confounded_with: tuple[tuple[str, float], ...]
+    """Names and cosines, the nearest first."""
+    drive: str
+    """What to drive to separate it from the nearest; empty where nothing is near."""
+
+    @property
+    def told(self) -> bool:
+        """Whether the drive tells an effect of the usual size."""
+        return self.expected_gain >= TELLS
+
+
+def tellings(study: Study) -> tuple[Telling, ...]:
+    """All effects that the drive has readings for, those that it tells best first."""
+    evidence = study.evidence()
+    gram, _ = evidence.projected(study.hypotheses.nuisance)
+    terms = _one_each(study.hypotheses.catalogue)
+    bases = {name: _basis(term, gram) for name, term in terms.items()}
+    out = []
+    for name, term in terms.items():
+        size = np.array([_usual_size(term, parameter) for parameter in term.parameters])
+        gain = 0.5 * float(size @ term.design[1:].T @ gram @ term.design[1:] @ size)
+        near = {other: _cosine(bases[name], bases[other], gram) for other in terms if other != name}
+        alike = tuple(
+            (other, cosine)
+            for other, cosine in sorted(near.items(), key=lambda e: -e[1])
+            if cosine > CONFOUNDED
+        )
+        out.append(Telling(name, gain, alike, advice(name, tuple(other for other, _ in alike))))
+    return tuple(sorted(out, key=lambda one: -one.expected_gain))
+
+
+def _one_each(catalogue: list[Term]) -> dict[str, Term]:
+    """Per effect the term of most values, at the middle of its grid and its first place."""
+    out: dict[str, Term] = {}
+    for term in catalogue:
+        if term.drive is None and term.typical and not term.calibrates and not term.free:
+            known = out.get(term.effect)
+            if known is None or term.design.shape[1] > known.design.shape[1]:
+                out[term.effect] = term
+    return out
+
+
+def _usual_size(term: Term, parameter: str) -> float:
+    for one in term.kind_of.parameters:
+        if isinstance(one, Parameter) and one.name == parameter:
+            if one.prior is None:
+                return one.typical - one.neutral
+            return max(abs(one.prior.mean - one.neutral), one.prior.std)
+    return 1.0  # an effect without parameters acts or does not
+
+
+def _basis(term: Term, gram: FloatArray) -> FloatArray:
+    """(p, k) combinations that are orthonormal in the whitened data; fewer where some say nothing."""
+    part = term.design[1:]
+    inner = part.T @ gram @ part
+    values, vectors = np.linalg.eigh(inner)
+    kept = values > 1e-9 * max(float(values.max()), 1e-300)
+    return np.asarray(part @ (vectors[:, kept] / np.sqrt(values[kept])))
+
+
+def _cosine(one: FloatArray, other: FloatArray, gram: FloatArray) -> float:
+    """Of the smallest principal angle."""
+    if not one.shape[1] or not other.shape[1]:
+        return 0.0
+    return float(min(np.linalg.svd(one.T @ gram @ other, compute_uv=False)[0], 1.0))

@@ -1,0 +1,197 @@
+"""How much of the reachable improvement the found physics reached, and whether what is left has structure.
+
+In: each drive's whitened columns and the chosen terms. Out: `Reach`. What is reachable is measured, not
+assumed: on top of the found model a flexible one (every free shape at every place, every effect's column, all
+at once, shrunk as far as the data ask for) is fitted to the same blocks and must predict the same held-out
+ones. What it still gains there is what a better model could have gained.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from scipy.stats import chi2
+
+from tpmsd.diagnosis.hypotheses.terms import Name
+from tpmsd.inference.least_squares import FOLDS
+from tpmsd.inference.windows import CHANNEL_NAMES
+from tpmsd.physics.catalogue import ALWAYS
+from tpmsd.wheels import FloatArray
+
+LAGS = 10
+"""Windows over which what is left is looked at for correlation."""
+_SHRINKAGE = np.concatenate([[0.0], np.logspace(-4, 2, 37)])
+"""Prior standard deviation of a column's value, in units of its own noise."""
+_MODELS = ("calibration", "model")
+_CALIBRATION = (*ALWAYS, "data", "ramp", "wheel_slip", "side_slip")
+"""Columns that are no part of the flexible model: ramps and slips are free shapes once more."""
+
+
+@dataclass(frozen=True)
+class ChannelReach:
+    """One channel's share; nats of held-out log-likelihood."""
+
+    found: float
+    """Gained by the found model over calibration alone."""
+    left: float
+    """Gained by the flexible model beyond the found one."""
+    correlation: float
+    """Of what is left with itself one window later."""
+    whiteness: float
+    """Probability that white noise would be as correlated over the next windows as what is left."""
+
+
+@dataclass(frozen=True)
+class Reach:
+    """What was reached and what is left."""
+
+    found: float
+    left: float
+    left_std: float
+    """By the scatter of the blocks."""
+    channels: dict[str, ChannelReach]
+
+    @property
+    def share(self) -> float | None:
+        """What was reached of the reachable; None where nothing was found and nothing is left."""
+        found, left = max(self.found, 0.0), max(self.left, 0.0)
+        return None if found == 0.0 and not self.structured else found / (found + left)
+
+    @property
+    def structured(self) -> bool:
+        """Whether what is left is more than the scatter of the blocks explains."""
+        return self.left > max(2.0 * self.left_std, 4.0)
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One drive's whitened columns; designs are in its own n columns, the data's first."""
+
+    white: FloatArray
+    """(w, 9, n)"""
+    measured: np.ndarray
+    """(w, 9)"""
+    blocks: np.ndarray
+    """(w,) the block of each window."""
+    by_block: FloatArray
+    """(blocks, n, n) Gram matrices."""
+    names: Sequence[Name]
+    """Of the columns; there may be further columns, which belong to the model alone."""
+    calibration: FloatArray
+    """(n, c) and `model` (n, k): what is fitted before and after. Their columns are the same numbers in all
+    drives; what is another drive's own is zero here."""
+    model: FloatArray
+
+
+def reach(drives: Sequence[Seen]) -> Reach:
+    """Compare three models on held-out blocks (every fifth, of each drive)."""
+    gains = [np.zeros((2, *one.measured.shape)) for one in drives]
+    residuals = [np.zeros(one.measured.shape) for one in drives]
+    for fold in range(FOLDS):
+        trained = [np.arange(len(one.by_block)) % FOLDS != fold for one in drives]
+        values = [_fitted(drives, trained, name) for name in _MODELS]
+        for one, kept, gain, left in zip(drives, trained, gains, residuals, strict=True):
+            here = ~kept[one.blocks]
+            rolling, found = (_weights(one, name, v) for name, v in zip(_MODELS, values, strict=True))
+            free = found - _flexible(one, found, kept)
+            rows = [one.white[here] @ weights for weights in (rolling, found, free)]
+            gain[0, here] = 0.5 * (rows[0] ** 2 - rows[1] ** 2)
+            gain[1, here] = 0.5 * (rows[1] ** 2 - rows[2] ** 2)
+            left[here] = rows[1]
+    by_block = np.concatenate(
+        [
+            np.bincount(one.blocks, gain[1].sum(axis=1), len(one.by_block))
+            for one, gain in zip(drives, gains, strict=True)
+        ]
+    )
+    measured = np.concatenate([one.measured for one in drives])
+    found_gain, left_gain = (np.concatenate([gain[k] for gain in gains]) for k in range(2))
+    return Reach(
+        found=float(found_gain.sum()),
+        left=float(left_gain.sum()),
+        left_std=float(np.sqrt(len(by_block) * by_block.var())),
+        channels={
+            name: _channel(name, measured, found_gain, left_gain, np.concatenate(residuals))
+            for name in dict.fromkeys(CHANNEL_NAMES)
+            if measured[:, _columns(name)].any()
+        },
+    )
+
+
+def _fitted(drives: Sequence[Seen], trained: Sequence[np.ndarray], which: str) -> FloatArray:
+    """(k,) values of a design, fitted to the trained blocks of all drives."""
+    gram: FloatArray = np.zeros(0)
+    for one, kept in zip(drives, trained, strict=True):
+        design = getattr(one, which)
+        into = np.concatenate([np.eye(len(design), 1), design], axis=1)
+        part = into.T @ one.by_block[kept].sum(axis=0) @ into
+        gram = part if not gram.size else gram + part
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram)[1:], 1e-300))
+    A = gram[1:, 1:] * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
+    return np.asarray(np.linalg.solve(A, gram[1:, 0] * scale) * scale)
+
+
+def _weights(one: Seen, which: str, values: FloatArray) -> FloatArray:
+    """(n,) weights of the columns in the residual of a design with these values."""
+    weights: FloatArray = -getattr(one, which) @ values
+    weights[0] += 1.0
+    return weights
+
+
+def _flexible(one: Seen, found: FloatArray, kept: np.ndarray) -> FloatArray:
+    """(n,) weights of what the flexible model takes out of the found model's residual, by the blocks `kept`.
+
+    Its values are shrunk by the factor under which the data are likeliest (MacKay, Neural Computation 4,
+    1992); the calibration is fitted along.
+    """
+    gram = one.by_block[kept].sum(axis=0)
+    data = gram @ found
+    base = one.calibration[:, np.any(one.calibration != 0.0, axis=0)]
+    base = base / np.sqrt(np.maximum((base * (gram @ base)).sum(axis=0), 1e-300))
+    A = scipy.linalg.cho_factor(base.T @ gram @ base + 1e-9 * np.eye(base.shape[1]))
+    columns = np.array([k for k, name in enumerate(one.names) if name[0] not in _CALIBRATION])
+    cross = scipy.linalg.cho_solve(A, base.T @ gram[:, columns])
+    told = np.diag(gram)[columns]
+    rest = gram[np.ix_(columns, columns)] - (gram[columns] @ base) @ cross
+    # Columns that say nothing, or nothing that calibration does not say already, stay out.
+    new = (told > 1e-12 * max(told.max(), 1e-300)) & (np.diag(rest) > 1e-6 * told)
+    columns, cross, size = columns[new], cross[:, new], np.sqrt(told[new])
+    b = (data[columns] - cross.T @ (base.T @ data)) / size
+    eigenvalues, vectors = np.linalg.eigh(rest[np.ix_(new, new)] / np.outer(size, size))
+    eigenvalues, b = np.maximum(eigenvalues, 0.0), vectors.T @ b
+    power = (_SHRINKAGE**2 * max(float(gram[0, 0]), 1.0))[:, None]
+    likelihood = 0.5 * (power * b**2 / (1.0 + power * eigenvalues) - np.log1p(power * eigenvalues)).sum(
+        axis=1
+    )
+    best = power[int(np.argmax(likelihood)), 0]
+    out = np.zeros(len(gram))
+    out[columns] = vectors @ (best * b / (1.0 + best * eigenvalues)) / size
+    out += base @ scipy.linalg.cho_solve(A, base.T @ (data - gram @ out))
+    return out
+
+
+def _columns(name: str) -> np.ndarray:
+    return np.array([channel == name for channel in CHANNEL_NAMES])
+
+
+def _channel(
+    name: str, measured: np.ndarray, found: FloatArray, left: FloatArray, residual: FloatArray
+) -> ChannelReach:
+    at = _columns(name)
+    rows, here = np.where(measured[:, at], residual[:, at], np.nan), int(measured[:, at].sum())
+    rows = rows - np.nanmean(rows)
+    correlations = []
+    for lag in range(1, LAGS + 1):
+        products = rows[lag:] * rows[:-lag]
+        correlations.append(float(np.nansum(products) / max(np.nansum(rows**2), 1e-300)))
+    # Ljung and Box, Biometrika 65, 1978.
+    portmanteau = here * (here + 2) * sum(r**2 / max(here - lag, 1) for lag, r in enumerate(correlations, 1))
+    return ChannelReach(
+        found=float(found[:, at].sum()),
+        left=float(left[:, at].sum()),
+        correlation=correlations[0],
+        whiteness=float(chi2.sf(portmanteau, LAGS)),
+    )

@@ -1,0 +1,150 @@
+"""What a diagnosis says.
+
+In: nothing (plain records). Out: `Finding`, `Where`, `Quantity`, `Diagnosis`, and what
+pictures are drawn from.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from tpmsd.diagnosis.assessment.reach import Reach
+from tpmsd.physics.model import ExtendedModel
+from tpmsd.wheels import FloatArray
+
+CONSISTENT, MISMATCH, INSUFFICIENT = "consistent", "mismatch", "insufficient_data"
+FINDING, SUSPICION = "finding", "suspicion"
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A parameter's value."""
+
+    value: float | str
+    std: float | None
+    unit: str
+
+
+@dataclass(frozen=True)
+class Where:
+    """The place of a mismatch, in the words of the report's format."""
+
+    wheels: tuple[str, ...]
+    channel: str
+    covariate: str | None
+    range: tuple[float, float] | None
+    time_spans: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Explanatory:
+    """A variable that the tyre model tells, and what it would explain; gains in sample, nats."""
+
+    variable: str
+    """wheel_slip | side_slip"""
+    covariate: str
+    """Over which it is shown."""
+    alone: float
+    """Gain over calibration alone."""
+    beyond: float
+    """Gain over what was found."""
+    without: tuple[str, ...] = ()
+    """Roles that the bus lacks: what they would tell comes from wheels and receiver."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One piece of physics that the rolling model lacks."""
+
+    effect: str
+    confidence: float
+    parameters: dict[str, Quantity]
+    where: Where
+    rms_before: float
+    """Of the whitened residual on held-out blocks, without and with this finding."""
+    rms_after: float
+    loglik_gain_per_s: float
+    gain: float
+    """Log-likelihood on held-out blocks, in nats."""
+    indistinguishable_from: tuple[str, ...]
+    advice: str = ""
+    """Which drive would tell the rivals apart."""
+    shape: tuple[tuple[float, float, float], ...] = ()
+    """Of an `unknown`: (covariate, value, std) at the knots."""
+    drives: tuple[str, ...] = ()
+    """Of several drives, those in which it stands; empty where it stands in all."""
+    held_by: str = ""
+    """Compared with a simulation: recording, simulation, or both at different values; else empty."""
+    simulated: dict[str, Quantity] = field(default_factory=dict)
+    """The simulation's own values; `parameters` are the recording's less these."""
+    p_value: float | None = None
+    """How often a drive without it would show as much; None where no certificate was asked for."""
+    status: str = FINDING
+    """finding | suspicion; a suspicion does not make a mismatch."""
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The whole answer for one drive or several."""
+
+    verdict: str
+    reason: str
+    """Why the data are insufficient; else empty."""
+    findings: tuple[Finding, ...]
+    driving_s: float
+    """Windows that were compared."""
+    baseline_rms: float
+    baseline_loglik_per_s: float
+    model_rms: float
+    unexplained: Where | None
+    model: ExtendedModel
+    evidence: tuple[tuple[str, float], ...] = ()
+    """Held-in gain of every hypothesis alone against the rolling model, the best first."""
+    baseline: tuple[str, ...] = ("rolling",)
+    """With what the recording was compared: the rolling model, or the user's simulation."""
+    simulation: tuple[str, ...] = ()
+    """Effects that the user's simulation was seen to hold."""
+    notes: tuple[str, ...] = ()
+    """Drives and stretches that were left out, and why."""
+    reach: Reach | None = None
+    """How much of the reachable improvement was reached; None where the data are insufficient."""
+    explanatory: tuple[Explanatory, ...] = ()
+    """What slips by the tyre model would gain."""
+    replicates: int = 0
+    """Drawn for the certificate of the findings; 0 without one."""
+    control: float | None = None
+    """Largest penalised gain (nats) of a shape over covariates that cannot act; None if not asked for."""
+    inner: Inner | None = field(default=None, repr=False)
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Mismatch in standard deviations per bin of a covariate: residual along the finding's response."""
+
+    effect: str
+    covariate: str
+    middle: FloatArray
+    before: FloatArray
+    after: FloatArray
+
+
+@dataclass(frozen=True)
+class Ground:
+    """The drive's map."""
+
+    east_m: FloatArray
+    north_m: FloatArray
+    mismatch: FloatArray
+    """Log-likelihood per second that the rolling model loses there against the extended one, smoothed over 9
+    s.
+    """
+
+
+@dataclass(frozen=True)
+class Inner:
+    """What the pictures are drawn from."""
+
+    rms_by_channel: dict[str, tuple[float, float]]
+    """Root mean square of the whitened residual, before and after."""
+    traces: tuple[Trace, ...]
+    ground: Ground | None

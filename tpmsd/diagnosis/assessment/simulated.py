@@ -1,0 +1,306 @@
+"""What a recording holds and the user's own simulation of it does not.
+
+In: a `Study` of the two, examined as two drives are. Out: the `Selection` of differences, and what each of
+the two holds. The simulation takes the rolling model's place: whatever both hold in common (an effect's
+value is then one number for both) becomes part of the baseline, and only terms that act in the recording
+alone are findings. A finding's effect is also free in the baseline, so that its value is the recording's
+less the simulation's, with the doubt of both: what is too faint to be seen in the simulation is not said to
+be missing from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from tpmsd.diagnosis.hypotheses.joint_terms import JointHypotheses
+from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term, wheels_of
+from tpmsd.diagnosis.prepared.drive_study import Refined
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.selection.chosen import Chosen, Selection
+from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.inference.least_squares import Evidence, Fit
+from tpmsd.inference.noise import Noise
+from tpmsd.wheels import WHEELS, FloatArray
+
+RECORDING, SIMULATION, BOTH = "recording", "simulation", "both"
+FLOOR = 0.5
+"""A simulation's noise is taken to be no less than this share of the recording's: a difference cannot be told
+better than the recording tells it, and a perfect receiver would make much of what no model holds.
+"""
+MEMORIES = {
+    "speed_memory": "speed_mps",
+    "slow_tau_s": "slow_m",
+    "clock_tau_s": "clock_s",
+    "wander_tau_s": "wander",
+}
+"""Memory of a noise, and the noise."""
+SILENT = 0.01
+"""A simulation that tells this share of what the recording tells about a value, or less, holds none of it."""
+ROUNDS = 6
+SEEN_STDS = 3.0
+"""From so many standard deviations on, a value is there."""
+
+
+@dataclass(frozen=True)
+class Common:
+    """An effect that recording and simulation share."""
+
+    term: Term
+    """Its design acts in both."""
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """What it is, wherever it acts."""
+        return key_of(self.term)
+
+
+@dataclass(frozen=True)
+class Held:
+    """Of one difference: who holds the effect, and the values of each."""
+
+    by: str
+    recorded: Chosen
+    simulated: Chosen
+    twin: Common | None
+
+
+class Differences(Hypotheses):
+    """Terms that act in the recording alone; calibration and what both hold in common is the baseline."""
+
+    def __init__(self, joint: JointHypotheses, common: Sequence[Common]) -> None:
+        self.joint = joint
+        self.common = list(common)
+        self.width = joint.width
+        self.catalogue = [term for term in joint.catalogue if term.drive == 0]
+        self.nuisance = np.concatenate([joint.nuisance, *(one.term.design for one in common)], axis=1)
+
+    def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
+        """Of the recording's wheels."""
+        return [(gain, term) for gain, term in self.joint.ramp_gains(gram, b) if term.drive == 0]
+
+    def pulse_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
+        """Of the recording's wheels."""
+        return [(gain, term) for gain, term in self.joint.pulse_gains(gram, b) if term.drive == 0]
+
+    def smooth_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
+        """Of the recording."""
+        return [(gain, term) for gain, term in self.joint.smooth_gains(gram, b) if term.drive == 0]
+
+    def first(self, which: Common) -> int:
+        """Where the values of a common effect begin in a fit."""
+        before = self.common[: [one.key for one in self.common].index(which.key)]
+        return int(self.joint.nuisance.shape[1] + sum(one.term.design.shape[1] for one in before))
+
+
+def key_of(term: Term) -> tuple[str, ...]:
+    """What a term is, wherever it acts."""
+    return (term.effect, term.wheel, term.place, term.covariate)
+
+
+def floored(noise: Noise, recorded: Noise) -> Noise:
+    """A simulation's noise, no smaller than a share of the recording's."""
+    changes: dict[str, Any] = {}
+    for field in fields(Noise):
+        mine, theirs = getattr(noise, field.name), getattr(recorded, field.name)
+        if isinstance(mine, tuple):
+            changes[field.name] = tuple(max(a, FLOOR * b) for a, b in zip(mine, theirs, strict=True))
+        elif field.name not in MEMORIES:
+            changes[field.name] = max(mine, FLOOR * theirs)
+    for memory, size in MEMORIES.items():
+        if getattr(noise, size) < FLOOR * getattr(recorded, size):
+            changes[memory] = getattr(recorded, memory)
+    return replace(noise, **changes)
+
+
+def differences(study: Study, selection: Selection, evidence: Evidence) -> tuple[Selection, Evidence]:
+    """Choose what differs; the study's hypotheses are `Differences` from then on.
+
+    `selection` is that of recording and simulation as two drives.
+    """
+    joint = study.hypotheses
+    assert isinstance(joint, JointHypotheses)
+    common: list[Common] = []
+    silent: set[tuple[str, ...]] = set()
+    evidence = _take(study, joint, evidence, [one.term for one in selection.chosen], common, silent)
+    for last in (*[False] * ROUNDS, True):
+        study.hypotheses = Differences(joint, common)
+        selector = Selector(evidence, study.hypotheses)
+        found = selector.select()
+        free = [one.term for one in found.chosen if not _settled(one.term, common, silent)]
+        if not free:
+            return found, evidence
+        if last:
+            settled = [one.term for one in found.chosen if _settled(one.term, common, silent)]
+            return selector.judged(settled), evidence
+        study.hypotheses = joint
+        evidence = _take(study, joint, evidence, free, common, silent)
+    raise AssertionError("unreachable")
+
+
+def compared(study: Study, selection: Selection) -> list[Held]:
+    """For each difference, who holds the effect; empty where there is no simulation."""
+    hypotheses = study.hypotheses
+    if not isinstance(hypotheses, Differences):
+        return []
+    out = []
+    start = hypotheses.nuisance.shape[1]
+    for one in selection.chosen:
+        at = np.arange(start, start + len(one.values))
+        start += len(one.values)
+        twin = next((c for c in hypotheses.common if c.key == key_of(one.term)), None)
+        shared = np.zeros((len(at), selection.fit.design.shape[1]))
+        if twin is not None:
+            first = hypotheses.first(twin)
+            for k, name in enumerate(one.term.parameters):
+                if name in twin.term.parameters:
+                    shared[k, first + twin.term.parameters.index(name)] = 1.0
+        both = shared.copy()
+        both[np.arange(len(at)), at] = 1.0
+        ratio = float(np.max(one.stds**2 / np.maximum(np.diag(selection.fit.covariance)[at], 1e-300)))
+        simulated, there = _valued(one, selection.fit, shared, ratio)
+        recorded, here = _valued(one, selection.fit, both, ratio)
+        by = SIMULATION if there > max(here, SEEN_STDS) else RECORDING
+        if min(there, here) > SEEN_STDS:
+            by = BOTH
+        out.append(Held(by, recorded, simulated, twin))
+    return out
+
+
+def whole_model(study: Study, selection: Selection) -> list[Chosen]:
+    """What the recording holds in all, what it has in common with the simulation included; empty where there
+    is no simulation.
+    """
+    hypotheses = study.hypotheses
+    if not isinstance(hypotheses, Differences):
+        return []
+    out: list[Chosen] = []
+    taken = []
+    for difference, one in zip(selection.chosen, compared(study, selection), strict=True):
+        if difference.term.calibrates:
+            continue
+        same = one.twin is not None and _alike(one.twin.term, one.recorded.term)
+        if not same and one.twin is not None:
+            out.append(difference)
+        elif one.by != SIMULATION:
+            out.append(one.recorded)
+        if same:
+            taken.append(one.twin)
+    for common in hypotheses.common:
+        if all(common is not one for one in taken) and not common.term.calibrates:
+            at = hypotheses.first(common) + np.arange(common.term.design.shape[1])
+            stds = np.sqrt(np.diag(selection.fit.covariance)[at])
+            out.append(Chosen(common.term, 0.0, 0.0, 0.0, 1.0, (), selection.fit.values[at], stds))
+    return out
+
+
+def simulated_effects(study: Study, selection: Selection) -> tuple[str, ...]:
+    """Names of the effects that the simulation holds, less those that it turned out not to hold."""
+    hypotheses = study.hypotheses
+    if not isinstance(hypotheses, Differences):
+        return ()
+    lacking = {key_of(one.recorded.term) for one in compared(study, selection) if one.by == RECORDING}
+    seen = [one for one in hypotheses.common if one.key not in lacking and not one.term.calibrates]
+    return tuple(dict.fromkeys(one.term.effect for one in seen))
+
+
+def _alike(one: Term, other: Term) -> bool:
+    return (one.parameters, one.span_s, one.at) == (other.parameters, other.span_s, other.at)
+
+
+def _valued(one: Chosen, fit: Fit, into: FloatArray, ratio: float) -> tuple[Chosen, float]:
+    """A term with other combinations of the fit's values, and their distance from zero in deviations."""
+    covariance = into @ fit.covariance @ into.T * ratio
+    values = into @ fit.values
+    return replace(one, values=values, stds=np.sqrt(np.diag(covariance))), _size(values, covariance)
+
+
+def _size(values: FloatArray, covariance: FloatArray) -> float:
+    """How many standard deviations values are from zero, as of one value of the same probability, roughly."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    unit = covariance / np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
+    square = float((values / scale) @ np.linalg.solve(unit, values / scale))
+    return float(np.sqrt(max(square - (len(values) - 1), 0.0)))
+
+
+def _settled(term: Term, common: Sequence[Common], silent: set[tuple[str, ...]]) -> bool:
+    return key_of(term) in silent or any(
+        one.key == key_of(term) and set(term.parameters) <= set(one.term.parameters) for one in common
+    )
+
+
+def _take(
+    study: Study,
+    joint: JointHypotheses,
+    evidence: Evidence,
+    terms: Sequence[Term],
+    common: list[Common],
+    silent: set[tuple[str, ...]],
+) -> Evidence:
+    """Make these terms part of what both hold (or note that the simulation is silent about them)."""
+    wanted = [term for term in terms if not _settled(term, common, silent)]
+    exact = [term for term in wanted if _refined(term) is not None]
+    columns: list[tuple[Refined, dict[int, FloatArray]]] = []
+    for term in exact:
+        refined = _refined(term)
+        assert refined is not None
+        by_drive = {k: refined.column(drive.reader, drive.base) for k, drive in enumerate(study.drives)}
+        columns += [(refined, by_drive), (refined, {0: by_drive[0]})]
+    places = study.append(columns)
+    if places:
+        evidence = study.evidence()
+        for k, one in enumerate(common):
+            common[k] = Common(replace(one.term, design=widened(one.term.design, study.width)))
+    for term in wanted:
+        if term in exact:
+            tied, alone = places[2 * exact.index(term) :][:2]
+            design = evidence.unit(tied)
+            joint.catalogue.append(replace(term, design=evidence.unit(alone), drive=0))
+        elif term.drive is None:
+            design = widened(term.design, study.width)
+        else:
+            design = widened(term.design, study.width)
+            mirror = joint.mirrored(design, term.drive, 1 - term.drive)
+            if mirror is None:
+                silent.add(key_of(term))
+                continue
+            design = design + mirror
+        if _told(evidence, joint.nuisance, design) < SILENT:
+            silent.add(key_of(term))
+            continue
+        common[:] = [one for one in common if one.key != key_of(term)]
+        common.append(Common(replace(term, design=design, drive=None)))
+    return evidence
+
+
+def _refined(term: Term) -> Refined | None:
+    """What has an onset or a time constant of its own, as a column of both drives."""
+    if term.ramp:
+        onset, end = term.span_s
+        return Refined((WHEELS.index(term.wheel),), onset, end - onset)
+    if term.pulse:
+        return Refined(wheels_of(term.place), *term.span_s, pulse=True)
+    return None if term.at is None else Refined((), term.at, like=term)
+
+
+def _told(evidence: Evidence, nuisance: FloatArray, design: FloatArray) -> float:
+    """What the simulation tells about a design's values, over what the recording tells: the least of them."""
+    told = []
+    for part in evidence.parts:
+        gram = part.small(np.concatenate([nuisance, design], axis=1)).sum(axis=0)[1:, 1:]
+        used = np.flatnonzero(np.diag(gram)[: nuisance.shape[1]] > 0.0)
+        new = np.arange(nuisance.shape[1], len(gram))
+        scale = 1.0 / np.sqrt(np.diag(gram)[used])
+        base = gram[np.ix_(used, used)] * np.outer(scale, scale) + 1e-9 * np.eye(len(used))
+        cross = gram[np.ix_(used, new)] * scale[:, None]
+        told.append(np.diag(gram)[new] - (cross * np.linalg.solve(base, cross)).sum(axis=0))
+    recorded, simulated = told
+    return float(np.min(simulated / np.maximum(recorded, 1e-300)))
+
+
+def widened(design: FloatArray, width: int) -> FloatArray:
+    """(1 + width, k) a design with room for columns that were added since."""
+    return np.concatenate([design, np.zeros((width - len(design), design.shape[1]))])

@@ -1,0 +1,138 @@
+"""Uneven or miscounted teeth of any drive as findings.
+
+In: a `Study` and the calibration fitted to it. Out: `Finding`s. They are looked for apart from all else, at
+the ticks' edges (`tone_ring`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from tpmsd.diagnosis.assessment.result import Finding, Quantity, Where
+from tpmsd.diagnosis.assessment.simulated import BOTH, RECORDING, SEEN_STDS
+from tpmsd.diagnosis.counters.miscount import wrong_teeth
+from tpmsd.diagnosis.counters.tone_ring import ADMIT, Ripple, ripples
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.inference.least_squares import Fit
+from tpmsd.physics.catalogue import ALWAYS, RADIUS, TEETH
+from tpmsd.physics.effect import Parameter
+from tpmsd.wheels import WHEELS
+
+ALL, NOMINAL_M = "", 0.3
+"""Name of all wheels together; radius to which the prior of radii belongs."""
+CHANNEL, COVARIATE = TEETH.shows_in
+
+
+def teeth(study: Study, calibration: Fit, seconds: float) -> list[Finding]:
+    """The wheels whose teeth are uneven in some drive, or of the wrong number in all.
+
+    Compared with a simulation: those of the recording that the simulation does not hold alike.
+    """
+    choice = math.log(len(study.drives))
+    by_wheel: dict[str, list[Ripple]] = {}
+    for drive in study.examined:
+        for ripple in ripples(drive.reader.recording, drive.reader.reference):
+            if ripple.gain >= 0.5 * ADMIT + choice:
+                by_wheel.setdefault(ripple.wheel, []).append(ripple)
+    wrong = _wrong(study, calibration)
+    configured = study.drives[0].reader.recording.car.teeth_per_rev
+    out = [_uneven(found, seconds) for found in by_wheel.values()]
+    if not study.simulation:
+        return out + [
+            _miscounted(name, count, configured) for name, count in sorted(set.intersection(*wrong))
+        ]
+    simulated = study.drives[1].reader
+    rings = {ring.wheel: ring for ring in ripples(simulated.recording, simulated.reference)}
+    beyond = [one for one in (_beyond(finding, rings) for finding in out) if one is not None]
+    miscounted = [_miscounted(name, count, configured) for name, count in sorted(wrong[0] - wrong[1])]
+    return beyond + [replace(finding, held_by=RECORDING) for finding in miscounted]
+
+
+def _beyond(finding: Finding, simulated: dict[str, Ripple]) -> Finding | None:
+    """A finding less what the simulation holds of it; None if that is all."""
+    ring = simulated.get(str(finding.parameters["wheel"].value))
+    if ring is None:
+        return replace(finding, held_by=RECORDING)
+    mine = finding.parameters["amplitude_rad"]
+    assert isinstance(mine.value, float)
+    assert mine.std is not None
+    std = math.hypot(mine.std, ring.std_rad)
+    if abs(mine.value - ring.amplitude_rad) < SEEN_STDS * std:
+        return None
+    more = Quantity(mine.value - ring.amplitude_rad, std, "rad")
+    theirs = Quantity(ring.amplitude_rad, ring.std_rad, "rad")
+    return replace(
+        finding,
+        parameters={**finding.parameters, "amplitude_rad": more},
+        simulated={"amplitude_rad": theirs},
+        held_by=BOTH,
+    )
+
+
+def _uneven(found: list[Ripple], seconds: float) -> Finding:
+    """One ring in the drives that show it; the phase is that of the first, for angles start anew."""
+    weight = np.array([one.std_rad**-2 for one in found])
+    gain = sum(one.gain for one in found)
+    amplitude = float(np.average([one.amplitude_rad for one in found], weights=weight))
+    first = found[0]
+    return Finding(
+        effect=TEETH.name,
+        confidence=1.0 - math.exp(-gain),
+        parameters={
+            "wheel": Quantity(first.wheel, None, ""),
+            "amplitude_rad": Quantity(amplitude, float(weight.sum() ** -0.5), "rad"),
+            "phase_rad": Quantity(first.phase_rad, first.phase_std_rad, "rad"),
+        },
+        where=Where((first.wheel,), CHANNEL, COVARIATE, (0.0, 2.0 * math.pi)),
+        rms_before=first.rms_before,
+        rms_after=first.rms_after,
+        loglik_gain_per_s=gain / seconds,
+        gain=gain,
+        indistinguishable_from=(),
+    )
+
+
+def _wrong(study: Study, calibration: Fit) -> list[set[tuple[str, float]]]:
+    """By drive, the wheels that show another number of teeth than is configured, and that number.
+
+    A wheel of no name stands for all four.
+    """
+    found: list[set[tuple[str, float]]] = []
+    at = 0
+    for drive in study.drives:
+        recording = drive.reader.recording
+        radii = drive.reader.reference.car.radius_m.copy()
+        for k, wheel in enumerate(recording.wheels):
+            radii[wheel] += calibration.values[at + k]
+        counts = dict(zip(WHEELS, recording.counts_per_rev, strict=True))
+        plain = {(wheel, count) for wheel, count in counts.items() if count is not None}
+        if len(plain) == len(WHEELS) and len(set(counts.values())) == 1:
+            plain = {(ALL, count) for _, count in plain}
+        faint = [] if plain else wrong_teeth(recording, radii)
+        found.append({*plain, *faint})
+        at += sum(name[0] in ALWAYS for name in drive.names)
+    return found
+
+
+def _miscounted(name: str, teeth: float, configured: float) -> Finding:
+    """A wheel, or all of them, whose ring has another number of teeth."""
+    of_wheel = {} if name == ALL else {"wheel": Quantity(name, None, "")}
+    (radius,) = (p for p in RADIUS.parameters if isinstance(p, Parameter))
+    assert radius.prior is not None
+    # A radius that is off by so much is the other explanation: what is known of radii speaks against it.
+    gain = 0.5 * ((configured / teeth - 1.0) * NOMINAL_M / radius.prior.std) ** 2
+    return Finding(
+        effect=TEETH.name,
+        confidence=1.0 / (1.0 + math.exp(-min(gain, 50.0))),
+        parameters={**of_wheel, "teeth_per_rev": Quantity(teeth, 0.0, "1")},
+        where=Where(WHEELS if name == ALL else (name,), "wheel" if name == ALL else CHANNEL, None, None),
+        rms_before=1.0,
+        rms_after=1.0,
+        loglik_gain_per_s=0.0,
+        gain=gain,
+        indistinguishable_from=(),
+        advice="count the ring's teeth: a tyre of another size looks the same on the bus",
+    )

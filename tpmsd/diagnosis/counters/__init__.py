@@ -1,0 +1,1 @@
+"""Counters that miscount, looked for apart from the windows of a second."""

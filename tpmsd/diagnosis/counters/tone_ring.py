@@ -1,0 +1,194 @@
+"""Looks for uneven teeth: a ripple once per turn of a wheel, too fast for windows of a second.
+
+In: `Recording`, `Reference`. Out: the `Ripple` of each wheel that has one.
+
+At every tick's edge each wheel's shown angle is compared with the smooth motion and with the other
+wheels; what is left above 0.3 Hz is regressed on sine and cosine of the wheel's own angle. Turning faster
+than the ticks only folds the ripple to other frequencies, where the regression finds it all the same.
+
+Speeds that are read less than twice per turn fold it before they are summed to an angle: what is left of the
+ripple then has another size and phase at every speed, and even another sign. Where that fits much better,
+each range of speeds has a sine and a cosine of its own; the amplitude is then known to a factor of two only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.trajectory import Reference
+from tpmsd.physics.kinematics import wheel_speeds
+from tpmsd.physics.motion import integrate
+from tpmsd.wheels import WHEELS, FloatArray
+
+HIGH_PASS_S = 0.5
+MIN_SPEED_MPS = 4.0
+BLOCK_TICKS = 300
+FOLDS = 5
+ADMIT = 12.0
+"""Log-likelihood for amplitude, phase and flattening of one of four wheels."""
+PERIODS_S = np.arange(0.0, 0.101, 0.01)
+"""Between readings. At a few readings per turn, what is interpolated between them (or averaged, where the bus
+has speeds) is flatter than the ripple, the more the faster the wheel turns.
+"""
+BETWEEN_READINGS = 0.1
+"""Relative standard deviation of an amplitude: how much flatter is known no better."""
+RANGES = 12
+"""Of turns per second, where speeds fold the ripple."""
+MUCH_BETTER = 2.0
+"""Gain of folded ripples, over that of plain ones, from which they are folded."""
+FOLDED = 0.6
+"""Relative standard deviation of an amplitude that was folded."""
+
+
+@dataclass(frozen=True)
+class Ripple:
+    """A once-per-turn error of one wheel: shown angle = angle + amplitude * sin(angle + phase)."""
+
+    wheel: str
+    amplitude_rad: float
+    std_rad: float
+    phase_rad: float
+    phase_std_rad: float
+    gain: float
+    """Log-likelihood on held-out blocks."""
+    rms_before: float
+    rms_after: float
+
+
+def ripples(recording: Recording, reference: Reference) -> list[Ripple]:
+    """The wheels whose teeth are uneven, the clearest first."""
+    if len(recording.wheels) < 4:
+        return []
+    rows, regressors, turns_hz, blocks = _prepared(recording, reference)
+    if len(rows) < 10 * BLOCK_TICKS:
+        return []
+    found = _one_by_one(rows, blocks, lambda k, rows: _flattened(k, rows, regressors, turns_hz))
+    folded = _one_by_one(rows, blocks, lambda k, rows: _by_range(regressors[:, k], turns_hz[:, k]))
+    plain = found[0].gain if found else 0.0
+    return folded if folded and folded[0].gain > MUCH_BETTER * plain else found
+
+
+def _flattened(k: int, rows: FloatArray, regressors: FloatArray, turns_hz: FloatArray) -> FloatArray:
+    """(n, 2) sine and cosine of a wheel as they come through readings of the period that fits best.
+
+    Linear interpolation between readings T apart leaves of a sine of f the share sinc2(f T).
+    """
+    best, most = regressors[:, k], -math.inf
+    for period_s in PERIODS_S:
+        X = regressors[:, k] * np.sinc(turns_hz[:, k, None] * period_s) ** 2
+        b = X.T @ rows[:, k]
+        gain = float(b @ np.linalg.solve(X.T @ X + 1e-9 * np.eye(2), b))
+        if gain > most:
+            best, most = X, gain
+    return best
+
+
+def _one_by_one(
+    rows: FloatArray, blocks: np.ndarray, form: Callable[[int, FloatArray], FloatArray]
+) -> list[Ripple]:
+    """The wheels' ripples, the clearest first and taken out: a quarter of it stands in the other wheels, too.
+
+    `form` gives a wheel's response (n, m) to sines and cosines.
+    """
+    found: list[Ripple] = []
+    left = list(range(4))
+    while left:
+        forms = {k: form(k, rows) for k in left}
+        judged = {k: _judged(k, rows, forms[k], blocks) for k in left}
+        clear = {k: one for k, one in judged.items() if one is not None}
+        if not clear:
+            break
+        k = max(clear, key=lambda wheel: clear[wheel].gain)
+        found.append(clear[k])
+        left.remove(k)
+        own = forms[k] @ np.linalg.lstsq(0.75 * forms[k], rows[:, k], rcond=None)[0]
+        share = np.full(4, -0.25)
+        share[k] = 0.75
+        rows = rows - own[:, None] * share
+    return found
+
+
+def _by_range(regressor: FloatArray, turns_hz: FloatArray) -> FloatArray:
+    """(n, 2 * RANGES) sine and cosine, each in its range of speeds alone."""
+    edges = np.quantile(turns_hz, np.linspace(0.0, 1.0, RANGES + 1)[1:-1])
+    here = np.searchsorted(edges, turns_hz)[:, None] == np.arange(RANGES)
+    return np.concatenate([regressor[:, :1] * here, regressor[:, 1:] * here], axis=1)
+
+
+def _prepared(
+    recording: Recording, reference: Reference
+) -> tuple[FloatArray, FloatArray, FloatArray, np.ndarray]:
+    """Rapid differences between wheels (n, 4) in rad, sines and cosines (n, 4, 2), turns per second (n, 4)
+    and blocks (n,).
+    """
+    motion, car = reference.motion, reference.car
+    turned = np.nan_to_num(recording.rotation_rad)
+    angle = np.concatenate([np.zeros((1, 4)), np.cumsum(turned, axis=0)])
+    speeds = wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, car.geometry)
+    expected = integrate(speeds, motion.time_s)
+    turns_hz = speeds / car.radius_m / (2.0 * math.pi)
+    off = angle - expected / car.radius_m
+    sigma = HIGH_PASS_S / recording.dt_s
+
+    def rapid(values: FloatArray) -> FloatArray:
+        return np.asarray(values - gaussian_filter1d(values, sigma, axis=0, mode="nearest"))
+
+    rows = rapid(off)
+    rows = rows - rows.mean(axis=1, keepdims=True)
+    regressors = np.stack([rapid(np.sin(angle)), rapid(np.cos(angle))], axis=2)
+    whole = np.concatenate([[False], reference.valid]) & np.concatenate([reference.valid, [False]])
+    broken = gaussian_filter1d((~whole).astype(np.float64), sigma) > 0.02
+    use = ~broken & (motion.speed_mps > MIN_SPEED_MPS)
+    rows, regressors, turns_hz = rows[use], regressors[use], turns_hz[use]
+    calm = np.abs(rows).max(axis=1) < 6.0 * float(np.median(np.abs(rows)) + 1e-12) / 0.6745
+    rows, regressors, turns_hz = rows[calm], regressors[calm], turns_hz[calm]
+    return rows, regressors, turns_hz, np.arange(len(rows)) // BLOCK_TICKS
+
+
+def _judged(k: int, rows: FloatArray, regressors: FloatArray, blocks: np.ndarray) -> Ripple | None:
+    y = rows[:, k]
+    X = 0.75 * regressors  # a quarter went into the mean of the wheels
+    variance = float(np.var(y))
+    count = int(blocks.max()) + 1
+    A = np.stack([X[blocks == b].T @ X[blocks == b] for b in range(count)])
+    b = np.stack([X[blocks == i].T @ y[blocks == i] for i in range(count)])
+    total_A, total_b = A.sum(axis=0), b.sum(axis=0)
+    if np.linalg.cond(total_A) > 1e6:
+        return None
+    values = np.linalg.solve(total_A, total_b)
+    left = b - A @ values
+    inverse = np.linalg.inv(total_A)
+    spread = inverse @ (left.T @ left) @ inverse * count / (count - 2)
+    ratio = max(1.0, float(np.max(np.diag(spread) / (variance * np.diag(inverse)))))
+    gain = 0.5 * float(total_b @ values) / variance / ratio
+    heldout = 0.0
+    for fold in range(FOLDS):
+        out = np.arange(count) % FOLDS == fold
+        # A range of speeds that only the held-out blocks have is not trained: its values are zero.
+        trained = np.linalg.lstsq(A[~out].sum(axis=0), b[~out].sum(axis=0), rcond=1e-12)[0]
+        heldout += float(trained @ b[out].sum(axis=0) - 0.5 * trained @ A[out].sum(axis=0) @ trained)
+    heldout /= variance * ratio
+    sine, cosine = values.reshape(2, -1)
+    # One value of both is the plain ripple; of several, which are folded, the middle one.
+    middle = int(np.argsort(np.hypot(sine, cosine))[len(sine) // 2])
+    amplitude = float(np.hypot(sine[middle], cosine[middle]))
+    if gain < ADMIT + len(values) - 2 or heldout < 0.5 * ADMIT:
+        return None
+    std = math.sqrt(variance * ratio * float(np.trace(inverse)) / len(values))
+    after = math.sqrt(max(variance - 2.0 * heldout * variance * ratio / len(y), 0.0))
+    return Ripple(
+        wheel=WHEELS[k],
+        amplitude_rad=amplitude,
+        std_rad=math.hypot(std, (BETWEEN_READINGS if len(sine) == 1 else FOLDED) * amplitude),
+        phase_rad=float(math.atan2(cosine[middle], sine[middle])),
+        phase_std_rad=std / amplitude,
+        gain=heldout,
+        rms_before=1.0,
+        rms_after=after / math.sqrt(variance),
+    )

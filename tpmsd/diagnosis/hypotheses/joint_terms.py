@@ -1,0 +1,145 @@
+"""The hypotheses where several drives are examined together.
+
+In: the names of the columns that all drives share and of those that each drive has for itself. Out:
+`JointHypotheses`: effects of one value for all drives, effects whose value is one drive's own (a gyro's bias
+changes from day to day), radius ramps and terms over time and distance of each drive, and calibration
+constants of each drive.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Name, Term, for_drive
+from tpmsd.physics.catalogue import ALWAYS, EFFECTS
+from tpmsd.wheels import FloatArray
+
+SHARED = frozenset(name for name, effect in EFFECTS.items() if effect.alike_on_every_drive)
+"""Effects of which no drive has a value of its own."""
+BEST = 10
+"""Terms over time and distance of one drive that a scan returns."""
+
+
+@dataclass(frozen=True)
+class OwnNames:
+    """What one drive has for itself."""
+
+    names: list[Name]
+    """The data's own first."""
+    first: int
+    """Place of the second name in the common index; the others follow."""
+    ramp_knots_s: FloatArray
+    unusable: frozenset[str]
+
+
+def is_own(name: Name, same_road: bool) -> bool:
+    """Whether a column is one drive's alone; on the same road at the same times, time is common too."""
+    over_time = name[0] == "smooth" and name[2] in ("time", "distance")
+    return name[0] in (*ALWAYS, "ramp") or (over_time and not same_road)
+
+
+def is_copied(name: Name, same_road: bool) -> bool:
+    """Whether a column stands both for all drives and for each alone: the catalogue's, on one road all."""
+    return not is_own(name, same_road) and name[0] != "data" and (same_road or name[0] != "smooth")
+
+
+class JointHypotheses(Hypotheses):
+    """All terms that several drives allow."""
+
+    def __init__(
+        self,
+        shared: list[Name],
+        unusable: frozenset[str],
+        drives: list[OwnNames],
+        width: int,
+        same_road: bool,
+    ) -> None:
+        """`unusable` effects are left out of what is shared; `width` is that of the common index.
+
+        A slope acts in every drive alike, but `same_road` compares a recording with a simulation, which may
+        have left it out.
+        """
+        common = Hypotheses(shared, drives[0].ramp_knots_s, unusable)
+        self.width = width
+        self._drives = [
+            Hypotheses(one.names, one.ramp_knots_s, one.unusable if same_road else one.unusable | SHARED)
+            for one in drives
+        ]
+        self._at = [
+            np.concatenate([[0], one.first + np.arange(len(one.names) - 1)]).astype(int) for one in drives
+        ]
+        self._names = [
+            {int(at): name for at, name in zip(places[1:], one.names[1:], strict=True)}
+            for places, one in zip(self._at, drives, strict=True)
+        ]
+        self._places = [{name: at for at, name in names.items()} for names in self._names]
+        self.catalogue = [replace(term, design=self._wide(term.design)) for term in common.catalogue]
+        for number, one in enumerate(self._drives):
+            self.catalogue += [self._of(number, term) for term in one.catalogue]
+        self._smooth = [replace(term, design=self._wide(term.design)) for term in common._smooth]
+        self.nuisance = np.concatenate(
+            [self._place(number, one.nuisance) for number, one in enumerate(self._drives)], axis=1
+        )
+
+    @property
+    def everything(self) -> FloatArray:
+        """As in the base, each drive with values of its own: what all of them share is told by these."""
+        own = [term for term in self.catalogue if term.drive is not None or term.effect in SHARED]
+        singles = [
+            term.design
+            for term in own
+            if term.design.shape[1] == 1 and term.typical and not term.kind_of.mirror_of
+        ]
+        return np.concatenate([self.nuisance, *singles], axis=1)
+
+    def mirrored(self, design: FloatArray, drive: int, other: int) -> FloatArray | None:
+        """(1 + p, k) one drive's own design in another's columns of the same names; None if it lacks them."""
+        out = np.zeros_like(design)
+        for row in np.flatnonzero(np.any(design != 0.0, axis=1)):
+            name = self._names[drive].get(int(row))
+            at = self._places[other].get(name) if name is not None else None
+            if at is None:
+                return None
+            out[at] = design[row]
+        return out
+
+    def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
+        """For each drive and wheel the best ramp and its gain."""
+        out = []
+        for number, one in enumerate(self._drives):
+            at = self._at[number][1:] - 1
+            for gain, term in one.ramp_gains(gram[np.ix_(at, at)], b[at]):
+                out.append((gain, self._of(number, term)))
+        return out
+
+    def pulse_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
+        """For each drive and wheel the best pulse and its gain."""
+        out = []
+        for number, one in enumerate(self._drives):
+            at = self._at[number][1:] - 1
+            for gain, term in one.pulse_gains(gram[np.ix_(at, at)], b[at]):
+                out.append((gain, self._of(number, term)))
+        return out
+
+    def smooth_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
+        """Gain of every common smooth term, and of the best of each drive."""
+        out = super().smooth_gains(gram, b)
+        for number, one in enumerate(self._drives):
+            at = self._at[number][1:] - 1
+            gains = one.smooth_gains(gram[np.ix_(at, at)], b[at])
+            best = sorted(gains, key=lambda entry: entry[1].penalty - entry[0])[:BEST]
+            out += [(gain, self._of(number, term)) for gain, term in best]
+        return out
+
+    def _of(self, drive: int, term: Term) -> Term:
+        return for_drive(replace(term, design=self._place(drive, term.design)), drive, len(self._drives))
+
+    def _place(self, drive: int, design: FloatArray) -> FloatArray:
+        out = np.zeros((self.width, design.shape[1]))
+        out[self._at[drive]] = design
+        return out
+
+    def _wide(self, design: FloatArray) -> FloatArray:
+        return np.concatenate([design, np.zeros((self.width - len(design), design.shape[1]))])

@@ -1,0 +1,58 @@
+"""Whether fitted values are such as nature makes.
+
+In: a `Term` and its values in a joint fit. Out: whether they lie within what is physically thinkable, and
+what the data say against two values that one force makes together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from tpmsd.diagnosis.hypotheses.terms import Term
+from tpmsd.physics.catalogue import EFFECTS
+from tpmsd.physics.motion import Car
+from tpmsd.wheels import FloatArray
+
+SMALLEST_M = 3e-5
+"""No road leaves a tyre's radius alone better than to this: a smaller change is not worth a name."""
+IMPOSSIBLE = 12.5
+"""Log-likelihood against every ratio of an effect's two values that nature knows: then it is none."""
+Bounds = Mapping[tuple[str, str], tuple[float, float]]
+
+
+def bounds_of(car: Car) -> Bounds:
+    """Of the fitted values (differences from neutral) on this car, by effect and parameter."""
+    return {
+        (name, parameter): limits
+        for name, effect in EFFECTS.items()
+        for parameter, limits in effect.limits(car).items()
+    }
+
+
+def thinkable(term: Term, values: FloatArray, bounds: Bounds) -> bool:
+    """Whether each of a term's values (k,) is within bounds, and a radius' change worth a name."""
+    if term.on_radii and float(np.abs(values).max()) < SMALLEST_M:
+        return False
+    for name, value in zip(term.parameters, values, strict=False):
+        low, high = bounds.get((term.effect, name), (-np.inf, np.inf))
+        if not low <= value <= high:
+            return False
+    return True
+
+
+def ratio_limits(term: Term) -> tuple[float, float] | None:
+    """Least and greatest ratio of a term's two values, if its effect has such limits."""
+    return None if len(term.parameters) != 2 else term.kind_of.ratio_limits
+
+
+def against_ratio(term: Term, values: FloatArray, covariance: FloatArray) -> float:
+    """What the data say against all ratios of a term's two values that its effect allows: nats."""
+    limits = ratio_limits(term)
+    if limits is None or limits[0] * values[0] ** 2 <= values[0] * values[1] <= limits[1] * values[0] ** 2:
+        return 0.0
+    # The nearest allowed pair lies on an edge: second = limit * first.
+    edges = np.array([[-limit, 1.0] for limit in limits])
+    variance = np.einsum("ki,ij,kj->k", edges, covariance, edges)
+    return float(np.min(0.5 * (edges @ values) ** 2 / variance))

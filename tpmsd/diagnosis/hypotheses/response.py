@@ -1,0 +1,279 @@
+"""How the channels answer to every hypothesis, linearised.
+
+In: a `Reader` and a model to linearise about. Out: `Columns`: one column (w, 9) per free number: the
+calibration's radii, each parameter of each effect of the catalogue, ramps of each wheel's radius between
+knots, and smooth terms of free shape over each covariate. The catalogue's columns are differences of its
+own forward model, so an effect is defined once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from tpmsd.diagnosis.hypotheses.wheel_slip import slip_columns
+from tpmsd.inference.trajectory import WINDOW_S
+from tpmsd.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED, Reader
+from tpmsd.physics.catalogue import EFFECTS, FAULT, RADIUS, make_effect, probes
+from tpmsd.physics.effect import Effect
+from tpmsd.physics.model import ExtendedModel
+from tpmsd.wheels import WHEELS, FloatArray
+
+RAMP_KNOTS = 40
+SMOOTH_TERMS = 5
+TIME_TERMS = 12
+ROLLING = ExtendedModel()
+SMALL_M = 1e-5
+"""A change of radius small enough to be linear."""
+READINGS = {"gnss_speed": SPEED, "gnss_course": COURSE, "yaw_rate": GYRO}
+PLACES = ("fl", "fr", "rl", "rr", *READINGS)
+"""Where a smooth term may act."""
+FEW = 30
+"""Windows with a reading, below which a drive does not have it; of the receiver's, twice as many."""
+FEWEST = 6
+"""Windows between two of the finest knots."""
+APART = 4.0
+"""Standard deviations of a covariate between two knots: a bump between nearer ones is smeared into them, and
+what it shares with the residual by the reference motion bends it (bench origin `traffic`, null drive 1)."""
+FINER = 4
+"""Intervals of the finest shape, per interval of the first look."""
+
+
+@dataclass
+class Columns:
+    """Named columns, all of shape (w, 9)."""
+
+    names: list[tuple[str, ...]] = field(default_factory=list)
+    arrays: list[FloatArray] = field(default_factory=list)
+
+    def add(self, name: tuple[str, ...], array: FloatArray) -> None:
+        """Append one; what is not finite (not measured) counts as no response."""
+        self.names.append(name)
+        self.arrays.append(np.nan_to_num(array))
+
+    def index(self) -> dict[tuple[str, ...], int]:
+        """Place of each name."""
+        return {name: k for k, name in enumerate(self.names)}
+
+    def stack(self) -> FloatArray:
+        """(w, 9, p)"""
+        return np.stack(self.arrays, axis=2)
+
+
+def linear_columns(
+    reader: Reader, knots: dict[str, FloatArray], base: ExtendedModel | None = None
+) -> Columns:
+    """Calibration, catalogue at `base`, ramps, smooth terms on these knots, and slips by the tyre model."""
+    out = Columns()
+    for part in (
+        radius_columns(reader),
+        catalogue_columns(reader, base),
+        ramp_columns(reader),
+        smooth_columns(reader, knots),
+    ):
+        out.names += part.names
+        out.arrays += part.arrays
+    for name, column in slip_columns(reader):
+        out.add(name, column)
+    return out
+
+
+def available(reader: Reader) -> frozenset[str]:
+    """Which readings a drive has, by the names that effects use for what they need."""
+    known = np.isfinite(reader.windows.measured).sum(axis=0)
+    by = reader.reference.grade_by
+    here = {
+        "yaw_rate": known[GYRO] > FEW,
+        "gnss": bool((known[SPEED:] > FEW).any()),
+        "gnss_speed": known[SPEED] > 2 * FEW,
+        "gnss_position": known[EAST] > 2 * FEW,
+        "slopes": reader.reference.grade_known,
+        "heights": by == "heights",
+        "speeds": bool((reader.recording.quantum_rad == 0.0).all()),
+        "temperature": "temperature" in reader.windows.covariates,
+    }
+    return frozenset(name for name, there in here.items() if there)
+
+
+def radius_columns(reader: Reader) -> Columns:
+    """What is always fitted: a constant per wheel that is read, and what instruments always do."""
+    out = Columns()
+    for wheel in reader.recording.wheels:
+        out.add((RADIUS.name, WHEELS[wheel]), _of_radius(reader, wheel))
+    here, start = available(reader), None
+    for probe in probes():
+        effect = EFFECTS[probe.effect]
+        if effect.always_fitted and effect is not RADIUS and here >= set(effect.needs):
+            start = reader.predict(ExtendedModel()) if start is None else start
+            more = reader.predict(ExtendedModel((probe.made(),))) - start
+            out.add(probe.key, more / (probe.value - probe.neutral))
+    return out
+
+
+def catalogue_columns(reader: Reader, base: ExtendedModel | None = None) -> Columns:
+    """One column per probe of the catalogue that the drive can show, at `base`."""
+    base = ExtendedModel() if base is None else base
+    start, here = reader.predicted(base), available(reader)
+    out = Columns()
+    for probe in probes():
+        effect = EFFECTS[probe.effect]
+        if not effect.always_fitted and here >= set(effect.needs):
+            response = (reader.predict(base.plus(probe.made())) - start) / (probe.value - probe.neutral)
+            out.add(probe.key, response)
+    return out
+
+
+def grid_column(
+    reader: Reader, effect: str, place: str, at: float, base: ExtendedModel | None = None
+) -> FloatArray:
+    """(w, 9) response to an effect's linear parameter where its nonlinear one has this value, at `base`."""
+    probe = replace(next(one for one in probes() if one.effect == effect and one.place == place), at=at)
+    change = _change(reader, probe.made(), ExtendedModel() if base is None else base)
+    return change / (probe.value - probe.neutral)
+
+
+def ramp_column(
+    reader: Reader, wheel: int, onset_s: float, duration_s: float, base: ExtendedModel | None = None
+) -> FloatArray:
+    """(w, 9) response to a radius that ramps by a metre, at `base`."""
+    unit = make_effect(
+        FAULT.name, wheel=WHEELS[wheel], deviation_m=SMALL_M, onset_s=onset_s, duration_s=duration_s
+    )
+    motion, car = reader.reference.motion, reader.reference.car
+    share = unit.radius_change_m(motion, car)[:, wheel] / SMALL_M
+    out = np.zeros((len(reader.windows), CHANNELS))
+    out[:, wheel] = reader.by_radius(wheel, share, ROLLING if base is None else base)
+    return out
+
+
+def _change(reader: Reader, effect: Effect, base: ExtendedModel) -> FloatArray:
+    """(w, 9) what one more effect changes; zero where nothing is measured."""
+    return np.nan_to_num(reader.predict(base.plus(effect)) - reader.predicted(base))
+
+
+def ramp_knots(reader: Reader) -> FloatArray:
+    """(RAMP_KNOTS + 1,) knots of the radius ramps: equal shares of the driving, as times."""
+    index = reader.windows.index
+    at = np.linspace(0, len(index) - 1, RAMP_KNOTS + 1)
+    return np.asarray(np.interp(at, np.arange(len(index)), index * WINDOW_S))
+
+
+def ramp_columns(reader: Reader) -> Columns:
+    """Per wheel and pair of neighbouring knots: radius rising by a metre between the two and staying there.
+
+    Sums of neighbours are the ramps over longer times.
+    """
+    out = Columns()
+    knots = ramp_knots(reader)
+    time_s = reader.windows.time_s
+    for wheel in reader.recording.wheels:
+        per_metre = _of_radius(reader, wheel)
+        for k in range(RAMP_KNOTS):
+            share = np.clip((time_s - knots[k]) / max(knots[k + 1] - knots[k], 1e-9), 0.0, 1.0)
+            out.add(("ramp", WHEELS[wheel], str(k)), per_metre * share[:, None])
+    return out
+
+
+def smooth_knots(
+    covariates: Mapping[str, FloatArray], stds: Mapping[str, float] = MappingProxyType({})
+) -> dict[str, FloatArray]:
+    """Knots by covariate at quantiles of its values, where it varies; the first and last are 1 % and 99 %.
+
+    No two are nearer than `APART` of the covariate's standard deviations `stds`.
+    """
+    out: dict[str, FloatArray] = {}
+    for covariate, values in covariates.items():
+        if covariate == "accel_kinematic":
+            continue  # the specific force stands for it
+        terms = TIME_TERMS if covariate in ("time", "distance") else SMOOTH_TERMS
+        at = np.unique(np.quantile(values, np.linspace(0.01, 0.99, terms + 1)))
+        at = _apart(at, APART * stds.get(covariate, 0.0))
+        if len(at) >= 3 and np.ptp(at) >= 1e-9:
+            out[covariate] = at
+    return out
+
+
+def _apart(knots: FloatArray, least: float) -> FloatArray:
+    """The knots without those that are nearer than that to the one kept before, or to the last."""
+    kept = [float(knots[0])]
+    for knot in knots[1:-1]:
+        if knot - kept[-1] >= least and knots[-1] - knot >= least:
+            kept.append(float(knot))
+    return np.array([*kept, float(knots[-1])]) if knots[-1] - knots[0] >= least else knots[:1]
+
+
+def smooth_columns(reader: Reader, knots: dict[str, FloatArray]) -> Columns:
+    """Smooth terms of free shape: at each place and over each covariate, hat functions between the knots.
+
+    A wheel's term is a change of its radius (m), the receiver's of its speed (m/s) or course (rad), the
+    gyro's of its reading (rad/s).
+    """
+    out = Columns()
+    places = [WHEELS[wheel] for wheel in reader.recording.wheels]
+    for place, channel in READINGS.items():
+        if np.isfinite(reader.windows.measured[:, channel]).sum() > 60:
+            places.append(place)
+    responses = {place: response_at(reader, place) for place in places}
+    for covariate, at in knots.items():
+        hats = hat_functions(reader.windows.covariates[covariate], at)
+        for place, response in responses.items():
+            for k in range(first_hat(place), hats.shape[1]):
+                name = ("smooth", place, covariate, str(k - first_hat(place)))
+                out.add(name, response * hats[:, k : k + 1])
+    return out
+
+
+def first_hat(place: str) -> int:
+    """Number of the first hat that a shape at a place needs.
+
+    All hats together are a constant. Calibration holds that of a wheel, so its first is left out. A reading
+    has none: without its own, a shape of the gyro would need a bias beside it.
+    """
+    return 0 if place in READINGS else 1
+
+
+def response_at(reader: Reader, place: str) -> FloatArray:
+    """(w, 9) response to a wheel's radius (m) or to a reading (m/s, rad, rad/s)."""
+    if place in WHEELS:
+        return _of_radius(reader, WHEELS.index(place))
+    out = np.zeros((len(reader.windows), CHANNELS))
+    out[:, READINGS[place]] = 1.0
+    return out
+
+
+def finer_knots(values: FloatArray, intervals: int, std: float = 0.0) -> FloatArray:
+    """(at most intervals + 1,) knots between the 0.2 % and 99.8 % quantiles, half by quantile, half evenly,
+    none nearer to another than `APART` of the covariate's standard deviation.
+
+    By quantiles alone the tails, where the effects are largest, would have none.
+    """
+    share = np.linspace(0.002, 0.998, intervals + 1)
+    low, high = np.quantile(values, [share[0], share[-1]])
+    knots = np.unique(0.5 * (np.quantile(values, share) + np.linspace(low, high, intervals + 1)))
+    kept = [float(knots[0])]
+    for knot in knots[1:]:
+        here = np.count_nonzero((values > kept[-1]) & (values <= knot))
+        least = max(APART * std, 1e-6 * max(float(high - low), 1e-12))
+        if here >= FEWEST and knot - kept[-1] > least:
+            kept.append(float(knot))
+    return np.array(kept)
+
+
+def hat_functions(values: FloatArray, knots: FloatArray) -> FloatArray:
+    """(n, len(knots)) piecewise linear interpolation weights; constant beyond the ends."""
+    at = np.interp(values, knots, np.arange(len(knots)))
+    return np.maximum(0.0, 1.0 - np.abs(at[:, None] - np.arange(len(knots))[None, :]))
+
+
+def _of_radius(reader: Reader, wheel: int) -> FloatArray:
+    """(w, 9) response to a metre more radius: the wheel turns less.
+
+    By the predicted way: the measured one shares its reading errors with the residual, and with thousands
+    of windows that product adds up to a radius that grows with speed.
+    """
+    out = np.zeros((len(reader.windows), CHANNELS))
+    out[:, wheel] = -reader.rolled_m[:, wheel] / reader.reference.car.radius_m[wheel]
+    return out

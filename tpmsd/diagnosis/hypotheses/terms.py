@@ -1,0 +1,373 @@
+"""The hypotheses: terms that may be added to the rolling model, each a few combinations of columns.
+
+In: the names of the columns. Out: `Term`s of the catalogue with one or several shapes each, and scans
+over the large families (radius ramps of any onset and length, smooth terms at any place over any
+covariate).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from tpmsd.diagnosis.hypotheses.response import PLACES, RAMP_KNOTS
+from tpmsd.physics.catalogue import ALWAYS, EFFECTS, EVENTS, FAULT, FREE, groups
+from tpmsd.physics.effect import Effect, Kind
+from tpmsd.wheels import WHEELS, FloatArray
+
+PER_VALUE = 3.5
+"""Log-likelihood that a further free value must bring: half the logarithm of a thousand windows."""
+PATTERNS: dict[str, tuple[str, ...]] = {
+    **{place: (place,) for place in PLACES},
+    "front": ("fl", "fr"),
+    "rear": ("rl", "rr"),
+    "left": ("fl", "rl"),
+    "right": ("fr", "rr"),
+    "all": ("fl", "fr", "rl", "rr"),
+}
+ANTISYMMETRIC: dict[str, tuple[tuple[str, float], ...]] = {
+    "front minus rear": (("fl", 1.0), ("fr", 1.0), ("rl", -1.0), ("rr", -1.0)),
+    "left minus right": (("fl", 1.0), ("fr", -1.0), ("rl", 1.0), ("rr", -1.0)),
+    "diagonal": (("fl", 1.0), ("fr", -1.0), ("rl", -1.0), ("rr", 1.0)),
+}
+
+Name = tuple[str, ...]
+RAMPED, SLIPPING = "deviation_m", "slip"
+"""Parameter that is linear, of a ramp of the radius and of an event."""
+
+
+PULSED = ("fl", "fr", "rl", "rr", "front", "rear")
+"""Wheels and axles that may act for a span of time."""
+
+
+def wheels_of(place: str) -> tuple[int, ...]:
+    """Numbers of the wheels of a place."""
+    return tuple(WHEELS.index(wheel) for wheel in PATTERNS[place])
+
+
+def grid_price(effect: type[Effect], at: float | None) -> float:
+    """Penalty of a value of the parameter that enters nonlinearly."""
+    return 0.0 if effect.grid is None or at is None else effect.grid.price(at)
+
+
+def shape_price(hats: int) -> float:
+    """Penalty of a smooth term: its heights, and the choice of its place and covariate."""
+    return PER_VALUE * hats + math.log(120.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """One hypothesis."""
+
+    effect: str
+    design: FloatArray
+    """(1 + p, k)"""
+    parameters: tuple[str, ...]
+    """Names of the k values."""
+    penalty: float
+    """Nats that it must bring to pay for its freedom."""
+    wheel: str = ""
+    span_s: tuple[float, float] = (0.0, 0.0)
+    """Of a ramp: onset and end; of a pulse, from when to when."""
+    at: float | None = None
+    """Value of the parameter that enters nonlinearly."""
+    place: str = ""
+    covariate: str = ""
+    knots: tuple[float, ...] = ()
+    """Of a smooth term with finer knots than its covariate's usual ones."""
+    drive: int | None = None
+    """Number of the one drive in which it acts; None where it acts in all."""
+
+    def price(self, first: float) -> float:
+        """The penalty, given the first value: what nature seldom shows must be paid for."""
+        return self.penalty + self.kind_of.against(first)
+
+    @property
+    def kind_of(self) -> type[Effect]:
+        """The effect itself."""
+        return EFFECTS[self.effect]
+
+    @property
+    def free(self) -> bool:
+        """Whether this is a description without a formula."""
+        return self.kind_of.kind is Kind.FREE
+
+    @property
+    def ramp(self) -> bool:
+        """Whether this is a radius that steps or ramps once."""
+        return self.kind_of.ramp
+
+    @property
+    def on_radii(self) -> bool:
+        """Whether the values are changes of single wheels' radii in metres."""
+        return (self.free and self.place not in ("gnss_speed", "gnss_course", "yaw_rate")) or self.ramp
+
+    @property
+    def calibrates(self) -> bool:
+        """Whether this is never a finding, but what instruments always do."""
+        return self.kind_of.kind is Kind.NUISANCE
+
+    @property
+    def pulse(self) -> bool:
+        """Whether this acts from one time to another, in `span_s`."""
+        return self.span_s[1] > self.span_s[0] and not self.ramp
+
+    @property
+    def key(self) -> tuple[str, ...]:
+        """What makes two terms rivals for one place in the model: an effect may act once (per wheel, per
+        place).
+        """
+        drive = "" if self.drive is None else str(self.drive)
+        return (self.effect, self.wheel, self.place, self.covariate, drive)
+
+    @property
+    def typical(self) -> bool:
+        """Whether the parameter that enters nonlinearly, if there is one, has its middle value."""
+        grid = self.kind_of.grid
+        return grid is None or self.at == grid.middle
+
+
+class Hypotheses:
+    """All terms that a drive's columns allow."""
+
+    bounds: Mapping[tuple[str, str], tuple[float, float]] = MappingProxyType({})
+    """Of the values, by effect and parameter: what may be fitted on this car."""
+    radius_m: FloatArray = np.full(4, 0.3)
+    driven: np.ndarray = np.ones(4, dtype=np.bool_)
+    """(4,) each, of the car."""
+
+    def __init__(self, names: list[Name], ramp_knots_s: FloatArray, unusable: frozenset[str]) -> None:
+        """`names` are those of the columns, the data's own first; `unusable` effects are left out."""
+        self.place = {name: k for k, name in enumerate(names)}
+        self.width = len(names)
+        self.knots_s = ramp_knots_s
+        self.nuisance = self._unit([name for name in names if name[0] in ALWAYS])
+        self.catalogue = [term for term in self._catalogue() if term.effect not in unusable]
+        self.wheels = [wheel for wheel in WHEELS if ("ramp", wheel, "0") in self.place]
+        pairs = [(a, b) for a in range(RAMP_KNOTS) for b in range(a + 1, RAMP_KNOTS + 1)]
+        self._pairs = pairs
+        self._ramps = np.zeros((RAMP_KNOTS, len(pairs)))
+        for k, (a, b) in enumerate(pairs):
+            self._ramps[a:b, k] = 1.0 / (b - a)
+        self._smooth = self._smooth_groups()
+
+    @property
+    def everything(self) -> FloatArray:
+        """(1 + p, k) calibration and every effect of the catalogue that is linear: the fullest model.
+
+        What it leaves is noise, whatever is missing: the noise is first estimated from it (Mallows,
+        Technometrics 15, 1973).
+        """
+        singles = [
+            term.design
+            for term in self.catalogue
+            if term.design.shape[1] == 1 and term.typical and not term.kind_of.mirror_of
+        ]
+        return np.concatenate([self.nuisance, *singles], axis=1)
+
+    def widen(self, width: int) -> None:
+        """Make room for columns that were added at the end."""
+        more = width - self.width
+        if more <= 0:
+            return
+
+        def wider(design: FloatArray) -> FloatArray:
+            return np.concatenate([design, np.zeros((more, design.shape[1]))])
+
+        self.width = width
+        self.nuisance = wider(self.nuisance)
+        self.catalogue = [replace(term, design=wider(term.design)) for term in self.catalogue]
+        self._smooth = [replace(term, design=wider(term.design)) for term in self._smooth]
+
+    def _unit(self, names: list[Name]) -> FloatArray:
+        out = np.zeros((self.width, len(names)))
+        for k, name in enumerate(names):
+            out[self.place[name], k] = 1.0
+        return out
+
+    def _catalogue(self) -> list[Term]:
+        out = []
+        for group in groups():
+            if any(probe.key not in self.place for probe in group):
+                continue
+            name, place, at = group[0].effect, group[0].place, group[0].at
+            price = PER_VALUE * len(group) + grid_price(EFFECTS[name], at)
+            price += math.log(max(len(EFFECTS[name].places), 1))
+            design = self._unit([probe.key for probe in group])
+            parameters = tuple(probe.parameter for probe in group)
+            out.append(Term(name, design, parameters, price, place=place, at=at))
+        return out
+
+    def add_ramp(self, wheel: str, span_s: tuple[float, float], column: int) -> None:
+        """A ramp off the grid, whose response is that column."""
+        design = np.zeros((self.width, 1))
+        design[column, 0] = 1.0
+        price = PER_VALUE + math.log(4 * RAMP_KNOTS)
+        self.catalogue.append(Term(FAULT.name, design, (RAMPED,), price, wheel=wheel, span_s=span_s))
+
+    def add_off_grid(self, like: Term, at: float, column: int) -> None:
+        """A term whose nonlinear parameter lies off the grid."""
+        more = grid_price(like.kind_of, at) - grid_price(like.kind_of, like.at)
+        self.catalogue.append(
+            replace(like, design=self._column(column), penalty=like.penalty + more, at=at, drive=None)
+        )
+
+    def add_pulse(self, like: Term, span_s: tuple[float, float], column: int) -> None:
+        """A pulse off the grid."""
+        self.catalogue.append(self._pulse(like.effect, like.place, span_s, self._column(column)))
+
+    def add_shapes(
+        self, like: Term, knots: tuple[float, ...], columns: dict[str, list[int]], drives: int
+    ) -> None:
+        """Smooth terms over a term's covariate with finer knots, whose hats are these columns by place."""
+        for pattern, places in _patterns():
+            if all(place in columns for place, _ in places):
+                design = np.zeros((self.width, len(columns[places[0][0]])))
+                for place, sign in places:
+                    design[columns[place], np.arange(design.shape[1])] = sign
+                term = self._shape(pattern, like.covariate, design, knots)
+                self.catalogue.append(term if like.drive is None else for_drive(term, like.drive, drives))
+
+    def _column(self, column: int) -> FloatArray:
+        design = np.zeros((self.width, 1))
+        design[column, 0] = 1.0
+        return design
+
+    def _pulse(self, effect: str, place: str, span_s: tuple[float, float], design: FloatArray) -> Term:
+        """A pulse of the radii on some wheels, or the event that looks so: its value is then a slip."""
+        price = PER_VALUE + math.log(len(PULSED) / 2 * RAMP_KNOTS * RAMP_KNOTS)
+        if effect == FREE.name:
+            return Term(effect, design, ("height_m",), price, span_s=span_s, place=place, covariate="time")
+        slip = -design * self.mean_radius_m(place)
+        return Term(effect, slip, (SLIPPING,), price, span_s=span_s, place=place)
+
+    def mean_radius_m(self, place: str) -> float:
+        """Of the wheels of a place."""
+        return float(np.mean([self.radius_m[WHEELS.index(wheel)] for wheel in PATTERNS[place]]))
+
+    def pulse_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
+        """For each wheel and axle the best pulse (a ramp up between two knots, one down between two others),
+        and the events that look so.
+        """
+        out = []
+        middle = 0.5 * (self.knots_s[1:] + self.knots_s[:-1])
+        columns = {
+            wheel: np.array([self.place[("ramp", wheel, str(k))] for k in range(RAMP_KNOTS)]) - 1
+            for wheel in self.wheels
+        }
+        for place in PULSED:
+            wheels = PATTERNS[place]
+            if any(wheel not in columns for wheel in wheels):
+                continue
+            at = [columns[wheel] for wheel in wheels]
+            both = sum(gram[np.ix_(a, c)] for a in at for c in at)
+            own = np.diag(both)
+            size = own[:, None] + own[None, :] - both - both.T
+            floor = 1e-6 * float(np.max(size, initial=1e-30))
+            total = sum(b[a] for a in at)
+            score = total[:, None] - total[None, :]
+            gain = np.triu(np.where(size > floor, 0.5 * score**2 / np.maximum(size, floor), 0.0), 1)
+            i, j = (int(k) for k in np.unravel_index(int(np.argmax(gain)), gain.shape))
+            design = np.zeros((self.width, 1))
+            for a in at:
+                design[a[i] + 1, 0], design[a[j] + 1, 0] = 1.0, -1.0
+            span = (float(middle[i]), float(middle[j]))
+            slip = -float(score[i, j] / max(size[i, j], floor)) / self.mean_radius_m(place)
+            for effect in (FREE.name, *self._events(place, slip, span[1] - span[0])):
+                out.append((float(gain[i, j]), self._pulse(effect, place, span, design)))
+        return out
+
+    def _events(self, place: str, slip: float, duration_s: float) -> list[str]:
+        """Events that make these wheels slip so for so long."""
+        driven = all(self.driven[WHEELS.index(wheel)] for wheel in PATTERNS[place])
+        return [name for name in EVENTS if EFFECTS[name].fits_span(slip, duration_s, driven)]
+
+    def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
+        """For each wheel the best ramp and its gain."""
+        out = []
+        for wheel in self.wheels:
+            at = np.array([self.place[("ramp", wheel, str(k))] for k in range(RAMP_KNOTS)]) - 1
+            score = self._ramps.T @ b[at]
+            information = np.einsum("ik,ik->k", self._ramps, gram[np.ix_(at, at)] @ self._ramps)
+            floor = 1e-6 * float(np.max(information, initial=1e-30))
+            gain = 0.5 * score**2 / np.maximum(information, floor)
+            best = int(np.argmax(np.where(information > floor, gain, 0.0)))
+            out.append((float(gain[best]), self.ramp(wheel, best)))
+        return out
+
+    def ramp(self, wheel: str, pair: int) -> Term:
+        """The radius change of a wheel between a pair of knots."""
+        a, b = self._pairs[pair]
+        design = np.zeros((self.width, 1))
+        for k in range(a, b):
+            design[self.place[("ramp", wheel, str(k))], 0] = 1.0 / (b - a)
+        penalty = PER_VALUE + math.log(4 * RAMP_KNOTS)
+        span = (float(self.knots_s[a]), float(self.knots_s[b]))
+        return Term(FAULT.name, design, (RAMPED,), penalty, wheel=wheel, span_s=span)
+
+    def _smooth_groups(self) -> list[Term]:
+        number: dict[tuple[str, str], int] = {}
+        for name in self.place:
+            if name[0] == "smooth":
+                at = (name[1], name[2])
+                number[at] = max(number.get(at, 0), int(name[3]) + 1)
+        covariates = sorted({covariate for _, covariate in number})
+        out = []
+        for covariate in covariates:
+            for pattern, places in _patterns():
+                if any(("smooth", place, covariate, "0") not in self.place for place, _ in places):
+                    continue
+                hats = number[places[0][0], covariate]
+                design = np.zeros((self.width, hats))
+                for place, sign in places:
+                    for k in range(hats):
+                        design[self.place[("smooth", place, covariate, str(k))], k] = sign
+                out.append(self._shape(pattern, covariate, design))
+        return out
+
+    @staticmethod
+    def _shape(place: str, covariate: str, design: FloatArray, knots: tuple[float, ...] = ()) -> Term:
+        values = tuple(f"at_{k + 1}" for k in range(design.shape[1]))
+        penalty = shape_price(design.shape[1])
+        return Term(FREE.name, design, values, penalty, place=place, covariate=covariate, knots=knots)
+
+    def shapes_over(self, like: Term) -> list[Term]:
+        """All smooth terms over a term's covariate, of any pattern and knots."""
+        pool = [term for term in self.catalogue if term.free and not term.pulse]
+        both = (like.covariate, like.drive)
+        return [term for term in (*pool, *self._smooth) if (term.covariate, term.drive) == both]
+
+    def smooth_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
+        """Gain of every smooth term."""
+        return [(group_gain(term.design[1:], gram, b)[0], term) for term in self._smooth]
+
+
+def _patterns() -> list[tuple[str, tuple[tuple[str, float], ...]]]:
+    """Where a smooth term may act: its name, and the places with their signs."""
+    alike = [(name, tuple((place, 1.0) for place in places)) for name, places in PATTERNS.items()]
+    return [*alike, *ANTISYMMETRIC.items()]
+
+
+def for_drive(term: Term, drive: int, drives: int) -> Term:
+    """A term as that of one of so many drives: the choice must be paid for."""
+    return replace(term, drive=drive, penalty=term.penalty + math.log(drives))
+
+
+def group_gain(design: FloatArray, gram: FloatArray, b: FloatArray) -> tuple[float, float]:
+    """Log-likelihood that a group of columns brings, and the value of its first, given Gram matrix and
+    correlation.
+    """
+    rows = np.flatnonzero(np.any(design != 0.0, axis=1))
+    part = design[rows]
+    A = part.T @ gram[np.ix_(rows, rows)] @ part
+    score = part.T @ b[rows]
+    scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    A = A / np.outer(scale, scale) + 1e-6 * np.eye(len(score))
+    score = score / scale
+    # A column that the others already explain has next to nothing left: it cannot bring anything.
+    values = np.linalg.solve(A, score)
+    return 0.5 * float(score @ values), float(values[0] / scale[0])

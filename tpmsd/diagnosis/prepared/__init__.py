@@ -1,0 +1,1 @@
+"""The drives that are examined, their columns and their noise."""

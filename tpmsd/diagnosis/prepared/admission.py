@@ -1,0 +1,193 @@
+"""Which drives are examined, and how much of each.
+
+In: `Recording`s. Out: a `Reader` per drive that is fit, and notes on what was left out. Memory is bounded by
+a number of windows and of drives: of more, every drive keeps a fair share, in stretches spread over it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tpmsd.diagnosis.counters.miscount import all_recounted, one_recounted
+from tpmsd.errors import ConfigError
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.trajectory import reference
+from tpmsd.inference.windows import CHANNELS, EAST, MAX_WINDOWS, NORTH, Reader
+from tpmsd.wheels import RL, RR, WHEELS
+
+MIN_DRIVING_S = 90
+MAX_DRIVES = 12
+"""Each has some three hundred columns of its own."""
+NEAR_M, NEAR_SHARE = 100.0, 0.03
+"""Two paths are beside each other where they are within this, and this share of the way from the start."""
+SAME_M = 1e-4
+"""Configured lengths that differ by less are the same."""
+
+
+def admitted(recordings: Sequence[Recording]) -> tuple[list[Reader], tuple[str, ...]]:
+    """Readers of the drives that can be examined, and what must be said of the others.
+
+    ConfigError where the configurations describe different cars.
+    """
+    same_car(recordings)
+    several = len(recordings) > 1
+    notes = []
+    readers: list[Reader] = []
+    for recording in recordings:
+        reason = unfit(recording)
+        if not reason:
+            reader = read(recording)
+            reason = unfit_windows(reader)
+        if reason:
+            notes.append(f"{recording.name}: left out, for {reason}" if several else reason)
+        else:
+            readers.append(reader)
+    readers, more = bounded(readers)
+    return readers, (*notes, *more)
+
+
+def against(recording: Recording, simulation: Recording) -> tuple[list[Reader], tuple[str, ...]]:
+    """Readers of a recording and of the simulation that it is compared with; none if the recording is unfit.
+
+    ConfigError where the simulation is unfit, or of another car or another road.
+    """
+    difference = differing(recording, simulation, teeth=False)
+    if difference:
+        raise ConfigError(f"the simulation is of another car: {difference}")
+    readers = []
+    for one in (recording, simulation):
+        reason = unfit(one)
+        if not reason:
+            readers.append(read(one, MAX_WINDOWS // 2))
+            reason = unfit_windows(readers[-1])
+        if reason and one is recording:
+            return [], (reason,)
+        if reason:
+            raise ConfigError(f"the simulation is of no use: {reason}")
+    reason = other_road(*readers)
+    if reason:
+        raise ConfigError(f"the simulation is of another road: {reason}")
+    return readers, tuple(_examined(reader) for reader in readers if reader.left_out)
+
+
+def read(recording: Recording, limit: int = MAX_WINDOWS) -> Reader:
+    """Its reader, once rings with plainly another number of teeth than configured are counted right."""
+    counted = one_recounted(recording)
+    first = reference(counted)
+    right = all_recounted(counted, first.car.radius_m)
+    return Reader(right, first if right is counted else reference(right), limit)
+
+
+def other_road(recorded: Reader, simulated: Reader) -> str:
+    """Why a simulation is not of the recording's road; empty if nothing speaks against it.
+
+    Both drives' positions are counted from their own first fix.
+    """
+    paths = [one.windows.measured[:, [EAST, NORTH]] for one in (recorded, simulated)]
+    path, other = (one[np.isfinite(one).all(axis=1)] for one in paths)
+    if min(len(path), len(other)) < MIN_DRIVING_S:
+        way, driven = (float(one.reference.motion.distance_m[-1]) for one in (recorded, simulated))
+        far = abs(way - driven) > 0.3 * max(way, driven)
+        return f"{driven / 1e3:.1f} km long, the recording {way / 1e3:.1f} km" if far else ""
+    off, _ = cKDTree(other).query(path)
+    share = float(np.mean(off < NEAR_M + NEAR_SHARE * np.hypot(*path.T)))
+    if share >= 0.5:
+        return ""
+    return (
+        f"{100 * (1 - share):.0f} % of the recording lies beside it"
+        f" (by {np.median(off):.0f} m in the median, both counted from their first fix)"
+    )
+
+
+def bounded(
+    readers: Sequence[Reader], windows: int = MAX_WINDOWS, drives: int = MAX_DRIVES
+) -> tuple[list[Reader], list[str]]:
+    """At most so many drives (those with most driving) and windows (fair shares), and notes on the rest."""
+    notes = []
+    most = sorted(range(len(readers)), key=lambda k: -_driven(readers[k]))[:drives]
+    for k, reader in enumerate(readers):
+        if k not in most:
+            notes.append(f"{reader.recording.name}: left out, for {drives} drives hold more driving")
+    kept = [reader for k, reader in enumerate(readers) if k in most]
+    shares = fair_shares([_driven(reader) for reader in kept], windows)
+    out = []
+    for reader, share in zip(kept, shares, strict=True):
+        if share < len(reader.windows):
+            reader = Reader(reader.recording, reader.reference, share)
+        if reader.left_out:
+            notes.append(_examined(reader))
+        out.append(reader)
+    return out, notes
+
+
+def fair_shares(wanted: Sequence[int], total: int) -> list[int]:
+    """What each gets of a total: all that it wants if that is no more than an equal share, else the most
+    that is left for it.
+    """
+    shares = [0] * len(wanted)
+    left = total
+    order = sorted(range(len(wanted)), key=lambda k: wanted[k])
+    for position, k in enumerate(order):
+        shares[k] = min(wanted[k], left // (len(order) - position))
+        left -= shares[k]
+    return shares
+
+
+def same_car(recordings: Sequence[Recording]) -> None:
+    """ConfigError unless all recordings are configured as one car."""
+    for other in recordings[1:]:
+        difference = differing(recordings[0], other)
+        if difference:
+            raise ConfigError(
+                f"{recordings[0].name} and {other.name} are drives of different cars: {difference}"
+            )
+
+
+def differing(one: Recording, other: Recording, teeth: bool = True) -> str:
+    """What in the configurations tells two cars apart; empty if nothing does."""
+    a, b = one.car, other.car
+    for name in ("wheelbase_m", "track_front_m", "track_rear_m"):
+        left, right = getattr(a.geometry, name), getattr(b.geometry, name)
+        if abs(left - right) > SAME_M:
+            return f"{name} = {left:g} and {right:g}"
+    if teeth and a.teeth_per_rev != b.teeth_per_rev:
+        return f"teeth_per_rev = {a.teeth_per_rev:g} and {b.teeth_per_rev:g}"
+    if not np.array_equal(a.driven, b.driven):
+        names = [" ".join(w for k, w in enumerate(WHEELS) if car.driven[k]) for car in (a, b)]
+        return f"driven wheels {names[0]} and {names[1]}"
+    return ""
+
+
+def unfit(recording: Recording) -> str:
+    """Why a recording cannot be examined at all; empty if it can."""
+    if not {RL, RR} <= set(recording.wheels):
+        return "the rear wheels are not both read"
+    if recording.ticks * recording.dt_s < MIN_DRIVING_S:
+        return f"the drive is shorter than {MIN_DRIVING_S} s"
+    return ""
+
+
+def unfit_windows(reader: Reader) -> str:
+    """Why too little is left to compare; empty if there is enough."""
+    windows = reader.windows
+    if len(windows) < MIN_DRIVING_S:
+        return f"only {len(windows)} s of driving with all wheels read, {MIN_DRIVING_S} s are needed"
+    gnss = np.isfinite(windows.measured[:, 5:CHANNELS]).any(axis=1).sum()
+    if gnss < MIN_DRIVING_S / 2:
+        return f"the receiver speaks in only {gnss} s of the driving"
+    return ""
+
+
+def _examined(reader: Reader) -> str:
+    return (
+        f"{reader.recording.name}: of {_driven(reader)} s of driving, {len(reader.windows)} s in"
+        " stretches spread over the drive were examined"
+    )
+
+
+def _driven(reader: Reader) -> int:
+    """Windows of driving, the left-out ones included."""
+    return len(reader.windows) + reader.left_out

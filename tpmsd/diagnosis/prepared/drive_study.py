@@ -1,0 +1,281 @@
+"""One drive under examination: its residual, its columns, its noise.
+
+In: a `Reader`. Out: `DriveStudy`, whose whitened columns and Gram matrices are those of its present noise.
+What was asked for under a noise before is kept, and only columns that were added since are whitened anew.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.diagnosis.hypotheses.response import (
+    grid_column,
+    hat_functions,
+    linear_columns,
+    radius_columns,
+    ramp_column,
+    response_at,
+)
+from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Name, Term
+from tpmsd.inference.least_squares import Part, extended, part
+from tpmsd.inference.noise import Noise
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.trajectory import reference
+from tpmsd.inference.whitening import Whitener
+from tpmsd.inference.windows import Reader
+from tpmsd.physics.model import ExtendedModel
+from tpmsd.wheels import FloatArray
+
+BLOCK_S = 30
+MIN_BLOCKS = 10
+CHUNK = 32
+"""Windows of all columns that fit into a processor's cache while they are laid side by side."""
+KEPT = 2
+"""Noises under which a drive's whitened columns are kept: an alternative is tried beside the present one."""
+
+
+@dataclass(frozen=True)
+class Hat:
+    """One of the hat functions of a smooth term."""
+
+    place: str
+    covariate: str
+    knots: tuple[float, ...]
+    number: int
+
+    def column(self, reader: Reader) -> FloatArray:
+        """(w, 9) the response to its height."""
+        weight = hat_functions(reader.windows.covariates[self.covariate], np.array(self.knots))
+        signs = dict(ANTISYMMETRIC.get(self.place, ())) or dict.fromkeys(PATTERNS[self.place], 1.0)
+        response = sum(sign * response_at(reader, place) for place, sign in signs.items())
+        return np.asarray(response * weight[:, self.number : self.number + 1])
+
+
+@dataclass(frozen=True)
+class Refined:
+    """A ramp or a pulse of wheels' radii, a nonlinear effect or a shape's hat off the grid."""
+
+    wheels: tuple[int, ...] = ()
+    """Of a ramp or a pulse."""
+    first: float = 0.0
+    """Onset (s) or value of the parameter that enters nonlinearly."""
+    second: float = 0.0
+    """Duration (s); of a pulse its end (s)."""
+    pulse: bool = False
+    hat: Hat | None = None
+    like: Term | None = None
+    """The term of a nonlinear effect."""
+
+    def column(self, reader: Reader, base: ExtendedModel) -> FloatArray:
+        """(w, 9) the response to a metre (to the unit of a hat or a parameter), at `base`."""
+        if self.hat is not None:
+            return self.hat.column(reader)
+        if self.like is not None:
+            return grid_column(reader, self.like.effect, self.like.place, self.first, base)
+        out: FloatArray = np.zeros(0)
+        for wheel in self.wheels:
+            one = ramp_column(reader, wheel, self.first, 0.0 if self.pulse else self.second, base)
+            if self.pulse:
+                one = one - ramp_column(reader, wheel, self.second, 0.0, base)
+            out = one if not out.size else out + one
+        return out
+
+
+@dataclass(frozen=True)
+class Whitened:
+    """A drive's columns under one noise."""
+
+    noise: Noise
+    inflate: FloatArray | None
+    whitener: Whitener
+    white: FloatArray
+    """(w, 9, n)"""
+    by_block: FloatArray
+    """(blocks, n, n) Gram matrices."""
+
+
+class DriveStudy:
+    """One drive's residual, columns and noise."""
+
+    def __init__(
+        self,
+        reader: Reader,
+        knots: dict[str, FloatArray],
+        stds: Mapping[str, float],
+        block_s: float = BLOCK_S,
+    ) -> None:
+        """`knots` of the smooth terms by covariate, and `stds` of the covariates' errors."""
+        self.reader = reader
+        self.knots = knots
+        self.stds = stds
+        windows = reader.windows
+        self.base = ExtendedModel()
+        """About which everything is linear."""
+        self.refined: list[Refined] = []
+        """What the columns beyond the named ones are."""
+        residual = windows.measured - reader.predict(self.base)
+        columns = linear_columns(reader, knots)
+        self.names: list[Name] = [("data",), *columns.names]
+        self.columns = stacked(residual, columns.arrays)
+        self.noise = first_noise(reader)
+        self.inflate: FloatArray | None = None
+        count = max(MIN_BLOCKS, round(len(windows) / block_s))
+        self.blocks = np.arange(len(windows)) * count // len(windows)
+        self.here = np.arange(len(self.names))
+        """Where columns stand in the common index, and which stands there."""
+        self.local = np.arange(len(self.names))
+        self.values = np.zeros(len(self.names) - 1)
+        """(n - 1,) of the columns, at `base`."""
+        self._kept: list[Whitened] = []
+        """Under the noises asked for last, the present one at the end."""
+
+    def relinearise(
+        self, base: ExtendedModel, radii_m: FloatArray, values: FloatArray, fitted: FloatArray
+    ) -> None:
+        """Take a model, radii (4,) and the motion that go with them as the new origin.
+
+        `values` (n - 1,) are the base's in the columns, `fitted` (n - 1,) those of the whole fit.
+
+        The values of all columns stay what they were: the change of an effect's value from zero, of a
+        radius from the former origin.
+        """
+        used = np.flatnonzero(fitted)
+        left = self.columns[:, :, 0] - self.columns[:, :, 1 + used] @ fitted[used]
+        self._moved_to(base, radii_m, values, left, self.inflate)
+
+    def _moved_to(
+        self,
+        base: ExtendedModel,
+        radii_m: FloatArray,
+        values: FloatArray,
+        left: FloatArray,
+        inflate: FloatArray | None,
+    ) -> None:
+        """All columns anew, about the motion that what is left (w, 9) of the channels shows."""
+        self.base, self.values = base, values
+        made = Whitener.of(self.reader.windows, self.noise, np.isfinite(left), inflate)
+        errors = made.smooth(made.apply(left[:, :, None])[:, :, 0])
+        self.reader.recalibrate(radii_m, base, errors)
+        arrays = linear_columns(self.reader, self.knots, base).arrays
+        arrays += [one.column(self.reader, base) for one in self.refined]
+        residual = self.reader.windows.measured - self.reader.predict(base)
+        for k in np.flatnonzero(values):
+            residual = residual + values[k] * arrays[k]
+        self.columns = stacked(residual, arrays)
+        self._kept = []
+
+    def repeated(self, recording: Recording) -> DriveStudy:
+        """The same columns under the same noise, of a replicate of this drive's recording.
+
+        Its reference motion is made anew from the replicate, and moved by its own smoothed errors once: what
+        it shares with the residual it shares here as well.
+        """
+        out = copy.copy(self)
+        out.reader = Reader(recording, reference(recording), len(self.reader.windows))
+        windows = out.reader.windows
+        out.blocks = np.zeros(len(windows), dtype=int)
+        out.inflate = None
+        residual = windows.measured - out.reader.predict(self.base)
+        calibration = radius_columns(out.reader).arrays
+        made = Whitener.of(windows, self.noise, np.isfinite(residual))
+        white = made.apply(stacked(residual, calibration)).reshape(-1, 1 + len(calibration))
+        fitted = np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
+        left = residual - sum(value * column for value, column in zip(fitted, calibration, strict=True))
+        radii = out.reader.reference.car.radius_m.copy()
+        radii[recording.wheels] += fitted[: len(recording.wheels)]
+        out._moved_to(self.base, radii, self.values, left, None)
+        return out
+
+    def append(self, columns: FloatArray) -> None:
+        """Further columns (w, 9, k) at the end."""
+        self.columns = np.concatenate([self.columns, columns], axis=2)
+
+    def own(self, design: FloatArray) -> FloatArray:
+        """(n, k) a common design in this drive's columns."""
+        out = np.zeros((self.columns.shape[2], design.shape[1]))
+        np.add.at(out, self.local, design[self.here])
+        return out
+
+    def acting(self, design: FloatArray) -> FloatArray:
+        """(w, 9, k) whitened columns of a common design."""
+        own = self.own(design)
+        used = np.flatnonzero(np.any(own != 0.0, axis=1))
+        return np.asarray(self.white[:, :, used] @ own[used])
+
+    def believed(self, design: FloatArray) -> FloatArray:
+        """(w, 9, 1 + j) the data and those columns of a design that act in this drive."""
+        own = self.own(design)
+        acting = own[:, np.any(own != 0.0, axis=0)]
+        used = np.flatnonzero(np.any(acting != 0.0, axis=1))
+        return np.concatenate([self.columns[:, :, :1], self.columns[:, :, used] @ acting[used]], axis=2)
+
+    @property
+    def white(self) -> FloatArray:
+        """(w, 9, n) all columns, whitened by the present noise."""
+        return self.present.white
+
+    @property
+    def log_variance(self) -> float:
+        """Sum of the innovations' log variances under the present noise."""
+        return self.present.whitener.logdet
+
+    def part(self) -> Part:
+        """Gram matrices of the columns under the present noise."""
+        return Part(self.present.by_block, self.here, self.local)
+
+    def residual(self, design: FloatArray, values: FloatArray) -> FloatArray:
+        """(w, 9) whitened residual of a fit."""
+        return np.asarray(self.white[:, :, 0] - self.response(design, values))
+
+    def response(self, design: FloatArray, values: FloatArray) -> FloatArray:
+        """(w, 9) whitened response of combinations with these values."""
+        weights = self.own(design) @ values
+        used = np.flatnonzero(weights)
+        return np.asarray(self.white[:, :, used] @ weights[used])
+
+    def whitened(self, columns: FloatArray) -> FloatArray:
+        """(w, 9, t) further columns (w, 9, t), whitened as the others are."""
+        return self.present.whitener.apply(columns)
+
+    @property
+    def present(self) -> Whitened:
+        """The columns under the present noise; what was asked for before is not done again."""
+        found = None
+        for k, one in enumerate(self._kept):
+            if one.noise == self.noise and one.inflate is self.inflate:
+                found = self._kept.pop(k)
+                break
+        width = self.columns.shape[2]
+        if found is None:
+            here = np.isfinite(self.columns[:, :, 0])
+            whitener = Whitener.of(self.reader.windows, self.noise, here, self.inflate)
+            white = whitener.apply(self.columns)
+            found = Whitened(self.noise, self.inflate, whitener, white, part(white, self.blocks).by_block)
+        elif found.white.shape[2] < width:
+            more = found.whitener.apply(self.columns[:, :, found.white.shape[2] :])
+            white = np.concatenate([found.white, more], axis=2)
+            by_block = extended(found.by_block, white, self.blocks)
+            found = Whitened(self.noise, self.inflate, found.whitener, white, by_block)
+        self._kept = [*self._kept[-(KEPT - 1) :], found]
+        return found
+
+
+def stacked(residual: FloatArray, arrays: Sequence[FloatArray]) -> FloatArray:
+    """(w, 9, 1 + p) the residual (w, 9) and p columns (w, 9)."""
+    every = (residual, *arrays)
+    out = np.empty((*residual.shape, len(every)))
+    for first in range(0, len(residual), CHUNK):
+        part = slice(first, first + CHUNK)
+        out[part] = np.stack([array[part] for array in every], axis=2)
+    return out
+
+
+def first_noise(reader: Reader) -> Noise:
+    """Where the estimate of the noise starts: known quantisation, typical instruments."""
+    quantum = reader.recording.quantum_rad / np.sqrt(2.0) * reader.reference.car.radius_m
+    reading = tuple(float(q) for q in np.maximum(quantum, 1e-4))
+    return Noise(reading_m=(reading[0], reading[1], reading[2], reading[3]))

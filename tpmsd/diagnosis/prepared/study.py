@@ -1,0 +1,151 @@
+"""What is examined: the drives, each with its own noise, and the columns that they share.
+
+In: one `Reader` per drive. Out: `Study`, which gives the evidence of all drives together under the present
+noise. Whitening is done drive by drive; what the drives have in common is only the numbers that a fit of
+their Gram matrices shares: an effect's value is one number for all drives (and, as a hypothesis apart, one
+drive's own), a calibration constant is each drive's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from tpmsd.diagnosis.hypotheses.joint_terms import JointHypotheses, OwnNames, is_copied, is_own
+from tpmsd.diagnosis.hypotheses.plausible import bounds_of
+from tpmsd.diagnosis.hypotheses.response import (
+    available,
+    ramp_knots,
+    smooth_knots,
+)
+from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Name, Term
+from tpmsd.diagnosis.prepared.drive_study import BLOCK_S, DriveStudy, Refined, first_noise
+from tpmsd.inference.covariate_errors import covariate_stds
+from tpmsd.inference.least_squares import Evidence
+from tpmsd.inference.windows import Reader
+from tpmsd.physics.catalogue import EFFECTS
+from tpmsd.wheels import FloatArray
+
+MAX_BLOCKS = 120
+"""Of all drives together: beyond an hour blocks grow, so that memory is bounded."""
+
+
+class Study:
+    """The drives, and what they have in common."""
+
+    def __init__(self, readers: Sequence[Reader], simulation: bool = False) -> None:
+        """At least one reader; with `simulation` the second of two is what the first is compared with."""
+        self.simulation = simulation
+        windows = sum(len(reader.windows) for reader in readers)
+        block_s = max(BLOCK_S, windows / MAX_BLOCKS)
+        apart = () if simulation else ("time", "distance")
+        stds = [covariate_stds(reader, first_noise(reader)) for reader in readers]
+        common = _common_knots(readers, stds, apart) if len(readers) > 1 else {}
+        self.drives = []
+        for reader, own in zip(readers, stds, strict=True):
+            knots = smooth_knots(reader.windows.covariates, own)
+            if len(readers) > 1:
+                knots = {c: at for c, at in knots.items() if c in apart} | common
+            self.drives.append(DriveStudy(reader, knots, own, block_s))
+        self.hypotheses = self._alone() if len(readers) == 1 else self._together()
+        car = readers[0].reference.car
+        self.hypotheses.bounds = bounds_of(car)
+        self.hypotheses.radius_m, self.hypotheses.driven = car.radius_m, car.driven
+        self.grid = self.hypotheses.width
+        """Places in the common index from here on are of exact columns."""
+        self.width = self.grid
+
+    @property
+    def examined(self) -> list[DriveStudy]:
+        """The drives whose physics is asked for: all but a simulation."""
+        return self.drives[:1] if self.simulation else self.drives
+
+    @property
+    def speeds(self) -> bool:
+        """Whether the bus has wheel speeds and no counts."""
+        return all(bool((drive.reader.recording.quantum_rad == 0.0).all()) for drive in self.examined)
+
+    @property
+    def driving_s(self) -> float:
+        """Windows that are compared."""
+        return float(sum(len(drive.reader.windows) for drive in self.examined))
+
+    def evidence(self) -> Evidence:
+        """Of all drives, under the present noise."""
+        return Evidence([drive.part() for drive in self.drives], self.width)
+
+    def acting(self, term: Term) -> list[int]:
+        """Numbers of the drives in which a term acts."""
+        return list(range(len(self.drives))) if term.drive is None else [term.drive]
+
+    def knots(self, term: Term) -> FloatArray:
+        """Knots of a smooth term."""
+        if term.knots:
+            return np.array(term.knots)
+        return self.drives[self.acting(term)[0]].knots[term.covariate]
+
+    def append(self, columns: Sequence[tuple[Refined, Mapping[int, FloatArray]]]) -> list[int]:
+        """Further columns, each (w, 9) by drive, and what they are; their places in the common index."""
+        for number, drive in enumerate(self.drives):
+            mine = [(k, column[number]) for k, (_, column) in enumerate(columns) if number in column]
+            drive.refined += [what for what, column in columns if number in column]
+            if mine:
+                start = drive.columns.shape[2]
+                drive.here = np.concatenate([drive.here, [self.width + k for k, _ in mine]])
+                drive.local = np.concatenate([drive.local, start + np.arange(len(mine))])
+                drive.append(np.stack([column for _, column in mine], axis=2))
+        places = list(range(self.width, self.width + len(columns)))
+        self.width += len(columns)
+        self.hypotheses.widen(self.width)
+        return places
+
+    def _alone(self) -> Hypotheses:
+        drive = self.drives[0]
+        return Hypotheses(drive.names, ramp_knots(drive.reader), unusable(drive.reader))
+
+    def _together(self) -> JointHypotheses:
+        lost = [unusable(drive.reader) for drive in self.drives]
+        shared: list[Name] = [("data",)]
+        for drive in self.drives:
+            shared += [
+                name for name in drive.names[1:] if not is_own(name, self.simulation) and name not in shared
+            ]
+        at = {name: k for k, name in enumerate(shared)}
+        width = len(shared)
+        own = []
+        for drive, unused in zip(self.drives, lost, strict=True):
+            names = [
+                name
+                for name in drive.names[1:]
+                if is_own(name, self.simulation) or is_copied(name, self.simulation)
+            ]
+            own.append(OwnNames([("data",), *names], width, ramp_knots(drive.reader), unused))
+            place = {name: k for k, name in enumerate(drive.names)}
+            both = [name for name in drive.names if name in at and name[0] not in unused]
+            here = [at[name] for name in both] + list(range(width, width + len(names)))
+            drive.here = np.array(here)
+            drive.local = np.array([place[name] for name in both] + [place[name] for name in names])
+            width += len(names)
+        return JointHypotheses(shared, frozenset.intersection(*lost), own, width, self.simulation)
+
+
+def _common_knots(
+    readers: Sequence[Reader], stds: Sequence[Mapping[str, float]], apart: Sequence[str]
+) -> dict[str, FloatArray]:
+    """Knots over all drives, of the covariates that all of them have, less some."""
+    names = [
+        name
+        for name in readers[0].windows.covariates
+        if name not in apart and all(name in one.windows.covariates for one in readers)
+    ]
+    return smooth_knots(
+        {name: np.concatenate([one.windows.covariates[name] for one in readers]) for name in names},
+        {name: max(own[name] for own in stds) for name in names},
+    )
+
+
+def unusable(reader: Reader) -> frozenset[str]:
+    """Effects of which this drive holds no trace whatever: without a gyro no gyro error."""
+    here = available(reader)
+    return frozenset(name for name, effect in EFFECTS.items() if not here >= set(effect.needs))

@@ -1,0 +1,116 @@
+"""Gives a shape that was found the knots that it needs.
+
+In: a chosen smooth term on its usual few knots. Out: knots by which the data say more than the further
+heights cost, and the responses of their hats. A shape that is too coarse leaves a residue at which other
+effects, which are not there, find something to explain.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.diagnosis.hypotheses.response import FINER, READINGS, finer_knots, first_hat, hat_functions
+from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, Term, shape_price
+from tpmsd.diagnosis.prepared.drive_study import Hat, Refined
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.inference.least_squares import Evidence, gain_of
+from tpmsd.wheels import WHEELS, FloatArray
+
+LEVELS = (1, 2, 4)
+"""Intervals tried, in those of the first look."""
+WORTH = 3.0
+"""Log-likelihood beyond its price by which finer knots must be better."""
+
+Columns = list[tuple[Refined, dict[int, FloatArray]]]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Finer knots for a smooth term, and the columns that are missing for them."""
+
+    term: Term
+    knots: tuple[float, ...]
+    columns: Columns
+    """For each of `places` in turn the hats that it needs."""
+    places: tuple[str, ...]
+    """Each wheel, or the one reading."""
+
+    def add_to(self, study: Study, at: list[int]) -> None:
+        """Make hypotheses of it, its columns standing at these places of the common index.
+
+        A shape on wheels is one for every pattern of wheels: which of them it was on the few knots need not
+        be right on the finer ones.
+        """
+        hats = len(at) // len(self.places)
+        columns = {place: at[k * hats : (k + 1) * hats] for k, place in enumerate(self.places)}
+        study.hypotheses.add_shapes(self.term, self.knots, columns, len(study.drives))
+
+
+def finest_shape(study: Study, term: Term) -> Shape:
+    """The finest shape in a term's place."""
+    return _shape(study, term, _finest(study, term))
+
+
+def finer_shape(study: Study, evidence: Evidence, others: list[Term], term: Term) -> Shape | None:
+    """The best shape in a term's place beside the others; None to leave it."""
+    selector = Selector(evidence, study.hypotheses)
+    design = selector.design(others)
+    acting = study.acting(term)
+    fine = _finest(study, term)
+    if len(fine) < 4:
+        return None
+    first = _first(term)
+    hats = [Hat(term.place, term.covariate, tuple(fine), k) for k in range(len(fine))]
+    gram = np.zeros((1 + design.shape[1] + len(hats),) * 2)
+    for number, drive in enumerate(study.drives):
+        rows = np.zeros((*drive.white.shape[:2], len(gram)))
+        rows[:, :, 0] = drive.white[:, :, 0]
+        rows[:, :, 1 : 1 + design.shape[1]] = drive.acting(design)
+        if number in acting:
+            columns = np.nan_to_num(np.stack([hat.column(drive.reader) for hat in hats], axis=2))
+            rows[:, :, 1 + design.shape[1] :] = drive.whitened(columns)
+        flat = rows.reshape(-1, len(gram))
+        gram += flat.T @ flat
+    without = gain_of(gram[: 1 + design.shape[1], : 1 + design.shape[1]])
+    best = selector.gain([*others, term]) - without - term.penalty + WORTH
+    chosen: FloatArray | None = None
+    for level in LEVELS:
+        intervals = min(len(fine) - 1, level * (len(fine) - 1) // FINER)
+        at = np.unique(np.round(np.linspace(0, len(fine) - 1, intervals + 1)).astype(int))
+        # A coarse hat is a sum of fine ones.
+        combined = hat_functions(fine, fine[at])[:, first:]
+        wide = np.zeros((len(gram), 1 + design.shape[1] + combined.shape[1]))
+        wide[: 1 + design.shape[1], : 1 + design.shape[1]] = np.eye(1 + design.shape[1])
+        wide[1 + design.shape[1] :, 1 + design.shape[1] :] = combined
+        score = gain_of(wide.T @ gram @ wide) - without - shape_price(combined.shape[1])
+        if score > best:
+            best, chosen = score, fine[at]
+    return None if chosen is None else _shape(study, term, chosen)
+
+
+def _finest(study: Study, term: Term) -> FloatArray:
+    drives = [study.drives[number] for number in study.acting(term)]
+    values = np.concatenate([drive.reader.windows.covariates[term.covariate] for drive in drives])
+    std = max(drive.stds.get(term.covariate, 0.0) for drive in drives)
+    return finer_knots(values, FINER * (len(study.knots(term)) - 1), std)
+
+
+def _first(term: Term) -> int:
+    return 1 if term.place in ANTISYMMETRIC else first_hat(term.place)
+
+
+def _shape(study: Study, term: Term, knots: FloatArray) -> Shape:
+    acting = study.acting(term)
+    read = set.intersection(*(set(study.drives[number].reader.recording.wheels) for number in acting))
+    places = (term.place,) if term.place in READINGS else tuple(WHEELS[wheel] for wheel in sorted(read))
+    at = tuple(float(x) for x in knots)
+    columns: Columns = []
+    for place in places:
+        for k in range(first_hat(place), len(at)):
+            hat = Hat(place, term.covariate, at, k)
+            response = {n: np.nan_to_num(hat.column(study.drives[n].reader)) for n in acting}
+            columns.append((Refined(hat=hat), response))
+    return Shape(term, at, columns, places)

@@ -1,0 +1,1 @@
+"""From chosen terms to findings that a reader understands."""

@@ -1,0 +1,280 @@
+"""From chosen terms to findings that a reader understands.
+
+In: a `Study` and its `Selection`. Out: `Diagnosis`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from tpmsd.diagnosis.assessment.explanatory import explanatory
+from tpmsd.diagnosis.assessment.reach import Seen, reach
+from tpmsd.diagnosis.assessment.result import CONSISTENT, MISMATCH, Diagnosis, Finding, Inner, Quantity, Where
+from tpmsd.diagnosis.assessment.simulated import compared, simulated_effects, whole_model
+from tpmsd.diagnosis.assessment.tangent import nonlinear_stds
+from tpmsd.diagnosis.assessment.teeth import teeth
+from tpmsd.diagnosis.assessment.walking_pace import lost
+from tpmsd.diagnosis.hypotheses.advice import advice
+from tpmsd.diagnosis.hypotheses.terms import Term, group_gain
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.reporting.traces import ground, traces
+from tpmsd.diagnosis.reporting.where import where_of, whole_range
+from tpmsd.diagnosis.selection.candidates import ADMIT
+from tpmsd.diagnosis.selection.chosen import Chosen, Selection
+from tpmsd.diagnosis.selection.described import STEP_S, neutral_of, nonlinear_of, usual, words_of
+from tpmsd.diagnosis.selection.empirical import empirical_effect, shape_of
+from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.inference.least_squares import Evidence
+from tpmsd.inference.trajectory import WINDOW_S
+from tpmsd.inference.windows import CHANNEL_NAMES
+from tpmsd.physics.catalogue import FAULT, make_effect, parameters_of
+from tpmsd.physics.effect import Effect, Parameter, Std
+from tpmsd.physics.model import ExtendedModel
+from tpmsd.wheels import WHEELS
+
+WANDERS = 2e-4
+"""Relative standard deviation of the radii's slow wander from which it is told."""
+
+
+def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[str, ...] = ()) -> Diagnosis:
+    """Write the answer down; `notes` are what the reader must know of what was left out."""
+    seconds = study.driving_s
+    rows = sum(int(np.isfinite(drive.reader.windows.measured).sum()) for drive in study.examined)
+    blocks = slice(0, sum(len(part.by_block) for part in evidence.parts[: len(study.examined)]))
+    versus = compared(study, selection)
+    stds = nonlinear_stds(study, selection)
+    terms = [one.term for one in selection.chosen]
+    selector = Selector(evidence, study.hypotheses)
+    whole = float(selection.heldout[blocks].sum())
+    findings = []
+    effects: list[Effect] = []
+    effect_stds: list[Mapping[str, Std]] = []
+
+    def add(one: Chosen, quantities: dict[str, Quantity]) -> None:
+        if one.term.free:
+            free, heights = empirical_effect(one, study.knots(one.term))
+            effects.append(free)
+            effect_stds.append(heights)
+        else:
+            effect, known = _effect(one, quantities)
+            effects.append(effect)
+            effect_stds.append(known)
+
+    for k, one in enumerate(selection.chosen):
+        if note := usual(one, study.speeds):
+            notes = (*notes, note)
+            continue
+        rest = terms[:k] + terms[k + 1 :]
+        without = float(evidence.heldout(selector.design(rest))[blocks].sum())
+        quantities = _quantities(_in_full(study, selection, k), stds.get(k, {}))
+        findings.append(
+            Finding(
+                effect=one.term.effect,
+                confidence=one.confidence,
+                parameters=quantities,
+                where=where_of(study, one),
+                rms_before=_rms(without, rows),
+                rms_after=_rms(whole, rows),
+                loglik_gain_per_s=one.heldout_gain / seconds,
+                gain=one.heldout_gain,
+                indistinguishable_from=one.rivals,
+                advice=advice(one.term.effect, one.rivals),
+                shape=shape_of(one, study.knots(one.term)) if one.term.free else (),
+                drives=_drives(study, terms, one.term),
+                held_by=versus[k].by if versus else "",
+                simulated=_quantities(versus[k].simulated, {}) if versus else {},
+            )
+        )
+        if one.term.drive is None:  # the model is the car's, not that of one day
+            add(one, quantities)
+    for one in whole_model(study, selection):
+        add(one, _quantities(one, {}))
+    apart = [] if study.simulation else lost(study, seconds)
+    for finding in [*apart, *teeth(study, evidence.fit(study.hypotheses.nuisance), seconds)]:
+        findings.append(finding)
+        values = {name: quantity.value for name, quantity in finding.parameters.items()}
+        effects.append(make_effect(finding.effect, **values))
+        effect_stds.append(
+            {name: q.std for name, q in finding.parameters.items() if q.std is not None and q.std > 0.0}
+        )
+    baseline = float(selection.baseline_heldout[blocks].sum())
+    log_variance = sum(drive.log_variance for drive in study.examined)
+    constant = -0.5 * log_variance - 0.5 * rows * math.log(2 * math.pi)
+    return Diagnosis(
+        verdict=MISMATCH if findings else CONSISTENT,
+        reason="",
+        findings=tuple(sorted(findings, key=lambda finding: -finding.gain)),
+        driving_s=seconds,
+        baseline_rms=_rms(baseline, rows),
+        baseline_loglik_per_s=(baseline + constant) / seconds,
+        model_rms=_rms(whole, rows),
+        unexplained=_unexplained(study, selector, terms) or _wandering(study),
+        model=ExtendedModel(tuple(effects), tuple(effect_stds)),
+        evidence=_alone(study, selector),
+        baseline=("simulation",) if study.simulation else ("rolling",),
+        simulation=simulated_effects(study, selection),
+        notes=notes,
+        explanatory=explanatory(study, terms, evidence),
+        reach=reach(
+            [
+                Seen(
+                    drive.white,
+                    np.isfinite(drive.reader.windows.measured),
+                    drive.blocks,
+                    part.by_block,
+                    drive.names,
+                    drive.own(study.hypotheses.nuisance),
+                    drive.own(selection.fit.design),
+                )
+                for drive, part in zip(study.drives, evidence.parts, strict=True)
+            ]
+        ),
+        inner=Inner(
+            _by_channel(study, selection, evidence),
+            tuple(traces(study, selection, evidence)),
+            ground(study, selection, evidence),
+        ),
+    )
+
+
+def _drives(study: Study, terms: list[Term], term: Term) -> tuple[str, ...]:
+    """Names of the drives in which a term stands, if it does not stand in all."""
+    if study.simulation:
+        return ()
+    names = [drive.reader.recording.name for drive in study.drives]
+    if term.drive is not None:
+        return (names[term.drive],)
+    apart = {other.drive for other in terms if other.effect == term.effect and _of_car(other)} - {None}
+    return tuple(name for k, name in enumerate(names) if k not in apart) if apart else ()
+
+
+def _of_car(term: Term) -> bool:
+    """Whether a term is an effect of the catalogue whose value may be common to all drives."""
+    return not (term.free or term.kind_of.own_per_drive)
+
+
+def _in_full(study: Study, selection: Selection, which: int) -> Chosen:
+    """A term whose value in one drive differs from that of the others, with its full value there."""
+    one = selection.chosen[which]
+    if one.term.drive is None or study.simulation or not _of_car(one.term):
+        return one
+    widths = [study.hypotheses.nuisance.shape[1]] + [c.term.design.shape[1] for c in selection.chosen]
+    starts = np.cumsum(widths)
+    values, stds = one.values.copy(), one.stds.copy()
+    covariance = selection.fit.covariance
+    for k, other in enumerate(selection.chosen):
+        if other.term.effect != one.term.effect or other.term.drive is not None:
+            continue
+        for i, name in enumerate(one.term.parameters):
+            if name in other.term.parameters:
+                a, b = int(starts[which]) + i, int(starts[k]) + other.term.parameters.index(name)
+                ratio = stds[i] ** 2 / covariance[a, a]
+                values[i] += selection.fit.values[b]
+                stds[i] = math.sqrt(ratio * (covariance[a, a] + covariance[b, b] + 2 * covariance[a, b]))
+    return replace(one, values=values, stds=stds)
+
+
+def _rms(score: float, rows: int) -> float:
+    return math.sqrt(max(-2.0 * score, 0.0) / max(rows, 1))
+
+
+def _quantities(one: Chosen, nonlinear: dict[str, float]) -> dict[str, Quantity]:
+    term = one.term
+    if term.free:
+        return {}
+    known = parameters_of(term.effect)
+    out: dict[str, Quantity] = {}
+    for name, word in words_of(term).items():
+        out[name] = Quantity(word, None, "")
+    for name, value, std in zip(term.parameters, one.values, one.stds, strict=True):
+        if name:
+            wider = max(float(std), nonlinear.get(name, 0.0))
+            out[name] = Quantity(float(value) + neutral_of(term.effect, name), wider, known[name].unit)
+    for name, value in nonlinear_of(term).items():
+        if term.at is not None:
+            std = nonlinear.get(name, term.at)
+        else:
+            std = math.hypot(nonlinear.get(name, STEP_S), WINDOW_S)
+        out[name] = Quantity(value, std, known[name].unit)
+    return out
+
+
+def _effect(one: Chosen, quantities: dict[str, Quantity]) -> tuple[Effect, dict[str, float]]:
+    """The effect for the model file, within its bounds."""
+    values: dict[str, float | str] = {}
+    stds: dict[str, float] = {}
+    for name, quantity in quantities.items():
+        parameter = parameters_of(one.term.effect)[name]
+        if isinstance(parameter, Parameter) and isinstance(quantity.value, float):
+            values[name] = min(max(quantity.value, parameter.lower), parameter.upper)
+            if quantity.std is not None and math.isfinite(quantity.std):
+                stds[name] = quantity.std
+        else:
+            values[name] = quantity.value
+    return make_effect(one.term.effect, **values), stds
+
+
+def _unexplained(study: Study, selector: Selector, terms: list[Term]) -> Where | None:
+    """Structure that is still significant after the chosen terms."""
+    options = [entry for entry in selector.candidates(terms) if not entry[1][0].calibrates]
+    for net, found in options[:3]:
+        term = found[0]
+        ratio = selector.ratio([*terms, term], len(terms))
+        gain = (net + term.penalty) / ratio - term.penalty
+        rest = evidence_gain(selector, terms, term)
+        if gain > 2 * ADMIT and rest > ADMIT:
+            return whole_range(study, term)
+    return None
+
+
+def _wandering(study: Study) -> Where | None:
+    """Radii that wander by more than tyres and roads make them do: something acts that no term holds."""
+    drive = max(study.drives, key=lambda one: one.noise.wander)
+    if drive.noise.wander < WANDERS:
+        return None
+    wheels = tuple(WHEELS[k] for k in drive.reader.recording.wheels)
+    end = float(drive.reader.recording.edges_s[-1])
+    return Where(wheels, "wheel_ratio", "time", (0.0, end))
+
+
+def evidence_gain(selector: Selector, terms: list[Term], more: Term) -> float:
+    """Held-out gain of one more term."""
+    evidence = selector.evidence
+    with_it = evidence.heldout(selector.design([*terms, more])).sum()
+    return float(with_it - evidence.heldout(selector.design(terms)).sum())
+
+
+def _alone(study: Study, selector: Selector) -> tuple[tuple[str, float], ...]:
+    """Gain of each effect alone."""
+    gram, b = selector.evidence.projected(selector.design([]))
+    best: dict[str, float] = {}
+    for term in study.hypotheses.catalogue:
+        if (term.drive is not None and not study.simulation) or term.calibrates:
+            continue
+        gain, _ = group_gain(term.design[1:], gram, b)
+        best[term.effect] = max(best.get(term.effect, 0.0), gain)
+    for gain, term in study.hypotheses.ramp_gains(gram, b):
+        name = f"{FAULT.name} {term.wheel}"
+        best[name] = max(best.get(name, 0.0), gain)
+    return tuple(sorted(best.items(), key=lambda entry: -entry[1]))
+
+
+def _by_channel(study: Study, selection: Selection, evidence: Evidence) -> dict[str, tuple[float, float]]:
+    """Root mean square of the whitened residual by channel, before and after."""
+    rolling = evidence.fit(study.hypotheses.nuisance)
+    fits = (rolling, selection.fit)
+    left = [
+        np.concatenate([drive.residual(fit.design, fit.values) for drive in study.examined]) for fit in fits
+    ]
+    here = np.concatenate([np.isfinite(drive.reader.windows.measured) for drive in study.examined])
+    out: dict[str, tuple[float, float]] = {}
+    for name in dict.fromkeys(CHANNEL_NAMES):
+        mask = here & np.array([channel == name for channel in CHANNEL_NAMES])[None, :]
+        if mask.any():
+            before, after = (float(np.sqrt((rows[mask] ** 2).mean())) for rows in left)
+            out[name] = (before, after)
+    return out

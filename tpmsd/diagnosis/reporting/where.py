@@ -1,0 +1,124 @@
+"""Where a mismatch is: channel, wheels, covariate and range, spans of time.
+
+In: a `Study` and one of its chosen terms. Out: `Where`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tpmsd.diagnosis.assessment.result import Where
+from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Term
+from tpmsd.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.selection.chosen import Chosen
+from tpmsd.physics.catalogue import EFFECTS
+from tpmsd.wheels import WHEELS, FloatArray
+
+PLACE = {name: effect.shows_in for name, effect in EFFECTS.items()}
+"""Channel and covariate over which an effect shows."""
+RECEIVER = ("gnss_speed", "gnss_course", "yaw_rate")
+"""Places of smooth terms that are no wheels."""
+
+
+def where_of(study: Study, one: Chosen) -> Where:
+    """The place of a term, as its report has it."""
+    term = one.term
+    wheels, channel, covariate = place_of(study, term)
+    if term.ramp or (term.pulse and not term.free):
+        spans = _spans(study, one)
+        return Where(wheels, channel, "time", (spans[0][0], spans[-1][1]), spans)
+    if term.free and covariate == "time":
+        return Where(wheels, channel, None, None, _spans(study, one))
+    values = values_of(study, term, covariate)
+    if values is None:
+        return Where(wheels, channel, None, None)
+    if term.kind_of.everywhere:
+        return whole_range(study, term)
+    weight = np.concatenate([_energy(study, study.drives[number], one) for number in study.acting(term)])
+    return Where(wheels, channel, covariate, _quantiles(values, weight, 0.025, 0.975))
+
+
+def whole_range(study: Study, term: Term) -> Where:
+    """The place of a term that was not chosen: all values of its covariate."""
+    wheels, channel, covariate = place_of(study, term)
+    values = values_of(study, term, covariate)
+    if values is None:
+        return Where(wheels, channel, None, None)
+    return Where(wheels, channel, covariate, (float(values.min()), float(values.max())))
+
+
+def values_of(study: Study, term: Term, covariate: str | None) -> FloatArray | None:
+    """(w,) the covariate in the drives in which the term acts, one after the other; None if it is unknown."""
+    windows = [study.drives[number].reader.windows for number in study.acting(term)]
+    if covariate is None or any(covariate not in one.covariates for one in windows):
+        return None
+    return np.concatenate([one.covariates[covariate] for one in windows])
+
+
+def place_of(study: Study, term: Term) -> tuple[tuple[str, ...], str, str | None]:
+    """Wheels, channel and covariate of a term."""
+    drives = [study.drives[number] for number in study.acting(term)]
+    read = [WHEELS[k] for k in sorted({k for drive in drives for k in drive.reader.recording.wheels})]
+    if term.free:
+        if term.place in RECEIVER:
+            return (), term.place, term.covariate
+        if term.place in ANTISYMMETRIC:
+            return tuple(read), "wheel_ratio", term.covariate
+        wheels = PATTERNS[term.place]
+        channel = "wheel" if set(wheels) == set(read) or len(read) < 4 else "wheel_ratio"
+        return tuple(wheels), channel, term.covariate
+    channel, covariate = PLACE[term.effect]
+    car = drives[0].reader.reference.car
+    acts: tuple[str, ...] = term.kind_of.acting_wheels(car, term.parameters)
+    if term.wheel or term.place:
+        acts = (term.wheel,) if term.wheel else PATTERNS[term.place]
+    wheels = tuple(wheel for wheel in read if wheel in acts)
+    if channel.startswith(("gnss", "yaw")):
+        measured = np.concatenate([np.isfinite(drive.reader.windows.measured) for drive in drives])
+        if channel == "gnss_speed" and measured[:, 5].sum() < 30:
+            channel, covariate = "gnss_position", "speed"
+        if channel == "gnss_course" and measured[:, 6].sum() < 30:
+            channel = "gnss_position"
+        return (), channel, covariate
+    # Without another wheel to be compared with, only the receiver shows it.
+    alone = set(wheels) == set(read) or (term.ramp and len(read) < 4)
+    if channel == "wheel_ratio" and alone and not term.kind_of.contrast:
+        channel = "wheel"
+    return wheels, channel, covariate
+
+
+def _energy(study: Study, drive: DriveStudy, one: Chosen) -> FloatArray:
+    """(w,) how much each window says for the term, once calibration has taken up its mean."""
+    response = drive.response(one.term.design, one.values)
+    flat = response.reshape(-1)
+    nuisance = drive.own(study.hypotheses.nuisance)
+    nuisance = (drive.white @ nuisance[:, np.any(nuisance != 0.0, axis=0)]).reshape(flat.size, -1)
+    left = flat - nuisance @ np.linalg.lstsq(nuisance, flat, rcond=None)[0]
+    return np.asarray((left.reshape(response.shape) ** 2).sum(axis=1))
+
+
+def _quantiles(values: FloatArray, weight: FloatArray, low: float, high: float) -> tuple[float, float]:
+    order = np.argsort(values)
+    share = np.cumsum(weight[order]) / max(float(weight.sum()), 1e-300)
+    a, b = np.interp([low, high], share, values[order])
+    return float(a), float(b)
+
+
+def _spans(study: Study, one: Chosen) -> tuple[tuple[float, float], ...]:
+    """When the mismatch stands: from a ramp's onset on; where a smooth term over time is beyond half its
+    height. Times are from the start of the drive in which the term acts.
+    """
+    end = float(study.drives[study.acting(one.term)[0]].reader.recording.edges_s[-1])
+    if one.term.pulse:
+        return ((max(one.term.span_s[0], 0.0), min(one.term.span_s[1], end)),)
+    if one.term.ramp:
+        return ((max(one.term.span_s[0], 0.0), end),)
+    knots = study.knots(one.term)
+    level = np.concatenate([np.zeros(len(knots) - len(one.values)), one.values])
+    level = level - np.median(level)
+    grid = np.linspace(0.0, end, 400)
+    on = np.abs(np.interp(grid, knots, level)) > 0.5 * np.abs(level).max()
+    edge = np.diff(np.concatenate([[0], on.astype(int), [0]]))
+    starts, ends = np.flatnonzero(edge == 1), np.flatnonzero(edge == -1) - 1
+    return tuple((float(grid[a]), float(grid[b])) for a, b in zip(starts, ends, strict=True))

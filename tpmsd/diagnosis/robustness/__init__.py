@@ -1,0 +1,1 @@
+"""What was found against other noise, and how sure it is."""

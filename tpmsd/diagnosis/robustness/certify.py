@@ -1,0 +1,236 @@
+"""A certificate for each finding: how often a drive without it would show as much.
+
+In: a `Study`, its `Selection`, the `Diagnosis` made of them. Out: the diagnosis with a `p_value` for each
+finding, and the findings that are not sure enough as suspicions.
+
+Parametric bootstrap through the whole analysis (Davison and Hinkley, Bootstrap Methods and their Application,
+1997, section 4.2): replicates of the recordings are drawn from the fitted model with all findings in it,
+smoothed, linearised and whitened as the recordings were. The null hypothesis of one finding holds all
+others: its own response is taken out of the replicate again. The statistic is the penalised gain of a
+finding; its null distribution is that of the largest penalised gain among all alternatives that were tried,
+so that their number is accounted for (Westfall and Young, Resampling-Based Multiple Testing, 1993). What
+residual and covariates share by the reference motion, a replicate shares as well.
+
+Drawing stops early (Besag and Clifford, Biometrika 78, 1991) once every finding was exceeded several times,
+or is beyond doubt. Where no replicate reaches a finding, its p-value is that of the Gumbel distribution of
+the replicates' maxima (as Knijnenburg et al., Bioinformatics 25, 2009, extend the tail of permutations).
+Findings are those that stand at a false discovery rate of 1 % (Benjamini and Hochberg, Journal of the Royal
+Statistical Society B 57, 1995) and gain more than the negative control.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tpmsd.diagnosis.assessment.result import CONSISTENT, FINDING, MISMATCH, SUSPICION, Diagnosis, Finding
+from tpmsd.diagnosis.counters.tone_ring import ripples
+from tpmsd.diagnosis.hypotheses.terms import Term
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.robustness.negative_control import negative_control
+from tpmsd.diagnosis.selection.candidates import Candidates
+from tpmsd.diagnosis.selection.chosen import Selection
+from tpmsd.diagnosis.selection.described import effect_of
+from tpmsd.diagnosis.selection.empirical import empirical_effect
+from tpmsd.inference.least_squares import Evidence
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.replicate import replicate
+from tpmsd.inference.trajectory import reference
+from tpmsd.physics.effect import Effect
+from tpmsd.physics.model import ExtendedModel
+
+FALSE_DISCOVERIES = 0.01
+"""Expected share of false findings among the findings."""
+EXCEEDED = 3
+"""Replicates beyond a finding after which it is no longer in doubt that chance makes as much."""
+FEWEST = 7
+"""Replicates before a tail is extended."""
+BEYOND_DOUBT = 1e-4
+"""Probability below which no further replicate changes the answer: a hundredth of the discovery rate."""
+LEAST_P = 1e-9
+"""A tail that was fitted to a few replicates tells no smaller probability."""
+LEAST_SCALE = 1.0
+"""Scale of the maxima's distribution, nats: half a chi-square falls off by e per nat, whatever its degrees of
+freedom (Wilks 1938). Scatter of a few maxima may look narrower than that; it is not."""
+
+
+@dataclass(frozen=True)
+class Statistic:
+    """What is asked of one finding."""
+
+    value: float
+    """Its penalised gain, nats."""
+    largest: Callable[[Replicate], float]
+    """Of one replicate, the largest penalised gain of all alternatives."""
+
+
+@dataclass(frozen=True)
+class Replicate:
+    """All drives, drawn again."""
+
+    evidence: Evidence
+    recordings: tuple[Recording, ...]
+
+
+def certified(
+    study: Study,
+    selection: Selection,
+    evidence: Evidence,
+    diagnosis: Diagnosis,
+    replicates: int,
+    rng: np.random.Generator,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Diagnosis:
+    """The diagnosis with p-values from at most so many replicates; unchanged where there is none to find."""
+    if not diagnosis.findings or replicates < 1 or study.simulation:
+        return diagnosis
+    statistics = [_statistic(study, selection, evidence, one) for one in diagnosis.findings]
+    models = [_model(study, selection, number) for number in range(len(study.drives))]
+    drawn: list[list[float]] = [[] for _ in statistics]
+    for number in range(replicates):
+        again = _again(study, models, rng)
+        for values, one in zip(drawn, statistics, strict=True):
+            values.append(one.largest(again))
+        progress((number + 1) / replicates)
+        if all(_decided(one.value, values) for one, values in zip(statistics, drawn, strict=True)):
+            break
+    p_values = [p_value(one.value, values) for one, values in zip(statistics, drawn, strict=True)]
+    control = negative_control(study, selection)
+    certain = discoveries(p_values, FALSE_DISCOVERIES)
+    stand = [sure and one.value > control for sure, one in zip(certain, statistics, strict=True)]
+    findings = tuple(
+        replace(finding, p_value=p, status=FINDING if stands else SUSPICION)
+        for finding, p, stands in zip(diagnosis.findings, p_values, stand, strict=True)
+    )
+    return replace(
+        diagnosis,
+        findings=findings,
+        verdict=MISMATCH if any(stand) else CONSISTENT,
+        model=_without(diagnosis.model, _acting(selection, findings)),
+        replicates=len(drawn[0]),
+        control=control if math.isfinite(control) else None,
+    )
+
+
+def _acting(selection: Selection, findings: Sequence[Finding]) -> list[bool]:
+    """Which effects of the extended model stand: those of the chosen terms in their order, then the rest."""
+    of_terms = [_of(selection, finding) for finding in findings]
+    sure = {at: finding.status == FINDING for at, finding in zip(of_terms, findings, strict=True)}
+    own = [
+        sure.get(k, True)
+        for k, one in enumerate(selection.chosen)
+        if one.term.drive is None and not one.term.calibrates
+    ]
+    return own + [f.status == FINDING for at, f in zip(of_terms, findings, strict=True) if at is None]
+
+
+def _without(model: ExtendedModel, kept: Sequence[bool]) -> ExtendedModel:
+    pairs = [
+        pair for pair, stays in zip(zip(model.effects, model.stds, strict=True), kept, strict=True) if stays
+    ]
+    return ExtendedModel(tuple(effect for effect, _ in pairs), tuple(stds for _, stds in pairs))
+
+
+def _of(selection: Selection, finding: Finding) -> int | None:
+    """Number of the chosen term of which a finding tells; None of one that comes from elsewhere."""
+    for k, one in enumerate(selection.chosen):
+        if one.term.effect == finding.effect and one.heldout_gain == finding.gain:
+            return k
+    return None
+
+
+def p_value(value: float, maxima: Sequence[float]) -> float:
+    """Probability that chance makes as much, from the maxima of replicates.
+
+    By counting where some of them reach the value; else by the tail of their Gumbel distribution, whose scale
+    is raised by the doubt of so few.
+    """
+    count = len(maxima)
+    beyond = sum(one >= value for one in maxima)
+    counted = (beyond + 1) / (count + 1)
+    if beyond >= EXCEEDED or count < FEWEST:
+        return beyond / count if beyond >= EXCEEDED else counted
+    scale = max(math.sqrt(6.0) / math.pi * float(np.std(maxima, ddof=1)), LEAST_SCALE)
+    scale *= 1.0 + 2.0 / math.sqrt(count)
+    middle = float(np.mean(maxima)) - np.euler_gamma * scale
+    if beyond:
+        return counted
+    tail = -math.expm1(-math.exp(-(value - middle) / scale))
+    return min(max(tail, LEAST_P), counted)
+
+
+def discoveries(p_values: Sequence[float], rate: float) -> list[bool]:
+    """Which hypotheses are rejected at a false discovery rate: all up to the largest p-value that is no more
+    than its rank's share of the rate (Benjamini and Hochberg 1995)."""
+    order = sorted(range(len(p_values)), key=lambda k: p_values[k])
+    last = 0
+    for rank, k in enumerate(order, 1):
+        if p_values[k] <= rate * rank / len(p_values):
+            last = rank
+    kept = set(order[:last])
+    return [k in kept for k in range(len(p_values))]
+
+
+def _decided(value: float, maxima: Sequence[float]) -> bool:
+    if sum(one >= value for one in maxima) >= EXCEEDED:
+        return True
+    return len(maxima) >= FEWEST and p_value(value, maxima) < BEYOND_DOUBT
+
+
+def _again(study: Study, models: Sequence[ExtendedModel], rng: np.random.Generator) -> Replicate:
+    recordings = [
+        replicate(drive.reader, model, drive.noise, rng)
+        for drive, model in zip(study.drives, models, strict=True)
+    ]
+    drives = [drive.repeated(one) for drive, one in zip(study.drives, recordings, strict=True)]
+    return Replicate(Evidence([drive.part() for drive in drives], study.width), tuple(recordings))
+
+
+def _model(study: Study, selection: Selection, drive: int) -> ExtendedModel:
+    """All that was chosen, as it acts in one drive."""
+    effects: list[Effect] = []
+    for one in selection.chosen:
+        if drive not in study.acting(one.term) or one.term.calibrates:
+            continue
+        if one.term.free:
+            effects.append(empirical_effect(one, study.knots(one.term))[0])
+        else:
+            made = effect_of(one.term, one.values)
+            if made is not None:
+                effects.append(made[0])
+    return ExtendedModel(tuple(effects))
+
+
+def _statistic(study: Study, selection: Selection, evidence: Evidence, finding: Finding) -> Statistic:
+    which = _of(selection, finding)
+    if which is None:
+        return Statistic(finding.gain, _largest_ripple)
+    return _of_term(study, selection, evidence, which)
+
+
+def _largest_ripple(again: Replicate) -> float:
+    """Of uneven teeth, whose evidence is not among the columns."""
+    gains = [one.gain for drive in again.recordings for one in ripples(drive, reference(drive))]
+    return max(gains, default=0.0)
+
+
+def _of_term(study: Study, selection: Selection, evidence: Evidence, which: int) -> Statistic:
+    terms = [one.term for one in selection.chosen]
+    rest = terms[:which] + terms[which + 1 :]
+    one = selection.chosen[which]
+    search = Candidates(evidence, study.hypotheses)
+    value = search.net(one.term, one.gain, float(one.values[0]))
+    made = None if one.term.free else effect_of(one.term, one.values)
+    response = one.term.design @ (one.values if made is None else made[1])
+
+    def largest(again: Replicate) -> float:
+        return _largest_gain(Candidates(again.evidence.less(response), study.hypotheses), rest)
+
+    return Statistic(value, largest)
+
+
+def _largest_gain(search: Candidates, rest: list[Term]) -> float:
+    return next(net for net, terms in search.candidates(rest) if not terms[0].calibrates)

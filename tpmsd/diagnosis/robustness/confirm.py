@@ -1,0 +1,109 @@
+"""Confirms faint effects against slow noise that could make them.
+
+In: a `Study` and its `Selection`. Out: both without the terms that do not stand.
+
+Warm-up, growth with speed and slopes act on all wheels alike, so that only the receiver shows them, as a
+slow drift. With such a term in the model the receiver's slow error is estimated smaller than it is, and
+the term looks the surer for it. So the term is asked again under the noise that fits best without it. The
+same holds of a single wheel's change and of terms over time against the slow wander of tyres' radii.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tpmsd.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.selection.candidates import ADMIT
+from tpmsd.diagnosis.selection.chosen import Selection
+from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.inference.least_squares import Evidence, gain_of
+from tpmsd.inference.noise import PRIORS, Noise
+from tpmsd.inference.noise_fit import SLOW, log_posterior, refit_slow, refit_wander
+from tpmsd.inference.whitening import whiten
+from tpmsd.physics.effect import Look
+from tpmsd.wheels import FloatArray
+
+CLEAR = 80.0
+"""Log-likelihood beyond which no slow noise of a receiver is the reason."""
+SURE = 0.95
+"""Confidence below which an effect is not told from what instruments usually make."""
+CLEAR_OF_WHEEL = 3000.0
+"""The same of a wheel that changes against the others."""
+WANDERS = 1e-4
+"""Relative standard deviation of the radii's slow wander that is more than usual: five times that."""
+UNSURE_OF_WANDER = 1.5
+"""Factor by which so much wander may be greater than it seems: a drive holds but a few of its swings."""
+
+
+def confirmed(study: Study, selection: Selection, evidence: Evidence) -> tuple[Selection, Evidence]:
+    """Take out the terms that slow noise explains as well."""
+    for one in selection.chosen:
+        looks = one.term.kind_of.looks
+        common = looks is Look.COMMON or one.term.place == "all"
+        wheel = looks is Look.WHEEL or one.term.covariate in ("time", "distance")
+        if one.gain > (CLEAR if common else CLEAR_OF_WHEEL if wheel else 0.0):
+            continue
+        terms = [other.term for other in selection.chosen if other is not one]
+        selector = Selector(evidence, study.hypotheses)
+        without, with_it = selector.design(terms), selector.design([*terms, one.term])
+        null = {
+            number: _noise_without(study.drives[number], without, common) for number in study.acting(one.term)
+        }
+        if _gain(study, with_it, without.shape[1], null) < ADMIT + one.term.penalty:
+            for number, noise in null.items():
+                study.drives[number].noise = noise
+            evidence = study.evidence()
+            selection = Selector(evidence, study.hypotheses).judged(terms)
+            return confirmed(study, selection, evidence)
+    return _receivers_own(study, selection, evidence), evidence
+
+
+def _receivers_own(study: Study, selection: Selection, evidence: Evidence) -> Selection:
+    """What may as well be an instrument's usual making is that, and no finding."""
+    terms = [one.term for one in selection.chosen]
+    for k, one in enumerate(selection.chosen):
+        usual = one.term.kind_of.beside
+        if not usual or one.confidence >= SURE:
+            continue
+        same = [t for t in study.hypotheses.catalogue if t.effect in usual and t.drive == one.term.drive]
+        if same and not any(term.effect in usual for term in terms):
+            return Selector(evidence, study.hypotheses).judged([*terms[:k], *terms[k + 1 :], same[0]])
+    return selection
+
+
+def _noise_without(drive: DriveStudy, design: FloatArray, common: bool) -> Noise:
+    """The noise that fits a drive best with this design: the receiver's slow error, or the tyres' wander."""
+    windows, columns = drive.reader.windows, drive.believed(design)
+    if not common:
+        start = replace(drive.noise, wander=max(drive.noise.wander, PRIORS["wander"][0]))
+        null = refit_wander(windows, columns, start, drive.inflate)
+        much = drive.noise.wander >= WANDERS
+        return replace(null, wander=UNSURE_OF_WANDER * null.wander) if much else null
+    middles: dict[str, Any] = {name: PRIORS[name][0] for name in SLOW}
+    starts = (drive.noise, replace(drive.noise, **middles))
+    found = [refit_slow(windows, columns, start, drive.inflate) for start in starts]
+    return max(found, key=lambda noise: log_posterior(windows, columns, noise, drive.inflate))
+
+
+def _gain(study: Study, design: FloatArray, first: int, null: dict[int, Noise]) -> float:
+    """Log-likelihood that a design's columns from `first` on bring, under another noise of some drives."""
+    k = 1 + design.shape[1]
+    gram = np.zeros((k, k))
+    for number, drive in enumerate(study.drives):
+        rows = np.zeros((*drive.white.shape[:2], k))
+        if number in null:
+            acting = np.any(drive.own(design) != 0.0, axis=0)
+            windows, columns = drive.reader.windows, drive.believed(design)
+            rows[:, :, np.concatenate([[True], acting])] = whiten(
+                windows, null[number], columns, drive.inflate
+            )[0]
+        else:
+            rows[:, :, 0] = drive.white[:, :, 0]
+            rows[:, :, 1:] = drive.acting(design)
+        flat = rows.reshape(-1, k)
+        gram += flat.T @ flat
+    return gain_of(gram) - gain_of(gram[: 1 + first, : 1 + first])

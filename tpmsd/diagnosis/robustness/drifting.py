@@ -1,0 +1,91 @@
+"""Names what the noise model took for a gyro that drifts, where it drifts far and smoothly.
+
+In: a `Study`, its `Selection` and `Evidence`. Out: both, with a free shape of the yaw rate over time in place
+of a constant bias, if there is one to tell.
+
+A gyro's bias walks at random, and how fast is estimated from the drive. A bias that fades as the sensor warms
+raises that estimate, and beside so fast a walk its shape is not sure: what was left of it got the name of a
+constant. So the shape is asked for under the walk that gyros usually have, and must be larger than that
+makes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from tpmsd.diagnosis.hypotheses.terms import Term
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.selection.candidates import ADMIT
+from tpmsd.diagnosis.selection.chosen import Selection
+from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.inference.least_squares import Evidence
+from tpmsd.inference.noise import PRIORS
+from tpmsd.inference.noise_fit import refit
+from tpmsd.inference.windows import GYRO
+
+USUAL = PRIORS["gyro_drift_radps"][0]
+DRIFTS = 4.0 * USUAL
+"""Estimated walk (rad/s per square root of a second) that is more than usual."""
+GYRO_NOISE = ["gyro_radps", "gyro_drift_radps"]
+READING = "yaw_rate"
+FAR_RADPS = 5e-4
+"""Range of a shape that is no usual walk: eight standard deviations of a quarter of an hour's."""
+
+
+def drifting(study: Study, selection: Selection, evidence: Evidence) -> tuple[Selection, Evidence]:
+    """Put the shape of the gyro's bias over time in the place of a constant one; asked of single drives."""
+    drive = study.drives[0]
+    measured = bool(np.isfinite(drive.reader.windows.measured[:, GYRO]).any())
+    if len(study.drives) > 1 or not measured or drive.noise.gyro_drift_radps < DRIFTS:
+        return selection, evidence
+    noise = drive.noise
+    terms = [one.term for one in selection.chosen]
+    others = [term for term in terms if term.kind_of.drifts_into != READING]
+    drive.noise = replace(noise, gyro_drift_radps=USUAL)
+    selector = Selector(study.evidence(), study.hypotheses, last=True)
+    shape = _best_shape(selector, others)
+    if shape is not None:
+        # What drifts was in the gyro's white noise as well.
+        design = drive.believed(selector.design([*others, shape]))
+        drive.noise = refit(drive.reader.windows, design, drive.noise, drive.inflate, GYRO_NOISE)
+        calm = study.evidence()
+        selector = Selector(calm, study.hypotheses, last=True)
+        sure = selector.heldout([*others, shape]) - selector.heldout(terms) - shape.penalty
+        if sure > ADMIT and _range(selector, others, shape) > FAR_RADPS:
+            found = selector.judged([*others, shape])
+            if any(one.term is shape for one in found.chosen):
+                return _as_sure_as(found, shape, sure), calm
+    drive.noise = noise
+    return selection, study.evidence()
+
+
+def _best_shape(selector: Selector, others: list[Term]) -> Term | None:
+    """The shape of the yaw rate over time or distance that brings most beside the other terms."""
+    gram, b = selector.evidence.projected(selector.design(others))
+    found = [
+        (gain - term.penalty, term)
+        for gain, term in selector.hypotheses.smooth_gains(gram, b)
+        if term.place == READING and term.covariate in ("time", "distance")
+    ]
+    return max(found, key=lambda entry: entry[0])[1] if found else None
+
+
+def _range(selector: Selector, others: list[Term], shape: Term) -> float:
+    """Of the shape's heights, rad/s."""
+    heights = selector.evidence.fit(selector.design([*others, shape])).values[-shape.design.shape[1] :]
+    return float(np.ptp(heights))
+
+
+def _as_sure_as(selection: Selection, shape: Term, sure: float) -> Selection:
+    """Its knots leave some of the bend between them, so the scatter from block to block is its own: how sure
+    it is, is told by what it predicts.
+    """
+    confidence = 1.0 / (1.0 + math.exp(-min(sure, 50.0)))
+    chosen = tuple(
+        replace(one, admitted_by=sure, confidence=confidence) if one.term is shape else one
+        for one in selection.chosen
+    )
+    return replace(selection, chosen=chosen)

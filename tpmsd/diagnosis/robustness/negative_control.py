@@ -1,0 +1,67 @@
+"""A negative control: the search for shapes over covariates that cannot act.
+
+In: a `Study` and its `Selection`. Out: the largest penalised gain of a free shape over any covariate whose
+course was reversed in time, beyond the chosen model. It has the covariate's values, its slowness and its
+error, but nothing in the drive depends on it: what it gains, the noise model leaves to chance (negative
+controls: Lipsitch, Tchetgen Tchetgen and Cohen, Epidemiology 21, 2010). A finding must gain more.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+
+from tpmsd.diagnosis.hypotheses.response import READINGS, first_hat, hat_functions, response_at
+from tpmsd.diagnosis.hypotheses.terms import shape_price
+from tpmsd.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.selection.chosen import Selection
+from tpmsd.wheels import WHEELS, FloatArray
+
+OF_TIME = ("time", "distance")
+"""Reversed, they are what they were."""
+_RIDGE = 1e-6
+"""Of columns of unit length: what the model explains already has next to nothing left."""
+
+
+def negative_control(study: Study, selection: Selection) -> float:
+    """Nats; minus infinity where no covariate varies enough to bear a shape."""
+    gains = [gain for drive in study.examined for gain in _gains(drive, selection.fit.design)]
+    return max(gains, default=-np.inf)
+
+
+def _gains(drive: DriveStudy, design: FloatArray) -> list[float]:
+    """Penalised gains of one drive's shapes, by covariate and place."""
+    windows = drive.reader.windows
+    model = drive.acting(design).reshape(windows.measured.size, -1)
+    model = model[:, np.any(model != 0.0, axis=0)]
+    basis = scipy.linalg.qr(model / np.linalg.norm(model, axis=0), mode="economic")[0]
+    left = drive.white[:, :, 0].ravel()
+    left = left - basis @ (basis.T @ left)
+    read = [WHEELS[wheel] for wheel in drive.reader.recording.wheels]
+    places = [
+        *read,
+        *(p for p, channel in READINGS.items() if np.isfinite(windows.measured[:, channel]).any()),
+    ]
+    out = []
+    for covariate, knots in drive.knots.items():
+        if covariate in OF_TIME:
+            continue
+        hats = hat_functions(windows.covariates[covariate][::-1], knots)
+        columns = [response_at(drive.reader, p)[:, :, None] * hats[:, None, first_hat(p) :] for p in places]
+        white = drive.whitened(np.concatenate(columns, axis=2)).reshape(left.size, -1)
+        white -= basis @ (basis.T @ white)
+        at = 0
+        for column in columns:
+            X = white[:, at : at + column.shape[2]]
+            out.append(_gain(X, left) - shape_price(X.shape[1]))
+            at += X.shape[1]
+    return out
+
+
+def _gain(X: FloatArray, y: FloatArray) -> float:
+    """Log-likelihood that columns (n, k) bring on data (n,)."""
+    size = np.maximum(np.linalg.norm(X, axis=0), 1e-150)
+    score = (y @ X) / size
+    gram = X.T @ X / np.outer(size, size) + _RIDGE * np.eye(len(size))
+    return 0.5 * float(score @ np.linalg.solve(gram, score))

@@ -1,0 +1,99 @@
+"""Names what the noise model took for radii that wander, where wheels wander together.
+
+In: a `Study`, its `Selection` and `Evidence`, and what was chosen before slow noise was asked. Out: selection
+and evidence, with a free shape over time if there is one to tell, or the change of a wheel's radius.
+
+Tyres and roads make every wheel's radius wander for itself, and how much is estimated from the drive. What
+warms one axle, or ages one wheel, raises that estimate as well, and beside so much noise no shape is sure.
+But then one group of wheels holds nearly all of the wander, and with wheels that go each their own way none
+does: there the best one has little more than half of what four separate wheels bring, and an axle that brakes
+warm has all of it. So the shape is asked for under the usual noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Term, group_gain
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.robustness.confirm import WANDERS
+from tpmsd.diagnosis.selection.candidates import ADMIT, FREE_SHAPE
+from tpmsd.diagnosis.selection.chosen import Selection
+from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.inference.least_squares import Evidence
+from tpmsd.inference.noise import PRIORS
+from tpmsd.wheels import WHEELS
+
+TOGETHER = 0.85
+"""Share of what four separate wheels bring that one group must bring."""
+
+
+def together(
+    study: Study, selection: Selection, evidence: Evidence, before: Selection
+) -> tuple[Selection, Evidence]:
+    """Add the shape over time that a group of wheels has in common.
+
+    Asked of single drives that read all four wheels: of two wheels alone, only their difference shows. Of one
+    wheel it may be a loss of air that was chosen `before`, and did not stand against wheels that wander.
+    """
+    drive = study.drives[0]
+    if len(study.drives) > 1 or len(drive.reader.recording.wheels) < len(WHEELS):
+        return selection, evidence
+    if drive.noise.wander < WANDERS:
+        return selection, evidence
+    noise = drive.noise
+    drive.noise = replace(noise, wander=PRIORS["wander"][0], wander_tau_s=PRIORS["wander_tau_s"][0])
+    calm = study.evidence()
+    selector = Selector(calm, study.hypotheses, last=True)
+    terms = [one.term for one in selection.chosen]
+    shape = _common_shape(selector, terms)
+    if shape is not None:
+        shape = _changed_radius(selector, terms, shape, [one.term for one in before.chosen]) or shape
+        found = selector.judged([*terms, shape])
+        if any(one.term is shape for one in found.chosen):
+            return found, calm
+    drive.noise = noise
+    return selection, study.evidence()
+
+
+def _changed_radius(selector: Selector, terms: list[Term], shape: Term, before: list[Term]) -> Term | None:
+    """The change of the wheel's radius, chosen before, that brings nearly what its free shape does."""
+    gram, b = selector.evidence.projected(selector.design(terms))
+    free, _ = group_gain(shape.design[1:], gram, b)
+    for term in before:
+        if term.ramp and term.wheel == shape.place and term not in terms:
+            gain, _ = group_gain(term.design[1:], gram, b)
+            if gain - term.penalty > (1.0 - FREE_SHAPE) * free - shape.penalty:
+                return term
+    return None
+
+
+def _common_shape(selector: Selector, terms: list[Term]) -> Term | None:
+    """The best shape over time or distance beside the terms, if one group of wheels has it to itself."""
+    gram, b = selector.evidence.projected(selector.design(terms))
+    best: tuple[float, Term] | None = None
+    for over in ("time", "distance"):
+        shapes = {
+            term.place: term
+            for _, term in selector.hypotheses.smooth_gains(gram, b)
+            if term.covariate == over and term.place in (*PATTERNS, *ANTISYMMETRIC)
+        }
+        if not set(WHEELS) <= set(shapes):
+            continue
+        separate = np.concatenate([shapes[wheel].design[1:] for wheel in WHEELS], axis=1)
+        whole, _ = group_gain(separate, gram, b)
+        for place, term in shapes.items():
+            # What all wheels have in common may be the receiver's; a reading is no wheel.
+            if not term.on_radii or place == "all":
+                continue
+            gain, _ = group_gain(term.design[1:], gram, b)
+            if gain > TOGETHER * whole and (best is None or gain - term.penalty > best[0]):
+                best = (gain - term.penalty, term)
+    if best is None:
+        return None
+    term = best[1]
+    # Its few knots leave much of it, so the scatter from block to block is its own; what it predicts counts.
+    more = selector.heldout([*terms, term]) - selector.heldout(terms)
+    return term if more > term.penalty + ADMIT else None

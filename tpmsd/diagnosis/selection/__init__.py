@@ -1,0 +1,1 @@
+"""Which terms the drives demand: stepwise, each paying for its freedom."""

@@ -1,0 +1,120 @@
+"""What may be added to the terms chosen so far, the best first.
+
+In: `Evidence` and `Hypotheses`. Out: single terms and pairs, each with what it brings less its price. A free
+shape must beat an effect by a share of its gain: no effect's formula is the last word.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term, group_gain
+from tpmsd.inference.least_squares import Evidence
+from tpmsd.wheels import FloatArray
+
+ADMIT = 6.0
+"""Log-likelihood beyond its penalty that a term must bring."""
+FREE_SHAPE = 0.08
+"""Share of its gain by which a free shape must beat an effect: no effect's formula is the last word."""
+FREE_DRIFT = 0.25
+"""The same over time or distance on all wheels, where the receiver's slow error looks alike."""
+
+
+class Candidates:
+    """Looks at all hypotheses beside those chosen."""
+
+    def __init__(self, evidence: Evidence, hypotheses: Hypotheses) -> None:
+        self.evidence = evidence
+        self.hypotheses = hypotheses
+
+    def design(self, terms: Sequence[Term]) -> FloatArray:
+        """Calibration and these terms."""
+        return np.concatenate([self.hypotheses.nuisance, *(term.design for term in terms)], axis=1)
+
+    def gain(self, terms: Sequence[Term]) -> float:
+        """Log-likelihood of calibration and these terms."""
+        return self.evidence.fit(self.design(terms)).gain
+
+    def heldout(self, terms: Sequence[Term]) -> float:
+        """Log-likelihood of blocks held out, of calibration and these terms."""
+        return float(self.evidence.heldout(self.design(terms)).sum())
+
+    def candidates(self, chosen: Sequence[Term], everything: bool = True) -> list[tuple[float, list[Term]]]:
+        """(gain less penalty, terms) of what may be added to these terms, the best first."""
+        gram, b = self.evidence.projected(self.design(chosen))
+        taken = {term.key for term in chosen}
+        total = np.diag(self.evidence.total)[1:]
+        free = [term for term in self.hypotheses.catalogue if term.key not in taken]
+        out: list[tuple[float, list[Term]]] = []
+        usable = []
+        for term in free:
+            rows = np.flatnonzero(np.any(term.design[1:] != 0.0, axis=1))
+            if np.any(np.diag(gram)[rows] < 1e-5 * total[rows]):
+                continue
+            usable.append(term)
+            gain, first = group_gain(term.design[1:], gram, b)
+            out.append((self.net(term, gain, first), [term]))
+        if everything:
+            shapes = self.hypotheses.pulse_gains(gram, b) + self.hypotheses.smooth_gains(gram, b)
+            scanned = self.hypotheses.ramp_gains(gram, b)
+            scanned += [
+                ((1.0 - handicap(one)) * brings if one.free else brings, one) for brings, one in shapes
+            ]
+            out += [(brings - one.penalty, [one]) for brings, one in scanned if one.key not in taken]
+        return sorted(out, key=lambda entry: -entry[0])
+
+    def pairs(self, chosen: Sequence[Term]) -> list[tuple[float, list[Term]]]:
+        """As `candidates`, for pairs of the catalogue's terms of one value each."""
+        gram, b = self.evidence.projected(self.design(chosen))
+        taken = {term.key for term in chosen}
+        total = np.diag(self.evidence.total)[1:]
+        single = [t for t in self.hypotheses.catalogue if t.key not in taken and t.design.shape[1] == 1]
+        at = np.array([int(np.argmax(np.abs(t.design[1:, 0]))) for t in single])
+        if len(at) < 2:
+            return []
+        d = np.diag(gram)[at]
+        good = d > 1e-5 * total[at]
+        at, single, d = at[good], [t for t, g in zip(single, good, strict=True) if g], d[good]
+        G = gram[np.ix_(at, at)]
+        det = np.outer(d, d) - G**2
+        score = b[at]
+        number = (
+            (score**2)[:, None] * d[None, :]
+            - 2 * np.outer(score, score) * G
+            + (score**2)[None, :] * d[:, None]
+        )
+        gain = np.where(
+            det > 1e-4 * np.outer(d, d), 0.5 * number / np.maximum(det, 1e-30 + 1e-4 * np.outer(d, d)), 0.0
+        )
+        out = []
+        for i in range(len(at)):
+            for j in range(i + 1, len(at)):
+                if single[i].key != single[j].key:
+                    price = single[i].penalty + single[j].penalty
+                    out.append((float(gain[i, j]) - price, [single[i], single[j]]))
+        return sorted(out, key=lambda entry: -entry[0])
+
+    def foremost(self, chosen: list[Term]) -> list[tuple[float, list[Term]]]:
+        """The best candidates, and the best of each effect: a dozen shapes that are all unsure hide none."""
+        every = self.candidates(chosen)
+        out, met = every[:6], {terms[0].effect for _, terms in every[:6]}
+        for net, terms in every[6:]:
+            if net > ADMIT and terms[0].effect not in met:
+                met.add(terms[0].effect)
+                out.append((net, terms))
+        return out
+
+    @staticmethod
+    def net(term: Term, gain: float, first: float) -> float:
+        """What a term's gain is worth against rivals for its place."""
+        if not term.free:
+            return gain - term.price(first)
+        return (1.0 - handicap(term)) * gain - term.price(first)
+
+
+def handicap(shape: Term) -> float:
+    """Share of its gain that a free shape must bring more than an effect."""
+    drift = shape.place == "all" and shape.covariate in ("time", "distance")
+    return FREE_DRIFT if drift else FREE_SHAPE

@@ -1,0 +1,44 @@
+"""What was chosen: the terms that a drive demands, each in the presence of the others.
+
+Made by `selection`; what follows it (refinement, confirmation, the report) takes it in.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tpmsd.diagnosis.hypotheses.terms import Term
+from tpmsd.inference.least_squares import Fit
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A term in the presence of the other chosen ones."""
+
+    term: Term
+    gain: float
+    """In sample."""
+    admitted_by: float
+    """Gain over the block-wise variance ratio, less the penalty."""
+    heldout_gain: float
+    confidence: float
+    rivals: tuple[str, ...]
+    """Effects of the catalogue that would do as well in its place."""
+    values: FloatArray
+    """(k,)"""
+    stds: FloatArray
+    """(k,) with the block-wise variance."""
+
+
+@dataclass(frozen=True)
+class Selection:
+    """What was chosen."""
+
+    chosen: tuple[Chosen, ...]
+    fit: Fit
+    """Of calibration and chosen terms together."""
+    baseline_heldout: FloatArray
+    """(blocks,) held-out log-likelihood of calibration alone."""
+    heldout: FloatArray
+    """(blocks,) of the whole model."""

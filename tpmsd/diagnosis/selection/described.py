@@ -1,0 +1,78 @@
+"""A term and its values as an effect of the catalogue.
+
+In: a `Term`, fitted values (differences from neutral). Out: the parameters by name as a report has them, and
+the effect within its bounds, for the model file and for the point about which everything is linear.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tpmsd.diagnosis.hypotheses.terms import PATTERNS, Term
+from tpmsd.diagnosis.selection.chosen import Chosen
+from tpmsd.physics.catalogue import make_effect, parameters_of
+from tpmsd.physics.effect import Effect, Parameter, TextParameter, WheelParameter
+from tpmsd.wheels import FloatArray
+
+STEP_S = 3.0
+"""A ramp shorter than this is a step: the middle of a window is known no better."""
+
+
+def neutral_of(effect: str, parameter: str) -> float:
+    """The value with which a parameter does nothing; fitted is the difference from it."""
+    known = parameters_of(effect)[parameter]
+    return known.neutral if isinstance(known, Parameter) else 0.0
+
+
+def usual(one: Chosen, speeds: bool) -> str:
+    """What is said of a term that is an instrument's usual making; empty of one that is a finding.
+
+    `speeds` says that the bus has wheel speeds and no counts.
+    """
+    return one.term.kind_of.usual(float(one.values[0]), float(one.stds[0]), speeds)
+
+
+def words_of(term: Term) -> dict[str, str]:
+    """Parameters that say where a term acts: its wheel or wheels."""
+    out = {}
+    for name, parameter in parameters_of(term.effect).items():
+        if isinstance(parameter, WheelParameter) and (term.wheel or term.place):
+            out[name] = term.wheel or term.place
+        elif isinstance(parameter, TextParameter) and term.place:
+            out[name] = " ".join(PATTERNS[term.place])
+    return out
+
+
+def nonlinear_of(term: Term) -> dict[str, float]:
+    """Parameters that enter nonlinearly: a grid's, an onset, a duration."""
+    out = {}
+    grid = term.kind_of.grid
+    if grid is not None and term.at is not None:
+        out[grid.parameter] = term.at
+    if term.ramp or (term.pulse and not term.free):
+        onset, duration = term.span_s[0], term.span_s[1] - term.span_s[0]
+        if duration < STEP_S and term.ramp:
+            onset, duration = onset + 0.5 * duration, 0.0
+        out |= {"onset_s": onset, "duration_s": duration}
+    return out
+
+
+def effect_of(term: Term, values: FloatArray) -> tuple[Effect, FloatArray] | None:
+    """The effect with values (k,) within its bounds, and the values that it has there; None of what has no
+    formula or is fitted anew on every drive.
+    """
+    if term.free or term.calibrates or not term.parameters[0]:
+        return None
+    known = parameters_of(term.effect)
+    given: dict[str, object] = {**words_of(term), **nonlinear_of(term)}
+    if term.ramp:
+        given |= {"onset_s": term.span_s[0], "duration_s": term.span_s[1] - term.span_s[0]}
+    used = np.zeros(len(values))
+    for k, name in enumerate(term.parameters):
+        parameter, neutral = known[name], neutral_of(term.effect, name)
+        value = float(values[k]) + neutral
+        if isinstance(parameter, Parameter):
+            value = min(max(value, parameter.lower), parameter.upper)
+        given[name] = value
+        used[k] = value - neutral
+    return make_effect(term.effect, **given), used

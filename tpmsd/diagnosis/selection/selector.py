@@ -1,0 +1,389 @@
+"""Chooses the terms that a drive demands.
+
+In: `Evidence` and `Hypotheses`. Out: `Selection`: the chosen terms, each with the log-likelihood that it
+brings in the presence of the others, in sample and held out, its rivals, and its confidence.
+
+Forward, with pairs (two effects may hide one another), each step followed by exchanges and removals. A
+term must pay for its free values, for the number of places looked at, and for errors whose slow wander
+the noise model does not hold (its gain is divided by the block-wise variance ratio); and it must predict
+blocks that were held out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from tpmsd.diagnosis.hypotheses.plausible import IMPOSSIBLE, against_ratio, ratio_limits, thinkable
+from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term, group_gain
+from tpmsd.diagnosis.selection.candidates import ADMIT, Candidates
+from tpmsd.diagnosis.selection.chosen import Chosen, Selection
+from tpmsd.inference.least_squares import Evidence
+from tpmsd.physics.catalogue import FAULT, FREE
+from tpmsd.wheels import FloatArray
+
+HELDOUT = 4.0
+"""Log-likelihood on held-out blocks that it must bring."""
+SHARE_OF_REST = 1e-5
+"""A term must also bring this share of what all terms together bring: no linearised model is better than
+that.
+"""
+MODEL_ERROR = 4e-3
+"""Relative standard deviation of any value: the reference motion that it multiplies is no better known."""
+BESIDE = 0.03
+"""Share of what effects bring that a free shape beside them must bring: so well their formulas hold."""
+LIKE = 0.05
+"""Share of what a free shape brings that an effect over the same covariate must bring beside it: a shape is
+one of many that would do, and what its form leaves looks like whatever depends on the same.
+"""
+ELSEWHERE = 1e-3
+"""Share of what a free shape of the wheels brings that an effect of wheel against wheel must bring beside it
+even over another covariate: slip that no effect holds is not the same on the inner wheels of a bend."""
+SAME = 0.97
+"""Share of an effect's response from which a free shape on those wheels is the same effect without a name."""
+MAX_TERMS = 8
+RIVAL = 2.0
+"""Rivals whose fit is worse by less than this are not told apart."""
+ALIKE = 5e-4
+"""The same as a share of the gain: what parts two effects that fit so nearly alike is what is not linear in
+the responses, and not the drive."""
+SPLITS = (("front", "rear"), ("left", "right"))
+"""Pairs of places that may act each in its own way."""
+MIN_EIGENVALUE = 1e-6
+"""Of the terms' correlation matrix, calibration included."""
+_MAX_RATIO = 25.0
+
+
+class Selector(Candidates):
+    """Searches."""
+
+    def __init__(self, evidence: Evidence, hypotheses: Hypotheses, last: bool = False) -> None:
+        """With `last` it is the verdict that is asked for, and not what the noise is estimated beside."""
+        super().__init__(evidence, hypotheses)
+        self.last = last
+        self._bounds = hypotheses.bounds
+        self._shares: dict[tuple[int, str, str], float] = {}
+
+    def select(self, most: int = MAX_TERMS) -> Selection:
+        """Choose, in at most so many steps."""
+        chosen: list[Term] = []
+        seen: set[frozenset[int]] = set()
+        for _ in range(most):
+            best = self._best_addition(chosen)
+            if best is None:
+                break
+            exchanged = self._prune(self._regrouped(self._exchange(chosen + best)))
+            # What was exchanged may then fall for its scatter, and leave less than there was.
+            added = exchanged if self._worth(exchanged) >= self._worth(chosen) else self._prune(chosen + best)
+            if self._worth(added) < self._worth(chosen):
+                break
+            chosen = added
+            state = frozenset(id(term.design) for term in chosen)
+            if state in seen:
+                break
+            seen.add(state)
+        return self.judged(chosen)
+
+    def judged(self, chosen: list[Term]) -> Selection:
+        """The verdict on given terms, less those that do not predict what was held out."""
+        while chosen:
+            heldout = [self._heldout_gain(chosen, k) for k in range(len(chosen))]
+            worst = int(np.argmin(heldout))
+            if heldout[worst] >= HELDOUT:
+                break
+            chosen = chosen[:worst] + self._coarser(chosen, worst) + chosen[worst + 1 :]
+        judged = [self._judge(chosen, k) for k in range(len(chosen))]
+        order = sorted(judged, key=lambda one: -one.heldout_gain)
+        design = self.design(chosen)
+        return Selection(
+            chosen=tuple(order),
+            fit=self.evidence.fit(self.design([one.term for one in order])),
+            baseline_heldout=self.evidence.heldout(self.hypotheses.nuisance),
+            heldout=self.evidence.heldout(design),
+        )
+
+    def _coarser(self, chosen: list[Term], which: int) -> list[Term]:
+        """The finest of a shape's coarser forms, if there is any: too many knots predict nothing."""
+        term = chosen[which]
+        if not term.free or term.pulse:
+            return []
+        size = term.design.shape[1]
+        coarser = [
+            other
+            for other in self.hypotheses.shapes_over(term)
+            if other.key == term.key and other.design.shape[1] < size
+        ]
+        return sorted(coarser, key=lambda one: -one.design.shape[1])[:1]
+
+    def ratio(self, terms: Sequence[Term], which: int) -> float:
+        """Block-wise over assumed variance of one of the terms' values (the largest), between 1 and 25."""
+        fit = self.evidence.fit(self.design(terms))
+        start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in terms[:which])
+        ratios = self.evidence.sandwich(fit)[start : start + terms[which].design.shape[1]]
+        return float(np.clip(np.max(ratios), 1.0, _MAX_RATIO))
+
+    def _threshold(self, chosen: Sequence[Term]) -> float:
+        base = self.gain([])
+        return ADMIT + SHARE_OF_REST * max(self.gain(chosen) - base, 0.0)
+
+    def _best_addition(self, chosen: list[Term]) -> list[Term] | None:
+        singles = self.foremost(chosen)
+        best: tuple[float, list[Term]] | None = None
+        threshold = self._threshold(chosen)
+        free = [term for term in chosen if term.free or term.ramp]
+        beside = BESIDE * (self.gain(chosen) - self.gain(free))
+        for gain, terms in [*singles, *self.pairs(chosen)[:3]]:
+            price = sum(term.penalty for term in terms)
+            now = chosen + terms
+            if not self._sane(now):
+                continue
+            ratio = max(self.ratio(now, len(chosen) + k) for k in range(len(terms)))
+            sure = (gain + price) / ratio - price
+            if len(terms) == 2:
+                # Both members must be needed, or the better one alone would have been found.
+                weakest = min(self._needed(now, len(chosen) + k) for k in range(2))
+                if weakest < threshold:
+                    continue
+                sure -= ADMIT
+            needed = threshold if self._completes(chosen, terms[0]) else max(threshold, beside)
+            if min(self._spare(now, len(chosen) + k) for k in range(len(terms))) < 0.0:
+                continue
+            if sure > needed and (best is None or sure > best[0]):
+                best = (sure, terms)
+        return None if best is None else best[1]
+
+    def _sane(self, terms: list[Term]) -> bool:
+        """Whether the terms can be told apart at all, and their values are physically thinkable."""
+        design = self.design(terms)
+        rows = np.flatnonzero(np.any(design != 0.0, axis=1))
+        gram = design[rows].T @ self.evidence.total[np.ix_(rows, rows)] @ design[rows]
+        scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        if float(np.linalg.eigvalsh(gram / np.outer(scale, scale))[0]) < MIN_EIGENVALUE:
+            return False
+        return all(
+            thinkable(term, values, self._bounds) and against_ratio(term, values, covariance) <= IMPOSSIBLE
+            for term, values, covariance in self._fitted(terms)
+        )
+
+    def _fitted(self, terms: list[Term]) -> Iterator[tuple[Term, FloatArray, FloatArray]]:
+        """Each term with its values in the joint fit and their covariance."""
+        fit = self.evidence.fit(self.design(terms))
+        at = self.hypotheses.nuisance.shape[1]
+        for term in terms:
+            here = slice(at, at + term.design.shape[1])
+            yield term, fit.values[here], fit.covariance[here, here]
+            at = here.stop
+
+    def _possible(self, terms: list[Term]) -> bool:
+        """Whether the ratio of an effect's two values may be what nature knows."""
+        if all(ratio_limits(term) is None for term in terms):
+            return True
+        return all(
+            against_ratio(term, values, covariance) <= IMPOSSIBLE
+            for term, values, covariance in self._fitted(terms)
+        )
+
+    def _needed(self, terms: list[Term], which: int) -> float:
+        """What a term brings beyond its penalty in the presence of the others."""
+        rest = terms[:which] + terms[which + 1 :]
+        gain = self.gain(terms) - self.gain(rest)
+        return gain / self.ratio(terms, which) - terms[which].penalty
+
+    def _spare(self, terms: list[Term], which: int) -> float:
+        """What an effect brings more than it must beside free shapes over the covariate that it depends on.
+
+        A shape is one of many that would do. What its form leaves looks like an effect as far as shapes on
+        those wheels can imitate it; and on which wheels it acts is one of several answers, so the effect
+        must be needed, too, where both axles have a shape of their own. Infinite where there is no shape.
+        """
+        over, apart = self._over(terms, which), self._apart(terms, which)
+        if not over and not apart:
+            return math.inf
+        free = [*terms, *self._beside(terms, which)]
+        least = ADMIT if over else -math.inf
+        for shape in [*over, *apart]:
+            alone = [term for term in terms if term is not shape and term is not terms[which]]
+            brings = self.gain([*alone, shape]) - self.gain(alone)
+            share = ELSEWHERE if shape in apart else LIKE * self._imitated(terms[which], shape)
+            least = max(least, share * brings)
+        return self._needed(free, which) - least
+
+    def _over(self, terms: list[Term], which: int) -> list[Term]:
+        """The free shapes among the terms over the covariate that an effect depends on."""
+        effect = terms[which].kind_of
+        if not self.last or effect is FREE or effect.shows_in[1] in ("time", "distance"):
+            return []
+        return [t for t in terms if t.free and t.covariate == effect.shows_in[1]]
+
+    def _apart(self, terms: list[Term], which: int) -> list[Term]:
+        """The free shapes of wheels among the terms over another covariate than that of an effect which, like
+        them, shows in wheel against wheel, and is not of one wheel alone.
+        """
+        term = terms[which]
+        effect = term.kind_of
+        if not self.last or effect is FREE or term.wheel or term.place:
+            return []
+        if effect.shows_in[0] != "wheel_ratio":
+            return []
+        shapes = [t for t in terms if t.free and t.on_radii and not t.pulse]
+        return [t for t in shapes if t.covariate != effect.shows_in[1]]
+
+    @staticmethod
+    def _completes(chosen: list[Term], term: Term) -> bool:
+        """Whether a term is an effect, or a shape that lets a chosen one act on other wheels, too."""
+        return not term.free or any(
+            other.free and other.covariate == term.covariate != "time" for other in chosen
+        )
+
+    def _beside(self, terms: list[Term], which: int, value: bool = False) -> list[Term]:
+        """What else an effect must be told from where free shapes act over its covariate: a shape of its own
+        for each axle, unless that is the effect in other words, and the effects that it names itself. For its
+        `value` also further ones.
+        """
+        over = self._over(terms, which)
+        if not over:
+            return []
+        usual = {t.place: t for t in self.hypotheses.shapes_over(over[0]) if not t.knots}
+        places = {term.place for term in over}
+        wanted = ("all" if "all" not in places else "front",) if "all" in usual else ("front", "rear")
+        out = [usual[place] for place in wanted if place in usual and place not in places]
+        out = [shape for shape in out if self._imitated(terms[which], shape) < SAME]
+        effect = terms[which].kind_of
+        alike = {*effect.beside, *(effect.beside_value if value else ())} - {term.effect for term in terms}
+        return out + [term for term in self.hypotheses.catalogue if term.effect in alike]
+
+    def _imitated(self, term: Term, shape: Term) -> float:
+        """Share (0 to 1) of an effect's response that shapes on those wheels can take the place of."""
+        both = (id(term.design), shape.place, shape.covariate)
+        if both not in self._shares:
+            gram, _ = self.evidence.projected(self.hypotheses.nuisance)
+            alike = [other for other in self.hypotheses.shapes_over(shape) if other.place == shape.place]
+            part = np.concatenate([other.design[1:] for other in alike], axis=1)
+            own = float(np.einsum("ik,ij,jk->", term.design[1:], gram, term.design[1:]))
+            taken = sum(2.0 * group_gain(part, gram, gram @ column)[0] for column in term.design[1:].T)
+            self._shares[both] = float(np.clip(taken / max(own, 1e-300), 0.0, 1.0))
+        return self._shares[both]
+
+    def _exchange(self, chosen: list[Term]) -> list[Term]:
+        """Replace terms by better rivals until none is left."""
+        for _ in range(3 * MAX_TERMS):
+            improved = False
+            for k in range(len(chosen)):
+                rest = chosen[:k] + chosen[k + 1 :]
+                now = self.net(chosen[k], self.gain(chosen) - self.gain(rest), self._first(chosen, k))
+                better = [terms for net, terms in self.candidates(rest)[:4] if net > now + 0.5]
+                better = [
+                    terms
+                    for terms in better
+                    if self._sane([*rest, *terms]) and self._spare([*rest, *terms], len(rest)) >= 0.0
+                ]
+                if better:
+                    chosen = [*rest, *better[0]]
+                    improved = True
+                    break
+            if not improved:
+                break
+        return chosen
+
+    def _regrouped(self, chosen: list[Term]) -> list[Term]:
+        """Let a shape act on other wheels, if a term beside it is then not needed.
+
+        A shape of both axles' difference puts half of what one axle does on the other, and the speed of the
+        free wheels is then wrong by what looks like an old fix.
+        """
+        for shape in [term for term in chosen if term.free and not term.pulse]:
+            same = [term for term in self.hypotheses.shapes_over(shape) if term.knots == shape.knots]
+            by_place = {term.place: term for term in same}
+            options = [[term] for term in same if term is not shape]
+            options += [[by_place[a], by_place[b]] for a, b in SPLITS if a in by_place and b in by_place]
+            for other in [term for term in chosen if term is not shape]:
+                rest = [term for term in chosen if term is not shape and term is not other]
+                trials = [[*rest, *terms] for terms in options]
+                best = max([chosen, *(terms for terms in trials if self._sane(terms))], key=self._worth)
+                if best is not chosen and self._worth(best) > self._worth(chosen) + 0.5:
+                    return self._regrouped(best)
+        return chosen
+
+    def _worth(self, terms: Sequence[Term]) -> float:
+        """Log-likelihood of calibration and terms, less what these cost."""
+        return self.gain(terms) - sum(term.penalty for term in terms)
+
+    def _independent(self, terms: list[Term], term: Term, gain: float) -> bool:
+        """Whether a term brings most of its gain beside its rival too: then they explain different things."""
+        return self.gain([*terms, term]) - self.gain(terms) > 0.5 * gain
+
+    def _first(self, terms: Sequence[Term], which: int) -> float:
+        """The first value of one of the terms in the joint fit."""
+        start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in terms[:which])
+        return float(self.evidence.fit(self.design(terms)).values[start])
+
+    def _prune(self, chosen: list[Term]) -> list[Term]:
+        while len(chosen) > 1:
+            threshold = 0.7 * self._threshold(chosen)
+            spare = [
+                min(self._needed(chosen, k) - threshold, self._spare(chosen, k)) for k in range(len(chosen))
+            ]
+            worst = int(np.argmin(spare))
+            if spare[worst] >= 0.0:
+                break
+            chosen = chosen[:worst] + chosen[worst + 1 :]
+        return chosen
+
+    def _heldout_gain(self, terms: list[Term], which: int) -> float:
+        return self.heldout(terms) - self.heldout(terms[:which] + terms[which + 1 :])
+
+    def _judge(self, chosen: list[Term], which: int) -> Chosen:
+        term = chosen[which]
+        rest = chosen[:which] + chosen[which + 1 :]
+        fit = self.evidence.fit(self.design(chosen))
+        start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in chosen[:which])
+        at = slice(start, start + term.design.shape[1])
+        beside = self.evidence.fit(self.design([*chosen, *self._beside(chosen, which, value=True)]))
+        ratios = np.clip(self.evidence.sandwich(beside)[at], 1.0, _MAX_RATIO)
+        gain = fit.gain - self.gain(rest)
+        sure = gain / float(ratios.max()) - term.penalty
+        rivals: dict[str, float] = {}
+        alike = max(RIVAL, ALIKE * gain)
+        weights = {term.effect: 1.0, "": math.exp(-min(max(sure, -50.0), 50.0))}
+        for net, terms in self.candidates(rest):
+            rival = terms[0]
+            raw = net + rival.penalty
+            same = (rival.wheel, rival.place) == (term.wheel, term.place)
+            if same and (rival.effect == term.effect or (rival.pulse and term.pulse)):
+                continue
+            if same and (rival.kind_of.mirror_of or rival.effect) == (term.kind_of.mirror_of or term.effect):
+                continue  # the sign tells the two apart
+            if raw > 0.5 * gain and self._independent([*rest, rival], term, gain):
+                continue
+            name = f"{FAULT.name}:{rival.wheel}" if rival.ramp else rival.effect
+            better = net - self.net(term, gain, float(fit.values[start]))
+            if not self._possible([*rest, rival]):
+                continue
+            if name not in weights and name != term.effect:
+                weights[name] = math.exp(min(better / (float(ratios.max()) + ALIKE * gain), 0.0))
+            if rival.free or rival.effect == term.effect or rival.calibrates:
+                continue
+            if raw < gain - alike and 1 < term.design.shape[1] <= 2:
+                # Part of the term may stay beside the rival.
+                part = max(
+                    self.evidence.fit(
+                        np.concatenate([self.design([*rest, rival]), term.design[:, k : k + 1]], axis=1)
+                    ).gain
+                    for k in range(term.design.shape[1])
+                )
+                raw = part - self.gain(rest)
+            if raw > gain - alike:
+                rivals.setdefault(rival.effect, raw)
+        confidence = 1.0 / sum(weights.values())
+        return Chosen(
+            term=term,
+            gain=gain,
+            admitted_by=sure,
+            heldout_gain=self._heldout_gain(chosen, which),
+            confidence=confidence,
+            rivals=tuple(sorted(rivals, key=lambda name: -rivals[name])),
+            values=beside.values[at],
+            stds=np.sqrt(np.diag(beside.covariance)[at] * ratios + (MODEL_ERROR * beside.values[at]) ** 2),
+        )
