@@ -20,6 +20,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from tpmsd.api.discover import Discovery, discover
     from tpmsd.api.drive import Drive, load
     from tpmsd.api.functions import calibrate, diagnose, replay, simulate
     from tpmsd.api.import_table import load_table
@@ -37,6 +38,8 @@ _HOME = {
     "diagnose": "tpmsd.api.functions",
     "calibrate": "tpmsd.api.functions",
     "simulate": "tpmsd.api.functions",
+    "discover": "tpmsd.api.discover",
+    "Discovery": "tpmsd.api.discover",
     "Replay": "tpmsd.api.results",
     "Diagnosis": "tpmsd.api.results",
     "Calibration": "tpmsd.api.results",
@@ -51,6 +54,7 @@ __all__ = [
     "Calibration",
     "ConfigError",
     "Diagnosis",
+    "Discovery",
     "Drive",
     "Fault",
     "InputError",
@@ -59,6 +63,7 @@ __all__ = [
     "__version__",
     "calibrate",
     "diagnose",
+    "discover",
     "load",
     "load_table",
     "replay",

@@ -14,6 +14,7 @@ import pytest
 EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
 EXPECTED = {
     "from_a_drive_to_an_alarm": ["deflation rl raised", "mm against its baseline"],
+    "what_my_simulator_leaves_out": ["mismatch", "gnss_latency 0.2"],
     "a_fleet": ["6 drives worked on: {'done': 6}", "van-1  deflation", "[now] van-1: deflation rear right"],
 }
 

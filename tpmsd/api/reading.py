@@ -148,9 +148,13 @@ class MemoryRecording:
 
     def open(self, config: Config, note: Note = ignore_note) -> tuple[MemoryStream, Database]:
         """A new pass over them, and their DBC."""
+        return MemoryStream(self.name, self.items), self.database()
+
+    def database(self) -> Database:
+        """The DBC, read."""
         database = cantools.database.load_string(self.dbc, "dbc")
         assert isinstance(database, Database)
-        return MemoryStream(self.name, self.items), database
+        return database
 
 
 class MemoryStream:

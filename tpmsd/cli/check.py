@@ -103,12 +103,13 @@ def run(args: argparse.Namespace) -> int:
 
 def _against_drive(plan: Plan, drive: Path) -> list[dict[str, object]]:
     """What the drive says against the configuration, with the line of each key."""
-    from tpmsd.cli.raw_drive import read_drive
+    from tpmsd.api.raw_drive import read_drive
+    from tpmsd.cli.drive_reading import say
     from tpmsd.config.document import read_document
     from tpmsd.discovery.suspicions import suspicions
     from tpmsd.sources.databases import load_database
 
-    raw = read_drive([drive])
+    raw = read_drive([drive], say)
     document = read_document(plan.file)
     return [
         {

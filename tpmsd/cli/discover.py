@@ -54,8 +54,9 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Find and report."""
-    from tpmsd.cli.car_library import load_cars
-    from tpmsd.cli.raw_drive import read_drive
+    from tpmsd.api.car_library import load_cars
+    from tpmsd.api.raw_drive import read_drive
+    from tpmsd.cli.drive_reading import say
     from tpmsd.discovery.discover import discover
     from tpmsd.discovery.geometry import tyre_radius_m
     from tpmsd.provenance import provenance
@@ -72,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
             _refuse(args.write.with_suffix(".dbc"), args.force)
     outputs = Outputs(("--json", args.json))
     database = None if dbc is None else load_database(dbc)
-    drive = read_drive(args.drive)
+    drive = read_drive(args.drive, say)
     found = discover(drive.log, drive.fixes, database, args.tyre, load_cars())
     if args.json != "-":
         print("\n".join(summary(found)))

@@ -1,16 +1,16 @@
 """Reads a drive without a configuration: all frames, all fixes.
 
-In: a folder with a CAN log and gnss.nmea, or the two files. Out: `BusLog` and `GnssFix`es; notes on
-standard error.
+In: a folder with a CAN log and gnss.nmea, or the two files. Out: `BusLog` and `GnssFix`es; what was skipped
+goes to a callback, a line each.
 """
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from tpmsd.api.reading import Note, ignore_note
 from tpmsd.discovery.frames import BusLog
 from tpmsd.errors import ConfigError, InputError
 from tpmsd.sources.can_log import SUFFIXES, find_can_log, read_can_log
@@ -61,7 +61,7 @@ def _has_sentences(path: Path) -> bool:
         return b"$G" in file.read(4096)
 
 
-def read_drive(paths: Sequence[Path]) -> RawDrive:
+def read_drive(paths: Sequence[Path], tell: Note = ignore_note) -> RawDrive:
     """Everything of a drive; InputError where there is nothing usable."""
     can_log, nmea_log = drive_files(paths)
     bad: dict[Path, tuple[int, str]] = {}
@@ -80,7 +80,7 @@ def read_drive(paths: Sequence[Path]) -> RawDrive:
         fixes += [event for event in assembler.feed(time_s, line) if isinstance(event, GnssFix)]
     fixes += [event for event in assembler.flush() if isinstance(event, GnssFix)]
     for count, first in bad.values():
-        print(f"tpmsd: {count} bad line{'s' if count != 1 else ''} skipped, first {first}", file=sys.stderr)
+        tell(f"{count} bad line{'s' if count != 1 else ''} skipped, first {first}")
     if log.left_out:
-        print(f"tpmsd: {can_log}: {log.left_out} frames of too many identifiers left out", file=sys.stderr)
+        tell(f"{can_log}: {log.left_out} frames of too many identifiers left out")
     return RawDrive(can_log, nmea_log, log, fixes, host_times)

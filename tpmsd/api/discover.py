@@ -1,0 +1,143 @@
+"""discover: which signals of an unknown car are its wheels.
+
+In: a drive folder, a CAN log with an NMEA log, or a `Drive`; a DBC where there is one. Out: `Discovery`.
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tpmsd.api.car_library import load_cars
+from tpmsd.api.drive import Drive
+from tpmsd.api.raw_drive import read_drive
+from tpmsd.api.reading import MemoryRecording
+from tpmsd.discovery.discover import discover as discover_raw
+from tpmsd.discovery.frames import BusLog
+from tpmsd.discovery.geometry import tyre_radius_m
+from tpmsd.discovery.result import Discovery as DiscoveryResult
+from tpmsd.discovery.result import FoundRole
+from tpmsd.discovery.text import vehicle_text
+from tpmsd.errors import ConfigError
+from tpmsd.plain import plain
+from tpmsd.provenance import provenance
+from tpmsd.sources.can_frame import CanFrame
+from tpmsd.sources.databases import load_database
+from tpmsd.sources.events import GnssFix
+from tpmsd.sources.nmea_epoch import NmeaAssembler
+from tpmsd.tables.extras import need, need_pandas
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+
+DISCOVERY_SCHEMA = "tpmsd.discovery/2"
+
+
+@dataclass(frozen=True)
+class Discovery:
+    """Signals of an unknown car by what they do, each with a probability."""
+
+    result: DiscoveryResult
+    """The record that the command reports."""
+    files: tuple[Path, ...] = ()
+    dbc: Path | None = None
+    notes: tuple[str, ...] = field(default=())
+    """What was skipped in the recording, a line each."""
+
+    @property
+    def roles(self) -> dict[str, FoundRole]:
+        """What was found for each role."""
+        return self.result.roles
+
+    @property
+    def wheels_decided(self) -> bool:
+        """Whether every wheel has its signal."""
+        return self.result.wheels_decided
+
+    def vehicle_toml(self, dbc: str = "bus.dbc") -> str:
+        """The text of a configuration; `dbc` is the DBC's path as it is to stand in it."""
+        return vehicle_text(self.result, dbc)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document of `tpmsd discover --json`."""
+        head = provenance(DISCOVERY_SCHEMA, self.files, self.dbc)
+        made: dict[str, Any] = plain({**head, **self.result.document()})
+        return made
+
+    def to_pandas(self) -> pd.DataFrame:
+        """A row per role: signal and probability."""
+        rows = [
+            {"role": role, "signal": one.field.signal, "probability": one.probability}
+            for role, one in self.roles.items()
+        ]
+        frame: pd.DataFrame = need_pandas().DataFrame(rows, columns=["role", "signal", "probability"])
+        return frame
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Probability of the signal of each role."""
+        axes = need("matplotlib.pyplot", "plot", "plots").subplots()[1] if ax is None else ax
+        names = list(self.roles)[::-1]
+        axes.barh(range(len(names)), [self.roles[name].probability for name in names], color="#0072B2")
+        axes.set_yticks(range(len(names)), names)
+        axes.set(xlabel="probability", xlim=(0.0, 1.0))
+        made: Axes = axes
+        return made
+
+    def _repr_html_(self) -> str:
+        """The roles as a table for a notebook."""
+        rows = "".join(
+            f"<tr><td>{html.escape(role)}</td><td>{html.escape(one.field.signal)}</td>"
+            f"<td>{one.probability:.3f}</td></tr>"
+            for role, one in self.roles.items()
+        )
+        heads = "<th>role</th><th>signal</th><th>probability</th>"
+        return f"<table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
+
+
+def discover(
+    drive: Drive | str | Path | Sequence[str | Path],
+    *,
+    dbc: str | Path | None = None,
+    tyre: str | None = None,
+) -> Discovery:
+    """Find which signals are the wheels, and the car's measures; a vehicle.toml is not read.
+
+    `drive`: a folder, a pair of CAN log and NMEA log, or a `Drive`; `dbc`: the bus's DBC, by default that in
+    the folder where there is one; `tyre`: size of the tyres, such as 205/55R16.
+
+    InputError where nothing usable is in the drive; ConfigError on a size that is none.
+    """
+    if tyre is not None and tyre_radius_m(tyre) is None:
+        raise ConfigError(f"tyre {tyre}: not a tyre's size, such as 205/55R16")
+    if isinstance(drive, Drive) and isinstance(drive.recording, MemoryRecording):
+        return _of_memory(drive.recording, None if dbc is None else Path(dbc), tyre)
+    if isinstance(drive, Drive):
+        assert drive.folder is not None
+        drive = drive.folder
+    paths = [Path(drive)] if isinstance(drive, str | Path) else [Path(path) for path in drive]
+    folder = paths[0] if paths[0].is_dir() else paths[0].parent
+    beside = folder / "bus.dbc" if (folder / "bus.dbc").is_file() else None
+    file = beside if dbc is None else Path(dbc)
+    notes: list[str] = []
+    raw = read_drive(paths, notes.append)
+    database = None if file is None else load_database(file)
+    found = discover_raw(raw.log, raw.fixes, database, tyre, load_cars())
+    return Discovery(found, (raw.can_log, raw.nmea_log), file, tuple(notes))
+
+
+def _of_memory(recording: MemoryRecording, dbc: Path | None, tyre: str | None) -> Discovery:
+    log, assembler = BusLog(), NmeaAssembler()
+    events: list[object] = []
+    for item in recording.items:
+        if isinstance(item, CanFrame):
+            log.add(item)
+        else:
+            events += assembler.feed(item.time_s, item.line)
+    events += assembler.flush()
+    fixes = [event for event in events if isinstance(event, GnssFix)]
+    database = recording.database() if dbc is None else load_database(dbc)
+    return Discovery(discover_raw(log, fixes, database, tyre, load_cars()), (), dbc)
