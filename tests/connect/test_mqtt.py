@@ -23,7 +23,7 @@ from tests.bridges.documents import alarm, document, served
 from tests.connect.servers import Server, free_port, program, wait_for
 
 USER, PASSWORD = "car", "not-a-secret"
-KILLS = 15
+KILLS = int(os.environ.get("TPMSD_KILLS", "15"))
 
 
 def certificate(folder: Path) -> None:
@@ -203,4 +203,5 @@ def test_no_alarm_is_lost_or_doubled_when_bridge_and_broker_die(broker: Server, 
         states = [state for state, one in listener.events if one == key]
         assert ["raised", "cleared"] == [s for k, s in enumerate(states) if k == 0 or states[k - 1] != s]
     doubles = len(listener.events) - 2 * len(expected)
-    assert 0 <= doubles <= 3, f"{doubles} events came twice"
+    print(f"{KILLS} kills, {len(expected)} alarms, {doubles} events twice with the same key")
+    assert 0 <= doubles <= max(3, KILLS // 5), f"{doubles} events came twice"
