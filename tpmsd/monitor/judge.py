@@ -132,6 +132,10 @@ class Judge:
             contrast_std_m=_contrast_std(now.covariance_m2),
         )
 
+    def pressure_loss(self, wheel: int, change_m: float, std_m: float) -> tuple[float, float]:
+        """Share of the pressure that a change of radius stands for, and its standard deviation."""
+        return self._tyres[self._wheels.index(wheel)].pressure_loss(change_m, std_m)
+
     def soft_after_reset(self, change: Change, other_tyres: bool) -> FloatArray:
         """(4,) how probable it is that a tyre was soft when the baseline was reset.
 

@@ -14,12 +14,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tpmsd.bounds import LARGEST, number
 from tpmsd.config.model import MonitorConfig, TyreConfig, VehicleConfig
 from tpmsd.estimators.agreement import AGREED, Agreement
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.alarm_state import Hysteresis
 from tpmsd.monitor.baseline import Baseline
+from tpmsd.monitor.first_start import BEFORE, FirstStart
 from tpmsd.monitor.judge import Judge, Judgement
 from tpmsd.monitor.records import (
     AlarmEvent,
@@ -29,6 +29,7 @@ from tpmsd.monitor.records import (
     WheelReport,
     WheelState,
 )
+from tpmsd.monitor.saved_alarms import alarm_from_json, alarm_to_json
 from tpmsd.monitor.signal_watch import SignalWatch, Watching
 from tpmsd.monitor.tyre_sets import TyreSets
 from tpmsd.resonance.evidence import ResonanceEvidence
@@ -40,8 +41,6 @@ SEEN_SHARE = 1.5
 """Standard deviation of a wheel against the others, relative to the threshold of a deflation, up to which a
 tyre that has lost 20 % (1.8 thresholds) is seen."""
 SEEN_FRESH_S = 2.5
-MOST_REASON = 500
-"""Characters of a saved reason."""
 
 
 class Monitor:
@@ -75,6 +74,17 @@ class Monitor:
             for kind in (AlarmKind.DEFLATION, AlarmKind.RADIUS_DEVIATION)
             for wheel in self._wheels
         }
+        nominal = np.array(vehicle.wheel_radius_m)[self._wheels]
+        self._first = FirstStart(
+            self._wheels,
+            nominal,
+            lambda: Hysteresis(
+                settings.raise_probability,
+                settings.clear_probability,
+                settings.raise_hold_s,
+                settings.clear_hold_s,
+            ),
+        )
         self._standing: dict[tuple[AlarmKind, int], AlarmEvent] = {}
         self._taken_back: list[tuple[AlarmKind, int]] = []
         self._signals = SignalWatch(settings, self._wheels)
@@ -142,15 +152,53 @@ class Monitor:
             self._judged = self._judge.judge(*changes, self._resonance, self._sets.other_tyres)
             self._since_seen_s = 0.0 if self._judged.contrast_std_m <= self._seen_m else math.inf
             trusted = self._judged.trusted(judging.settled) and not self._standing
+            before = self._first.standing
             for (kind, wheel), alarm in self._alarms.items():
+                if wheel in before:
+                    continue  # its baseline is that of a tyre that was soft already
                 probability = self._probability(kind, wheel)
                 turned = alarm.update(probability, elapsed_s)
                 if turned is not None:
                     events.append(self._tyre_event(kind, wheel, turned, probability, tick, estimate))
+        events += self._judge_first(tick, estimate, elapsed_s)
         self.baseline.learn(estimate, self._judge.harmless_m2, trusted, elapsed_s)
         if self._sets.decide(estimate) == "accepted":
             self._take_back()
         self._learning = self.learning()
+        return events
+
+    def _judge_first(self, tick: Tick, estimate: RadiusEstimate, elapsed_s: float) -> list[AlarmEvent]:
+        """Hold the first radii of a car against what cars have."""
+        index = np.ix_(self._wheels, self._wheels)
+        deviation, spread = estimate.deviation_m[self._wheels], estimate.covariance_m2[index]
+        if not self._sets.is_first(bool(self._first.standing)) or not np.all(np.isfinite(deviation)):
+            return []
+        events = []
+        for turned in self._first.update(deviation, spread, elapsed_s, self._judged.deflated):
+            pressure, pressure_std = math.nan, math.nan
+            if turned.kind is AlarmKind.DEFLATION and turned.state == "raised":
+                std = math.sqrt(float(estimate.covariance_m2[turned.wheel, turned.wheel]))
+                pressure, pressure_std = self._judge.pressure_loss(turned.wheel, -turned.loss_m, std)
+            event = AlarmEvent(
+                time_s=tick.host_time_s,
+                kind=turned.kind,
+                wheel=WHEELS[turned.wheel],
+                state=turned.state,
+                deviation_m=float(estimate.deviation_m[turned.wheel]),
+                std_m=_std(float(estimate.covariance_m2[turned.wheel, turned.wheel])),
+                probability=turned.probability,
+                reason=turned.reason,
+                pressure_loss=pressure,
+                pressure_loss_std=pressure_std,
+                since=BEFORE,
+            )
+            if turned.state == "raised":
+                self._standing[(turned.kind, turned.wheel)] = event
+            else:
+                self._standing.pop((turned.kind, turned.wheel), None)
+                if not self._first.standing:
+                    self._sets.begin_anew()  # what was learned was the soft tyre's radius
+            events.append(event)
         return events
 
     def _probability(self, kind: AlarmKind, wheel: int) -> float:
@@ -214,6 +262,7 @@ class Monitor:
     def _take_back(self) -> None:
         """Other radii are normal now: alarms that stood against the old ones are to be taken back."""
         self._judged = Judgement.unknown()
+        self._first.stand(())
         for key, alarm in self._alarms.items():
             alarm.active, alarm.held_s = False, 0.0
             if key in self._standing:
@@ -272,19 +321,7 @@ class Monitor:
         return {
             "sets": self._sets.to_json(),
             "wheels": [WHEELS[i] for i in self._wheels],
-            "alarms": [
-                {
-                    "kind": str(e.kind),
-                    "wheel": e.wheel,
-                    "time_s": e.time_s,
-                    "probability": e.probability,
-                    "reason": e.reason,
-                    "pressure_loss": _or_none(e.pressure_loss),
-                    "pressure_loss_std": _or_none(e.pressure_loss_std),
-                }
-                for key, e in self._standing.items()
-                if key not in self._taken_back
-            ],
+            "alarms": [alarm_to_json(e) for key, e in self._standing.items() if key not in self._taken_back],
         }
 
     def restore(self, saved: dict[str, Any]) -> None:
@@ -295,9 +332,11 @@ class Monitor:
         try:
             if saved["wheels"] != [WHEELS[i] for i in self._wheels]:
                 raise ValueError("the saved baseline belongs to another set of wheels")
-            standing = [self._parsed(entry) for entry in saved["alarms"]]
+            standing = [alarm_from_json(entry, self._alarms) for entry in saved["alarms"]]
             sets = saved["sets"]
-            if standing and not (sets["baseline"]["ready"] or sets["before"] is not None):
+            if any(not event.since for event in standing) and not (
+                sets["baseline"]["ready"] or sets["before"] is not None
+            ):
                 raise ValueError("the saved alarms have no baseline that they stand against")
             self._sets.take_up(sets)
         except (KeyError, TypeError, AttributeError, OverflowError) as error:
@@ -310,26 +349,10 @@ class Monitor:
             alarm.active, alarm.held_s = False, 0.0
         for event in standing:
             key = (event.kind, WHEELS.index(event.wheel or ""))
-            self._alarms[key].active = True
+            self._alarms[key].active = not event.since
             self._standing[key] = event
+        self._first.stand(key for key, event in self._standing.items() if event.since)
         self._learning = self.learning()
-
-    def _parsed(self, entry: dict[str, Any]) -> AlarmEvent:
-        event = AlarmEvent(
-            time_s=number(entry["time_s"], -LARGEST, LARGEST, "time"),
-            kind=AlarmKind(entry["kind"]),
-            wheel=str(entry["wheel"]),
-            state="raised",
-            deviation_m=math.nan,
-            std_m=math.nan,
-            probability=number(entry["probability"], 0.0, 1.0, "probability"),
-            reason=str(entry["reason"])[:MOST_REASON],
-            pressure_loss=_or_nan(entry.get("pressure_loss")),
-            pressure_loss_std=_or_nan(entry.get("pressure_loss_std")),
-        )
-        if event.wheel not in WHEELS or (event.kind, WHEELS.index(event.wheel)) not in self._alarms:
-            raise ValueError(f"the saved {event.kind} alarm of {event.wheel} is not one of this car")
-        return event
 
 
 def _known(probability: float) -> float:
@@ -340,11 +363,3 @@ def _known(probability: float) -> float:
 
 def _std(variance: float) -> float:
     return math.sqrt(variance) if variance >= 0.0 else math.nan
-
-
-def _or_none(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
-def _or_nan(value: float | None) -> float:
-    return math.nan if value is None else number(value, -10.0, 10.0, "loss of pressure")

@@ -72,6 +72,8 @@ class AlarmEvent:
     pressure_loss: float = math.nan
     """Estimated share of the pressure that is lost; NaN where the alarm speaks of no single tyre."""
     pressure_loss_std: float = math.nan
+    since: str = ""
+    """`before the first start` for a tyre that was never learned sound; else empty."""
 
 
 @dataclass(frozen=True, slots=True)

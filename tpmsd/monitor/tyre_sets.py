@@ -16,6 +16,7 @@ from typing import Any, Literal
 from tpmsd.config.model import VehicleConfig
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.baseline import Baseline
+from tpmsd.monitor.first_start import FIRST_S
 from tpmsd.monitor.judge import Judge
 from tpmsd.monitor.records import LearningReport
 from tpmsd.timeline.tick import Tick
@@ -156,6 +157,19 @@ class TyreSets:
     def undecided(self) -> bool:
         """Whether a reset waits for its new baseline."""
         return self._before is not None
+
+    def is_first(self, reported: bool) -> bool:
+        """Whether these tyres have never been held against others: no reset yet, and either they are being
+        learned for the first time, or one was `reported` then."""
+        early = self.baseline.learned_s < FIRST_S
+        driven = self.baseline.ready or self.baseline.learned_s >= self._learn_s
+        return self.state == "none" and driven and (early or reported)
+
+    def begin_anew(self) -> None:
+        """Forget the baseline that counts, for it was that of a tyre that was soft."""
+        fresh = self._fresh()
+        fresh.follow(self.baseline)
+        self.baseline = fresh
 
     @property
     def judging(self) -> Baseline:

@@ -90,6 +90,7 @@ def alarm_entry(alarm: AlarmEvent, start_s: float) -> dict[str, Any]:
         "pressure_loss_std_percent": _number(100.0 * alarm.pressure_loss_std),
         "drive_time_s": _number(alarm.time_s - start_s),
         "reason": alarm.reason,
+        **({"since": alarm.since} if alarm.since else {}),
     }
 
 

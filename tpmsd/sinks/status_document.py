@@ -173,6 +173,7 @@ def _alarm(alarm: AlarmEvent) -> dict[str, Any]:
         "pressure_loss_percent": _number(100.0 * alarm.pressure_loss),
         "pressure_loss_std_percent": _number(100.0 * alarm.pressure_loss_std),
         "reason": alarm.reason,
+        **({"since": alarm.since} if alarm.since else {}),
     }
 
 
