@@ -116,6 +116,19 @@ def replayed(
     return result, None if ticks is None else ticks.table()
 
 
+def explained(drive: Drive, progress: Progress = ignore_progress, note: Note = ignore_note) -> dict[str, Any]:
+    """Why each alarm of a drive was raised, and why there was none: the document of `tpmsd explain`."""
+    config = drive.config
+    stream, database = drive.recording.open(config, note)
+    extended = None if config.filter.model is None else load_model(config.filter.model)
+    pipeline = Pipeline(config, database, extended)
+    report, start_s = None, None
+    for step in play(stream, pipeline, progress, note):
+        report = step.report
+        start_s = report.time_s if start_s is None else start_s
+    return {"drive": drive.name, "start_time": start_s, **pipeline.monitor.explain(report)}
+
+
 def diagnose(
     drives: DriveLike | Iterable[DriveLike],
     *,

@@ -53,6 +53,7 @@ from tpmsd.sinks.can_output import CanOutputs
 from tpmsd.sinks.reset_request import PREFIX, ResetRequest, to_sentence
 from tpmsd.sinks.sd_notify import Notifier
 from tpmsd.sinks.status_server import StatusServer, StatusSocketError
+from tpmsd.sinks.status_version import DOCUMENT_VERSION
 from tpmsd.sources.can_decoder import can_filters
 from tpmsd.sources.can_frame import CanFrame
 from tpmsd.sources.events import SourceFault
@@ -141,7 +142,11 @@ class Daemon:
         self._provenance = provenance(SCHEMA, (), config.file)
         self._health = Health(config, self._bus, self._receiver, self._queue, start_s)
         self._server: StatusServer | None = StatusServer(
-            config.status.socket, self.document, mode=config.status.mode, reset=self.reset
+            config.status.socket,
+            self.document,
+            mode=config.status.mode,
+            reset=self.reset,
+            explain=self.explain,
         )
         self._descriptors = Descriptors()
         self._stopping = ""
@@ -180,6 +185,12 @@ class Daemon:
         if self._outputs:
             document["can_output"] = self._outputs.status()
         return {**self._provenance, **document}
+
+    def explain(self) -> dict[str, Any]:
+        """Why alarms stand, or why none does."""
+        last = self._health.last
+        explained = self._pipeline.monitor.explain(None if last is None else last.report)
+        return {"version": DOCUMENT_VERSION, **explained}
 
     def reset(self, tyres: str | None) -> str:
         """Let the pipeline learn the tyres anew with its next inputs; why it cannot be, or nothing."""

@@ -66,6 +66,10 @@ class Verdict:
     """(d,) probability that it has, and no other wheel with it."""
     suspicion: float
     """Log-likelihood ratio of the best loss beyond the threshold to none at all, whatever its prior."""
+    chances: FloatArray
+    """(h,) posterior probability of each of `hypotheses_of`."""
+    gains: FloatArray
+    """(h,) log-likelihood of each at its best loss, less that of none."""
 
 
 def compare(
@@ -102,6 +106,7 @@ def compare(
     posterior = np.exp(logs - top)
     weight_none = math.exp(log_none - top)
     total = weight_none + float(posterior.sum())
+    chances, gains = posterior.sum(axis=1) / total, fit.max(axis=1) - none
     none_lost = (weight_none + float(posterior[lost.stop :].sum())) / total
     posterior, members, fit = posterior[lost] / total, members[lost], fit[lost]
     beyond = threshold <= LOSS_GRID
@@ -109,12 +114,19 @@ def compare(
     alone = (posterior[:, beyond].sum(axis=1) * (members.sum(axis=1) == 1.0)) @ members
     loss_m = (posterior @ LOSS_GRID) @ members * radius_m
     suspicion = float(fit[:, beyond].max()) - none
-    return Verdict(np.minimum(deflated, 1.0), none_lost, loss_m, alone, suspicion)
+    return Verdict(np.minimum(deflated, 1.0), none_lost, loss_m, alone, suspicion, chances, gains)
 
 
 def subsets(d: int) -> list[tuple[int, ...]]:
     """All subsets of d wheels but the empty one, in the order in which they are compared."""
     return [c for size in range(1, d + 1) for c in itertools.combinations(range(d), size)]
+
+
+def hypotheses_of(d: int) -> list[tuple[tuple[int, ...], str]]:
+    """What may have happened to d wheels, in the order of `Verdict.chances`: which wheels, `loss` or
+    `larger`."""
+    larger = [((wheel,), "larger") for wheel in range(d)] if d > 2 else []
+    return [(members, "loss") for members in subsets(d)] + larger
 
 
 @functools.cache

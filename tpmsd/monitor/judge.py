@@ -55,6 +55,10 @@ class Judgement:
     contrast_std_m: float = math.inf
     """How well the wheels are known against each other: the largest standard deviation of one wheel's change
     less the mean of all."""
+    now: Change | None = None
+    """The change that was judged, ..."""
+    verdict: Verdict | None = None
+    """... and what the comparison of hypotheses says of it."""
 
     def trusted(self, settled: bool) -> bool:
         """Whether the baseline may learn; `settled`: whether it has been learned once."""
@@ -130,7 +134,14 @@ class Judge:
             pressure_loss_std=self._on_all(np.array([own for _, own in pressure])),
             suspicion=max(v.suspicion for v in verdicts) if fits else math.inf,
             contrast_std_m=_contrast_std(now.covariance_m2),
+            now=now,
+            verdict=verdicts[0],
         )
+
+    @property
+    def threshold_m(self) -> float:
+        """Loss of radius from which a tyre counts as deflated, mean of the wheels."""
+        return self._threshold * float(self._radius.mean())
 
     def pressure_loss(self, wheel: int, change_m: float, std_m: float) -> tuple[float, float]:
         """Share of the pressure that a change of radius stands for, and its standard deviation."""

@@ -19,6 +19,7 @@ from tpmsd.estimators.agreement import AGREED, Agreement
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.alarm_state import Hysteresis
 from tpmsd.monitor.baseline import Baseline
+from tpmsd.monitor.explanation import Explanation
 from tpmsd.monitor.first_start import BEFORE, FirstStart
 from tpmsd.monitor.judge import Judge, Judgement
 from tpmsd.monitor.records import (
@@ -87,6 +88,7 @@ class Monitor:
         )
         self._standing: dict[tuple[AlarmKind, int], AlarmEvent] = {}
         self._taken_back: list[tuple[AlarmKind, int]] = []
+        self._why = Explanation(self._wheels, settings, self._judge.threshold_m)
         self._signals = SignalWatch(settings, self._wheels)
         self._resonance: ResonanceEvidence | None = None
         self._learning = self.learning()
@@ -114,6 +116,7 @@ class Monitor:
         `agreement`: of wheels and receiver; without it no tyre is judged and nothing is learned.
         """
         self._resonance = resonance
+        self._why.tick(tick, estimate, agreement)
         self._trusted = agreement.trusted
         self._since_seen_s += tick.dt_s
         events = self._signals.update(tick, estimate, self._watching(), agreement)
@@ -127,6 +130,8 @@ class Monitor:
             if self._since_judged_s >= JUDGE_EVERY_S:
                 events += self._judge_now(tick, estimate, self._since_judged_s)
                 self._since_judged_s = 0.0
+        for event in events:
+            self._why.alarm(event)
         return MonitorReport(
             time_s=tick.host_time_s,
             wheels=tuple(self._wheel_report(i, tick, estimate) for i in range(4)),
@@ -151,6 +156,10 @@ class Monitor:
                 return []
             self._judged = self._judge.judge(*changes, self._resonance, self._sets.other_tyres)
             self._since_seen_s = 0.0 if self._judged.contrast_std_m <= self._seen_m else math.inf
+            if self._judged.now is not None and self._judged.verdict is not None:
+                self._why.judged(
+                    estimate, self._judged.now, self._judged.verdict, self._judged, self._resonance
+                )
             trusted = self._judged.trusted(judging.settled) and not self._standing
             before = self._first.standing
             for (kind, wheel), alarm in self._alarms.items():
@@ -288,6 +297,10 @@ class Monitor:
             )
         self._taken_back.clear()
         return events
+
+    def explain(self, report: MonitorReport | None) -> dict[str, Any]:
+        """What stands behind the alarms, or behind there being none; `report`: the last one."""
+        return self._why.document(report, self._signals.standing, self._sets)
 
     # -- reports ---------------------------------------------------------------------------------------------
 

@@ -39,6 +39,12 @@ def request_reset(path: Path, tyres: str | None, timeout_s: float = TIMEOUT_S) -
         return next(documents)
 
 
+def read_explanation(path: Path, timeout_s: float = TIMEOUT_S) -> dict[str, Any]:
+    """Why alarms stand, or why none does. Raises StatusError."""
+    with contextlib.closing(_documents(path, "explain", timeout_s)) as documents:
+        return next(documents)
+
+
 def watch_status(path: Path, timeout_s: float = TIMEOUT_S) -> Generator[dict[str, Any], None, None]:
     """The status now and with every update; ends only by StatusError (the daemon has gone)."""
     return _documents(path, "watch", timeout_s)

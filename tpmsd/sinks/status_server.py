@@ -2,8 +2,8 @@
 
 In: connections on a stream socket, and a function that makes the status document. Out: JSON lines.
 
-A client connects and sends one line: `status`, `watch`, `reset`, or the same as a JSON object
-`{"request": "status" | "watch" | "reset", "tyres": NAME}`; one that sends
+A client connects and sends one line: `status`, `watch`, `explain`, `reset`, or the same as a JSON object
+`{"request": "status" | "watch" | "explain" | "reset", "tyres": NAME}`; one that sends
 nothing (for a second, or by closing its side) is taken to ask for the status. `status` is answered by one
 line, then the connection is closed; `watch` by one line now and one with every `publish`. What is no request
 is answered by `{"error": "..."}`.
@@ -85,12 +85,14 @@ class StatusServer:
         *,
         mode: int = 0o660,
         reset: Callable[[str | None], str] | None = None,
+        explain: Callable[[], Mapping[str, Any]] | None = None,
     ) -> None:
         """Nothing is opened yet. `document` is asked whenever a client is answered.
 
         `reset` takes a request to learn the tyres anew, with the name of the set if one is given; it answers
-        with why it cannot be taken, or with nothing.
+        with why it cannot be taken, or with nothing. `explain` makes the document of `tpmsd explain`.
         """
+        self._explain = explain
         self._reset = reset
         self._path = path
         self._document = document
@@ -252,7 +254,7 @@ class StatusServer:
         except ValueError as error:
             line = _error_line(str(error))
         else:
-            line = self._line()
+            line = self._explanation() if asked == "explain" else self._line()
         if client.watching:
             client.deadline_s = math.inf
         self._send(client, line)
@@ -262,6 +264,16 @@ class StatusServer:
         why = "this daemon takes no resets" if self._reset is None else self._reset(tyres)
         if why:
             raise ValueError(why)
+
+    def _explanation(self) -> bytes:
+        """Made anew for each who asks: few do."""
+        if self._explain is None:
+            return _error_line("this daemon explains nothing")
+        try:
+            return json.dumps(self._explain(), allow_nan=False).encode("ascii") + b"\n"
+        except (TypeError, ValueError) as error:
+            _log.error("the explanation is no JSON: %s", error)
+            return _error_line("the explanation cannot be written")
 
     def _line(self) -> bytes:
         if self._latest is None:
@@ -337,8 +349,8 @@ def _request(request: bytes) -> tuple[str, str | None]:
             asked, tyres = document.get("request"), document.get("tyres")
     except (ValueError, RecursionError) as error:
         raise ValueError("the request is neither a word nor a JSON object") from error
-    if asked not in ("status", "watch", "reset"):
-        raise ValueError("unknown request; known are status, watch and reset")
+    if asked not in ("status", "watch", "explain", "reset"):
+        raise ValueError("unknown request; known are status, watch, explain and reset")
     if tyres is not None and not isinstance(tyres, str):
         raise ValueError("tyres must be a name")
     return str(asked), tyres

@@ -1,0 +1,116 @@
+"""`tpmsd explain`: what stands behind an alarm, and behind there being none."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.monitor.drives import ALL, RADIUS_M, Player, monitor, one
+from tpmsd.cli.main import main
+from tpmsd.monitor.explanation import KEPT
+from tpmsd.report.explanation_text import explanation_text
+from tpmsd.sinks.status_server import StatusServer
+
+
+def explained(player: Player) -> dict[str, object]:
+    document = player.monitor.explain(player.last if player.reports else None)
+    json.dumps(document, allow_nan=False)
+    return document
+
+
+def test_an_alarm_states_what_was_believed_and_by_whom_it_was_seen() -> None:
+    """A loss of 1 % of fr: the radius before is the learned one; front against rear and fl against fr moved,
+    the rear pair did not, and the alternatives lost for reasons that are said."""
+    player = Player(monitor(ALL))
+    player.play(200.0)
+    player.play(60.0, one(1, -0.01))
+    document = player.monitor.explain(player.last)
+    alarm = next(a for a in document["alarms"] if a["kind"] == "deflation")
+    assert ("fr", "raised") == (alarm["wheel"], alarm["state"])
+    assert -0.5 == pytest.approx(alarm["before_mm"], abs=0.15)
+    last = alarm["evidence"][-1]["witnesses"]
+    assert 1e3 * 0.01 * RADIUS_M == pytest.approx(last["fl_minus_fr"]["change_mm"], abs=0.3)
+    assert -1e3 * 0.01 * RADIUS_M / 4.0 == pytest.approx(last["front_minus_rear"]["change_mm"] / 1.0, abs=1.0)
+    assert 0.0 == pytest.approx(last["rl_minus_rr"]["change_mm"], abs=0.2)
+    assert last["resonance_log_ratio"] is None
+    best, *others = alarm["alternatives"]
+    assert ("fr lost radius", "the most probable") == (best["what"], best["why"])
+    assert all(entry["why"].startswith("fits") for entry in others)
+    none = [entry for entry in others if entry["what"] == "no tyre has changed"]
+    assert [] == none or none[0]["why"].startswith("fits worse")
+    assert "at most 0.2 for 60 s" in alarm["clears_when"]
+    text = explanation_text(document)
+    assert "fr lost radius: the most probable" in text
+    assert "believed before: -0." in text
+
+
+def test_without_an_alarm_it_states_what_is_missing() -> None:
+    """Learning, motion, sky and a small change have a sentence each; the smallest loss seen is a number."""
+    player = Player(monitor(ALL))
+    assert "nothing was judged yet" == player.monitor.explain(None)["wheels"]["fl"]["why_no_alarm"]
+    player.play(20.0)
+    assert any(line.startswith("learning: ") for line in player.monitor.explain(player.last)["why_no_alarm"])
+    player.play(200.0)
+    settled = player.monitor.explain(player.last)
+    assert [] == settled["why_no_alarm"]
+    assert 0.25 / 100 * RADIUS_M * 1e3 < settled["wheels"]["rl"]["smallest_loss_seen_mm"] < 2.5
+    assert "no tyre has changed" == settled["alternatives"][0]["what"]
+    player.play(120.0, informative=False, speed_mps=10.0, gnss_age_s=60.0)
+    lines = player.monitor.explain(player.last)["why_no_alarm"]
+    assert [True, True] == [any(line.startswith(word) for line in lines) for word in ("motion: ", "sky: ")]
+    player.play(600.0, informative=False, speed_mps=0.0)
+    lines = player.monitor.explain(player.last)["why_no_alarm"]
+    assert any("standstill" in line for line in lines)
+
+
+def test_what_is_kept_is_bounded() -> None:
+    """An hour of driving leaves ten minutes of moments, and a document of less than 100 kB."""
+    player = Player(monitor(ALL), dt_s=1.0)
+    player.play(3600.0)
+    document = player.monitor.explain(player.last)
+    assert KEPT == len(document["evidence"])
+    assert len(json.dumps(document)) < 100_000
+
+
+def test_the_command_explains_a_drive(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A simulated puncture, replayed: the JSON names wheel, evidence and alternatives; the text says them."""
+    folder = tmp_path / "drive"
+    flags = ["--duration", "130", "--seed", "3", "--puncture", "rl", "--loss-percent", "2", "--at", "90"]
+    flags += ["--over", "5", "--route", "motorway"]
+    assert 0 == main(["simulate", str(folder), *flags])
+    capsys.readouterr()
+    assert 0 == main(["explain", str(folder), "--json", str(tmp_path / "why.json")])
+    text = capsys.readouterr().out
+    document = json.loads((tmp_path / "why.json").read_text("utf-8"))
+    assert "tpmsd.explanation/1" == document["schema"]
+    assert {"fl", "fr", "rl", "rr"} == set(document["wheels"])
+    assert document["evidence"]
+    assert "Each wheel now:" in text
+
+
+def test_a_drive_that_is_not_there_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit code 3 and the name."""
+    assert 3 == main(["explain", str(tmp_path / "none")])
+    assert f"tpmsd: {tmp_path / 'none'}: no such drive folder" == capsys.readouterr().err.strip()
+
+
+def test_the_socket_explains(tmp_path: Path) -> None:
+    """`explain` on the status socket is answered by its own document; a server without one says so."""
+    import socket
+
+    for explain, expected in (
+        (lambda: {"version": 1, "alarms": []}, {"version": 1, "alarms": []}),
+        (None, {"error": "this daemon explains nothing"}),
+    ):
+        server = StatusServer(tmp_path / "s", lambda: {"version": 1}, explain=explain)
+        server.open()
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
+            client.settimeout(5)
+            client.connect(str(tmp_path / "s"))
+            client.sendall(b"explain\n")
+            server.service(0.0)
+            server.service(0.0)
+            assert expected == json.loads(client.recv(65536))
+        server.close()

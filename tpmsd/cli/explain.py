@@ -1,0 +1,87 @@
+"""`tpmsd explain [DRIVE]`: why an alarm stands, or why none does.
+
+In: the running daemon's socket, or a drive folder that is replayed. Out: what was believed before, the
+evidence by witness over time, the alternatives and why they lost, what would clear it; as text or JSON.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from tpmsd.cli.output import Progress, Subparsers, add_json_option, json_text
+from tpmsd.cli.outputs import Outputs
+from tpmsd.config.load import load_config
+from tpmsd.config.model import StatusConfig
+from tpmsd.provenance import provenance
+from tpmsd.report.explanation_text import explanation_text
+
+SCHEMA = "tpmsd.explanation/1"
+
+_DESCRIPTION = """\
+Explains every alarm: what was believed before, which evidence spoke for it by witness over time, which
+alternatives were considered and why they lost, and what would clear it. Where there is no alarm it says
+why not yet: what is missing of motion, sky and learning.
+
+Without DRIVE the running daemon is asked; with DRIVE the drive is replayed.
+"""
+_EPILOG = """\
+examples:
+  tpmsd explain                          why does the daemon say what it says?
+  tpmsd explain drives/monday            the alarms of a recorded drive
+  tpmsd explain drives/monday --json -   as JSON
+"""
+
+
+def add_parser(subparsers: Subparsers) -> None:
+    """Declare the command's arguments."""
+    parser = subparsers.add_parser(
+        "explain", help="why an alarm stands, or why none does", description=_DESCRIPTION, epilog=_EPILOG
+    )
+    parser.add_argument("drive", type=Path, metavar="DRIVE", nargs="?", help="drive folder to replay")
+    parser.add_argument(
+        "--socket", metavar="PATH", type=Path, help=f"the daemon's socket ({StatusConfig().socket})"
+    )
+    parser.add_argument(
+        "--config", metavar="FILE", type=Path, help="configuration instead of DRIVE/vehicle.toml"
+    )
+    add_json_option(parser)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Explain; raises TpmsdError with one line where the daemon or the drive cannot be asked."""
+    outputs = Outputs(("--json", args.json))
+    document = _of_daemon(args) if args.drive is None else _of_drive(args.drive, args.config)
+    if not outputs.fill_stdout:
+        print(explanation_text(document), end="", flush=True)
+    outputs.write({"--json": lambda: json_text(document)})
+    return 0
+
+
+def _of_daemon(args: argparse.Namespace) -> dict[str, Any]:
+    from tpmsd.sinks.status_client import read_explanation
+
+    path = StatusConfig().socket
+    if args.socket is not None:
+        path = args.socket
+    elif args.config is not None:
+        path = load_config(args.config).status.socket
+    return {**provenance(SCHEMA, [], args.config), **read_explanation(path)}
+
+
+def _of_drive(folder: Path, config_file: Path | None) -> dict[str, Any]:
+    from tpmsd.api.drive import Drive
+    from tpmsd.api.functions import explained
+    from tpmsd.api.reading import FolderRecording
+    from tpmsd.cli.drive_reading import say, span_s
+    from tpmsd.errors import InputError
+
+    if not folder.is_dir():
+        raise InputError(folder, "not a folder" if folder.exists() else "no such drive folder")
+    config = load_config(config_file if config_file is not None else folder)
+    drive = Drive(folder.resolve().name, config, FolderRecording(folder))
+    with Progress(span_s(folder) if sys.stderr.isatty() else 0.0, "explain") as progress:
+        found = explained(drive, progress.update, say)
+    return {**provenance(SCHEMA, [folder], config.file), **found}

@@ -1,0 +1,292 @@
+"""Why an alarm stands, and why none does: what was believed, the evidence, the alternatives.
+
+In: every judgement of the monitor, and the ticks between. Out: a document of plain JSON types, for
+`tpmsd explain`. Nothing here decides anything; what is kept is bounded.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from tpmsd.config.model import MonitorConfig
+from tpmsd.estimators.agreement import Agreement
+from tpmsd.estimators.base import RadiusEstimate
+from tpmsd.monitor.baseline import Change
+from tpmsd.monitor.hypotheses import PRIOR_BY_SIZE, PRIOR_LARGER, Verdict, hypotheses_of
+from tpmsd.monitor.judge import Judgement
+from tpmsd.monitor.records import AlarmEvent, AlarmKind, MonitorReport
+from tpmsd.monitor.tyre_sets import TyreSets
+from tpmsd.resonance.evidence import ResonanceEvidence
+from tpmsd.timeline.tick import Tick
+from tpmsd.wheels import IS_FRONT, IS_LEFT, WHEELS, FloatArray
+
+KEEP_EVERY_S, KEPT = 10.0, 60
+"""A moment every 10 s of driving, the last ten minutes."""
+KEPT_ALARMS = 16
+AROUND = 12
+"""Moments that are kept with an alarm."""
+BEST = 6
+"""Alternatives that are listed."""
+RECENT_S = 60.0
+"""Time constant of the shares of driving."""
+SEEN_AT = 2.33
+"""Standard deviations beyond the threshold at which a loss has a probability of 0.99."""
+
+
+class Explanation:
+    """What one monitor has to say for itself."""
+
+    def __init__(self, wheels: list[int], settings: MonitorConfig, threshold_m: float) -> None:
+        """`threshold_m`: the loss from which a tyre counts as deflated."""
+        self._wheels = wheels
+        self._settings = settings
+        self._threshold_m = threshold_m
+        self._moments: deque[dict[str, Any]] = deque(maxlen=KEPT)
+        self._alarms: deque[dict[str, Any]] = deque(maxlen=KEPT_ALARMS)
+        self._latest: dict[str, Any] | None = None
+        self._alternatives: list[dict[str, Any]] = []
+        self._judgement: Judgement | None = None
+        self._kept_s = -math.inf
+        self._time_s = math.nan
+        self._moving = self._taught = 0.0
+        self._gnss_age_s = math.inf
+        self._agreement: Agreement | None = None
+
+    def tick(self, tick: Tick, estimate: RadiusEstimate, agreement: Agreement) -> None:
+        """Take every tick: motion and sky."""
+        share = 1.0 - math.exp(-tick.dt_s / RECENT_S)
+        self._moving += share * (float(estimate.speed_mps > 2.0) - self._moving)
+        self._taught += share * (float(estimate.informative) - self._taught)
+        self._time_s, self._gnss_age_s, self._agreement = tick.host_time_s, estimate.gnss_age_s, agreement
+
+    def judged(
+        self,
+        estimate: RadiusEstimate,
+        change: Change,
+        verdict: Verdict,
+        judgement: Judgement,
+        resonance: ResonanceEvidence | None,
+    ) -> None:
+        """Take a judgement of the wheels (`change` and `verdict` by them alone)."""
+        self._judgement = judgement
+        self._alternatives = self._ranked(verdict)
+        self._latest = self._moment(estimate, change, judgement, resonance)
+        if abs(self._time_s - self._kept_s) >= KEEP_EVERY_S:
+            self._kept_s = self._time_s
+            self._moments.append(self._latest)
+
+    def alarm(self, event: AlarmEvent) -> None:
+        """An alarm was raised or cleared: keep what spoke for it."""
+        evidence = list(self._moments)[-AROUND:]
+        if self._latest is not None and (not evidence or evidence[-1] is not self._latest):
+            evidence.append(self._latest)
+        before = None
+        if self._latest is not None and event.wheel in self._latest["wheels"]:
+            before = self._latest["wheels"][event.wheel]["before_mm"]
+        self._alarms.append(
+            {
+                "time": _number(event.time_s),
+                "kind": str(event.kind),
+                "wheel": event.wheel,
+                "state": event.state,
+                "reason": event.reason,
+                "probability": _number(event.probability),
+                **({"since": event.since} if event.since else {}),
+                "before_mm": before,
+                "evidence": evidence,
+                "alternatives": list(self._alternatives),
+                "clears_when": self._clears(event) if event.state == "raised" else "it is cleared",
+            }
+        )
+
+    def _clears(self, event: AlarmEvent) -> str:
+        if event.kind is AlarmKind.MALFUNCTION:
+            return "a tenth of the time that raised it in good order"
+        at, hold_s = self._settings.clear_probability, self._settings.clear_hold_s
+        of = "that it differs from its fellow as no set does" if event.since else "of it"
+        return (
+            f"the probability {of} is at most {at:g} for {hold_s:g} s of driving that teaches "
+            f"(it was {event.probability:.3f}), or a reset is accepted"
+        )
+
+    def document(
+        self, report: MonitorReport | None, malfunctions: Iterable[AlarmEvent], sets: TyreSets
+    ) -> dict[str, Any]:
+        """The document, in JSON's types. `report`: the last one; `malfunctions`: those that stand."""
+        states = {WHEELS[w]: "unavailable" for w in self._wheels}
+        if report is not None:
+            states |= {wheel.wheel: str(wheel.state) for wheel in report.wheels if wheel.wheel in states}
+        baseline, missing = sets.baseline, [alarm.reason for alarm in malfunctions]
+        if not baseline.ready:
+            missing.append(
+                f"learning: {100 * baseline.fraction:.0f} % of the first baseline; before it "
+                "no loss is seen, but a tyre that is soft already"
+            )
+        if sets.undecided:
+            missing.append("learning: a reset waits for its baseline; the one before it judges")
+        learning = {
+            "fraction": round(baseline.fraction, 4),
+            "learned_s": round(baseline.learned_s, 1),
+            "tyres": sets.name,
+            "settled": baseline.settled,
+        }
+        wheels: dict[str, Any] = {}
+        for wheel in self._wheels:
+            name = WHEELS[wheel]
+            wheels[name] = {"state": states[name], **self._wheel(wheel)}
+        return {
+            "time": _number(self._time_s),
+            "alarms": list(self._alarms),
+            "wheels": wheels,
+            "alternatives": list(self._alternatives),
+            "evidence": list(self._moments),
+            "missing": {
+                "motion": {
+                    "moving_share": round(self._moving, 3),
+                    "teaching_share": round(self._taught, 3),
+                },
+                "sky": {
+                    "gnss_age_s": _number(self._gnss_age_s),
+                    "agrees": None if self._agreement is None else not self._agreement.withheld,
+                },
+                "learning": learning,
+            },
+            "why_no_alarm": [*missing, *self._why()],
+        }
+
+    def _why(self) -> list[str]:
+        out = []
+        if self._moving < 0.05:
+            out.append(
+                "motion: the car has hardly moved in the last minute; nothing is judged at a standstill"
+            )
+        elif self._taught < 0.2:
+            out.append(
+                f"motion: {100 * self._taught:.0f} % of the last minute taught (above 6 m/s, gentle); "
+                "the rest is not judged"
+            )
+        if self._gnss_age_s > 10.0:
+            out.append(
+                "sky: no fix is used now; wheels are compared with each other, all four together are not"
+            )
+        if self._agreement is not None and self._agreement.withheld:
+            out.append("sky: wheels and receiver disagree; no tyre is judged until they agree again")
+        if self._agreement is not None and self._agreement.unsteady:
+            out.append("bus: the wheels' readings jump; no tyre is judged")
+        return out
+
+    def _wheel(self, wheel: int) -> dict[str, Any]:
+        judged = self._judgement
+        if judged is None or self._latest is None:
+            return {"why_no_alarm": "nothing was judged yet"}
+        now = self._latest["wheels"][WHEELS[wheel]]
+        std = float(judged.change_std_m[wheel])
+        seen = self._threshold_m + SEEN_AT * math.hypot(std, 3e-4 * 0.3)
+        return {
+            **now,
+            "smallest_loss_seen_mm": _mm(seen),
+            "why_no_alarm": (
+                f"changed by {1e3 * float(judged.change_m[wheel]):+.2f} +- {1e3 * std:.2f} mm; a loss beyond "
+                f"{1e3 * self._threshold_m:.2f} mm has probability {float(judged.deflated[wheel]):.3f}"
+            ),
+        }
+
+    def _moment(
+        self,
+        estimate: RadiusEstimate,
+        change: Change,
+        judgement: Judgement,
+        resonance: ResonanceEvidence | None,
+    ) -> dict[str, Any]:
+        wheels = {}
+        for wheel in self._wheels:
+            deviation, moved = float(estimate.deviation_m[wheel]), float(judgement.change_m[wheel])
+            wheels[WHEELS[wheel]] = {
+                "before_mm": _mm(deviation - moved),
+                "now_mm": _mm(deviation),
+                "now_std_mm": _mm(math.sqrt(max(float(estimate.covariance_m2[wheel, wheel]), 0.0))),
+                "change_mm": _mm(moved),
+                "change_std_mm": _mm(float(judgement.change_std_m[wheel])),
+                "probability": _number(float(judgement.deflated[wheel])),
+            }
+        witnesses = {
+            name: {
+                "change_mm": _mm(float(row @ change.change_m)),
+                "std_mm": _mm(_std(row, change.covariance_m2)),
+            }
+            for name, row in self._contrasts().items()
+        }
+        heard = None
+        if resonance is not None and resonance.wheels:
+            heard = {
+                WHEELS[w]: round(float(resonance.log_ratio([w])), 3)
+                for w in self._wheels
+                if w in resonance.wheels
+            }
+        return {
+            "time": _number(self._time_s),
+            "speed_mps": _number(estimate.speed_mps),
+            "wheels": wheels,
+            "witnesses": {**witnesses, "resonance_log_ratio": heard},
+        }
+
+    def _contrasts(self) -> dict[str, FloatArray]:
+        """(d,) each: which wheels are held against which, or against the receiver."""
+        index = np.array(self._wheels)
+        front, left = IS_FRONT[index], IS_LEFT[index]
+        out = {"receiver_all_wheels": np.full(index.size, 1.0 / index.size)}
+        if front.any():
+            out["front_minus_rear"] = np.where(front, 0.5, -0.5)
+            out["fl_minus_fr"] = np.where(front, np.where(left, 1.0, -1.0), 0.0)
+        out["rl_minus_rr"] = np.where(~front, np.where(left, 1.0, -1.0), 0.0)
+        return out
+
+    def _ranked(self, verdict: Verdict) -> list[dict[str, Any]]:
+        """What may have happened, the most probable first, with why it lost."""
+        entries: list[dict[str, Any]] = [
+            {"what": "no tyre has changed", "wheels": [], "probability": verdict.none, "gain_nats": 0.0}
+        ]
+        for (members, kind), chance, gain in zip(
+            hypotheses_of(len(self._wheels)), verdict.chances, verdict.gains, strict=True
+        ):
+            names = [WHEELS[self._wheels[k]] for k in members]
+            what = f"{' '.join(names)} {'lost radius' if kind == 'loss' else 'became larger'}"
+            prior = PRIOR_LARGER if kind == "larger" else PRIOR_BY_SIZE[len(members)]
+            entries.append(
+                {
+                    "what": what,
+                    "wheels": names,
+                    "probability": float(chance),
+                    "gain_nats": round(float(gain), 3),
+                    "prior": prior,
+                }
+            )
+        entries.sort(key=lambda entry: -float(entry["probability"]))
+        best = entries[0]
+        for entry in entries:
+            behind = float(best["gain_nats"]) - float(entry["gain_nats"])
+            entry["probability"] = round(float(entry["probability"]), 6)
+            if entry is best:
+                entry["why"] = "the most probable"
+            elif behind > 1.0:
+                entry["why"] = f"fits worse by {behind:.1f} nats"
+            else:
+                entry["why"] = "fits as well, and is less probable beforehand"
+        return entries[:BEST]
+
+
+def _std(row: FloatArray, covariance: FloatArray) -> float:
+    return math.sqrt(max(float(row @ covariance @ row), 0.0))
+
+
+def _number(value: float) -> float | None:
+    return round(float(value), 6) if math.isfinite(value) else None
+
+
+def _mm(value_m: float) -> float | None:
+    return round(1e3 * float(value_m), 4) if math.isfinite(value_m) else None

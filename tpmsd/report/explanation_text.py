@@ -1,0 +1,82 @@
+"""The document of `tpmsd explain` as lines for people.
+
+In: the document. Out: text. Numbers that nobody knows are shown as `-`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+_NAMES = {
+    "receiver_all_wheels": "all wheels against the receiver",
+    "front_minus_rear": "front against rear",
+    "fl_minus_fr": "fl against fr",
+    "rl_minus_rr": "rl against rr",
+}
+SHOWN = 6
+"""Moments of evidence that are shown; the JSON holds all."""
+
+
+def explanation_text(document: Mapping[str, Any]) -> str:
+    """The whole explanation, ending with a line break."""
+    lines: list[str] = []
+    start_s = document.get("start_time")
+    raised = [alarm for alarm in document["alarms"] if alarm["state"] == "raised"]
+    for alarm in document["alarms"]:
+        lines += _alarm(alarm, start_s)
+    if not raised:
+        lines += ["No alarm was raised.", ""]
+    lines.append("Each wheel now:")
+    for name, wheel in document["wheels"].items():
+        lines.append(f"  {name} {wheel['state']}: {wheel['why_no_alarm']}")
+        if wheel.get("smallest_loss_seen_mm") is not None:
+            lines.append(f"     a loss of {wheel['smallest_loss_seen_mm']:.2f} mm and more would be seen")
+    if document["why_no_alarm"]:
+        lines += ["", "What is missing:", *(f"  {line}" for line in document["why_no_alarm"])]
+    if document["alternatives"]:
+        lines += [
+            "",
+            "What may have happened, by what is known now:",
+            *_alternatives(document["alternatives"]),
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _alarm(alarm: Mapping[str, Any], start_s: float | None) -> list[str]:
+    when = _when(alarm["time"], start_s)
+    wheel = f" {alarm['wheel']}" if alarm["wheel"] else ""
+    since = f" (since {alarm['since']})" if alarm.get("since") else ""
+    lines = [f"{when} {alarm['kind']}{wheel} {alarm['state']}{since}: {alarm['reason']}"]
+    if alarm["kind"] == "malfunction":
+        return [*lines, f"  clears when: {alarm['clears_when']}", ""]
+    if alarm["before_mm"] is not None:
+        lines.append(f"  believed before: {alarm['before_mm']:+.2f} mm from nominal")
+    lines.append("  evidence (change in mm):")
+    for moment in alarm["evidence"][-SHOWN:]:
+        parts = [
+            f"{_NAMES[name]} {_pair(witness)}"
+            for name, witness in moment["witnesses"].items()
+            if name in _NAMES and witness is not None
+        ]
+        lines.append(f"    {_when(moment['time'], start_s)} {'; '.join(parts)}")
+    lines += ["  alternatives:", *(f"  {line}" for line in _alternatives(alarm["alternatives"]))]
+    return [*lines, f"  clears when: {alarm['clears_when']}", ""]
+
+
+def _alternatives(entries: list[dict[str, Any]]) -> list[str]:
+    return [f"  {entry['probability']:8.4f}  {entry['what']}: {entry['why']}" for entry in entries]
+
+
+def _pair(witness: Mapping[str, Any]) -> str:
+    if witness["change_mm"] is None or witness["std_mm"] is None:
+        return "-"
+    return f"{witness['change_mm']:+.2f} +- {witness['std_mm']:.2f}"
+
+
+def _when(time_s: float | None, start_s: float | None) -> str:
+    if time_s is None:
+        return "-"
+    if start_s is None:
+        return f"{time_s:.1f}"
+    return f"{time_s - start_s:.1f} s"
