@@ -37,6 +37,9 @@ BEFORE = "before the first start"
 """What `since` says of such an alarm."""
 FIRST_S = 600.0
 """Driving that teaches, from the first start on, in which tyres are held against the prior."""
+CHANGED_SHARE = 0.0023
+"""Change since the baseline, relative to the radius, from which a difference may be younger than it: half of
+a loss of 20 % of the pressure."""
 WITHIN_STD = ((0.95, 0.001), (0.05, 0.003))
 """Left against right of an axle: share of cars and standard deviation of the difference, for one set and for
 a mixed or unevenly worn one."""
@@ -180,12 +183,21 @@ class FirstStart:
             alarm.active, alarm.held_s = key in wanted, 0.0
         self.verdict = None
 
+    def changed(self, change_m: FloatArray, ordinary: set[int]) -> set[int]:
+        """Wheels of whose axle a tyre has changed since it was learned: what differs there may be new.
+
+        change_m (4,): against the baseline, NaN where there is none; `ordinary`: wheels with another alarm.
+        """
+        limit = CHANGED_SHARE * float(self._radius.mean())
+        moved = {w for w in self._wheels if w in ordinary or abs(float(change_m[w])) > limit}
+        return moved | {w ^ 1 for w in moved}
+
     def update(
-        self, deviation_m: FloatArray, covariance_m2: FloatArray, elapsed_s: float, changed: FloatArray
+        self, deviation_m: FloatArray, covariance_m2: FloatArray, elapsed_s: float, changed: set[int]
     ) -> list[Turned]:
         """Take an estimate (d,), (d, d) that stands for `elapsed_s` of driving; what it turned.
 
-        `changed` (4,): probability that a wheel has lost radius since it was learned: that is no first start.
+        `changed`: wheels whose difference may be younger than the first start.
         """
         verdict = self.verdict = judge_first(deviation_m, covariance_m2, self._radius, self._wheels)
         turned = []
@@ -193,7 +205,7 @@ class FirstStart:
             k = self._wheels.index(wheel)
             soft, other = float(verdict.soft[k]), float(verdict.larger[k])
             probability = soft if kind is AlarmKind.DEFLATION else other
-            if not alarm.active and changed[wheel] > 0.5:
+            if not alarm.active and wheel in changed:
                 probability = 0.0
             state = alarm.update(probability, elapsed_s)
             if state is None:

@@ -164,6 +164,7 @@ class Monitor:
             before = self._first.standing
             for (kind, wheel), alarm in self._alarms.items():
                 if wheel in before:
+                    alarm.held_s = 0.0
                     continue  # its baseline is that of a tyre that was soft already
                 probability = self._probability(kind, wheel)
                 turned = alarm.update(probability, elapsed_s)
@@ -183,7 +184,9 @@ class Monitor:
         if not self._sets.is_first(bool(self._first.standing)) or not np.all(np.isfinite(deviation)):
             return []
         events = []
-        for turned in self._first.update(deviation, spread, elapsed_s, self._judged.deflated):
+        ordinary = {wheel for (_, wheel), event in self._standing.items() if not event.since}
+        changed = self._first.changed(self._judged.change_m, ordinary)
+        for turned in self._first.update(deviation, spread, elapsed_s, changed):
             pressure, pressure_std = math.nan, math.nan
             if turned.kind is AlarmKind.DEFLATION and turned.state == "raised":
                 std = math.sqrt(float(estimate.covariance_m2[turned.wheel, turned.wheel]))
