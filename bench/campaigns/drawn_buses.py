@@ -133,7 +133,7 @@ def draw(seed: int, duration_s: float = 900.0, layout: WheelLayout | None = None
         seed,
         layout,
         log,
-        _fixes(drive),
+        gnss_fixes(drive),
         dbc_text(messages, with_periods=False),
         truth,
         raw_truth,
@@ -143,7 +143,8 @@ def draw(seed: int, duration_s: float = 900.0, layout: WheelLayout | None = None
     )
 
 
-def _fixes(drive: SimulatedDrive) -> list[GnssFix]:
+def gnss_fixes(drive: SimulatedDrive) -> list[GnssFix]:
+    """The fixes of a simulated drive, through the program's own reader."""
     assembler = NmeaAssembler()
     fixes: list[GnssFix] = []
     for line in drive.nmea:

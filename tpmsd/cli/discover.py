@@ -68,9 +68,9 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError("--dbc and --no-dbc contradict each other")
     dbc = None if args.no_dbc else args.dbc or _beside(args.drive)
     if args.write is not None:
-        _refuse(args.write, args.force)
+        refuse(args.write, args.force)
         if dbc is None:
-            _refuse(args.write.with_suffix(".dbc"), args.force)
+            refuse(args.write.with_suffix(".dbc"), args.force)
     outputs = Outputs(("--json", args.json))
     database = None if dbc is None else load_database(dbc)
     drive = read_drive(args.drive, say)
@@ -90,7 +90,8 @@ def _beside(paths: list[Path]) -> Path | None:
     return beside if beside.is_file() else None
 
 
-def _refuse(path: Path, force: bool) -> None:
+def refuse(path: Path, force: bool) -> None:
+    """ConfigError where a file is there already, or its folder is not."""
     if path.exists() and not force:
         raise ConfigError(f"{path}: is there already; --force replaces it")
     if not path.absolute().parent.is_dir():

@@ -34,6 +34,8 @@ COMMANDS: Commands = (
     ("check", "tpmsd.cli.check", "check a configuration and say what would be monitored with what"),
     ("discover", "tpmsd.cli.discover", "find the wheels of an unknown car from a recorded drive"),
     ("web", "tpmsd.cli.web", "a page for the running daemon or a recorded drive"),
+    ("init", "tpmsd.cli.init", "write a configuration to start from for a known car"),
+    ("record", "tpmsd.cli.record", "record CAN and receiver side by side, as a drive"),
     ("calibrate", "tpmsd.cli.calibrate", "learn the radii of a car from a recorded drive"),
     ("diagnose", "tpmsd.cli.diagnose", "say which physics a recorded drive holds that the model lacks"),
     ("effects", "tpmsd.cli.effects", "list the effects that are known, and what a drive tells of them"),

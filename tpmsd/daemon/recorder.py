@@ -28,7 +28,7 @@ _MOST_FOLDERS = 10_000
 _log = logging.getLogger(__name__)
 
 
-class _Appender:
+class Appender:
     """A file that is written in whole lines."""
 
     def __init__(self, path: Path) -> None:
@@ -52,6 +52,10 @@ class _Appender:
             raise
         self._size = whole
 
+    def sync(self) -> None:
+        """Bring what was written to the disk itself."""
+        os.fsync(self._descriptor)
+
     def close(self) -> None:
         """Close; what is held is lost."""
         os.close(self._descriptor)
@@ -69,8 +73,8 @@ class DriveRecorder:
             self.folder = _free(folder)
             (self.folder / "vehicle.toml").write_text(config_toml(config, "bus.dbc"), encoding="utf-8")
             shutil.copyfile(config.can.dbc, self.folder / "bus.dbc")
-            self._can = _Appender(self.folder / "can.log")
-            self._nmea = _Appender(self.folder / "gnss.nmea")
+            self._can = Appender(self.folder / "can.log")
+            self._nmea = Appender(self.folder / "gnss.nmea")
         except OSError as error:
             raise ConfigError(f"cannot record to {folder}: {error.strerror or error}") from None
         self._channel = "_".join(config.can.channel.split()) or "can0"

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from cantools.database.can import Database
 
+from tpmsd.config.dbc import counter_modulus
 from tpmsd.config.units import UNITS, canonical_unit
 from tpmsd.discovery.assign import Assignment, assign
 from tpmsd.discovery.frames import BusLog, MessageLog, RawArray
@@ -137,7 +138,17 @@ def dbc_fields(database: Database, logs: Mapping[int, MessageLog]) -> list[Field
             )
             if scale:
                 found.append(
-                    Field(message.name, signal.name, key, place, scale, offset, signal.unit or "", invalid)
+                    Field(
+                        message.name,
+                        signal.name,
+                        key,
+                        place,
+                        scale,
+                        offset,
+                        signal.unit or "",
+                        invalid,
+                        0 if place.is_float else counter_modulus(signal),
+                    )
                 )
     return found
 
@@ -338,8 +349,8 @@ def _count_role(
     key: str, one: Follower, probability: float, rivals: tuple[tuple[str, float], ...]
 ) -> FoundRole:
     series = one.series
-    full = 1 << series.field.place.length
-    modulus = series.modulus if series.modulus_seen and series.modulus != full else 0
+    usual = series.field.stated_modulus or 1 << series.field.place.length
+    modulus = series.modulus if series.modulus_seen and series.modulus != usual else 0
     return FoundRole(key, series.field, probability, rivals, modulus=modulus)
 
 

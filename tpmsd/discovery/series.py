@@ -35,6 +35,8 @@ class Field:
     offset: float = 0.0
     unit: str = ""
     invalid: frozenset[int] = frozenset()
+    stated_modulus: int = 0
+    """Modulus that the DBC hints at; 0: none."""
 
     @property
     def signal(self) -> str:

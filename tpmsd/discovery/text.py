@@ -14,6 +14,8 @@ from tpmsd.discovery.series import Field
 from tpmsd.discovery.settings import SETTINGS
 from tpmsd.sources.signal_plan import EXTENDED
 
+_LENGTHS = (8, 12, 16, 20, 24, 32, 48, 64)
+"""Bytes of a frame, the longer ones of CAN FD."""
 _USUAL = {
     "track_front_m": SETTINGS.track_m,
     "track_rear_m": SETTINGS.track_m,
@@ -23,7 +25,8 @@ _USUAL = {
 
 def vehicle_text(found: Discovery, dbc: str) -> str:
     """A configuration that `tpmsd check` accepts; what is undecided stands in comments."""
-    lines = ["# Found by tpmsd discover. Look over what is marked as undecided."]
+    source = f"tpmsd init, {found.car}" if found.assignment is None else "tpmsd discover"
+    lines = [f"# By {source}. Look over what is marked as undecided."]
     lines += [f"# undecided: {one.key}: {one.why}. It takes: {one.drive}." for one in found.undecided]
     lines += ["", "[vehicle]"]
     radius = found.geometry.get("wheel_radius_m")
@@ -92,7 +95,7 @@ def dbc_text(found: Discovery) -> str:
 
 
 def _length(roles: Sequence[FoundRole]) -> int:
-    return max(8, *(one.field.place.min_bytes for one in roles))
+    return next(size for size in _LENGTHS if size >= max(one.field.place.min_bytes for one in roles))
 
 
 def _signal_line(one: FoundRole) -> str:
@@ -102,5 +105,5 @@ def _signal_line(one: FoundRole) -> str:
     offset = one.offset if one.offset is not None else field.offset
     layout = f"{dbc_start(field)}|{place.length}@{0 if place.big_endian else 1}{'-' if place.signed else '+'}"
     low, high = offset, scale * place.mask + offset
-    unit = one.unit or ""
+    unit = one.unit or field.unit
     return f' SG_ {field.name} : {layout} ({scale:.10g},{offset:.10g}) [{low:.10g}|{high:.10g}] "{unit}" CAR'

@@ -1,0 +1,97 @@
+"""`tpmsd record`: what comes is on the disk, whole lines, stamped; and nothing is overwritten."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import can
+import pytest
+
+from tpmsd.cli.main import main
+from tpmsd.daemon.recorder import Appender
+from tpmsd.sources.can_log import read_can_log
+from tpmsd.sources.nmea_log import read_nmea_log
+
+RMC = b"$GNRMC,080000.00,A,5230.12345,N,01324.54321,E,27.21,84.3,010724,,,A*71\r\n"
+
+
+def feed(channel: str, server: socket.socket, stop: threading.Event) -> None:
+    """Traffic on a virtual bus and a TCP receiver."""
+    connection, _ = server.accept()
+    with can.Bus(interface="virtual", channel=channel) as bus, connection:
+        number = 0
+        while not stop.is_set():
+            bus.send(can.Message(arbitration_id=0xB0, data=[number % 256] * 8, is_extended_id=False))
+            if number % 10 == 0:
+                connection.sendall(RMC)
+            number += 1
+            time.sleep(0.005)
+
+
+def test_a_recording_is_a_drive(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Frames and sentences come back from the files with stamps of one clock; a second run refuses the
+    folder."""
+    server = socket.create_server(("127.0.0.1", 0))
+    stop = threading.Event()
+    thread = threading.Thread(target=feed, args=("record-test", server, stop))
+    thread.start()
+    folder = tmp_path / "drive"
+    command = ["record", str(folder), "--interface", "virtual", "--channel", "record-test"]
+    command += ["--source", f"tcp://127.0.0.1:{server.getsockname()[1]}", "--duration", "2"]
+    try:
+        before = time.time()
+        assert 0 == main(command)
+    finally:
+        stop.set()
+        thread.join()
+        server.close()
+    frames = list(read_can_log(folder / "can.log"))
+    sentences = list(read_nmea_log(folder / "gnss.nmea"))
+    assert len(frames) > 50
+    assert len(sentences) > 3
+    counters = [frame.data[0] for frame in frames]
+    assert all((after - one) % 256 == 1 for one, after in pairwise(counters))
+    assert all(before - 1 < frame.time_s < before + 10 for frame in frames)
+    assert all(before - 1 < time_s < before + 10 for time_s, _, _ in sentences)
+
+    capsys.readouterr()
+    assert 1 == main(command)
+    assert "holds a recording already" in capsys.readouterr().err
+
+
+def test_nothing_that_comes_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A silent bus is exit code 3 and one line."""
+    command = [
+        "record",
+        str(tmp_path / "x"),
+        "--interface",
+        "virtual",
+        "--source",
+        "none",
+        "--duration",
+        "0.3",
+    ]
+    assert 3 == main(command)
+    assert "nothing came from CAN can0" in capsys.readouterr().err
+
+
+def test_a_source_that_is_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A misspelt source is wrong usage, before anything is made."""
+    assert 2 == main(["record", str(tmp_path / "x"), "--source", "pigeon://home"])
+    assert not (tmp_path / "x").exists()
+
+
+def test_what_was_flushed_is_on_the_disk(tmp_path: Path) -> None:
+    """After a flush and a sync the file holds whole lines, whatever happens to the process."""
+    appender = Appender(tmp_path / "can.log")
+    appender.add(b"one\n")
+    appender.flush()
+    appender.sync()
+    appender.add(b"two")
+    assert b"one\n" == (tmp_path / "can.log").read_bytes()
+    appender.close()
+    assert 4 == len((tmp_path / "can.log").read_bytes())

@@ -1,0 +1,145 @@
+"""Records CAN and the receiver side by side, before there is a configuration: what `tpmsd record` runs.
+
+In: open links, a clock, limits. Out: `can.log` and `gnss.nmea` in the drive format, with host stamps;
+figures of what is
+seen. Whole lines are handed to the system every second and to the disk every `SYNC_S`, so that a power
+loss costs some seconds at the end and nothing before.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from tpmsd.daemon.bus_link import BusLink
+from tpmsd.daemon.descriptors import Descriptors
+from tpmsd.daemon.receiver_link import ReceiverLink
+from tpmsd.daemon.recorder import Appender, candump_line
+from tpmsd.errors import TpmsdError
+from tpmsd.sources.events import GnssFix
+from tpmsd.sources.nmea_epoch import NmeaAssembler
+
+SYNC_S = 5.0
+FLUSH_S = 1.0
+WAIT_S = 0.05
+FREE_BYTES = 200 << 20
+"""Room that is left on the disk for others."""
+
+
+class RecordingError(TpmsdError):
+    """The recording cannot begin, or cannot go on."""
+
+
+@dataclass(slots=True)
+class Seen:
+    """What was recorded so far."""
+
+    frames: int = 0
+    identifiers: set[int] = field(default_factory=set)
+    sentences: int = 0
+    bytes: int = 0
+    speed_mps: float = float("nan")
+    quality: int = 0
+    frames_per_s: float = 0.0
+    why: str = ""
+    """Why it ended by itself; empty where it was asked to."""
+
+
+class DriveRecording:
+    """One recording into a folder that holds none yet."""
+
+    def __init__(
+        self,
+        folder: Path,
+        bus: BusLink,
+        receiver: ReceiverLink | None,
+        now: Callable[[], float],
+        monotonic: Callable[[], float],
+        max_bytes: int,
+    ) -> None:
+        """RecordingError where the folder cannot be made or holds a recording already."""
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._can = Appender(folder / "can.log")
+            self._nmea = Appender(folder / "gnss.nmea")
+        except FileExistsError:
+            raise RecordingError(f"{folder}: holds a recording already; name another folder") from None
+        except OSError as error:
+            raise RecordingError(f"{folder}: {error.strerror or error}") from None
+        self._folder, self._bus, self._receiver = folder, bus, receiver
+        self._now, self._monotonic, self._max_bytes = now, monotonic, max_bytes
+        self._assembler = NmeaAssembler()
+        self.seen = Seen()
+
+    def run(self, stopped: Callable[[], bool], tell: Callable[[Seen], None], duration_s: float) -> Seen:
+        """Record until `stopped`, the time or a limit; `tell` is called once a second."""
+        descriptors = Descriptors()
+        start_s = flushed_s = synced_s = self._monotonic()
+        frames_before = 0
+        try:
+            while not stopped() and not self.seen.why:
+                monotonic_s = self._monotonic()
+                if monotonic_s - start_s >= duration_s:
+                    break
+                self._bus.service(monotonic_s)
+                descriptors.follow(self._bus)
+                if self._receiver is not None:
+                    self._receiver.service(monotonic_s)
+                    descriptors.follow(self._receiver)
+                descriptors.wait(WAIT_S)
+                self._collect(monotonic_s)
+                if monotonic_s - flushed_s >= FLUSH_S:
+                    self.seen.frames_per_s = (self.seen.frames - frames_before) / (monotonic_s - flushed_s)
+                    flushed_s, frames_before = monotonic_s, self.seen.frames
+                    self._flush(sync=monotonic_s - synced_s >= SYNC_S)
+                    synced_s = monotonic_s if monotonic_s - synced_s >= SYNC_S else synced_s
+                    tell(self.seen)
+        finally:
+            self._flush(sync=True)
+            self._can.close()
+            self._nmea.close()
+            self._bus.close()
+            if self._receiver is not None:
+                self._receiver.close()
+            descriptors.close()
+        return self.seen
+
+    def _collect(self, monotonic_s: float) -> None:
+        seen = self.seen
+        for frame in self._bus.read(monotonic_s):
+            line = candump_line(frame, "_".join(frame.channel.split()) or "can0")
+            seen.frames += 1
+            seen.bytes += len(line)
+            if len(seen.identifiers) < 4096:
+                seen.identifiers.add(frame.arbitration_id)
+            if self._can.add(line):
+                self._flush(sync=False)
+        if self._receiver is None:
+            return
+        for stamp_s, sentence in self._receiver.read(monotonic_s, self._now()):
+            line = b"(%.6f) %s\n" % (stamp_s, sentence)
+            seen.sentences += 1
+            seen.bytes += len(line)
+            self._nmea.add(line)
+            for event in self._assembler.feed(stamp_s, sentence):
+                if isinstance(event, GnssFix):
+                    seen.speed_mps, seen.quality = event.speed_mps, event.quality
+
+    def _flush(self, sync: bool) -> None:
+        if self.seen.why:
+            return
+        try:
+            for appender in (self._can, self._nmea):
+                appender.flush()
+                if sync:
+                    appender.sync()
+            room = os.statvfs(self._folder)
+        except OSError as error:
+            self.seen.why = f"{self._folder}: {error.strerror or error}"
+            return
+        if self.seen.bytes >= self._max_bytes:
+            self.seen.why = f"{self._max_bytes >> 20} MB are full (--max-mb)"
+        elif room.f_bavail * room.f_frsize < FREE_BYTES:
+            self.seen.why = f"less than {FREE_BYTES >> 20} MB are free on the disk"

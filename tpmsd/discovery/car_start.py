@@ -1,0 +1,65 @@
+"""A configuration to start from, by an entry of the car library.
+
+In: `Car`. Out: what `text` writes: roles whose fields are the entry's facts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from cantools.database.can import Signal
+
+from tpmsd.discovery.library import Car
+from tpmsd.discovery.result import Discovery, Estimate, FoundRole, Undecided
+from tpmsd.discovery.series import Field
+from tpmsd.discovery.settings import SETTINGS
+from tpmsd.sources.signal_plan import EXTENDED, bit_field
+
+_MEASURE = "tpmsd discover on ten minutes of mixed driving"
+
+
+def found_of(car: Car) -> Discovery:
+    """The entry as if it had been found; measures that no library knows are listed as undecided."""
+    roles = {role: _role(role, entry) for role, entry in car.signals.items()}
+    counts = any(role.startswith("wheel_count_") for role in roles)
+    keys = ["wheel_radius_m", "track_rear_m", "wheelbase_m", "driven_axle"]
+    if counts and car.teeth_per_rev is None:
+        keys.append("teeth_per_rev")
+    undecided = tuple(Undecided(f"vehicle.{key}", "a usual value is written", _MEASURE) for key in keys)
+    teeth = car.teeth_per_rev or 48.0
+    return Discovery(
+        "counts" if counts else "speeds",
+        roles,
+        counts_per_rev=Estimate(teeth, 0.0) if counts else None,
+        counts_probability=1.0 if car.teeth_per_rev else 0.0,
+        geometry={"wheel_radius_m": Estimate(SETTINGS.radius_m, SETTINGS.radius_std_m)},
+        undecided=undecided,
+        car=car.name,
+    )
+
+
+def field_of(entry: Mapping[str, Any]) -> Field:
+    """The field that an entry's facts describe."""
+    signal = Signal(
+        name="x",
+        start=int(entry["start"]),
+        length=int(entry["bits"]),
+        byte_order="big_endian" if entry.get("big_endian") else "little_endian",
+        is_signed=bool(entry.get("signed", False)),
+    )
+    message, _, name = str(entry["signal"]).partition(".")
+    key = int(entry["id"]) | (EXTENDED if entry.get("extended") else 0)
+    return Field(
+        message,
+        name,
+        key,
+        bit_field(signal),
+        float(entry.get("scale", 1.0)),
+        float(entry.get("offset", 0.0)),
+        str(entry.get("unit", "")),
+    )
+
+
+def _role(role: str, entry: Mapping[str, Any]) -> FoundRole:
+    return FoundRole(role, field_of(entry), SETTINGS.max_probability, modulus=int(entry.get("modulus", 0)))
