@@ -6,22 +6,20 @@ In: `BusLog`, fixes, a DBC where there is one, the tyre's size, the car library.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 from cantools.database.can import Database
 
-from tpmsd.config.dbc import counter_modulus
 from tpmsd.config.units import UNITS, canonical_unit
 from tpmsd.discovery.assign import Assignment, assign
-from tpmsd.discovery.frames import BusLog, MessageLog, RawArray
+from tpmsd.discovery.frames import BusLog
 from tpmsd.discovery.geometry import CarGeometry, counts_per_rev, driven_axle, per_metre, tyre_radius_m
 from tpmsd.discovery.library import Car, match_car
-from tpmsd.discovery.other_roles import find_gyro, other_roles
-from tpmsd.discovery.raw_fields import raw_fields
-from tpmsd.discovery.reference import Reference, make_reference
+from tpmsd.discovery.material import Material, prepare
+from tpmsd.discovery.other_roles import other_roles
 from tpmsd.discovery.result import Discovery, Estimate, FoundRole, Undecided
-from tpmsd.discovery.series import Field, Series, as_count, as_value
+from tpmsd.discovery.series import Field
 from tpmsd.discovery.settings import SETTINGS, Settings
 from tpmsd.discovery.wheels import (
     Follower,
@@ -32,10 +30,7 @@ from tpmsd.discovery.wheels import (
     physical_scale,
     placed,
 )
-from tpmsd.errors import ConfigError
 from tpmsd.sources.events import GnssFix
-from tpmsd.sources.signal_plan import EXTENDED, bit_field
-from tpmsd.wheels import FloatArray
 
 _LEAST_DRIVE_S = 30.0
 _EQUAL_R2 = 5e-4
@@ -59,108 +54,6 @@ _NICE_KMH = (
     0.5,
     1.0,
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Material:
-    """A drive, prepared; `check --drive` asks it more than one question."""
-
-    reference: Reference
-    logs: dict[int, MessageLog]
-    series: list[Series]
-    frames: int
-    has_dbc: bool
-    gyro: FloatArray | None = None
-    bus: Mapping[str, int] = field(default_factory=dict)
-
-
-def prepare(
-    log: BusLog, fixes: Sequence[GnssFix], database: Database | None, settings: Settings = SETTINGS
-) -> Material:
-    """Read every field as it could be meant."""
-    reference = make_reference(fixes, settings)
-    logs = log.messages()
-    edges = reference.edge_s
-    fields = dbc_fields(database, logs) if database is not None else _all_raw(logs, settings)
-    series: list[Series] = []
-    for one in fields:
-        message = logs[one.key]
-        try:
-            raw = message.bits(one.place)
-        except ValueError:
-            continue
-        if len(raw) < 10 or raw.min() == raw.max() or len(edges) < 3:
-            continue
-        if database is None and not _may_follow(message, raw, reference):
-            continue
-        series.append(as_value(one, message, raw, edges))
-        if not one.place.is_float and message.period_s * settings.min_rate_hz <= 1.0:
-            counted = as_count(one, message, raw, edges)
-            if counted is not None:
-                series.append(counted)
-    gyro = find_gyro(series, reference, settings) if database is not None else None
-    return Material(reference, logs, series, log.frames, database is not None, gyro)
-
-
-def _may_follow(log: MessageLog, raw: RawArray, reference: Reference) -> bool:
-    """A cheap look at a field of raw frames: does its number follow the speed, or does it count?"""
-    at = np.searchsorted(log.time_s, reference.edge_s[:: max(1, len(reference.edge_s) // 400)])
-    at = at[(at > 0) & (at < len(raw))]
-    speed = np.interp(log.time_s[at], reference.edge_s[:-1], np.nan_to_num(reference.speed_mps))
-    value = raw[at].astype(np.float64)
-    if len(at) > 20 and np.ptp(value) > 0:
-        ranks = [np.argsort(np.argsort(x)) for x in (value, speed)]
-        if np.corrcoef(ranks[0], ranks[1])[0, 1] > 0.7:
-            return True
-    step = np.diff(raw[: min(len(raw), 6000)].astype(np.float64))
-    moves = step[step != 0]
-    span = float(raw.max()) + 1.0
-    return len(moves) > 20 and bool((moves[moves > -0.5 * span] < 0).mean() < 0.02)
-
-
-def dbc_fields(database: Database, logs: Mapping[int, MessageLog]) -> list[Field]:
-    """Every signal of the DBC whose message is in the log and that is always in it."""
-    found = []
-    for message in database.messages:
-        key = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
-        if key not in logs:
-            continue
-        for signal in message.signals:
-            if signal.multiplexer_ids is not None:
-                continue
-            try:
-                place = bit_field(signal)
-            except ConfigError:
-                continue
-            scale, offset = float(signal.scale), float(signal.offset)
-            invalid = frozenset(
-                int(raw) & place.mask for raw, text in (signal.choices or {}).items() if _says_none(str(text))
-            )
-            if scale:
-                found.append(
-                    Field(
-                        message.name,
-                        signal.name,
-                        key,
-                        place,
-                        scale,
-                        offset,
-                        signal.unit or "",
-                        invalid,
-                        0 if place.is_float else counter_modulus(signal),
-                    )
-                )
-    return found
-
-
-def _says_none(text: str) -> bool:
-    return any(word in text.lower() for word in ("sna", "invalid", "fault", "error", "not avail", "notavail"))
-
-
-def _all_raw(logs: Mapping[int, MessageLog], settings: Settings) -> list[Field]:
-    return [
-        one for log in logs.values() if log.period_s * settings.min_rate_hz <= 1.0 for one in raw_fields(log)
-    ]
 
 
 def discover(

@@ -23,9 +23,9 @@ from tpmsd.config.model import Config
 from tpmsd.config.units import UNITS, canonical_unit, to_si
 from tpmsd.discovery.assign import Assignment, Role
 from tpmsd.discovery.clock_offset import best_offset
-from tpmsd.discovery.discover import Material, prepare
 from tpmsd.discovery.frames import BusLog, MessageLog
 from tpmsd.discovery.geometry import CarGeometry, driven_axle
+from tpmsd.discovery.material import Material, prepare
 from tpmsd.discovery.other_roles import physical, smooth
 from tpmsd.discovery.reference import make_reference
 from tpmsd.discovery.series import Field, Series, as_count, as_value
