@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tpmsd.cli.car_library import load_cars
 
 from bench.campaigns.drawn_buses import gnss_fixes
+from tpmsd.api.car_library import load_cars
 from tpmsd.cli.main import main
 from tpmsd.config.check import check
 from tpmsd.config.dbc import load_dbc

@@ -37,7 +37,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """List, print or write."""
-    from tpmsd.cli.car_library import load_cars
+    from tpmsd.api.car_library import load_cars
     from tpmsd.cli.discover import refuse, write_files
     from tpmsd.config.suggest import nearest
     from tpmsd.discovery.car_start import found_of
