@@ -94,9 +94,10 @@ def test_p_values_are_uniform_where_nothing_is_to_find() -> None:
 
 
 def test_a_value_that_chance_often_reaches_is_no_discovery() -> None:
-    """Counted where replicates reach it; and no tail is extended from fewer than seven."""
+    """Counted where replicates reach it; beyond all of them by the tail, the wider the fewer there are."""
     assert p_value(1.0, [0.0, 2.0, 2.0, 2.0]) == pytest.approx(0.75)
-    assert p_value(50.0, [0.0] * 3) == pytest.approx(0.25)
+    assert p_value(1.0, [0.0, 0.0, 2.0]) == pytest.approx(0.5)
+    assert p_value(12.0, [0.0]) > p_value(12.0, [0.0] * 3) > p_value(12.0, [0.0] * 9)
     assert p_value(50.0, [0.0, 1.0] * 4) < 1e-6
 
 

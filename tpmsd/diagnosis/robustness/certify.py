@@ -47,7 +47,7 @@ FALSE_DISCOVERIES = 0.01
 EXCEEDED = 3
 """Replicates beyond a finding after which it is no longer in doubt that chance makes as much."""
 FEWEST = 7
-"""Replicates before a tail is extended."""
+"""Replicates before drawing may stop for want of doubt."""
 BEYOND_DOUBT = 1e-4
 """Probability below which no further replicate changes the answer: a hundredth of the discovery rate."""
 LEAST_P = 1e-9
@@ -150,16 +150,13 @@ def p_value(value: float, maxima: Sequence[float]) -> float:
     """
     count = len(maxima)
     beyond = sum(one >= value for one in maxima)
-    counted = (beyond + 1) / (count + 1)
-    if beyond >= EXCEEDED or count < FEWEST:
-        return beyond / count if beyond >= EXCEEDED else counted
-    scale = max(math.sqrt(6.0) / math.pi * float(np.std(maxima, ddof=1)), LEAST_SCALE)
-    scale *= 1.0 + 2.0 / math.sqrt(count)
-    middle = float(np.mean(maxima)) - np.euler_gamma * scale
     if beyond:
-        return counted
+        return beyond / count if beyond >= EXCEEDED else (beyond + 1) / (count + 1)
+    spread = float(np.std(maxima, ddof=1)) if count > 1 else 0.0
+    scale = max(math.sqrt(6.0) / math.pi * spread, LEAST_SCALE) * (1.0 + 2.0 / math.sqrt(count))
+    middle = float(np.mean(maxima)) - np.euler_gamma * scale
     tail = -math.expm1(-math.exp(-(value - middle) / scale))
-    return min(max(tail, LEAST_P), counted)
+    return min(max(tail, LEAST_P), 1.0 / (count + 1))
 
 
 def discoveries(p_values: Sequence[float], rate: float) -> list[bool]:
