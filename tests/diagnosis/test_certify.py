@@ -10,16 +10,17 @@ from scipy.stats import gumbel_r, kstest
 
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.assessment.result import Diagnosis
+from tpmsd.diagnosis.assessment.result import Diagnosis, Quantity
 from tpmsd.diagnosis.diagnose import Certification, diagnose, examine
 from tpmsd.diagnosis.prepared.drive_study import first_noise
 from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.robustness.certify import certified, discoveries, p_value
+from tpmsd.diagnosis.robustness.certify import certified, discoveries, p_value, without
 from tpmsd.diagnosis.robustness.negative_control import negative_control
 from tpmsd.inference.recording import Recording
 from tpmsd.inference.replicate import replicate
 from tpmsd.inference.trajectory import reference
 from tpmsd.inference.windows import COURSE, EAST, GYRO, SPEED, Reader
+from tpmsd.physics.catalogue import make_effect
 from tpmsd.physics.model import ExtendedModel
 
 
@@ -145,3 +146,18 @@ def test_the_negative_control_sees_noise_that_is_believed_too_small(recording: R
     )
 
     assert calm < 0.0 < negative_control(study, selection)
+
+
+def test_only_what_a_suspicion_tells_of_leaves_the_model(diagnosis: Diagnosis) -> None:
+    """Effects of the model are found by name and values, however many findings have none of their own."""
+    model = ExtendedModel(
+        (make_effect("load_transfer_lateral", coefficient=2e-4), make_effect("gnss_latency", latency_s=0.1))
+    )
+    finding = diagnosis.findings[0]
+    doubtful = dataclasses.replace(
+        finding, parameters={"coefficient": Quantity(2e-4, None, "s2")}, status="suspicion"
+    )
+    other = dataclasses.replace(doubtful, parameters={"coefficient": Quantity(3e-4, None, "s2")})
+
+    assert ["gnss_latency"] == [effect.name for effect in without(model, [doubtful, other, finding])]
+    assert 2 == len(without(model, [finding, other]))

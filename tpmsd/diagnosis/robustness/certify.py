@@ -109,29 +109,35 @@ def certified(
         diagnosis,
         findings=findings,
         verdict=MISMATCH if any(stand) else CONSISTENT,
-        model=_without(diagnosis.model, _acting(selection, findings)),
+        model=without(diagnosis.model, findings),
         replicates=len(drawn[0]),
         control=control if math.isfinite(control) else None,
     )
 
 
-def _acting(selection: Selection, findings: Sequence[Finding]) -> list[bool]:
-    """Which effects of the extended model stand: those of the chosen terms in their order, then the rest."""
-    of_terms = [_of(selection, finding) for finding in findings]
-    sure = {at: finding.status == FINDING for at, finding in zip(of_terms, findings, strict=True)}
-    own = [
-        sure.get(k, True)
-        for k, one in enumerate(selection.chosen)
-        if one.term.drive is None and not one.term.calibrates
+def without(model: ExtendedModel, findings: Sequence[Finding]) -> ExtendedModel:
+    """The model less the effects of which suspicions tell."""
+    doubtful = [finding for finding in findings if finding.status != FINDING]
+    stay = [
+        k for k, effect in enumerate(model.effects) if not any(_tells_of(one, effect) for one in doubtful)
     ]
-    return own + [f.status == FINDING for at, f in zip(of_terms, findings, strict=True) if at is None]
+    return ExtendedModel(tuple(model.effects[k] for k in stay), tuple(model.stds[k] for k in stay))
 
 
-def _without(model: ExtendedModel, kept: Sequence[bool]) -> ExtendedModel:
-    pairs = [
-        pair for pair, stays in zip(zip(model.effects, model.stds, strict=True), kept, strict=True) if stays
-    ]
-    return ExtendedModel(tuple(effect for effect, _ in pairs), tuple(stds for _, stds in pairs))
+def _tells_of(finding: Finding, effect: Effect) -> bool:
+    """Whether a finding and an effect are of one name, with the same values (of a free shape, knots)."""
+    if effect.name != finding.effect:
+        return False
+    if finding.shape:
+        return tuple(at for at, _, _ in finding.shape) == tuple(getattr(effect, "knots", ()))
+    for name, quantity in finding.parameters.items():
+        value = getattr(effect, name)
+        if isinstance(quantity.value, str) or isinstance(value, str):
+            if str(value) != str(quantity.value):
+                return False
+        elif not math.isclose(float(value), quantity.value, rel_tol=1e-6, abs_tol=1e-12):
+            return False
+    return True
 
 
 def _of(selection: Selection, finding: Finding) -> int | None:
