@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
 
     outputs = Outputs(("--json", args.json))
     if args.config is None and args.drive is None:
-        raise ConfigError("give a configuration, or a drive with --drive")
+        raise ConfigError("give a configuration, or a drive with --drive (usage: tpmsd check --help)")
     result = check(args.drive if args.config is None else args.config, args.dbc)
     for warning in result.warnings:
         print(f"warning: {warning.text}", file=sys.stderr)
