@@ -61,6 +61,7 @@ CAMPAIGNS = {
         _campaign("gnss-accuracy", "radii with and without the receiver's own accuracy of its speed"),
         _campaign("decode", "CAN frames decoded per second"),
         _campaign("live", "the daemon in real time on a full bus"),
+        _campaign("discover", "discovery of unknown cars among decoys, with a DBC and without"),
         _campaign("calibrate", "calibration against the published method, and coverage of its intervals"),
         _campaign(
             "diagnosis", "the diagnosis on drives whose truth is sealed", "diagnosis.run", "bench-diagnose.md"

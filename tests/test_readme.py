@@ -14,6 +14,7 @@ from tpmsd.sources.nmea_sentence import decode_sentence
 
 REPO = Path(__file__).resolve().parent.parent
 README = (REPO / "README.md").read_text(encoding="utf-8")
+FITTING = (REPO / "docs" / "fitting.md").read_text(encoding="utf-8")
 
 
 def block(language: str) -> str:
@@ -22,10 +23,17 @@ def block(language: str) -> str:
     return str(text)
 
 
+def configuration() -> str:
+    """The complete vehicle.toml of docs/fitting.md."""
+    found = re.findall(r"```toml\n(.*?)```", FITTING, re.DOTALL)
+    (text,) = [text for text in found if "wheel_radius_m" in text]
+    return str(text)
+
+
 def test_the_configuration_of_the_readme_is_right(tmp_path: Path) -> None:
     """The vehicle.toml shown there loads, with the values it shows."""
     file = tmp_path / "vehicle.toml"
-    file.write_text(block("toml"), encoding="utf-8")
+    file.write_text(configuration(), encoding="utf-8")
     (tmp_path / "bus.dbc").touch()
     config = load_config(file)
 
@@ -36,7 +44,7 @@ def test_the_configuration_of_the_readme_is_right(tmp_path: Path) -> None:
 
 def test_the_readme_names_every_optional_role() -> None:
     """A signal that tpmsd can use is named where one looks for it."""
-    assert [] == [role for role in OPTIONAL_ROLES if role not in block("toml")]
+    assert [] == [role for role in OPTIONAL_ROLES if role not in configuration()]
 
 
 def test_the_sentence_of_the_readme_is_sound() -> None:
