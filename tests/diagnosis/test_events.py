@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -10,6 +12,8 @@ import pytest
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
 from tpmsd.diagnosis.diagnose import diagnose
+from tpmsd.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.diagnosis.reporting.down_weighted import down_weighted
 from tpmsd.physics.catalogue import EFFECTS, EVENTS
 
 
@@ -47,3 +51,23 @@ def test_both_wheels_of_an_axle_that_spin_on_ice_are_one_finding() -> None:
     assert pytest.approx(12.0, abs=2.0) == values["duration_s"]
     ((begin, end),) = finding.where.time_spans
     assert pytest.approx((200.0, 212.0), abs=2.0) == (begin, end)
+
+
+def test_what_robust_weights_took_away_is_told_with_its_place() -> None:
+    """Readings of two blocks weigh a quarter: three quarters of a channel's data there, and their span."""
+    drive = SimpleNamespace(
+        reader=SimpleNamespace(
+            windows=SimpleNamespace(
+                measured=np.zeros((120, 9)), time_s=np.arange(120) + 0.5, __len__=lambda: 120
+            )
+        ),
+        inflate=np.ones((120, 9)),
+        blocks=np.arange(120) // 30,
+    )
+    drive.inflate[30:90] = 4.0
+
+    told = down_weighted([cast(DriveStudy, drive)])
+
+    assert pytest.approx(0.375) == told.share
+    assert pytest.approx(0.375) == told.by_channel["gnss_speed"]
+    assert ((30.0, 90.0),) == told.time_spans

@@ -40,6 +40,13 @@ def diagnosis_document(
         "evidence": [{"effect": name, "gain": gain} for name, gain in diagnosis.evidence],
         "reach": None if diagnosis.reach is None else _reach(diagnosis.reach),
     }
+    if diagnosis.down_weighted is not None:
+        removed = diagnosis.down_weighted
+        document["down_weighted"] = {
+            "share": removed.share,
+            "channels": removed.by_channel,
+            "time_spans": [list(span) for span in removed.time_spans],
+        }
     if diagnosis.baseline == ("simulation",):
         document["simulation"] = {"effects": list(diagnosis.simulation)}
     if diagnosis.explanatory:

@@ -37,6 +37,16 @@ class Where:
 
 
 @dataclass(frozen=True)
+class DownWeighted:
+    """What robust weights took out of the data because no hypothesis explains it."""
+
+    share: float
+    by_channel: dict[str, float]
+    time_spans: tuple[tuple[float, float], ...]
+    """Where much of it was lost, seconds from the first drive's start."""
+
+
+@dataclass(frozen=True)
 class Explanatory:
     """A variable that the tyre model tells, and what it would explain; gains in sample, nats."""
 
@@ -114,6 +124,8 @@ class Diagnosis:
     """Drawn for the certificate of the findings; 0 without one."""
     control: float | None = None
     """Largest penalised gain (nats) of a shape over covariates that cannot act; None if not asked for."""
+    down_weighted: DownWeighted | None = None
+    """None where the data are insufficient."""
     inner: Inner | None = field(default=None, repr=False)
 
 
