@@ -6,7 +6,7 @@ import pytest
 
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis import diagnose as whole
+from tpmsd.diagnosis import stages as whole
 from tpmsd.diagnosis.diagnose import diagnose
 
 WARMING = {"strange_gyro_warming": {"size_radps": 0.002, "warming_s": 211.0}}

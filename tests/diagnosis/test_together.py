@@ -8,7 +8,7 @@ import pytest
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
 from tests.diagnosis.test_beside_shapes import Given, columns, directions, evidence, shape
-from tpmsd.diagnosis import diagnose as whole
+from tpmsd.diagnosis import stages as whole
 from tpmsd.diagnosis.diagnose import diagnose
 from tpmsd.diagnosis.hypotheses.terms import PATTERNS, Term
 from tpmsd.diagnosis.robustness.together import _changed_radius, _common_shape

@@ -133,7 +133,7 @@ ALTERNATIVES: tuple[Alternative, ...] = (
     # Slow noise at its likeliest without the term: the receiver's for what all wheels share, radius drift.
     lambda study, selection, evidence, before: confirmed(study, selection, evidence),
     # Usual radius drift, where one group of wheels has nearly all of it to itself.
-    together,
+    lambda study, selection, evidence, before: together(study, selection, evidence, before),
     # Usual drift of the gyro's zero, where it drifts far and smoothly.
     lambda study, selection, evidence, before: drifting(study, selection, evidence),
 )
