@@ -11,6 +11,8 @@ from tests.diagnosis.test_beside_shapes import Given, columns, directions, evide
 from tpmsd.diagnosis import stages as whole
 from tpmsd.diagnosis.diagnose import diagnose
 from tpmsd.diagnosis.hypotheses.terms import PATTERNS, Term
+from tpmsd.diagnosis.prepared import study
+from tpmsd.diagnosis.prepared.study import unusable
 from tpmsd.diagnosis.robustness.together import _changed_radius, _common_shape
 from tpmsd.diagnosis.selection.selector import Selector
 from tpmsd.wheels import WHEELS, FloatArray
@@ -97,7 +99,10 @@ BRAKES = {"strange_brake_heat": {"wheels": [0, 1], "cooling_s": 66.0, "size_m": 
 
 
 def test_an_axle_that_warms_with_every_braking_is_no_wander(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A shape with a memory, which no covariate holds: found on its axle; without the question it was not."""
+    """A shape with a memory, which nothing else holds where its effect is unknown: found on its axle; without
+    the question it was not.
+    """
+    monkeypatch.setattr(study, "unusable", lambda reader: unusable(reader) | {"brake_heat"})
     recording = recording_of(drive(Spec(duration_s=700.0, road="rural", physics=BRAKES), 3))
     diagnosis = diagnose([recording])
     monkeypatch.setattr(whole, "together", lambda study, selection, evidence, before: (selection, evidence))
@@ -107,6 +112,17 @@ def test_an_axle_that_warms_with_every_braking_is_no_wander(monkeypatch: pytest.
     assert {"unknown"} == {finding.effect for finding in diagnosis.findings}
     assert {("fl", "fr")} == {finding.where.wheels for finding in diagnosis.findings}
     assert not any(finding.where.wheels == ("fl", "fr") for finding in without.findings)
+
+
+def test_an_axle_that_warms_with_every_braking_has_a_name() -> None:
+    """Another world's brakes: the axle and the time of cooling."""
+    recording = recording_of(drive(Spec(duration_s=700.0, road="rural", physics=BRAKES), 3))
+    findings = diagnose([recording]).findings
+
+    assert [("brake_heat", ("fl", "fr"))] == [(one.effect, one.where.wheels) for one in findings]
+    cooling = findings[0].parameters["cooling_s"]
+    assert cooling.std is not None
+    assert abs(cooling.value - 66.0) < 3.0 * cooling.std + 10.0
 
 
 def test_wheels_that_wander_each_for_itself_are_no_finding() -> None:
