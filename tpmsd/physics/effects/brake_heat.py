@@ -52,6 +52,7 @@ class BrakeHeat(Effect):
             "k, radius per braking energy and mass",
             probe=1e-8,
             prior=Prior(7e-7, 7e-7, "0.3 mm after a stop from 100 km/h"),
+            fitted=(0.0, 1e-4),  # no brake cools a wheel
         ),
         Parameter(
             "cooling_s",
