@@ -277,7 +277,9 @@ class Hypotheses:
                 design[a[i] + 1, 0], design[a[j] + 1, 0] = 1.0, -1.0
             span = (float(middle[i]), float(middle[j]))
             slip = -float(score[i, j] / max(size[i, j], floor)) / self.mean_radius_m(place)
-            for effect in (FREE.name, *self._events(place, slip, span[1] - span[0])):
+            # Of an axle, events alone: a shape over what both wheels share is told better by its covariate.
+            free = (FREE.name,) if len(wheels) == 1 else ()
+            for effect in (*free, *self._events(place, slip, span[1] - span[0])):
                 out.append((float(gain[i, j]), self._pulse(effect, place, span, design)))
         return out
 

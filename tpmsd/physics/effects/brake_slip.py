@@ -27,6 +27,8 @@ class BrakeSlip(Effect):
     telling_drive: ClassVar[str] = "brake firmly and gently from the same speed on a straight, ten times"
     shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "accel_long")
     one_sign: ClassVar[bool] = True
+    ratio_limits: ClassVar[tuple[float, float]] = (0.2, 1.0)
+    """The front brakes bear half to five sixths of the force."""
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(
             "front",
@@ -37,6 +39,7 @@ class BrakeSlip(Effect):
             "c of the front wheels",
             probe=1e-5,
             prior=Prior(2e-3, 2e-3, "two thirds of the force in front"),
+            fitted=(0.0, 0.1),
         ),
         Parameter(
             "rear",
@@ -47,10 +50,11 @@ class BrakeSlip(Effect):
             "c of the rear wheels",
             probe=1e-5,
             prior=Prior(1e-3, 1.5e-3, "one third of the force at the rear"),
+            fitted=(0.0, 0.1),
         ),
     )
-    front: float = 0.0
-    rear: float = 0.0
+    front: float
+    rear: float
 
     @classmethod
     def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
