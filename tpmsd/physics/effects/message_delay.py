@@ -39,6 +39,7 @@ class MessageDelay(Effect):
             "age of the front wheels beyond that of the rear ones",
             probe=0.001,
             prior=Prior(0.0, 0.015, "messages of 10 to 50 ms, sent in turn"),
+            fitted=(-0.05, 0.05),  # no longer than a period
         ),
     )
     front_s: float
