@@ -115,7 +115,7 @@ class Effect:
     """Whether nature knows but one sign (positive) of its first parameter."""
     needs: ClassVar[tuple[str, ...]] = ()
     """Readings without which no drive shows it: `yaw_rate`, `gnss` (any), `gnss_speed`, `gnss_position`,
-    `slopes`, `heights` (slopes by the receiver's alone), `speeds` (no counts on the bus), `temperature`."""
+    `slopes`, `heights` or `accelerometer` (slopes by these), `speeds` (no counts), `temperature`."""
     looks: ClassVar[Look] = Look.OTHER
     beside: ClassVar[tuple[str, ...]] = ()
     """Effects beside which it must be needed, where shapes act that no formula holds."""

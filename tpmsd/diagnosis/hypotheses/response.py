@@ -92,6 +92,7 @@ def available(reader: Reader) -> frozenset[str]:
         "gnss_position": known[EAST] > 2 * FEW,
         "slopes": reader.reference.grade_known,
         "heights": by == "heights",
+        "accelerometer": by == "accelerometer",
         "speeds": bool((reader.recording.quantum_rad == 0.0).all()),
         "temperature": "temperature" in reader.windows.covariates,
     }

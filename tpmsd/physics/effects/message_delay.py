@@ -28,6 +28,8 @@ class MessageDelay(Effect):
     sentence: ClassVar[str] = "the wheels of one message are older than those of another"
     telling_drive: ClassVar[str] = "accelerate and brake firmly on a straight, ten times"
     shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "accel_long")
+    needs: ClassVar[tuple[str, ...]] = ("accelerometer",)
+    """Where slopes come from heights, drive force is too uncertain to be told from a delay."""
     contrast: ClassVar[bool] = True
     parameters: ClassVar[tuple[Parameter, ...]] = (
         Parameter(
