@@ -153,8 +153,8 @@ def test_a_drive_without_ticks_is_no_drive() -> None:
         (["nowhere"], 3, "nowhere: no such drive folder"),
         (["nowhere", "--method", "magic"], 2, "no such method: 'magic' (methods: joint paper)"),
         (["nowhere", "--plot", "p.txt"], 2, "p.txt: a plot ends in .png, .svg, .pdf, not in '.txt'"),
-        (["nowhere", "--write", "/"], 2, "/: a folder; --write takes the name of a file"),
-        (["nowhere", "--write", "none/v.toml"], 2, "none/v.toml: no such folder: none"),
+        (["nowhere", "--write", "/"], 1, "--write /: a folder; the name of a file is wanted"),
+        (["nowhere", "--write", "none/v.toml"], 1, "--write none/v.toml: there is no folder none"),
     ],
 )
 def test_wrong_usage_is_one_line(

@@ -62,7 +62,7 @@ def gone(name: str) -> Damage:
         (changed("gnss.nmea", r"\*..$", "*ZZ"), 3, "no position fixes"),
         (changed("bus.dbc", r"^BO_ (\d)", r"BO_ 1\1"), 3, "wrong DBC or log"),
         (changed("bus.dbc", "CNT_RL", "SOMETHING"), 2, "CNT_RL"),
-        (noise("bus.dbc"), 2, "not a readable CAN database"),
+        (noise("bus.dbc"), 2, "not a bus description"),
         (changed("vehicle.toml", r"^teeth_per_rev.*$", "teeth_per_rev = -1"), 2, "teeth_per_rev"),
         (cut("vehicle.toml", 0.1), 2, "vehicle.toml"),
     ],

@@ -38,7 +38,8 @@ class RememberedEstimator:
         self._key = key
         self._restored: dict[str, Any] | None = None
         self._kept: Array | None = None
-        self._end: dict[str, Any] | None = None
+        self._snapshots: dict[int, dict[str, Any]] = {}
+        """By the number of ticks before each: the guard of the pipeline asks for one every few seconds."""
         self._ticks: list[Tick] = []
         self._rows: list[Array] = []
         self._loaded = False
@@ -58,30 +59,35 @@ class RememberedEstimator:
         self._ticks.append(tick)
         if self._kept is not None and number < len(self._kept):
             return _unpacked(self._kept[number])
-        while self._really < number:
-            self._rows.append(_packed(self._real.step(self._ticks[self._really])))
-            self._really += 1
-        self._really += 1
-        estimate = self._real.step(tick)
-        self._rows.append(_packed(estimate))
-        return estimate
+        return self._catch_up()
 
     def snapshot(self) -> dict[str, Any]:
         """What was learned by the last tick."""
-        if self._kept is not None and self._end is not None and len(self._ticks) == len(self._kept):
-            return self._end
-        for tick in self._ticks[self._really :]:  # another end than the last time: the state was not kept
-            self._real.step(tick)
-        return self._real.snapshot()
+        number = len(self._ticks)
+        if number not in self._snapshots:  # not asked for at this tick the last time
+            if self._really < number:
+                self._catch_up()
+            self._snapshots[number] = self._real.snapshot()
+        return self._snapshots[number]
+
+    def _catch_up(self) -> RadiusEstimate:
+        """Let the real one see the ticks that it has not seen; at least one."""
+        for tick in self._ticks[self._really :]:
+            estimate = self._real.step(tick)
+            self._rows.append(_packed(estimate))
+        self._really = len(self._ticks)
+        return estimate
 
     def keep(self) -> None:
         """Write down what the real one was asked for."""
-        if not self._rows:
-            return
+        if len(self._rows) <= (0 if self._kept is None else len(self._kept)):
+            return  # no more than is there
         self._folder.mkdir(parents=True, exist_ok=True)
         file = self._file()
         part = file.with_suffix(".part.npz")
-        np.savez(part, rows=np.array(self._rows), end=np.array(json.dumps(self._real.snapshot())))
+        self.snapshot()
+        snapshots = np.array(json.dumps({str(number): one for number, one in self._snapshots.items()}))
+        np.savez(part, rows=np.array(self._rows), snapshots=snapshots)
         part.replace(file)
 
     def _file(self) -> Path:
@@ -94,7 +100,8 @@ class RememberedEstimator:
         if file.exists():
             with np.load(file) as kept:
                 self._kept = np.asarray(kept["rows"], dtype=np.float64)
-                self._end = json.loads(str(kept["end"]))
+                told = json.loads(str(kept["snapshots"]))
+                self._snapshots = {int(number): one for number, one in told.items()}
 
 
 def _packed(estimate: RadiusEstimate) -> Array:

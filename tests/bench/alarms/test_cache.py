@@ -45,9 +45,9 @@ def test_what_is_remembered_is_not_estimated_again(leaking: Driven, tmp_path: Pa
     hear(leaking, memory=tmp_path)
     (file,) = tmp_path.glob("*.npz")
     with np.load(file) as kept:
-        rows, end = kept["rows"], kept["end"]
+        rows, snapshots = kept["rows"], kept["snapshots"]
     rows[:, 1:5] = 0.0
-    np.savez(file, rows=rows, end=end)
+    np.savez(file, rows=rows, snapshots=snapshots)
 
     assert not hear(leaking, memory=tmp_path).raised("deflation")
 
