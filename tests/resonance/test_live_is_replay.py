@@ -11,6 +11,7 @@ from tests.daemon.fakes import car
 from tests.resonance.test_watch import RADIUS_M, RATE_HZ, drive, readings
 from tpmsd.config.load import load_config
 from tpmsd.config.model import Config
+from tpmsd.estimators.agreement import AGREED, Agreement
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.estimators.build import monitored_wheels
 from tpmsd.monitor.monitor import Monitor
@@ -34,11 +35,15 @@ class Listening(Monitor):
     heard: list[tuple[float, ResonanceEvidence | None]]
 
     def update(
-        self, tick: Tick, estimate: RadiusEstimate, resonance: ResonanceEvidence | None = None
+        self,
+        tick: Tick,
+        estimate: RadiusEstimate,
+        resonance: ResonanceEvidence | None = None,
+        agreement: Agreement = AGREED,
     ) -> MonitorReport:
         """As the monitor."""
         self.heard.append((tick.time_s, resonance))
-        return super().update(tick, estimate, resonance)
+        return super().update(tick, estimate, resonance, agreement)
 
 
 @pytest.fixture(scope="module")

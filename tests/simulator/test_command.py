@@ -182,6 +182,7 @@ def test_the_examples_of_the_help_are_right(
     """Each example of --help is a command line that the command understands."""
     save_model(tmp_path / "model.toml", ExtendedModel())
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")  # no line is wrapped
     assert 0 == main(["simulate", "--help"])
     text = capsys.readouterr().out.replace("\\\n", " ")
     examples = [
