@@ -106,7 +106,7 @@ REFUSED: dict[str, tuple[Damage, int, str]] = {
         2,
         "vehicle.toml: can.signals.wheel_count_fl: the DBC has no",
     ),
-    "garbage DBC": (put("bus.dbc", NOISE), 2, "bus.dbc: not a readable CAN database"),
+    "garbage DBC": (put("bus.dbc", NOISE), 2, "bus.dbc: not a bus description"),
     "missing signal": (
         edited("vehicle.toml", "wheel_count_rl", "# wheel_count_rl"),
         2,

@@ -171,10 +171,10 @@ def test_the_descriptor_tells_a_foreign_event_loop_when_to_serve(daemon: Daemon)
 @pytest.mark.parametrize(
     ("request_", "error"),
     [
-        (b"reboot\n", "unknown request; known are status, watch and reset"),
-        (b'{"request": ["status"]}\n', "unknown request; known are status, watch and reset"),
-        (b"{}\n", "unknown request; known are status, watch and reset"),
-        (b"GET / HTTP/1.1\r\nHost: x\r\n\r\n", "unknown request; known are status, watch and reset"),
+        (b"reboot\n", "unknown request; known are status, watch, explain and reset"),
+        (b'{"request": ["status"]}\n', "unknown request; known are status, watch, explain and reset"),
+        (b"{}\n", "unknown request; known are status, watch, explain and reset"),
+        (b"GET / HTTP/1.1\r\nHost: x\r\n\r\n", "unknown request; known are status, watch, explain and reset"),
         (b'{"request": \n', "the request is neither a word nor a JSON object"),
         (b"\xff\xfe\n", "the request is neither a word nor a JSON object"),
         (b'{"request":' + b"[" * 4000 + b"\n", "the request is neither a word nor a JSON object"),

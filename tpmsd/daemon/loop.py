@@ -304,7 +304,7 @@ class Daemon:
             if self._stamps is not None:
                 self._stamps.reset()
         self._state.service(monotonic_s, self._pipeline.snapshot)
-        self._notices.service(self._clock.to_real(monotonic_s))
+        self._notices.service(monotonic_s / self._clock.scale)
         self._tell(monotonic_s)
         if self._second.due(monotonic_s):
             if self._server is not None:
