@@ -34,7 +34,7 @@ from tpmsd.errors import InputError, TpmsdError
 from tpmsd.physics.model_file import load_model
 from tpmsd.pipeline import Pipeline
 from tpmsd.sinks.state_file import load_state, save_state
-from tpmsd.sinks.status_client import StatusError, _parse
+from tpmsd.sinks.status_client import StatusError, parse_status
 from tpmsd.sinks.status_server import MAX_REQUEST_BYTES, StatusServer
 from tpmsd.sources.can_decoder import CanDecoder, load_database
 from tpmsd.sources.can_log import read_can_log
@@ -290,7 +290,7 @@ def status(data: bytes) -> None:
     served.publish(41.0)
     assert served.clients == 0
     try:
-        _parse(folder() / "status.sock", data)
+        parse_status(folder() / "status.sock", data)
     except StatusError as error:
         assert "\n" not in str(error)
 
