@@ -52,19 +52,18 @@ class Feed:
     def __init__(self, master: int, link: ReceiverLink, epoch: Epoch) -> None:
         self._master, self.link, self._epoch = master, link, epoch
         self._assembler = NmeaAssembler()
-        self._number = 0
+        self._first = self._last = int(time.time() * RATE_HZ)
         self.fixes: list[GnssFix] = []
 
     def drive(self, seconds: float) -> None:
         """Go on for so long."""
         end_s = time.monotonic() + seconds
-        next_s = time.monotonic()
         while time.monotonic() < end_s:
             now_s = time.time()
-            if time.monotonic() >= next_s:
-                os.write(self._master, self._epoch(self._number, int(now_s * RATE_HZ) / RATE_HZ))
-                self._number += 1
-                next_s += 1.0 / RATE_HZ
+            if (epoch := int(now_s * RATE_HZ)) > self._last:
+                # Where the car is follows from the time of validity, however late this loop is.
+                os.write(self._master, self._epoch(epoch - self._first, epoch / RATE_HZ))
+                self._last = epoch
             self.link.service(time.monotonic())
             for stamp_s, line in self.link.read(time.monotonic(), now_s):
                 self._take(self._assembler.feed(stamp_s, line))
