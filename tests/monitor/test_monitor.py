@@ -30,7 +30,7 @@ def learned(wheels: tuple[int, ...] = ALL, **settings_: float) -> Player:
 
 
 def test_the_baseline_is_frozen_after_the_informative_time() -> None:
-    """Only driving that teaches counts; the fraction rises to one; then each wheel is monitored."""
+    """Only informative driving counts; the fraction rises to one; then each wheel is monitored."""
     player = Player(monitor(learn_s=45.0))
     player.play(300.0, informative=False)
     assert (0.0, False) == (player.last.learning_fraction, player.monitor.baseline.ready)

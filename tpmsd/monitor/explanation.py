@@ -110,7 +110,7 @@ class Explanation:
         at, hold_s = self._settings.clear_probability, self._settings.clear_hold_s
         of = "that it differs from its fellow as no set does" if event.since else "of it"
         return (
-            f"the probability {of} is at most {at:g} for {hold_s:g} s of driving that teaches "
+            f"the probability {of} is at most {at:g} for {hold_s:g} s of informative driving "
             f"(it was {event.probability:.3f}), or a reset is accepted"
         )
 

@@ -156,7 +156,7 @@ def markdown(figures: dict[str, Any]) -> str:
         ("- receiver's Doppler as old as its position", percent(figures["clean_wrong_even_doppler"]), ""),
         ("- Doppler 20 to 100 ms older", percent(figures["clean_wrong_late_doppler"]), ""),
         (
-            "- multi-body car, nothing laid over it: with a false name",
+            "- multi-body car, null drive: with a false name",
             percent(figures["multibody_clean_false"]),
             "",
         ),

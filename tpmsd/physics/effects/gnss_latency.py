@@ -28,7 +28,7 @@ class GnssLatency(Effect):
     beside: ClassVar[tuple[str, ...]] = ("velocity_lag",)
     beside_value: ClassVar[tuple[str, ...]] = ("lateral_slip",)
     in_calibration: ClassVar[Mapping[str, tuple[str, str]]] = {"latency": ("latency_s", "s")}
-    sentence: ClassVar[str] = "the receiver's fixes are older than they seem"
+    sentence: ClassVar[str] = "a fix arrives later than it was valid (GNSS latency)"
     telling_drive: ClassVar[str] = "accelerate and brake firmly on a straight, ten times"
     shows_in: ClassVar[tuple[str, str]] = ("gnss_speed", "accel_long")
     one_sign: ClassVar[bool] = True
