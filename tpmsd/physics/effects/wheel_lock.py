@@ -5,20 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from tpmsd.errors import ConfigError
-from tpmsd.physics.effect import Effect, Kind, Parameter, Prior, TextParameter
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.physics.spans import wheel_mask, within
-from tpmsd.wheels import FloatArray
-
-LEAST = 0.003
-"""Slip below which a tyre creeps on a dry road under ordinary force (F_x/F_z of 0.05 is 0.0023)."""
-SHORTEST_S, LONGEST_S = 2.0, 120.0
-"""Two windows, and a long stretch of ice: what lasts longer is a changed tyre or a warm brake."""
+from tpmsd.physics.effect import Kind, Parameter, Prior, TextParameter
+from tpmsd.physics.slip_event import LEAST_SLIP, LONGEST_S, SHORTEST_S, SlipEvent
 
 
 @dataclass(frozen=True)
-class WheelLock(Effect):
+class WheelLock(SlipEvent):
     """Wheels turn slower than they roll, by a constant share (-1: they stand), from the onset on for so long.
 
     Source: a brake's force beyond what the ground gives; anti-lock systems hold slips of -0.05 to -0.2, and a
@@ -47,28 +39,8 @@ class WheelLock(Effect):
         Parameter("onset_s", "s", 300.0, -1e6, 1e6, "when it begins, from the drive's start"),
         Parameter("duration_s", "s", 20.0, 0.0, 1e7, "how long it lasts"),
     )
-    wheels: str
-    slip: float
-    onset_s: float
-    duration_s: float
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        try:
-            wheel_mask(self.wheels)
-        except ValueError as error:
-            raise ConfigError(f"effect {self.name}: {error}") from None
 
     @classmethod
     def fits_span(cls, slip: float, duration_s: float, driven: bool) -> bool:
         """Wheels that turn slower, by more than ordinary force makes them."""
-        return slip <= -LEAST and SHORTEST_S <= duration_s <= LONGEST_S
-
-    def not_compensated(self, signals: frozenset[str]) -> str | None:
-        """It belongs to its drive."""
-        return "it belongs to the drive on which it was found"
-
-    def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
-        """(n, 4) the slip on its wheels within its span, zero elsewhere."""
-        share = within(motion.time_s, self.onset_s, self.duration_s)
-        return self.slip * share[:, None] * wheel_mask(self.wheels)
+        return slip <= -LEAST_SLIP and SHORTEST_S <= duration_s <= LONGEST_S
