@@ -36,3 +36,13 @@ def plain(obj: Any) -> Any:
     if hasattr(obj, "tolist"):  # numpy arrays and scalars, without importing numpy here
         return plain(obj.tolist())
     raise TypeError(f"cannot be written as JSON: {type(obj).__name__}")
+
+
+def finite(value: float) -> float | None:
+    """`value`, or None where JSON has no number for it (NaN, infinity)."""
+    return float(value) if math.isfinite(value) else None
+
+
+def millimetres(length_m: float) -> float | None:
+    """`length_m` in mm, to a nanometre: finer digits carry nothing."""
+    return round(1e3 * float(length_m), 6) if math.isfinite(length_m) else None

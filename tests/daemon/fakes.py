@@ -10,23 +10,13 @@ from typing import Any
 
 from cantools.database.can import Database
 
+from tests.sources_can.build import COUNTERS_DBC
 from tpmsd.config.load import load_config
 from tpmsd.config.model import CanConfig, Config
 from tpmsd.daemon.bus_link import OpenBus
 from tpmsd.sources.can_decoder import load_database
 from tpmsd.sources.can_frame import CanFrame
 from tpmsd.sources.can_live import CanDown
-
-DBC = """VERSION ""
-NS_ :
-BS_:
-BU_: CAR
-BO_ 176 WHEELS: 8 CAR
- SG_ FL : 0|16@1+ (1,0) [0|65535] "" CAR
- SG_ FR : 16|16@1+ (1,0) [0|65535] "" CAR
- SG_ RL : 32|16@1+ (1,0) [0|65535] "" CAR
- SG_ RR : 48|16@1+ (1,0) [0|65535] "" CAR
-"""
 
 VEHICLE = """[vehicle]
 wheel_radius_m = 0.3
@@ -55,7 +45,7 @@ file = "state.json"
 def car(folder: Path, extra: str = "", channel: str = "fake") -> tuple[Config, Database]:
     """A configuration in a folder, with `extra` tables behind it."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "bus.dbc").write_text(DBC, encoding="utf-8")
+    (folder / "bus.dbc").write_text(COUNTERS_DBC, encoding="utf-8")
     (folder / "vehicle.toml").write_text(VEHICLE.format(channel=channel) + extra, encoding="utf-8")
     config = load_config(folder)
     return config, load_database(config.can.dbc)

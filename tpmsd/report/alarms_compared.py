@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from tpmsd.diagnosis.assessment.result import Finding
+from tpmsd.monitor.alarm_entry import alarm_entry
 from tpmsd.monitor.records import AlarmEvent, AlarmKind
 from tpmsd.physics.catalogue import FAULT
-from tpmsd.report.replay_document import alarm_entry
 from tpmsd.report.replay_result import ReplayResult
 from tpmsd.report.wording import drive_time, wheel_name
 from tpmsd.wheels import WHEELS, FloatArray

@@ -15,14 +15,15 @@ from typing import Any
 
 from tpmsd import __version__
 from tpmsd.estimators.base import RadiusEstimate
+from tpmsd.monitor.alarm_entry import alarm_entry
 from tpmsd.monitor.records import (
-    AlarmEvent,
     AlarmKind,
     LearningReport,
     MonitorReport,
     WheelReport,
     WheelState,
 )
+from tpmsd.plain import finite, millimetres
 from tpmsd.resonance.watch import ResonanceStatus
 from tpmsd.sinks.status_version import DOCUMENT_VERSION
 from tpmsd.wheels import WHEELS
@@ -85,29 +86,20 @@ def build_status(
     return {
         "version": DOCUMENT_VERSION,
         "tpmsd": __version__,
-        "time": None if report is None else _number(report.time_s),
-        "uptime_s": _number(loop.uptime_s),
+        "time": None if report is None else finite(report.time_s),
+        "uptime_s": finite(loop.uptime_s),
         "ticks": loop.ticks,
         "missed_deadlines": loop.missed_deadlines,
-        "learning_fraction": None if report is None else _number(report.learning_fraction),
+        "learning_fraction": None if report is None else finite(report.learning_fraction),
         "baseline": None if report is None or report.learning is None else _baseline(report.learning),
         "can": {**_source(can, "channel"), "frames": can.received},
         "gnss": {**_source(gnss, "device"), "fixes": gnss.received},
         "wheels": {} if report is None else {wheel.wheel: _wheel(wheel) for wheel in report.wheels},
         "watch": None if report is None else _watch(report),
         "resonance": None if resonance is None else _resonance(report, resonance),
-        "alarms": [] if report is None else [_alarm(alarm) for alarm in report.active],
+        "alarms": [] if report is None else [alarm_entry(alarm) for alarm in report.active],
         "estimator": None if estimate is None else _estimator(estimate, method),
     }
-
-
-def _number(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
-def _mm(length_m: float) -> float | None:
-    # A nanometre is below all that is known; it spares the reader 15 digits.
-    return round(1e3 * float(length_m), 6) if math.isfinite(length_m) else None
 
 
 def _source(source: SourceHealth, name_key: str) -> dict[str, Any]:
@@ -115,7 +107,7 @@ def _source(source: SourceHealth, name_key: str) -> dict[str, Any]:
         "state": str(source.state),
         name_key: source.name,
         "faults": dict(source.faults),
-        "age_s": _number(source.age_s),
+        "age_s": finite(source.age_s),
         "detail": source.detail,
     }
 
@@ -150,30 +142,14 @@ def _resonance(report: MonitorReport | None, resonance: Sequence[ResonanceStatus
 def _wheel(wheel: WheelReport) -> dict[str, Any]:
     return {
         "state": str(wheel.state),
-        "deviation_mm": _mm(wheel.deviation_m),
-        "std_mm": _mm(wheel.std_m),
-        "change_mm": _mm(wheel.change_m),
-        "change_std_mm": _mm(wheel.change_std_m),
-        "deflation_probability": _number(wheel.deflation_probability),
-        "deviation_probability": _number(wheel.deviation_probability),
-        "pressure_loss_percent": _number(100.0 * wheel.pressure_loss),
-        "pressure_loss_std_percent": _number(100.0 * wheel.pressure_loss_std),
-    }
-
-
-def _alarm(alarm: AlarmEvent) -> dict[str, Any]:
-    return {
-        "time": _number(alarm.time_s),
-        "kind": str(alarm.kind),
-        "wheel": alarm.wheel,
-        "state": alarm.state,
-        "deviation_mm": _mm(alarm.deviation_m),
-        "std_mm": _mm(alarm.std_m),
-        "probability": _number(alarm.probability),
-        "pressure_loss_percent": _number(100.0 * alarm.pressure_loss),
-        "pressure_loss_std_percent": _number(100.0 * alarm.pressure_loss_std),
-        "reason": alarm.reason,
-        **({"since": alarm.since} if alarm.since else {}),
+        "deviation_mm": millimetres(wheel.deviation_m),
+        "std_mm": millimetres(wheel.std_m),
+        "change_mm": millimetres(wheel.change_m),
+        "change_std_mm": millimetres(wheel.change_std_m),
+        "deflation_probability": finite(wheel.deflation_probability),
+        "deviation_probability": finite(wheel.deviation_probability),
+        "pressure_loss_percent": finite(100.0 * wheel.pressure_loss),
+        "pressure_loss_std_percent": finite(100.0 * wheel.pressure_loss_std),
     }
 
 
@@ -181,7 +157,7 @@ def _baseline(learning: LearningReport) -> dict[str, Any]:
     return {
         "tyres": learning.tyres,
         "sets": list(learning.sets),
-        "learned_s": _number(learning.learned_s),
+        "learned_s": finite(learning.learned_s),
         "samples_by_kmh": {str(kmh): samples for kmh, samples in learning.samples_by_kmh},
         "reset": learning.reset,
         "reset_reason": learning.reset_reason,
@@ -193,9 +169,9 @@ def _estimator(estimate: RadiusEstimate, method: str) -> dict[str, Any]:
     return {
         "method": method,
         "informative": bool(estimate.informative),
-        "informative_s": _number(estimate.informative_s),
-        "speed_mps": _number(estimate.speed_mps),
-        "position_std_m": _number(estimate.position_std_m),
-        "gnss_age_s": _number(estimate.gnss_age_s),
-        "effective_particles": _number(estimate.effective_particles),
+        "informative_s": finite(estimate.informative_s),
+        "speed_mps": finite(estimate.speed_mps),
+        "position_std_m": finite(estimate.position_std_m),
+        "gnss_age_s": finite(estimate.gnss_age_s),
+        "effective_particles": finite(estimate.effective_particles),
     }

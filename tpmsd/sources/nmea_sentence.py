@@ -235,28 +235,23 @@ def _rmc(fields: _Fields, checksummed: bool) -> NmeaReading:
 def _gga(fields: _Fields, checksummed: bool) -> NmeaReading:
     text = fields.text("gps_qual")
     quality = int(text) if text.isascii() and text.isdigit() and len(text) == 1 else 0
-    latitude, longitude, wrong = fields.position()
-    return NmeaReading(
-        "GGA",
-        checksummed,
-        time_of_day_s=fields.time_of_day(),
-        valid=quality in _MEASURED,
-        latitude_deg=latitude,
-        longitude_deg=longitude,
-        altitude_m=fields.altitude(),
-        quality=quality,
-        hdop=fields.number("horizontal_dil"),
-        out_of_range=wrong,
-    )
+    return _position_with_height("GGA", fields, checksummed, quality, hdop="horizontal_dil")
 
 
 def _gns(fields: _Fields, checksummed: bool) -> NmeaReading:
     # One letter per satellite system; the best of them made the position.
     qualities = [_MODE_QUALITY.get(letter, 0) for letter in fields.text("mode_indicator").upper()]
     quality = next((q for q in (4, 5, 3, 2, 1, 6, 8) if q in qualities), 0)
+    return _position_with_height("GNS", fields, checksummed, quality, hdop="hdop")
+
+
+def _position_with_height(
+    kind: str, fields: _Fields, checksummed: bool, quality: int, hdop: str
+) -> NmeaReading:
+    """GGA and GNS differ in how they tell the quality and in the name of one field."""
     latitude, longitude, wrong = fields.position()
     return NmeaReading(
-        "GNS",
+        kind,
         checksummed,
         time_of_day_s=fields.time_of_day(),
         valid=quality in _MEASURED,
@@ -264,7 +259,7 @@ def _gns(fields: _Fields, checksummed: bool) -> NmeaReading:
         longitude_deg=longitude,
         altitude_m=fields.altitude(),
         quality=quality,
-        hdop=fields.number("hdop"),
+        hdop=fields.number(hdop),
         out_of_range=wrong,
     )
 
