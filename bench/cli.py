@@ -34,7 +34,9 @@ def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
                 "--json", metavar="FILE", help="write the result as JSON ('-': standard output)"
             )
             each.set_defaults(parser=each)
-    report = commands.add_parser("report", help="the tables of a campaign's results, for its page of docs/")
+    report = commands.add_parser(
+        "report", help="the tables of a campaign's results, for its page of bench/results/"
+    )
     report.add_argument("name", choices=[each.name for each in CAMPAIGNS.values() if each.page])
     report.add_argument("--out", type=Path, help="where the results lie (bench-out/NAME)")
     report.add_argument("--write", action="store_true", help="put them into the page, between its marks")
@@ -56,7 +58,7 @@ def _report(args: argparse.Namespace) -> int:
     campaign = CAMPAIGNS[args.name]
     text = campaign.report(args.out or OUT / args.name)
     if args.write:
-        page = REPO / "docs" / campaign.page
+        page = REPO / "bench" / "results" / campaign.page
         page.write_text(into_page(page.read_text(encoding="utf-8"), args.name, text), encoding="utf-8")
     else:
         print(text)

@@ -64,23 +64,21 @@ CAMPAIGNS = {
         _campaign("discover", "discovery of unknown cars among decoys, with a DBC and without"),
         _campaign("calibrate", "calibration against the published method, and coverage of its intervals"),
         _campaign(
-            "diagnosis", "the diagnosis on drives whose truth is sealed", "diagnosis.run", "bench-diagnose.md"
+            "diagnosis", "the diagnosis on drives whose truth is sealed", "diagnosis.run", "diagnose.md"
         ),
         _campaign("goldens", "the program's answers to a fixed set of drives, compared with stored ones"),
-        _campaign(
-            "origins", "the diagnosis on null drives and faults of every origin", page="bench-origins.md"
-        ),
+        _campaign("origins", "the diagnosis on null drives and faults of every origin", page="origins.md"),
         _campaign(
             "alarms",
             "soft tyres and harmless drives: detection, false alarms per km",
             "alarms.run",
-            "bench-alarms.md",
+            "alarms.md",
         ),
         _campaign(
             "estimators",
             "filters side by side on the published comparison",
             "estimators.run",
-            "bench-estimators.md",
+            "estimators.md",
         ),
         _campaign(
             "drift-levels", "coverage of the default under other levels of radius drift", "levels_of_drift"

@@ -1,6 +1,6 @@
 """The house rules that a machine can watch: who may import whom, what stays pure, how modules look.
 
-`docs/architecture.md` explains the rules; the tables here are what they come to.
+`docs/explanation/architecture.md` explains the rules; the tables here are what they come to.
 """
 
 from __future__ import annotations
@@ -348,8 +348,8 @@ def test_modules_say_what_they_are_for() -> None:
 
 
 def test_the_architecture_names_every_room() -> None:
-    """docs/architecture.md has a line for each room that exists."""
-    text = read(REPO / "docs" / "architecture.md")
+    """docs/explanation/architecture.md has a line for each room that exists."""
+    text = read(REPO / "docs" / "explanation" / "architecture.md")
     rooms = {room_of(dotted_name(path)) for path in modules()} - {"__init__", "__main__"}
 
     assert [] == sorted(room for room in rooms if f"`{room}`" not in text)

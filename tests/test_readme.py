@@ -14,7 +14,7 @@ from tpmsd.sources.nmea_sentence import decode_sentence
 
 REPO = Path(__file__).resolve().parent.parent
 README = (REPO / "README.md").read_text(encoding="utf-8")
-FITTING = (REPO / "docs" / "fitting.md").read_text(encoding="utf-8")
+FITTING = (REPO / "docs" / "tutorial" / "fitting.md").read_text(encoding="utf-8")
 
 
 def block(language: str) -> str:
@@ -24,7 +24,7 @@ def block(language: str) -> str:
 
 
 def configuration() -> str:
-    """The complete vehicle.toml of docs/fitting.md."""
+    """The complete vehicle.toml of docs/tutorial/fitting.md."""
     found = re.findall(r"```toml\n(.*?)```", FITTING, re.DOTALL)
     (text,) = [text for text in found if "wheel_radius_m" in text]
     return str(text)
@@ -68,7 +68,7 @@ def test_the_json_of_the_readme_has_the_keys_of_the_document() -> None:
 def test_links_of_the_documents_lead_somewhere() -> None:
     """Every relative link in the documents names a file that exists."""
     missing = []
-    for document in [*REPO.glob("*.md"), *(REPO / "docs").glob("*.md")]:
+    for document in [*REPO.glob("*.md"), *(REPO / "docs").rglob("*.md")]:
         for target in re.findall(r"\]\(([^)#:]+)\)", document.read_text(encoding="utf-8")):
             if not (document.parent / target).exists():
                 missing.append(f"{document.name}: {target}")

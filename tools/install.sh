@@ -81,11 +81,15 @@ install_all() {
     install_unit systemd/tpmsd.service
     install_unit systemd/tpmsd@.service
     install -m 644 packaging/tpmsd.1 "$DESTDIR$MANDIR/man1/tpmsd.1"
-    install -m 644 docs/*.md dbc/tpmsd.dbc LICENSE "$DESTDIR$DOCDIR"
+    install -m 644 dbc/tpmsd.dbc LICENSE "$DESTDIR$DOCDIR"
+    for kind in tutorial how-to reference explanation; do
+        mkdir -p "$DESTDIR$DOCDIR/$kind"
+        install -m 644 docs/$kind/*.md "$DESTDIR$DOCDIR/$kind"
+    done
     cp -r systemd/examples/. "$DESTDIR$DOCDIR/examples"
     reload_systemd
     [ -n "$DESTDIR" ] || echo "Installed. Next: put $config/tpmsd.toml and its DBC in place, tpmsd check, then" \
-        "systemctl enable --now tpmsd ($DOCDIR/running.md)"
+        "systemctl enable --now tpmsd ($DOCDIR/how-to/running.md)"
 }
 
 uninstall_all() {

@@ -1,8 +1,8 @@
 """Side slip and wheel slips of a car as it drives, from what its bus carries.
 
 In: one tick's accelerations, yaw rate, steering and wheel speed. Out: `SlipEstimate`. The state comes from
-the adaptive robust unscented Kalman filter (ARUPF's proposal without its particles: `docs/vehicle-state.md`
-says why), the wheels' slip from the forces that carry the measured acceleration.
+the adaptive robust unscented Kalman filter (ARUPF's proposal without its particles; the reason is in
+`docs/explanation/vehicle-state.md`), the wheels' slip from the forces that carry the measured acceleration.
 """
 
 from __future__ import annotations

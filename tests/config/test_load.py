@@ -115,7 +115,12 @@ def test_schema_and_records_have_the_same_keys() -> None:
     }
     schema = {table: set(rules) for table, rules in tables(Path()).items()}
     assert set(model.ROLES) == schema.pop("can.signals")
-    schema["can"] |= {"signals", "options", "buses", "output"}  # tables of their own: docs/fitting.md
+    schema["can"] |= {
+        "signals",
+        "options",
+        "buses",
+        "output",
+    }  # tables of their own: docs/tutorial/fitting.md
     schema["vehicle"].add("teeth_by_wheel")  # the table form of teeth_per_rev
     assert {name: {f.name for f in dataclasses.fields(record)} for name, record in records.items()} == schema
 

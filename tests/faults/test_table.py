@@ -1,4 +1,4 @@
-"""The table of faults in docs/faults.md names tests that are there."""
+"""The table of faults in docs/reference/faults.md names tests that are there."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 
 from tests.conftest import REPO
 
-DOCUMENT = REPO / "docs" / "faults.md"
+DOCUMENT = REPO / "docs" / "reference" / "faults.md"
 NAME = re.compile(r"`(tests/[\w/]+\.py)::(test_\w+)`")
 
 

@@ -1,4 +1,7 @@
-"""The state machine of docs/alarms.md under any history: nothing flaps, nothing is lost, all has a reason."""
+"""The alarms' state machine under any history: nothing flaps, nothing is lost, all has a reason.
+
+Its tables are in docs/explanation/alarms.md.
+"""
 
 from __future__ import annotations
 
@@ -125,8 +128,8 @@ TestLife = Life.TestCase
 
 
 def test_the_table_in_the_documentation_names_every_state() -> None:
-    """docs/alarms.md has a row for each state of a wheel, each kind of alarm and each outcome of a reset."""
-    text = (REPO / "docs" / "alarms.md").read_text(encoding="utf-8")
+    """The page on alarms has a row for each state of a wheel, kind of alarm and outcome of a reset."""
+    text = (REPO / "docs" / "explanation" / "alarms.md").read_text(encoding="utf-8")
     rows = set(re.findall(r"^\| `([a-z_]+)` ", text, re.MULTILINE))
     assert {str(state) for state in WheelState} <= rows
     assert {str(kind) for kind in AlarmKind} <= rows

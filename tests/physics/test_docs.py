@@ -1,4 +1,4 @@
-"""docs/physics.md keeps what it promises."""
+"""docs/explanation/physics.md keeps what it promises."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tpmsd.physics.model_file import parse_model
 from tpmsd.report.effects_reference import effects_page
 
 REPO = Path(__file__).resolve().parents[2]
-TEXT = (REPO / "docs" / "physics.md").read_text(encoding="utf-8")
+TEXT = (REPO / "docs" / "explanation" / "physics.md").read_text(encoding="utf-8")
 
 
 def block(language: str) -> str:
@@ -28,8 +28,8 @@ def block(language: str) -> str:
 
 
 def test_the_reference_page_is_the_catalogue() -> None:
-    """docs/effects.md is what `tpmsd effects --markdown` prints, with every parameter."""
-    page = (REPO / "docs" / "effects.md").read_text(encoding="utf-8")
+    """docs/reference/effects.md is what `tpmsd effects --markdown` prints, with every parameter."""
+    page = (REPO / "docs" / "reference" / "effects.md").read_text(encoding="utf-8")
 
     assert effects_page() == page
     for name, effect in EFFECTS.items():

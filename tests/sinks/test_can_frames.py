@@ -382,7 +382,7 @@ def test_a_receiver_that_follows_the_frames_knows_what_stands(
 
 
 def test_the_frames_shown_in_the_documentation_are_these_very_frames() -> None:
-    """The example of docs/can-output.md is what the reporter sends for the situation it describes."""
+    """The example of the page on CAN output is what the reporter sends for the situation it describes."""
     wheels = (
         wheel_report("fl", deviation_m=-0.00121, std_m=0.00012, change_m=0.00002),
         wheel_report("fr", deviation_m=-0.00118, std_m=0.00012, change_m=-0.00004),
@@ -395,7 +395,7 @@ def test_the_frames_shown_in_the_documentation_are_these_very_frames() -> None:
         wheels[3],
     )
     frames = CanReporter(AlarmsConfig()).frames(0.0, report(0.0, wheels, (alarm(),), (alarm(),)))
-    documentation = (REPO / "docs" / "can-output.md").read_text()
+    documentation = (REPO / "docs" / "reference" / "can-output.md").read_text()
     shown = re.findall(r"\b6F[01]#[0-9A-F]{16}\b", documentation)
     assert [f"{frame.arbitration_id:03X}#{frame.data.hex().upper()}" for frame in frames] == shown
     code = re.search(r"```python\n(.*?)```", documentation, re.DOTALL)

@@ -16,7 +16,7 @@ from tpmsd.tables.map_file import TableMap, load_map
 
 
 def load_table(table: str | Path, map_file: str | Path | None = None) -> Drive:
-    """The drive that a CSV, Parquet, MF4 or MATLAB v7.3 table holds (docs/python.md).
+    """The drive that a CSV, Parquet, MF4 or MATLAB v7.3 table holds (docs/how-to/python.md).
 
     Without a map the columns' names tell role and unit, as those of the tick table do; Parquet files of
     `tpmsd replay --parquet` bring the car, too. ConfigProblems with the map's lines where it is wrong or does

@@ -1,1 +1,1 @@
-"""The car library: one TOML file per platform, data alone (docs/cars.md)."""
+"""The car library: one TOML file per platform, data alone (docs/how-to/cars.md)."""

@@ -243,7 +243,7 @@ class MonitorConfig:
     """Time without usable wheels (or, moving, without fixes) before malfunction is raised."""
     gnss_malfunction_s: float = 300.0
     resonance: bool = False
-    """Whether the torsional resonances of the wheels bear witness, too (docs/resonance.md)."""
+    """Whether the torsional resonances of the wheels bear witness, too (docs/explanation/resonance.md)."""
 
 
 @dataclass(frozen=True, slots=True)

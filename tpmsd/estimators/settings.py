@@ -1,7 +1,7 @@
 """Every tunable number of the estimators, with its unit and where it comes from.
 
 In: nothing. Out: `SETTINGS`. What the operator may set is in `config.model.FilterConfig`. `bench` in a reason
-means the estimator benchmark (`docs/bench-estimators.md`): development seeds, both receivers.
+means the estimator benchmark (`bench/results/estimators.md`): development seeds, both receivers.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 In: as `motion_gate`. Out: the same verdict. What makes a tick teach wrongly is not the acceleration but the
 slip that carries it, and the same force costs two driven wheels more of it than four braked ones. The slips
 come from the forces by the tyre model, for a car of which only the geometry is known; the state filter's
-estimate serves no better here (`docs/vehicle-state.md`) and costs more.
+estimate serves no better here (`docs/explanation/vehicle-state.md`) and costs more.
 
 Inputs are those of the thresholds: the accelerometer or else the wheels' own acceleration, the yaw rate of
 gyro, receiver or wheels, and the steering where the bus has it.

@@ -4,7 +4,7 @@ In: a `RadiusEstimate` per tick, with the tick. Out: a `MonitorReport` per tick.
 
 The `baseline` learns the radii of tyres that are in order, as a function of how the car is driven. Once a
 second of informative driving all wheels' changes against it are judged together (`judge`), and each alarm
-goes through its own hysteresis (`alarm_state`). docs/alarms.md has the state machine as a table.
+goes through its own hysteresis (`alarm_state`). docs/explanation/alarms.md has the state machine as a table.
 """
 
 from __future__ import annotations

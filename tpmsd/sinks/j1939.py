@@ -1,7 +1,7 @@
 """J1939: `TIRE` (PGN 65268) and `DM1` (PGN 65226), as far as a system without pressure sensors can fill them.
 
-In: the values of `output_values`. Out: the data of frames. `docs/can-output.md` has the table. DM1 with one
-trouble code fits into one frame; the gravest is sent, so no transport protocol is needed.
+In: the values of `output_values`. Out: the data of frames. The table is in `docs/reference/can-output.md`.
+DM1 with one trouble code fits into one frame; the gravest is sent, so no transport protocol is needed.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The columns of the tick table: name, unit and meaning.
 
-In: nothing. Out: `COLUMNS`, in the order in which every writer puts them. docs/python.md lists them.
+In: nothing. Out: `COLUMNS`, in the order in which every writer puts them. docs/how-to/python.md lists them.
 """
 
 from __future__ import annotations

@@ -79,7 +79,9 @@ def _by_names(table: Table, path: Path) -> dict[str, ColumnMap]:
         if split is not None and split[0] not in found:
             found[split[0]] = ColumnMap(name, split[1])
     if not found:
-        raise ConfigError(f"{path}: no column's name is a role with a unit; give --map (docs/python.md)")
+        raise ConfigError(
+            f"{path}: no column's name is a role with a unit; give --map (docs/how-to/python.md)"
+        )
     return found
 
 

@@ -106,7 +106,7 @@ def plain(value: Any) -> Any:
 
 
 def checksum(frame: Frame) -> int:
-    """CRC-8/SAE-J1850 over the data id and bytes 1 to 7, as docs/can-output.md says."""
+    """CRC-8/SAE-J1850 over the data id and bytes 1 to 7, as docs/reference/can-output.md says."""
     return int(Crc8SaeJ1850.calc(bytes((_DATA_ID[frame.identifier],)) + frame.data[1:]))
 
 

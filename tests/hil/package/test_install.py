@@ -19,7 +19,7 @@ BELONGS = {
     "/usr/local/lib/systemd/system/tpmsd.service",
     "/usr/local/lib/systemd/system/tpmsd@.service",
     "/usr/local/share/man/man1/tpmsd.1",
-    "/usr/local/share/doc/tpmsd/running.md",
+    "/usr/local/share/doc/tpmsd/how-to/running.md",
     "/usr/local/share/doc/tpmsd/tpmsd.dbc",
     "/usr/local/share/doc/tpmsd/examples/network/80-can0.network",
     "/usr/local/share/doc/tpmsd/examples/udev/70-tpmsd-gnss.rules",
