@@ -14,10 +14,10 @@ from tpmsd.cli.main import main
 from tpmsd.config.check import check
 from tpmsd.config.dbc import load_dbc
 from tpmsd.config.units import UNITS
-from tpmsd.discovery.car_start import field_of, found_of
+from tpmsd.discovery.car_start import found_of
 from tpmsd.discovery.discover import discover
 from tpmsd.discovery.frames import BusLog
-from tpmsd.discovery.library import Car, car_from
+from tpmsd.discovery.library import Car, car_from, field_of, match_car
 from tpmsd.discovery.raw_fields import dbc_start
 from tpmsd.discovery.text import dbc_text
 from tpmsd.errors import ConfigError
@@ -114,3 +114,35 @@ def test_an_entry_that_is_none(data: dict[str, object]) -> None:
     """A file without wheel signals, or with keys nobody knows, is refused by name."""
     with pytest.raises(ConfigError, match="car mine"):
         car_from("mine", data)
+
+
+def exchanged(car: Car) -> Car:
+    """The bus with left and right wheels in each other's places, under names that tell nothing."""
+    other = {"l": "r", "r": "l"}
+    signals = {
+        role: {**car.signals[role[:-1] + other[role[-1]]], "signal": f"M1.S{number}"}
+        for number, role in enumerate(car.signals)
+    }
+    return Car("exchanged", "Exchanged", "", signals)
+
+
+def test_a_layout_is_a_weak_prior(tmp_path: Path) -> None:
+    """Wheels in a known platform's places in other roles are told by the drive; the platform is not named."""
+    car = exchanged(CARS["toyota"])
+    file = tmp_path / "bus.dbc"
+    file.write_text(dbc_text(found_of(car)))
+    found = discover(log_of(car), gnss_fixes(drive()), load_dbc(file), cars=[CARS["toyota"]])
+
+    expected = car.signal_names()
+    assert expected == {role: one.field.signal for role, one in found.roles.items() if role in expected}
+    assert found.car is None
+
+
+def test_a_name_alone_is_no_match(tmp_path: Path) -> None:
+    """Signals called as a platform's, in another message's place, are not that platform's."""
+    toyota = CARS["toyota"]
+    signals = {role: {**entry, "id": int(entry["id"]) + 1} for role, entry in toyota.signals.items()}
+    elsewhere = Car("elsewhere", "Elsewhere", "", signals)
+
+    assert match_car([toyota], [field_of(entry) for entry in signals.values()]) is None
+    assert match_car([elsewhere], [field_of(entry) for entry in signals.values()]) is not None

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tpmsd.discovery.library import Match
 from tpmsd.discovery.names import CLEAR, named_wheel
 from tpmsd.discovery.regress import Fit
 from tpmsd.discovery.settings import SETTINGS, Settings
@@ -56,17 +57,17 @@ def assign(
     group: Sequence[Follower],
     anchor: Fit | None,
     settings: Settings = SETTINGS,
-    prior: dict[str, str] | None = None,
+    match: Match | None = None,
 ) -> Assignment | None:
     """Roles within one cluster; None if it holds no pair of wheels.
 
-    `anchor`: the receiver's own place against the common speed, as `_place_fit` has it. `prior`: wheel ->
-    signal of a car library's entry that fits this bus.
+    `anchor`: the receiver's own place against the common speed, as `_place_fit` has it. `match`: the
+    platform whose bus this one looks like, as prior.
     """
     members = _likely(group, settings)
     if len(members) < 2:
         return None
-    scores = _scores(members, anchor, settings, prior or {})
+    scores = _scores(members, anchor, settings, match)
     four = _best_four(members, scores, settings) if len(members) >= 4 else None
     if four is not None:
         return four
@@ -82,7 +83,7 @@ def _log_normal(x: float, mean: float, std: float) -> float:
 
 
 def _scores(
-    members: Sequence[Follower], anchor: Fit | None, settings: Settings, prior: dict[str, str]
+    members: Sequence[Follower], anchor: Fit | None, settings: Settings, match: Match | None
 ) -> FloatArray:
     """(m, 4) log-likelihood ratio of each wheel's role against 'no wheel'."""
     zero, zero_std = (-float(anchor.value[0]), anchor.std(0)) if anchor else (0.0, 0.0)
@@ -112,8 +113,8 @@ def _scores(
             score = _log_normal(member.lateral_m - centre, side, side_std) - decoy
             score -= max(late - late_std, 0.0) / _LAG_SCALE_S
             score += 1.0 * (named_wheel(member.series.field.signal) is not None)
-            if prior.get(wheel) == member.series.field.signal:
-                score += 6.0
+            if match is not None and match.wheels.get(wheel) == member.series.field.signal:
+                score += settings.named_platform if match.by_name else settings.platform_layout
             out[i, k] = score
     return out
 

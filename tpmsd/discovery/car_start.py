@@ -8,13 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from cantools.database.can import Signal
-
-from tpmsd.discovery.library import Car
+from tpmsd.discovery.library import Car, field_of
 from tpmsd.discovery.result import Discovery, Estimate, FoundRole, Undecided
-from tpmsd.discovery.series import Field
 from tpmsd.discovery.settings import SETTINGS
-from tpmsd.sources.signal_plan import EXTENDED, bit_field
 
 _MEASURE = "tpmsd discover on ten minutes of mixed driving"
 
@@ -36,28 +32,6 @@ def found_of(car: Car) -> Discovery:
         geometry={"wheel_radius_m": Estimate(SETTINGS.radius_m, SETTINGS.radius_std_m)},
         undecided=undecided,
         car=car.name,
-    )
-
-
-def field_of(entry: Mapping[str, Any]) -> Field:
-    """The field that an entry's facts describe."""
-    signal = Signal(
-        name="x",
-        start=int(entry["start"]),
-        length=int(entry["bits"]),
-        byte_order="big_endian" if entry.get("big_endian") else "little_endian",
-        is_signed=bool(entry.get("signed", False)),
-    )
-    message, _, name = str(entry["signal"]).partition(".")
-    key = int(entry["id"]) | (EXTENDED if entry.get("extended") else 0)
-    return Field(
-        message,
-        name,
-        key,
-        bit_field(signal),
-        float(entry.get("scale", 1.0)),
-        float(entry.get("offset", 0.0)),
-        str(entry.get("unit", "")),
     )
 
 

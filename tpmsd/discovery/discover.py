@@ -15,8 +15,8 @@ from tpmsd.config.units import UNITS, canonical_unit
 from tpmsd.discovery.assign import Assignment, assign
 from tpmsd.discovery.frames import BusLog
 from tpmsd.discovery.geometry import CarGeometry, counts_per_rev, driven_axle, per_metre, tyre_radius_m
-from tpmsd.discovery.library import Car, match_car
-from tpmsd.discovery.material import Material, prepare
+from tpmsd.discovery.library import Car, Match, match_car
+from tpmsd.discovery.material import Material, dbc_fields, prepare
 from tpmsd.discovery.other_roles import other_roles
 from tpmsd.discovery.result import Discovery, Estimate, FoundRole, Undecided
 from tpmsd.discovery.series import Field
@@ -83,13 +83,13 @@ def decide(
     if reference.duration_s < _LEAST_DRIVE_S:
         why = f"only {reference.duration_s:.0f} s of driving above 2 m/s with fixes"
         return replace(nothing, undecided=_no_wheels(why, "10 min of mixed driving with the sky in view"))
-    car = None if database is None else match_car(cars, database, material.logs.keys())
-    prior = {} if car is None else {role[-2:]: name for role, name in car.signal_names().items()}
-    best = _best_assignment(material, prior, settings)
+    match = None if database is None else match_car(cars, dbc_fields(database, material.logs))
+    best = _best_assignment(material, match, settings)
     if best is None:
         why = "no pair of signals follows the receiver's speed with the difference of two wheels in bends"
         return replace(nothing, undecided=_no_wheels(why, "10 min of mixed driving with many bends"))
     assignment = best
+    car = None if match is None or not _as_matched(assignment, match) else match.car
     undecided: list[Undecided] = []
     roles = _wheel_roles(assignment, undecided, settings)
     found = Discovery(
@@ -140,7 +140,7 @@ def decide(
     return replace(found, driven_axle=axle, geometry=measures, gnss=geometry.gnss, undecided=tuple(undecided))
 
 
-def _best_assignment(material: Material, prior: dict[str, str], settings: Settings) -> Assignment | None:
+def _best_assignment(material: Material, match: Match | None, settings: Settings) -> Assignment | None:
     """Of all clusters the one with four wheels, counts before speeds, the surest first."""
     reference = material.reference
     found = [one for one in followers(material.series, reference, settings) if _plausible(one, settings)]
@@ -155,7 +155,7 @@ def _best_assignment(material: Material, prior: dict[str, str], settings: Settin
             if len(part) < 2:
                 continue
             members = part if len(late) == 1 else placed(part, reference, material.gyro, settings)
-            made = assign(members, anchor_of(members, reference, settings), settings, prior)
+            made = assign(members, anchor_of(members, reference, settings), settings, match)
             if made is None:
                 continue
             least = min(role.probability for role in made.roles)
@@ -163,6 +163,12 @@ def _best_assignment(material: Material, prior: dict[str, str], settings: Settin
     if not ranked:
         return None
     return max(ranked, key=lambda entry: entry[0])[1]
+
+
+def _as_matched(assignment: Assignment, match: Match) -> bool:
+    """Whether the drive puts the wheels where the platform has them."""
+    found = {role.wheel: role.follower.series.field.signal for role in assignment.roles}
+    return all(found.get(wheel) == signal for wheel, signal in match.wheels.items())
 
 
 def _plausible(one: Follower, settings: Settings) -> bool:

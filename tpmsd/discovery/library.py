@@ -1,19 +1,19 @@
 """The car library: which signals known platforms use.
 
-In: the tables of `cars/*.toml`, a DBC. Out: `Car`s; the one that fits a bus.
+In: the tables of `cars/*.toml`, the fields of a bus. Out: `Car`s; the `Match` with a bus.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from cantools.database.can import Database
-
 from tpmsd.config.model import ROLES
+from tpmsd.discovery.raw_fields import dbc_start
+from tpmsd.discovery.series import Field
 from tpmsd.errors import ConfigError
-from tpmsd.sources.signal_plan import EXTENDED
+from tpmsd.sources.signal_plan import EXTENDED, bit_place
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,15 +25,20 @@ class Car:
     dbc: str
     """File of the public collection that describes the bus."""
     signals: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    """Role -> the table form of a signal, with `id`, `start`, `bits`, ... where it can be decoded without
-    a DBC."""
+    """Role -> the table form of a signal, with `id`, `start`, `bits` and what else decodes it without a
+    DBC."""
     teeth_per_rev: float | None = None
 
     def signal_names(self) -> dict[str, str]:
         """Role -> 'Message.Signal', wheels only."""
-        return {
-            role: str(entry["signal"]) for role, entry in self.signals.items() if role.startswith("wheel_")
-        }
+        return {role: str(entry["signal"]) for role, entry in self._wheels().items()}
+
+    def places(self) -> dict[str, Field]:
+        """Wheel (`fl fr rl rr`) -> where its signal lies."""
+        return {role[-2:]: field_of(entry) for role, entry in self._wheels().items()}
+
+    def _wheels(self) -> dict[str, Mapping[str, Any]]:
+        return {role: entry for role, entry in self.signals.items() if role.startswith("wheel_")}
 
 
 def car_from(name: str, data: Mapping[str, Any]) -> Car:
@@ -43,20 +48,62 @@ def car_from(name: str, data: Mapping[str, Any]) -> Car:
         raise ConfigError(f"car {name}: unknown key {unknown[0]}")
     signals = data.get("signals", {})
     for role, entry in signals.items():
-        if role not in ROLES or not isinstance(entry, Mapping) or "signal" not in entry:
+        if role not in ROLES or not isinstance(entry, Mapping):
             raise ConfigError(f"car {name}: {role} is no role with a signal")
+        if missing := [key for key in ("signal", "id", "start", "bits") if key not in entry]:
+            raise ConfigError(f"car {name}: {role} has no {missing[0]}")
     if not any(role.startswith("wheel_") for role in signals):
         raise ConfigError(f"car {name}: no wheel signals")
     teeth = data.get("teeth_per_rev")
     return Car(name, str(data.get("title", name)), str(data.get("dbc", "")), signals, teeth)
 
 
-def match_car(cars: Sequence[Car], database: Database, seen: Collection[int]) -> Car | None:
-    """The entry whose wheel signals are all in the DBC, and their messages in the log."""
-    keys = {
-        f"{message.name}.{signal.name}": message.frame_id | (EXTENDED if message.is_extended_frame else 0)
-        for message in database.messages
-        for signal in message.signals
-    }
-    fitting = [car for car in cars if all(keys.get(name, -1) in seen for name in car.signal_names().values())]
-    return max(fitting, key=lambda car: len(car.signals), default=None)
+def field_of(entry: Mapping[str, Any]) -> Field:
+    """The field that an entry's facts describe."""
+    message, _, name = str(entry["signal"]).partition(".")
+    big = bool(entry.get("big_endian", False))
+    place = bit_place(int(entry["start"]), int(entry["bits"]), big, bool(entry.get("signed", False)))
+    key = int(entry["id"]) | (EXTENDED if entry.get("extended") else 0)
+    scale, offset = float(entry.get("scale", 1.0)), float(entry.get("offset", 0.0))
+    return Field(message, name, key, place, scale, offset, str(entry.get("unit", "")))
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """A platform whose bus this one looks like."""
+
+    car: Car
+    wheels: Mapping[str, str]
+    """Wheel -> 'Message.Signal' of this bus."""
+    by_name: bool
+    """Whether the signals bear the platform's names, too; else they lie where its signals lie."""
+
+
+def match_car(cars: Sequence[Car], fields: Sequence[Field]) -> Match | None:
+    """The platform whose wheel signals are all on this bus, by name and place or by place alone.
+
+    `fields`: those of the DBC whose messages are in the log. A name alone is no match: makers call different
+    messages alike.
+    """
+    matches = [match for car in cars if (match := _match(car, fields)) is not None]
+    return max(matches, key=lambda match: (match.by_name, len(match.car.signals)), default=None)
+
+
+def _match(car: Car, fields: Sequence[Field]) -> Match | None:
+    names = {role[-2:]: name for role, name in car.signal_names().items()}
+    wheels = {}
+    for wheel, expected in car.places().items():
+        here = [one.signal for one in fields if _alike(one, expected)]
+        if not here:
+            return None
+        wheels[wheel] = here[0]
+    return Match(car, wheels, wheels == names)
+
+
+def _alike(one: Field, other: Field) -> bool:
+    """Whether two fields lie in the same bits of the same message."""
+    return one.key == other.key and _bits(one) == _bits(other)
+
+
+def _bits(one: Field) -> tuple[bool, int, int]:
+    return one.place.big_endian, one.place.length, dbc_start(one)

@@ -46,6 +46,11 @@ class Settings:
     """The same for the front axle's longer way in a bend, in m2 (half the square of the wheelbase is 3.6)."""
     block_s: float = 10.0
     """Length of the blocks whose sums give standard errors: driving within one is one event."""
+    named_platform: float = 6.0
+    """Log of the odds, per wheel, that a signal with name and place of a known platform is that wheel."""
+    platform_layout: float = 1.0
+    """The same where the place agrees and not the name: a DBC may have been written by hand, and four wheels
+    in other roles are then 1 in 50."""
     decided: float = 0.95
     """A role below this probability is listed as undecided."""
     max_probability: float = 0.999

@@ -241,13 +241,18 @@ def bit_field(signal: Signal) -> BitField:
     if signal.is_float and signal.length not in _FLOATS:
         raise ConfigError(f"signal {signal.name} is a floating-point number of {signal.length} bits")
     big = signal.byte_order == "big_endian"
-    first = 8 * (signal.start // 8) + 7 - signal.start % 8 if big else signal.start
-    end = first + signal.length
+    return bit_place(signal.start, signal.length, big, signal.is_signed, signal.is_float)
+
+
+def bit_place(
+    start: int, length: int, big_endian: bool, signed: bool = False, is_float: bool = False
+) -> BitField:
+    """Where `length` bits are whose first one a DBC calls `start`."""
+    first = 8 * (start // 8) + 7 - start % 8 if big_endian else start
+    end = first + length
     size = (end + 7) // 8
-    shift = 8 * size - end if big else first
-    return BitField(
-        big, size, signal.length, shift, size, signal.is_signed, signal.is_float, (1 << signal.length) - 1
-    )
+    shift = 8 * size - end if big_endian else first
+    return BitField(big_endian, size, length, shift, size, signed, is_float, (1 << length) - 1)
 
 
 def _find(database: Database, role: str, name: str) -> tuple[Message, Signal]:
