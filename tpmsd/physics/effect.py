@@ -147,6 +147,8 @@ class Effect:
     """Whether it is looked for once per turn of a wheel, apart from the windows of a second."""
     mirror_of: ClassVar[str] = ""
     """The effect of which this is the other sign, by the same sensitivity."""
+    limit: ClassVar[str] = ""
+    """The effect that it is where it is small: one that always explains as much, and no rival of it."""
     at_walking_pace: ClassVar[bool] = False
     """Whether it is looked for below the speeds of the windows, apart from them."""
     shortens: ClassVar[bool] = False
@@ -163,6 +165,11 @@ class Effect:
                 object.__setattr__(self, parameter.name, parameter.check(value))
             except ValueError as error:
                 raise ConfigError(f"effect {self.name}: {error}") from None
+
+    @classmethod
+    def observable(cls, motion: Motion, car: Car) -> bool:
+        """Whether a car that moves so can show it at all; else it is no hypothesis on such a drive."""
+        return True
 
     @classmethod
     def limits(cls, car: Car) -> Mapping[str, tuple[float, float]]:

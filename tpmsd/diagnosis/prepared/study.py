@@ -146,6 +146,12 @@ def _common_knots(
 
 
 def unusable(reader: Reader) -> frozenset[str]:
-    """Effects of which this drive holds no trace whatever: without a gyro no gyro error."""
-    here = available(reader)
-    return frozenset(name for name, effect in EFFECTS.items() if not here >= set(effect.needs))
+    """Effects of which this drive holds no trace whatever: without a gyro no gyro error, without a stop no
+    change of load.
+    """
+    here, motion, car = available(reader), reader.reference.motion, reader.reference.car
+    return frozenset(
+        name
+        for name, effect in EFFECTS.items()
+        if not here >= set(effect.needs) or not effect.observable(motion, car)
+    )

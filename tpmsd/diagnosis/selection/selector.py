@@ -156,6 +156,8 @@ class Selector(Candidates):
 
     def _sane(self, terms: list[Term]) -> bool:
         """Whether the terms can be told apart at all, and their values are physically thinkable."""
+        if {term.kind_of.limit for term in terms} & {term.effect for term in terms}:
+            return False
         design = self.design(terms)
         rows = np.flatnonzero(np.any(design != 0.0, axis=1))
         gram = design[rows].T @ self.evidence.total[np.ix_(rows, rows)] @ design[rows]
@@ -355,6 +357,8 @@ class Selector(Candidates):
                 continue
             if same and (rival.kind_of.mirror_of or rival.effect) == (term.kind_of.mirror_of or term.effect):
                 continue  # the sign tells the two apart
+            if rival.kind_of.limit == term.effect:
+                continue  # the simpler of two that explain as much
             if raw > 0.5 * gain and self._independent([*rest, rival], term, gain):
                 continue
             name = f"{FAULT.name}:{rival.wheel}" if rival.ramp else rival.effect
