@@ -1,0 +1,108 @@
+"""Driven wheels slip under drive force, more than in proportion to it where the grip nears its end."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect, Grid, Parameter, Prior
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import WHEELS, FloatArray
+
+MOST = 0.9
+"""Share of the grip beyond which the slip stays: there the inverse of the tyre's curve runs away."""
+MOVING_MPS = 3.0
+"""Below, nothing is compared."""
+LIVELY_MPS2 = 1.0
+"""What 1 % of the driving must exceed: below it the curve of a tyre on ice is a straight line."""
+
+
+@dataclass(frozen=True)
+class DriveSlipCurve(Effect):
+    """omega * r = v * (1 + s + d * v^2) on driven wheels; with u = a_x / A, s = c * a_x up to |u| = 1/2, and
+    beyond s = sign(u) * c * A / (4 * (1 - |u|)): the slip that Dugoff's tyre needs for a force. d is the
+    drag's share, small enough to be linear.
+
+    a_x is the specific force, A the greatest that the driven wheels' grip gives: mu * g * their share of the
+    load, 5 m/s2 on a dry road, 2.6 on a wet one, 1.3 on snow. Source: Dugoff, Fancher and Segel, SAE 700377,
+    1970: F = C * s for F < mu * F_z / 2, else F = mu * F_z * (1 - mu * F_z / (4 * C * s)), solved for s.
+    """
+
+    name: ClassVar[str] = "drive_slip_curve"
+    formula: ClassVar[str] = (
+        "omega * r = v * (1 + s + d * v^2) on driven wheels, s = c * a_x for |a_x| < A/2,"
+        " else sign(a_x) * c * A^2 / (4 * (A - |a_x|))"
+    )
+    sentence: ClassVar[str] = "driven wheels slip more than in proportion to the drive force"
+    telling_drive: ClassVar[str] = "accelerate gently and as firmly as the road allows, ten times each"
+    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "accel_long")
+    one_sign: ClassVar[bool] = True
+    limit: ClassVar[str] = "longitudinal_slip"
+    ratio_limits: ClassVar[tuple[float, float]] = (0.0, 5e-3)
+    """One tyre under two forces: d/c is half a rho c_d A / m, 3e-4 /m for a car, 1e-3 for a tall one."""
+    grid: ClassVar[Grid] = Grid(
+        "saturation_mps2",
+        values=(1.3, 2.6, 5.2),
+        middle=2.6,
+        range=(0.8, 12.0),
+        price=lambda most: 2.0 + 0.5 * (math.log(most / 5.0) / 0.7) ** 2,
+        step=1.4,
+    )
+    """Snow, a wet road, a dry one."""
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "slip_per_accel",
+            "s2/m",
+            2e-3,
+            -0.1,
+            0.1,
+            "c, slip per m/s2 where the force is small",
+            probe=1e-5,
+            prior=Prior(3e-3, 3e-3, "1e-3 to 8e-3 by tyre and axle: Gustafsson 1997"),
+            fitted=(0.0, 0.1),
+        ),
+        Parameter(
+            "slip_per_speed2",
+            "s2/m2",
+            5e-7,
+            -1e-4,
+            1e-4,
+            "d, slip per speed squared, from drag",
+            probe=1e-8,
+            prior=Prior(8e-7, 8e-7, "half rho c_d A / m, 2.7e-4 /m, times the slip per m/s2"),
+        ),
+        Parameter(
+            "saturation_mps2",
+            "m/s2",
+            5.0,
+            0.5,
+            20.0,
+            "A, specific force at which the driven wheels have no more grip",
+            prior=Prior(5.0, 2.5, "mu * g * share of the load: 1.3 on snow, 5 on a dry road"),
+        ),
+    )
+    slip_per_accel: float
+    slip_per_speed2: float = 0.0
+    saturation_mps2: float = 5.0
+
+    @classmethod
+    def observable(cls, motion: Motion, car: Car) -> bool:
+        """Where the driving is lively enough for a bend in the curve."""
+        force = np.abs(motion.specific_force_long_mps2[motion.speed_mps > MOVING_MPS])
+        return bool(force.size) and float(np.quantile(force, 0.99)) > LIVELY_MPS2
+
+    @classmethod
+    def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
+        """The driven ones."""
+        return tuple(wheel for wheel, drives in zip(WHEELS, car.driven, strict=True) if drives)
+
+    def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
+        """(n, 4) the curve and the drag's share on the driven wheels, zero on the others."""
+        share = np.clip(motion.specific_force_long_mps2 / self.saturation_mps2, -MOST, MOST)
+        bent = np.sign(share) / (4.0 * (1.0 - np.abs(share)))
+        slip = self.slip_per_accel * self.saturation_mps2 * np.where(np.abs(share) < 0.5, share, bent)
+        slip = slip + self.slip_per_speed2 * motion.speed_mps**2
+        return np.asarray(slip[:, None] * car.driven.astype(np.float64))
