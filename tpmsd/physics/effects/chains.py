@@ -1,0 +1,50 @@
+"""Snow chains are put on and taken off again: an axle rolls on a larger radius for a while."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from tpmsd.physics.effect import Kind, Parameter, Prior, TextParameter
+from tpmsd.physics.slip_event import LONGEST_S, SlipEvent
+
+THINNEST, THICKEST = 0.01, 0.06
+"""Share by which a radius grows: cables of 4 mm, and chains for trucks."""
+
+
+@dataclass(frozen=True)
+class Chains(SlipEvent):
+    """The wheels of a driven axle turn slower, omega * r = v * (1 + slip), slip = -d / r, from the onset on.
+
+    Source: rings of 7 to 12 mm thickness (EN 16662-1) on a wheel of 0.3 m are a radius larger by 2 to 4 %;
+    they stay on for minutes to hours, longer than wheels lock.
+    """
+
+    name: ClassVar[str] = "chains"
+    kind: ClassVar[Kind] = Kind.EVENT
+    formula: ClassVar[str] = "omega * r = v * (1 + slip) on its wheels, onset_s <= t < onset_s + duration_s"
+    sentence: ClassVar[str] = "an axle rolls on chains for a while"
+    telling_drive: ClassVar[str] = "drive the stretch again without chains"
+    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "time")
+    own_per_drive: ClassVar[bool] = True
+    span: ClassVar[bool] = True
+    parameters: ClassVar[tuple[TextParameter | Parameter, ...]] = (
+        TextParameter("wheels", "front", "wheels with chains, by name, or front, rear"),
+        Parameter(
+            "slip",
+            "1",
+            -0.03,
+            -0.1,
+            0.0,
+            "share by which the wheels turn faster than they roll without chains",
+            prior=Prior(-0.03, 0.01, "rings of 7 to 12 mm: EN 16662-1"),
+            fitted=(-THICKEST, 0.0),
+        ),
+        Parameter("onset_s", "s", 300.0, -1e6, 1e6, "when they are put on, from the drive's start"),
+        Parameter("duration_s", "s", 600.0, 0.0, 1e7, "how long they stay on"),
+    )
+
+    @classmethod
+    def fits_span(cls, slip: float, duration_s: float, driven: bool) -> bool:
+        """A driven axle that turns slower by the thickness of a chain, for longer than a wheel locks."""
+        return driven and -THICKEST <= slip <= -THINNEST and duration_s > LONGEST_S
