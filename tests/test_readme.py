@@ -1,4 +1,4 @@
-"""What the README shows is what the program takes: its configuration, its log lines, its JSON."""
+"""What README and docs show is what the program takes: its configuration, its log lines, its JSON."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from tpmsd.sources.nmea_sentence import decode_sentence
 
 REPO = Path(__file__).resolve().parent.parent
 README = (REPO / "README.md").read_text(encoding="utf-8")
+FORMATS = (REPO / "docs" / "reference" / "formats.md").read_text(encoding="utf-8")
 FITTING = (REPO / "docs" / "tutorial" / "fitting.md").read_text(encoding="utf-8")
 
 
 def block(language: str) -> str:
-    """The text of the README's block in this language."""
-    (text,) = re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+    """The text of the block in this language on the page about formats."""
+    (text,) = re.findall(rf"```{language}\n(.*?)```", FORMATS, re.DOTALL)
     return str(text)
 
 
@@ -49,7 +50,7 @@ def test_the_readme_names_every_optional_role() -> None:
 
 def test_the_sentence_of_the_readme_is_sound() -> None:
     """The NMEA line shown there has the right checksum."""
-    (line,) = re.findall(r"\$GNRMC,\S+", README)
+    (line,) = re.findall(r"\$GNRMC,\S+", FORMATS)
     reading = decode_sentence(line.encode())
 
     assert 52 + 30.12345 / 60 == reading.latitude_deg
@@ -65,11 +66,38 @@ def test_the_json_of_the_readme_has_the_keys_of_the_document() -> None:
     assert shown["alarms"][0].keys() <= document["alarms"][0].keys()
 
 
+def test_the_readme_is_short() -> None:
+    """At most 120 lines."""
+    assert len(README.splitlines()) <= 120
+
+
+def test_the_docs_are_short() -> None:
+    """At most 25,000 words in README and docs together, the generated list of effects aside."""
+    pages = [REPO / "README.md", *(REPO / "docs").rglob("*.md")]
+    pages.remove(REPO / "docs" / "reference" / "effects.md")
+    words = {
+        page.name: len(re.findall(r"[^\s|]*\w[^\s|]*", page.read_text(encoding="utf-8"))) for page in pages
+    }
+
+    assert sum(words.values()) <= 25_000, words
+
+
+def anchors(text: str) -> set[str]:
+    """The anchors of a page's headings, as the forges and mkdocs make them."""
+    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
 def test_links_of_the_documents_lead_somewhere() -> None:
-    """Every relative link in the documents names a file that exists."""
+    """Every relative link names a file that exists and, with an anchor, a heading of it."""
     missing = []
-    for document in [*REPO.glob("*.md"), *(REPO / "docs").rglob("*.md")]:
-        for target in re.findall(r"\]\(([^)#:]+)\)", document.read_text(encoding="utf-8")):
-            if not (document.parent / target).exists():
-                missing.append(f"{document.name}: {target}")
+    pages = [*REPO.glob("*.md"), *(REPO / "docs").rglob("*.md"), *(REPO / "bench").rglob("*.md")]
+    for page in pages:
+        for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8")):
+            target, _, anchor = link.partition("#")
+            if ":" in target:
+                continue
+            file = page.parent / target if target else page
+            if not file.exists() or (anchor and anchor not in anchors(file.read_text(encoding="utf-8"))):
+                missing.append(f"{page.relative_to(REPO)}: {link}")
     assert [] == missing

@@ -6,7 +6,7 @@
 It shares nothing with `tpmsd diagnose` but the reading of the files: no filter, no noise model, no catalogue,
 no selection. Ratios of wheels and of wheel and receiver are regressed on what physics might make them depend
 on; standard deviations come from a bootstrap over blocks of 30 s, which needs no noise model either.
-`docs/explanation/real-recordings.md` sets its figures beside those of the diagnosis.
+`bench/results/real-recordings.md` sets its figures beside those of the diagnosis.
 """
 
 from __future__ import annotations

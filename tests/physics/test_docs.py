@@ -1,4 +1,4 @@
-"""docs/explanation/physics.md keeps what it promises."""
+"""What the documents say about effects, models and adapters is what the program does."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,16 +16,17 @@ from tpmsd.physics.covariates import COVARIATES
 from tpmsd.physics.effect import Effect
 from tpmsd.physics.model_file import parse_model
 from tpmsd.report.effects_reference import effects_page
+from tpmsd.sources import can_log
 
 REPO = Path(__file__).resolve().parents[2]
 TEXT = (REPO / "docs" / "explanation" / "physics.md").read_text(encoding="utf-8")
+CONTRIBUTING = (REPO / "CONTRIBUTING.md").read_text(encoding="utf-8")
 
 
-def block(language: str) -> str:
-    """The first block of this language."""
-    found = re.search(rf"```{language}\n(.*?)```", TEXT, re.DOTALL)
-    assert found is not None
-    return found[1]
+def block(language: str, text: str = TEXT, within: str = "") -> str:
+    """The first block of this language that holds `within`."""
+    found = [each for each in re.findall(rf"```{language}\n(.*?)```", text, re.DOTALL) if within in each]
+    return str(found[0])
 
 
 def test_the_reference_page_is_the_catalogue() -> None:
@@ -41,7 +43,9 @@ def test_the_table_of_hooks_is_complete() -> None:
     """Every hook of the base class is explained."""
     hooks = [name for name, value in vars(Effect).items() if callable(value) and not name.startswith("_")]
 
-    assert [] == [hook for hook in hooks if hook not in ("values", "unit_of") and f"| `{hook}(" not in TEXT]
+    assert [] == [
+        hook for hook in hooks if hook not in ("values", "unit_of") and f"| `{hook}(" not in CONTRIBUTING
+    ]
 
 
 AS_A_FILE = """
@@ -63,7 +67,9 @@ assert 0 == main(["diagnose", drive, "--model-out", sys.argv[2] + "/model.toml"]
 def test_the_example_of_an_effect_is_all_it_takes(tmp_path: Path) -> None:
     """The text as printed, saved as one more file of the catalogue, is simulated, diagnosed and named."""
     (tmp_path / "catalogue").mkdir()
-    (tmp_path / "catalogue" / "aerodynamic_lift.py").write_text(block("python"), encoding="utf-8")
+    (tmp_path / "catalogue" / "aerodynamic_lift.py").write_text(
+        block("python", CONTRIBUTING, "class AerodynamicLift"), encoding="utf-8"
+    )
     arguments = [sys.executable, "-c", AS_A_FILE, str(tmp_path / "catalogue"), str(tmp_path)]
     done = subprocess.run(arguments, capture_output=True, text=True, cwd=REPO, timeout=300)
 
@@ -100,3 +106,19 @@ def test_the_error_that_is_shown_is_the_error_that_comes() -> None:
         parse_effect(shown[1])
 
     assert shown[2] == str(caught.value)
+
+
+def test_the_example_of_an_adapter_is_all_it_takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The text as printed, as one more row of the readers, reads frames and names the line that is none."""
+    names: dict[str, Any] = {}
+    exec(block("python", CONTRIBUTING, "def read_semicolons"), names)
+    monkeypatch.setitem(can_log.READERS, ".scan", names["read_semicolons"])
+    (tmp_path / "can.scan").write_text("1.5;0B0;1122\n1.6;0B0;zz\n1.75;18FEF4C8;\n", encoding="ascii")
+    bad: list[int] = []
+
+    frames = list(can_log.read_can_log(can_log.find_can_log(tmp_path), lambda line, _: bad.append(line)))
+
+    assert [(1.5, 0x0B0, False, b"\x11\x22", 1), (1.75, 0x18FEF4C8, True, b"", 3)] == [
+        (frame.time_s, frame.arbitration_id, frame.is_extended, frame.data, frame.line) for frame in frames
+    ]
+    assert [2] == bad

@@ -13,6 +13,7 @@ zone), and TRC 1.0 and some ASC files know only seconds since the start.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 from tpmsd.errors import InputError
@@ -25,13 +26,22 @@ __all__ = ["SUFFIXES", "BadLine", "CanFrame", "find_can_log", "read_can_log"]
 BadLine = Callable[[int, str], None]
 """Called with the line number (0 where the format has no lines) and the reason."""
 
-SUFFIXES = (".log", ".log.gz", ".asc", ".blf", ".trc", ".mf4")
+Reader = Callable[[Path, BadLine], Iterator[CanFrame]]
+"""Takes the path of a log and whom to tell of what was skipped."""
+
+READERS: dict[str, Reader] = {
+    ".log": read_candump,
+    ".log.gz": read_candump,
+    **{suffix: partial(read_by_python_can, suffix) for suffix in (".asc", ".blf", ".trc", ".mf4")},
+}
+"""Which reader takes which files; another format is one more row."""
+SUFFIXES = tuple(READERS)
 
 
 def find_can_log(drive_folder: str | Path) -> Path:
     """The log of a drive folder: its one file `can.*` of a known format."""
     folder = Path(drive_folder)
-    allowed = "can" + " can".join(SUFFIXES)
+    allowed = "can" + " can".join(READERS)
     try:
         found = sorted(entry for entry in folder.iterdir() if _suffix(entry) and _is_can(entry))
     except OSError as error:
@@ -54,7 +64,7 @@ def read_can_log(path: str | Path, on_bad_line: BadLine | None = None) -> Iterat
     path = Path(path)
     suffix = _suffix(path)
     if suffix is None:
-        raise InputError(path, f"not a known CAN log format; known are {' '.join(SUFFIXES)}")
+        raise InputError(path, f"not a known CAN log format; known are {' '.join(READERS)}")
     try:
         with path.open("rb") as file:
             empty = not file.read(1)
@@ -70,11 +80,7 @@ def read_can_log(path: str | Path, on_bad_line: BadLine | None = None) -> Iterat
         if on_bad_line is not None:
             on_bad_line(line, reason)
 
-    if suffix in (".log", ".log.gz"):
-        frames = read_candump(path, note)
-    else:
-        frames = read_by_python_can(path, suffix, note)
-    return _not_empty(path, frames, first_bad)
+    return _not_empty(path, READERS[suffix](path, note), first_bad)
 
 
 def _not_empty(
@@ -92,7 +98,7 @@ def _not_empty(
 
 def _suffix(path: Path) -> str | None:
     name = path.name.lower()
-    return next((suffix for suffix in sorted(SUFFIXES, key=len, reverse=True) if name.endswith(suffix)), None)
+    return next((suffix for suffix in sorted(READERS, key=len, reverse=True) if name.endswith(suffix)), None)
 
 
 def _is_can(path: Path) -> bool:

@@ -24,7 +24,7 @@ from tpmsd.sources.can_log_lines import AscLines, LogLines
 Note = Callable[[int, str], None]
 
 
-def read_by_python_can(path: Path, suffix: str, note: Note) -> Iterator[CanFrame]:
+def read_by_python_can(suffix: str, path: Path, note: Note) -> Iterator[CanFrame]:
     """Frames of an .asc, .blf, .trc or .mf4 file."""
     if suffix == ".asc":
         return _read_text(path, note, AscLines, can.ASCReader)
