@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, median_filter
 
+from tpmsd.inference.least_speed import least_speed
 from tpmsd.inference.recording import Recording
 from tpmsd.physics.kinematics import wheel_speeds
 from tpmsd.physics.motion import GRAVITY_MPS2, Car, Motion, integrate
@@ -48,6 +49,8 @@ class Reference:
     """Whether slopes could be told from heights or from the accelerometer."""
     grade_by: str
     """accelerometer | heights | nothing"""
+    least_mps: float
+    """Speed from which the drive is compared."""
 
 
 def reference(recording: Recording) -> Reference:
@@ -56,14 +59,16 @@ def reference(recording: Recording) -> Reference:
     valid = np.all(np.isfinite(recording.rotation_rad[:, wheels]), axis=1)
     car = replace(recording.car, radius_m=recording.car.radius_m.copy())
     yaw, speed = _yaw_and_speed(recording, car)
-    scale = _radius_scale(recording, speed)
-    car = replace(car, radius_m=_balanced(recording, car, yaw, speed) * scale)
+    least = least_speed(speed)
+    scale = _radius_scale(recording, speed, least)
+    car = replace(car, radius_m=_balanced(recording, car, yaw, speed, least) * scale)
     yaw, speed = _yaw_and_speed(recording, car)
-    heading, yaw = _heading(recording, yaw, speed)
+    heading, yaw = _heading(recording, yaw, speed, least)
     motion = _motion(recording, car, speed, yaw, heading)
     grade, by = _grade(recording, speed, motion.accel_long_mps2)
     motion = replace(motion, grade_rad=grade, measured=_measured(recording))
-    return Reference(motion=motion, car=car, valid=valid, grade_known=by != "nothing", grade_by=by)
+    known = by != "nothing"
+    return Reference(motion, car, valid, grade_known=known, grade_by=by, least_mps=least)
 
 
 def moved(recording: Recording, before: Reference, end_s: FloatArray, errors: FloatArray) -> Reference:
@@ -152,7 +157,8 @@ def _yaw_and_speed(recording: Recording, car: Car) -> tuple[FloatArray, FloatArr
     rear = to_edges((rate[:, RL] + rate[:, RR]) / 2, sigma)
     if np.isfinite(gyro).mean() > 0.8:
         yaw = to_edges(gyro, 0.7)
-        yaw = yaw - float(np.median((yaw - by_wheels)[rear > COURSE_FROM_MPS])) if np.any(rear > 3) else yaw
+        rolling = rear > min(COURSE_FROM_MPS, least_speed(rear))
+        yaw = yaw - float(np.median((yaw - by_wheels)[rolling])) if np.any(rolling) else yaw
     else:
         yaw = by_wheels
     speed = rear
@@ -164,10 +170,10 @@ def _yaw_and_speed(recording: Recording, car: Car) -> tuple[FloatArray, FloatArr
     return yaw, np.maximum(speed, 0.0)
 
 
-def _radius_scale(recording: Recording, speed: FloatArray) -> float:
+def _radius_scale(recording: Recording, speed: FloatArray, least_mps: float) -> float:
     """Common factor on the radii that fits the receiver's speeds, or its ways where it gives no speeds."""
     at_fix = np.interp(recording.fix_time_s, recording.edges_s, speed)
-    usable = np.isfinite(recording.speed_mps) & (at_fix > 5.0)
+    usable = np.isfinite(recording.speed_mps) & (at_fix > least_mps)
     if usable.sum() > 30:
         return float(np.median(recording.speed_mps[usable] / at_fix[usable]))
     way = np.interp(recording.fix_time_s, recording.edges_s, integrate(speed, recording.edges_s))
@@ -179,29 +185,33 @@ def _radius_scale(recording: Recording, speed: FloatArray) -> float:
         recording.north_m[step:] - recording.north_m[:-step],
     )
     rolled = way[step:] - way[:-step]
-    usable = (rolled > 5.0) & np.isfinite(moved)
+    usable = (rolled > least_mps) & np.isfinite(moved)
     return float(np.median(moved[usable] / rolled[usable])) if usable.sum() > 30 else 1.0
 
 
-def _balanced(recording: Recording, car: Car, yaw: FloatArray, speed: FloatArray) -> FloatArray:
+def _balanced(
+    recording: Recording, car: Car, yaw: FloatArray, speed: FloatArray, least_mps: float
+) -> FloatArray:
     """Radii that make the wheels agree with their common motion, in the median."""
     middle_v, middle_w = 0.5 * (speed[1:] + speed[:-1]), 0.5 * (yaw[1:] + yaw[:-1])
     expected = wheel_speeds(middle_v, middle_w, car.geometry) * recording.dt_s
     radii = car.radius_m.copy()
     for k in recording.wheels:
-        usable = np.isfinite(recording.rotation_rad[:, k]) & (middle_v > 5.0) & (np.abs(middle_w) < 0.1)
+        usable = np.isfinite(recording.rotation_rad[:, k]) & (middle_v > least_mps) & (np.abs(middle_w) < 0.1)
         if usable.sum() > 50:
             turned = recording.rotation_rad[usable, k].sum()
             radii[k] *= float(expected[usable, k].sum() / max(turned * radii[k], 1e-9))
     return radii
 
 
-def _heading(recording: Recording, yaw: FloatArray, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _heading(
+    recording: Recording, yaw: FloatArray, speed: FloatArray, least_mps: float
+) -> tuple[FloatArray, FloatArray]:
     """(n + 1,) heading: the integrated yaw rate, led slowly by the receiver's course; and its rate."""
     edges = recording.edges_s
     turned = integrate(yaw, edges)
     time_s, course = _courses(recording)
-    moving = np.interp(time_s, edges, speed) > COURSE_FROM_MPS
+    moving = np.interp(time_s, edges, speed) > min(COURSE_FROM_MPS, least_mps)
     if moving.sum() < 10:
         return turned, yaw
     drift = _drift(time_s[moving], course[moving] - np.interp(time_s[moving], edges, turned))

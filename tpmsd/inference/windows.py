@@ -21,7 +21,6 @@ from tpmsd.physics.forward import antenna_truth, gyro_rates, wheel_angles, wheel
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import FloatArray
 
-MIN_SPEED_MPS = 5.0
 MAX_YAW_RATE_RADPS = 0.4
 """Beyond, tyres scrub, and a second is too long to be linear in."""
 MAX_WINDOWS = 7200
@@ -68,25 +67,35 @@ class Windows:
 class Reader:
     """Compares one recording with models."""
 
-    def __init__(self, recording: Recording, reference: Reference, limit: int = MAX_WINDOWS) -> None:
-        """`limit` windows at most are compared; `left_out` counts the others."""
+    def __init__(
+        self,
+        recording: Recording,
+        reference: Reference,
+        limit: int = MAX_WINDOWS,
+        kept: np.ndarray | None = None,
+    ) -> None:
+        """`limit` windows at most are compared, or those `kept` (w,); `left_out` counts the others."""
         self.recording = recording
         self.reference = reference
         self._per = round(WINDOW_S / recording.dt_s)
         count = recording.ticks // self._per
-        whole = reference.valid[: count * self._per].reshape(count, self._per).all(axis=1)
-        speed = self._mean_edges(reference.motion.speed_mps, count)
         self._count = count
-        turning = self._mean_edges(np.abs(reference.motion.yaw_rate_radps), count)
-        self._kept = np.flatnonzero(whole & (speed > MIN_SPEED_MPS) & (turning < MAX_YAW_RATE_RADPS))
-        driven = len(self._kept)
-        self._kept = spread(self._kept, limit)
-        self.left_out = driven - len(self._kept)
+        driven = self._driven() if kept is None else kept
+        self._kept = spread(driven, limit)
+        self.left_out = len(driven) - len(self._kept)
         self._window_of_fix = np.floor(recording.fix_time_s / WINDOW_S).astype(int)
         self.windows = self._windows(ExtendedModel())
         self._rolled: FloatArray | None = None
         self._turning: tuple[ExtendedModel, FloatArray] | None = None
         self._base: tuple[ExtendedModel, FloatArray] | None = None
+
+    def _driven(self) -> np.ndarray:
+        """(d,) numbers of the windows in which all wheels were read and the car moved as one can compare."""
+        count, motion = self._count, self.reference.motion
+        whole = self.reference.valid[: count * self._per].reshape(count, self._per).all(axis=1)
+        fast = self._mean_edges(motion.speed_mps, count) > self.reference.least_mps
+        turning = self._mean_edges(np.abs(motion.yaw_rate_radps), count)
+        return np.flatnonzero(whole & fast & (turning < MAX_YAW_RATE_RADPS))
 
     @property
     def rolled_m(self) -> FloatArray:
@@ -154,7 +163,7 @@ class Reader:
 
     def over_windows(self, values: FloatArray) -> FloatArray:
         """(w,) mean over each compared window of a quantity (n + 1,) at the ticks' edges."""
-        return self._mean_edges(values, self._count)[self._kept]
+        return np.asarray(self._mean_edges(values, self._count)[self._kept])
 
     def _mean_edges(self, values: FloatArray, count: int) -> FloatArray:
         """(count,) mean over each window of a quantity given at the ticks' edges."""
@@ -174,7 +183,8 @@ class Reader:
 
     def _number(self, known: np.ndarray) -> FloatArray:
         inside = known & (self._window_of_fix >= 0) & (self._window_of_fix < self._count)
-        return np.bincount(self._window_of_fix[inside], minlength=self._count)[self._kept].astype(np.float64)
+        number = np.bincount(self._window_of_fix[inside], minlength=self._count)
+        return np.asarray(number[self._kept], dtype=np.float64)
 
     def _windows(self, base: ExtendedModel) -> Windows:
         recording, motion, car = self.recording, self.reference.motion, self.reference.car

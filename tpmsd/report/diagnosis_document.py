@@ -40,6 +40,16 @@ def diagnosis_document(
         "evidence": [{"effect": name, "gain": gain} for name, gain in diagnosis.evidence],
         "reach": None if diagnosis.reach is None else _reach(diagnosis.reach),
     }
+    if diagnosis.information:
+        document["information"] = [
+            {
+                "covariate": "speed",
+                "range": list(one.speed_mps),
+                "driving_s": one.driving_s,
+                "radius_std_m": one.radius_std_m,
+            }
+            for one in diagnosis.information
+        ]
     if diagnosis.down_weighted is not None:
         removed = diagnosis.down_weighted
         document["down_weighted"] = {

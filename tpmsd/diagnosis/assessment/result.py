@@ -47,6 +47,16 @@ class DownWeighted:
 
 
 @dataclass(frozen=True)
+class SpeedRange:
+    """What the seconds at some speeds tell."""
+
+    speed_mps: tuple[float, float]
+    driving_s: float
+    radius_std_m: float | None
+    """Standard deviation of a wheel's radius by these seconds alone; None where they do not tell it."""
+
+
+@dataclass(frozen=True)
 class Explanatory:
     """A variable that the tyre model tells, and what it would explain; gains in sample, nats."""
 
@@ -126,6 +136,8 @@ class Diagnosis:
     """Largest penalised gain (nats) of a shape over covariates that cannot act; None if not asked for."""
     down_weighted: DownWeighted | None = None
     """None where the data are insufficient."""
+    information: tuple[SpeedRange, ...] = ()
+    """By speed, the slowest first."""
     inner: Inner | None = field(default=None, repr=False)
 
 

@@ -146,6 +146,8 @@ def _prepared(
     broken = gaussian_filter1d((~whole).astype(np.float64), sigma) > 0.02
     use = ~broken & (motion.speed_mps > MIN_SPEED_MPS)
     rows, regressors, turns_hz = rows[use], regressors[use], turns_hz[use]
+    if not len(rows):
+        return rows, regressors, turns_hz, np.zeros(0, dtype=int)
     calm = np.abs(rows).max(axis=1) < 6.0 * float(np.median(np.abs(rows)) + 1e-12) / 0.6745
     rows, regressors, turns_hz = rows[calm], regressors[calm], turns_hz[calm]
     return rows, regressors, turns_hz, np.arange(len(rows)) // BLOCK_TICKS

@@ -175,7 +175,7 @@ class DriveStudy:
         it shares with the residual it shares here as well.
         """
         out = copy.copy(self)
-        out.reader = Reader(recording, reference(recording), len(self.reader.windows))
+        out.reader = Reader(recording, reference(recording), kept=self.reader.windows.index)
         windows = out.reader.windows
         out.blocks = np.zeros(len(windows), dtype=int)
         out.inflate = None

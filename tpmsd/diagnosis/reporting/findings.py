@@ -22,6 +22,7 @@ from tpmsd.diagnosis.hypotheses.advice import advice
 from tpmsd.diagnosis.hypotheses.terms import Term, group_gain
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.reporting.down_weighted import down_weighted
+from tpmsd.diagnosis.reporting.information import speed_ranges
 from tpmsd.diagnosis.reporting.traces import ground, traces
 from tpmsd.diagnosis.reporting.where import where_of, whole_range
 from tpmsd.diagnosis.selection.candidates import ADMIT
@@ -120,6 +121,7 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
         simulation=simulated_effects(study, selection),
         notes=notes,
         down_weighted=down_weighted(study.examined),
+        information=speed_ranges(study.examined),
         explanatory=explanatory(study, terms, evidence),
         reach=reach(
             [

@@ -1,0 +1,47 @@
+"""What each range of speeds tells of the radii.
+
+In: the drives with their whitened columns. Out: `SpeedRange`s. After whitening, a range's information on the
+four radii is the Gram matrix of their columns over its windows; its inverse is the covariance that these
+seconds alone would give (generalised least squares, motion and receiver's errors eliminated).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from tpmsd.diagnosis.assessment.result import SpeedRange
+from tpmsd.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.physics.catalogue import RADIUS
+from tpmsd.wheels import FloatArray
+
+EDGES_MPS = (0.0, 2.5, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 60.0)
+"""Between two speeds a drive's information is added up."""
+
+
+def speed_ranges(drives: Sequence[DriveStudy]) -> tuple[SpeedRange, ...]:
+    """The ranges in which the drives were compared, the slowest first."""
+    out = []
+    for low, high in pairwise(EDGES_MPS):
+        seconds, information = 0, 0.0
+        for drive in drives:
+            speed = drive.reader.windows.covariates["speed"]
+            inside = (speed >= low) & (speed < high)
+            seconds += int(inside.sum())
+            information += _of_radii(drive, inside)
+        if seconds:
+            std_m = float(1.0 / np.sqrt(information)) if information > 0.0 else None
+            out.append(SpeedRange((low, high), float(seconds), std_m))
+    return tuple(out)
+
+
+def _of_radii(drive: DriveStudy, inside: np.ndarray) -> float:
+    """(1/m2) information on a radius beside the others, the median of the wheels; 0 if none is told."""
+    at = [k for k, name in enumerate(drive.names) if name[0] == RADIUS.name]
+    rows: FloatArray = drive.white[inside][:, :, at].reshape(-1, len(at))
+    gram = rows.T @ rows
+    if np.linalg.matrix_rank(gram, hermitian=True) < len(at):
+        return 0.0
+    return float(np.median(1.0 / np.diag(np.linalg.inv(gram))))
