@@ -23,6 +23,7 @@ from tpmsd.physics.model import ExtendedModel
 from tpmsd.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
 from tpmsd.simulator.frame_layout import MessageLayout, SignalLayout, dbc_text
 from tpmsd.simulator.receiver import ReceiverSpec
+from tpmsd.sources.can_block import block_of
 from tpmsd.sources.can_frame import CanFrame
 from tpmsd.sources.events import GnssFix
 from tpmsd.sources.nmea_epoch import NmeaAssembler
@@ -127,8 +128,7 @@ def draw(seed: int, duration_s: float = 900.0, layout: WheelLayout | None = None
     drive = simulate_drive(spec)
     messages, columns, truth, raw_truth = _bus(drive, layout, rng)
     log = BusLog()
-    for frame in _frames(drive, messages, columns, rng):
-        log.add(frame)
+    log.add(block_of(list(_frames(drive, messages, columns, rng))))
     return DrawnBus(
         seed,
         layout,

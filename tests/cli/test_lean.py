@@ -44,6 +44,12 @@ def test_the_daemons_core_imports_no_statistics() -> None:
     assert "scipy" == done.stdout.splitlines()[-1]
 
 
+def test_replay_imports_no_statistics(tmp_path: Path) -> None:
+    """Of scipy a replay needs what the daemon needs, and of the diagnosis nothing."""
+    names = [*HEAVY, "scipy.optimize", "scipy.signal", "tpmsd.diagnosis", "tpmsd.calibration"]
+    assert "scipy" == imported(["replay", str(tmp_path)], names)
+
+
 def test_mf4_is_brought_in_after_all(tmp_path: Path) -> None:
     """A command that left asammdf out reads an MF4 file as if it had not."""
     pytest.importorskip("asammdf")

@@ -18,7 +18,7 @@ from tpmsd.daemon.config_toml import config_toml
 from tpmsd.daemon.recorder import DriveRecorder, candump_line
 from tpmsd.errors import ConfigError
 from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.can_log_candump import parse_candump_line
+from tpmsd.sources.candump_line import parse_candump_line
 from tpmsd.sources.drive import Drive, Sentence
 
 

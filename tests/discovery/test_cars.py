@@ -23,6 +23,7 @@ from tpmsd.discovery.text import dbc_text
 from tpmsd.errors import ConfigError
 from tpmsd.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
 from tpmsd.simulator.frame_layout import MessageLayout, SignalLayout
+from tpmsd.sources.can_block import block_of
 from tpmsd.sources.can_frame import CanFrame
 from tpmsd.sources.signal_plan import EXTENDED
 from tpmsd.wheels import WHEELS
@@ -65,8 +66,11 @@ def log_of(car: Car) -> BusLog:
         rows = MessageLayout(key, "M", 0.02, tuple(layouts), size).pack(raw, len(stamps))
         host = drive().spec.clocks.host_s(stamps + rng.exponential(0.0004, len(stamps)))
         identifier, extended = key & ~EXTENDED, bool(key & EXTENDED)
-        for time_s, row in zip(host.tolist(), rows, strict=True):
-            log.add(CanFrame(time_s, "can0", identifier, extended, size > 8, False, False, row.tobytes()))
+        frames = [
+            CanFrame(time_s, "can0", identifier, extended, size > 8, False, False, row.tobytes())
+            for time_s, row in zip(host.tolist(), rows, strict=True)
+        ]
+        log.add(block_of(frames))
     return log
 
 

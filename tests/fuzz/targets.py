@@ -38,7 +38,7 @@ from tpmsd.sinks.status_client import StatusError, parse_status
 from tpmsd.sinks.status_server import MAX_REQUEST_BYTES, StatusServer
 from tpmsd.sources.can_decoder import CanDecoder, load_database
 from tpmsd.sources.can_log import read_can_log
-from tpmsd.sources.can_log_candump import parse_candump_line
+from tpmsd.sources.candump_line import parse_candump_line
 from tpmsd.sources.events import GnssFix, InertialSample, RotationSample
 from tpmsd.sources.gnss_stream import GpsdStream, NmeaStream
 from tpmsd.sources.nmea_epoch import NmeaAssembler

@@ -10,34 +10,35 @@ import pytest
 from tests.faults.drives import drive
 from tpmsd.cli.drive_reading import open_drive
 from tpmsd.cli.replay import replay
+from tpmsd.sources.can_block import FrameBlock, block_of
 from tpmsd.sources.can_channels import Channel, choose_channel
 from tpmsd.sources.can_frame import CanFrame
 
 
-def frames(*channels: str, number: int = 0xB0) -> list[CanFrame]:
-    return [CanFrame(0.0, name, number, False, False, False, False, b"") for name in channels]
+def block(*channels: str, number: int = 0xB0) -> list[FrameBlock]:
+    return [block_of([CanFrame(0.0, name, number, False, False, False, False, b"") for name in channels])]
 
 
 def test_the_configured_channel_is_taken_where_two_share_identifiers() -> None:
     """Of two buses with the wheels' identifier the configured one is the car's."""
-    assert Channel("can1") == choose_channel(frames("can0", "can1", "can1"), {0xB0}, "can1")
+    assert Channel("can1") == choose_channel(block("can0", "can1", "can1"), {0xB0}, "can1")
 
 
 def test_a_channel_by_number_is_found() -> None:
     """ASC and BLF call channels 0 and 1: the number of the configured name counts."""
-    assert Channel("1") == choose_channel(frames("0", "0", "1"), {0xB0}, "can1")
+    assert Channel("1") == choose_channel(block("0", "0", "1"), {0xB0}, "can1")
 
 
 def test_one_channel_is_taken_whatever_its_name() -> None:
     """A log of one bus, recorded under another name, is taken whole; so is one whose other bus is foreign."""
-    assert Channel(None) == choose_channel(frames("vcan3"), {0xB0}, "can0")
-    both = frames("can1") + frames("can0", number=0x123)
+    assert Channel(None) == choose_channel(block("vcan3"), {0xB0}, "can0")
+    both = [*block("can1"), *block("can0", number=0x123)]
     assert Channel(None) == choose_channel(both, {0xB0}, "can0")
 
 
 def test_where_none_is_the_configured_one_that_is_said() -> None:
     """The channel with most of the needed frames is taken, and one line names them all."""
-    chosen = choose_channel(frames("a", "b", "b"), {0xB0}, "can0")
+    chosen = choose_channel(block("a", "b", "b"), {0xB0}, "can0")
 
     assert "b" == chosen.name
     assert chosen.note == (

@@ -24,6 +24,7 @@ from tpmsd.discovery.text import vehicle_text
 from tpmsd.errors import ConfigError
 from tpmsd.plain import plain
 from tpmsd.provenance import provenance
+from tpmsd.sources.can_block import block_of
 from tpmsd.sources.can_frame import CanFrame
 from tpmsd.sources.databases import load_database
 from tpmsd.sources.events import GnssFix
@@ -132,10 +133,9 @@ def discover(
 def _of_memory(recording: MemoryRecording, dbc: Path | None, tyre: str | None) -> Discovery:
     log, assembler = BusLog(), NmeaAssembler()
     events: list[object] = []
+    log.add(block_of([item for item in recording.items if isinstance(item, CanFrame)]))
     for item in recording.items:
-        if isinstance(item, CanFrame):
-            log.add(item)
-        else:
+        if not isinstance(item, CanFrame):
             events += assembler.feed(item.time_s, item.line)
     events += assembler.flush()
     fixes = [event for event in events if isinstance(event, GnssFix)]

@@ -10,7 +10,7 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -26,15 +26,7 @@ from tpmsd.api.reading import (
     read_ticks,
 )
 from tpmsd.api.results import Calibration, Diagnosis, Replay, Source
-from tpmsd.calibration.calibrate import METHODS
-from tpmsd.calibration.calibrate import calibrate as calibrate_recordings
-from tpmsd.calibration.checks import RefusedError
-from tpmsd.calibration.recording import Recording as CalibrationRecording
-from tpmsd.calibration.recording import record as record_for_calibration
-from tpmsd.diagnosis import diagnose as diagnosis
 from tpmsd.errors import ConfigError, InputError, TpmsdError
-from tpmsd.inference.recording import Recording as DiagnosisRecording
-from tpmsd.inference.recording import record as record_for_diagnosis
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.physics.model_file import load_model
 from tpmsd.pipeline import Pipeline
@@ -45,6 +37,10 @@ from tpmsd.sources.can_frame import CanFrame
 from tpmsd.sources.drive import Sentence
 from tpmsd.tables.tick_table import TickTable, TickTableRecorder
 from tpmsd.timeline.tick import Tick
+
+if TYPE_CHECKING:
+    from tpmsd.calibration.recording import Recording as CalibrationRecording
+    from tpmsd.inference.recording import Recording as DiagnosisRecording
 
 T = TypeVar("T")
 DriveLike = Drive | str | Path
@@ -142,6 +138,8 @@ def diagnose(
     the share that is done. ConfigError where the drives are of different cars, or the simulation of another
     road; InputError where nothing usable is in a drive.
     """
+    from tpmsd.diagnosis import diagnose as diagnosis
+
     wanted = _drives(drives)
     recordings = [diagnosis_recording(drive) for drive in wanted]
     names = tuple(drive.name for drive in wanted)
@@ -167,6 +165,10 @@ def calibrate(
     `method`: joint or paper; `progress` is told the share that is done. InputError where a calibration cannot
     be had from a drive (it says why); ConfigError on an unknown method, or drives of different cars.
     """
+    from tpmsd.calibration.calibrate import METHODS
+    from tpmsd.calibration.calibrate import calibrate as calibrate_recordings
+    from tpmsd.calibration.checks import RefusedError
+
     if method not in METHODS:
         raise ConfigError(f"no such method: {method!r} (methods: {' '.join(METHODS)})")
     wanted = _drives(drives)
@@ -193,8 +195,6 @@ def simulate(**settings: Any) -> Drive:
     >>> drive.name, drive.config.vehicle.teeth_per_rev, drive.folder
     ('simulated-mixed-3', 48.0, None)
     """
-    import numpy as np
-
     from tpmsd.simulator.drive import DriveSpec, simulate_drive
     from tpmsd.simulator.drive_writer import nmea_log_line
     from tpmsd.tables.car_file import config_of
@@ -226,11 +226,15 @@ def simulate(**settings: Any) -> Drive:
 
 def diagnosis_recording(drive: Drive, name: str | None = None) -> DiagnosisRecording:
     """A drive as the diagnosis' arrays; InputError where nothing usable is in it."""
+    from tpmsd.inference.recording import record as record_for_diagnosis
+
     return _recorded(drive, lambda ticks: record_for_diagnosis(ticks, drive.config, name or drive.name))
 
 
 def calibration_recording(drive: Drive) -> CalibrationRecording:
     """A drive as the calibration's arrays; InputError where nothing usable is in it."""
+    from tpmsd.calibration.recording import record as record_for_calibration
+
     return _recorded(drive, lambda ticks: record_for_calibration(drive.name, ticks, drive.config))
 
 

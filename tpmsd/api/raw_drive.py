@@ -13,7 +13,7 @@ from pathlib import Path
 from tpmsd.api.reading import Note, ignore_note
 from tpmsd.discovery.frames import BusLog
 from tpmsd.errors import ConfigError, InputError
-from tpmsd.sources.can_log import SUFFIXES, find_can_log, read_can_log
+from tpmsd.sources.can_log import SUFFIXES, find_can_log, read_can_blocks
 from tpmsd.sources.events import GnssFix
 from tpmsd.sources.nmea_epoch import NmeaAssembler
 from tpmsd.sources.nmea_log import bears_host_times, read_nmea_log
@@ -71,8 +71,8 @@ def read_drive(paths: Sequence[Path], tell: Note = ignore_note) -> RawDrive:
         bad[path] = count + 1, first
 
     log = BusLog()
-    for frame in read_can_log(can_log, lambda line, reason: note(can_log, line, reason)):
-        log.add(frame)
+    for block in read_can_blocks(can_log, lambda line, reason: note(can_log, line, reason)):
+        log.add(block)
     host_times = bears_host_times(nmea_log)
     assembler = NmeaAssembler()
     fixes: list[GnssFix] = []

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Protocol, TypeVar
 
@@ -18,10 +17,10 @@ from cantools.database.can import Database
 
 from tpmsd.config.model import Config
 from tpmsd.errors import ConfigError, InputError
-from tpmsd.sources.can_channels import LOOK_AT_FRAMES, bus_numbers, choose_channel
+from tpmsd.sources.can_channels import bus_numbers, channel_names, choose_channel
 from tpmsd.sources.can_decoder import CanDecoder
 from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.can_log import read_can_log
+from tpmsd.sources.can_log import read_can_blocks
 from tpmsd.sources.databases import load_databases
 from tpmsd.sources.drive import Drive as FolderStream
 from tpmsd.sources.drive import Sentence
@@ -127,9 +126,10 @@ class FolderRecording:
         plans = compile_plans(config, database)
         if config.can.buses:
             others = [bus.channel for bus in config.can.buses.values()]
-            stream.buses = bus_numbers(_channels(stream.can_log), config.can.channel, others)
+            names = channel_names(read_can_blocks(stream.can_log))
+            stream.buses = bus_numbers(names, config.can.channel, others)
         else:
-            channel = choose_channel(read_can_log(stream.can_log), plans, config.can.channel)
+            channel = choose_channel(read_can_blocks(stream.can_log), plans, config.can.channel)
             stream.channel = channel.name
             if channel.note:
                 note(f"{stream.can_log}: {channel.note}")
@@ -222,11 +222,6 @@ def read_ticks(
     """All ticks of a drive, made as the daemon's own core makes them, without an estimator."""
     stream, database = recording.open(config, note)
     return list(play(stream, TickSource(config, database, rate_hz), progress, note))
-
-
-def _channels(can_log: Path) -> list[str]:
-    """The channels that a log names, in order of appearance."""
-    return list(dict.fromkeys(frame.channel for frame in islice(read_can_log(can_log), LOOK_AT_FRAMES)))
 
 
 def _align_clocks(stream: FolderStream, config: Config, decoder: CanDecoder, note: Note) -> None:

@@ -13,17 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tpmsd.calibration.result import Calibration as CalibrationResult
-from tpmsd.calibration.wording import document as calibration_document
-from tpmsd.diagnosis.assessment.result import Diagnosis as DiagnosisResult
-from tpmsd.diagnosis.assessment.result import Finding
 from tpmsd.errors import ConfigError
 from tpmsd.monitor.records import AlarmEvent
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.physics.model_file import save_model
 from tpmsd.plain import plain
 from tpmsd.provenance import provenance
-from tpmsd.report.diagnosis_document import diagnosis_document
 from tpmsd.report.replay_document import replay_document
 from tpmsd.report.replay_result import ReplayResult, WheelOutcome
 from tpmsd.tables.extras import need, need_pandas
@@ -33,6 +28,10 @@ from tpmsd.wheels import WHEELS
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
+
+    from tpmsd.calibration.result import Calibration as CalibrationResult
+    from tpmsd.diagnosis.assessment.result import Diagnosis as DiagnosisResult
+    from tpmsd.diagnosis.assessment.result import Finding
 
 
 REPLAY_SCHEMA = "tpmsd.replay/2"
@@ -157,6 +156,8 @@ class Diagnosis:
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `tpmsd diagnose --json`."""
+        from tpmsd.report.diagnosis_document import diagnosis_document
+
         return _plain_dict(
             {**self.source.document(DIAGNOSIS_SCHEMA), **diagnosis_document(self.result, None)}
         )
@@ -219,6 +220,8 @@ class Calibration:
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `tpmsd calibrate --json`."""
+        from tpmsd.calibration.wording import document as calibration_document
+
         return _plain_dict({**self.source.document(CALIBRATION_SCHEMA), **calibration_document(self.result)})
 
     def to_pandas(self) -> pd.DataFrame:

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.signal_plan import EXTENDED, BitField
+from tpmsd.sources.can_block import ERROR, REMOTE, FrameBlock
+from tpmsd.sources.signal_plan import BitField
 from tpmsd.wheels import FloatArray
 
 RawArray = NDArray[np.uint64]
@@ -78,24 +78,24 @@ class BusLog:
         self.left_out = 0
         """Frames of more identifiers than a bus has."""
 
-    def add(self, frame: CanFrame) -> None:
-        """Take one frame."""
-        time_s, _, identifier, is_extended, _, is_error, is_remote, data, _ = frame
-        if is_error or is_remote or not data:
-            return
-        self.frames += 1
-        key = identifier | EXTENDED if is_extended else identifier
-        message = self._messages.get(key)
-        if message is None:
-            if len(self._messages) >= MAX_MESSAGES:
-                self.left_out += 1
-                return
-            message = self._messages[key] = _Growing()
-        kept = message.data.get(len(data))
-        if kept is None:
-            kept = message.data[len(data)] = (array("d"), bytearray())
-        kept[0].append(time_s)
-        kept[1].extend(data)
+    def add(self, block: FrameBlock) -> None:
+        """Take the frames of a block."""
+        told = np.flatnonzero((block.flags & (ERROR | REMOTE) == 0) & (block.size > 0))
+        self.frames += len(told)
+        kinds = block.identifier[told].astype(np.int64) << 8 | block.size[told]
+        order = np.argsort(kinds, kind="stable")
+        found, first = np.unique(kinds[order], return_index=True)
+        for kind, these in zip(found.tolist(), np.split(told[order], first[1:]), strict=True):
+            key, size = kind >> 8, kind & 0xFF
+            message = self._messages.get(key)
+            if message is None:
+                if len(self._messages) >= MAX_MESSAGES:
+                    self.left_out += len(these)
+                    continue
+                message = self._messages[key] = _Growing()
+            kept = message.data.setdefault(size, (array("d"), bytearray()))
+            kept[0].frombytes(block.time_s[these].tobytes())
+            kept[1].extend(block.data[these, :size].tobytes())
 
     def messages(self) -> dict[int, MessageLog]:
         """What was gathered, by key, in order of the identifiers; stamps sorted."""

@@ -9,15 +9,17 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
-from itertools import islice
 
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.signal_plan import EXTENDED
+import numpy as np
+
+from tpmsd.sources.can_block import ERROR, REMOTE, FrameBlock
 
 LOOK_AT_FRAMES = 50_000
 """About half a minute of a busy bus; each bus of a car has its say by then."""
+MAX_KEY = 0xFFFFFFFF
+"""Keys beyond it are of further buses."""
 _NUMBER = re.compile(r"\D*(\d+)\Z")
 
 
@@ -45,17 +47,25 @@ def bus_numbers(names: Iterable[str], main: str | None, buses: Iterable[str]) ->
     return numbers
 
 
-def choose_channel(frames: Iterable[CanFrame], needed: Collection[int], configured: str) -> Channel:
+def channel_names(blocks: Iterable[FrameBlock]) -> list[str]:
+    """The channels that the first frames of a log name, in order of appearance."""
+    return list(dict.fromkeys(name for block in _first(blocks) for name in block.channels))
+
+
+def choose_channel(blocks: Iterable[FrameBlock], needed: Collection[int], configured: str) -> Channel:
     """The channel to take; all, where no two channels carry needed identifiers.
 
     `needed`: keys as `compile_plans` has them. Logs of other tools call channels by number alone, which is
     compared with the configured name's.
     """
     found: Counter[str] = Counter()
-    for frame in islice(frames, LOOK_AT_FRAMES):
-        key = frame.arbitration_id | (EXTENDED if frame.is_extended else 0)
-        if key in needed and not (frame.is_error or frame.is_remote):
-            found[frame.channel] += 1
+    keys = np.array([key for key in needed if key <= MAX_KEY], dtype=np.uint32)
+    for block in _first(blocks):
+        carry = np.isin(block.identifier, keys) & (block.flags & (ERROR | REMOTE) == 0)
+        numbers = np.bincount(block.channel[carry], minlength=len(block.channels))
+        found.update(
+            {name: int(number) for name, number in zip(block.channels, numbers, strict=True) if number}
+        )
     if len(found) < 2:
         return Channel(None)
     same = [name for name in sorted(found) if name == configured] or [
@@ -69,6 +79,16 @@ def choose_channel(frames: Iterable[CanFrame], needed: Collection[int], configur
         f"{' and '.join(sorted(found))} all carry identifiers that are needed, and none is the configured "
         f"{configured}; {name} is taken",
     )
+
+
+def _first(blocks: Iterable[FrameBlock]) -> Iterator[FrameBlock]:
+    """The first `LOOK_AT_FRAMES` frames."""
+    left = LOOK_AT_FRAMES
+    for block in blocks:
+        yield block.taken(slice(left))
+        left -= len(block)
+        if left <= 0:
+            return
 
 
 def _number(name: str) -> int | None:

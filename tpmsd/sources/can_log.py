@@ -14,25 +14,37 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import islice
 from pathlib import Path
 
 from tpmsd.errors import InputError
+from tpmsd.sources.can_block import FrameBlock, block_of
 from tpmsd.sources.can_frame import CanFrame
 from tpmsd.sources.can_log_candump import read_candump
 from tpmsd.sources.can_log_others import read_by_python_can
 
-__all__ = ["SUFFIXES", "BadLine", "CanFrame", "find_can_log", "read_can_log"]
+__all__ = ["SUFFIXES", "BadLine", "CanFrame", "find_can_log", "read_can_blocks", "read_can_log"]
 
 BadLine = Callable[[int, str], None]
 """Called with the line number (0 where the format has no lines) and the reason."""
 
-Reader = Callable[[Path, BadLine], Iterator[CanFrame]]
+FRAMES_PER_BLOCK = 4096
+"""Of formats that are read frame by frame."""
+
+
+def _by_python_can(suffix: str, path: Path, note: BadLine) -> Iterator[FrameBlock]:
+    frames = read_by_python_can(suffix, path, note)
+    while some := list(islice(frames, FRAMES_PER_BLOCK)):
+        yield block_of(some)
+
+
+Reader = Callable[[Path, BadLine], Iterator[FrameBlock]]
 """Takes the path of a log and whom to tell of what was skipped."""
 
 READERS: dict[str, Reader] = {
     ".log": read_candump,
     ".log.gz": read_candump,
-    **{suffix: partial(read_by_python_can, suffix) for suffix in (".asc", ".blf", ".trc", ".mf4")},
+    **{suffix: partial(_by_python_can, suffix) for suffix in (".asc", ".blf", ".trc", ".mf4")},
 }
 """Which reader takes which files; another format is one more row."""
 SUFFIXES = tuple(READERS)
@@ -55,7 +67,13 @@ def find_can_log(drive_folder: str | Path) -> Path:
 
 
 def read_can_log(path: str | Path, on_bad_line: BadLine | None = None) -> Iterator[CanFrame]:
-    """Frames in the order of the file, error and remote frames among them.
+    """Frames in the order of the file, error and remote frames among them; as `read_can_blocks`."""
+    blocks = read_can_blocks(path, on_bad_line)
+    return (frame for block in blocks for frame in block.frames())
+
+
+def read_can_blocks(path: str | Path, on_bad_line: BadLine | None = None) -> Iterator[FrameBlock]:
+    """Frames in the order of the file, error and remote frames among them, some thousand at a time.
 
     `on_bad_line` hears of everything that was skipped; a file cut short is reported with its last line and
     ends there. Raises `InputError` at once if the file cannot be opened or its format is not known, and at
@@ -84,16 +102,16 @@ def read_can_log(path: str | Path, on_bad_line: BadLine | None = None) -> Iterat
 
 
 def _not_empty(
-    path: Path, frames: Iterator[CanFrame], first_bad: list[tuple[int, str]]
-) -> Iterator[CanFrame]:
-    """The frames; an `InputError` at the end if there were none."""
-    for frame in frames:
-        yield frame
-        break
-    else:
+    path: Path, blocks: Iterator[FrameBlock], first_bad: list[tuple[int, str]]
+) -> Iterator[FrameBlock]:
+    """The blocks; an `InputError` at the end if there were none."""
+    empty = True
+    for block in blocks:
+        empty = False
+        yield block
+    if empty:
         line, reason = first_bad[0] if first_bad else (0, "")
         raise InputError(path, f"no CAN frame in it{f'; {reason}' if reason else ''}", line or None)
-    yield from frames
 
 
 def _suffix(path: Path) -> str | None:

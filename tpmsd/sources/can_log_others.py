@@ -20,6 +20,10 @@ from tpmsd.errors import InputError
 from tpmsd.lean import bring_in_mf4
 from tpmsd.sources.can_frame import CanFrame
 from tpmsd.sources.can_log_lines import AscLines, LogLines
+from tpmsd.sources.candump_line import EXTENDED_MASK
+
+LONGEST_BYTES = 64
+"""Data of a CAN FD frame."""
 
 Note = Callable[[int, str], None]
 
@@ -108,6 +112,10 @@ def _open_mf4(path: Path) -> can.io.generic.MessageReader:
 def _frame(message: can.Message, line: int = 0, start_s: float = 0.0) -> CanFrame:
     if not math.isfinite(message.timestamp):
         raise ValueError("no time stamp")
+    if not 0 <= message.arbitration_id <= EXTENDED_MASK:
+        raise ValueError("an identifier of more than 29 bits")
+    if len(message.data) > LONGEST_BYTES:
+        raise ValueError(f"{len(message.data)} bytes of data")
     return CanFrame(
         message.timestamp + start_s,
         "" if message.channel is None else str(message.channel),

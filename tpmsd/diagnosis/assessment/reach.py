@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from tpmsd.diagnosis.hypotheses.terms import Name
 from tpmsd.inference.least_squares import FOLDS
@@ -193,5 +193,5 @@ def _channel(
         found=float(found[:, at].sum()),
         left=float(left[:, at].sum()),
         correlation=correlations[0],
-        whiteness=float(chi2.sf(portmanteau, LAGS)),
+        whiteness=float(chdtrc(LAGS, portmanteau)),
     )

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.signal import lfilter
 
 from tpmsd.physics.effect import Effect, Grid, Look, Parameter, Prior, TextParameter
 from tpmsd.physics.motion import Car, Motion
@@ -70,6 +69,8 @@ class BrakeHeat(Effect):
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) k times the energy that is left, on its wheels."""
+        from scipy.signal import lfilter
+
         power = np.maximum(-motion.specific_force_long_mps2, 0.0) * motion.speed_mps
         step = float(motion.time_s[1] - motion.time_s[0]) if len(motion) > 1 else 1.0
         left = math.exp(-step / self.cooling_s)

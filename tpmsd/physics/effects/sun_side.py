@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.signal import lfilter
 
 from tpmsd.physics.effect import Effect, Look, Parameter, Prior
 from tpmsd.physics.motion import Car, Motion
@@ -66,6 +65,8 @@ class SunSide(Effect):
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) the lagged exposure, positive on the left."""
+        from scipy.signal import lfilter
+
         heading = motion.heading_rad
         shining = -self.east_m * np.sin(heading) + self.north_m * np.cos(heading)
         step = float(motion.time_s[1] - motion.time_s[0]) if len(motion) > 1 else 1.0
