@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from itertools import islice
 from pathlib import Path
 
 from tpmsd.errors import InputError
@@ -31,20 +30,13 @@ BadLine = Callable[[int, str], None]
 FRAMES_PER_BLOCK = 4096
 """Of formats that are read frame by frame."""
 
-
-def _by_python_can(suffix: str, path: Path, note: BadLine) -> Iterator[FrameBlock]:
-    frames = read_by_python_can(suffix, path, note)
-    while some := list(islice(frames, FRAMES_PER_BLOCK)):
-        yield block_of(some)
-
-
-Reader = Callable[[Path, BadLine], Iterator[FrameBlock]]
-"""Takes the path of a log and whom to tell of what was skipped."""
+Reader = Callable[[Path, BadLine], Iterator[FrameBlock] | Iterator[CanFrame]]
+"""Takes the path of a log and whom to tell of what was skipped; gives frames, or blocks of them."""
 
 READERS: dict[str, Reader] = {
     ".log": read_candump,
     ".log.gz": read_candump,
-    **{suffix: partial(_by_python_can, suffix) for suffix in (".asc", ".blf", ".trc", ".mf4")},
+    **{suffix: partial(read_by_python_can, suffix) for suffix in (".asc", ".blf", ".trc", ".mf4")},
 }
 """Which reader takes which files; another format is one more row."""
 SUFFIXES = tuple(READERS)
@@ -98,7 +90,22 @@ def read_can_blocks(path: str | Path, on_bad_line: BadLine | None = None) -> Ite
         if on_bad_line is not None:
             on_bad_line(line, reason)
 
-    return _not_empty(path, READERS[suffix](path, note), first_bad)
+    return _not_empty(path, _in_blocks(READERS[suffix](path, note)), first_bad)
+
+
+def _in_blocks(read: Iterator[FrameBlock] | Iterator[CanFrame]) -> Iterator[FrameBlock]:
+    """Single frames gathered; blocks as they are."""
+    frames: list[CanFrame] = []
+    for item in read:
+        if isinstance(item, FrameBlock):
+            yield item
+            continue
+        frames.append(item)
+        if len(frames) == FRAMES_PER_BLOCK:
+            yield block_of(frames)
+            frames.clear()
+    if frames:
+        yield block_of(frames)
 
 
 def _not_empty(
