@@ -81,7 +81,7 @@ ALLOWED["fleet"] = {
     "tables",
 }
 ALLOWED["cli"] = ALLOWED["cli"] | {"api", "tables", "fleet", "web"}
-ALLOWED["web"] = {"api", "sinks", "tables"}
+ALLOWED["web"] = {"api", "report", "sinks", "tables"}
 
 PURE_ROOMS = {
     *("sources", "timeline", "estimators", "monitor", "pipeline"),

@@ -38,6 +38,7 @@ def test_the_configuration_of_a_drive_folder_is_its_vehicle_file(tmp_path: Path)
     assert [str(tmp_path)] == document["input"]["paths"]
     assert str(tmp_path / "vehicle.toml") == document["input"]["configuration"]
     assert document["input"]["hash"].startswith("sha256:")
+    assert content_hash([tmp_path / "vehicle.toml"]) == document["input"]["configuration_hash"]
 
 
 def test_the_commit_is_that_of_the_checkout() -> None:

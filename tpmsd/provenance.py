@@ -39,6 +39,7 @@ def provenance(
         "input": {
             "paths": [str(path) for path in sources],
             "configuration": None if file is None else str(file),
+            "configuration_hash": None if file is None else content_hash([file]),
             "hash": content_hash([*sources, *([] if file is None else [file])]),
         },
     }

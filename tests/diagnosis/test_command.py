@@ -10,6 +10,7 @@ import pytest
 
 from bench.worlds.folder import write_folder
 from bench.worlds.kinematic import Spec, drive
+from tests.report.pages import Page
 from tpmsd.cli.main import main
 from tpmsd.physics.model_file import load_model
 
@@ -57,13 +58,15 @@ def test_the_extended_model_can_be_taken_up_again(out: Path) -> None:
 
 
 def test_the_page_stands_alone(out: Path) -> None:
-    """It has pictures, and loads nothing from elsewhere."""
-    page = (out / "d.html").read_text(encoding="utf-8")
+    """It has pictures, loads nothing from elsewhere, and says what it was made of."""
+    text = (out / "d.html").read_text(encoding="utf-8")
+    page = Page(text)
+    read = json.loads((out / "d.json").read_text(encoding="utf-8"))["input"]
 
-    assert page.count("<svg") >= 3
-    assert "<script" not in page
-    assert "src=" not in page
-    assert "href=" not in page
+    assert page.tags["svg"] >= 3
+    assert [] == page.loaded
+    assert len(text) < 3_000_000
+    assert f"Configuration hash|{read['configuration_hash']}" in page.text
 
 
 def test_nothing_is_written_but_what_was_asked_for(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 from collections.abc import Sequence
 
 import pytest
@@ -13,7 +12,7 @@ from tests.report.drives import START_S, Drive, alarm
 from tpmsd.diagnosis.assessment.result import Finding, Quantity, Where
 from tpmsd.monitor.records import AlarmEvent, AlarmKind
 from tpmsd.report.alarms_compared import alarms_document, alarms_summary, compare_alarms
-from tpmsd.report.diagnosis_html_alarms import alarms_section
+from tpmsd.report.diagnosis_figures import radius_chart
 from tpmsd.report.replay_result import ReplayResult
 
 LEAK = Finding(
@@ -142,14 +141,17 @@ def test_where_nothing_is_compensated_one_replay_serves() -> None:
     assert "Alarms of d: none; the model holds nothing to compensate." == alarms_summary(compared)
 
 
-def test_the_page_shows_each_wheel_with_its_alarm() -> None:
-    """A picture per wheel, the alarm at its time, both replays in the table."""
+def test_each_wheel_has_a_figure_with_its_alarm() -> None:
+    """Both replays on one time axis, the alarm at its time on its wheel's figure, the fault as found."""
     compared = compare_alarms(
         "d", replayed([alarm(400.0, DEFLATION, "rl")], leak_m=-2e-3), replayed(), [LEAK]
     )
-    page = "\n".join(alarms_section(compared))
+    charts = [radius_chart(compared, wheel) for wheel in range(4)]
 
-    assert 4 == page.count("<svg")
-    assert 1 == len(re.findall(r">deflation RL<", page))
-    assert "deflation RL at 6:40" in page
-    assert 1 == page.count("the fault as found")
+    assert [0, 0, 1, 0] == [len(chart.moments) for chart in charts if chart is not None]
+    assert charts[2] is not None
+    assert (400.0, "deflation RL") == (charts[2].moments[0].at, charts[2].moments[0].name)
+    before, after, fault = charts[2].curves  # the wheel began 0.4 mm above nominal
+    assert -2.0 == pytest.approx(before.y[-1] - 0.4, abs=0.01)
+    assert 0.0 == pytest.approx(after.y[-1] - 0.4, abs=0.01)
+    assert ("change of radius as found", -2.0) == (fault.name, pytest.approx(fault.y[-1] - 0.4, abs=0.01))

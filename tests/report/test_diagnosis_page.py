@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.report.pages import ORIGIN, Page
 from tests.report.test_alarms_compared import LEAK
 from tpmsd.diagnosis.assessment.reach import ChannelReach, Reach
 from tpmsd.diagnosis.assessment.result import Diagnosis, Finding, Ground, Inner, Quantity, Trace, Where
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.report.diagnosis_document import diagnosis_document
-from tpmsd.report.diagnosis_html import diagnosis_page
+from tpmsd.report.diagnosis_page import diagnosis_page
 from tpmsd.report.diagnosis_summary import diagnosis_summary, reached
 
 SHAPE = Finding(
@@ -113,20 +114,40 @@ def test_the_document_has_what_was_reached() -> None:
 
 
 def test_the_page_shows_every_finding() -> None:
-    """Shape and mismatch of the unknown, mismatch of the latency, map and evidence: five pictures."""
-    page = diagnosis_page(FOUND, ["monday", "<tuesday>"])
+    """Gains, term and residual of the unknown, residual of the latency, map, evidence: six pictures."""
+    page = Page(diagnosis_page(FOUND, ["monday", "<tuesday>"], ORIGIN))
 
-    assert 5 == page.count("<svg")
-    assert "Diagnosis of monday, &lt;tuesday&gt;" in page
-    assert "left out, for the drive is shorter than 90 s" in page
-    assert "latency_s = 0.1 +- 0.004 s" in page
-    assert "what noise lets expect" in page
-    assert "road_grade" not in page
-    assert not [mark for mark in ("<script", "src=", "href=", "url(") if mark in page]
+    assert 6 == page.tags["svg"]
+    assert 3 == len(page.data)
+    assert "Diagnosis of monday, <tuesday>" in page.text
+    assert "left out, for the drive is shorter than 90 s" in page.text
+    assert "2. GNSS latency" in page.text
+    assert "latency|0.1 ± 0.004 s" in page.text
+    assert "GNSS latency|Antenna lever arm|brake hard on a straight" in page.text
+    assert "Road grade" not in page.text
+
+
+def test_the_page_says_how_certain_a_finding_is() -> None:
+    """Status and p-value of each finding; a suspicion is not counted as a finding."""
+    doubtful = replace(LATENCY, status="suspicion", p_value=0.2)
+    page = Page(diagnosis_page(replace(FOUND, findings=(SHAPE, doubtful)), ["monday"], ORIGIN))
+
+    assert "1 finding and 1 suspicion" in page.text
+    assert "GNSS latency|suspicion|0.2|" in page.text
+    assert "A suspicion, which noise may make as well (p = 0.2)" in page.text
 
 
 def test_small_lengths_are_in_millimetres_on_the_page() -> None:
     """A change of radius reads in millimetres, with its standard deviation."""
-    page = diagnosis_page(replace(FOUND, findings=(LEAK,)), ["monday"])
+    page = Page(diagnosis_page(replace(FOUND, findings=(LEAK,)), ["monday"], ORIGIN))
 
-    assert "deviation_m = -2 +- 0.01 mm" in page
+    assert "deviation|-2 ± 0.01 mm" in page.text
+
+
+def test_insufficient_data_have_a_page_too() -> None:
+    """The reason, and no empty tables."""
+    nothing = replace(FOUND, verdict="insufficient_data", reason="the car stood", inner=None, reach=None)
+    page = Page(diagnosis_page(nothing, ["monday"], ORIGIN))
+
+    assert "Insufficient data: the car stood." in page.text
+    assert 0 == page.tags["table"]

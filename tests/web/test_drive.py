@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import shutil
+import time
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +14,10 @@ from hypothesis import strategies as st
 from starlette.testclient import TestClient
 
 import tpmsd
+from tpmsd.report.decimation import decimated
 from tpmsd.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.simulator.drive_writer import write_drive
 from tpmsd.web.app import drive_app
-from tpmsd.web.drive import decimated
 from tpmsd.web.settings import WebSettings
 
 
@@ -89,3 +91,36 @@ def test_the_overview_and_the_track(web: TestClient, tmp_path: Path) -> None:
     assert 1 == len({len(values) for values in track.values()})
     assert len(track["east_m"]) <= 120
     assert 400 == web.get("/api/track?colour=nonsense").status_code
+
+
+def test_the_diagnosis_is_made_once_and_shown(tmp_path: Path) -> None:
+    """The first visit starts it and waits; afterwards the page is there, and obeys the policy."""
+    folder = write_drive(tmp_path / "oval", simulate_drive(DriveSpec(route="oval", duration_s=40.0)))
+    app = drive_app(tpmsd.replay(folder), WebSettings())
+    with TestClient(app, base_url="http://127.0.0.1:8377") as web:
+        assert {"state": "running", "share": 0.0, "reason": None} == web.get("/api/diagnosis").json()
+        assert "being analysed" in web.get("/diagnosis").text
+        assert "being analysed" in web.get("/diagnosis").text
+        end = time.monotonic() + 60.0
+        while web.get("/api/diagnosis").json()["state"] == "running" and time.monotonic() < end:
+            time.sleep(0.1)
+        page = web.get("/diagnosis").text
+
+    assert "Insufficient data" in page
+    assert "<style" not in page
+    assert "style=" not in page
+    assert page.count("<script") == page.count(" src=")
+
+
+def test_a_diagnosis_that_fails_says_why(tmp_path: Path) -> None:
+    """The folder is gone by then: the reason in one line."""
+    folder = write_drive(tmp_path / "oval", simulate_drive(DriveSpec(route="oval", duration_s=40.0)))
+    app = drive_app(tpmsd.replay(folder), WebSettings())
+    shutil.rmtree(folder)
+    with TestClient(app, base_url="http://127.0.0.1:8377") as web:
+        web.get("/diagnosis")
+        end = time.monotonic() + 60.0
+        while (told := web.get("/api/diagnosis").json())["state"] == "running" and time.monotonic() < end:
+            time.sleep(0.1)
+
+    assert ("failed", f"{folder}: no such drive folder") == (told["state"], told["reason"])

@@ -83,6 +83,16 @@ class Replay:
             raise ConfigError("the ticks were not kept: replay(drive, table=True)")
         return self.table.to_pandas()
 
+    def to_html(self) -> str:
+        """The page of `tpmsd replay --html`; ConfigError without the extra `report`."""
+        from tpmsd.api.pages import replay_html
+        from tpmsd.report.page import Origin, check_report_packages
+
+        check_report_packages()
+        return replay_html(
+            self.result, self.table, Origin.now(self.source.document(REPLAY_SCHEMA)), self.notes
+        )
+
     def plot(self, ax: Axes | None = None) -> Axes:
         """Deviation of each radius from nominal with a band of two standard deviations, and the alarms."""
         axes = _axes(ax)
@@ -181,6 +191,18 @@ class Diagnosis:
         columns += ["wheels", "channel", "covariate", "gain_nats"]
         frame: pd.DataFrame = need_pandas().DataFrame(rows, columns=columns)
         return frame
+
+    def to_html(self, standalone: bool = True) -> str:
+        """The page of `tpmsd diagnose --html`; ConfigError without the extra `report`.
+
+        `standalone`: with its styles and scripts in it; else it links to `assets/` beside it.
+        """
+        from tpmsd.report.diagnosis_page import diagnosis_page
+        from tpmsd.report.page import Origin, check_report_packages
+
+        check_report_packages()
+        origin = Origin.now(self.source.document(DIAGNOSIS_SCHEMA))
+        return diagnosis_page(self.result, self.drives, origin, standalone=standalone)
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Held-out log-likelihood gain of each finding."""

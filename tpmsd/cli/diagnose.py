@@ -11,6 +11,7 @@ import contextlib
 import os
 import sys
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -108,10 +109,13 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.physics.model_file import format_model
     from tpmsd.provenance import provenance
     from tpmsd.report.diagnosis_document import diagnosis_document
-    from tpmsd.report.diagnosis_html import diagnosis_page
+    from tpmsd.report.diagnosis_page import diagnosis_page
     from tpmsd.report.diagnosis_summary import diagnosis_summary
+    from tpmsd.report.page import Origin, check_report_packages
 
     outputs = Outputs(("--model-out", args.model_out), ("--html", args.html), ("--json", args.json))
+    if args.html is not None:
+        check_report_packages()
     if args.simulation is not None and len(args.drives) > 1:
         raise ConfigError("--simulation is compared with one DRIVE, that of which it is a simulation")
     names = names_of(args.drives)
@@ -134,16 +138,17 @@ def run(args: argparse.Namespace) -> int:
             alarms = replays.compared(diagnosis)
     known = diagnosis.verdict != INSUFFICIENT
     model_file = str(args.model_out) if known and args.model_out is not None else None
+    origin = cache(lambda: provenance(SCHEMA, _read(args), args.config or args.drives[0]))
     if not outputs.fill_stdout:
         print(diagnosis_summary(diagnosis, model_file, alarms), flush=True)
     comment = f"written by tpmsd diagnose from {', '.join(drive.resolve().name for drive in args.drives)}"
     outputs.write(
         {
             "--model-out": lambda: format_model(diagnosis.model, comment) if known else None,
-            "--html": lambda: diagnosis_page(diagnosis, names, alarms),
+            "--html": lambda: diagnosis_page(diagnosis, names, Origin.now(origin()), alarms),
             "--json": lambda: json_text(
                 {
-                    **provenance(SCHEMA, _read(args), args.config or args.drives[0]),
+                    **origin(),
                     **diagnosis_document(diagnosis, model_file, alarms),
                 }
             ),

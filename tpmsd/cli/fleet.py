@@ -195,7 +195,7 @@ def _head(action: str, store: Path) -> dict[str, Any]:
     from tpmsd.provenance import provenance
 
     head = provenance(f"tpmsd.fleet.{action}/1")
-    head["input"] = {"paths": [str(store)], "configuration": None, "hash": None}
+    head["input"] = {"paths": [str(store)], "configuration": None, "configuration_hash": None, "hash": None}
     return {**head, "store": str(store)}
 
 

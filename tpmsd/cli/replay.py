@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import argparse
 import sys
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 from tpmsd.api import functions
 from tpmsd.api.drive import Drive, settings_of
@@ -41,6 +43,7 @@ _EPILOG = """\
 examples:
   tpmsd replay drives/monday
   tpmsd replay drives/monday --plot monday.png --json monday.json
+  tpmsd replay drives/monday --html monday.html      one page with plots, track and tables
   tpmsd replay drives/monday --config other.toml     the same drive with another configuration
   tpmsd replay drives/monday --parquet monday.parquet --mcap monday.mcap
 """
@@ -64,6 +67,7 @@ def add_parser(subparsers: Subparsers) -> None:
         "--config", type=Path, metavar="FILE", help="configuration instead of DRIVE/vehicle.toml"
     )
     parser.add_argument("--plot", type=Path, metavar="FILE", help="write a picture (.png .svg .pdf)")
+    parser.add_argument("--html", type=Path, metavar="FILE", help="write a page with plots and the track")
     for kind, what in _TABLES.items():
         parser.add_argument(f"--{kind}", type=Path, metavar="FILE", help=f"write the tick table {what}")
     parser.add_argument(
@@ -81,9 +85,13 @@ def run(args: argparse.Namespace) -> int:
 
     kinds = ("csv", "parquet", "mcap")
     asked = [(f"--{kind}", getattr(args, kind)) for kind in kinds]
-    outputs = Outputs(("--plot", args.plot), *asked, ("--json", args.json))
+    outputs = Outputs(("--plot", args.plot), ("--html", args.html), *asked, ("--json", args.json))
     if args.plot is not None:
         check_plot_target(args.plot)
+    if args.html is not None:
+        from tpmsd.report.page import check_report_packages
+
+        check_report_packages()
     for kind in kinds:
         if outputs.asked(f"--{kind}"):
             check_packages(kind)
@@ -95,25 +103,32 @@ def run(args: argparse.Namespace) -> int:
         model = load_model(model_file)
         for note in left_alone(config, model):
             print(f"tpmsd: {model_file}: {note}", file=sys.stderr)
-    wanted = any(outputs.asked(option) for option, _ in asked)
+    wanted = args.html is not None or any(outputs.asked(option) for option, _ in asked)
     car = toml_text(settings_of(config))
     result, table = replayed(args.drive, config, model, table=wanted)
     if table is not None and table.fixes_left_out:
         say(f"the tick table lacks {table.fixes_left_out} fixes: the receiver is faster than the ticks")
+    origin = cache(lambda: provenance(REPLAY_SCHEMA, [args.drive], config.file))
     if not outputs.fill_stdout:
         print(replay_summary(result), flush=True)
     outputs.write(
         {
             "--plot": lambda: plot_replay(result, args.plot.suffix),
+            "--html": lambda: _page(result, table, origin()),
             "--csv": lambda: csv_text(table) if table is not None else None,
             "--parquet": lambda: parquet_bytes(table, car) if table is not None else None,
             "--mcap": lambda: mcap_bytes(table) if table is not None else None,
-            "--json": lambda: json_text(
-                {**provenance(REPLAY_SCHEMA, [args.drive], config.file), **replay_document(result)}
-            ),
+            "--json": lambda: json_text({**origin(), **replay_document(result)}),
         }
     )
     return 0
+
+
+def _page(result: ReplayResult, table: TickTable | None, origin: dict[str, Any]) -> str:
+    from tpmsd.api.pages import replay_html
+    from tpmsd.report.page import Origin
+
+    return replay_html(result, table, Origin.now(origin))
 
 
 def _vehicle_of(drive: Path) -> Path:

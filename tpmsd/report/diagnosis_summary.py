@@ -22,6 +22,7 @@ from tpmsd.physics.catalogue import sentence_of
 from tpmsd.physics.covariates import COVARIATES
 from tpmsd.report.alarms_compared import AlarmsCompared, alarms_summary
 from tpmsd.report.simulation_text import agreement, baseline_name, held_lines
+from tpmsd.report.wording import covariate_name
 
 CHANNELS: dict[str, str] = {
     "wheel": "wheels against receiver",
@@ -164,7 +165,7 @@ def place(where: Where) -> str:
     """Where a mismatch is, in words."""
     text = CHANNELS[where.channel] + (f" ({' '.join(where.wheels)})" if where.wheels else "")
     if where.covariate is not None:
-        text += f", over {where.covariate}"
+        text += f", over {covariate_name(where.covariate)}"
         if where.range is not None:
             low, high = where.range
             text += f" from {_short(low)} to {_short(high)} {UNITS.get(where.covariate, '')}".rstrip()

@@ -19,7 +19,7 @@ _SEVERITY = {AlarmKind.DEFLATION: 0, AlarmKind.RADIUS_DEVIATION: 1, AlarmKind.MA
 def replay_summary(result: ReplayResult) -> str:
     """The summary that `tpmsd replay` prints."""
     paragraphs = [
-        _verdict(result),
+        verdict(result),
         _alarm_list(result),
         _wheel_table(result),
         _unmonitored(result),
@@ -28,7 +28,7 @@ def replay_summary(result: ReplayResult) -> str:
     return "\n\n".join(paragraph for paragraph in paragraphs if paragraph)
 
 
-def _verdict(result: ReplayResult) -> str:
+def verdict(result: ReplayResult) -> str:
     """One sentence per raised alarm, the gravest first; else what the silence is worth."""
     raised = [alarm for alarm in result.alarms if alarm.state == "raised"]
     if raised:

@@ -19,15 +19,24 @@ from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response, StreamingResponse
+from starlette.responses import (
+    FileResponse,
+    HTMLResponse,
+    JSONResponse,
+    PlainTextResponse,
+    Response,
+    StreamingResponse,
+)
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from tpmsd import __version__
 from tpmsd.api.results import Replay
 from tpmsd.errors import TpmsdError
+from tpmsd.report.page import ASSETS
 from tpmsd.sinks.status_client import request_reset
 from tpmsd.web import drive as drive_data
+from tpmsd.web.diagnosis import DiagnosisJob
 from tpmsd.web.guard import COOKIE, LOGIN, Guard, same
 from tpmsd.web.live import LiveHub
 from tpmsd.web.settings import WebSettings
@@ -91,8 +100,31 @@ def live_app(socket: Path, settings: WebSettings) -> Starlette:
 
 
 def drive_app(replay: Replay, settings: WebSettings) -> Starlette:
-    """The page of a recorded drive."""
-    overview = drive_data.overview(replay)
+    """The pages of a recorded drive: the drive, and the diagnosis where it lies in a folder."""
+    folders = replay.source.folders
+    job = DiagnosisJob(folders[0]) if folders else None
+    overview = {**drive_data.overview(replay), "diagnosis": job is not None}
+
+    @contextlib.asynccontextmanager
+    async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        try:
+            yield
+        finally:
+            if job is not None:
+                await job.stop()
+
+    async def diagnosis(_: Request) -> Response:
+        if job is None:
+            raise HTTPException(404, "the drive is in memory alone: there is no diagnosis")
+        job.start()
+        if job.page is None:
+            return FileResponse(STATIC / "wait.html", media_type="text/html")
+        return HTMLResponse(job.page)
+
+    async def progress(_: Request) -> Response:
+        if job is None:
+            raise HTTPException(404, "the drive is in memory alone: there is no diagnosis")
+        return JSONResponse(job.document())
 
     def series(request: Request) -> Response:
         query = request.query_params
@@ -116,8 +148,10 @@ def drive_app(replay: Replay, settings: WebSettings) -> Starlette:
         Route("/api/drive", lambda _: JSONResponse(overview)),
         Route("/api/series", series),
         Route("/api/track", track),
+        Route("/diagnosis", diagnosis),
+        Route("/api/diagnosis", progress),
     ]
-    return _app(routes, settings, None)
+    return _app(routes, settings, lifespan)
 
 
 def page(name: str) -> Handler:
@@ -145,6 +179,7 @@ def _app(routes: list[Route], settings: WebSettings, lifespan: Any) -> Starlette
             *routes,
             Route(LOGIN, login, methods=["GET", "POST"]),
             Mount("/static", StaticFiles(directory=STATIC)),
+            Mount("/assets", StaticFiles(directory=ASSETS)),
         ],
         middleware=[Middleware(Guard, settings=settings)],
         exception_handlers={TpmsdError: _refused, HTTPException: _http_error},

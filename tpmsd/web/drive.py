@@ -7,13 +7,13 @@ and the largest value of each bucket, so that no spike is lost however far the v
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from tpmsd.api.results import Replay
 from tpmsd.errors import ConfigError
+from tpmsd.report.decimation import decimated
 from tpmsd.tables.columns import BY_NAME, COLUMNS
 from tpmsd.wheels import WHEELS, FloatArray
 
@@ -106,29 +106,6 @@ def track(replay: Replay, colour: str, points: int) -> dict[str, list[float | No
     step = max(1, math.ceil(len(table) / max(points, 1)))
     names = {"east_m": TRACK[0], "north_m": TRACK[1], "value": colour, "time_s": TIME}
     return {key: plain_list(table[name][::step]) for key, name in names.items()}
-
-
-def decimated(
-    x: FloatArray, columns: Mapping[str, FloatArray], points: int
-) -> tuple[FloatArray, dict[str, FloatArray]]:
-    """(n,) series at no more than `points` values: the least and the greatest of each bucket, NaN left aside.
-
-    A bucket without a value stays NaN, so that gaps remain gaps.
-    """
-    n = len(x)
-    buckets = max(points // 2, 1)
-    if n <= 2 * buckets:
-        return x, dict(columns)
-    edges = np.linspace(0, n, buckets + 1).astype(np.intp)[:-1]
-    middle = np.repeat(x[edges], 2)
-    middle[1::2] = x[np.append(edges[1:], n) - 1]
-    out = {}
-    for name, values in columns.items():
-        pair = np.empty(2 * buckets)
-        pair[0::2] = np.fmin.reduceat(values, edges)
-        pair[1::2] = np.fmax.reduceat(values, edges)
-        out[name] = pair
-    return middle, out
 
 
 def plain_list(values: FloatArray) -> list[float | None]:

@@ -9,6 +9,7 @@ let track = null;
 
 byId("name").textContent = drive.drive;
 document.title = `tpmsd: ${drive.drive}`;
+if (!drive.diagnosis) byId("diagnosis").remove();
 byId("connection").textContent = `${duration(drive.duration_s)}, ${(drive.distance_m / 1000).toFixed(1)} km`;
 
 function table(node, head, rows) {

@@ -1,0 +1,310 @@
+"""A diagnosis as one HTML page.
+
+In: `Diagnosis`, the names of its drives, the replays of its drives where they were made, where it comes
+from. Out: HTML (template `diagnosis.html`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from tpmsd.diagnosis.assessment.result import FINDING, INSUFFICIENT, MISMATCH, Diagnosis, Finding, Quantity
+from tpmsd.physics.catalogue import sentence_of
+from tpmsd.report.alarms_compared import AlarmsCompared
+from tpmsd.report.diagnosis_figures import (
+    evidence_bars,
+    finding_name,
+    gain_bars,
+    mismatch_track,
+    radius_chart,
+    spline_chart,
+    trace_chart,
+)
+from tpmsd.report.diagnosis_summary import (
+    CHANNELS,
+    diagnosis_summary,
+    explained,
+    place,
+    quantity_text,
+    reached,
+)
+from tpmsd.report.page import Cell, Drawn, Origin, Table, Tile, drawn, render
+from tpmsd.report.replay_result import ReplayResult
+from tpmsd.report.simulation_text import agreement, baseline_name, held_lines
+from tpmsd.report.wording import alarm_label, drive_time, parameter_name, plain_name, wheel_name
+from tpmsd.wheels import WHEELS
+
+
+@dataclass(frozen=True)
+class FindingView:
+    """One finding as the page tells it."""
+
+    title: str
+    effect: str
+    sentences: tuple[str, ...]
+    values: Table
+    figures: tuple[Drawn, ...]
+
+
+@dataclass(frozen=True)
+class AlarmsView:
+    """What the findings mean for the alarms of one drive."""
+
+    drive: str
+    sentences: tuple[str, ...]
+    alarms: Table
+    radii: Table
+    figures: tuple[Drawn, ...]
+
+
+def diagnosis_page(
+    diagnosis: Diagnosis,
+    names: Sequence[str],
+    origin: Origin,
+    alarms: Sequence[AlarmsCompared] = (),
+    standalone: bool = True,
+) -> str:
+    """The page; ConfigError where Jinja2 or matplotlib is missing."""
+    known = diagnosis.verdict != INSUFFICIENT
+    baseline = baseline_name(diagnosis)
+    track = mismatch_track(diagnosis, baseline)
+    gains, evidence = gain_bars(diagnosis), evidence_bars(diagnosis)
+    return render(
+        "diagnosis.html",
+        origin,
+        standalone,
+        drives=", ".join(names),
+        verdict=_verdict(diagnosis),
+        head=_tiles(diagnosis),
+        notes=diagnosis.notes,
+        known=known,
+        baseline=baseline,
+        overview=_overview(diagnosis),
+        findings=_findings(diagnosis) if known else (),
+        gains=None if gains is None else drawn(gains, "gains"),
+        confounded=_confounded(diagnosis),
+        alarms=[_alarms(one, number) for number, one in enumerate(alarms)],
+        track=None if track is None else drawn(track, "track"),
+        reached=_reached(diagnosis),
+        channels=_channels(diagnosis),
+        evidence=None if evidence is None else drawn(evidence, "evidence"),
+        summary=diagnosis_summary(diagnosis, None),
+    )
+
+
+def _verdict(diagnosis: Diagnosis) -> str:
+    if diagnosis.verdict == INSUFFICIENT:
+        return f"Insufficient data: {diagnosis.reason}."
+    if diagnosis.verdict == MISMATCH:
+        return f"The recording and {baseline_name(diagnosis)} differ: {_count(diagnosis)}."
+    return agreement(diagnosis)
+
+
+def _count(diagnosis: Diagnosis) -> str:
+    certain = sum(finding.status == FINDING for finding in diagnosis.findings)
+    doubtful = len(diagnosis.findings) - certain
+    parts = [f"{certain} finding{'' if certain == 1 else 's'}"]
+    if doubtful:
+        parts.append(f"{doubtful} suspicion{'' if doubtful == 1 else 's'}")
+    return " and ".join(parts)
+
+
+def _tiles(diagnosis: Diagnosis) -> list[Tile]:
+    verdicts = {INSUFFICIENT: "insufficient data"}
+    tiles = [
+        Tile(
+            verdicts.get(diagnosis.verdict, diagnosis.verdict),
+            "Verdict",
+            "Mismatch: an effect beyond noise was found. Consistent: none was.",
+        )
+    ]
+    if diagnosis.verdict == INSUFFICIENT:
+        return tiles
+    share = None if diagnosis.reach is None else diagnosis.reach.share
+    tiles += [
+        Tile(
+            f"{diagnosis.driving_s / 60:.0f} min",
+            "Driving compared",
+            "Time in which the car moved and all was read.",
+        ),
+        Tile(_count(diagnosis), "Found", "A suspicion may be noise and does not make a mismatch."),
+        Tile(
+            f"{diagnosis.baseline_rms:.2f} → {diagnosis.model_rms:.2f}",
+            "Held-out residual",
+            "Root mean square on stretches that were left out of the fit, before and after, in units of"
+            " the noise: 1 is noise alone.",
+        ),
+        Tile(
+            "nothing to gain" if share is None else f"{100 * share:.0f} %",
+            "Share of the reachable gain",
+            "Gain of the findings over that of a nonparametric model of everything.",
+        ),
+    ]
+    if diagnosis.replicates:
+        tiles.append(
+            Tile(
+                str(diagnosis.replicates),
+                "Replicates",
+                "Drives drawn without each effect and analysed alike; the p-values come from them.",
+            )
+        )
+    return tiles
+
+
+def _overview(diagnosis: Diagnosis) -> Table:
+    heads = ("effect", "status", "p-value", "confidence", "held-out gain (nats)", "held-out residual")
+    rows = tuple(
+        (
+            Cell(finding_name(finding), link=f"finding-{number}"),
+            Cell(finding.status),
+            Cell("–" if finding.p_value is None else f"{finding.p_value:.1g}", finding.p_value, number=True),
+            Cell(f"{finding.confidence:.3f}", number=True),
+            Cell(_nats(finding.gain), finding.gain, number=True),
+            Cell(f"{finding.rms_before:.3f} → {finding.rms_after:.3f}", number=True),
+        )
+        for number, finding in enumerate(diagnosis.findings, 1)
+    )
+    return Table(heads, rows)
+
+
+def _findings(diagnosis: Diagnosis) -> tuple[FindingView, ...]:
+    """Each with its residual before and after; a trace goes to the first finding of its covariate."""
+    traces = [] if diagnosis.inner is None else list(diagnosis.inner.traces)
+    views = []
+    for number, finding in enumerate(diagnosis.findings, 1):
+        charts = [spline_chart(finding)]
+        covariate = finding.where.covariate or "time"
+        for k, trace in enumerate(traces):
+            if (trace.effect, trace.covariate) == (finding.effect, covariate):
+                charts.append(trace_chart(traces.pop(k)))
+                break
+        figures = tuple(
+            drawn(chart, f"finding-{number}-{k}") for k, chart in enumerate(charts) if chart is not None
+        )
+        views.append(
+            FindingView(finding_name(finding), finding.effect, _sentences(finding), _values(finding), figures)
+        )
+    return tuple(views)
+
+
+def _sentences(finding: Finding) -> tuple[str, ...]:
+    certainty = "A finding" if finding.status == FINDING else "A suspicion, which noise may make as well"
+    if finding.p_value is None:
+        certainty += " (without a p-value: no certificate was asked for)"
+    else:
+        certainty += f" (p = {finding.p_value:.1g})"
+    out = [
+        f"{_capital(sentence_of(finding.effect))}.",
+        f"{certainty}. Located in {place(finding.where)}.",
+        *(f"{_capital(line)}." for line in held_lines(finding)),
+    ]
+    if finding.drives:
+        out.append(f"Only in {', '.join(finding.drives)}.")
+    if finding.indistinguishable_from:
+        rivals = ", ".join(plain_name(rival) for rival in finding.indistinguishable_from)
+        out.append(f"Confounded on this drive with: {rivals}.")
+    if finding.advice:
+        out.append(f"Which drive would tell: {finding.advice}.")
+    return tuple(out)
+
+
+def _values(finding: Finding) -> Table:
+    rows = []
+    for name, quantity in finding.parameters.items():
+        shown = _millimetres(quantity)
+        value = wheel_name(str(shown.value)) if name == "wheel" else quantity_text(shown).replace("+-", "±")
+        rows.append((Cell(parameter_name(name)), Cell(value)))
+    return Table(("parameter", "value ± one standard deviation"), tuple(rows))
+
+
+def _millimetres(quantity: Quantity) -> Quantity:
+    """Small lengths in millimetres."""
+    if quantity.unit == "m" and isinstance(quantity.value, float) and abs(quantity.value) < 0.05:
+        return Quantity(1e3 * quantity.value, None if quantity.std is None else 1e3 * quantity.std, "mm")
+    return quantity
+
+
+def _confounded(diagnosis: Diagnosis) -> Table:
+    rows = tuple(
+        (Cell(finding_name(finding)), Cell(plain_name(rival)), Cell(finding.advice))
+        for finding in diagnosis.findings
+        for rival in finding.indistinguishable_from
+    )
+    return Table(("finding", "confounded with", "which drive would tell"), rows)
+
+
+def _reached(diagnosis: Diagnosis) -> list[str]:
+    out = [] if diagnosis.reach is None else [reached(diagnosis.reach)]
+    out += [text for text in map(explained, diagnosis.explanatory) if text]
+    if diagnosis.unexplained is not None:
+        out.append(f"Still unexplained: {place(diagnosis.unexplained)}.")
+    removed = diagnosis.down_weighted
+    if removed is not None and removed.share >= 0.005:
+        spans = ", ".join(f"{drive_time(start)} to {drive_time(end)}" for start, end in removed.time_spans)
+        where = f", most of it from {spans}" if spans else ""
+        out.append(
+            f"Robust weights took {100 * removed.share:.0f} % out of the data,"
+            f" which no effect explains{where}."
+        )
+    return out
+
+
+def _channels(diagnosis: Diagnosis) -> Table:
+    """Residual, gain and what is left, channel by channel."""
+    heads = ("channel", "residual before", "after", "gain (nats)", "left (nats)", "correlation after 1 s")
+    rows = []
+    for name, (before, after) in ({} if diagnosis.inner is None else diagnosis.inner.rms_by_channel).items():
+        channel = None if diagnosis.reach is None else diagnosis.reach.channels.get(name)
+        numbers = [f"{before:.3f}", f"{after:.3f}"]
+        if channel is not None:
+            numbers += [_nats(channel.found), _nats(channel.left), f"{channel.correlation:+.2f}"]
+        else:
+            numbers += ["–"] * 3
+        rows.append((Cell(CHANNELS[name]), *(Cell(text, number=True) for text in numbers)))
+    return Table(heads, tuple(rows))
+
+
+def _alarms(compared: AlarmsCompared, number: int) -> AlarmsView:
+    """Alarms and radii of one drive without and with the model."""
+    sentences = [*compared.changes, *(f"{note}." for note in compared.notes)]
+    if compared.after is compared.before:
+        sentences.insert(0, "The model holds nothing to compensate: alarms and radii stay as they are.")
+    alarms = tuple(
+        (Cell(name), Cell("\n".join(_raised(result)) or "none"))
+        for name, result in (("without the model", compared.before), ("with the model", compared.after))
+    )
+    radii = tuple(
+        (
+            Cell(wheel_name(bias.wheel)),
+            *(Cell(f"{1e3 * value:.2f}", number=True) for value in (bias.before_m, bias.after_m, bias.std_m)),
+        )
+        for bias in compared.wheels
+    )
+    charts = [radius_chart(compared, wheel) for wheel in range(len(WHEELS))]
+    return AlarmsView(
+        compared.drive,
+        tuple(sentences),
+        Table(("replay", "alarms raised"), alarms),
+        Table(
+            ("wheel", "without the model (mm)", "with it (mm)", "claimed std (mm)"),
+            radii,
+        ),
+        tuple(drawn(chart, f"radius-{number}-{k}") for k, chart in enumerate(charts) if chart is not None),
+    )
+
+
+def _raised(result: ReplayResult) -> list[str]:
+    return [
+        f"{alarm_label(alarm)} at {drive_time(alarm.time_s - result.start_s)}"
+        for alarm in result.alarms
+        if alarm.state == "raised"
+    ]
+
+
+def _nats(value: float) -> str:
+    return f"{round(value) + 0:,}".replace(",", " ")
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

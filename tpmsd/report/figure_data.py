@@ -1,0 +1,78 @@
+"""Figures as JSON for the report's script, which draws them with uPlot.
+
+In: `Chart`, `Bars`, `Track`. Out: JSON that may stand in a page's `<script type="application/json">`; empty
+for what has no interaction.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+from tpmsd.report.figures import Bars, Chart, Figure
+from tpmsd.report.palette import STYLES
+from tpmsd.report.static_figures import Picture
+from tpmsd.wheels import FloatArray
+
+DIGITS = 5
+"""Significant ones: more than a screen can show."""
+
+
+def figure_json(figure: Figure, picture: Picture | None) -> str:
+    """The figure's data; of a track, where on its picture the car was at which time."""
+    if isinstance(figure, Bars):
+        return ""
+    if isinstance(figure, Chart):
+        return _json(_chart(figure))
+    if picture is None or figure.time_s is None:
+        return ""
+    x, y = picture.places.T
+    return _json(
+        {
+            "kind": "track",
+            "group": figure.group,
+            "time": _numbers(figure.time_s),
+            "x": _numbers(x),
+            "y": _numbers(y),
+        }
+    )
+
+
+def _chart(chart: Chart) -> dict[str, Any]:
+    low, high = chart.extent()
+    return {
+        "kind": "chart",
+        "group": chart.group,
+        "time": chart.time,
+        "xLabel": chart.x_label,
+        "yLabel": chart.y_label,
+        "yRange": [low, high],
+        "x": _numbers(chart.x),
+        "curves": [
+            {
+                "name": curve.name,
+                "style": curve.style,
+                "dashes": [2.0 * part for part in STYLES[curve.style].dashes],
+                "dots": curve.dots,
+                "y": _numbers(curve.y),
+                "low": None if curve.low is None else _numbers(curve.low),
+                "high": None if curve.high is None else _numbers(curve.high),
+            }
+            for curve in chart.curves
+        ],
+        "levels": [{"at": one.at, "name": one.name, "style": one.style} for one in chart.levels],
+        "moments": [{"at": one.at, "name": one.name, "style": one.style} for one in chart.moments],
+        "spans": [{"from": one.start, "to": one.end, "style": one.style} for one in chart.spans],
+        "spanNames": [{"style": style, "name": name} for style, name in chart.legend_spans()],
+        "noise": None if chart.noise is None else list(chart.noise),
+    }
+
+
+def _numbers(values: FloatArray) -> list[float | None]:
+    return [float(f"{value:.{DIGITS}g}") if math.isfinite(value) else None for value in values.tolist()]
+
+
+def _json(document: dict[str, Any]) -> str:
+    """JSON in which no text can end the script element."""
+    return json.dumps(document, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")

@@ -1,0 +1,186 @@
+"""The figures of a replayed drive's report.
+
+In: a `ReplayResult`, the ticks' track where it was kept. Out: `Chart`s with a common time axis, and the
+`Track`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tpmsd.report.decimation import decimated
+from tpmsd.report.figures import Chart, Curve, Level, Moment, Span, Track
+from tpmsd.report.replay_result import ReplayResult
+from tpmsd.report.replay_series import ReplaySeries, settled_range
+from tpmsd.report.wording import alarm_label, wheel_name
+from tpmsd.wheels import WHEELS, FloatArray
+
+POINTS = 1600
+"""Per curve: two per column of a report's plot."""
+TRACK_POINTS = 1500
+GROUP = "drive"
+TIME_LABEL = "time since the start (h:min:s)"
+
+
+def replay_charts(result: ReplayResult) -> tuple[Chart, ...]:
+    """Change, deviation, probability, speed, and faults where there were any; empty without a tick."""
+    if len(result.time_s) == 0:
+        return ()
+    series = ReplaySeries.of(result)
+    charts = [_change(result, series), _deviation(result, series), _probability(result, series)]
+    charts.append(_speed(result, series))
+    if result.fault_counts:
+        charts.append(_faults(result, series))
+    return tuple(chart for chart in charts if chart.curves)
+
+
+def replay_track(
+    result: ReplayResult, east_m: FloatArray, north_m: FloatArray, speed_mps: FloatArray, time_s: FloatArray
+) -> Track | None:
+    """The track coloured by speed; `time_s` is drive time. None where no position is known."""
+    known = np.flatnonzero(np.isfinite(east_m) & np.isfinite(north_m))
+    if len(known) < 2:
+        return None
+    pick = known[:: max(1, -(-len(known) // TRACK_POINTS))]
+    return Track(
+        title="Track",
+        colour_label="speed (km/h)",
+        east_m=east_m[pick],
+        north_m=north_m[pick],
+        value=3.6 * speed_mps[pick],
+        time_s=time_s[pick],
+        moments=tuple(moment for moment in _moments(result) if moment.style == "bad"),
+        group=GROUP,
+    )
+
+
+def _change(result: ReplayResult, series: ReplaySeries) -> Chart:
+    loss = 1e3 * float(np.min(result.thresholds.deflation_m))
+    other = 1e3 * float(np.min(result.thresholds.deviation_m))
+    levels = (
+        Level(-loss, f"deflation {-loss:+.2f} mm", "bad"),
+        Level(-other, f"radius deviation {-other:+.2f} mm"),
+        Level(other, f"radius deviation {other:+.2f} mm"),
+    )
+    marks = [0.0, *(level.at for level in levels)]
+    return _wheel_chart(
+        result,
+        series,
+        "Radius minus learned baseline",
+        "change of radius (mm)",
+        series.change_mm,
+        series.change_std_mm,
+        levels,
+        marks,
+    )
+
+
+def _deviation(result: ReplayResult, series: ReplaySeries) -> Chart:
+    title, label = "Radius minus nominal", "deviation of radius (mm)"
+    return _wheel_chart(result, series, title, label, series.deviation_mm, series.std_mm, (), [0.0])
+
+
+def _wheel_chart(
+    result: ReplayResult,
+    series: ReplaySeries,
+    title: str,
+    label: str,
+    values: FloatArray,
+    std: FloatArray,
+    levels: tuple[Level, ...],
+    marks: list[float],
+) -> Chart:
+    columns = {}
+    for k, wheel in enumerate(WHEELS):
+        if np.isfinite(values[:, k]).any():
+            columns[wheel] = values[:, k]
+            columns[f"{wheel} low"] = values[:, k] - 2.0 * std[:, k]
+            columns[f"{wheel} high"] = values[:, k] + 2.0 * std[:, k]
+    x, kept = decimated(series.drive_s, columns, POINTS)
+    curves = [
+        Curve(wheel_name(wheel), kept[wheel], wheel, kept[f"{wheel} low"], kept[f"{wheel} high"])
+        for wheel in WHEELS
+        if wheel in kept
+    ]
+    return Chart(
+        title,
+        TIME_LABEL,
+        label,
+        x,
+        tuple(curves),
+        levels=levels,
+        moments=_moments(result),
+        y_range=settled_range(values, std, marks),
+        group=GROUP,
+        time=True,
+    )
+
+
+def _probability(result: ReplayResult, series: ReplaySeries) -> Chart:
+    columns = {
+        wheel: series.probability[:, k]
+        for k, wheel in enumerate(WHEELS)
+        if np.isfinite(series.probability[:, k]).any()
+    }
+    x, kept = decimated(series.drive_s, columns, POINTS)
+    curves = tuple(Curve(wheel_name(wheel), kept[wheel], wheel) for wheel in columns)
+    return Chart(
+        "Probability of a deflation",
+        TIME_LABEL,
+        "probability",
+        x,
+        curves,
+        moments=_moments(result),
+        y_range=(-0.03, 1.03),
+        group=GROUP,
+        time=True,
+    )
+
+
+def _speed(result: ReplayResult, series: ReplaySeries) -> Chart:
+    x, kept = decimated(series.drive_s, {"speed": series.speed_kmh}, POINTS)
+    idle, lost = series.not_informative(), series.without_fixes()
+    names = []
+    if lost:
+        names.append(("gap", "no GNSS fix"))
+    if idle:
+        names.append(("line", "not informative"))
+    return Chart(
+        "Speed",
+        TIME_LABEL,
+        "speed (km/h)",
+        x,
+        (Curve("speed", kept["speed"], "plain"),),
+        spans=(
+            *(Span(start, end, "line") for start, end in idle),
+            *(Span(start, end, "gap") for start, end in lost),
+        ),
+        span_names=tuple(names),
+        group=GROUP,
+        time=True,
+    )
+
+
+def _faults(result: ReplayResult, series: ReplaySeries) -> Chart:
+    x, kept = decimated(series.drive_s, {"can": series.can_faults, "gnss": series.gnss_faults}, POINTS)
+    return Chart(
+        "Faults of the inputs so far",
+        TIME_LABEL,
+        "faults",
+        x,
+        (Curve("CAN", kept["can"], "after"), Curve("GNSS", kept["gnss"], "before")),
+        group=GROUP,
+        time=True,
+    )
+
+
+def _moments(result: ReplayResult) -> tuple[Moment, ...]:
+    """Alarms raised and cleared, by drive time."""
+    return tuple(
+        Moment(
+            alarm.time_s - result.start_s,
+            alarm_label(alarm) + ("" if alarm.state == "raised" else " cleared"),
+            "bad" if alarm.state == "raised" else "soft",
+        )
+        for alarm in result.alarms
+    )

@@ -1,0 +1,109 @@
+"""The diagnosis of a recorded drive for the page: made once, at the first visit, by a process of its own.
+
+In: a drive folder. Out: the page of `tpmsd diagnose --html` with linked styles and scripts, and how far it
+is. The process is told by `python -m tpmsd.web.diagnosis FOLDER`: it writes its progress to standard error
+and the page to standard output.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tpmsd.errors import TpmsdError
+
+NICE = 10
+"""Added to the process' niceness: the pages, and a daemon on the same machine, come first."""
+MAX_LINE_BYTES = 1 << 20
+
+
+@dataclass
+class DiagnosisJob:
+    """One diagnosis: not begun, under way, done or failed."""
+
+    folder: Path
+    page: str | None = None
+    """HTML once it is done."""
+    reason: str = ""
+    """Why it failed; else empty."""
+    share: float = 0.0
+    """How much of the work is done, 0 to 1."""
+    _task: asyncio.Task[None] | None = None
+
+    def start(self) -> None:
+        """Begin, if nobody has: a second visit changes nothing."""
+        if self._task is None:
+            self._task = asyncio.create_task(self._run())
+
+    def document(self) -> dict[str, Any]:
+        """How far it is, as plain JSON values."""
+        state = "failed" if self.reason else "running" if self.page is None else "done"
+        return {"state": state, "share": self.share, "reason": self.reason or None}
+
+    async def stop(self) -> None:
+        """End the process if it runs."""
+        if self._task is not None:
+            self._task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._task
+
+    async def _run(self) -> None:
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "tpmsd.web.diagnosis", str(self.folder)),
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            limit=MAX_LINE_BYTES,
+            start_new_session=True,  # Ctrl-C is the server's affair
+        )
+        try:
+            assert process.stdout is not None
+            page, last = await asyncio.gather(process.stdout.read(), self._follow(process))
+            if await process.wait() == 0:
+                self.page = page.decode("utf-8")
+            else:
+                self.reason = last or "the diagnosis ended without a word"
+        finally:
+            if process.returncode is None:
+                process.kill()
+                await process.wait()
+
+    async def _follow(self, process: asyncio.subprocess.Process) -> str:
+        """Read the progress; the last line that is none."""
+        last = ""
+        assert process.stderr is not None
+        while line := await process.stderr.readline():
+            word, _, rest = line.decode("utf-8", "replace").strip().partition(" ")
+            if word == "progress":
+                self.share = float(rest)
+            else:
+                last = f"{word} {rest}".strip() or last
+        return last
+
+
+def main(folder: Path) -> int:
+    """The process: 0 with the page on standard output, else a line on standard error."""
+    os.nice(NICE)
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")  # before numpy is imported
+    from tpmsd.api.functions import diagnose
+
+    def tell(share: float) -> None:
+        print(f"progress {share:.3f}", file=sys.stderr, flush=True)
+
+    try:
+        page = diagnose(folder, progress=tell).to_html(standalone=False)
+    except TpmsdError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    sys.stdout.buffer.write(page.encode("utf-8"))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1])))
