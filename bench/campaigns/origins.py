@@ -105,6 +105,7 @@ def one(job: Job, places: Places, program: Path, passed: tuple[str, ...] = ()) -
         "verdict": document.get("verdict"),
         "findings": [each for each in findings if each["status"] == "finding"],
         "suspicions": [each for each in findings if each["status"] != "finding"],
+        "remaining": (document.get("certificate") or {}).get("remaining"),
         "cpu_s": round(answer.cpu_s, 2),
     }
 

@@ -16,6 +16,7 @@ import numpy as np
 from bench.statistics import apart, count, percent, uniform
 from bench.worlds import awkward, real_drives
 from bench.worlds.origins import ORIGINS
+from tpmsd.diagnosis.robustness.certify import EXCEEDED
 
 HELD_OUT_FROM = 50_000
 """Seeds from here on belong to the held-out half."""
@@ -81,12 +82,28 @@ def _null_row(name: str, null: Sequence[Row], judged: Sequence[Row], differs: st
     names = Counter(each["effect"] for row in judged for each in _false(row))
     told = ", ".join(f"{name} {number}" for name, number in names.most_common()) or "-"
     suspected = count(bool(row["suspicions"]) and not row["findings"] for row in judged)
-    every = [each["p_value"] for row in judged for each in (*row["findings"], *row["suspicions"])]
-    known = [value for value in every if value is not None]
+    known = [value for row in judged if (value := p_of_the_rest(row)) is not None]
     tested = uniform(known)
     cells = [name, str(len(null)), str(len(null) - len(judged)), percent(_found(judged)), percent(suspected)]
     cells += [differs, "-" if tested is None else f"{tested:.2g} of {len(known)}", told]
     return f"| {' | '.join(cells)} |"
+
+
+def p_of_the_rest(row: Row) -> float | None:
+    """p-value of the best hypothesis that was not chosen; None without a certificate.
+
+    Few replicates give few values, so the p-value is drawn evenly from those that its rank allows: it is then
+    exactly uniform where drive and replicates are alike. Drawing stopped after `EXCEEDED` replicates that
+    reached it, if nothing else was asked; of n, more than n were needed with probability EXCEEDED / (n + 1).
+    """
+    rest = row.get("remaining")
+    if rest is None:
+        return None
+    drawn, exceeded = rest["replicates"], rest["exceeded"]
+    stopped = exceeded == EXCEEDED and not row["findings"] and not row["suspicions"]
+    low, high = exceeded / (drawn + 1), exceeded / drawn if stopped else (exceeded + 1) / (drawn + 1)
+    rng = np.random.default_rng([row["seed"], *row["origin"].encode()])
+    return float(rng.uniform(low, high))
 
 
 def _false(row: Row) -> list[dict[str, Any]]:

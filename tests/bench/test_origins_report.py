@@ -6,9 +6,11 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy.stats import kstest
 
-from bench.campaigns.origins_report import markdown
+from bench.campaigns.origins_report import markdown, p_of_the_rest
 from bench.cli import into_page, main
 from bench.registry import UsageError
 
@@ -81,10 +83,24 @@ def test_an_event_is_right_by_name_wheels_and_span() -> None:
 
 def test_small_p_values_of_null_drives_are_told() -> None:
     """The test of Kolmogorov and Smirnov in the origin's row."""
-    rows = [row("traffic", k, finding("unknown", p_value=0.01 * k, status="suspicion")) for k in range(1, 9)]
+    rest = {"gain": 5.0, "p_value": 0.05, "exceeded": 0, "replicates": 19}
+    rows = [row("traffic", k, remaining=rest) for k in range(1, 9)]
     line = next(line for line in markdown(rows).splitlines() if line.startswith("| traffic"))
 
     assert float(line.split("|")[7].split(" of ")[0]) < 1e-3
+
+
+def test_p_values_by_early_stopping_are_uniform_where_drive_and_replicates_are_alike() -> None:
+    """Drawing until three of at most nineteen exceed the drive's own value (Besag and Clifford 1991)."""
+    rng = np.random.default_rng(4)
+    values = []
+    for seed in range(2000):
+        beyond = rng.random(19) < rng.random()
+        drawn = next((n for n in range(3, 20) if beyond[:n].sum() == 3), 19)
+        rest = {"exceeded": int(beyond[:drawn].sum()), "replicates": drawn}
+        values.append(p_of_the_rest(row("traffic", seed, remaining=rest)))
+
+    assert kstest(values, "uniform").pvalue > 0.01
 
 
 def test_a_report_is_put_between_the_marks_of_its_page() -> None:

@@ -64,6 +64,14 @@ def test_without_a_certificate_there_is_no_p_value(plain: Diagnosis) -> None:
     assert (None, "finding") == (finding.p_value, finding.status)
 
 
+def test_what_was_not_chosen_is_compared_with_chance_too(diagnosis: Diagnosis, plain: Diagnosis) -> None:
+    """Beside the effect that acts, the best of all others is what replicates make as well."""
+    assert plain.remaining is None
+    assert diagnosis.remaining is not None
+    assert diagnosis.remaining.p_value > 0.05
+    assert diagnosis.remaining.exceeded <= diagnosis.remaining.replicates == diagnosis.replicates
+
+
 def test_a_replicate_is_the_drive_with_new_errors(recording: Recording) -> None:
     """Its residuals scatter as the noise says that they were drawn from, channel by channel."""
     reader = Reader(recording, reference(recording))

@@ -31,9 +31,7 @@ def diagnosis_document(
             "significant": diagnosis.unexplained is not None,
             "where": None if diagnosis.unexplained is None else _where(diagnosis.unexplained),
         },
-        "certificate": {"replicates": diagnosis.replicates, "negative_control": diagnosis.control}
-        if diagnosis.replicates
-        else None,
+        "certificate": _certificate(diagnosis),
         "model_file": model_file,
         "driving_s": diagnosis.driving_s,
         "model": {"heldout_rms": diagnosis.model_rms},
@@ -66,6 +64,16 @@ def diagnosis_document(
     if alarms:
         document["alarms"] = [alarms_document(compared) for compared in alarms]
     return document
+
+
+def _certificate(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    if not diagnosis.replicates:
+        return None
+    return {
+        "replicates": diagnosis.replicates,
+        "negative_control": diagnosis.control,
+        "remaining": None if diagnosis.remaining is None else asdict(diagnosis.remaining),
+    }
 
 
 def _reach(reach: Reach) -> dict[str, Any]:

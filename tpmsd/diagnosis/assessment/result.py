@@ -104,6 +104,19 @@ class Finding:
 
 
 @dataclass(frozen=True)
+class Remaining:
+    """The best of all hypotheses that were not chosen, against what chance makes of them."""
+
+    gain: float
+    """Penalised gain beside what was chosen, nats."""
+    p_value: float
+    """How often a drive in which nothing else acts would show as much."""
+    exceeded: int
+    """Replicates that did."""
+    replicates: int
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """The whole answer for one drive or several."""
 
@@ -132,6 +145,8 @@ class Diagnosis:
     """What slips by the tyre model would gain."""
     replicates: int = 0
     """Drawn for the certificate of the findings; 0 without one."""
+    remaining: Remaining | None = None
+    """None without a certificate."""
     control: float | None = None
     """Largest penalised gain (nats) of a shape over covariates that cannot act; None if not asked for."""
     down_weighted: DownWeighted | None = None

@@ -26,7 +26,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmsd.diagnosis.assessment.result import CONSISTENT, FINDING, MISMATCH, SUSPICION, Diagnosis, Finding
+from tpmsd.diagnosis.assessment.result import (
+    CONSISTENT,
+    FINDING,
+    MISMATCH,
+    SUSPICION,
+    Diagnosis,
+    Finding,
+    Remaining,
+)
 from tpmsd.diagnosis.counters.tone_ring import ripples
 from tpmsd.diagnosis.hypotheses.terms import Term
 from tpmsd.diagnosis.prepared.study import Study
@@ -84,10 +92,11 @@ def certified(
     rng: np.random.Generator,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Diagnosis:
-    """The diagnosis with p-values from at most so many replicates; unchanged where there is none to find."""
-    if not diagnosis.findings or replicates < 1 or study.simulation:
+    """The diagnosis with p-values from at most so many replicates."""
+    if replicates < 1 or study.simulation:
         return diagnosis
     statistics = [_statistic(study, selection, evidence, one) for one in diagnosis.findings]
+    statistics.append(_of_the_rest(study, selection, evidence))
     models = [_model(study, selection, number) for number in range(len(study.drives))]
     drawn: list[list[float]] = [[] for _ in statistics]
     for number in range(replicates):
@@ -97,7 +106,10 @@ def certified(
         progress((number + 1) / replicates)
         if all(_decided(one.value, values) for one, values in zip(statistics, drawn, strict=True)):
             break
-    p_values = [p_value(one.value, values) for one, values in zip(statistics, drawn, strict=True)]
+    *p_values, of_the_rest = [
+        p_value(one.value, values) for one, values in zip(statistics, drawn, strict=True)
+    ]
+    rest = statistics.pop()
     control = negative_control(study, selection)
     certain = discoveries(p_values, FALSE_DISCOVERIES)
     stand = [sure and one.value > control for sure, one in zip(certain, statistics, strict=True)]
@@ -111,6 +123,7 @@ def certified(
         verdict=MISMATCH if any(stand) else CONSISTENT,
         model=without(diagnosis.model, findings),
         replicates=len(drawn[0]),
+        remaining=Remaining(rest.value, of_the_rest, beyond(rest.value, drawn[-1]), len(drawn[-1])),
         control=control if math.isfinite(control) else None,
     )
 
@@ -155,14 +168,19 @@ def p_value(value: float, maxima: Sequence[float]) -> float:
     is raised by the doubt of so few.
     """
     count = len(maxima)
-    beyond = sum(one >= value for one in maxima)
-    if beyond:
-        return beyond / count if beyond >= EXCEEDED else (beyond + 1) / (count + 1)
+    exceeded = beyond(value, maxima)
+    if exceeded:
+        return exceeded / count if exceeded >= EXCEEDED else (exceeded + 1) / (count + 1)
     spread = float(np.std(maxima, ddof=1)) if count > 1 else 0.0
     scale = max(math.sqrt(6.0) / math.pi * spread, LEAST_SCALE) * (1.0 + 2.0 / math.sqrt(count))
     middle = float(np.mean(maxima)) - np.euler_gamma * scale
     tail = -math.expm1(-math.exp(-(value - middle) / scale))
     return min(max(tail, LEAST_P), 1.0 / (count + 1))
+
+
+def beyond(value: float, maxima: Sequence[float]) -> int:
+    """How many of the maxima reach the value."""
+    return sum(one >= value for one in maxima)
 
 
 def discoveries(p_values: Sequence[float], rate: float) -> list[bool]:
@@ -178,7 +196,7 @@ def discoveries(p_values: Sequence[float], rate: float) -> list[bool]:
 
 
 def _decided(value: float, maxima: Sequence[float]) -> bool:
-    if sum(one >= value for one in maxima) >= EXCEEDED:
+    if beyond(value, maxima) >= EXCEEDED:
         return True
     return len(maxima) >= FEWEST and p_value(value, maxima) < BEYOND_DOUBT
 
@@ -214,6 +232,16 @@ def _statistic(study: Study, selection: Selection, evidence: Evidence, finding: 
     return _of_term(study, selection, evidence, which)
 
 
+def _of_the_rest(study: Study, selection: Selection, evidence: Evidence) -> Statistic:
+    """Of all alternatives to adding nothing to what was chosen."""
+    terms = [one.term for one in selection.chosen]
+
+    def largest(of: Evidence) -> float:
+        return _largest_gain(Candidates(of, study.hypotheses), terms)
+
+    return Statistic(largest(evidence), lambda again: largest(again.evidence))
+
+
 def _largest_ripple(again: Replicate) -> float:
     """Of uneven teeth, whose evidence is not among the columns."""
     gains = [one.gain for drive in again.recordings for one in ripples(drive, reference(drive))]
@@ -236,4 +264,9 @@ def _of_term(study: Study, selection: Selection, evidence: Evidence, which: int)
 
 
 def _largest_gain(search: Candidates, rest: list[Term]) -> float:
-    return next(net for net, terms in search.candidates(rest) if not terms[0].calibrates)
+    """Of what could be a finding: no calibration, and nothing whose small values every instrument has."""
+    return next(
+        net
+        for net, (term, *_) in search.candidates(rest)
+        if not term.calibrates and term.kind_of.against(0.0) >= 0.0
+    )

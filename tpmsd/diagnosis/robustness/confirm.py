@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from tpmsd.diagnosis.hypotheses.terms import PATTERNS, Term
 from tpmsd.diagnosis.prepared.drive_study import DriveStudy
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.selection.candidates import ADMIT
@@ -25,7 +26,7 @@ from tpmsd.inference.noise import PRIORS, Noise
 from tpmsd.inference.noise_fit import SLOW, log_posterior, refit_slow, refit_wander
 from tpmsd.inference.whitening import whiten
 from tpmsd.physics.effect import Look
-from tpmsd.wheels import FloatArray
+from tpmsd.wheels import WHEELS, FloatArray
 
 CLEAR = 80.0
 """Log-likelihood beyond which no slow noise of a receiver is the reason."""
@@ -43,7 +44,7 @@ def confirmed(study: Study, selection: Selection, evidence: Evidence) -> tuple[S
     """Take out the terms that slow noise explains as well."""
     for one in selection.chosen:
         looks = one.term.kind_of.looks
-        common = looks is Look.COMMON or one.term.place == "all"
+        common = looks is Look.COMMON or _of_all_read(study, one.term)
         wheel = looks is Look.WHEEL or one.term.covariate in ("time", "distance")
         if one.gain > (CLEAR if common else CLEAR_OF_WHEEL if wheel else 0.0):
             continue
@@ -60,6 +61,12 @@ def confirmed(study: Study, selection: Selection, evidence: Evidence) -> tuple[S
             selection = Selector(evidence, study.hypotheses).judged(terms)
             return confirmed(study, selection, evidence)
     return _receivers_own(study, selection, evidence), evidence
+
+
+def _of_all_read(study: Study, term: Term) -> bool:
+    """Whether a term acts on all wheels that are read, so that only the receiver shows it."""
+    read = {WHEELS[k] for number in study.acting(term) for k in study.drives[number].reader.recording.wheels}
+    return read <= set(PATTERNS.get(term.place, ()))
 
 
 def _receivers_own(study: Study, selection: Selection, evidence: Evidence) -> Selection:
