@@ -55,7 +55,7 @@ bench: $(RUNTIME)  ## the figures of the README, measured on this machine (BENCH
 bench-live: $(RUNTIME)  ## rate, lateness and CPU time of the daemon on a full bus, in real time (BENCH_ARGS=--guest)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run live $(BENCH_ARGS)
 
-bench-calibrate: $(DEV)  ## paper 002's experiment, its method and ours (BENCH_ARGS=...)
+bench-calibrate: $(DEV)  ## the published experiment, its method and ours (BENCH_ARGS=...)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run calibrate $(BENCH_ARGS)
 
 test-hil: $(DEV)  ## the daemon on a real CAN stack and as a real service (HIL_ARGS=..., TPMSD_SKIP_HIL=1)

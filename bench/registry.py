@@ -81,7 +81,7 @@ CAMPAIGNS = {
             "estimators.md",
         ),
         _campaign(
-            "drift-levels", "coverage of the default under other levels of radius drift", "levels_of_drift"
+            "drift-levels", "coverage of the default under other levels of radius drift", "drift_levels"
         ),
         _campaign("vehicle-state", "EKF, UKF, UPF and ARUPF on a multi-body car"),
         _campaign("slip-gate", "gates and weights of the tyre filter on hard drives"),

@@ -1,4 +1,5 @@
-"""Paper 002's experiment again, and the joint estimate on the same data: prints a table.
+"""The experiment of the iterated Kalman filter again, and the joint estimate on the same data: prints a
+table.
 
     make bench-calibrate        or: python -m bench run calibrate [--json FILE] [--scenarios 10]
                                                                          [--drives 120] [--jobs 2]

@@ -42,7 +42,7 @@ DRAWN = {
     "leak": ("radius_change", 2.0, 5, 420.0),
     "lean": ("load_transfer_lateral", 2.0, 6, 420.0),
     "tooth": ("tone_ring_error", 2.0, 8, 420.0),
-    "hump": ("strange_speed_hump", 2.0, 4, 480.0),
+    "dip": ("strange_speed_hump", 2.0, 4, 480.0),
     "slip-latency": ("longitudinal_slip+gnss_latency", 2.0, 9, 480.0),
 }
 """Kind, strength, seed and length (s) of the drives of the kinematic world."""

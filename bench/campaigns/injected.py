@@ -82,10 +82,10 @@ class Injected:
             yield f"load_transfer_lateral {c:g}", self.radii(sides)
         yield "longitudinal_slip 4e-3", self.slipping(4e-3)
         yield "gnss_latency +0.15 s", self.late(0.15)
-        hump = LOSS_M * np.exp(-0.5 * ((v - float(np.median(v[v > 5.0]))) / 1.5) ** 2)
+        dip = LOSS_M * np.exp(-0.5 * ((v - float(np.median(v[v > 5.0]))) / 1.5) ** 2)
         yield (
-            "unknown: hump over speed, " + ("fl", "fr", "rl", "rr")[self.wheels[-2]],
-            self.radii({self.wheels[-2]: hump}),
+            "unknown: dip over speed, " + ("fl", "fr", "rl", "rr")[self.wheels[-2]],
+            self.radii({self.wheels[-2]: dip}),
         )
         span = LOSS_M * ((t > 0.3 * end) & (t < 0.45 * end))
         yield (

@@ -136,7 +136,7 @@ def report(driving: str, name: str, tally: Tally, drives: int) -> dict[str, Any]
         middle = f"median {np.median(delays):.0f} s, latest {told.max():.0f} s" if len(told) else "none"
         parts.append(f"{loss}: {len(told)} of {len(delays)}, {middle}")
     print(
-        f"  {name:20s} {tally.share / drives:4.0%} teach; {'; '.join(parts)}; "
+        f"  {name:20s} {tally.share / drives:4.0%} informative; {'; '.join(parts)}; "
         f"{tally.early} alarms before, {tally.wrong} with a wrong wheel",
         flush=True,
     )

@@ -10,7 +10,7 @@ estimate could do. (2) What the weights of fixes do when a third of the fixes ar
 slips are themselves.
 
 Radius errors are root mean squares over all four wheels from the third minute on; the share is that of the
-ticks that teach.
+informative ticks.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from tpmsd.wheels import RL, RR, FloatArray
 SETTLED_TICK = 1200
 
 Rule = Callable[[Tick, float], bool]
-"""Whether a tick may teach, by the tick and the wheels' speed."""
+"""Whether a tick is informative, by the tick and the wheels' speed."""
 
 
 class RuledGate(MotionGate):
@@ -133,7 +133,7 @@ def report(label: str, found: list[Outcome], rows: list[dict[str, Any]], **more:
     rows.append(row)
     each = " ".join(f"{e:.2f}" for e in errors)
     print(
-        f"  {label:34s} {row['error_mm']:.2f} mm ({each})   {row['share']:4.0%} of ticks teach   "
+        f"  {label:34s} {row['error_mm']:.2f} mm ({each})   {row['share']:4.0%} of ticks informative   "
         f"error / std {row['overconfidence']:.1f}   pose lost {row['lost_pose']} times",
         flush=True,
     )

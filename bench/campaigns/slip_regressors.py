@@ -63,14 +63,14 @@ def compared(study: DriveStudy) -> list[tuple[str, int, float]]:
     sets = {
         "longitudinal_slip": where("longitudinal_slip"),
         "wheel slips": wheels,
-        "free shape per wheel over accel_long": shapes,
+        "spline term per wheel over accel_long": shapes,
         "the same and wheel slips": shapes + wheels,
         "lateral_slip": where("lateral_slip"),
         "side slip": side,
         "whole catalogue": catalogue,
         "whole catalogue and wheel slips": catalogue + wheels,
         "whole catalogue and side slip": catalogue + side,
-        "whole catalogue and free shapes over accel_long": catalogue + shapes,
+        "whole catalogue and spline terms over accel_long": catalogue + shapes,
         "all of this": catalogue + shapes + wheels + side,
     }
     start = gain(white[:, :, 0], white[:, :, calibration])

@@ -34,7 +34,7 @@ STATED_STD_M = 1.5
 GROWTH_S2PM = 9.2e-7
 """Of a radius with the square of the speed: 1.1 mm from 10 to 36 m/s."""
 WANDER_M = 5e-5
-"""Standard deviation of a slow wander of each wheel's radius."""
+"""Standard deviation of the radius drift of each wheel."""
 WANDER_TAU_S = 240.0
 FL, FR, RL, RR = range(4)
 
@@ -49,7 +49,7 @@ class Scenario:
     ramp_m: float = 0.0
     """Reached by the right rear radius at tick K2, eq. (40) with its sign put right."""
     lively: bool = False
-    """Whether the radii also do what those of real cars do: grow with speed, and wander."""
+    """Whether the radii also do what those of real cars do: grow with speed, and drift."""
 
 
 SCENARIOS = {

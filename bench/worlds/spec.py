@@ -82,7 +82,7 @@ class Spec:
 
     with_course: bool = True
     doppler_age_s: float = 0.0
-    """How much older speed and course are than the position of the same fix."""
+    """Velocity lag: by how much speed and course lag the position of the same fix."""
     arrival_jitter_s: float = 0.0
     bursts_per_hour: float = 0.0
     """Multipath: position metres off and Doppler several times noisier for a while."""
@@ -95,7 +95,7 @@ class Spec:
     course_digits: int = 3
 
     radius_wander: float = 0.0
-    """Standard deviation of a slow wander of each wheel's radius, relative; real cars show 2e-4 to 5e-4."""
+    """Standard deviation of the radius drift of each wheel, relative; real cars show 2e-4 to 5e-4."""
     radius_wander_tau_s: float = 240.0
     tags: tuple[str, ...] = ()
     """Conditions of the drive, in words, for the report."""

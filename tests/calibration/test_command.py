@@ -153,7 +153,7 @@ def test_drives_of_different_cars_do_not_mix(town: Path, tmp_path: Path) -> None
     assert 3 == main(["calibrate", str(town), str(other)])
 
 
-def test_the_help_teaches(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_help_explains(capsys: pytest.CaptureFixture[str]) -> None:
     """It names every option, shows examples and says what the exit codes are."""
     assert 0 == main(["calibrate", "--help"])
     text = capsys.readouterr().out

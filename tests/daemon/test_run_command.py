@@ -70,7 +70,8 @@ def ended(process: subprocess.Popen[str], number: signal.Signals) -> tuple[int, 
 
 
 def test_sigterm_stops_in_order_with_the_state_saved(tmp_path: Path) -> None:
-    """READY once ticks run, the status on the socket, then SIGTERM: state saved, STOPPING said, exit 0."""
+    """READY once there are ticks, the status on the socket, then SIGTERM: state saved, STOPPING said, exit
+    0."""
     config, _ = car(tmp_path)
     manager = ServiceManagerSocket(tmp_path / "notify.sock")
     with daemon("--config", tmp_path, "--speed-up", "5", NOTIFY_SOCKET=str(manager.path)) as process:
@@ -261,7 +262,7 @@ def test_a_signal_that_the_dbc_lacks_exits_2(tmp_path: Path, capfd: pytest.Captu
     assert "WHEELS.LR" in capfd.readouterr().err
 
 
-def test_the_help_teaches(capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_help_explains(capfd: pytest.CaptureFixture[str]) -> None:
     """The help names every option, gives examples and the exit codes."""
     assert 0 == main(["run", "--help"])
     said = capfd.readouterr().out

@@ -1,4 +1,4 @@
-"""Effects beside free shapes over the same covariate, and values that no force makes together."""
+"""Effects beside spline terms over the same covariate, and values that no force makes together."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def columns(*numbers: int, width: int) -> FloatArray:
 
 
 def shape(place: str, covariate: str, design: FloatArray) -> Term:
-    """A free shape."""
+    """A spline term."""
     names = tuple(f"at_{k}" for k in range(design.shape[1]))
     return Term("unknown", design, names, shape_price(len(names)), place=place, covariate=covariate)
 
@@ -75,10 +75,10 @@ def noiseless(data: FloatArray, responses: FloatArray) -> Evidence:
     [(False, {("unknown", "rear"), ("unknown", "all")}), (True, {("unknown", "rear"), ("gnss_latency", "")})],
 )
 def test_an_old_fix_is_told_from_slip_of_the_other_axle(old_fix: bool, found: set[tuple[str, str]]) -> None:
-    """Nine tenths of an old fix look like slip of all wheels; only the last tenth may give it its name.
+    """Nine tenths of a GNSS latency look like slip of all wheels; only the last tenth may give it its name.
 
     The shape of all wheels costs 26 nats, the latency 3.5, so by what they bring for their price slip alone
-    (some 100 nats, of which the latency takes four fifths) would be an old fix.
+    (some 100 nats, of which the latency takes four fifths) would be GNSS latency.
     """
     u = directions(8)
     latency = 0.9 * u[:, 1] + np.sqrt(0.19) * u[:, 2]
@@ -107,7 +107,7 @@ def test_an_old_fix_is_told_from_slip_of_the_other_axle(old_fix: bool, found: se
 def test_slip_that_no_force_makes_is_not_called_slip(
     per_accel: float, per_speed2: float, effect: str
 ) -> None:
-    """Drag is a small share of what speeds a car up, and of its sign; a free shape over the speed is not."""
+    """Drag is a small share of what speeds a car up, and of its sign; a spline term over the speed is not."""
     u = directions(2)
     responses = u * np.array([3e4, 3e7])
     data = responses @ np.array([per_accel, per_speed2])

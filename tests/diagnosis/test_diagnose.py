@@ -66,8 +66,8 @@ def test_a_leak_is_a_change_of_radius() -> None:
 
 def test_physics_of_no_catalogue_is_unknown_and_located() -> None:
     """A rear axle that shrinks around 20 m/s is located, and gets no wrong name."""
-    hump = {"at_mps": 20.0, "width_mps": 3.0, "wheels": [2, 3], "size_m": -1.4e-3}
-    finding = only(diagnosed(14, strange_speed_hump=hump))
+    dip = {"at_mps": 20.0, "width_mps": 3.0, "wheels": [2, 3], "size_m": -1.4e-3}
+    finding = only(diagnosed(14, strange_speed_hump=dip))
 
     assert ("unknown", ("rl", "rr"), "speed") == (
         finding.effect,

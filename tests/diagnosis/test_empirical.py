@@ -70,9 +70,9 @@ def test_the_effect_is_the_shape_that_was_fitted(
 
 def test_what_has_no_name_is_compensated_all_the_same(tmp_path: Path) -> None:
     """A rear axle that shrinks around 20 m/s: with the model that diagnose wrote, its radii keep still."""
-    hump = {"at_mps": 20.0, "width_mps": 3.0, "wheels": [RL, RR], "size_m": -1.4e-3}
+    dip = {"at_mps": 20.0, "width_mps": 3.0, "wheels": [RL, RR], "size_m": -1.4e-3}
     folder, file = tmp_path / "drive", tmp_path / "model.toml"
-    write_folder(drive(Spec(duration_s=600.0, physics={"strange_speed_hump": hump}), 14), folder)
+    write_folder(drive(Spec(duration_s=600.0, physics={"strange_speed_hump": dip}), 14), folder)
     assert 0 == main(["diagnose", str(folder), "--model-out", str(file)])
     model = load_model(file)
     (effect,) = model.effects

@@ -47,7 +47,7 @@ def growth(seed: int) -> float:
     return float(np.linalg.lstsq(flat[:, 1:], flat[:, 0], rcond=None)[0][-1])
 
 
-def test_reading_errors_of_counters_feign_no_growth_with_speed() -> None:
+def test_reading_errors_of_counters_make_no_growth_with_speed() -> None:
     """The error of a count is in the residual and in the way; their product must not add up.
 
     It did: 7e-8 s2/m on the mean of such drives, a twentieth of what tyres show.

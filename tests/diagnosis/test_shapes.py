@@ -1,4 +1,4 @@
-"""Free shapes: enough knots, a constant of their own, the right wheels."""
+"""Spline terms: enough knots, a constant of their own, the right wheels."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def diagnosed(seed: int, spec: Spec) -> Diagnosis:
     return diagnose([recording_of(drive(spec, seed))])
 
 
-def test_a_narrow_hump_is_found_in_its_place_and_size() -> None:
+def test_a_narrow_dip_is_found_in_its_place_and_size() -> None:
     """Its depth to a quarter, its speed to the spacing of the knots."""
-    hump = {"at_mps": 17.0, "width_mps": 1.5, "wheels": [0, 1], "size_m": -1.4e-3}
-    diagnosis = diagnosed(41, Spec(duration_s=600.0, physics={"strange_speed_hump": hump}))
+    dip = {"at_mps": 17.0, "width_mps": 1.5, "wheels": [0, 1], "size_m": -1.4e-3}
+    diagnosis = diagnosed(41, Spec(duration_s=600.0, physics={"strange_speed_hump": dip}))
 
     assert ["unknown"] == [finding.effect for finding in diagnosis.findings]
     finding = diagnosis.findings[0]
@@ -33,10 +33,10 @@ def test_a_narrow_hump_is_found_in_its_place_and_size() -> None:
     assert np.ptp(heights) == pytest.approx(1.4e-3, rel=0.25)
 
 
-def test_a_hump_narrower_than_the_first_knots_does_not_pass_for_noise() -> None:
+def test_a_dip_narrower_than_the_first_knots_does_not_pass_for_noise() -> None:
     """Between the few knots of the first look it left so much that 12,000 nats were no finding."""
-    hump = {"at_mps": 17.0, "width_mps": 0.8, "wheels": [0, 1], "size_m": -1.4e-3}
-    spec = Spec(duration_s=600.0, road="rural", physics={"strange_speed_hump": hump})
+    dip = {"at_mps": 17.0, "width_mps": 0.8, "wheels": [0, 1], "size_m": -1.4e-3}
+    spec = Spec(duration_s=600.0, road="rural", physics={"strange_speed_hump": dip})
     diagnosis = diagnosed(45, spec)
 
     assert ["unknown"] == [finding.effect for finding in diagnosis.findings]

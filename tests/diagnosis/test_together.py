@@ -1,4 +1,4 @@
-"""Wheels that wander together are told from wheels that wander."""
+"""Common radius drift is distinguished from drift of single wheels."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_a_shape_is_told_only_where_one_group_has_it_to_itself(
 
 @pytest.mark.parametrize(("loses_air", "effect"), [(True, "radius_change"), (False, "unknown")])
 def test_a_wheel_that_loses_air_is_not_told_as_a_shape(loses_air: bool, effect: str) -> None:
-    """Slow noise had taken it out: named if it brings nearly what the wheel's free shape does."""
+    """Slow noise had taken it out: named if it brings nearly what the wheel's spline term does."""
     u = directions(4 * HATS)
     responses = SIZE * u
     ramp = 1e-3 * np.minimum(np.arange(HATS) / 3.0, 1.0)
@@ -126,7 +126,7 @@ def test_an_axle_that_warms_with_every_braking_has_a_name() -> None:
 
 
 def test_wheels_that_wander_each_for_itself_are_no_finding() -> None:
-    """0.04 % of slow wander, as real tyres have on bad days: one of them looked like a leak of 20 nats."""
+    """0.04 % of radius drift, as real tyres have on bad days: one of them looked like a leak of 20 nats."""
     spec = Spec(duration_s=600.0, road="rural", radius_wander=4e-4)
     diagnosis = diagnose([recording_of(drive(spec, 4))])
 

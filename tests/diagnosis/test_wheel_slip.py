@@ -122,7 +122,7 @@ def test_what_slips_would_gain_is_reported(inertial: bool) -> None:
         k: v["covariate"] for k, v in told.items()
     }
     assert told["wheel_slip"]["alone"] > 1000.0 > 10.0 > told["side_slip"]["alone"]
-    # Free shapes over the acceleration were found, which say the same.
+    # Spline terms over the acceleration were found, which say the same.
     assert told["wheel_slip"]["beyond"] < 0.01 * told["wheel_slip"]["alone"]
     assert (() if inertial else ("accel_long", "yaw_rate")) == told["wheel_slip"]["without"]
 
@@ -139,7 +139,7 @@ def test_the_sentence_says_over_what_how_much_and_what_is_missing() -> None:
 
 
 def test_one_axle_alone_has_no_hypothesis_of_wheel_slip() -> None:
-    """What one axle slips an old fix does as well; side slip is still reported."""
+    """What one axle slips GNSS latency does as well; side slip is still reported."""
     whole = recorded(62)
     rear = replace(whole, rotation_rad=np.where([False, False, True, True], whole.rotation_rad, np.nan))
     names = {name[0] for name, _ in slip_columns(Reader(rear, reference(rear)))}

@@ -58,7 +58,7 @@ def test_outliers_lose_influence() -> None:
 
 
 def test_an_outlier_leaves_the_covariance_almost_as_it_was() -> None:
-    """What is not believed does not make sure."""
+    """What is rejected does not narrow the covariance."""
     mean, cov = np.zeros((1, 1)), np.ones((1, 1, 1))
     scalar_update(mean, cov, np.array([200.0]), np.ones(1), 1.0)
     assert cov[0, 0, 0] > 0.99

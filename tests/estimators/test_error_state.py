@@ -57,7 +57,7 @@ def motions() -> st.SearchStrategy[Motion]:
         ),
         accel_long_mps2=st.floats(-2.0, 2.0),
         accel_lat_mps2=st.floats(-3.0, 3.0),
-        teaches=st.booleans(),
+        informative=st.booleans(),
         steered_curvature=st.one_of(st.none(), st.floats(-0.15, 0.15)),
     )
 

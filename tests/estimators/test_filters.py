@@ -67,7 +67,7 @@ def straight_kalman(ticks: list[Tick], position_std_m: float) -> tuple[float, fl
         f[1, 1] = math.exp(-dt / SETTINGS.bias_tau_s)
         way = angle * (RADIUS_M + x[4])
         x = x + np.array([way, x[1] * (f[1, 1] - 1), 0.0, 0.0, 0.0])
-        rough = tick.index == 1  # the gate's first tick never teaches
+        rough = tick.index == 1  # the gate's first tick is never informative
         q = np.zeros((5, 5))
         q[0, 0] = SETTINGS.way_noise**2 * way + rough * (SETTINGS.rough_way * way) ** 2
         q[1, 1] = position_std_m**2 * (1 - f[1, 1] ** 2)
@@ -194,7 +194,7 @@ def with_gyro(drive: Drive, seed: int) -> list[Tick]:
     ]
 
 
-def test_a_straight_road_teaches_no_gain() -> None:
+def test_a_straight_road_informs_no_gain() -> None:
     """Five minutes all but straight on, left and right 1.6 mm apart, with a gyro: what only bends can tell
     (track, gain and load) stays within its prior, the gyro's bias and left against right within their doubt.
 
@@ -419,7 +419,7 @@ def test_lost_wheels_have_no_speed(method: str) -> None:
     assert math.isnan(estimates[-1].east_m)
 
 
-def test_ticks_that_may_not_teach_teach_nothing() -> None:
+def test_uninformative_ticks_change_nothing() -> None:
     """Walking pace: informative time stays zero and radii and their uncertainty stay at the prior."""
     drive = World(duration_s=40.0, speed_mps=steady(3.0), yaw_radps=straight).drive()
     estimates = run(estimator("gaussian-sum", drive.world), drive.ticks)

@@ -1,4 +1,4 @@
-"""What may teach, which fixes are believed, and where a pose comes from."""
+"""What is informative, which fixes are used, and where a pose comes from."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def shares(drive_ticks: list[Tick]) -> list[bool]:
 @pytest.mark.parametrize("wheel", [2, 3])
 def test_a_soft_rear_tyre_does_not_shut_the_gate(wheel: int, course: bool) -> None:
     """-3 % at one rear wheel looks like 5 m/s2 sideways to the wheels; where the receiver (by its courses, or
-    its positions alone) says straight on, ticks go on teaching."""
+    its positions alone) says straight on, ticks stay informative."""
     world = World(
         duration_s=60.0,
         speed_mps=lambda t: np.full_like(t, 28.0),
@@ -88,7 +88,7 @@ def test_without_a_witness_the_wheels_judge() -> None:
     assert not any(shares(world.drive().ticks)[20:])
 
 
-def test_hard_driving_does_not_teach() -> None:
+def test_hard_driving_is_not_informative() -> None:
     """Below the speed, above either acceleration or in a tight bend nothing is taught; gently it is."""
     cases = {
         "gentle": (lambda t: np.full_like(t, 20.0), lambda t: np.full_like(t, 0.05), True),
@@ -97,9 +97,9 @@ def test_hard_driving_does_not_teach() -> None:
         "bend": (lambda t: np.full_like(t, 20.0), lambda t: np.full_like(t, 0.2), False),
         "tight": (lambda t: np.full_like(t, 7.0), lambda t: np.full_like(t, 0.3), False),
     }
-    for speed, yaw, teaches in cases.values():
+    for speed, yaw, informative in cases.values():
         world = World(duration_s=10.0, speed_mps=speed, yaw_radps=yaw, teeth=math.inf, offsets_m=(0.0,) * 4)
-        assert [teaches] * 50 == shares(world.drive().ticks)[50:]
+        assert [informative] * 50 == shares(world.drive().ticks)[50:]
 
 
 def test_an_accelerometer_goes_before_the_wheels() -> None:
@@ -181,7 +181,7 @@ def test_a_course_at_speed_is_a_pose() -> None:
 
 
 def test_a_course_at_walking_pace_is_noise() -> None:
-    """Slow courses are not believed."""
+    """Slow courses are rejected."""
     assert PoseFinder().update(fix_at(1.0, heading=0.4, speed=1.0), True) is None
 
 

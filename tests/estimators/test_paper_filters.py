@@ -55,7 +55,7 @@ def no_outliers(size: FloatArray) -> FloatArray:
 def line_kalman(ticks: list[Tick], noise_m: float, drift_m: float, prior_m: float) -> tuple[float, float]:
     """Mean and variance of the mean rear radius error by a plain Kalman filter along a line: place and error.
 
-    Each wheel's radius error has noise of its own in each tick and walks at random in ticks that teach; the
+    Each wheel's radius error has noise of its own in each tick and walks at random in informative ticks; the
     first does not, and the first fix places the car.
     """
     x, p = np.zeros(2), np.diag([0.0, prior_m**2 / 2])

@@ -58,7 +58,7 @@ def test_the_configuration_chooses_the_gate() -> None:
 
 
 @pytest.mark.parametrize(
-    ("driven", "accel", "teaches"),
+    ("driven", "accel", "informative"),
     [
         ("rear", 0.3, True),
         ("rear", 0.8, False),
@@ -68,9 +68,11 @@ def test_the_configuration_chooses_the_gate() -> None:
         ("all", 2.0, False),
     ],
 )
-def test_the_same_force_costs_two_driven_wheels_more_slip(driven: str, accel: float, teaches: bool) -> None:
+def test_the_same_force_costs_two_driven_wheels_more_slip(
+    driven: str, accel: float, informative: bool
+) -> None:
     """Two driven wheels carry m a with twice the slip of four; braking is shared by all."""
-    assert teaches == verdict(SlipGate(SLIP, replace(VEHICLE, driven_axle=driven)), accel)
+    assert informative == verdict(SlipGate(SLIP, replace(VEHICLE, driven_axle=driven)), accel)
 
 
 def test_side_slip_closes_the_gate() -> None:

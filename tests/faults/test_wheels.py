@@ -222,7 +222,7 @@ def test_a_spoofing_node_is_reported_and_not_believed(kind: str, others: Frames)
     outcome = played(frames(others), kind, config=impatient)
 
     assert ("malfunction", None, "raised") == outcome.alarms[0]
-    assert "another node sends the wheels' frames: they are not believed" in outcome.reasons
+    assert "another node sends the wheels' frames: they are rejected" in outcome.reasons
     assert {("malfunction", None, "raised"), ("malfunction", None, "cleared")} == {
         alarm for alarm in outcome.alarms if alarm[0] == "malfunction"
     }

@@ -126,7 +126,7 @@ def test_kills_leave_the_same_tables(vans: Path, undisturbed: dict[str, bytes], 
 def test_local_processes_make_the_same_tables(
     vans: Path, undisturbed: dict[str, bytes], tmp_path: Path
 ) -> None:
-    """`--jobs 2` makes the very tables of the loop; run again, nothing is missing."""
+    """`--jobs 2` makes the very tables of the loop; run again, no work is left."""
     from tpmsd.fleet.run import run
 
     store = added(vans, tmp_path / "store")

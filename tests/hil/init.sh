@@ -1,6 +1,6 @@
 #!/bin/sh
 # Process 1 of the guest: User Mode Linux with the machine's own files below and nothing written to them.
-# In (words of the kernel's command line): HIL_STAGE, a tree laid over the machine's (the installed package);
+# In (words of the kernel's command line): HIL_STAGE, a tree mounted over the machine's (the installed package);
 # HIL_OUT, the one folder that the outside sees, as /out; HIL_JOB, a shell script; HIL_MODE, `plain` or
 # `systemd`; HIL_DISK, a block device to mount as /disk, if any. Out: /out/status with the job's exit code.
 PATH=/usr/sbin:/usr/bin:/sbin:/bin

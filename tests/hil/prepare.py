@@ -1,4 +1,4 @@
-"""The tree that is laid over the machine's in the guest: the Debian package, unpacked as dpkg would.
+"""The tree that is mounted over the machine's in the guest: the Debian package, unpacked as dpkg would.
 
 In: the sources. Out: build/hil/root. So what is tested is what is installed. Built anew only when the sources
 have changed.

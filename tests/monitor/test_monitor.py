@@ -122,7 +122,7 @@ def test_a_single_odd_estimate_alarms_nobody() -> None:
     assert [] == player.play(1.0, one(0, -0.05)) + player.play(30.0)
 
 
-def test_what_does_not_teach_is_not_judged() -> None:
+def test_what_is_not_informative_is_not_judged() -> None:
     """Braking and bends, however odd their radii, raise nothing."""
     player = learned()
     assert [] == player.play(300.0, one(0, -0.05), informative=False)
@@ -413,8 +413,8 @@ def test_nonsense_is_refused_and_nothing_of_it_taken_up(path: list[Any], value: 
 
 
 def test_driving_without_sight_is_a_malfunction_within_ten_minutes() -> None:
-    """Whatever keeps the wheels from being judged (nothing teaches, or they are hardly known): after ten
-    minutes above 40 km/h it is a malfunction; below that speed time does not count; sight clears it."""
+    """Whatever keeps the wheels from being judged (nothing is informative, or they are hardly known): after
+    ten minutes above 40 km/h it is a malfunction; below that speed time does not count; sight clears it."""
     for how in ({"informative": False}, {"std_m": 2e-3}):
         player = Player(monitor(ALL))
         player.play(120.0)
@@ -427,7 +427,7 @@ def test_driving_without_sight_is_a_malfunction_within_ten_minutes() -> None:
 
 
 def test_a_car_that_never_learns_says_so() -> None:
-    """Ten minutes of driving from the first start on that teach nothing are a malfunction, too."""
+    """Ten minutes of driving from the first start on without information are a malfunction, too."""
     player = Player(monitor(ALL))
     assert [] == player.play(590.0, informative=False)
     assert [("malfunction", None, "raised")] == said(player.play(15.0, informative=False))

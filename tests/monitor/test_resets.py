@@ -212,7 +212,7 @@ def test_a_set_that_is_being_learned_is_not_begun_again() -> None:
 
 
 def test_a_reset_that_is_not_decided_is_a_malfunction() -> None:
-    """Ten minutes of driving above 40 km/h that teaches nothing: the reset still waits, and that is said."""
+    """Ten minutes of driving above 40 km/h without information: the reset still waits, and that is said."""
     player = learned()
     player.monitor.reset()
     assert [] == player.play(590.0, informative=False)

@@ -1,4 +1,4 @@
-"""Slow leaks: what a drive teaches must not hide what a tyre loses on it."""
+"""Slow leaks: what is learned on a drive must not hide what a tyre loses on it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def _parked(player: Player) -> None:
 
 
 def test_a_leak_of_half_an_hour_is_held_against_the_drives_before() -> None:
-    """A tyre that loses a fifth of its pressure on a drive is seen in full: the drive does not teach it."""
+    """A tyre that loses a fifth of its pressure on a drive is seen in full: the loss is not learned."""
     player = Player(monitor(), dt_s=1.0, std_m=2.8e-4)
     player.play(600.0, speed_mps=16.0)
     player.play(300.0, speed_mps=24.0)
@@ -58,7 +58,7 @@ def test_a_first_impression_that_was_wrong_does_not_end_the_learning() -> None:
     assert [] == player.active()
 
 
-def test_lessons_survive_a_restart() -> None:
+def test_the_shadow_baseline_survives_a_restart() -> None:
     """What the drive has taught so far is saved with the rest; a state of before has none and is taken up."""
     player = Player(monitor(), dt_s=1.0)
     player.play(500.0, speed_mps=16.0)

@@ -58,7 +58,7 @@ class Life(RuleBasedStateMachine):
 
     @rule(seconds=st.integers(5, 60))
     def drive_hard(self, seconds: int) -> None:
-        """Driving that teaches nothing."""
+        """Driving that is not informative."""
         self.play(seconds, informative=False)
 
     @rule(wheel=st.integers(0, 3))

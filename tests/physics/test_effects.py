@@ -125,16 +125,16 @@ def test_the_receiver_sees_the_horizontal_of_a_slope() -> None:
     assert pytest.approx(200 * math.sin(0.1)) == truth.up_m[-1]
 
 
-HUMP = {"covariate": "speed", "knots": [10.0, 20.0, 30.0], "heights": [0.0, -1e-3, 4e-4]}
+CURVE = {"covariate": "speed", "knots": [10.0, 20.0, 30.0], "heights": [0.0, -1e-3, 4e-4]}
 
 
 @pytest.mark.parametrize(
     ("speed", "height"),
     [(5.0, 0.0), (10.0, 0.0), (15.0, -5e-4), (20.0, -1e-3), (27.0, -2e-5), (30.0, 4e-4), (40.0, 4e-4)],
 )
-def test_a_free_shape_is_linear_between_its_knots_and_constant_beyond(speed: float, height: float) -> None:
+def test_a_spline_term_is_linear_between_its_knots_and_constant_beyond(speed: float, height: float) -> None:
     """At each speed the radii of its wheels change by the chord's height, with their signs; others stay."""
-    effect = make_effect("unknown", on="fl -rr", **HUMP)
+    effect = make_effect("unknown", on="fl -rr", **CURVE)
 
     assert (
         pytest.approx([height, 0.0, 0.0, -height], abs=1e-12)
@@ -142,7 +142,7 @@ def test_a_free_shape_is_linear_between_its_knots_and_constant_beyond(speed: flo
     )
 
 
-def test_a_free_shape_on_a_reading_leaves_the_motion_as_it_is() -> None:
+def test_a_spline_term_on_a_reading_leaves_the_motion_as_it_is() -> None:
     """The receiver's speed reads 1 m/s more, its course 0.1 rad more to the left, its position is right."""
     shape = {"covariate": "speed", "knots": [0.0, 40.0]}
     model = ExtendedModel(
@@ -183,7 +183,7 @@ def test_covariates_are_what_their_names_say(name: str, motion: Motion, value: f
     assert pytest.approx(value, abs=1e-9) == covariate(motion, car(steering_ratio=14.0), name)[300]
 
 
-def test_a_free_shape_over_what_nobody_measured_does_not_act() -> None:
+def test_a_spline_term_over_what_nobody_measured_does_not_act() -> None:
     """Without a thermometer a shape over temperature changes nothing."""
     effect = make_effect("unknown", on="rl", covariate="temperature", knots=[270, 300], heights=[1e-3, 1e-3])
 

@@ -77,21 +77,21 @@ def test_the_summary_says_where_a_shape_goes() -> None:
     [
         (
             REACH,
-            "Of what a model of free shape gains on held-out stretches, 75 % was reached; 100 +- 20 nats are "
+            "Of the held-out gain of a nonparametric model, 75 % was reached; 100 +- 20 nats are "
             "left, most of them in the receiver's speed.",
         ),
         (
             replace(REACH, left=-1.25, left_std=3.0),
-            "Of what a model of free shape gains on held-out stretches, 100 % was reached; it gains "
-            "nothing sure beyond that (-1.2 +- 3 nats).",
+            "Of the held-out gain of a nonparametric model, 100 % was reached; "
+            "beyond that it has no significant gain (-1.2 +- 3 nats).",
         ),
         (
             replace(REACH, found=0.0, left=2.0, left_std=3.0),
-            "A model of free shape gains nothing sure on held-out stretches either (2 +- 3 nats).",
+            "A nonparametric model has no significant held-out gain either (2 +- 3 nats).",
         ),
         (
             replace(REACH, found=0.0),
-            "Of what a model of free shape gains on held-out stretches, 0 % was reached; 100 +- 20 nats are "
+            "Of the held-out gain of a nonparametric model, 0 % was reached; 100 +- 20 nats are "
             "left, most of them in the receiver's speed.",
         ),
     ],

@@ -115,10 +115,10 @@ def test_the_inputs_health_and_the_speed_of_the_replay_are_told() -> None:
     assert any(line.startswith("Drive evening-drive: 10:00, 12.30 km, 9:30 of it moving") for line in text)
     assert any(line.endswith("replayed at 300 times real time.") for line in text)
     assert (
-        "GNSS: 5671 fixes, once more than 5 s without a usable one (longest 30 s); noticed and kept away "
-        "from the estimate: 1 checksum."
+        "GNSS: 5671 fixes, once more than 5 s without a usable one (longest 30 s); rejected "
+        "before the estimate: 1 checksum."
     ) in text
-    assert "CAN: noticed and kept away from the estimate: 21 lost." in text
+    assert "CAN: rejected before the estimate: 21 lost." in text
 
 
 def test_faults_of_an_input_are_sorted_by_their_number() -> None:
@@ -127,7 +127,7 @@ def test_faults_of_an_input_are_sorted_by_their_number() -> None:
     faults[3] = (SourceFault(START_S, "can", "lost"),)
     text = lines(Drive(duration_s=90.0, faults=faults))
 
-    assert "CAN: noticed and kept away from the estimate: 3 lost, 2 late." in text
+    assert "CAN: rejected before the estimate: 3 lost, 2 late." in text
 
 
 def test_no_fix_in_the_whole_drive_is_a_reason() -> None:

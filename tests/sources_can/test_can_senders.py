@@ -73,7 +73,7 @@ def test_a_backlog_after_a_silence_is_no_second_sender() -> None:
 
 
 def test_two_counters_in_turn_from_the_start_are_doubted() -> None:
-    """Where the rate is not known yet, a counter that jumps in every other frame is not believed."""
+    """Where the rate is not known yet, a counter that jumps in every other frame is rejected."""
     decoder = counter_decoder()
     events = []
     for k in range(400):

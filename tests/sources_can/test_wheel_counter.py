@@ -1,4 +1,4 @@
-"""Unwrapping of one wheel's counter: exact angles, and every fault told apart and kept away from them."""
+"""Unwrapping of one wheel's counter: exact angles, and every fault distinguished and rejected."""
 
 from __future__ import annotations
 

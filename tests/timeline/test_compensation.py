@@ -100,7 +100,7 @@ def _shape(on: str, covariate: str, heights: list[float], knots: tuple[float, fl
     return make_effect("unknown", on=on, covariate=covariate, knots=knots, heights=heights)
 
 
-def test_a_free_shape_is_taken_out_of_its_wheels_with_their_signs() -> None:
+def test_a_spline_term_is_taken_out_of_its_wheels_with_their_signs() -> None:
     """Half way between the knots a wheel is 0.5 mm larger, its neighbour smaller: both are put right."""
     model = ExtendedModel((_shape("rl -rr", "speed", [0.0, 1e-3]),))
     ticks = _ticks(20.0)
@@ -108,7 +108,7 @@ def test_a_free_shape_is_taken_out_of_its_wheels_with_their_signs() -> None:
     assert ratio == pytest.approx([1.0, 1.0, 1 + 5e-4 / RADIUS, 1 - 5e-4 / RADIUS], rel=1e-9)
 
 
-def test_a_free_shape_is_taken_out_of_readings() -> None:
+def test_a_spline_term_is_taken_out_of_readings() -> None:
     """Speed, course and yaw rate lose what the shapes say at 20 m/s: 1 m/s, 0.1 rad and 0.01 rad/s."""
     model = ExtendedModel(
         (
@@ -125,7 +125,7 @@ def test_a_free_shape_is_taken_out_of_readings() -> None:
     assert out.yaw_rate_radps == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_free_shape_over_torque_follows_the_bus() -> None:
+def test_a_spline_term_over_torque_follows_the_bus() -> None:
     """At 100 of 200 Nm half the shape is taken out; without a reading none."""
     model = ExtendedModel((_shape("fl fr", "torque", [0.0, 1e-3], (0.0, 200.0)),))
     told, silent = _ticks(20.0, drive_torque_nm=100.0), _ticks(20.0)

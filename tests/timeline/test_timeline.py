@@ -317,7 +317,7 @@ def test_inertial_readings_out_of_order_go_to_their_own_ticks() -> None:
 
 
 def test_a_wheel_that_turns_unlike_the_others_is_left_out() -> None:
-    """A wheel at twice the others' speed is not believed while it does so, and is told; the others stay."""
+    """A wheel at twice the others' speed is rejected while it does so, and reported; the others stay."""
     odd = [
         RotationSample(e.time_s, e.wheel, e.angle_rad * 2.5, QUANTUM, 0)
         for e in rotations(50.0, 5.0, wheels=[3])

@@ -22,7 +22,7 @@ PAPER_CAR = CarDynamics(
     friction=0.9,
     drive_front_share=1.0,
 )
-"""Table 1 of paper 004; the stiffnesses are ours, the table has none."""
+"""Table 1 of Liu et al. (2022); the stiffnesses are ours, the table has none."""
 START = Belief(np.array([0.0, 20.0, 0.0]), np.diag([0.1, 0.2, 0.01]) ** 2)
 
 

@@ -152,9 +152,9 @@ def worst_change(recording: Recording, rows: Rows) -> Change:
     """
     windows, wheels = rows.windows, recording.wheels
     inflate = rows.inflate.copy()
-    restless = np.abs(windows.speed_mps * windows.turn_rad) > CALM_MPS2
-    restless |= (windows.speed_mps < CALM_FROM_MPS) | (np.abs(windows.turn_rad) > CALM_TURN_RAD)
-    inflate[restless, :4] *= 1e4
+    uneven = np.abs(windows.speed_mps * windows.turn_rad) > CALM_MPS2
+    uneven |= (windows.speed_mps < CALM_FROM_MPS) | (np.abs(windows.turn_rad) > CALM_TURN_RAD)
+    inflate[uneven, :4] *= 1e4
     white = whiten(windows, [rows.noise], inflate)[0][0]
     y, X = white[:, :, 0], white[:, :, 1:]
     mean, std = np.array([PRIOR[name] for name in COLUMNS]).T
@@ -182,8 +182,8 @@ def _sizes(
     contrasts: FloatArray,
     time_s: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """(q,) contrasts (q, p) of the parameters that whitened rows (k, 9) and columns (k, 9, p) give, and how
-    many standard deviations that is."""
+    """(q,) contrasts (q, p) of the parameters that rows of innovations (k, 9) and columns (k, 9, p) give,
+    and how many standard deviations that is."""
     mean, std = prior
     flat = X.reshape(-1, X.shape[2])
     covariance = np.linalg.inv(flat.T @ flat + np.diag(1.0 / np.square(std)))

@@ -1,7 +1,7 @@
 """The joint estimate: all drives at once, by generalised least squares about a motion that is itself unknown.
 
 In: `Recording`s of one car, its `Vehicle`. Out: `JointFit`: the parameters with their covariance, the
-whitened rows they came from, and how the iteration went.
+rows of innovations they came from, and how the iteration went.
 
 Gauss-Newton: linearise each drive about its nominal motion (`windows`), take motion and correlated noise out
 (`whitening`), fit the noise of each drive (`noise_fit`), weigh outliers down, solve all drives' rows

@@ -1,7 +1,7 @@
 """The motion about which the calibration linearises: what rear wheels and receiver show, smoothed.
 
 In: `Recording`, `Vehicle` (radii and geometry believed so far). Out: `Nominal`, arrays at the ticks' edges.
-It need only be near the truth: its errors in speed, yaw rate, heading and position are estimated along.
+It need only be near the truth: its errors in speed, yaw rate, heading and position are estimated too.
 """
 
 from __future__ import annotations

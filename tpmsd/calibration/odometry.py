@@ -1,7 +1,7 @@
 """How far the rear wheels alone lead astray: un-fused odometry against the receiver's positions.
 
 In: `Recording`, `Vehicle`. Out: the mean distance in metres (`pose_error`), paths for a picture.
-Paper 002, eqs (1), (2): the two-wheel model integrated without any fusion. A whole drive's error is ruled by
+[KF-WLS], eqs (1), (2): the two-wheel model integrated without any fusion. A whole drive's error is ruled by
 its first few headings, so the drive is cut into pieces of the paper's 2.2 km, each laid onto its positions
 by the rigid motion that fits best.
 """

@@ -1,4 +1,4 @@
-"""The method of paper 002: a Kalman filter and weighted least squares in turn, for the rear wheels.
+"""The method of [KF-WLS]: a Kalman filter and weighted least squares in turn, for the rear wheels.
 
 In: `Recording`s, `Vehicle`, `PaperSettings`. Out: `PaperFit`. Each iteration filters the pose of the
 two-wheel model with the circumferences believed so far (eqs 3-7), solves for the circumferences that carry

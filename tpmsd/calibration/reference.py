@@ -1,4 +1,4 @@
-"""First layer of paper 002: the reference pose from receiver and inertial signals, and the side-slip.
+"""First layer of [KF-WLS]: the reference pose from receiver and inertial signals, and the side-slip.
 
 In: `Recording`, `Vehicle`. Out: `ReferencePose` at the ticks' edges, smoothed over the whole drive.
 

@@ -29,7 +29,7 @@ class WheelResult:
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """Something else that was estimated along, in SI units."""
+    """Something else that was estimated too, in SI units."""
 
     value: float
     std: float
@@ -58,6 +58,6 @@ class Calibration:
     pose_error_before_m: float
     pose_error_after_m: float
     effects: dict[str, Effect]
-    """By the names of the catalogue of effects; what confounds radii and was estimated along."""
+    """By the names of the catalogue of effects; what confounds radii and was estimated too."""
     history_m: list[dict[str, float]]
     """Radii after every iteration."""

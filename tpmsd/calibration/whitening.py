@@ -73,7 +73,7 @@ class Noise:
     """Slow difference of left and right radii, relative: slant of the road, side wind."""
     lean_tau_s: float = 15.0
     age_s: float = 5e-4
-    """Drift of the age of the fixes per square root of a window."""
+    """Drift of the GNSS latency per square root of a window."""
 
 
 NAMES = tuple(field.name for field in fields(Noise))

@@ -36,7 +36,7 @@ def summary(found: Calibration) -> str:
     if math.isfinite(found.track_front_m):
         lines.append(f"track front: {found.track_front_m:.3f} +- {found.track_front_std_m:.3f} m")
     if found.effects:
-        lines += ["", "estimated along:"]
+        lines += ["", "also estimated:"]
         lines += [
             f"  {name:<18} {effect.value:+.3g} +- {effect.std:.2g} {effect.unit}"
             for name, effect in found.effects.items()

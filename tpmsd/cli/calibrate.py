@@ -64,7 +64,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--method",
         default="joint",
-        help="joint: all wheels and drives at once (default); paper: the rear pair as in paper 002",
+        help="joint: all wheels and drives at once (default); paper: the rear pair, by the published method",
     )
     parser.add_argument(
         "--write",

@@ -65,7 +65,9 @@ def run(args: argparse.Namespace) -> int:
     until_s = time.monotonic() + WAIT_S
     while _resets(document := read_status(path)) <= before:
         if time.monotonic() > until_s:
-            raise TpmsdError(f"{path}: tpmsd has not taken up the reset (waited {WAIT_S:g} s): do ticks run?")
+            raise TpmsdError(
+                f"{path}: tpmsd has not taken up the reset within {WAIT_S:g} s: are there ticks?"
+            )
         time.sleep(POLL_S)
     baseline: dict[str, Any] = document["baseline"]
     if not outputs.fill_stdout:

@@ -207,13 +207,15 @@ class FilterConfig:
     """Memory of the forgetting factor: lambda = 1 - 1/(window_s * rate_hz) [Lundquist 2013, eq. 20]."""
     seed: int = 1
     min_speed_mps: float = 6.0
-    """Below this the ticks do not teach a radius and the heading may come from the steering, eq. (38)."""
+    """Below this the ticks are not informative of a radius and the heading may come from the steering, eq.
+    (38)."""
     max_accel_long_mps2: float = 1.2
     max_accel_lat_mps2: float = 3.0
     gate: str = "thresholds"
-    """One of FILTER_GATES: what decides which ticks teach, accelerations or the slips that they cause."""
+    """One of FILTER_GATES: what decides which ticks are informative, accelerations or the slips that they
+    cause."""
     max_wheel_slip: float = 0.005
-    """For the gate `slip`: longitudinal slip of any wheel up to which a tick teaches."""
+    """For the gate `slip`: longitudinal slip of any wheel up to which a tick is informative."""
     max_side_slip_rad: float = 0.05
     """The same for the side slip of the rear axle."""
     fix_weights: str = "square"

@@ -348,7 +348,7 @@ class Daemon:
         was_ready = self._manager.is_ready
         self._manager.ticked(self._health.ticks, self._line, monotonic_s)
         if self._manager.is_ready and not was_ready:
-            self._log.info("ticks run: %s", self._line())
+            self._log.info("first tick: %s", self._line())
         elif self._verbose.due(monotonic_s):
             self._log.debug("%s", self._line())
 

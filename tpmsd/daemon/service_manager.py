@@ -1,7 +1,7 @@
 """When to tell the service manager what: READY, STATUS, WATCHDOG, STOPPING.
 
-In: the number of ticks so far, monotonic time. Out: sd_notify messages. Ready is a daemon whose ticks
-run, and the watchdog is fed only while there are new ones: a loop that turns without an estimate is as
+In: the number of ticks so far, monotonic time. Out: sd_notify messages. Ready is a daemon that makes
+ticks, and the watchdog is fed only while there are new ones: a loop that turns without an estimate is as
 good as dead.
 """
 

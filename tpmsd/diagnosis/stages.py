@@ -26,7 +26,7 @@ from tpmsd.inference.noise_fit import Stage, fit_noise, outliers
 from tpmsd.wheels import FloatArray
 
 SHAPES = 3
-"""Free shapes that are taken out before the noise is first estimated: one of each kind of covariate."""
+"""Spline terms that are taken out before the noise is first estimated: one of each kind of covariate."""
 
 
 @dataclass(frozen=True)
@@ -58,12 +58,12 @@ def second_noise(state: State) -> State:
 
 
 def last_noise(state: State) -> State:
-    """What wanders alone, once more; sets each drive's noise."""
+    """What drifts alone, once more; sets each drive's noise."""
     return _estimated(state, Stage.LAST)
 
 
 def plain_shapes(state: State) -> State:
-    """Estimate the first noise once more with the free shapes in the model that the drive shows plainly.
+    """Estimate the first noise once more with the spline terms in the model that the drive shows plainly.
 
     What no effect of the catalogue holds would pass for noise, and noise of that size would hide its shape.
     Adds columns and sets each drive's noise.

@@ -98,7 +98,7 @@ class Rolling:
     curvature: float | None
     """By the steering, where it replaces the wheels' turn [Lundquist 2013, eq. 38c]."""
     judged: bool
-    """Whether fixes come that can judge a supposed change."""
+    """Whether fixes come that can judge a jump hypothesis."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -70,7 +70,7 @@ class Motion:
     """(2,) rotation of rl and rr."""
     accel_long_mps2: float
     accel_lat_mps2: float
-    teaches: bool
+    informative: bool
     horizontal: float = 1.0
     """Way over the map per way along the road (`grade`)."""
     witness_turn_rad: float | None = None
@@ -196,7 +196,7 @@ class ProcessModel:
 
     def _set_noise(self, out: FloatArray, motion: Motion, distance: float, turn: float) -> None:
         """What a tick adds to the covariance of every hypothesis (n, n), but for BE, BN and the radii."""
-        rough = not motion.teaches
+        rough = not motion.informative
         out[E, E] = out[N, N] = (
             SETTINGS.way_noise**2 * distance + (SETTINGS.rough_way * distance) ** 2 * rough
         )

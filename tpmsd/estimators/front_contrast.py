@@ -49,7 +49,7 @@ class FrontContrast:
         self._turn = 0.0
 
     def learn(self, angle_rad: FloatArray, rear_m: FloatArray, dt_s: float) -> None:
-        """Take a tick that teaches: rotations (4,) and the present rear radius errors (2,)."""
+        """Take an informative tick: rotations (4,) and the present rear radius errors (2,)."""
         roll = angle_rad[:2] * (self._nominal[:2] + rear_m)
         way, turn = float(roll.sum()) / 2, float(roll[1] - roll[0]) / self._geometry.track_rear_m
         # The hub's lateral part enters squared, so quantisation in the turn would bias it: there it is

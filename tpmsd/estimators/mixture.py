@@ -124,7 +124,7 @@ class MixtureBelief:
             rear_rad=rear,
             accel_long_mps2=moment.accel_mps2,
             accel_lat_mps2=moment.speed_mps * yaw_rate,
-            teaches=moment.informative,
+            informative=moment.informative,
             horizontal=self._grade.horizontal,
             witness_turn_rad=yaw_rate * tick.dt_s,
             steered_curvature=rolling.curvature,
@@ -211,7 +211,7 @@ class MixtureBelief:
         block = self._blocks.add(tick, moment.informative, self._radii, moment.accel_mps2)
         if block is None:
             return
-        if block.teaches:
+        if block.informative:
             changes = self._pieces.changes
             changes.keep_levels(self.bank)
             nominal = self._car.nominal_m

@@ -1,5 +1,5 @@
-"""Normal-inverse-Wishart statistics, one set per particle: paper 000, eqs (18)-(21) and (24), in their exact
-forms.
+"""Normal-inverse-Wishart statistics, one set per particle: [Lundquist 2013], eqs (18)-(21) and (24), in
+their exact forms.
 
 In: realised noise vectors. Out: updated statistics, Student-t samples, posterior moments. Vectorised over
 particles.

@@ -34,7 +34,7 @@ class Block:
     """Rotation, and what it can be compared with, over one block."""
 
     duration_s: float
-    teaches: bool
+    informative: bool
     angle_rad: FloatArray
     """(d,) rotation in the estimator's order (rl, rr[, fl, fr]); over the Doppler span for the rear pair if
     there is one."""
@@ -81,13 +81,13 @@ class BlockBuilder:
         if math.isfinite(fix.speed_mps):
             self._fixes.append((tick.index, fix))
 
-    def add(self, tick: Tick, teaches: bool, radii: FloatArray, accel_mps2: float) -> Block | None:
+    def add(self, tick: Tick, informative: bool, radii: FloatArray, accel_mps2: float) -> Block | None:
         """Take a tick; the block it completes, if any. `radii` are the present radius errors (d,)."""
         left, right = self._order[:2]
         if not (math.isfinite(tick.rotation_rad[left]) and math.isfinite(tick.rotation_rad[right])):
             self.reset()
             return None
-        self._ticks.append((tick, teaches, accel_mps2))
+        self._ticks.append((tick, informative, accel_mps2))
         begin = self._ticks[0][0]
         elapsed = tick.time_s - (begin.time_s - begin.dt_s)
         fresh = bool(self._fixes) and self._fixes[-1][0] == tick.index
@@ -103,7 +103,7 @@ class BlockBuilder:
         if last:
             # The last fix opens the next block, which begins inside this tick.
             self._fixes = last
-            self._ticks = [(tick, teaches, accel_mps2)]
+            self._ticks = [(tick, informative, accel_mps2)]
         return block
 
     def _build(self, radii: FloatArray, doppler: bool) -> Block:
@@ -144,7 +144,7 @@ class BlockBuilder:
         reading_roll_m = float(np.hypot(reading[0] * radius[0], reading[1] * radius[1]))
         return Block(
             duration_s=max(duration, 1e-3),
-            teaches=all(flag for _, flag, _ in self._ticks),
+            informative=all(flag for _, flag, _ in self._ticks),
             angle_rad=angle,
             way_m=float(ways.sum()),
             doppler_way_m=way,

@@ -255,7 +255,7 @@ class WalkingRadii:
         return noise
 
     def learn(self, state: Walkers, noise_m: FloatArray) -> Walkers:
-        """Nothing: the weights alone teach."""
+        """Nothing: the weights alone change."""
         return state
 
     def shift(self, state: Walkers, wheel: NDArray[np.intp], who: NDArray[np.intp], by_m: FloatArray) -> None:

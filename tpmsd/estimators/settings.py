@@ -64,7 +64,7 @@ class EstimatorSettings:
     gate_smoothing_s: float = 0.5
     """Smoothing of speed and yaw rate for accelerations to rise out of the quantisation."""
     course_rate_fresh_s: float = 3.0
-    """A yaw rate from the receiver's courses is of use for this long."""
+    """A yaw rate from the receiver's courses is used for this long."""
     course_rate_chord_m: float = 8.0
     course_rate_span_s: float = 0.9
     """Least time between two courses whose difference is a yaw rate."""

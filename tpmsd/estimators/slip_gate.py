@@ -1,6 +1,6 @@
-"""Which ticks may teach a radius, judged by what slips instead of how hard the car is driven.
+"""Which ticks are informative, judged by what slips instead of how hard the car is driven.
 
-In: as `motion_gate`. Out: the same verdict. What makes a tick teach wrongly is not the acceleration but the
+In: as `motion_gate`. Out: the same verdict. What biases a radius is not the acceleration but the
 slip that carries it, and the same force costs two driven wheels more of it than four braked ones. The slips
 come from the forces by the tyre model, for a car of which only the geometry is known; the state filter's
 estimate serves no better here (`docs/explanation/vehicle-state.md`) and costs more.

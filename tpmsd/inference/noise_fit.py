@@ -48,10 +48,10 @@ class Stage(Enum):
     """How far the search for effects has come, and so what of the noise may be estimated."""
 
     FIRST = 0
-    """Nothing was looked for: not what wanders."""
+    """Nothing was looked for: not what drifts."""
     SECOND = 1
     LAST = 2
-    """The rest is known: only what wanders, once more."""
+    """The rest is known: only what drifts, once more."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def refit_slow(windows: Windows, columns: FloatArray, noise: Noise, inflate: Flo
 
 
 def refit_wander(windows: Windows, columns: FloatArray, noise: Noise, inflate: FloatArray | None) -> Noise:
-    """Only the slow wander of the tyres' radii, on the whole drive."""
+    """Only the radius drift, on the whole drive."""
     return refit(windows, columns, noise, inflate, WANDER)
 
 

@@ -8,8 +8,8 @@ day are learned in the first `DRIVE_SAMPLES` after a standstill. An estimate is 
 samples are `SAMPLE_EVERY_S` apart.
 
 A leak of half an hour looks like nothing from one sample to the next, and what learned it would hide it. So
-from `SETTLED_SAMPLES` on what a drive teaches of the car is learned aside (`_lessons`) and counts from the
-next drive on, unless something was suspected when this one ended.
+from `SETTLED_SAMPLES` on what a drive shows of the car is learned in a shadow baseline (`_shadow`) and
+counts from the next drive on, unless something was suspected when this one ended.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ class Baseline:
         self._learn_s = learn_s
         self._conditions = ConditionTracker()
         self.reference = Reference(vehicle)
-        self._lessons: Reference | None = None
+        self._shadow: Reference | None = None
         """What counts from the next drive on; None as long as the car is learned for the first time."""
         self._doubt = 0.0
         """Share of the last minutes of driving during which something was suspected."""
@@ -119,7 +119,7 @@ class Baseline:
         stood_s = self._conditions.update(tick, estimate)
         if stood_s >= PARKED_S:
             if stood_s >= NEW_DAY_S:
-                self._heed_lessons()
+                self._adopt_shadow()
             for reference in self._references():
                 reference.forget_drive(load_only=stood_s < NEW_DAY_S)
             self._drive_samples = 0
@@ -133,17 +133,17 @@ class Baseline:
     @property
     def settled(self) -> bool:
         """Whether the car has been learned once, so that drives are held against what was known before."""
-        return self._lessons is not None
+        return self._shadow is not None
 
     def _references(self) -> tuple[Reference, ...]:
-        return (self.reference,) if self._lessons is None else (self.reference, self._lessons)
+        return (self.reference,) if self._shadow is None else (self.reference, self._shadow)
 
-    def _heed_lessons(self) -> None:
+    def _adopt_shadow(self) -> None:
         """Another drive begins: what the last ones taught counts now, unless they ended in doubt."""
-        if self._lessons is not None and self._doubt < 0.5:
-            self.reference = self._lessons
-        if self._lessons is not None or sum(self.reference.ranges) >= NEXT_DRIVE_SAMPLES:
-            self._lessons = self.reference.copy()
+        if self._shadow is not None and self._doubt < 0.5:
+            self.reference = self._shadow
+        if self._shadow is not None or sum(self.reference.ranges) >= NEXT_DRIVE_SAMPLES:
+            self._shadow = self.reference.copy()
         self._doubt = 0.0
 
     def changes(self, estimate: RadiusEstimate, harmless_m2: FloatArray) -> tuple[Change, Change] | None:
@@ -208,18 +208,18 @@ class Baseline:
         if self.ready and (not trusted or abs(at.unsettled) > UNSETTLED_SPEED2):
             return
         noise = found[1] + self._unsettled() + harmless_m2
-        taught = self._lessons or self.reference
+        taught = self._shadow or self.reference
         car = not self.ready or taught.ranges[speed_range(at)] < RANGE_SAMPLES
         first = self._drive_samples < DRIVE_SAMPLES
         if not car and not first:
             return
         taught.wander(self._since_s)
         taught.learn(found[0], noise, self._wheels, at, car=car)
-        if self._lessons is not None and first:
+        if self._shadow is not None and first:
             self.reference.wander(self._since_s)
             self.reference.learn(found[0], noise, self._wheels, at, car=False)
-        elif self._lessons is None and sum(self.reference.ranges) >= SETTLED_SAMPLES:
-            self._lessons = self.reference.copy()
+        elif self._shadow is None and sum(self.reference.ranges) >= SETTLED_SAMPLES:
+            self._shadow = self.reference.copy()
         if self.ready:
             self._learned_s += self._since_s
         self.ready = True
@@ -259,7 +259,7 @@ class Baseline:
     @property
     def samples_by_kmh(self) -> tuple[tuple[int, int], ...]:
         """Samples learned in each range of speed, by its middle in km/h; those of this drive among them."""
-        ranges = (self._lessons or self.reference).ranges
+        ranges = (self._shadow or self.reference).ranges
         return tuple((round(3.6 * k), n) for k, n in zip(KNOTS_MPS, ranges, strict=True))
 
     # -- what survives a restart -----------------------------------------------------------------------------
@@ -273,7 +273,7 @@ class Baseline:
             "drive_samples": self._drive_samples,
             "conditions": self._conditions.to_json(),
             "reference": self.reference.to_json(),
-            "lessons": None if self._lessons is None else self._lessons.to_json(),
+            "lessons": None if self._shadow is None else self._shadow.to_json(),
             "doubt": self._doubt,
         }
 
@@ -285,9 +285,9 @@ class Baseline:
             drive_samples = whole(saved["drive_samples"], 0, MOST_SAMPLES, "number of samples")
             ready = saved["ready"]
             reference = Reference.from_json(saved["reference"], self._vehicle)
-            lessons = saved.get("lessons")  # states of before have none: the next drive begins anew
-            if lessons is not None:
-                lessons = Reference.from_json(lessons, self._vehicle)
+            shadow = saved.get("lessons")  # states of before have none: the next drive begins anew
+            if shadow is not None:
+                shadow = Reference.from_json(shadow, self._vehicle)
             doubt = number(saved.get("doubt", 0.0), 0.0, 1.0, "doubt")
             conditions = ConditionTracker()
             conditions.take_up(saved["conditions"])
@@ -295,6 +295,6 @@ class Baseline:
             raise ValueError(f"the saved baseline is not one: {type(error).__name__}: {error}") from error
         if not isinstance(ready, bool):
             raise ValueError("the saved baseline is not one")
-        self._lessons, self._doubt = lessons, doubt
+        self._shadow, self._doubt = shadow, doubt
         self.reference, self._conditions, self.ready = reference, conditions, ready
         self._learned_s, self._since_s, self._drive_samples = learned_s, since_s, drive_samples

@@ -36,7 +36,7 @@ AXLE_STD = 0.005
 BEFORE = "before the first start"
 """What `since` says of such an alarm."""
 FIRST_S = 600.0
-"""Driving that teaches, from the first start on, in which tyres are held against the prior."""
+"""Informative driving, from the first start on, in which tyres are held against the prior."""
 CHANGED_SHARE = 0.0023
 """Change since the baseline, relative to the radius, from which a difference may be younger than it: half of
 a loss of 20 % of the pressure."""

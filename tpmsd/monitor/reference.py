@@ -131,7 +131,7 @@ class Reference:
     ) -> None:
         """Take an estimate of these wheels, (d,) and (d, d), independent of those before.
 
-        `car`: whether it may teach what belongs to the car; else only what belongs to the drive (Schmidt's
+        `car`: whether it may change what belongs to the car; else only what belongs to the drive (Schmidt's
         consider update: what is not taught keeps its mean and covariance).
         """
         radius = self._radius[wheels]

@@ -137,14 +137,14 @@ class SignalWatch:
         self._rear = _Malfunction("no usable signal of the rear wheels")
         self._gnss = _Malfunction("no usable fix from the receiver while driving")
         self._unplugged = _Malfunction("the receiver is unplugged or cannot be opened")
-        self._spoofed = _Malfunction("another node sends the wheels' frames: they are not believed")
+        self._spoofed = _Malfunction("another node sends the wheels' frames: they are rejected")
         self._disagree = _Malfunction("wheels and receiver disagree on the speed (is it the right DBC?)")
         self._restarted = _Malfunction("the estimate of the radii broke down and is made anew")
         self._blind = _Malfunction(
             "driving for ten minutes, and no soft tyre would have been seen", None, 10.0
         )
         self._undecided = _Malfunction("a reset waits for its baseline for ten minutes of driving")
-        self._unsteady = _Malfunction("the wheels' readings jump again and again: they are not believed")
+        self._unsteady = _Malfunction("the wheels' readings jump again and again: they are rejected")
         self._last_fix_s = -math.inf
         self._heard_s = {"unplugged": -math.inf, "spoofed": -math.inf, "restarted": -math.inf}
         self._receiver = ReceiverSpeed()

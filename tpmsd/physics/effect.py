@@ -93,7 +93,7 @@ class Grid:
 
 
 ODD_SIGN = 4.0
-"""Nats against a sign that nature does not know, which a wrong configuration may show: odds of fifty."""
+"""Nats against a physically impossible sign, which a wrong configuration may show: odds of fifty."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class Effect:
     formula: ClassVar[str] = ""
     """What it does, in one line of plain text, for the reference."""
     one_sign: ClassVar[bool] = False
-    """Whether nature knows but one sign (positive) of its first parameter."""
+    """Whether only one sign is physically possible (positive) of its first parameter."""
     needs: ClassVar[tuple[str, ...]] = ()
     """Readings without which no drive shows it: `yaw_rate`, `gnss` (any), `gnss_speed`, `gnss_position`,
     `slopes`, `heights` or `accelerometer` (slopes by these), `speeds` (no counts), `temperature`."""
@@ -154,7 +154,7 @@ class Effect:
     shortens: ClassVar[bool] = False
     """Whether it is the geometry by which slopes shorten the horizontal: in every world there is."""
     ratio_limits: ClassVar[tuple[float, float] | None] = None
-    """Of its second parameter to its first, the least and the greatest that nature knows, if it has such."""
+    """Of its second parameter to its first, the least and the greatest that are possible, if it has such."""
 
     def __post_init__(self) -> None:
         for parameter in self.parameters:
@@ -184,7 +184,7 @@ class Effect:
 
     @classmethod
     def against(cls, value: float) -> float:
-        """Nats against a first value (difference from neutral): what nature seldom shows must be paid for."""
+        """Nats against a first value (difference from neutral): rare values are penalised."""
         return ODD_SIGN if cls.one_sign and value < 0.0 else 0.0
 
     @classmethod

@@ -1,7 +1,8 @@
 """Where the wheels are and how fast each must roll: plane motion of a four-wheeled car.
 
 In: the motion of the middle of the rear axle. Out: each wheel's rolling speed. ISO 8855: x forward, y left,
-yaw rate positive in a left turn. Paper 000, eqs (4)-(6), gives the rear pair; the front pair is derived here.
+yaw rate positive in a left turn. [Lundquist 2013], eqs (4)-(6), gives the rear pair; the front pair is
+derived here.
 """
 
 from __future__ import annotations

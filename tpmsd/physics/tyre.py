@@ -45,7 +45,7 @@ def radius_change_for_pressure_loss(fraction: float, radius_m: float = REFERENCE
     A = 6.03 mm and B = 0.722 pass through all three sizes that the Magic Formula 6.1 gives for a 205/60R15 at
     4 kN, 220 kPa and 20 m/s: -1.41 mm at -20 %, -1.84 mm at -25 %, -2.31 mm at -30 %. Beyond -30 % the form
     extrapolates (a flat tyre: -22 mm). Other sizes of tyre are scaled with their radius; make and load change
-    the figure by a factor of up to two (paper 000 saw 1.5 mm for 2.8 to 1.5 bar on a stiff tyre).
+    the figure by a factor of up to two ([Lundquist 2013] saw 1.5 mm for 2.8 to 1.5 bar on a stiff tyre).
 
     `fraction` is in [-0.5, 1]; negative for over-inflation, which makes the radius grow. ConfigError outside.
     """

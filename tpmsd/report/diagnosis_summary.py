@@ -26,7 +26,7 @@ from tpmsd.report.wording import covariate_name
 
 CHANNELS: dict[str, str] = {
     "wheel": "wheels against receiver",
-    "wheel_ratio": "wheel against wheel",
+    "wheel_ratio": "differences between wheels",
     "gnss_speed": "the receiver's speed",
     "gnss_course": "the receiver's course",
     "gnss_position": "the receiver's position",
@@ -48,7 +48,7 @@ def diagnosis_summary(
 
 def _found(diagnosis: Diagnosis, model_file: str | None) -> str:
     if diagnosis.verdict == INSUFFICIENT:
-        return f"Not enough to go by: {diagnosis.reason}."
+        return f"Insufficient data: {diagnosis.reason}."
     head = f"{diagnosis.driving_s:.0f} s of driving compared with {baseline_name(diagnosis)}. "
     if diagnosis.verdict == CONSISTENT:
         text = head + agreement(diagnosis)
@@ -76,7 +76,7 @@ def _found(diagnosis: Diagnosis, model_file: str | None) -> str:
 def _rest(diagnosis: Diagnosis) -> str:
     text = f"\n{reached(diagnosis.reach)}" if diagnosis.reach is not None else ""
     if diagnosis.unexplained is not None:
-        text += f"\nWhat is left still has structure: {place(diagnosis.unexplained)}."
+        text += f"\nThe residual still varies systematically: {place(diagnosis.unexplained)}."
     for told in filter(None, map(explained, diagnosis.explanatory)):
         text += f"\n{told}"
     return text
@@ -86,12 +86,10 @@ def reached(reach: Reach) -> str:
     """How much of what any model could gain was gained, and whether what is left has structure."""
     left = f"{round(reach.left, 1):.4g} +- {max(reach.left_std, 0.1):.2g} nats"
     if reach.share is None:
-        return f"A model of free shape gains nothing sure on held-out stretches either ({left})."
-    share = (
-        f"Of what a model of free shape gains on held-out stretches, {100 * reach.share:.0f} % was reached"
-    )
+        return f"A nonparametric model has no significant held-out gain either ({left})."
+    share = f"Of the held-out gain of a nonparametric model, {100 * reach.share:.0f} % was reached"
     if not reach.structured:
-        return f"{share}; it gains nothing sure beyond that ({left})."
+        return f"{share}; beyond that it has no significant gain ({left})."
     most = max(reach.channels, key=lambda name: reach.channels[name].left)
     return f"{share}; {left} are left, most of them in {CHANNELS[most]}."
 

@@ -249,7 +249,7 @@ def _draw_speed(axis: Axes, series: _Series) -> None:
     if gaps:
         handles.append(Patch(color=GAP_COLOUR, alpha=0.55, label="no GNSS"))
     if idle:
-        handles.append(Patch(color=GREY, alpha=0.22, label="teaches the radii nothing"))
+        handles.append(Patch(color=GREY, alpha=0.22, label="not informative"))
     if handles:
         axis.legend(
             handles=handles, loc="lower left", bbox_to_anchor=(0.0, 0.97), ncol=2, frameon=False, fontsize=9

@@ -158,8 +158,8 @@ def _drive(result: ReplayResult) -> str:
         gaps = f" The recording pauses {_times(result.tick_gaps)}, {result.tick_gap_s:.1f} s in all."
     return (
         f"Drive {result.drive}: {drive_time(result.duration_s)}, {result.distance_m / 1e3:.2f} km, "
-        f"{drive_time(result.moving_s)} of it moving and {drive_time(result.informative_s)} of use for the "
-        f"radii{speed}.{gaps}"
+        f"{drive_time(result.moving_s)} of it moving and {drive_time(result.informative_s)} informative"
+        f"{speed}.{gaps}"
     )
 
 
@@ -191,7 +191,7 @@ def _faults(result: ReplayResult, source: str) -> str:
         for key, count in sorted(result.fault_counts.items(), key=lambda item: (-item[1], item[0]))
         if key.startswith(source + " ")
     ]
-    return f"noticed and kept away from the estimate: {', '.join(counts)}" if counts else ""
+    return f"rejected before the estimate: {', '.join(counts)}" if counts else ""
 
 
 def _times(count: int) -> str:

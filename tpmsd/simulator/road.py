@@ -121,7 +121,8 @@ def _oval(rng: np.random.Generator) -> Iterator[Segment]:
             yield _bend(side * math.pi, 110.0, limit, TRACK)
 
 
-# About 2.2 km with a dozen bends, like the track of paper 002: (straight m, bend deg, radius m).
+# About 2.2 km with a dozen bends, like the track of the published experiment: (straight m, bend deg, radius
+# m).
 _LAP = (
     (180.0, 80.0, 60.0),
     (60.0, -55.0, 70.0),

@@ -7,7 +7,7 @@ As a CAN frame, where `[alarms] reset_id` names an identifier: three bytes, the 
 the data id 0xF2, 0x52 ('R'), and the number of the set: 0 the one that is driven, 1 to 7 "set1" to "set7".
 
 As a sentence, which the daemon makes of `tpmsd reset`: $PTPMSD,RESET,NAME*hh. A receiver that sends one is
-not believed: the daemon lets through its own alone.
+rejected: the daemon lets through its own alone.
 """
 
 from __future__ import annotations

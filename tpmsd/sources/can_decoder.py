@@ -92,7 +92,7 @@ class _Group:
         self.frozen = FrozenSpeeds(speeds) if len(speeds) > 1 else None
         """Watches its wheel speeds, if they are several and so fine that they cannot all stay the same."""
         self.doubted = [False] * len(self.fields)
-        """Per signal, whether its last reading was not believed for want of a single sender."""
+        """Per signal, whether its last reading was rejected for want of a single sender."""
 
 
 class _Witness:

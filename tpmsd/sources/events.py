@@ -14,7 +14,7 @@ NAN = math.nan
 
 
 class RotationSample(NamedTuple):
-    """One reading of one wheel's rotation, as an exact unwrapped angle (paper 000, eq. 37).
+    """One reading of one wheel's rotation, as an exact unwrapped angle ([Lundquist 2013], eq. 37).
 
     A named tuple, because a drive has hundreds of thousands.
     """
@@ -68,7 +68,7 @@ class GnssFix:
 
 @dataclass(frozen=True, slots=True)
 class SourceFault:
-    """Something wrong with an input that was noticed, counted and kept away from the estimate."""
+    """Something wrong with an input that was detected, counted and rejected before the estimate."""
 
     time_s: float
     source: str

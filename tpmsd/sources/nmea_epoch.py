@@ -23,7 +23,7 @@ NAN = math.nan
 COURSE_MIN_SPEED_MPS = 0.5
 """Below this the course of a receiver is noise."""
 CHECKSUMS_EXPECTED = 10
-"""Sentences with a checksum after which one without is not believed."""
+"""Sentences with a checksum after which one without is rejected."""
 _SAME_TIME_S = 5e-4
 _SPEAKS_OF_EPOCH = frozenset({"RMC", "GGA", "VTG", "GNS", "GLL"})
 

@@ -3,7 +3,7 @@
 In: time stamp and raw value of each reading, in order of time. Out: `RotationSample` events; faults to
 the log.
 
-    angle = (counts since the segment began) * 2 pi / teeth per revolution        (paper 000, eq. 37)
+    angle = (counts since the segment began) * 2 pi / teeth per revolution        ([Lundquist 2013], eq. 37)
 
 The count is an integer and is never rounded, so a segment's angle is exact however long it is. A reading is
 believed if the wheel can have turned so far since the last one. What it can do follows from its speed before:

@@ -34,7 +34,7 @@ MAX_AHEAD_S = 1.0
 MAX_MOVE_S = 0.03
 """A fix that missed its tick by no more than this is taken at the start of the next: 1 m on a motorway."""
 PLAUSIBLE_RATIO = 2.0
-"""A wheel that turns this much faster or slower than the median of the others is not believed in that
+"""A wheel that turns this much faster or slower than the median of the others is rejected in that
 tick."""
 PLAUSIBLE_FROM_RAD = 0.9
 """Rotation per tick (10 Hz: 3 m/s) from which ratios are judged: below, tight bends and single counts

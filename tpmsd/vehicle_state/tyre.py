@@ -1,7 +1,7 @@
 """The Dugoff tyre: forces of a wheel from its slip, slip angle and load, and their derivatives.
 
-In: arrays of any one shape. Out: arrays of that shape. Paper 004, eqs (9)-(12), with the divisor 1 + sigma in
-(10), where alpha is printed. Signs: slip positive when driving, slip angle positive where the force points
+In: arrays of any one shape. Out: arrays of that shape. [Liu 2022], eqs (9)-(12), with the divisor 1 + sigma
+in (10), where alpha is printed. Signs: slip positive when driving, slip angle positive where the force points
 left.
 """
 

@@ -110,7 +110,7 @@ def _order(ranked: list[float], quantile: float) -> float | None:
 def false_alarms(rows: Sequence[Row], legs: Sequence[Row], cases: Sequence[Row]) -> Figures:
     """Rates over the campaign, by kind and by what confounds."""
     honest = [row for row in legs if not is_resized(row["tags"])]
-    teaching = [row for row in rows if row["what"] == "learning"]
+    learning = [row for row in rows if row["what"] == "learning"]
     recorded = [row for row in rows if row["what"] == "recording"]
     out: Figures = {
         "hours": sum(row["hours"] for row in legs),
@@ -119,7 +119,7 @@ def false_alarms(rows: Sequence[Row], legs: Sequence[Row], cases: Sequence[Row])
         "malfunction": _rate([row for row in honest if not set(row["tags"]) & set(NO_SIGNAL)], "malfunction"),
         "single": _rate([row for row in honest if "plain" in row["tags"]], "deflation"),
         "not_learned": sum(not row["learned"] for row in legs),
-        "teaching": sum(len(row["false"]) for row in teaching),
+        "learning_drives": sum(len(row["false"]) for row in learning),
         "before_onset": sum(len(row["false_before"]) for row in cases),
         "recorded": rate(
             sum(len(row["tyre_alarms"]) for row in recorded), sum(row["km"] for row in recorded)

@@ -17,8 +17,8 @@ from bench.worlds.trip_cars import Car, draw_car
 from bench.worlds.trip_road import POOL_ROADS
 from bench.worlds.trips import Leg
 
-TEACHING = 2
-LEGS = TEACHING + 8
+LEARNING = 2
+LEGS = LEARNING + 8
 WITH_OTHERS = ("load", "season", "sun", "outages", "multipath", "slip")
 SLOW_ROADS = ("city", "suburb", "alpine")
 DAY_S = 90_000.0
@@ -28,7 +28,7 @@ KIND_S = 420.0
 
 @dataclass(frozen=True)
 class Life:
-    """A car and its legs; the first `TEACHING` ones teach."""
+    """A car and its legs; the first `LEARNING` ones are for learning."""
 
     car: Car
     legs: tuple[Leg, ...]
@@ -54,10 +54,10 @@ def life(pool: str, seed: int) -> Life:
             tags=("plain",),
             start_s=START_S + k * DAY_S,
         )
-        for k in range(TEACHING)
+        for k in range(LEARNING)
     ]
-    for k in range(TEACHING, LEGS):
-        tags: tuple[str, ...] = (names[(seed * (LEGS - TEACHING) + k) % len(names)],)
+    for k in range(LEARNING, LEGS):
+        tags: tuple[str, ...] = (names[(seed * (LEGS - LEARNING) + k) % len(names)],)
         if tags != ("plain",) and rng.random() < 0.35:
             other = str(rng.choice(WITH_OTHERS))
             tags = tags if other in tags else (*tags, other)
@@ -91,8 +91,8 @@ def kinds(pool: str, seed: int) -> Life:
     taught = life(pool, seed)
     usual = taught.legs[0]
     roads = POOL_ROADS[pool]
-    legs = list(taught.legs[:TEACHING])
-    for k, tag in enumerate(TAGS, start=TEACHING):
+    legs = list(taught.legs[:LEARNING])
+    for k, tag in enumerate(TAGS, start=LEARNING):
         legs.append(
             Leg(
                 seed=100 + k,

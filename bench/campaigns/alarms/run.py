@@ -134,7 +134,7 @@ def failing(done: dict[str, list[Row]], state: str) -> str:
 def options(parser: argparse.ArgumentParser) -> None:
     """Its options."""
     parser.add_argument(
-        "--full", action="store_true", help="60 cars of cases and 20,000 km; run again to go on"
+        "--full", action="store_true", help="60 cars of scenarios and 20,000 km; run again to go on"
     )
     parser.add_argument(
         "--campaign", action="store_true", help="20,000 km without a fault, few cases; run again to go on"

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from bench.campaigns.alarms.cases import Case, Group
-from bench.campaigns.alarms.lives import TEACHING, Life
+from bench.campaigns.alarms.lives import LEARNING, Life
 from bench.campaigns.alarms.play import Heard, Said, State, fast_seconds, hear
 from bench.worlds.magic_tyre import Array
 from bench.worlds.trip_cars import Car
@@ -132,7 +132,9 @@ def why_missed(case: Case, driven: Driven, heard: Heard, before: list[Said], lat
         seen.append(1e3 * change / lost[wheel] if abs(lost[wheel]) > 1e-3 else math.nan)
     share = float(np.nanmedian(seen)) if np.isfinite(seen).any() else math.nan
     cause = (
-        "the change is hidden in the estimate" if not share > 0.6 else "the change is seen, and not believed"
+        "the change is hidden in the estimate"
+        if not share > 0.6
+        else "the change is seen, and not significant"
     )
     return f"{cause}: " + "; ".join(texts)
 
@@ -148,7 +150,7 @@ def play_life(
         begun = time.process_time()
         driven = drive_leg(life.car, leg, tyre_k)
         heard = hear(driven, state, memory=memory)
-        if k < TEACHING:
+        if k < LEARNING:
             state, tyre_k = heard.state, driven.temperature_k
         yield {
             "what": "leg",

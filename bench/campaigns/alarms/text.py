@@ -98,7 +98,7 @@ def _false(found: Figures) -> list[str]:
     ]
     out += [
         "",
-        f"Besides, {false['teaching']} on drives that taught, {false['before_onset']} before the air "
+        f"Besides, {false['learning_drives']} on drives of learning, {false['before_onset']} before the air "
         "was let out; "
         f"{false['not_learned']} legs ended without a baseline.",
         "",

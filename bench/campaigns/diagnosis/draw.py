@@ -3,7 +3,7 @@
 In: those three. Out: `Case`: the specification of car, road, receiver and bus, and the concealed physics.
 Strength 1 is the size of a 20 % pressure loss, or what disturbs a diagnosis as much. Kinds:
 
-    nothing, nothing_wander            no physics missing; the latter with radii that wander as real ones do
+    nothing, nothing_wander            no physics missing; the latter with radius drift as in real cars
     EFFECT, EFFECT+EFFECT, ...         of the public table, with the name withheld
     strange_...                        of no catalogue
     absorbed:EFFECT                    configured radii far off, so that calibration takes up the mean

@@ -152,7 +152,7 @@ def _by_kind(rows: Sequence[Row]) -> list[dict[str, Any]]:
 def markdown(figures: dict[str, Any]) -> str:
     """The figures as tables."""
     rows = [
-        ("drives with nothing missing, yet found", percent(figures["clean_wrong"]), "at most 1 %"),
+        ("null drives with a finding", percent(figures["clean_wrong"]), "at most 1 %"),
         ("- receiver's Doppler as old as its position", percent(figures["clean_wrong_even_doppler"]), ""),
         ("- Doppler 20 to 100 ms older", percent(figures["clean_wrong_late_doppler"]), ""),
         (
@@ -160,7 +160,7 @@ def markdown(figures: dict[str, Any]) -> str:
             percent(figures["multibody_clean_false"]),
             "",
         ),
-        ("- radii that wander by 0.02 to 0.05 %, and something found", percent(figures["wander_found"]), ""),
+        ("- radius drift of 0.02 to 0.05 %, with a finding", percent(figures["wander_found"]), ""),
     ]
     bars = {"0.5": "80 %", "1": "95 %"}
     for size, figure in figures["first_by_strength"].items():

@@ -2,7 +2,7 @@
 
     make bench-diagnose                            a few minutes: a drive of each common kind
     make bench-diagnose BENCH_ARGS="--each"        a drive of each kind, the multi-body cars too: an hour
-    make bench-diagnose BENCH_ARGS="--full"        200 drives of nothing, 20 per effect and strength: a day
+    make bench-diagnose BENCH_ARGS="--full"        200 null drives, 20 per effect and strength: a day
     python -m bench run diagnosis --write FOLDER --kind KIND --strength S --seed N
 
 Results are appended to OUT/results.jsonl, one line per drive; what stands there for the present state of the
@@ -196,9 +196,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quick", action="store_true", help="a drive of each common kind (the default)")
     parser.add_argument("--each", action="store_true", help="a drive of each kind")
     parser.add_argument("--full", action="store_true", help="all drives that the proof asks for")
-    parser.add_argument(
-        "--clean", type=int, help="drives with nothing missing (default: 6, each: 30, full: 200)"
-    )
+    parser.add_argument("--clean", type=int, help="null drives (default: 6, each: 30, full: 200)")
     parser.add_argument("--per", type=int, help="drives per kind and strength (default: 1, full: 20)")
     parser.add_argument("--strengths", help="(default: 1, full: 0.25,0.5,1,2)")
     parser.add_argument("--only", default="", help="these kinds alone, comma-separated; a+b is a pair")

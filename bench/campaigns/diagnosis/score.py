@@ -246,12 +246,12 @@ def improvement(case: Case, model: dict[str, Any], windows: Windows) -> tuple[fl
 
 
 def apparent_radius_mm(change: Array, own: Array, windows: Windows) -> float:
-    """Root mean square over minutes and wheels of the radius error that a change of the channels feigns."""
+    """Root mean square over minutes and wheels of the radius error that a change of the channels makes."""
     read = windows.read[:, 0]
     if read.sum() < BLOCK:
         return 0.0
     speed = np.where(windows.read[:, 5:6], change[:, 5:6], 0.0)
     way = np.maximum(own[:, :4], 1.0)
-    feigned = (windows.spec.radius_m * (speed - change[:, :4]) / way)[read]
-    blocks = feigned[: len(feigned) // BLOCK * BLOCK].reshape(-1, BLOCK, 4).mean(axis=1)
+    resembled = (windows.spec.radius_m * (speed - change[:, :4]) / way)[read]
+    blocks = resembled[: len(resembled) // BLOCK * BLOCK].reshape(-1, BLOCK, 4).mean(axis=1)
     return 1e3 * float(np.sqrt(((blocks - blocks.mean(axis=0)) ** 2).mean()))

@@ -2,7 +2,7 @@
 
 In: `Case` and its windows. Out: `Truth`, plain numbers that go into the sealed folder and from there to the
 scorer. "Can tell" of an effect: the log-likelihood that it brings under the known noise, once calibration and
-the other true effects are fitted (`gain`), and what it brings more than the best other single effect of the
+the other true effects are fitted (`gain`), and its gain beyond the best other single effect of the
 public table, fitted freely (`margin`).
 """
 
@@ -238,7 +238,7 @@ def _tooth_gain(case: Case, windows: Windows) -> float:
     return float(0.25 * fresh.sum() * p["amplitude_rad"] ** 2 / (grain**2 + spec.edge_noise_rad**2))
 
 
-def _inherent(windows: Windows, laid_over: Sequence[str]) -> tuple[list[Concealed], float]:
+def _inherent(windows: Windows, injected: Sequence[str]) -> tuple[list[Concealed], float]:
     """What the multi-body car's own tyres do: all that its equations hold beyond pure rolling.
 
     Slip, and in bends tyres that turn by 1e-4 to 6e-4 s2/m of the lateral acceleration less on the left
@@ -258,7 +258,7 @@ def _inherent(windows: Windows, laid_over: Sequence[str]) -> tuple[list[Conceale
         at += each.shape[2]
     # whatever else fits is a likeness
     own = {"longitudinal_slip": (list(WHEELS), WHEEL), "lateral_slip": ([], GNSS)}
-    if "load_transfer_lateral" not in laid_over:
+    if "load_transfer_lateral" not in injected:
         own["load_transfer_lateral"] = (list(WHEELS), WHEEL)
     for name, where in own.items():
         gain = explained(without(inner, chosen), 0, place[name])

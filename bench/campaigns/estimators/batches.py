@@ -4,9 +4,9 @@ In: one drive's wheels and the fixes of many receivers. Out: a row per batch of 
 particles are M N particles moved and taught together; only weights and resampling are per run. That pays
 while a tick's fixed cost is more than its particles', so for few particles.
 
-All runs of a batch share the counts, hence which ticks teach (a run's own receiver would move the limits
-of that by a tick here or there). The rest of the program's filters is left out: no fix is refused and no
-pose found anew, so a filter that has lost its way stays lost, as in the paper.
+All runs of a batch share the counts, hence which ticks are informative (a run's own receiver would move the
+limits of that by a tick here or there). The rest of the program's filters is left out: no fix is refused
+and no pose found anew, so a filter that has lost its way stays lost, as in the paper.
 """
 
 from __future__ import annotations
@@ -43,12 +43,13 @@ class Radii:
         self._model, self._rng = model, rng
         self._state = model.begin(count, np.full(2, RADIUS_M), rng)
 
-    def draw(self, teaches: bool) -> Array:
-        """Radius errors (K, 2) of this tick, learned from if it teaches: Table I, lines 9, 10 and 13."""
-        if teaches:
+    def draw(self, informative: bool) -> Array:
+        """Radius errors (K, 2) of this tick, learned from if it is informative: Table I, lines 9, 10 and
+        13."""
+        if informative:
             self._state = self._model.forget(self._state, TICK_S, self._rng)
         noise = self._model.draw(self._state, self._rng)
-        if teaches:
+        if informative:
             self._state = self._model.learn(self._state, noise)
         return noise.T
 
@@ -113,12 +114,12 @@ def play_batch(
     for k, tick in enumerate(ticks[0]):
         turned = tick.rotation_rad[RL:]
         rolled = turned * RADIUS_M
-        teaches = gate is None or gate.update(
+        informative = gate is None or gate.update(
             tick, float(rolled.mean()) / TICK_S, float(rolled[1] - rolled[0]) / TRACK_M / TICK_S
         )
         moving = bool(rolled.any())
         if moving:
-            noise = radii.draw(teaches)
+            noise = radii.draw(informative)
             roll = turned * (RADIUS_M + noise)
             way, turn = (roll[:, 0] + roll[:, 1]) / 2, (roll[:, 1] - roll[:, 0]) / TRACK_M
             middle = pose[2] + turn / 2

@@ -276,7 +276,7 @@ def draw_recordings(result: dict[str, Any], out: Path) -> Path | None:
             series = row["series"]["difference_mm"]
             time = [2.0 * k / 60 for k in range(len(series))]
             here.plot(time, series, color=COLOURS[row["method"]], lw=1.0, label=row["method"])
-        here.plot(time, some[0]["series"]["truth_mm"], "k--", lw=1.6, label="laid over, and the tyres' own")
+        here.plot(time, some[0]["series"]["truth_mm"], "k--", lw=1.6, label="injected, and the tyres' own")
         here.set(title=Path(folder).name, ylabel="mu3 - mu4, mm", ylim=(-2.0, 4.5))
         here.grid(alpha=0.3)
     axes[-1, 0].set_xlabel("time, min")

@@ -1,6 +1,6 @@
 /* One tick of MPF-PN (Lundquist et al. (2013), Table I) for the rear pair, particle by particle: what plain NumPy is held against.
  *
- * Scalar code, one thread. Same arithmetic as tpmsd/estimators/mpf_pn.py without supposed changes: statistics (20),
+ * Scalar code, one thread. Same arithmetic as tpmsd/estimators/mpf_pn.py without jump hypotheses: statistics (20),
  * Student-t draw (21), motion (7), statistics (19) with the floor, weights (22) by a Student-t of 4 degrees of
  * freedom, systematic resampling below half of the effective number, estimate (24). Normals by the ziggurat
  * method of Marsaglia and Tsang (2000) in the form of Doornik (2005), as NumPy's are; gammas by Marsaglia
@@ -112,12 +112,12 @@ void filter_place(filter *f, double e, double n, double std, double psi, double 
 }
 
 /* out: mu3, mu4, their covariance (3), Sigma3, Sigma4, east, north, effective number */
-void filter_step(filter *f, double a0, double a1, int teaches, double forgetting, int has_fix, double fix_e, double fix_n,
+void filter_step(filter *f, double a0, double a1, int informative, double forgetting, int has_fix, double fix_e, double fix_n,
                  double variance, double *out) {
     const int count = f->count;
     int moving = a0 != 0.0 || a1 != 0.0;
     double forget_scale = 1.0;
-    if (teaches && moving) {
+    if (informative && moving) {
         f->gamma /= forgetting;
         double nu = fmax(forgetting * f->nu, 4.0);
         forget_scale = nu / f->nu;
@@ -138,7 +138,7 @@ void filter_step(filter *f, double a0, double a1, int teaches, double forgetting
             double r0 = a0 * (f->radius0 + w0), r1 = a1 * (f->radius1 + w1);
             double way = 0.5 * (r0 + r1), turn = (r1 - r0) / f->track, mid = p->psi + 0.5 * turn;
             p->e += way * cos(mid); p->n += way * sin(mid); p->psi += turn;
-            if (teaches) {
+            if (informative) {
                 double d0 = w0 - p->m0, d1 = w1 - p->m1;
                 p->m0 += gain * d0; p->m1 += gain * d1;
                 p->s00 = fmax(p->s00 + shrink * d0 * d0, floor_l);
@@ -152,7 +152,7 @@ void filter_step(filter *f, double a0, double a1, int teaches, double forgetting
         }
         if (p->logw > top) top = p->logw;
     }
-    if (teaches && moving) { f->gamma = gain; f->nu = nu_after; }
+    if (informative && moving) { f->gamma = gain; f->nu = nu_after; }
     double sum = 0.0, square = 0.0;
     for (int i = 0; i < count; ++i) {
         f->now[i].logw -= top;

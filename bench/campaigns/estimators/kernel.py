@@ -1,7 +1,7 @@
 """The compiled kernel of an MPF-PN tick (`kernel.c`), built by the system's compiler, for comparison only.
 
-In: ticks. Out: posterior moments of the rear radii. The O(1) parts of a tick (which ticks teach, the
-first pose) are the program's own, in Python, as they are for the estimator it is compared with.
+In: ticks. Out: posterior moments of the rear radii. The O(1) parts of a tick (which ticks are informative,
+the first pose) are the program's own, in Python, as they are for the estimator it is compared with.
 """
 
 from __future__ import annotations
@@ -102,14 +102,14 @@ class Kernel:
         nominal = VEHICLE.wheel_radius_m
         way = (left * nominal[RL] + right * nominal[RR]) / 2
         turn = (right * nominal[RR] - left * nominal[RL]) / VEHICLE.track_rear_m
-        teaches = self._gate.update(tick, way / tick.dt_s, turn / tick.dt_s)
+        informative = self._gate.update(tick, way / tick.dt_s, turn / tick.dt_s)
         fix = tick.fixes[-1] if tick.fixes else None
         used = fix is not None and self._located and way / tick.dt_s > 0.5
         self._library.filter_step(
             self._filter,
             left,
             right,
-            teaches,
+            informative,
             self._forgetting,
             used,
             fix.east_m if fix else 0.0,

@@ -1,4 +1,4 @@
-"""The artificial pressure drop of Lundquist et al. (2013), eqs (39)-(41), laid over the real recordings.
+"""The artificial pressure drop of Lundquist et al. (2013), eqs (39)-(41), injected into the real recordings.
 
 In: drive folders (TPMSD_RECORDINGS, or ../shared/recordings beside the repository). Out: per recording
 and method the RMSE of mu3 - mu4 on the drive as it is and with the drop.

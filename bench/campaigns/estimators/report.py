@@ -232,7 +232,7 @@ def _speed(speed: dict[str, Any]) -> list[str]:
 
 
 def _recordings(rows: list[Row]) -> list[str]:
-    lines = ["## Real recordings, with the artificial drop of 2.5 mm laid over them", ""]
+    lines = ["## Real recordings, with the artificial drop of 2.5 mm injected", ""]
     head: tuple[str, ...] = (
         "recording",
         "method",

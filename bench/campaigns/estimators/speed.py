@@ -25,7 +25,7 @@ from tpmsd.estimators.base import Estimator
 from tpmsd.timeline.tick import Tick
 
 WARM_TICKS = 2300
-"""Well into the rural road: every filter has its pose, and every tick teaches."""
+"""Well into the rural road: every filter has its pose, and every tick is informative."""
 TIMED_TICKS = 600
 PASSES = 3
 TURNS = 4

@@ -156,6 +156,6 @@ def test_a_case_is_judged_by_what_was_raised_after_the_loss() -> None:
     assert not late["detected"]
     assert late["reason"].startswith("late: ")
     assert not never["detected"]
-    assert never["reason"].startswith("the change is seen, and not believed: ")
+    assert never["reason"].startswith("the change is seen, and not significant: ")
     assert before["reason"] == f"an alarm before the air was let out, of {other}"
     assert 1 == len(before["false_before"])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bench.campaigns.alarms.cases import ONSETS, group
-from bench.campaigns.alarms.lives import LEGS, TEACHING, kinds, life
+from bench.campaigns.alarms.lives import LEARNING, LEGS, kinds, life
 from bench.worlds.magic_tyre import NOMINAL_PA, Tyre, gauge_at
 from bench.worlds.surfaces import RESIZED, TAGS, ride
 from bench.worlds.trip_cars import POOLS, Car, draw_car
@@ -147,21 +147,21 @@ def test_cases_cover_the_regulations() -> None:
 
 
 def test_lives_meet_every_confounder() -> None:
-    """Three cars' lives hold them all; the first legs of each teach and hold none."""
+    """Three cars' lives hold them all; the first legs of each are for learning and hold none."""
     lives = [life("development", seed) for seed in range(3)]
 
     assert set(TAGS) == {tag for each in lives for leg in each.legs for tag in leg.tags}
     for each in lives:
         assert LEGS == len(each.legs)
-        assert {("plain",)} == {leg.tags for leg in each.legs[:TEACHING]}
+        assert {("plain",)} == {leg.tags for leg in each.legs[:LEARNING]}
 
 
 def test_each_kind_of_confounder_has_a_leg_of_its_own() -> None:
-    """After the legs that teach, one with each tag alone; the wheels of another size are."""
+    """After the legs of learning, one with each tag alone; the wheels of another size are."""
     legs = kinds("development", 1).legs
 
-    assert [(tag,) for tag in TAGS] == [leg.tags for leg in legs[TEACHING:]]
-    assert life("development", 1).legs[:TEACHING] == legs[:TEACHING]
+    assert [(tag,) for tag in TAGS] == [leg.tags for leg in legs[LEARNING:]]
+    assert life("development", 1).legs[:LEARNING] == legs[:LEARNING]
     assert {*RESIZED} == {leg.tags[0] for leg in legs if any(leg.resized_m)}
     assert legs == kinds("development", 1).legs
 

@@ -73,7 +73,7 @@ def test_a_column_explains_its_own_multiple_and_nothing_of_what_is_at_right_angl
 
 
 def test_a_latency_cannot_be_told_at_constant_speed(tmp_path: Path) -> None:
-    """Without any change of speed or course an old fix is but a place further back: far below the bar."""
+    """Without any change of speed or course GNSS latency only moves the position: far below the bar."""
     case = draw_case("gnss_latency", 1.0, 5)
     case = dataclasses.replace(case, spec=dataclasses.replace(case.spec, duration_s=300.0))
     told = truth_of(case, make(case, tmp_path).windows).effects[0].gain

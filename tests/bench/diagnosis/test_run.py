@@ -26,7 +26,7 @@ def options(**changed: object) -> argparse.Namespace:
 
 
 def test_the_full_plan_holds_what_the_proof_asks_for() -> None:
-    """200 drives of nothing, 20 per effect and strength, none twice."""
+    """200 null drives, 20 per effect and strength, none twice."""
     plan = bench.plan(options())
     counts = Counter((kind, strength) for kind, strength, _ in plan)
 

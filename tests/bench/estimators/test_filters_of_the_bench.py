@@ -118,7 +118,7 @@ def test_chords_find_the_tyres_own_difference(rural: Driven) -> None:
     assert std < 2e-3
 
 
-def test_a_laid_over_drop_is_what_another_radius_would_have_turned(rural: Driven) -> None:
+def test_an_injected_drop_is_what_another_radius_would_have_turned(rural: Driven) -> None:
     """Rotation times the smaller radius is the same way, eq. (39); the left wheel is left alone."""
     ticks, delta = dropped(tuple(rural.ticks), RADIUS_M)
     assert pytest.approx(PUNCTURE_M) == delta[-1]

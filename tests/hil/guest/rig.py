@@ -153,8 +153,8 @@ class Daemon:
         return ask(self.socket)
 
     def ready(self) -> dict[str, Any]:
-        """The status once ticks run."""
-        return self.until(lambda status: status["ticks"] > 0, "ticks run")
+        """The status once there are ticks."""
+        return self.until(lambda status: status["ticks"] > 0, "first tick")
 
     def until(self, true: Callable[[dict[str, Any]], Any], what: str, timeout_s: float = PATIENCE_S) -> Any:
         """The first status of which that holds."""

@@ -1,9 +1,9 @@
 """How much of the reachable improvement the found physics reached, and whether what is left has structure.
 
 In: each drive's whitened columns and the chosen terms. Out: `Reach`. What is reachable is measured, not
-assumed: on top of the found model a flexible one (every free shape at every place, every effect's column, all
-at once, shrunk as far as the data ask for) is fitted to the same blocks and must predict the same held-out
-ones. What it still gains there is what a better model could have gained.
+assumed: on top of the found model a flexible one (every spline term at every place, every effect's column,
+all at once, shrunk as far as the data ask for) is fitted to the same blocks and must predict the same
+held-out ones. What it still gains there is what a better model could have gained.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _SHRINKAGE = np.concatenate([[0.0], np.logspace(-4, 2, 37)])
 """Prior standard deviation of a column's value, in units of its own noise."""
 _MODELS = ("calibration", "model")
 _CALIBRATION = (*ALWAYS, "data", "ramp", "wheel_slip", "side_slip")
-"""Columns that are no part of the flexible model: ramps and slips are free shapes once more."""
+"""Columns that are no part of the flexible model: ramps and slips are spline terms once more."""
 
 
 @dataclass(frozen=True)

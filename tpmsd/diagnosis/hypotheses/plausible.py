@@ -1,4 +1,4 @@
-"""Whether fitted values are such as nature makes.
+"""Whether fitted values are physically plausible.
 
 In: a `Term` and its values in a joint fit. Out: whether they lie within what is physically thinkable, and
 what the data say against two values that one force makes together.
@@ -18,7 +18,8 @@ from tpmsd.wheels import FloatArray
 SMALLEST_M = 3e-5
 """No road leaves a tyre's radius alone better than to this: a smaller change is not worth a name."""
 IMPOSSIBLE = 12.5
-"""Log-likelihood against every ratio of an effect's two values that nature knows: then it is none."""
+"""Log-likelihood against every ratio of an effect's two values that is physically possible: then it is
+none."""
 Bounds = Mapping[tuple[str, str], tuple[float, float]]
 
 

@@ -2,7 +2,7 @@
 
 In: a `Reader` and a model to linearise about. Out: `Columns`: one column (w, 9) per free number: the
 calibration's radii, each parameter of each effect of the catalogue, ramps of each wheel's radius between
-knots, and smooth terms of free shape over each covariate. The catalogue's columns are differences of its
+knots, and spline terms over each covariate. The catalogue's columns are differences of its
 own forward model, so an effect is defined once.
 """
 
@@ -207,7 +207,7 @@ def _apart(knots: FloatArray, least: float) -> FloatArray:
 
 
 def smooth_columns(reader: Reader, knots: dict[str, FloatArray]) -> Columns:
-    """Smooth terms of free shape: at each place and over each covariate, hat functions between the knots.
+    """Spline terms: at each place and over each covariate, hat functions between the knots.
 
     A wheel's term is a change of its radius (m), the receiver's of its speed (m/s) or course (rad), the
     gyro's of its reading (rad/s).

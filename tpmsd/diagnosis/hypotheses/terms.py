@@ -83,7 +83,7 @@ class Term:
     """Number of the one drive in which it acts; None where it acts in all."""
 
     def price(self, first: float) -> float:
-        """The penalty, given the first value: what nature seldom shows must be paid for."""
+        """The penalty, given the first value: rare values are penalised."""
         return self.penalty + self.kind_of.against(first)
 
     @property

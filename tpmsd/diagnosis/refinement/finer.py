@@ -22,7 +22,7 @@ from tpmsd.wheels import WHEELS, FloatArray
 LEVELS = (1, 2, 4)
 """Intervals tried, in those of the first look."""
 WORTH = 3.0
-"""Log-likelihood beyond its price by which finer knots must be better."""
+"""Log-likelihood beyond the penalty by which finer knots must be better."""
 
 Columns = list[tuple[Refined, dict[int, FloatArray]]]
 

@@ -24,7 +24,7 @@ from tpmsd.wheels import WHEELS, FloatArray
 
 ROUNDS = 4
 PLAIN = 40.0
-"""Log-likelihood beyond its penalty from which a free shape is no noise."""
+"""Log-likelihood beyond its penalty from which a spline term is no noise."""
 BEST = 3
 """Candidates among which a shape is looked for."""
 
@@ -75,7 +75,7 @@ def refine(study: Study, selection: Selection, evidence: Evidence, again: bool) 
 
 
 def plainest_shape(study: Study, evidence: Evidence, design: FloatArray) -> Term | None:
-    """The free shape that brings most beyond a design, on its finest knots; None if none is plain.
+    """The spline term that brings most beyond a design, on its finest knots; None if none is plain.
 
     It is a hypothesis like all others from then on.
     """

@@ -39,7 +39,7 @@ from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import WHEELS
 
 WANDERS = 2e-4
-"""Relative standard deviation of the radii's slow wander from which it is told."""
+"""Relative standard deviation of the radius drift from which it is reported."""
 
 
 def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[str, ...] = ()) -> Diagnosis:
@@ -236,7 +236,7 @@ def _unexplained(study: Study, selector: Selector, terms: list[Term]) -> Where |
 
 
 def _wandering(study: Study) -> Where | None:
-    """Radii that wander by more than tyres and roads make them do: something acts that no term holds."""
+    """Radius drift beyond what tyres and roads make: something acts that no term holds."""
     drive = max(study.drives, key=lambda one: one.noise.wander)
     if drive.noise.wander < WANDERS:
         return None

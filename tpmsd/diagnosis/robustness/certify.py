@@ -138,7 +138,7 @@ def without(model: ExtendedModel, findings: Sequence[Finding]) -> ExtendedModel:
 
 
 def _tells_of(finding: Finding, effect: Effect) -> bool:
-    """Whether a finding and an effect are of one name, with the same values (of a free shape, knots)."""
+    """Whether a finding and an effect are of one name, with the same values (of a spline term, knots)."""
     if effect.name != finding.effect:
         return False
     if finding.shape:

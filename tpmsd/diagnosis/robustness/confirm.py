@@ -5,7 +5,7 @@ In: a `Study` and its `Selection`. Out: both without the terms that do not stand
 Warm-up, growth with speed and slopes act on all wheels alike, so that only the receiver shows them, as a
 slow drift. With such a term in the model the receiver's slow error is estimated smaller than it is, and
 the term looks the surer for it. So the term is asked again under the noise that fits best without it. The
-same holds of a single wheel's change and of terms over time against the slow wander of tyres' radii.
+same holds of a single wheel's change and of terms over time against the radius drift.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ SURE = 0.95
 CLEAR_OF_WHEEL = 3000.0
 """The same of a wheel that changes against the others."""
 WANDERS = 1e-4
-"""Relative standard deviation of the radii's slow wander that is more than usual: five times that."""
+"""Relative standard deviation of the radius drift that is more than usual: five times that."""
 UNSURE_OF_WANDER = 1.5
-"""Factor by which so much wander may be greater than it seems: a drive holds but a few of its swings."""
+"""Factor by which so much drift may be greater than it seems: a drive holds but a few of its swings."""
 
 
 def confirmed(study: Study, selection: Selection, evidence: Evidence) -> tuple[Selection, Evidence]:
@@ -83,7 +83,7 @@ def _receivers_own(study: Study, selection: Selection, evidence: Evidence) -> Se
 
 
 def _noise_without(drive: DriveStudy, design: FloatArray, common: bool) -> Noise:
-    """The noise that fits a drive best with this design: the receiver's slow error, or the tyres' wander."""
+    """The noise that fits a drive best with this design: the receiver's slow error, or radius drift."""
     windows, columns = drive.reader.windows, drive.believed(design)
     if not common:
         start = replace(drive.noise, wander=max(drive.noise.wander, PRIORS["wander"][0]))

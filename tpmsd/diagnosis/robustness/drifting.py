@@ -1,7 +1,7 @@
 """Names what the noise model took for a gyro that drifts, where it drifts far and smoothly.
 
-In: a `Study`, its `Selection` and `Evidence`. Out: both, with a free shape of the yaw rate over time in place
-of a constant bias, if there is one to tell.
+In: a `Study`, its `Selection` and `Evidence`. Out: both, with a spline term of the yaw rate over time in
+place of a constant bias, if there is one to tell.
 
 A gyro's bias walks at random, and how fast is estimated from the drive. A bias that fades as the sensor warms
 raises that estimate, and beside so fast a walk its shape is not sure: what was left of it got the name of a

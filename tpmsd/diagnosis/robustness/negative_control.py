@@ -1,6 +1,6 @@
 """A negative control: the search for shapes over covariates that cannot act.
 
-In: a `Study` and its `Selection`. Out: the largest penalised gain of a free shape over any covariate whose
+In: a `Study` and its `Selection`. Out: the largest penalised gain of a spline term over any covariate whose
 course was reversed in time, beyond the chosen model. It has the covariate's values, its slowness and its
 error, but nothing in the drive depends on it: what it gains, the noise model leaves to chance (negative
 controls: Lipsitch, Tchetgen Tchetgen and Cohen, Epidemiology 21, 2010). A finding must gain more.

@@ -1,11 +1,11 @@
-"""Names what the noise model took for radii that wander, where wheels wander together.
+"""Names what the noise model took for radius drift, where wheels drift together.
 
 In: a `Study`, its `Selection` and `Evidence`, and what was chosen before slow noise was asked. Out: selection
-and evidence, with a free shape over time if there is one to tell, or the change of a wheel's radius.
+and evidence, with a spline term over time if there is one to tell, or the change of a wheel's radius.
 
-Tyres and roads make every wheel's radius wander for itself, and how much is estimated from the drive. What
+Every wheel's radius drifts for itself, and how much is estimated from the drive. What
 warms one axle, or ages one wheel, raises that estimate as well, and beside so much noise no shape is sure.
-But then one group of wheels holds nearly all of the wander, and with wheels that go each their own way none
+But then one group of wheels holds nearly all of the drift, and with wheels that go each their own way none
 does: there the best one has little more than half of what four separate wheels bring, and an axle that brakes
 warm has all of it. So the shape is asked for under the usual noise.
 """
@@ -19,7 +19,7 @@ import numpy as np
 from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Term, group_gain
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.robustness.confirm import WANDERS
-from tpmsd.diagnosis.selection.candidates import ADMIT, FREE_SHAPE
+from tpmsd.diagnosis.selection.candidates import ADMIT, SPLINE_MARGIN
 from tpmsd.diagnosis.selection.chosen import Selection
 from tpmsd.diagnosis.selection.selector import Selector
 from tpmsd.inference.least_squares import Evidence
@@ -36,7 +36,7 @@ def together(
     """Add the shape over time that a group of wheels has in common.
 
     Asked of single drives that read all four wheels: of two wheels alone, only their difference shows. Of one
-    wheel it may be a loss of air that was chosen `before`, and did not stand against wheels that wander.
+    wheel it may be a loss of air that was chosen `before`, and was not significant against radius drift.
     """
     drive = study.drives[0]
     if len(study.drives) > 1 or len(drive.reader.recording.wheels) < len(WHEELS):
@@ -59,13 +59,13 @@ def together(
 
 
 def _changed_radius(selector: Selector, terms: list[Term], shape: Term, before: list[Term]) -> Term | None:
-    """The change of the wheel's radius, chosen before, that brings nearly what its free shape does."""
+    """The change of the wheel's radius, chosen before, that brings nearly what its spline term does."""
     gram, b = selector.evidence.projected(selector.design(terms))
     free, _ = group_gain(shape.design[1:], gram, b)
     for term in before:
         if term.ramp and term.wheel == shape.place and term not in terms:
             gain, _ = group_gain(term.design[1:], gram, b)
-            if gain - term.penalty > (1.0 - FREE_SHAPE) * free - shape.penalty:
+            if gain - term.penalty > (1.0 - SPLINE_MARGIN) * free - shape.penalty:
                 return term
     return None
 

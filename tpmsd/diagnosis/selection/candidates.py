@@ -1,7 +1,7 @@
 """What may be added to the terms chosen so far, the best first.
 
-In: `Evidence` and `Hypotheses`. Out: single terms and pairs, each with what it brings less its price. A free
-shape must beat an effect by a share of its gain: no effect's formula is the last word.
+In: `Evidence` and `Hypotheses`. Out: single terms and pairs, each with its penalised gain. A spline
+term must beat an effect by a share of its gain: no effect's formula is the last word.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from tpmsd.wheels import FloatArray
 
 ADMIT = 6.0
 """Log-likelihood beyond its penalty that a term must bring."""
-FREE_SHAPE = 0.08
-"""Share of its gain by which a free shape must beat an effect: no effect's formula is the last word."""
+SPLINE_MARGIN = 0.08
+"""Share of its gain by which a spline term must beat an effect: no effect's formula is the last word."""
 FREE_DRIFT = 0.25
 """The same over time or distance on all wheels, where the receiver's slow error looks alike."""
 
@@ -115,6 +115,6 @@ class Candidates:
 
 
 def handicap(shape: Term) -> float:
-    """Share of its gain that a free shape must bring more than an effect."""
+    """Share of its gain that a spline term must bring more than an effect."""
     drift = shape.place == "all" and shape.covariate in ("time", "distance")
-    return FREE_DRIFT if drift else FREE_SHAPE
+    return FREE_DRIFT if drift else SPLINE_MARGIN

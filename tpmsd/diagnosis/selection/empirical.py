@@ -1,4 +1,4 @@
-"""A term of free shape as an effect of the catalogue, so that it can be simulated and compensated.
+"""A spline term as an effect of the catalogue, so that it can be simulated and compensated.
 
 In: a chosen `unknown` term and the knots of its covariate. Out: the effect `unknown` and the standard
 deviations of its heights.

@@ -4,7 +4,7 @@ In: `Evidence` and `Hypotheses`. Out: `Selection`: the chosen terms, each with t
 brings in the presence of the others, in sample and held out, its rivals, and its confidence.
 
 Forward, with pairs (two effects may hide one another), each step followed by exchanges and removals. A
-term must pay for its free values, for the number of places looked at, and for errors whose slow wander
+term pays a penalty for its free values, for the number of places looked at, and for errors whose slow drift
 the noise model does not hold (its gain is divided by the block-wise variance ratio); and it must predict
 blocks that were held out.
 """
@@ -33,16 +33,18 @@ that.
 MODEL_ERROR = 4e-3
 """Relative standard deviation of any value: the reference motion that it multiplies is no better known."""
 BESIDE = 0.03
-"""Share of what effects bring that a free shape beside them must bring: so well their formulas hold."""
+"""Share of what effects bring that a spline term beside them must bring: so well their formulas hold."""
 LIKE = 0.05
-"""Share of what a free shape brings that an effect over the same covariate must bring beside it: a shape is
+"""Share of what a spline term brings that an effect over the same covariate must bring beside it: a shape is
 one of many that would do, and what its form leaves looks like whatever depends on the same.
 """
 ELSEWHERE = 1e-3
-"""Share of what a free shape of the wheels brings that an effect of wheel against wheel must bring beside it
-even over another covariate: slip that no effect holds is not the same on the inner wheels of a bend."""
+"""Share of what a spline term of the wheels brings that an effect on differences between wheels must bring
+beside it even over another covariate: slip that no effect holds is not the same on the inner wheels of a
+bend."""
 SAME = 0.97
-"""Share of an effect's response from which a free shape on those wheels is the same effect without a name."""
+"""Share of an effect's response from which a spline term on those wheels is the same effect without a
+name."""
 MAX_TERMS = 8
 RIVAL = 2.0
 """Rivals whose fit is worse by less than this are not told apart."""
@@ -74,7 +76,7 @@ class Selector(Candidates):
             best = self._best_addition(chosen)
             if best is None:
                 break
-            exchanged = self._prune(self._regrouped(self._exchange(chosen + best)))
+            exchanged = self._prune(self._exchanged_patterns(self._exchange(chosen + best)))
             # What was exchanged may then fall for its scatter, and leave less than there was.
             added = exchanged if self._worth(exchanged) >= self._worth(chosen) else self._prune(chosen + best)
             if self._worth(added) < self._worth(chosen):
@@ -179,7 +181,7 @@ class Selector(Candidates):
             at = here.stop
 
     def _possible(self, terms: list[Term]) -> bool:
-        """Whether the ratio of an effect's two values may be what nature knows."""
+        """Whether the ratio of an effect's two values is physically possible."""
         if all(ratio_limits(term) is None for term in terms):
             return True
         return all(
@@ -194,10 +196,10 @@ class Selector(Candidates):
         return gain / self.ratio(terms, which) - terms[which].penalty
 
     def _spare(self, terms: list[Term], which: int) -> float:
-        """What an effect brings more than it must beside free shapes over the covariate that it depends on.
+        """What an effect brings more than it must beside spline terms over the covariate that it depends on.
 
         A shape is one of many that would do. What its form leaves looks like an effect as far as shapes on
-        those wheels can imitate it; and on which wheels it acts is one of several answers, so the effect
+        those wheels can take its place; and on which wheels it acts is one of several answers, so the effect
         must be needed, too, where both axles have a shape of their own. Infinite where there is no shape.
         """
         over, apart = self._over(terms, which), self._apart(terms, which)
@@ -208,20 +210,20 @@ class Selector(Candidates):
         for shape in [*over, *apart]:
             alone = [term for term in terms if term is not shape and term is not terms[which]]
             brings = self.gain([*alone, shape]) - self.gain(alone)
-            share = ELSEWHERE if shape in apart else LIKE * self._imitated(terms[which], shape)
+            share = ELSEWHERE if shape in apart else LIKE * self._replaced(terms[which], shape)
             least = max(least, share * brings)
         return self._needed(free, which) - least
 
     def _over(self, terms: list[Term], which: int) -> list[Term]:
-        """The free shapes among the terms over the covariate that an effect depends on."""
+        """The spline terms among the terms over the covariate that an effect depends on."""
         effect = terms[which].kind_of
         if not self.last or effect is FREE or effect.shows_in[1] in ("time", "distance"):
             return []
         return [t for t in terms if t.free and t.covariate == effect.shows_in[1]]
 
     def _apart(self, terms: list[Term], which: int) -> list[Term]:
-        """The free shapes of wheels among the terms over another covariate than that of an effect which, like
-        them, shows in wheel against wheel, and is not of one wheel alone.
+        """The spline terms of wheels among the terms over another covariate than that of an effect which,
+        like them, shows in differences between wheels, and is not of one wheel alone.
         """
         term = terms[which]
         effect = term.kind_of
@@ -240,7 +242,7 @@ class Selector(Candidates):
         )
 
     def _beside(self, terms: list[Term], which: int, value: bool = False) -> list[Term]:
-        """What else an effect must be told from where free shapes act over its covariate: a shape of its own
+        """What else an effect must be told from where spline terms act over its covariate: a shape of its own
         for each axle, unless that is the effect in other words, and the effects that it names itself. For its
         `value` also further ones.
         """
@@ -251,12 +253,12 @@ class Selector(Candidates):
         places = {term.place for term in over}
         wanted = ("all" if "all" not in places else "front",) if "all" in usual else ("front", "rear")
         out = [usual[place] for place in wanted if place in usual and place not in places]
-        out = [shape for shape in out if self._imitated(terms[which], shape) < SAME]
+        out = [shape for shape in out if self._replaced(terms[which], shape) < SAME]
         effect = terms[which].kind_of
         alike = {*effect.beside, *(effect.beside_value if value else ())} - {term.effect for term in terms}
         return out + [term for term in self.hypotheses.catalogue if term.effect in alike]
 
-    def _imitated(self, term: Term, shape: Term) -> float:
+    def _replaced(self, term: Term, shape: Term) -> float:
         """Share (0 to 1) of an effect's response that shapes on those wheels can take the place of."""
         both = (id(term.design), shape.place, shape.covariate)
         if both not in self._shares:
@@ -289,11 +291,11 @@ class Selector(Candidates):
                 break
         return chosen
 
-    def _regrouped(self, chosen: list[Term]) -> list[Term]:
+    def _exchanged_patterns(self, chosen: list[Term]) -> list[Term]:
         """Let a shape act on other wheels, if a term beside it is then not needed.
 
         A shape of both axles' difference puts half of what one axle does on the other, and the speed of the
-        free wheels is then wrong by what looks like an old fix.
+        free wheels is then wrong by what looks like GNSS latency.
         """
         for shape in [term for term in chosen if term.free and not term.pulse]:
             same = [term for term in self.hypotheses.shapes_over(shape) if term.knots == shape.knots]
@@ -305,7 +307,7 @@ class Selector(Candidates):
                 trials = [[*rest, *terms] for terms in options]
                 best = max([chosen, *(terms for terms in trials if self._sane(terms))], key=self._worth)
                 if best is not chosen and self._worth(best) > self._worth(chosen) + 0.5:
-                    return self._regrouped(best)
+                    return self._exchanged_patterns(best)
         return chosen
 
     def _worth(self, terms: Sequence[Term]) -> float:

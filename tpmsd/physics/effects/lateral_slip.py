@@ -16,7 +16,7 @@ class LateralSlip(Effect):
     """Cornering force needs a slip angle: the rear axle's course leaves its heading by beta = -c * a_y.
 
     In a left turn (a_y > 0) the axle moves to the right of where the body points.
-    Source: linear cornering stiffness at the rear axle, beta = -m_r * a_y / C_r (paper 002 calls it
+    Source: linear cornering stiffness at the rear axle, beta = -m_r * a_y / C_r (the KF-WLS paper calls it
     side-slip; Gillespie, ch. 6). 650 kg on 1e5 N/rad give c of about 6e-3 rad per m/s2.
     """
 

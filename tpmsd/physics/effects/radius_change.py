@@ -18,8 +18,8 @@ class RadiusChange(Effect):
     constant.
 
     delta_r(t) = deviation_m * clip((t - onset_s) / duration_s, 0, 1); a step where duration_s = 0.
-    Source: the artificial slow puncture of paper 000, eqs (39)-(41) (2.5 mm over ten minutes); -20 % pressure
-    is about -1.4 mm (`tpmsd.physics.tyre`).
+    Source: the artificial slow puncture of [Lundquist 2013], eqs (39)-(41) (2.5 mm over ten minutes); -20 %
+    pressure is about -1.4 mm (`tpmsd.physics.tyre`).
     """
 
     name: ClassVar[str] = "radius_change"

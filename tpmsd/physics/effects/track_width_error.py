@@ -16,7 +16,7 @@ class TrackWidthError(Effect):
     """True track minus configured one, at the rear and at the front.
 
     The wheels' speeds are v -+ yaw rate * track / 2, so the error shows in proportion to the yaw rate.
-    Source: paper 000, eq. (6); other rims or spacers change a track by 10 to 60 mm.
+    Source: [Lundquist 2013], eq. (6); other rims or spacers change a track by 10 to 60 mm.
     """
 
     name: ClassVar[str] = "track_width_error"

@@ -1,4 +1,4 @@
-"""A smooth term of free shape: physics that has been measured and located, but has no name."""
+"""A spline term: physics that has been measured and located, but has no name."""
 
 from __future__ import annotations
 

@@ -85,7 +85,7 @@ def test_it_goes_with_its_interface_and_comes_back_with_it() -> None:
 
     run("ip", "link", "add", "dev", "vcan1", "type", "vcan")
     wait_until(lambda: "active" == show(UNIT, "ActiveState"), "it starts with the interface")
-    wait_until(lambda: ask(SOCKET).get("ticks", 0) > 0, "ticks run")
+    wait_until(lambda: ask(SOCKET).get("ticks", 0) > 0, "first tick")
 
 
 def test_with_the_example_it_is_bound_to_the_receiver_too() -> None:

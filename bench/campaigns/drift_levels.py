@@ -1,4 +1,5 @@
-"""What the Gaussian sum's 95 % intervals of left against right cover with other levels of drift than its own.
+"""What the Gaussian sum's 95 % intervals of left against right cover with other process-noise levels than
+its own.
 
     python -m bench run drift-levels --seeds 300,301,302,303 --jobs 2
 

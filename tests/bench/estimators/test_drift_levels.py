@@ -1,12 +1,12 @@
-"""The other levels of drift: what is stated of all hypotheses is what the filter states."""
+"""The other process-noise levels: what is stated of all hypotheses is what the filter states."""
 
 from __future__ import annotations
 
 import pytest
 
+from bench.campaigns.drift_levels import variances
 from bench.campaigns.estimators.methods import DEFAULT, Setting, build
 from bench.campaigns.estimators.tasks import driven
-from bench.campaigns.levels_of_drift import variances
 from tpmsd.estimators.mixture import MixtureBelief
 from tpmsd.estimators.radius_filter import RadiusFilter
 

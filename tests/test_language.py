@@ -1,0 +1,83 @@
+"""One term per concept: wordings that a reader from outside cannot search for are in no file of the project.
+
+The changelog says how things were called when they were; texts of others keep their words.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+REPO = Path(__file__).resolve().parent.parent
+
+NOT_USED: dict[str, str] = {
+    r"\bold(er)? fix(es)?\b|fixes are older than": "GNSS latency",
+    r"\bolder speed|doppler alone is older": "velocity lag",
+    r"drives? of nothing|nothing (is )?missing": "null drive",
+    r"nature (does|knows|makes|has)|as in nature": "physically possible; effect",
+    r"free.shapes?\b|\bhumps?\b": "nonparametric term, spline term; dip",
+    r"radi(i|us) that wander|wandering radi|wheels that wander|slow wander|\brestless": "radius drift",
+    r"levels? of drift": "process-noise level",
+    r"what it brings|\bits price\b|what it must pay|must pay for": "log-likelihood gain; penalty",
+    r"gains? nothing sure|nothing sure beyond": "no significant gain",
+    r"best addition|\bregroup": "forward, exchange and backward step",
+    r"\bfeign|\bimitat(e|es|ed)\b": "is confounded with; resembles",
+    r"whitened rows|count's error with itself": "innovations; errors in variables",
+    r"supposed changes?\b|particles as histories|one history branches off": "jump hypothesis",
+    r"\bteach(es|ing)?\b|\bof use for the radii": "informative",
+    r"learned aside|\blessons\b(?!\")": "shadow baseline",
+    r"laid.over|lay over": "injected effect",
+    r"\bcars? of cases": "scenario, trip, vehicle",
+    r"kept away|not believed": "rejected, gated, down-weighted",
+    r"wheel against wheel|one against the other": "left-right difference; differences between wheels",
+    r"\bpapers? 00\d": "author and year, resolved in the bibliography",
+    r"still has structure|not enough to go by": "varies systematically; insufficient data",
+    r"estimated along\b|\bticks run\b|where on the way|noise lets expect": "also estimated; first tick",
+    r"a witness's|cr(y|ies) wolf": "an independent measurement; false alarms",
+}
+"""Pattern, in any case -> the term that is used instead."""
+
+OTHERS = re.compile(
+    r"CHANGELOG\.md|LICENSE|tests/web/vendor/|tpmsd/web/static/vendor/|tests/test_language\.py"
+)
+"""Files that keep their words."""
+
+
+def found_in(text: str) -> list[tuple[int, str, str]]:
+    """Line, wording and the term instead, for each wording that is not used; line breaks count as blanks."""
+    flat = re.sub(r"\s", " ", text)
+    return [
+        (text.count("\n", 0, match.start()) + 1, match.group(), term)
+        for pattern, term in NOT_USED.items()
+        for match in re.finditer(pattern, flat, re.IGNORECASE)
+    ]
+
+
+def test_only_terms_of_the_field_are_used() -> None:
+    """No tracked text holds a wording that is not used."""
+    listing = subprocess.run(["git", "ls-files", "-z"], cwd=REPO, capture_output=True, text=True)
+    if listing.returncode != 0:
+        pytest.skip("not a git checkout")
+    found = []
+    for name in filter(None, listing.stdout.split("\0")):
+        path = REPO / name
+        if OTHERS.match(name) or not path.is_file():
+            continue
+        try:
+            text = path.read_text(encoding="utf-8")
+        except UnicodeDecodeError:
+            continue  # pictures and recordings
+        found += [
+            f"{name}:{line}: {wording!r}; the term is: {term}" for line, wording, term in found_in(text)
+        ]
+    assert [] == found
+
+
+def test_the_search_sees_wordings_over_line_breaks_and_in_any_case() -> None:
+    """A wording is found whatever its case and wherever a line ends; a term of the field is let through."""
+    text = "Gain of a term.\nA model of Free\nshape, and a spline term.\n"
+
+    assert [(2, "Free shape")] == [(line, wording) for line, wording, _ in found_in(text)]
