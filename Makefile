@@ -61,7 +61,7 @@ bench-calibrate: $(DEV)  ## the published experiment, its method and ours (BENCH
 test-hil: $(DEV)  ## the daemon on a real CAN stack and as a real service (HIL_ARGS=..., TPMSD_SKIP_HIL=1)
 	$(PY) -m tests.hil.run $(HIL_ARGS)
 
-test-connect: $(DEV)  ## against real gpsd, mosquitto, prometheus (installed: gpsd mosquitto prometheus openssl)
+test-connect: $(DEV)  ## against real gpsd, mosquitto, prometheus, dbus (installed: gpsd mosquitto prometheus openssl dbus)
 	TPMSD_CONNECT=1 OMP_NUM_THREADS=1 $(PY) -m pytest -n 0 -rs tests/connect
 
 test-web: $(DEV)  ## the pages of tpmsd web in a real browser (Chromium and its driver)

@@ -35,6 +35,23 @@ def test_wrong_options_are_refused(
     assert reason in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("bus", "reason"),
+    [
+        ("session", "DBUS_SESSION_BUS_ADDRESS is not set"),
+        ("tcp:host=x,port=1", "--bus 'tcp:host=x,port=1'"),
+        ("nothing", "--bus 'nothing': system, session"),
+    ],
+)
+def test_a_bus_that_is_none(
+    bus: str, reason: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A message bus that cannot be named is one line, exit code 2."""
+    monkeypatch.delenv("DBUS_SESSION_BUS_ADDRESS", raising=False)
+    assert 2 == main(["bridge", "dbus", "--bus", bus])
+    assert reason in capsys.readouterr().err
+
+
 def test_a_password_is_not_sent_in_the_clear(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A password to another machine needs TLS; and no option takes one from the command line."""
     (tmp_path / "pw").write_text("s3cret\n", "utf-8")

@@ -1,12 +1,14 @@
-"""`tpmsd bridge mqtt | prometheus`: the daemon's state to other systems, in a process of its own.
+"""`tpmsd bridge mqtt | prometheus | dbus`: the daemon's state to other systems, in a process of its own.
 
-In: the daemon's status socket. Out: MQTT messages, or metrics over HTTP, until SIGTERM or Ctrl-C.
+In: the daemon's status socket. Out: MQTT messages, metrics over HTTP, or D-Bus signals, until SIGTERM or
+Ctrl-C.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import logging
 import os
 import re
 import signal
@@ -20,7 +22,8 @@ from tpmsd.config.model import StatusConfig
 from tpmsd.errors import ConfigError
 
 if TYPE_CHECKING:
-    from tpmsd.bridges.mqtt import MqttSettings
+    from tpmsd.bridges.dbus import DbusBridge
+    from tpmsd.bridges.mqtt import MqttBridge, MqttSettings
 
 MQTT_PORT, MQTT_TLS_PORT, METRICS_PORT = 1883, 8883, 9838
 CREDENTIAL = "tpmsd-mqtt-password"
@@ -29,14 +32,15 @@ _TOPIC = re.compile(r"[A-Za-z0-9_./-]{1,128}")
 
 _DESCRIPTION = """\
 Hands the daemon's state and alarms to another system. A bridge is a process of its own: it reads the status
-socket, and the daemon neither knows nor waits for it. Each needs a package: pip install 'tpmsd[mqtt]' or
-'tpmsd[prometheus]'.
+socket, and the daemon neither knows nor waits for it. Each needs a package: pip install 'tpmsd[mqtt]',
+'tpmsd[prometheus]' or 'tpmsd[dbus]'.
 """
 _EPILOG = f"""\
 examples:
   tpmsd bridge mqtt --broker localhost
   tpmsd bridge mqtt --broker mqtt.example.org --ca ca.pem --user car --password-file /etc/tpmsd/mqtt-password
   tpmsd bridge prometheus                      metrics on http://127.0.0.1:{METRICS_PORT}/metrics
+  tpmsd bridge dbus                            signals of org.tpmsd.Tpmsd1 on the system bus
 
 A password comes from a file, or from the systemd credential {CREDENTIAL}; never from the command line.
 """
@@ -46,7 +50,7 @@ def add_parser(subparsers: Subparsers) -> None:
     """Declare the command's arguments."""
     parser = subparsers.add_parser(
         "bridge",
-        help="hand state and alarms to MQTT (Home Assistant) or Prometheus",
+        help="hand state and alarms to MQTT (Home Assistant), Prometheus or D-Bus",
         description=_DESCRIPTION,
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -78,7 +82,11 @@ def add_parser(subparsers: Subparsers) -> None:
     metrics.add_argument(
         "--port", metavar="PORT", type=int, default=METRICS_PORT, help=f"default: {METRICS_PORT}"
     )
-    for kind in (mqtt, metrics):
+    dbus = kinds.add_parser("dbus", help="alarms as signals on D-Bus")
+    dbus.add_argument(
+        "--bus", metavar="BUS", default="system", help="system, session or unix:path=... (default: system)"
+    )
+    for kind in (mqtt, metrics, dbus):
         where = kind.add_mutually_exclusive_group()
         where.add_argument("--socket", metavar="PATH", type=Path, help="the daemon's socket")
         where.add_argument(
@@ -105,13 +113,22 @@ def run(args: argparse.Namespace) -> int:
             stopped.wait()
         end()
         return 0
-    from tpmsd.bridges.mqtt import MqttBridge
     from tpmsd.bridges.watching import documents
 
-    bridge = MqttBridge(_mqtt_settings(args), log)
+    bridge = _bridge(args, log)
     with contextlib.suppress(_Stop, KeyboardInterrupt), _until_told(None):
         bridge.run(documents(path, log))
     return 0
+
+
+def _bridge(args: argparse.Namespace, log: logging.Logger) -> MqttBridge | DbusBridge:
+    if args.bridge == "dbus":
+        from tpmsd.bridges.dbus import DbusBridge
+
+        return DbusBridge(args.bus, log)
+    from tpmsd.bridges.mqtt import MqttBridge
+
+    return MqttBridge(_mqtt_settings(args), log)
 
 
 class _Stop(Exception):  # noqa: N818 -- no error
