@@ -18,7 +18,7 @@ PACKAGE = REPO / "tpmsd"
 BENCH = REPO / "bench"
 TESTS = REPO / "tests"
 
-EVERYWHERE = {"bounds", "errors", "plain", "wheels", "lean"}
+EVERYWHERE = {"bounds", "errors", "plain", "wheels", "lean", "palette"}
 """Modules that any room may import, beside its own and those of the table."""
 _CORE_FLOW = ("config", "sources", "timeline", "estimators", "monitor", "sinks")
 """The direction of flow: each imports only what lies before it."""
@@ -31,6 +31,7 @@ ALLOWED |= {
     "wheels": set(),
     "lean": set(),
     "plain": set(),
+    "palette": set(),
     "physics": {"config"},
     "vehicle_state": {"physics"},
     "resonance": {"physics", "config", "sources"},

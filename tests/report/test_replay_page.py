@@ -12,10 +12,10 @@ import pytest
 from tests.report.drives import MONITOR, VEHICLE, Drive, puncture
 from tests.report.pages import ORIGIN, Page
 from tpmsd.monitor.records import WheelState
+from tpmsd.palette import STYLES
 from tpmsd.report.figures import Chart, Curve
-from tpmsd.report.moment_labels import place_labels
+from tpmsd.report.mpl_style import place_labels
 from tpmsd.report.page import drawn, render
-from tpmsd.report.palette import STYLES
 from tpmsd.report.replay_charts import replay_charts, replay_track
 from tpmsd.report.replay_page import replay_page
 from tpmsd.report.replay_recorder import ReplayRecorder

@@ -16,6 +16,7 @@ from tpmsd.errors import ConfigError
 from tpmsd.monitor.records import WheelState
 from tpmsd.report.replay_plot import check_plot_target, draw_replay, plot_replay
 from tpmsd.report.replay_recorder import ReplayRecorder
+from tpmsd.wheels import WHEELS
 
 matplotlib = pytest.importorskip("matplotlib", reason="the plot extra is not installed")
 
@@ -73,7 +74,7 @@ def test_bands_are_two_standard_deviations_wide(picture: Figure) -> None:
 
 def test_the_alarm_is_marked_where_and_when_it_was_raised(picture: Figure) -> None:
     """A line in both upper panels, a mark on the curve, a label with the time, the verdict as the title."""
-    lines = named(picture, "alarm deflation rl raised")
+    lines = named(picture, "alarm deflation rl raised") + named(picture, "moment deflation RL 5:41")
     assert 2 == len(lines)
     for artist in lines:
         assert isinstance(artist, Line2D)
@@ -85,11 +86,11 @@ def test_the_alarm_is_marked_where_and_when_it_was_raised(picture: Figure) -> No
 
 
 def test_the_thresholds_are_drawn(picture: Figure) -> None:
-    """0.35 % and 0.8 % of 316 mm against the baseline; the former also against nominal, shifted by it."""
+    """0.35 % and 0.8 % of 316 mm against the baseline, and none against nominal."""
     assert -1.106 == pytest.approx(line(picture, "limit -1.106")[1][0])
     assert -2.528 == pytest.approx(line(picture, "limit -2.528")[1][0])
     assert 2.528 == pytest.approx(line(picture, "limit +2.528")[1][0])
-    assert 0.4 - 1.106 == pytest.approx(line(picture, "threshold rl")[1][0])
+    assert [] == [one for one in picture.axes[1].get_children() if str(one.get_gid()).startswith("limit")]
 
 
 def test_speed_is_drawn_with_outages_and_standstill_shaded(picture: Figure) -> None:
@@ -130,6 +131,7 @@ def test_every_panel_is_labelled_with_its_unit(picture: Figure) -> None:
 
     for unit in ("(mm)", "(km/h)", "(min:s)"):
         assert unit in labels
+    assert "0:00 is 2024-07-01 08:00:00 UTC" in labels
 
 
 def test_a_pause_of_the_recording_interrupts_the_curves() -> None:
@@ -156,7 +158,7 @@ def test_labels_that_would_cover_each_other_are_counted_instead() -> None:
     events = {600 + 20 * k: (alarm(60.0 + 2 * k),) for k in range(20)}
     figure = draw_replay(Drive(events=events).record().result(1.0))
 
-    assert 3 == len([text for text in figure.axes[0].texts if "deflation" in text.get_text()])
+    assert 3 == len([text for text in figure.axes[0].texts if "deflation RL" in text.get_text()])
     assert figure.axes[1].get_title(loc="right").startswith("17 more changes of alarms")
 
 
@@ -187,12 +189,12 @@ def test_the_png_is_1200_pixels_wide_and_not_blank() -> None:
     from matplotlib.colors import to_rgb
     from matplotlib.image import imread
 
-    from tpmsd.report.replay_panels import COLOURS
+    from tpmsd.palette import STYLES
 
     pixels = imread(io.BytesIO(plot_replay(puncture().record().result(1.0), ".png")))[:, :, :3]
 
     assert 1200 == pixels.shape[1]
-    for colour in COLOURS.values():
+    for colour in (STYLES[wheel].colour for wheel in WHEELS):
         assert (np.abs(pixels - np.array(to_rgb(colour))).max(axis=2) < 0.01).sum() > 500
 
 

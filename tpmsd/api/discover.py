@@ -22,6 +22,7 @@ from tpmsd.discovery.result import Discovery as DiscoveryResult
 from tpmsd.discovery.result import FoundRole
 from tpmsd.discovery.text import vehicle_text
 from tpmsd.errors import ConfigError
+from tpmsd.palette import STYLES
 from tpmsd.plain import plain
 from tpmsd.provenance import provenance
 from tpmsd.sources.can_block import block_of
@@ -82,7 +83,9 @@ class Discovery:
         """Probability of the signal of each role."""
         axes = need("matplotlib.pyplot", "plot", "plots").subplots()[1] if ax is None else ax
         names = list(self.roles)[::-1]
-        axes.barh(range(len(names)), [self.roles[name].probability for name in names], color="#0072B2")
+        axes.barh(
+            range(len(names)), [self.roles[name].probability for name in names], color=STYLES["after"].colour
+        )
         axes.set_yticks(range(len(names)), names)
         axes.set(xlabel="probability", xlim=(0.0, 1.0))
         made: Axes = axes

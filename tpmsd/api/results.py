@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from tpmsd.errors import ConfigError
 from tpmsd.monitor.records import AlarmEvent
+from tpmsd.palette import STYLES, line_style
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.physics.model_file import save_model
 from tpmsd.plain import plain
@@ -102,7 +103,7 @@ class Replay:
             middle, band = 1e3 * result.deviation_m[:, k], 2e3 * result.std_m[:, k]
             if not any(math.isfinite(value) for value in middle.tolist()):
                 continue
-            (line,) = axes.plot(minutes, middle, label=wheel, **_STYLES[wheel])
+            (line,) = axes.plot(minutes, middle, label=wheel, **line_style(wheel))
             axes.fill_between(minutes, middle - band, middle + band, color=line.get_color(), alpha=0.2, lw=0)
         for alarm in result.alarms:
             dashes = "-" if alarm.state == "raised" else ":"
@@ -209,7 +210,7 @@ class Diagnosis:
         axes = _axes(ax)
         names = [finding.effect for finding in self.findings][::-1]
         gains = [finding.gain for finding in self.findings][::-1]
-        axes.barh(range(len(names)), gains, color="#0072B2")
+        axes.barh(range(len(names)), gains, color=STYLES["after"].colour)
         axes.set_yticks(range(len(names)), names)
         axes.set(
             xlabel="held-out log-likelihood gain (nats)", title=f"{', '.join(self.drives)}: {self.verdict}"
@@ -258,7 +259,9 @@ class Calibration:
         wheels = self.result.wheels
         values = [1e3 * one.radius_m for one in wheels.values()]
         bands = [2e3 * one.radius_std_m for one in wheels.values()]
-        axes.errorbar(range(len(wheels)), values, yerr=bands, fmt="o", capsize=4, color="#0072B2")
+        axes.errorbar(
+            range(len(wheels)), values, yerr=bands, fmt="o", capsize=4, color=STYLES["after"].colour
+        )
         axes.set_xticks(range(len(wheels)), list(wheels))
         axes.set(ylabel="radius (mm), two standard deviations", title=", ".join(self.result.drives))
         return axes
@@ -270,15 +273,6 @@ class Calibration:
             for wheel, one in self.result.wheels.items()
         ]
         return _page(f"Calibration from {', '.join(self.result.drives)}", (("wheel", "radius (mm)"), rows))
-
-
-# Okabe and Ito's palette, told apart by colour-blind eyes; dashes tell the lines apart in grey.
-_STYLES: dict[str, dict[str, Any]] = {
-    "fl": {"color": "#0072B2", "ls": "-"},
-    "fr": {"color": "#D55E00", "ls": "--"},
-    "rl": {"color": "#009E73", "ls": "-."},
-    "rr": {"color": "#CC79A7", "ls": ":"},
-}
 
 
 def _axes(ax: Axes | None) -> Axes:

@@ -10,8 +10,8 @@ import json
 import math
 from typing import Any
 
+from tpmsd.palette import STYLES
 from tpmsd.report.figures import Bars, Chart, Figure
-from tpmsd.report.palette import STYLES
 from tpmsd.report.static_figures import Picture
 from tpmsd.wheels import FloatArray
 

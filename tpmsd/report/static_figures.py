@@ -22,10 +22,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, MultipleLocator
 
+from tpmsd.palette import STYLES, line_style
 from tpmsd.report.decimation import decimated
 from tpmsd.report.figures import Bars, Chart, Figure, Track
-from tpmsd.report.moment_labels import GROUND, place_labels
-from tpmsd.report.palette import STYLES
+from tpmsd.report.mpl_style import GROUND, place_labels
 from tpmsd.report.wording import drive_time, time_step
 from tpmsd.wheels import FloatArray
 
@@ -86,11 +86,6 @@ def _canvas(height_in: float) -> tuple[Canvas, Axes]:
     return canvas, canvas.subplots()
 
 
-def _line(role: str) -> dict[str, Any]:
-    style = STYLES[role]
-    return {"color": style.colour, "linestyle": (0, style.dashes) if style.dashes else "-"}
-
-
 def _chart(chart: Chart) -> Canvas:
     canvas, axes = _canvas(HEIGHT_IN)
     axes.grid(linewidth=0.5)
@@ -108,10 +103,10 @@ def _chart(chart: Chart) -> Canvas:
             colour = STYLES[curve.style].colour
             axes.fill_between(x, kept["low"], kept["high"], color=colour, alpha=BAND_ALPHA, linewidth=0)
         marker = "o" if curve.dots else None
-        axes.plot(x, kept["y"], linewidth=1.5, marker=marker, markersize=3.5, **_line(curve.style))
-        handles.append(Line2D([], [], linewidth=1.8, label=curve.name, **_line(curve.style)))
+        axes.plot(x, kept["y"], linewidth=1.5, marker=marker, markersize=3.5, **line_style(curve.style))
+        handles.append(Line2D([], [], linewidth=1.8, label=curve.name, **line_style(curve.style)))
     for level in chart.levels:
-        axes.axhline(level.at, linewidth=1.0, **_line(level.style))
+        axes.axhline(level.at, linewidth=1.0, **line_style(level.style))
         _level_name(axes, level.at, level.name, level.style)
     handles += [
         Patch(color=STYLES[style].colour, alpha=0.5, label=name) for style, name in chart.legend_spans()

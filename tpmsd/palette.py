@@ -8,6 +8,7 @@ which colour-blind readers tell apart; on white they are darkened to a contrast 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,3 +37,9 @@ STYLES: dict[str, Style] = {
 }
 """By role: the wheels, a quantity before and after, text and curves without a wheel, what is of less weight,
 grid, alarms, spans without fixes, the ground."""
+
+
+def line_style(role: str) -> dict[str, Any]:
+    """Colour and dashes of a curve, as matplotlib takes them."""
+    style = STYLES[role]
+    return {"color": style.colour, "linestyle": (0, style.dashes) if style.dashes else "-"}

@@ -7,12 +7,13 @@ curves. A name that would cover another is left out, and how many is said.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import RendererBase
 from matplotlib.font_manager import FontProperties
 
-from tpmsd.report.palette import STYLES
+from tpmsd.palette import STYLES
 
 ROWS = 3
 GAP_PX = 8.0
@@ -38,9 +39,8 @@ def place_labels(axes: Axes, moments: Sequence[tuple[float, str, str]], fontsize
     free_from = [-float("inf")] * ROWS
     placed = []
     for at, name, style in moments:
-        solid = style == "bad"
         colour = STYLES[style].colour
-        axes.axvline(at, color=colour, linewidth=1.2, linestyle="-" if solid else "--", gid=f"moment {name}")
+        axes.axvline(at, gid=f"moment {name}", **moment_style(style))
         width = _width_px(name, fontsize, renderer, figure.dpi)
         x_px = (at - left) / (right - left) * box.width
         to_left = x_px + width + GAP_PX > box.width
@@ -68,6 +68,11 @@ def place_labels(axes: Axes, moments: Sequence[tuple[float, str, str]], fontsize
             zorder=6,
         )
     return len(moments) - len(placed)
+
+
+def moment_style(role: str) -> dict[str, Any]:
+    """How the line of a moment is drawn: solid where something begins."""
+    return {"color": STYLES[role].colour, "linewidth": 1.2, "linestyle": "-" if role == "bad" else "--"}
 
 
 def _width_px(text: str, fontsize: float, renderer: RendererBase | None, dpi: float) -> float:
