@@ -62,7 +62,8 @@ def main() -> int:
         type=float,
         default=PACE,
         help="seconds that pass in a guest in one of the machine's; where the machine takes a processor away "
-        f"({MUCH:.0%} of the time, or {LONG_S:g} s at once), what fails is judged once more at half of it "
+        f"({100 * MUCH:.0f} %% of the time, or {LONG_S:g} s at once), what fails is judged once more at half "
+        "of it "
         "(default: %(default)s)",
     )
     parser.add_argument("-k", metavar="EXPRESSION", default="", help="handed on to pytest")

@@ -15,6 +15,7 @@ from typing import Protocol, TypeVar
 import cantools.database
 from cantools.database.can import Database
 
+from tpmsd.config.coarse_speed import coarse_speeds
 from tpmsd.config.model import Config
 from tpmsd.errors import ConfigError, InputError
 from tpmsd.sources.can_channels import bus_numbers, channel_names, choose_channel
@@ -25,7 +26,7 @@ from tpmsd.sources.databases import load_databases
 from tpmsd.sources.drive import Drive as FolderStream
 from tpmsd.sources.drive import Sentence
 from tpmsd.sources.plain_nmea import clock_offset
-from tpmsd.sources.signal_plan import compile_plans
+from tpmsd.sources.signal_plan import compile_plans, signal_steps
 from tpmsd.timeline.tick import Tick
 from tpmsd.timeline.tick_source import TickSource
 
@@ -124,6 +125,8 @@ class FolderRecording:
         except ConfigError as error:
             raise ConfigError(f"{config.file or folder}: {error}") from None
         plans = compile_plans(config, database)
+        for line in coarse_speeds(config, signal_steps(config, database)):
+            note(line)
         if config.can.buses:
             others = [bus.channel for bus in config.can.buses.values()]
             names = channel_names(read_can_blocks(stream.can_log))

@@ -28,7 +28,8 @@ examples:
   tpmsd check drives/monday --dbc new/bus.dbc --json -
   tpmsd check vehicle.toml --drive drives/monday     is the file that of this car?
 
-exit codes: 0 all is well (warnings apart), 2 something is wrong
+exit codes: 0 nothing wrong was found (warnings apart), 2 something is wrong,
+3 the drive cannot be used
 """
 _LABEL_WIDTH = 24
 
@@ -38,8 +39,8 @@ def add_parser(subparsers: Subparsers) -> None:
     parser = subparsers.add_parser(
         "check",
         help="check a configuration and say what would be monitored with what",
-        description="Say everything that is wrong with a configuration and its DBC at once; or, when all\n"
-        "is well, what would be monitored with what.",
+        description="Say everything that is wrong with a configuration and its DBC at once; or, where\n"
+        "nothing is, what would be monitored with what. Without --drive no recording is looked at.",
         epilog=_EPILOG,
     )
     parser.add_argument(
@@ -79,7 +80,10 @@ def run(args: argparse.Namespace) -> int:
     def document() -> str:
         paths = () if args.drive is None else (args.drive,)
         told = {} if suspected is None else {"suspicions": suspected}
-        return json_text({**provenance(SCHEMA, paths, result.file), **_document(result), **told})
+        looked = {"configuration": result.file, "dbc": result.plan and result.plan.dbc, "drive": args.drive}
+        return json_text(
+            {**provenance(SCHEMA, paths, result.file), "looked_at": looked, **_document(result), **told}
+        )
 
     outputs.write({"--json": document})
     if result.plan is None:
@@ -95,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
         except ConfigError as error:
             raise ConfigError(f"{result.file}: {error}") from None
     if args.json != "-":
-        print("\n".join(summary(result.plan)))
+        print("\n".join(summary(result.plan, args.drive)))
         if suspected is not None:
             print("\n".join(_told(result.file, suspected)))
     return 0
@@ -133,10 +137,20 @@ def _told(file: Path, suspected: list[dict[str, object]]) -> list[str]:
     ]
 
 
-def summary(plan: Plan) -> list[str]:
-    """The plan in lines for people."""
+def _looked_at(plan: Plan, drive: Path | None) -> str:
+    if drive is not None:
+        return f"the file itself and {plan.dbc}; held against the drive {drive}."
+    return (
+        f"the file itself and {plan.dbc}. No drive was read: whether these signals are those of this car's "
+        "wheels, and whether bus and receiver are there, was not looked at (--drive DRIVE holds it against "
+        "a recording)."
+    )
+
+
+def summary(plan: Plan, drive: Path | None = None) -> list[str]:
+    """The plan in lines for people; `drive`: what it was held against."""
     config = plan.config
-    lines = [f"{plan.file} is right. It would monitor:", ""]
+    lines = [f"{plan.file}: nothing wrong in {_looked_at(plan, drive)}", "", "It would monitor:", ""]
     wheels = " ".join(wheel.wheel for wheel in plan.wheels)
     lines += _item("wheels", f"{wheels}, nominal radius {_radii(plan)}")
     for wheel in plan.wheels:

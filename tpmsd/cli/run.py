@@ -13,6 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tpmsd.cli.output import Subparsers
+from tpmsd.config.gnss_source import parse_source
+from tpmsd.config.model import GnssConfig
+from tpmsd.config.problems import BadValueError
 from tpmsd.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -139,7 +142,7 @@ def configuration(args: argparse.Namespace) -> tuple[Config, list[str]]:
     if args.channel is not None:
         can = dataclasses.replace(can, channel=_named("--channel", args.channel))
     if args.device is not None:
-        gnss = dataclasses.replace(gnss, device=args.device.strip() or None, source=None)
+        gnss = _receiver(gnss, args.device.strip())
     state, status = config.state, config.status
     warnings = [warning.text for warning in result.warnings]
     if args.state is not None:
@@ -152,6 +155,17 @@ def configuration(args: argparse.Namespace) -> tuple[Config, list[str]]:
         status = dataclasses.replace(status, socket=args.socket)
     config = dataclasses.replace(config, can=can, gnss=gnss, state=state, status=status)
     return config, warnings
+
+
+def _receiver(gnss: GnssConfig, device: str) -> GnssConfig:
+    """The receiver that --device names: a serial line, or an address as in [gnss] source."""
+    if "://" not in device:
+        return dataclasses.replace(gnss, device=device or None, source=None)
+    try:
+        parse_source(device)
+    except BadValueError as bad:
+        raise ConfigError(f"--device: {bad}") from None
+    return dataclasses.replace(gnss, device=None, source=device)
 
 
 def _inside(file: Path, folder: Path) -> bool:

@@ -15,6 +15,7 @@ from typing import Any
 import can
 from cantools.database.can import Database, Message, Signal
 
+from tpmsd.config.coarse_speed import coarse_speed
 from tpmsd.config.dbc import NotedDatabase, counter_modulus, find_signal, load_dbc
 from tpmsd.config.document import read_document
 from tpmsd.config.load import Parsed, parse
@@ -74,6 +75,7 @@ class _Checker:
         if parsed.config is not None and not self._problems:
             plan = make_plan(parsed.config, found)
             self._check_counters(plan)
+            self._check_speeds(plan)
         return CheckResult(
             parsed.document.file,
             tuple(sorted(self._problems, key=_by_place)),
@@ -229,6 +231,15 @@ class _Checker:
                     f"at {TOP_SPEED_MPS:g} m/s, and the message comes every {1000 * period_s:g} ms"
                 )
                 self._warn(what, "can.signals", wheel.source.role)
+
+    def _check_speeds(self, plan: Plan) -> None:
+        """Coarse steps bias the radii; said once, for the wheel with the coarsest."""
+        speeds = [wheel for wheel in plan.wheels if wheel.speed_step_mps is not None]
+        coarsest = max(speeds, key=lambda wheel: wheel.speed_step_mps or 0.0, default=None)
+        if coarsest is None or coarsest.speed_step_mps is None:
+            return
+        if (what := coarse_speed(coarsest.speed_step_mps, coarsest.radius_m)) is not None:
+            self._warn(f"{coarsest.source.signal}: {what}", "can.signals", coarsest.source.role)
 
 
 def _noted(path: Path, database: NotedDatabase) -> list[Problem]:

@@ -97,6 +97,23 @@ class SourceRule:
         return value.strip()
 
 
+@dataclass(frozen=True, slots=True)
+class DeviceRule:
+    """The rule of the key `[gnss] device`: a serial line, no address."""
+
+    def read(self, value: object) -> str:
+        """The path without blanks around it."""
+        allowed = "a serial line such as /dev/ttyACM0"
+        if not isinstance(value, str) or not value.strip() or "\0" in value:
+            raise BadValueError("not a serial line", show(value), allowed)
+        if "://" in value:
+            parse_source(value)
+            raise BadValueError(
+                "an address, not a serial line", show(value), allowed, f"source = {show(value)}"
+            )
+        return value.strip()
+
+
 def source_of(gnss: GnssConfig) -> GnssSource | None:
     """The configured source: `source`, else the serial line `device`; None where there is neither."""
     if gnss.source is not None:

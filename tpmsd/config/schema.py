@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tpmsd.config.can_output import Identifiers
-from tpmsd.config.gnss_source import SourceRule
+from tpmsd.config.gnss_source import DeviceRule, SourceRule
 from tpmsd.config.model import FILTER_GATES, FILTER_METHODS, FIX_WEIGHTS, ROLES
 from tpmsd.config.rules import (
     Channel,
@@ -58,7 +58,7 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
         },
         "can.signals": {role: SignalEntry(role) for role in ROLES},
         "gnss": {
-            "device": Text(),
+            "device": DeviceRule(),
             "source": SourceRule(),
             "baud": Whole(300, 4_000_000),
             "antenna_forward_m": Number(-10.0, 20.0, "m"),

@@ -39,7 +39,18 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
         return REAL
     folder = tmp_path_factory.mktemp("simulated") / "drive"
     run(*TPMSD, "simulate", folder, "--duration", "60", "--route", "rural", "--seed", "5")
+    add_other_traffic(folder / "can.log")
     return folder
+
+
+def add_other_traffic(log: Path) -> None:
+    """After every tenth frame of a simulated bus, which carries what is wanted alone, one that nobody
+    reads."""
+    lines = log.read_text("ascii").splitlines()
+    for k in range(len(lines) - 1, 0, -10):
+        stamp, channel, _ = lines[k].split()
+        lines.insert(k + 1, f"{stamp} {channel} 5A5#{k % 256:02X}")
+    log.write_text("\n".join(lines) + "\n", "ascii")
 
 
 @pytest.fixture(scope="module")
