@@ -16,7 +16,7 @@ import numpy as np
 from bench.statistics import apart, count, percent, uniform
 from bench.worlds import awkward, real_drives
 from bench.worlds.origins import ORIGINS
-from tpmsd.diagnosis.robustness.certify import EXCEEDED
+from tpmsd.diagnosis.settings import SETTINGS
 
 HELD_OUT_FROM = 50_000
 """Seeds from here on belong to the held-out half."""
@@ -100,7 +100,7 @@ def p_of_the_rest(row: Row) -> float | None:
     if rest is None:
         return None
     drawn, exceeded = rest["replicates"], rest["exceeded"]
-    stopped = exceeded == EXCEEDED and not row["findings"] and not row["suspicions"]
+    stopped = exceeded == SETTINGS.robustness.exceeded and not row["findings"] and not row["suspicions"]
     low, high = exceeded / (drawn + 1), exceeded / drawn if stopped else (exceeded + 1) / (drawn + 1)
     rng = np.random.default_rng([row["seed"], *row["origin"].encode()])
     return float(rng.uniform(low, high))

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term
-from tpmsd.diagnosis.selection.candidates import ADMIT
+from tpmsd.diagnosis.selection.candidates import Candidates
 from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence, part
 from tpmsd.wheels import FloatArray
 
@@ -55,6 +56,21 @@ def test_effects_that_differ_by_less_than_any_model_is_right_are_rivals(angle: f
     assert ["load_transfer_longitudinal"] == [one.term.effect for one in chosen]
     loss = chosen[0].gain - selector.gain([selector.hypotheses.catalogue[0]])
     assert loss == pytest.approx(chosen[0].gain * np.sin(angle) ** 2, rel=0.4)
-    assert loss > 2.0 * ADMIT
+    assert loss > 2.0 * SETTINGS.selection.admit_nats
     assert (("longitudinal_slip",) if alike else ()) == chosen[0].rivals
     assert (chosen[0].confidence < 0.9) is alike
+
+
+@pytest.mark.parametrize(
+    ("place", "covariate", "share"),
+    [
+        ("all", "time", SETTINGS.selection.drift_handicap),
+        ("all", "speed", SETTINGS.selection.spline_handicap),
+        ("rl", "time", SETTINGS.selection.spline_handicap),
+    ],
+)
+def test_a_spline_gives_away_a_share_of_its_gain(place: str, covariate: str, share: float) -> None:
+    """More where the receiver's slow error looks alike: over time, on all wheels."""
+    term = Term("unknown", np.eye(3)[:, :1], ("at_1",), 5.0, place=place, covariate=covariate)
+
+    assert pytest.approx((1.0 - share) * 100.0 - 5.0) == Candidates.net(term, 100.0, 1e-3)

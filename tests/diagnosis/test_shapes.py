@@ -12,7 +12,8 @@ from bench.worlds.kinematic import Spec, course, drive
 from tests.diagnosis.recorded import recording_of
 from tpmsd.diagnosis.assessment.result import Diagnosis
 from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.hypotheses.response import FEWEST, finer_knots, hat_functions
+from tpmsd.diagnosis.hypotheses.response import finer_knots, hat_functions
+from tpmsd.diagnosis.settings import SETTINGS
 
 
 def diagnosed(seed: int, spec: Spec) -> Diagnosis:
@@ -79,7 +80,7 @@ def test_finer_knots_reach_into_the_tails_and_never_stand_on_too_little() -> Non
     knots = finer_knots(values, 20)
 
     counts = np.histogram(values, np.concatenate([[-np.inf], knots[1:-1], [np.inf]]))[0]
-    assert int(counts.min()) >= FEWEST
+    assert int(counts.min()) >= SETTINGS.hypotheses.fewest_between_knots
     assert np.count_nonzero(np.abs(knots) > 0.5) >= 5
     assert hat_functions(values, knots).sum(axis=1) == pytest.approx(np.ones(len(values)))
 

@@ -11,8 +11,9 @@ import pytest
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
 from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.hypotheses.response import APART, finer_knots, smooth_knots
+from tpmsd.diagnosis.hypotheses.response import finer_knots, smooth_knots
 from tpmsd.diagnosis.prepared.drive_study import first_noise
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.trajectory import reference
 from tpmsd.inference.whitening import Whitener
 from tpmsd.inference.windows import Reader
@@ -47,7 +48,7 @@ def test_no_two_knots_are_nearer_than_four_standard_deviations_of_the_covariate(
     finer = finer_knots(yaw, 20, 1e-3)
 
     assert np.diff(crowded).min() < 1e-3
-    assert min(np.diff(apart).min(), np.diff(finer).min()) >= APART * 1e-3
+    assert min(np.diff(apart).min(), np.diff(finer).min()) >= SETTINGS.hypotheses.apart_stds * 1e-3
     assert (crowded[0], crowded[-1]) == (apart[0], apart[-1])
 
 

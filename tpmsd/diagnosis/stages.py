@@ -20,13 +20,11 @@ from tpmsd.diagnosis.robustness.confirm import confirmed
 from tpmsd.diagnosis.robustness.drifting import drifting
 from tpmsd.diagnosis.robustness.together import together
 from tpmsd.diagnosis.selection.chosen import Selection
-from tpmsd.diagnosis.selection.selector import MAX_TERMS, Selector
+from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence
 from tpmsd.inference.noise_fit import Stage, fit_noise, outliers
 from tpmsd.wheels import FloatArray
-
-SHAPES = 3
-"""Spline terms that are taken out before the noise is first estimated: one of each kind of covariate."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +67,7 @@ def plain_shapes(state: State) -> State:
     Adds columns and sets each drive's noise.
     """
     study, design, evidence = state.study, state.design, _present(state)
-    for _ in range(SHAPES):
+    for _ in range(SETTINGS.refinement.plain_splines):
         term = plainest_shape(study, evidence, design)
         if term is None:
             break
@@ -84,7 +82,7 @@ def choose(state: State) -> State:
     What is clearest comes first and exactly: a pulse half a minute off leaves more than a faint effect.
     """
     study, evidence = state.study, _present(state)
-    for most in (1, MAX_TERMS):
+    for most in (1, SETTINGS.selection.most_terms):
         selection = Selector(evidence, study.hypotheses).select(most)
         if refine(study, selection, evidence, again=most == 1):
             evidence = study.evidence()

@@ -14,14 +14,9 @@ import numpy as np
 from tpmsd.diagnosis.hypotheses.advice import advice
 from tpmsd.diagnosis.hypotheses.terms import Term
 from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.physics.effect import Parameter
 from tpmsd.wheels import FloatArray
-
-CONFOUNDED = 0.9
-"""Cosine of the angle between two sensitivities from which effects count as confounded: of what the one
-brings, four fifths are then brought by the other."""
-TELLS = 10.0
-"""Nats at the usual size from which a drive tells an effect: its penalty, and odds of a thousand."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +34,7 @@ class Telling:
     @property
     def told(self) -> bool:
         """Whether the drive tells an effect of the usual size."""
-        return self.expected_gain >= TELLS
+        return self.expected_gain >= SETTINGS.assessment.tells_nats
 
 
 def tellings(study: Study) -> tuple[Telling, ...]:
@@ -56,7 +51,7 @@ def tellings(study: Study) -> tuple[Telling, ...]:
         alike = tuple(
             (other, cosine)
             for other, cosine in sorted(near.items(), key=lambda e: -e[1])
-            if cosine > CONFOUNDED
+            if cosine > SETTINGS.assessment.confounded_cosine
         )
         out.append(Telling(name, gain, alike, advice(name, tuple(other for other, _ in alike))))
     return tuple(sorted(out, key=lambda one: -one.expected_gain))

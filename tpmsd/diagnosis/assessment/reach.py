@@ -16,14 +16,13 @@ import scipy.linalg
 from scipy.special import chdtrc
 
 from tpmsd.diagnosis.hypotheses.terms import Name
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import FOLDS
 from tpmsd.inference.windows import CHANNEL_NAMES
 from tpmsd.physics.catalogue import ALWAYS
 from tpmsd.wheels import FloatArray
 
-LAGS = 10
-"""Windows over which what is left is looked at for correlation."""
-_SHRINKAGE = np.concatenate([[0.0], np.logspace(-4, 2, 37)])
+_SHRINKAGE = SETTINGS.assessment.shrinkage
 """Prior standard deviation of a column's value, in units of its own noise."""
 _MODELS = ("calibration", "model")
 _CALIBRATION = (*ALWAYS, "data", "ramp", "wheel_slip", "side_slip")
@@ -184,7 +183,7 @@ def _channel(
     rows, here = np.where(measured[:, at], residual[:, at], np.nan), int(measured[:, at].sum())
     rows = rows - np.nanmean(rows)
     correlations = []
-    for lag in range(1, LAGS + 1):
+    for lag in range(1, SETTINGS.assessment.lags + 1):
         products = rows[lag:] * rows[:-lag]
         correlations.append(float(np.nansum(products) / max(np.nansum(rows**2), 1e-300)))
     # Ljung and Box, Biometrika 65, 1978.
@@ -193,5 +192,5 @@ def _channel(
         found=float(found[:, at].sum()),
         left=float(left[:, at].sum()),
         correlation=correlations[0],
-        whiteness=float(chdtrc(LAGS, portmanteau)),
+        whiteness=float(chdtrc(SETTINGS.assessment.lags, portmanteau)),
     )

@@ -22,15 +22,12 @@ from tpmsd.diagnosis.prepared.drive_study import Refined
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence, Fit
 from tpmsd.inference.noise import Noise
 from tpmsd.wheels import WHEELS, FloatArray
 
 RECORDING, SIMULATION, BOTH = "recording", "simulation", "both"
-FLOOR = 0.5
-"""A simulation's noise is taken to be no less than this share of the recording's: a difference cannot be told
-better than the recording tells it, and a perfect receiver would make much of what no model holds.
-"""
 MEMORIES = {
     "speed_memory": "speed_mps",
     "slow_tau_s": "slow_m",
@@ -38,11 +35,6 @@ MEMORIES = {
     "wander_tau_s": "wander",
 }
 """Memory of a noise, and the noise."""
-SILENT = 0.01
-"""A simulation that tells this share of what the recording tells about a value, or less, holds none of it."""
-ROUNDS = 6
-SEEN_STDS = 3.0
-"""From so many standard deviations on, a value is there."""
 
 
 @dataclass(frozen=True)
@@ -107,11 +99,13 @@ def floored(noise: Noise, recorded: Noise) -> Noise:
     for field in fields(Noise):
         mine, theirs = getattr(noise, field.name), getattr(recorded, field.name)
         if isinstance(mine, tuple):
-            changes[field.name] = tuple(max(a, FLOOR * b) for a, b in zip(mine, theirs, strict=True))
+            changes[field.name] = tuple(
+                max(a, SETTINGS.assessment.simulation_floor * b) for a, b in zip(mine, theirs, strict=True)
+            )
         elif field.name not in MEMORIES:
-            changes[field.name] = max(mine, FLOOR * theirs)
+            changes[field.name] = max(mine, SETTINGS.assessment.simulation_floor * theirs)
     for memory, size in MEMORIES.items():
-        if getattr(noise, size) < FLOOR * getattr(recorded, size):
+        if getattr(noise, size) < SETTINGS.assessment.simulation_floor * getattr(recorded, size):
             changes[memory] = getattr(recorded, memory)
     return replace(noise, **changes)
 
@@ -126,7 +120,7 @@ def differences(study: Study, selection: Selection, evidence: Evidence) -> tuple
     common: list[Common] = []
     silent: set[tuple[str, ...]] = set()
     evidence = _take(study, joint, evidence, [one.term for one in selection.chosen], common, silent)
-    for last in (*[False] * ROUNDS, True):
+    for last in (*[False] * SETTINGS.assessment.simulation_rounds, True):
         study.hypotheses = Differences(joint, common)
         selector = Selector(evidence, study.hypotheses)
         found = selector.select()
@@ -163,8 +157,8 @@ def compared(study: Study, selection: Selection) -> list[Held]:
         ratio = float(np.max(one.stds**2 / np.maximum(np.diag(selection.fit.covariance)[at], 1e-300)))
         simulated, there = _valued(one, selection.fit, shared, ratio)
         recorded, here = _valued(one, selection.fit, both, ratio)
-        by = SIMULATION if there > max(here, SEEN_STDS) else RECORDING
-        if min(there, here) > SEEN_STDS:
+        by = SIMULATION if there > max(here, SETTINGS.assessment.seen_stds) else RECORDING
+        if min(there, here) > SETTINGS.assessment.seen_stds:
             by = BOTH
         out.append(Held(by, recorded, simulated, twin))
     return out
@@ -268,7 +262,7 @@ def _take(
                 silent.add(key_of(term))
                 continue
             design = design + mirror
-        if _told(evidence, joint.nuisance, design) < SILENT:
+        if _told(evidence, joint.nuisance, design) < SETTINGS.assessment.simulation_silent:
             silent.add(key_of(term))
             continue
         common[:] = [one for one in common if one.key != key_of(term)]

@@ -15,11 +15,9 @@ from tpmsd.diagnosis.hypotheses.terms import wheels_of
 from tpmsd.diagnosis.prepared.drive_study import DriveStudy, Refined
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.selection.chosen import Chosen, Selection
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import fitted
 from tpmsd.wheels import WHEELS, FloatArray
-
-WITHIN = 1.92
-"""Fall of the log-likelihood at the ends of a 95 % interval."""
 
 
 def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, float]]:
@@ -99,7 +97,7 @@ def _of_grid(
         at = np.concatenate([np.arange(known), [known + k]])
         values, gains[k] = fitted(gram[np.ix_(at, at)])
         sizes[k] = values[-1]
-    lowest = min(float(gains.max()) - WITHIN, float(gains[0]))
+    lowest = min(float(gains.max()) - SETTINGS.assessment.interval_nats, float(gains[0]))
     order = np.argsort(trials, kind="stable")
     inside = np.flatnonzero(gains[order] >= lowest)
     ends = [

@@ -12,17 +12,18 @@ from dataclasses import replace
 import numpy as np
 
 from tpmsd.diagnosis.assessment.result import Finding, Quantity, Where
-from tpmsd.diagnosis.assessment.simulated import BOTH, RECORDING, SEEN_STDS
+from tpmsd.diagnosis.assessment.simulated import BOTH, RECORDING
 from tpmsd.diagnosis.counters.miscount import wrong_teeth
-from tpmsd.diagnosis.counters.tone_ring import ADMIT, Ripple, ripples
+from tpmsd.diagnosis.counters.tone_ring import Ripple, ripples
 from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Fit
 from tpmsd.physics.catalogue import ALWAYS, RADIUS, TEETH
 from tpmsd.physics.effect import Parameter
 from tpmsd.wheels import WHEELS
 
-ALL, NOMINAL_M = "", 0.3
-"""Name of all wheels together; radius to which the prior of radii belongs."""
+ALL = ""
+"""Name of all wheels together."""
 CHANNEL, COVARIATE = TEETH.shows_in
 
 
@@ -35,7 +36,7 @@ def teeth(study: Study, calibration: Fit, seconds: float) -> list[Finding]:
     by_wheel: dict[str, list[Ripple]] = {}
     for drive in study.examined:
         for ripple in ripples(drive.reader.recording, drive.reader.reference):
-            if ripple.gain >= 0.5 * ADMIT + choice:
+            if ripple.gain >= 0.5 * SETTINGS.counters.ripple_admit_nats + choice:
                 by_wheel.setdefault(ripple.wheel, []).append(ripple)
     wrong = _wrong(study, calibration)
     configured = study.drives[0].reader.recording.car.teeth_per_rev
@@ -60,7 +61,7 @@ def _beyond(finding: Finding, simulated: dict[str, Ripple]) -> Finding | None:
     assert isinstance(mine.value, float)
     assert mine.std is not None
     std = math.hypot(mine.std, ring.std_rad)
-    if abs(mine.value - ring.amplitude_rad) < SEEN_STDS * std:
+    if abs(mine.value - ring.amplitude_rad) < SETTINGS.assessment.seen_stds * std:
         return None
     more = Quantity(mine.value - ring.amplitude_rad, std, "rad")
     theirs = Quantity(ring.amplitude_rad, ring.std_rad, "rad")
@@ -123,7 +124,7 @@ def _miscounted(name: str, teeth: float, configured: float) -> Finding:
     (radius,) = (p for p in RADIUS.parameters if isinstance(p, Parameter))
     assert radius.prior is not None
     # A radius that is off by so much is the other explanation: what is known of radii speaks against it.
-    gain = 0.5 * ((configured / teeth - 1.0) * NOMINAL_M / radius.prior.std) ** 2
+    gain = 0.5 * ((configured / teeth - 1.0) * SETTINGS.counters.nominal_radius_m / radius.prior.std) ** 2
     return Finding(
         effect=TEETH.name,
         confidence=1.0 / (1.0 + math.exp(-min(gain, 50.0))),

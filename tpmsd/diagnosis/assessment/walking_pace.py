@@ -11,8 +11,9 @@ import math
 import numpy as np
 
 from tpmsd.diagnosis.assessment.result import Finding, Quantity, Where
-from tpmsd.diagnosis.counters.low_speed import ADMIT, Lost, lost_counts
+from tpmsd.diagnosis.counters.low_speed import Lost, lost_counts
 from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.physics.catalogue import LOST
 
 
@@ -27,7 +28,7 @@ def lost(study: Study, seconds: float) -> list[Finding]:
 
 
 def _finding(one: Lost, seconds: float) -> Finding:
-    sure = one.gain - ADMIT
+    sure = one.gain - SETTINGS.counters.lost_admit_nats
     return Finding(
         effect=LOST.name,
         confidence=1.0 / (1.0 + math.exp(-float(np.clip(sure, -50.0, 50.0)))),

@@ -13,26 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.recording import Recording
 from tpmsd.wheels import WHEELS, FloatArray
-
-FASTEST_MPS = 15.0
-"""Up to which fixes are compared: beyond, radii that grow with speed show."""
-LIMITS_MPS = np.arange(1.0, 4.01, 0.1)
-"""Speeds below which counts may be lost."""
-LEAST_MPS, ERRORS = 0.6, 4.0
-"""Least speed looked at, and the same in standard deviations of the receiver's speed."""
-HALF_S = 0.25
-"""Half the time over which a wheel's speed is taken."""
-ADMIT = 14.0
-"""Nats that lost counts must bring: their share, their limit among thirty, and odds of a thousand."""
-SHARE = 0.3
-"""Least share of counts that is called lost: what is less may be a low-pass of the sensor."""
-BLOCK_S = 20.0
-BRAKING_MPS2 = 2.0
-"""Usual change of speed before a stop."""
-FEWEST = 3
-"""Fixes below the limit."""
 
 
 @dataclass(frozen=True)
@@ -57,20 +40,20 @@ def lost_counts(recording: Recording, radii_m: FloatArray) -> Lost | None:
         return None
     accel = np.gradient(speed, np.maximum.accumulate(time_s + 1e-6 * np.arange(len(time_s))))
     shown = _wheel_speeds(recording, radii_m, time_s)
-    slow = speed < FASTEST_MPS
+    slow = speed < SETTINGS.counters.lost_compared_to_mps
     found: list[tuple[int, float, float, float, float, float]] = []
-    least = LEAST_MPS
+    least = SETTINGS.counters.lost_least_mps
     for wheel in recording.wheels:
         y = shown[:, wheel] - speed
         here = slow & np.isfinite(y) & np.isfinite(accel)
-        calm = here & (speed > LIMITS_MPS[-1])
-        if calm.sum() < 3 * FEWEST:
+        calm = here & (speed > SETTINGS.counters.lost_limits_mps[-1])
+        if calm.sum() < 3 * SETTINGS.counters.lost_fewest:
             return None
         base = np.stack([speed, accel], axis=1)
         values = np.linalg.lstsq(base[calm], y[calm], rcond=None)[0]
         left = y - base @ values
         std = max(float(np.median(np.abs(left[calm]))) / 0.6745, 0.02)
-        least = max(LEAST_MPS, ERRORS * std)
+        least = max(SETTINGS.counters.lost_least_mps, SETTINGS.counters.lost_errors * std)
         best = _best(time_s, speed, left, here & (speed > least), std)
         if best is not None:
             found.append((wheel, *best))
@@ -95,11 +78,15 @@ def _best(
 ) -> tuple[float, float, float, float, float] | None:
     """Limit and share with their standard deviations, and the gain, of what is left (n,); None of no loss."""
     best: tuple[float, float, float, float] | None = None
-    for limit in LIMITS_MPS:
+    for limit in SETTINGS.counters.lost_limits_mps:
         below = use & (speed < limit)
-        if below.sum() < FEWEST:
+        if below.sum() < SETTINGS.counters.lost_fewest:
             continue
-        x, y, block = -speed[below], left[below], (time_s[below] // BLOCK_S).astype(int)
+        x, y, block = (
+            -speed[below],
+            left[below],
+            (time_s[below] // SETTINGS.counters.lost_block_s).astype(int),
+        )
         size = float(x @ x)
         share = float(x @ y) / size
         # Fixes that follow each other err alike: blocks tell how sure the share is (White, 1980).
@@ -107,18 +94,22 @@ def _best(
         spread = max(float(score @ score), size * std**2)
         ratio = spread / (size * std**2)
         gain = 0.5 * float(x @ y) ** 2 / size / std**2 / ratio
-        if share > SHARE and gain > ADMIT and (best is None or gain > best[3]):
+        if (
+            share > SETTINGS.counters.lost_share
+            and gain > SETTINGS.counters.lost_admit_nats
+            and (best is None or gain > best[3])
+        ):
             best = (float(limit), share, float(np.sqrt(spread)) / size, gain)
     if best is None:
         return None
     limit, share, share_std, gain = best
     # About the limit a speed taken over half a second is half of either side.
-    blurred = HALF_S * BRAKING_MPS2 / 2.0
+    blurred = SETTINGS.counters.lost_half_s * SETTINGS.counters.lost_braking_mps2 / 2.0
     clear = use & (speed < limit - blurred)
-    if clear.sum() >= FEWEST:
+    if clear.sum() >= SETTINGS.counters.lost_fewest:
         share = float(np.median(-left[clear] / speed[clear]))
     gone = -left > 0.5 * share * speed
-    lower = float(np.max(speed[use & gone & (speed < limit)], initial=LEAST_MPS))
+    lower = float(np.max(speed[use & gone & (speed < limit)], initial=SETTINGS.counters.lost_least_mps))
     upper = float(np.min(speed[use & ~gone & (speed > lower)], initial=limit + 1.0))
     return (
         0.5 * (lower + upper),
@@ -137,9 +128,19 @@ def _wheel_speeds(recording: Recording, radii_m: FloatArray, time_s: FloatArray)
         turned = recording.rotation_rad[:, wheel]
         angle = np.concatenate([[0.0], np.cumsum(np.nan_to_num(turned))])
         unread = np.concatenate([[0.0], np.cumsum(~np.isfinite(turned))])
-        ends = [np.interp(time_s + side, edges, angle) for side in (-HALF_S, HALF_S)]
-        gaps = [np.interp(time_s + side, edges, unread) for side in (-HALF_S, HALF_S)]
-        rate = (ends[1] - ends[0]) / (2.0 * HALF_S)
-        inside = (time_s > HALF_S) & (time_s < edges[-1] - HALF_S) & (gaps[1] == gaps[0])
+        ends = [
+            np.interp(time_s + side, edges, angle)
+            for side in (-SETTINGS.counters.lost_half_s, SETTINGS.counters.lost_half_s)
+        ]
+        gaps = [
+            np.interp(time_s + side, edges, unread)
+            for side in (-SETTINGS.counters.lost_half_s, SETTINGS.counters.lost_half_s)
+        ]
+        rate = (ends[1] - ends[0]) / (2.0 * SETTINGS.counters.lost_half_s)
+        inside = (
+            (time_s > SETTINGS.counters.lost_half_s)
+            & (time_s < edges[-1] - SETTINGS.counters.lost_half_s)
+            & (gaps[1] == gaps[0])
+        )
         out[:, wheel] = np.where(inside, rate * radii_m[wheel], np.nan)
     return out

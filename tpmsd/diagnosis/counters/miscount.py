@@ -10,34 +10,21 @@ from dataclasses import replace
 
 import numpy as np
 
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.recording import Recording
 from tpmsd.wheels import WHEELS, FloatArray
-
-TEETH = (20, 200)
-"""Counts per turn of the rings that cars have (48 to 100 are usual), and of finer ones."""
-FROM_OFFSET, WITHIN = 0.012, 0.35
-"""Offset of a radius from which a wrong number of teeth is thought of, and how near (in teeth) to a whole
-number it must be: radii themselves differ by some tenths of a per cent.
-"""
-ALL_FROM = 0.055
-"""The same of all wheels together: so far off no radius of a tyre of about the right size is."""
-FAR = 0.04
-"""Offset of one wheel that is put right before anything else is looked for: no small change."""
-RADII = 0.003
-"""Relative standard deviation between the radii of one car's wheels: where one tooth is less, no count is
-told from its neighbour."""
 
 
 def wrong_teeth(recording: Recording, radii_m: FloatArray) -> list[tuple[str, float]]:
     """(wheel, true number) of wheels whose radius is off by just what some teeth more or less would make."""
     teeth = recording.car.teeth_per_rev
-    if teeth > TEETH[1] or len(recording.wheels) < 4:
+    if teeth > SETTINGS.counters.most_teeth or len(recording.wheels) < 4:
         return []
     ratio = radii_m / recording.car.radius_m
     out = []
     for k in range(4):
         off = float(ratio[k] / np.median(np.delete(ratio, k)))
-        count = _count(teeth, off, FROM_OFFSET)
+        count = _count(teeth, off, SETTINGS.counters.teeth_from_offset)
         if count is not None:
             out.append((WHEELS[k], count))
     return out
@@ -48,8 +35,15 @@ def _count(teeth: float, off: float, least: float) -> float | None:
     if abs(off - 1.0) < least:
         return None
     count = round(teeth / off)
-    told = RADII * count > WITHIN or abs(teeth / off - count) < WITHIN
-    return float(count) if count != teeth and TEETH[0] <= count <= TEETH[1] and told else None
+    told = (
+        SETTINGS.counters.radius_spread * count > SETTINGS.counters.teeth_within
+        or abs(teeth / off - count) < SETTINGS.counters.teeth_within
+    )
+    return (
+        float(count)
+        if count != teeth and SETTINGS.counters.fewest_teeth <= count <= SETTINGS.counters.most_teeth and told
+        else None
+    )
 
 
 def one_recounted(recording: Recording) -> Recording:
@@ -63,7 +57,10 @@ def one_recounted(recording: Recording) -> Recording:
         return recording
     others = np.array([np.median(np.delete(turns, k)) for k in range(4)])
     teeth = recording.car.teeth_per_rev
-    return _put_right(recording, [_count(teeth, float(others[k] / turns[k]), FAR) for k in range(4)])
+    return _put_right(
+        recording,
+        [_count(teeth, float(others[k] / turns[k]), SETTINGS.counters.teeth_at_once) for k in range(4)],
+    )
 
 
 def all_recounted(recording: Recording, radii_m: FloatArray) -> Recording:
@@ -73,13 +70,15 @@ def all_recounted(recording: Recording, radii_m: FloatArray) -> Recording:
     if not _has_rings(recording) or any(count is not None for count in recording.counts_per_rev):
         return recording
     off = float(np.median(radii_m / recording.car.radius_m))
-    return _put_right(recording, [_count(recording.car.teeth_per_rev, off, ALL_FROM)] * 4)
+    return _put_right(
+        recording, [_count(recording.car.teeth_per_rev, off, SETTINGS.counters.teeth_all_from)] * 4
+    )
 
 
 def _has_rings(recording: Recording) -> bool:
     """Whether all wheels are counted, by rings and not by finer encoders."""
     counted = len(recording.wheels) == 4 and bool((recording.quantum_rad > 0.0).all())
-    return counted and recording.car.teeth_per_rev <= TEETH[1]
+    return counted and recording.car.teeth_per_rev <= SETTINGS.counters.most_teeth
 
 
 def _put_right(recording: Recording, counts: list[float | None]) -> Recording:

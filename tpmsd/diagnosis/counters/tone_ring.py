@@ -20,30 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.recording import Recording
 from tpmsd.inference.trajectory import Reference
 from tpmsd.physics.kinematics import wheel_speeds
 from tpmsd.physics.motion import integrate
 from tpmsd.wheels import WHEELS, FloatArray
-
-HIGH_PASS_S = 0.5
-MIN_SPEED_MPS = 4.0
-BLOCK_TICKS = 300
-FOLDS = 5
-ADMIT = 12.0
-"""Log-likelihood for amplitude, phase and flattening of one of four wheels."""
-PERIODS_S = np.arange(0.0, 0.101, 0.01)
-"""Between readings. At a few readings per turn, what is interpolated between them (or averaged, where the bus
-has speeds) is flatter than the ripple, the more the faster the wheel turns.
-"""
-BETWEEN_READINGS = 0.1
-"""Relative standard deviation of an amplitude: how much flatter is known no better."""
-RANGES = 12
-"""Of turns per second, where speeds fold the ripple."""
-MUCH_BETTER = 2.0
-"""Gain of folded ripples, over that of plain ones, from which they are folded."""
-FOLDED = 0.6
-"""Relative standard deviation of an amplitude that was folded."""
 
 
 @dataclass(frozen=True)
@@ -66,12 +48,12 @@ def ripples(recording: Recording, reference: Reference) -> list[Ripple]:
     if len(recording.wheels) < 4:
         return []
     rows, regressors, turns_hz, blocks = _prepared(recording, reference)
-    if len(rows) < 10 * BLOCK_TICKS:
+    if len(rows) < 10 * SETTINGS.counters.ripple_block_ticks:
         return []
     found = _one_by_one(rows, blocks, lambda k, rows: _flattened(k, rows, regressors, turns_hz))
     folded = _one_by_one(rows, blocks, lambda k, rows: _by_range(regressors[:, k], turns_hz[:, k]))
     plain = found[0].gain if found else 0.0
-    return folded if folded and folded[0].gain > MUCH_BETTER * plain else found
+    return folded if folded and folded[0].gain > SETTINGS.counters.ripple_folded_from * plain else found
 
 
 def _flattened(k: int, rows: FloatArray, regressors: FloatArray, turns_hz: FloatArray) -> FloatArray:
@@ -80,7 +62,7 @@ def _flattened(k: int, rows: FloatArray, regressors: FloatArray, turns_hz: Float
     Linear interpolation between readings T apart leaves of a sine of f the share sinc2(f T).
     """
     best, most = regressors[:, k], -math.inf
-    for period_s in PERIODS_S:
+    for period_s in SETTINGS.counters.ripple_periods_s:
         X = regressors[:, k] * np.sinc(turns_hz[:, k, None] * period_s) ** 2
         b = X.T @ rows[:, k]
         gain = float(b @ np.linalg.solve(X.T @ X + 1e-9 * np.eye(2), b))
@@ -116,8 +98,8 @@ def _one_by_one(
 
 def _by_range(regressor: FloatArray, turns_hz: FloatArray) -> FloatArray:
     """(n, 2 * RANGES) sine and cosine, each in its range of speeds alone."""
-    edges = np.quantile(turns_hz, np.linspace(0.0, 1.0, RANGES + 1)[1:-1])
-    here = np.searchsorted(edges, turns_hz)[:, None] == np.arange(RANGES)
+    edges = np.quantile(turns_hz, np.linspace(0.0, 1.0, SETTINGS.counters.ripple_ranges + 1)[1:-1])
+    here = np.searchsorted(edges, turns_hz)[:, None] == np.arange(SETTINGS.counters.ripple_ranges)
     return np.concatenate([regressor[:, :1] * here, regressor[:, 1:] * here], axis=1)
 
 
@@ -134,7 +116,7 @@ def _prepared(
     expected = integrate(speeds, motion.time_s)
     turns_hz = speeds / car.radius_m / (2.0 * math.pi)
     off = angle - expected / car.radius_m
-    sigma = HIGH_PASS_S / recording.dt_s
+    sigma = SETTINGS.counters.ripple_high_pass_s / recording.dt_s
 
     def rapid(values: FloatArray) -> FloatArray:
         return np.asarray(values - gaussian_filter1d(values, sigma, axis=0, mode="nearest"))
@@ -144,13 +126,13 @@ def _prepared(
     regressors = np.stack([rapid(np.sin(angle)), rapid(np.cos(angle))], axis=2)
     whole = np.concatenate([[False], reference.valid]) & np.concatenate([reference.valid, [False]])
     broken = gaussian_filter1d((~whole).astype(np.float64), sigma) > 0.02
-    use = ~broken & (motion.speed_mps > MIN_SPEED_MPS)
+    use = ~broken & (motion.speed_mps > SETTINGS.counters.ripple_from_mps)
     rows, regressors, turns_hz = rows[use], regressors[use], turns_hz[use]
     if not len(rows):
         return rows, regressors, turns_hz, np.zeros(0, dtype=int)
     calm = np.abs(rows).max(axis=1) < 6.0 * float(np.median(np.abs(rows)) + 1e-12) / 0.6745
     rows, regressors, turns_hz = rows[calm], regressors[calm], turns_hz[calm]
-    return rows, regressors, turns_hz, np.arange(len(rows)) // BLOCK_TICKS
+    return rows, regressors, turns_hz, np.arange(len(rows)) // SETTINGS.counters.ripple_block_ticks
 
 
 def _judged(k: int, rows: FloatArray, regressors: FloatArray, blocks: np.ndarray) -> Ripple | None:
@@ -170,8 +152,8 @@ def _judged(k: int, rows: FloatArray, regressors: FloatArray, blocks: np.ndarray
     ratio = max(1.0, float(np.max(np.diag(spread) / (variance * np.diag(inverse)))))
     gain = 0.5 * float(total_b @ values) / variance / ratio
     heldout = 0.0
-    for fold in range(FOLDS):
-        out = np.arange(count) % FOLDS == fold
+    for fold in range(SETTINGS.counters.ripple_folds):
+        out = np.arange(count) % SETTINGS.counters.ripple_folds == fold
         # A range of speeds that only the held-out blocks have is not trained: its values are zero.
         trained = np.linalg.lstsq(A[~out].sum(axis=0), b[~out].sum(axis=0), rcond=1e-12)[0]
         heldout += float(trained @ b[out].sum(axis=0) - 0.5 * trained @ A[out].sum(axis=0) @ trained)
@@ -180,14 +162,25 @@ def _judged(k: int, rows: FloatArray, regressors: FloatArray, blocks: np.ndarray
     # One value of both is the plain ripple; of several, which are folded, the middle one.
     middle = int(np.argsort(np.hypot(sine, cosine))[len(sine) // 2])
     amplitude = float(np.hypot(sine[middle], cosine[middle]))
-    if gain < ADMIT + len(values) - 2 or heldout < 0.5 * ADMIT:
+    if (
+        gain < SETTINGS.counters.ripple_admit_nats + len(values) - 2
+        or heldout < 0.5 * SETTINGS.counters.ripple_admit_nats
+    ):
         return None
     std = math.sqrt(variance * ratio * float(np.trace(inverse)) / len(values))
     after = math.sqrt(max(variance - 2.0 * heldout * variance * ratio / len(y), 0.0))
     return Ripple(
         wheel=WHEELS[k],
         amplitude_rad=amplitude,
-        std_rad=math.hypot(std, (BETWEEN_READINGS if len(sine) == 1 else FOLDED) * amplitude),
+        std_rad=math.hypot(
+            std,
+            (
+                SETTINGS.counters.ripple_flattened_std
+                if len(sine) == 1
+                else SETTINGS.counters.ripple_folded_std
+            )
+            * amplitude,
+        ),
         phase_rad=float(math.atan2(cosine[middle], sine[middle])),
         phase_std_rad=std / amplitude,
         gain=heldout,

@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Name, Term, for_drive
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.physics.catalogue import ALWAYS, EFFECTS
 from tpmsd.wheels import FloatArray
 
 SHARED = frozenset(name for name, effect in EFFECTS.items() if effect.alike_on_every_drive)
 """Effects of which no drive has a value of its own."""
-BEST = 10
-"""Terms over time and distance of one drive that a scan returns."""
 
 
 @dataclass(frozen=True)
@@ -129,7 +128,9 @@ class JointHypotheses(Hypotheses):
         for number, one in enumerate(self._drives):
             at = self._at[number][1:] - 1
             gains = one.smooth_gains(gram[np.ix_(at, at)], b[at])
-            best = sorted(gains, key=lambda entry: entry[1].penalty - entry[0])[:BEST]
+            best = sorted(gains, key=lambda entry: entry[1].penalty - entry[0])[
+                : SETTINGS.hypotheses.best_per_drive
+            ]
             out += [(gain, self._of(number, term)) for gain, term in best]
         return out
 

@@ -11,15 +11,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from tpmsd.diagnosis.hypotheses.terms import Term
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.physics.catalogue import EFFECTS
 from tpmsd.physics.motion import Car
 from tpmsd.wheels import FloatArray
 
-SMALLEST_M = 3e-5
-"""No road leaves a tyre's radius alone better than to this: a smaller change is not worth a name."""
-IMPOSSIBLE = 12.5
-"""Log-likelihood against every ratio of an effect's two values that is physically possible: then it is
-none."""
 Bounds = Mapping[tuple[str, str], tuple[float, float]]
 
 
@@ -34,7 +30,7 @@ def bounds_of(car: Car) -> Bounds:
 
 def thinkable(term: Term, values: FloatArray, bounds: Bounds) -> bool:
     """Whether each of a term's values (k,) is within bounds, and a radius' change worth a name."""
-    if term.on_radii and float(np.abs(values).max()) < SMALLEST_M:
+    if term.on_radii and float(np.abs(values).max()) < SETTINGS.hypotheses.smallest_radius_m:
         return False
     for name, value in zip(term.parameters, values, strict=False):
         low, high = bounds.get((term.effect, name), (-np.inf, np.inf))

@@ -15,6 +15,7 @@ from types import MappingProxyType
 import numpy as np
 
 from tpmsd.diagnosis.hypotheses.wheel_slip import slip_columns
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.trajectory import WINDOW_S
 from tpmsd.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED, Reader
 from tpmsd.physics.catalogue import EFFECTS, FAULT, RADIUS, make_effect, probes
@@ -22,24 +23,10 @@ from tpmsd.physics.effect import Effect
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import WHEELS, FloatArray
 
-RAMP_KNOTS = 40
-SMOOTH_TERMS = 5
-TIME_TERMS = 12
 ROLLING = ExtendedModel()
-SMALL_M = 1e-5
-"""A change of radius small enough to be linear."""
 READINGS = {"gnss_speed": SPEED, "gnss_course": COURSE, "yaw_rate": GYRO}
 PLACES = ("fl", "fr", "rl", "rr", *READINGS)
 """Where a smooth term may act."""
-FEW = 30
-"""Windows with a reading, below which a drive does not have it; of the receiver's, twice as many."""
-FEWEST = 6
-"""Windows between two of the finest knots."""
-APART = 4.0
-"""Standard deviations of a covariate between two knots: a bump between nearer ones is smeared into them, and
-what it shares with the residual by the reference motion bends it (bench origin `traffic`, null drive 1)."""
-FINER = 4
-"""Intervals of the finest shape, per interval of the first look."""
 
 
 @dataclass
@@ -86,10 +73,10 @@ def available(reader: Reader) -> frozenset[str]:
     known = np.isfinite(reader.windows.measured).sum(axis=0)
     by = reader.reference.grade_by
     here = {
-        "yaw_rate": known[GYRO] > FEW,
-        "gnss": bool((known[SPEED:] > FEW).any()),
-        "gnss_speed": known[SPEED] > 2 * FEW,
-        "gnss_position": known[EAST] > 2 * FEW,
+        "yaw_rate": known[GYRO] > SETTINGS.hypotheses.fewest_readings,
+        "gnss": bool((known[SPEED:] > SETTINGS.hypotheses.fewest_readings).any()),
+        "gnss_speed": known[SPEED] > 2 * SETTINGS.hypotheses.fewest_readings,
+        "gnss_position": known[EAST] > 2 * SETTINGS.hypotheses.fewest_readings,
         "slopes": reader.reference.grade_known,
         "heights": by == "heights",
         "accelerometer": by == "accelerometer",
@@ -141,10 +128,14 @@ def ramp_column(
 ) -> FloatArray:
     """(w, 9) response to a radius that ramps by a metre, at `base`."""
     unit = make_effect(
-        FAULT.name, wheel=WHEELS[wheel], deviation_m=SMALL_M, onset_s=onset_s, duration_s=duration_s
+        FAULT.name,
+        wheel=WHEELS[wheel],
+        deviation_m=SETTINGS.hypotheses.probe_m,
+        onset_s=onset_s,
+        duration_s=duration_s,
     )
     motion, car = reader.reference.motion, reader.reference.car
-    share = unit.radius_change_m(motion, car)[:, wheel] / SMALL_M
+    share = unit.radius_change_m(motion, car)[:, wheel] / SETTINGS.hypotheses.probe_m
     out = np.zeros((len(reader.windows), CHANNELS))
     out[:, wheel] = reader.by_radius(wheel, share, ROLLING if base is None else base)
     return out
@@ -158,7 +149,7 @@ def _change(reader: Reader, effect: Effect, base: ExtendedModel) -> FloatArray:
 def ramp_knots(reader: Reader) -> FloatArray:
     """(RAMP_KNOTS + 1,) knots of the radius ramps: equal shares of the driving, as times."""
     index = reader.windows.index
-    at = np.linspace(0, len(index) - 1, RAMP_KNOTS + 1)
+    at = np.linspace(0, len(index) - 1, SETTINGS.hypotheses.ramp_knots + 1)
     return np.asarray(np.interp(at, np.arange(len(index)), index * WINDOW_S))
 
 
@@ -172,7 +163,7 @@ def ramp_columns(reader: Reader) -> Columns:
     time_s = reader.windows.time_s
     for wheel in reader.recording.wheels:
         per_metre = _of_radius(reader, wheel)
-        for k in range(RAMP_KNOTS):
+        for k in range(SETTINGS.hypotheses.ramp_knots):
             share = np.clip((time_s - knots[k]) / max(knots[k + 1] - knots[k], 1e-9), 0.0, 1.0)
             out.add(("ramp", WHEELS[wheel], str(k)), per_metre * share[:, None])
     return out
@@ -183,15 +174,19 @@ def smooth_knots(
 ) -> dict[str, FloatArray]:
     """Knots by covariate at quantiles of its values, where it varies; the first and last are 1 % and 99 %.
 
-    No two are nearer than `APART` of the covariate's standard deviations `stds`.
+    No two are nearer than four of the covariate's standard deviations `stds`.
     """
     out: dict[str, FloatArray] = {}
     for covariate, values in covariates.items():
         if covariate == "accel_kinematic":
             continue  # the specific force stands for it
-        terms = TIME_TERMS if covariate in ("time", "distance") else SMOOTH_TERMS
+        terms = (
+            SETTINGS.hypotheses.time_intervals
+            if covariate in ("time", "distance")
+            else SETTINGS.hypotheses.spline_intervals
+        )
         at = np.unique(np.quantile(values, np.linspace(0.01, 0.99, terms + 1)))
-        at = _apart(at, APART * stds.get(covariate, 0.0))
+        at = _apart(at, SETTINGS.hypotheses.apart_stds * stds.get(covariate, 0.0))
         if len(at) >= 3 and np.ptp(at) >= 1e-9:
             out[covariate] = at
     return out
@@ -247,7 +242,7 @@ def response_at(reader: Reader, place: str) -> FloatArray:
 
 def finer_knots(values: FloatArray, intervals: int, std: float = 0.0) -> FloatArray:
     """(at most intervals + 1,) knots between the 0.2 % and 99.8 % quantiles, half by quantile, half evenly,
-    none nearer to another than `APART` of the covariate's standard deviation.
+    none nearer to another than four standard deviations of the covariate.
 
     By quantiles alone the tails, where the effects are largest, would have none.
     """
@@ -257,8 +252,8 @@ def finer_knots(values: FloatArray, intervals: int, std: float = 0.0) -> FloatAr
     kept = [float(knots[0])]
     for knot in knots[1:]:
         here = np.count_nonzero((values > kept[-1]) & (values <= knot))
-        least = max(APART * std, 1e-6 * max(float(high - low), 1e-12))
-        if here >= FEWEST and knot - kept[-1] > least:
+        least = max(SETTINGS.hypotheses.apart_stds * std, 1e-6 * max(float(high - low), 1e-12))
+        if here >= SETTINGS.hypotheses.fewest_between_knots and knot - kept[-1] > least:
             kept.append(float(knot))
     return np.array(kept)
 

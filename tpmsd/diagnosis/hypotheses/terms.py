@@ -14,13 +14,12 @@ from types import MappingProxyType
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.response import PLACES, RAMP_KNOTS
+from tpmsd.diagnosis.hypotheses.response import PLACES
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.physics.catalogue import ALWAYS, EFFECTS, EVENTS, FAULT, FREE, groups
 from tpmsd.physics.effect import Effect, Kind
 from tpmsd.wheels import WHEELS, FloatArray
 
-PER_VALUE = 3.5
-"""Log-likelihood that a further free value must bring: half the logarithm of a thousand windows."""
 PATTERNS: dict[str, tuple[str, ...]] = {
     **{place: (place,) for place in PLACES},
     "front": ("fl", "fr"),
@@ -56,7 +55,7 @@ def grid_price(effect: type[Effect], at: float | None) -> float:
 
 def shape_price(hats: int) -> float:
     """Penalty of a smooth term: its heights, and the choice of its place and covariate."""
-    return PER_VALUE * hats + math.log(120.0)
+    return SETTINGS.hypotheses.per_value_nats * hats + math.log(SETTINGS.hypotheses.shapes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,9 +147,13 @@ class Hypotheses:
         self.nuisance = self._unit([name for name in names if name[0] in ALWAYS])
         self.catalogue = [term for term in self._catalogue() if term.effect not in unusable]
         self.wheels = [wheel for wheel in WHEELS if ("ramp", wheel, "0") in self.place]
-        pairs = [(a, b) for a in range(RAMP_KNOTS) for b in range(a + 1, RAMP_KNOTS + 1)]
+        pairs = [
+            (a, b)
+            for a in range(SETTINGS.hypotheses.ramp_knots)
+            for b in range(a + 1, SETTINGS.hypotheses.ramp_knots + 1)
+        ]
         self._pairs = pairs
-        self._ramps = np.zeros((RAMP_KNOTS, len(pairs)))
+        self._ramps = np.zeros((SETTINGS.hypotheses.ramp_knots, len(pairs)))
         for k, (a, b) in enumerate(pairs):
             self._ramps[a:b, k] = 1.0 / (b - a)
         self._smooth = self._smooth_groups()
@@ -195,7 +198,7 @@ class Hypotheses:
             if any(probe.key not in self.place for probe in group):
                 continue
             name, place, at = group[0].effect, group[0].place, group[0].at
-            price = PER_VALUE * len(group) + grid_price(EFFECTS[name], at)
+            price = SETTINGS.hypotheses.per_value_nats * len(group) + grid_price(EFFECTS[name], at)
             price += math.log(max(len(EFFECTS[name].places), 1))
             design = self._unit([probe.key for probe in group])
             parameters = tuple(probe.parameter for probe in group)
@@ -206,7 +209,7 @@ class Hypotheses:
         """A ramp off the grid, whose response is that column."""
         design = np.zeros((self.width, 1))
         design[column, 0] = 1.0
-        price = PER_VALUE + math.log(4 * RAMP_KNOTS)
+        price = SETTINGS.hypotheses.per_value_nats + math.log(4 * SETTINGS.hypotheses.ramp_knots)
         self.catalogue.append(Term(FAULT.name, design, (RAMPED,), price, wheel=wheel, span_s=span_s))
 
     def add_off_grid(self, like: Term, at: float, column: int) -> None:
@@ -239,7 +242,9 @@ class Hypotheses:
 
     def _pulse(self, effect: str, place: str, span_s: tuple[float, float], design: FloatArray) -> Term:
         """A pulse of the radii on some wheels, or the event that looks so: its value is then a slip."""
-        price = PER_VALUE + math.log(len(PULSED) / 2 * RAMP_KNOTS * RAMP_KNOTS)
+        price = SETTINGS.hypotheses.per_value_nats + math.log(
+            len(PULSED) / 2 * SETTINGS.hypotheses.ramp_knots**2
+        )
         if effect == FREE.name:
             return Term(effect, design, ("height_m",), price, span_s=span_s, place=place, covariate="time")
         slip = -design * self.mean_radius_m(place)
@@ -256,7 +261,10 @@ class Hypotheses:
         out = []
         middle = 0.5 * (self.knots_s[1:] + self.knots_s[:-1])
         columns = {
-            wheel: np.array([self.place[("ramp", wheel, str(k))] for k in range(RAMP_KNOTS)]) - 1
+            wheel: np.array(
+                [self.place[("ramp", wheel, str(k))] for k in range(SETTINGS.hypotheses.ramp_knots)]
+            )
+            - 1
             for wheel in self.wheels
         }
         for place in PULSED:
@@ -292,7 +300,10 @@ class Hypotheses:
         """For each wheel the best ramp and its gain."""
         out = []
         for wheel in self.wheels:
-            at = np.array([self.place[("ramp", wheel, str(k))] for k in range(RAMP_KNOTS)]) - 1
+            at = (
+                np.array([self.place[("ramp", wheel, str(k))] for k in range(SETTINGS.hypotheses.ramp_knots)])
+                - 1
+            )
             score = self._ramps.T @ b[at]
             information = np.einsum("ik,ik->k", self._ramps, gram[np.ix_(at, at)] @ self._ramps)
             floor = 1e-6 * float(np.max(information, initial=1e-30))
@@ -307,7 +318,7 @@ class Hypotheses:
         design = np.zeros((self.width, 1))
         for k in range(a, b):
             design[self.place[("ramp", wheel, str(k))], 0] = 1.0 / (b - a)
-        penalty = PER_VALUE + math.log(4 * RAMP_KNOTS)
+        penalty = SETTINGS.hypotheses.per_value_nats + math.log(4 * SETTINGS.hypotheses.ramp_knots)
         span = (float(self.knots_s[a]), float(self.knots_s[b]))
         return Term(FAULT.name, design, (RAMPED,), penalty, wheel=wheel, span_s=span)
 

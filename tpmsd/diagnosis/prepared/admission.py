@@ -12,19 +12,12 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmsd.diagnosis.counters.miscount import all_recounted, one_recounted
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.errors import ConfigError
 from tpmsd.inference.recording import Recording
 from tpmsd.inference.trajectory import reference
 from tpmsd.inference.windows import CHANNELS, EAST, MAX_WINDOWS, NORTH, Reader
 from tpmsd.wheels import RL, RR, WHEELS
-
-MIN_DRIVING_S = 90
-MAX_DRIVES = 12
-"""Each has some three hundred columns of its own."""
-NEAR_M, NEAR_SHARE = 100.0, 0.03
-"""Two paths are beside each other where they are within this, and this share of the way from the start."""
-SAME_M = 1e-4
-"""Configured lengths that differ by less are the same."""
 
 
 def admitted(recordings: Sequence[Recording]) -> tuple[list[Reader], tuple[str, ...]]:
@@ -88,12 +81,14 @@ def other_road(recorded: Reader, simulated: Reader) -> str:
     """
     paths = [one.windows.measured[:, [EAST, NORTH]] for one in (recorded, simulated)]
     path, other = (one[np.isfinite(one).all(axis=1)] for one in paths)
-    if min(len(path), len(other)) < MIN_DRIVING_S:
+    if min(len(path), len(other)) < SETTINGS.preparation.least_driving_s:
         way, driven = (float(one.reference.motion.distance_m[-1]) for one in (recorded, simulated))
         far = abs(way - driven) > 0.3 * max(way, driven)
         return f"{driven / 1e3:.1f} km long, the recording {way / 1e3:.1f} km" if far else ""
     off, _ = cKDTree(other).query(path)
-    share = float(np.mean(off < NEAR_M + NEAR_SHARE * np.hypot(*path.T)))
+    share = float(
+        np.mean(off < SETTINGS.preparation.near_m + SETTINGS.preparation.near_share * np.hypot(*path.T))
+    )
     if share >= 0.5:
         return ""
     return (
@@ -103,7 +98,7 @@ def other_road(recorded: Reader, simulated: Reader) -> str:
 
 
 def bounded(
-    readers: Sequence[Reader], windows: int = MAX_WINDOWS, drives: int = MAX_DRIVES
+    readers: Sequence[Reader], windows: int = MAX_WINDOWS, drives: int = SETTINGS.preparation.most_drives
 ) -> tuple[list[Reader], list[str]]:
     """At most so many drives (those with most driving) and windows (fair shares), and notes on the rest."""
     notes = []
@@ -151,7 +146,7 @@ def differing(one: Recording, other: Recording, teeth: bool = True) -> str:
     a, b = one.car, other.car
     for name in ("wheelbase_m", "track_front_m", "track_rear_m"):
         left, right = getattr(a.geometry, name), getattr(b.geometry, name)
-        if abs(left - right) > SAME_M:
+        if abs(left - right) > SETTINGS.preparation.same_length_m:
             return f"{name} = {left:g} and {right:g}"
     if teeth and a.teeth_per_rev != b.teeth_per_rev:
         return f"teeth_per_rev = {a.teeth_per_rev:g} and {b.teeth_per_rev:g}"
@@ -165,18 +160,19 @@ def unfit(recording: Recording) -> str:
     """Why a recording cannot be examined at all; empty if it can."""
     if not {RL, RR} <= set(recording.wheels):
         return "the rear wheels are not both read"
-    if recording.ticks * recording.dt_s < MIN_DRIVING_S:
-        return f"the drive is shorter than {MIN_DRIVING_S} s"
+    if recording.ticks * recording.dt_s < SETTINGS.preparation.least_driving_s:
+        return f"the drive is shorter than {SETTINGS.preparation.least_driving_s} s"
     return ""
 
 
 def unfit_windows(reader: Reader) -> str:
     """Why too little is left to compare; empty if there is enough."""
     windows = reader.windows
-    if len(windows) < MIN_DRIVING_S:
-        return f"only {len(windows)} s of driving with all wheels read, {MIN_DRIVING_S} s are needed"
+    if len(windows) < SETTINGS.preparation.least_driving_s:
+        least_s = SETTINGS.preparation.least_driving_s
+        return f"only {len(windows)} s of driving with all wheels read, {least_s} s are needed"
     gnss = np.isfinite(windows.measured[:, 5:CHANNELS]).any(axis=1).sum()
-    if gnss < MIN_DRIVING_S / 2:
+    if gnss < SETTINGS.preparation.least_driving_s / 2:
         return f"the receiver speaks in only {gnss} s of the driving"
     return ""
 

@@ -21,6 +21,7 @@ from tpmsd.diagnosis.hypotheses.response import (
     response_at,
 )
 from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Name, Term
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Part, extended, part
 from tpmsd.inference.noise import Noise
 from tpmsd.inference.recording import Recording
@@ -29,13 +30,6 @@ from tpmsd.inference.whitening import Whitener
 from tpmsd.inference.windows import Reader
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import FloatArray
-
-BLOCK_S = 30
-MIN_BLOCKS = 10
-CHUNK = 32
-"""Windows of all columns that fit into a processor's cache while they are laid side by side."""
-KEPT = 2
-"""Noises under which a drive's whitened columns are kept: an alternative is tried beside the present one."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +100,7 @@ class DriveStudy:
         reader: Reader,
         knots: dict[str, FloatArray],
         stds: Mapping[str, float],
-        block_s: float = BLOCK_S,
+        block_s: float = SETTINGS.preparation.block_s,
     ) -> None:
         """`knots` of the smooth terms by covariate, and `stds` of the covariates' errors."""
         self.reader = reader
@@ -123,7 +117,7 @@ class DriveStudy:
         self.columns = stacked(residual, columns.arrays)
         self.noise = first_noise(reader)
         self.inflate: FloatArray | None = None
-        count = max(MIN_BLOCKS, round(len(windows) / block_s))
+        count = max(SETTINGS.preparation.fewest_blocks, round(len(windows) / block_s))
         self.blocks = np.arange(len(windows)) * count // len(windows)
         self.here = np.arange(len(self.names))
         """Where columns stand in the common index, and which stands there."""
@@ -260,7 +254,7 @@ class DriveStudy:
             white = np.concatenate([found.white, more], axis=2)
             by_block = extended(found.by_block, white, self.blocks)
             found = Whitened(self.noise, self.inflate, found.whitener, white, by_block)
-        self._kept = [*self._kept[-(KEPT - 1) :], found]
+        self._kept = [*self._kept[-(SETTINGS.preparation.noises_kept - 1) :], found]
         return found
 
 
@@ -268,8 +262,8 @@ def stacked(residual: FloatArray, arrays: Sequence[FloatArray]) -> FloatArray:
     """(w, 9, 1 + p) the residual (w, 9) and p columns (w, 9)."""
     every = (residual, *arrays)
     out = np.empty((*residual.shape, len(every)))
-    for first in range(0, len(residual), CHUNK):
-        part = slice(first, first + CHUNK)
+    for first in range(0, len(residual), SETTINGS.preparation.windows_at_once):
+        part = slice(first, first + SETTINGS.preparation.windows_at_once)
         out[part] = np.stack([array[part] for array in every], axis=2)
     return out
 

@@ -20,15 +20,13 @@ from tpmsd.diagnosis.hypotheses.response import (
     smooth_knots,
 )
 from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Name, Term
-from tpmsd.diagnosis.prepared.drive_study import BLOCK_S, DriveStudy, Refined, first_noise
+from tpmsd.diagnosis.prepared.drive_study import DriveStudy, Refined, first_noise
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.covariate_errors import covariate_stds
 from tpmsd.inference.least_squares import Evidence
 from tpmsd.inference.windows import Reader
 from tpmsd.physics.catalogue import EFFECTS
 from tpmsd.wheels import FloatArray
-
-MAX_BLOCKS = 120
-"""Of all drives together: beyond an hour blocks grow, so that memory is bounded."""
 
 
 class Study:
@@ -38,7 +36,7 @@ class Study:
         """At least one reader; with `simulation` the second of two is what the first is compared with."""
         self.simulation = simulation
         windows = sum(len(reader.windows) for reader in readers)
-        block_s = max(BLOCK_S, windows / MAX_BLOCKS)
+        block_s = max(SETTINGS.preparation.block_s, windows / SETTINGS.preparation.most_blocks)
         apart = () if simulation else ("time", "distance")
         stds = [covariate_stds(reader, first_noise(reader)) for reader in readers]
         common = _common_knots(readers, stds, apart) if len(readers) > 1 else {}

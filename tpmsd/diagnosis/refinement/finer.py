@@ -11,18 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.response import FINER, READINGS, finer_knots, first_hat, hat_functions
+from tpmsd.diagnosis.hypotheses.response import READINGS, finer_knots, first_hat, hat_functions
 from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, Term, shape_price
 from tpmsd.diagnosis.prepared.drive_study import Hat, Refined
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence, gain_of
 from tpmsd.wheels import WHEELS, FloatArray
-
-LEVELS = (1, 2, 4)
-"""Intervals tried, in those of the first look."""
-WORTH = 3.0
-"""Log-likelihood beyond the penalty by which finer knots must be better."""
 
 Columns = list[tuple[Refined, dict[int, FloatArray]]]
 
@@ -75,10 +71,10 @@ def finer_shape(study: Study, evidence: Evidence, others: list[Term], term: Term
         flat = rows.reshape(-1, len(gram))
         gram += flat.T @ flat
     without = gain_of(gram[: 1 + design.shape[1], : 1 + design.shape[1]])
-    best = selector.gain([*others, term]) - without - term.penalty + WORTH
+    best = selector.gain([*others, term]) - without - term.penalty + SETTINGS.refinement.finer_nats
     chosen: FloatArray | None = None
-    for level in LEVELS:
-        intervals = min(len(fine) - 1, level * (len(fine) - 1) // FINER)
+    for level in SETTINGS.refinement.levels:
+        intervals = min(len(fine) - 1, level * (len(fine) - 1) // SETTINGS.hypotheses.finer)
         at = np.unique(np.round(np.linspace(0, len(fine) - 1, intervals + 1)).astype(int))
         # A coarse hat is a sum of fine ones.
         combined = hat_functions(fine, fine[at])[:, first:]
@@ -95,7 +91,7 @@ def _finest(study: Study, term: Term) -> FloatArray:
     drives = [study.drives[number] for number in study.acting(term)]
     values = np.concatenate([drive.reader.windows.covariates[term.covariate] for drive in drives])
     std = max(drive.stds.get(term.covariate, 0.0) for drive in drives)
-    return finer_knots(values, FINER * (len(study.knots(term)) - 1), std)
+    return finer_knots(values, SETTINGS.hypotheses.finer * (len(study.knots(term)) - 1), std)
 
 
 def _first(term: Term) -> int:

@@ -19,14 +19,9 @@ from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.refinement.finer import Shape, finer_shape, finest_shape
 from tpmsd.diagnosis.selection.chosen import Selection
 from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence
 from tpmsd.wheels import WHEELS, FloatArray
-
-ROUNDS = 4
-PLAIN = 40.0
-"""Log-likelihood beyond its penalty from which a spline term is no noise."""
-BEST = 3
-"""Candidates among which a shape is looked for."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +80,7 @@ def plainest_shape(study: Study, evidence: Evidence, design: FloatArray) -> Term
         hypotheses.ramp_gains(gram, b) + hypotheses.pulse_gains(gram, b) + hypotheses.smooth_gains(gram, b)
     )
     gain, term = max(found, key=lambda entry: entry[0] - entry[1].penalty)
-    if gain - term.penalty < PLAIN:
+    if gain - term.penalty < SETTINGS.refinement.plain_nats:
         return None
     if study.simulation or not _is_coarse(term):
         return term
@@ -108,7 +103,7 @@ def _shapes(study: Study, evidence: Evidence, terms: list[Term]) -> list[Shape]:
     heights look unsure.
     """
     asked = [(term, terms[:k] + terms[k + 1 :]) for k, term in enumerate(terms)]
-    for _, found in Selector(evidence, study.hypotheses).candidates(terms)[:BEST]:
+    for _, found in Selector(evidence, study.hypotheses).candidates(terms)[: SETTINGS.refinement.best]:
         if _is_coarse(found[0]):
             asked.append((found[0], terms))
             break
@@ -173,7 +168,7 @@ def _best(
         assert term.at is not None
         centre, width = Point(term.at), Point(grid.step)
     columns: dict[int, FloatArray] = {}
-    for _ in range(ROUNDS):
+    for _ in range(SETTINGS.refinement.rounds):
         points = _trials(term, centre, width)
         cross, size = np.zeros((len(believed), len(points))), np.zeros(len(points))
         trials = {}

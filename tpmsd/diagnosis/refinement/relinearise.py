@@ -12,13 +12,11 @@ import numpy as np
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.selection.chosen import Selection
 from tpmsd.diagnosis.selection.described import effect_of
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.physics.catalogue import RADIUS
 from tpmsd.physics.effect import Effect
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import WHEELS
-
-MAX_CALIBRATION = 0.05
-"""Relative change of a radius at one time."""
 
 
 def relinearise(study: Study, selection: Selection) -> None:
@@ -39,6 +37,6 @@ def relinearise(study: Study, selection: Selection) -> None:
         for k, name in enumerate(drive.names):
             if name[0] == RADIUS.name:
                 wheel = WHEELS.index(name[1])
-                most = MAX_CALIBRATION * radii[wheel]
+                most = SETTINGS.refinement.most_calibration * radii[wheel]
                 radii[wheel] += float(np.clip(own[k], -most, most))
         drive.relinearise(ExtendedModel(tuple(effects)), radii, drive.own(origin[:, None])[1:, 0], own[1:])

@@ -13,10 +13,8 @@ import numpy as np
 
 from tpmsd.diagnosis.assessment.result import DownWeighted
 from tpmsd.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.windows import CHANNEL_NAMES
-
-MUCH = 0.25
-"""Share of a block's data from which its span of time is named."""
 
 
 def down_weighted(drives: Sequence[DriveStudy]) -> DownWeighted:
@@ -46,7 +44,7 @@ def _spans(drive: DriveStudy, gone: np.ndarray, measured: np.ndarray) -> list[tu
     share = total / np.maximum(np.bincount(drive.blocks, measured.sum(axis=1)), 1)
     time_s = drive.reader.windows.time_s
     out: list[tuple[float, float]] = []
-    for block in np.flatnonzero(share > MUCH):
+    for block in np.flatnonzero(share > SETTINGS.report.much_removed):
         at = time_s[drive.blocks == block]
         begin, end = float(at[0] - 0.5), float(at[-1] + 0.5)
         if out and begin - out[-1][1] < 1.5:

@@ -25,11 +25,11 @@ from tpmsd.diagnosis.reporting.down_weighted import down_weighted
 from tpmsd.diagnosis.reporting.information import speed_ranges
 from tpmsd.diagnosis.reporting.traces import ground, traces
 from tpmsd.diagnosis.reporting.where import where_of, whole_range
-from tpmsd.diagnosis.selection.candidates import ADMIT
 from tpmsd.diagnosis.selection.chosen import Chosen, Selection
-from tpmsd.diagnosis.selection.described import STEP_S, neutral_of, nonlinear_of, usual, words_of
+from tpmsd.diagnosis.selection.described import neutral_of, nonlinear_of, usual, words_of
 from tpmsd.diagnosis.selection.empirical import empirical_effect, shape_of
 from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence
 from tpmsd.inference.trajectory import WINDOW_S
 from tpmsd.inference.windows import CHANNEL_NAMES
@@ -37,9 +37,6 @@ from tpmsd.physics.catalogue import FAULT, make_effect, parameters_of
 from tpmsd.physics.effect import Effect, Parameter, Std
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import WHEELS
-
-WANDERS = 2e-4
-"""Relative standard deviation of the radius drift from which it is reported."""
 
 
 def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[str, ...] = ()) -> Diagnosis:
@@ -202,7 +199,7 @@ def _quantities(one: Chosen, nonlinear: dict[str, float]) -> dict[str, Quantity]
         if term.at is not None:
             std = nonlinear.get(name, term.at)
         else:
-            std = math.hypot(nonlinear.get(name, STEP_S), WINDOW_S)
+            std = math.hypot(nonlinear.get(name, SETTINGS.selection.step_s), WINDOW_S)
         out[name] = Quantity(value, std, known[name].unit)
     return out
 
@@ -230,7 +227,7 @@ def _unexplained(study: Study, selector: Selector, terms: list[Term]) -> Where |
         ratio = selector.ratio([*terms, term], len(terms))
         gain = (net + term.penalty) / ratio - term.penalty
         rest = evidence_gain(selector, terms, term)
-        if gain > 2 * ADMIT and rest > ADMIT:
+        if gain > 2 * SETTINGS.selection.admit_nats and rest > SETTINGS.selection.admit_nats:
             return whole_range(study, term)
     return None
 
@@ -238,7 +235,7 @@ def _unexplained(study: Study, selector: Selector, terms: list[Term]) -> Where |
 def _wandering(study: Study) -> Where | None:
     """Radius drift beyond what tyres and roads make: something acts that no term holds."""
     drive = max(study.drives, key=lambda one: one.noise.wander)
-    if drive.noise.wander < WANDERS:
+    if drive.noise.wander < SETTINGS.report.drift_told_from:
         return None
     wheels = tuple(WHEELS[k] for k in drive.reader.recording.wheels)
     end = float(drive.reader.recording.edges_s[-1])

@@ -14,17 +14,15 @@ import numpy as np
 
 from tpmsd.diagnosis.assessment.result import SpeedRange
 from tpmsd.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.physics.catalogue import RADIUS
 from tpmsd.wheels import FloatArray
-
-EDGES_MPS = (0.0, 2.5, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 60.0)
-"""Between two speeds a drive's information is added up."""
 
 
 def speed_ranges(drives: Sequence[DriveStudy]) -> tuple[SpeedRange, ...]:
     """The ranges in which the drives were compared, the slowest first."""
     out = []
-    for low, high in pairwise(EDGES_MPS):
+    for low, high in pairwise(SETTINGS.report.speeds_mps):
         seconds, information = 0, 0.0
         for drive in drives:
             speed = drive.reader.windows.covariates["speed"]

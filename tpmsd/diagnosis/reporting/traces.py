@@ -15,11 +15,10 @@ from tpmsd.diagnosis.reporting.where import values_of, where_of
 from tpmsd.diagnosis.selection.chosen import Selection
 from tpmsd.diagnosis.selection.described import usual
 from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence
 from tpmsd.inference.windows import EAST, NORTH
 from tpmsd.wheels import FloatArray
-
-BINS = 16
 
 
 def traces(study: Study, selection: Selection, evidence: Evidence) -> list[Trace]:
@@ -62,7 +61,7 @@ def traces(study: Study, selection: Selection, evidence: Evidence) -> list[Trace
 
 def _edges(values: FloatArray) -> FloatArray:
     """Edges of bins with alike many windows, none narrower than a fortieth of the usual range."""
-    quantiles = np.quantile(values, np.linspace(0.0, 1.0, BINS + 1))
+    quantiles = np.quantile(values, np.linspace(0.0, 1.0, SETTINGS.report.bins + 1))
     least = (quantiles[-2] - quantiles[1]) / 40.0
     edges = [quantiles[0]]
     for edge in quantiles[1:]:

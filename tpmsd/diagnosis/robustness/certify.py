@@ -43,26 +43,13 @@ from tpmsd.diagnosis.selection.candidates import Candidates
 from tpmsd.diagnosis.selection.chosen import Selection
 from tpmsd.diagnosis.selection.described import effect_of
 from tpmsd.diagnosis.selection.empirical import empirical_effect
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence
 from tpmsd.inference.recording import Recording
 from tpmsd.inference.replicate import replicate
 from tpmsd.inference.trajectory import reference
 from tpmsd.physics.effect import Effect
 from tpmsd.physics.model import ExtendedModel
-
-FALSE_DISCOVERIES = 0.01
-"""Expected share of false findings among the findings."""
-EXCEEDED = 3
-"""Replicates beyond a finding after which it is no longer in doubt that chance makes as much."""
-FEWEST = 7
-"""Replicates before drawing may stop for want of doubt."""
-BEYOND_DOUBT = 1e-4
-"""Probability below which no further replicate changes the answer: a hundredth of the discovery rate."""
-LEAST_P = 1e-9
-"""A tail that was fitted to a few replicates tells no smaller probability."""
-LEAST_SCALE = 1.0
-"""Scale of the maxima's distribution, nats: half a chi-square falls off by e per nat, whatever its degrees of
-freedom (Wilks 1938). Scatter of a few maxima may look narrower than that; it is not."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +98,7 @@ def certified(
     ]
     rest = statistics.pop()
     control = negative_control(study, selection)
-    certain = discoveries(p_values, FALSE_DISCOVERIES)
+    certain = discoveries(p_values, SETTINGS.robustness.false_discovery_rate)
     stand = [sure and one.value > control for sure, one in zip(certain, statistics, strict=True)]
     findings = tuple(
         replace(finding, p_value=p, status=FINDING if stands else SUSPICION)
@@ -170,12 +157,14 @@ def p_value(value: float, maxima: Sequence[float]) -> float:
     count = len(maxima)
     exceeded = beyond(value, maxima)
     if exceeded:
-        return exceeded / count if exceeded >= EXCEEDED else (exceeded + 1) / (count + 1)
+        return exceeded / count if exceeded >= SETTINGS.robustness.exceeded else (exceeded + 1) / (count + 1)
     spread = float(np.std(maxima, ddof=1)) if count > 1 else 0.0
-    scale = max(math.sqrt(6.0) / math.pi * spread, LEAST_SCALE) * (1.0 + 2.0 / math.sqrt(count))
+    scale = max(math.sqrt(6.0) / math.pi * spread, SETTINGS.robustness.least_scale_nats) * (
+        1.0 + 2.0 / math.sqrt(count)
+    )
     middle = float(np.mean(maxima)) - np.euler_gamma * scale
     tail = -math.expm1(-math.exp(-(value - middle) / scale))
-    return min(max(tail, LEAST_P), 1.0 / (count + 1))
+    return min(max(tail, SETTINGS.robustness.least_p), 1.0 / (count + 1))
 
 
 def beyond(value: float, maxima: Sequence[float]) -> int:
@@ -196,9 +185,12 @@ def discoveries(p_values: Sequence[float], rate: float) -> list[bool]:
 
 
 def _decided(value: float, maxima: Sequence[float]) -> bool:
-    if beyond(value, maxima) >= EXCEEDED:
+    if beyond(value, maxima) >= SETTINGS.robustness.exceeded:
         return True
-    return len(maxima) >= FEWEST and p_value(value, maxima) < BEYOND_DOUBT
+    return (
+        len(maxima) >= SETTINGS.robustness.fewest_replicates
+        and p_value(value, maxima) < SETTINGS.robustness.beyond_doubt
+    )
 
 
 def _again(study: Study, models: Sequence[ExtendedModel], rng: np.random.Generator) -> Replicate:

@@ -18,26 +18,15 @@ import numpy as np
 from tpmsd.diagnosis.hypotheses.terms import PATTERNS, Term
 from tpmsd.diagnosis.prepared.drive_study import DriveStudy
 from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.selection.candidates import ADMIT
 from tpmsd.diagnosis.selection.chosen import Selection
 from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence, gain_of
 from tpmsd.inference.noise import PRIORS, Noise
 from tpmsd.inference.noise_fit import SLOW, log_posterior, refit_slow, refit_wander
 from tpmsd.inference.whitening import whiten
 from tpmsd.physics.effect import Look
 from tpmsd.wheels import WHEELS, FloatArray
-
-CLEAR = 80.0
-"""Log-likelihood beyond which no slow noise of a receiver is the reason."""
-SURE = 0.95
-"""Confidence below which an effect is not told from what instruments usually make."""
-CLEAR_OF_WHEEL = 3000.0
-"""The same of a wheel that changes against the others."""
-WANDERS = 1e-4
-"""Relative standard deviation of the radius drift that is more than usual: five times that."""
-UNSURE_OF_WANDER = 1.5
-"""Factor by which so much drift may be greater than it seems: a drive holds but a few of its swings."""
 
 
 def confirmed(study: Study, selection: Selection, evidence: Evidence) -> tuple[Selection, Evidence]:
@@ -46,7 +35,8 @@ def confirmed(study: Study, selection: Selection, evidence: Evidence) -> tuple[S
         looks = one.term.kind_of.looks
         common = looks is Look.COMMON or _of_all_read(study, one.term)
         wheel = looks is Look.WHEEL or one.term.covariate in ("time", "distance")
-        if one.gain > (CLEAR if common else CLEAR_OF_WHEEL if wheel else 0.0):
+        clear = SETTINGS.robustness.clear_of_drift_nats if wheel else 0.0
+        if one.gain > (SETTINGS.robustness.clear_of_receiver_nats if common else clear):
             continue
         terms = [other.term for other in selection.chosen if other is not one]
         selector = Selector(evidence, study.hypotheses)
@@ -54,7 +44,7 @@ def confirmed(study: Study, selection: Selection, evidence: Evidence) -> tuple[S
         null = {
             number: _noise_without(study.drives[number], without, common) for number in study.acting(one.term)
         }
-        if _gain(study, with_it, without.shape[1], null) < ADMIT + one.term.penalty:
+        if _gain(study, with_it, without.shape[1], null) < SETTINGS.selection.admit_nats + one.term.penalty:
             for number, noise in null.items():
                 study.drives[number].noise = noise
             evidence = study.evidence()
@@ -74,7 +64,7 @@ def _receivers_own(study: Study, selection: Selection, evidence: Evidence) -> Se
     terms = [one.term for one in selection.chosen]
     for k, one in enumerate(selection.chosen):
         usual = one.term.kind_of.beside
-        if not usual or one.confidence >= SURE:
+        if not usual or one.confidence >= SETTINGS.robustness.sure:
             continue
         same = [t for t in study.hypotheses.catalogue if t.effect in usual and t.drive == one.term.drive]
         if same and not any(term.effect in usual for term in terms):
@@ -88,8 +78,8 @@ def _noise_without(drive: DriveStudy, design: FloatArray, common: bool) -> Noise
     if not common:
         start = replace(drive.noise, wander=max(drive.noise.wander, PRIORS["wander"][0]))
         null = refit_wander(windows, columns, start, drive.inflate)
-        much = drive.noise.wander >= WANDERS
-        return replace(null, wander=UNSURE_OF_WANDER * null.wander) if much else null
+        much = drive.noise.wander >= SETTINGS.robustness.drifts_from
+        return replace(null, wander=SETTINGS.robustness.drift_unsure * null.wander) if much else null
     middles: dict[str, Any] = {name: PRIORS[name][0] for name in SLOW}
     starts = (drive.noise, replace(drive.noise, **middles))
     found = [refit_slow(windows, columns, start, drive.inflate) for start in starts]

@@ -18,21 +18,19 @@ import numpy as np
 
 from tpmsd.diagnosis.hypotheses.terms import Term
 from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.selection.candidates import ADMIT
 from tpmsd.diagnosis.selection.chosen import Selection
 from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence
 from tpmsd.inference.noise import PRIORS
 from tpmsd.inference.noise_fit import refit
 from tpmsd.inference.windows import GYRO
 
 USUAL = PRIORS["gyro_drift_radps"][0]
-DRIFTS = 4.0 * USUAL
+DRIFTS = SETTINGS.robustness.gyro_walks_from * USUAL
 """Estimated walk (rad/s per square root of a second) that is more than usual."""
 GYRO_NOISE = ["gyro_radps", "gyro_drift_radps"]
 READING = "yaw_rate"
-FAR_RADPS = 5e-4
-"""Range of a shape that is no usual walk: eight standard deviations of a quarter of an hour's."""
 
 
 def drifting(study: Study, selection: Selection, evidence: Evidence) -> tuple[Selection, Evidence]:
@@ -54,7 +52,10 @@ def drifting(study: Study, selection: Selection, evidence: Evidence) -> tuple[Se
         calm = study.evidence()
         selector = Selector(calm, study.hypotheses, last=True)
         sure = selector.heldout([*others, shape]) - selector.heldout(terms) - shape.penalty
-        if sure > ADMIT and _range(selector, others, shape) > FAR_RADPS:
+        if (
+            sure > SETTINGS.selection.admit_nats
+            and _range(selector, others, shape) > SETTINGS.robustness.gyro_far_radps
+        ):
             found = selector.judged([*others, shape])
             if any(one.term is shape for one in found.chosen):
                 return _as_sure_as(found, shape, sure), calm

@@ -16,12 +16,11 @@ from tpmsd.diagnosis.hypotheses.terms import shape_price
 from tpmsd.diagnosis.prepared.drive_study import DriveStudy
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.selection.chosen import Selection
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.wheels import WHEELS, FloatArray
 
 OF_TIME = ("time", "distance")
 """Reversed, they are what they were."""
-_RIDGE = 1e-6
-"""Of columns of unit length: what the model explains already has next to nothing left."""
 
 
 def negative_control(study: Study, selection: Selection) -> float:
@@ -63,5 +62,5 @@ def _gain(X: FloatArray, y: FloatArray) -> float:
     """Log-likelihood that columns (n, k) bring on data (n,)."""
     size = np.maximum(np.linalg.norm(X, axis=0), 1e-150)
     score = (y @ X) / size
-    gram = X.T @ X / np.outer(size, size) + _RIDGE * np.eye(len(size))
+    gram = X.T @ X / np.outer(size, size) + SETTINGS.robustness.ridge * np.eye(len(size))
     return 0.5 * float(score @ np.linalg.solve(gram, score))

@@ -18,16 +18,12 @@ import numpy as np
 
 from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Term, group_gain
 from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.robustness.confirm import WANDERS
-from tpmsd.diagnosis.selection.candidates import ADMIT, SPLINE_MARGIN
 from tpmsd.diagnosis.selection.chosen import Selection
 from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence
 from tpmsd.inference.noise import PRIORS
 from tpmsd.wheels import WHEELS
-
-TOGETHER = 0.85
-"""Share of what four separate wheels bring that one group must bring."""
 
 
 def together(
@@ -41,7 +37,7 @@ def together(
     drive = study.drives[0]
     if len(study.drives) > 1 or len(drive.reader.recording.wheels) < len(WHEELS):
         return selection, evidence
-    if drive.noise.wander < WANDERS:
+    if drive.noise.wander < SETTINGS.robustness.drifts_from:
         return selection, evidence
     noise = drive.noise
     drive.noise = replace(noise, wander=PRIORS["wander"][0], wander_tau_s=PRIORS["wander_tau_s"][0])
@@ -65,7 +61,7 @@ def _changed_radius(selector: Selector, terms: list[Term], shape: Term, before: 
     for term in before:
         if term.ramp and term.wheel == shape.place and term not in terms:
             gain, _ = group_gain(term.design[1:], gram, b)
-            if gain - term.penalty > (1.0 - SPLINE_MARGIN) * free - shape.penalty:
+            if gain - term.penalty > (1.0 - SETTINGS.selection.spline_handicap) * free - shape.penalty:
                 return term
     return None
 
@@ -89,11 +85,13 @@ def _common_shape(selector: Selector, terms: list[Term]) -> Term | None:
             if not term.on_radii or place == "all":
                 continue
             gain, _ = group_gain(term.design[1:], gram, b)
-            if gain > TOGETHER * whole and (best is None or gain - term.penalty > best[0]):
+            if gain > SETTINGS.robustness.together_share * whole and (
+                best is None or gain - term.penalty > best[0]
+            ):
                 best = (gain - term.penalty, term)
     if best is None:
         return None
     term = best[1]
     # Its few knots leave much of it, so the scatter from block to block is its own; what it predicts counts.
     more = selector.heldout([*terms, term]) - selector.heldout(terms)
-    return term if more > term.penalty + ADMIT else None
+    return term if more > term.penalty + SETTINGS.selection.admit_nats else None

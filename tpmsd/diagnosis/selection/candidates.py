@@ -11,15 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term, group_gain
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence
 from tpmsd.wheels import FloatArray
-
-ADMIT = 6.0
-"""Log-likelihood beyond its penalty that a term must bring."""
-SPLINE_MARGIN = 0.08
-"""Share of its gain by which a spline term must beat an effect: no effect's formula is the last word."""
-FREE_DRIFT = 0.25
-"""The same over time or distance on all wheels, where the receiver's slow error looks alike."""
 
 
 class Candidates:
@@ -51,7 +45,7 @@ class Candidates:
         usable = []
         for term in free:
             rows = np.flatnonzero(np.any(term.design[1:] != 0.0, axis=1))
-            if np.any(np.diag(gram)[rows] < 1e-5 * total[rows]):
+            if np.any(np.diag(gram)[rows] < SETTINGS.selection.least_own_share * total[rows]):
                 continue
             usable.append(term)
             gain, first = group_gain(term.design[1:], gram, b)
@@ -75,7 +69,7 @@ class Candidates:
         if len(at) < 2:
             return []
         d = np.diag(gram)[at]
-        good = d > 1e-5 * total[at]
+        good = d > SETTINGS.selection.least_own_share * total[at]
         at, single, d = at[good], [t for t, g in zip(single, good, strict=True) if g], d[good]
         G = gram[np.ix_(at, at)]
         det = np.outer(d, d) - G**2
@@ -101,7 +95,7 @@ class Candidates:
         every = self.candidates(chosen)
         out, met = every[:6], {terms[0].effect for _, terms in every[:6]}
         for net, terms in every[6:]:
-            if net > ADMIT and terms[0].effect not in met:
+            if net > SETTINGS.selection.admit_nats and terms[0].effect not in met:
                 met.add(terms[0].effect)
                 out.append((net, terms))
         return out
@@ -117,4 +111,4 @@ class Candidates:
 def handicap(shape: Term) -> float:
     """Share of its gain that a spline term must bring more than an effect."""
     drift = shape.place == "all" and shape.covariate in ("time", "distance")
-    return FREE_DRIFT if drift else SPLINE_MARGIN
+    return SETTINGS.selection.drift_handicap if drift else SETTINGS.selection.spline_handicap

@@ -10,12 +10,10 @@ import numpy as np
 
 from tpmsd.diagnosis.hypotheses.terms import PATTERNS, Term
 from tpmsd.diagnosis.selection.chosen import Chosen
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.physics.catalogue import make_effect, parameters_of
 from tpmsd.physics.effect import Effect, Parameter, TextParameter, WheelParameter
 from tpmsd.wheels import FloatArray
-
-STEP_S = 3.0
-"""A ramp shorter than this is a step: the middle of a window is known no better."""
 
 
 def neutral_of(effect: str, parameter: str) -> float:
@@ -51,7 +49,7 @@ def nonlinear_of(term: Term) -> dict[str, float]:
         out[grid.parameter] = term.at
     if term.ramp or (term.pulse and not term.free):
         onset, duration = term.span_s[0], term.span_s[1] - term.span_s[0]
-        if duration < STEP_S and term.ramp:
+        if duration < SETTINGS.selection.step_s and term.ramp:
             onset, duration = onset + 0.5 * duration, 0.0
         out |= {"onset_s": onset, "duration_s": duration}
     return out

@@ -11,12 +11,10 @@ import numpy as np
 from tpmsd.diagnosis.hypotheses.response import READINGS
 from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS
 from tpmsd.diagnosis.selection.chosen import Chosen
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.physics.catalogue import FREE, make_effect
 from tpmsd.physics.effect import Effect, Std
 from tpmsd.wheels import FloatArray
-
-EDGE_S = 0.5
-"""Half the time in which a pulse rises."""
 
 
 def shape_of(one: Chosen, knots: FloatArray) -> tuple[tuple[float, float, float], ...]:
@@ -24,7 +22,7 @@ def shape_of(one: Chosen, knots: FloatArray) -> tuple[tuple[float, float, float]
     if one.term.pulse:
         begin, end = one.term.span_s
         height, std = float(one.values[0]), float(one.stds[0])
-        edge = min(EDGE_S, 0.25 * (end - begin))
+        edge = min(SETTINGS.selection.pulse_edge_s, 0.25 * (end - begin))
         return (
             (begin - edge, 0.0, 0.0),
             (begin + edge, height, std),

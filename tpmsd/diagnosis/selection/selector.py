@@ -16,46 +16,17 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.plausible import IMPOSSIBLE, against_ratio, ratio_limits, thinkable
+from tpmsd.diagnosis.hypotheses.plausible import against_ratio, ratio_limits, thinkable
 from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term, group_gain
-from tpmsd.diagnosis.selection.candidates import ADMIT, Candidates
+from tpmsd.diagnosis.selection.candidates import Candidates
 from tpmsd.diagnosis.selection.chosen import Chosen, Selection
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence
 from tpmsd.physics.catalogue import FAULT, FREE
 from tpmsd.wheels import FloatArray
 
-HELDOUT = 4.0
-"""Log-likelihood on held-out blocks that it must bring."""
-SHARE_OF_REST = 1e-5
-"""A term must also bring this share of what all terms together bring: no linearised model is better than
-that.
-"""
-MODEL_ERROR = 4e-3
-"""Relative standard deviation of any value: the reference motion that it multiplies is no better known."""
-BESIDE = 0.03
-"""Share of what effects bring that a spline term beside them must bring: so well their formulas hold."""
-LIKE = 0.05
-"""Share of what a spline term brings that an effect over the same covariate must bring beside it: a shape is
-one of many that would do, and what its form leaves looks like whatever depends on the same.
-"""
-ELSEWHERE = 1e-3
-"""Share of what a spline term of the wheels brings that an effect on differences between wheels must bring
-beside it even over another covariate: slip that no effect holds is not the same on the inner wheels of a
-bend."""
-SAME = 0.97
-"""Share of an effect's response from which a spline term on those wheels is the same effect without a
-name."""
-MAX_TERMS = 8
-RIVAL = 2.0
-"""Rivals whose fit is worse by less than this are not told apart."""
-ALIKE = 5e-4
-"""The same as a share of the gain: what parts two effects that fit so nearly alike is what is not linear in
-the responses, and not the drive."""
 SPLITS = (("front", "rear"), ("left", "right"))
 """Pairs of places that may act each in its own way."""
-MIN_EIGENVALUE = 1e-6
-"""Of the terms' correlation matrix, calibration included."""
-_MAX_RATIO = 25.0
 
 
 class Selector(Candidates):
@@ -68,7 +39,7 @@ class Selector(Candidates):
         self._bounds = hypotheses.bounds
         self._shares: dict[tuple[int, str, str], float] = {}
 
-    def select(self, most: int = MAX_TERMS) -> Selection:
+    def select(self, most: int = SETTINGS.selection.most_terms) -> Selection:
         """Choose, in at most so many steps."""
         chosen: list[Term] = []
         seen: set[frozenset[int]] = set()
@@ -93,7 +64,7 @@ class Selector(Candidates):
         while chosen:
             heldout = [self._heldout_gain(chosen, k) for k in range(len(chosen))]
             worst = int(np.argmin(heldout))
-            if heldout[worst] >= HELDOUT:
+            if heldout[worst] >= SETTINGS.selection.heldout_nats:
                 break
             chosen = chosen[:worst] + self._coarser(chosen, worst) + chosen[worst + 1 :]
         judged = [self._judge(chosen, k) for k in range(len(chosen))]
@@ -124,18 +95,20 @@ class Selector(Candidates):
         fit = self.evidence.fit(self.design(terms))
         start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in terms[:which])
         ratios = self.evidence.sandwich(fit)[start : start + terms[which].design.shape[1]]
-        return float(np.clip(np.max(ratios), 1.0, _MAX_RATIO))
+        return float(np.clip(np.max(ratios), 1.0, SETTINGS.selection.most_overdispersion))
 
     def _threshold(self, chosen: Sequence[Term]) -> float:
         base = self.gain([])
-        return ADMIT + SHARE_OF_REST * max(self.gain(chosen) - base, 0.0)
+        return SETTINGS.selection.admit_nats + SETTINGS.selection.share_of_rest * max(
+            self.gain(chosen) - base, 0.0
+        )
 
     def _best_addition(self, chosen: list[Term]) -> list[Term] | None:
         singles = self.foremost(chosen)
         best: tuple[float, list[Term]] | None = None
         threshold = self._threshold(chosen)
         free = [term for term in chosen if term.free or term.ramp]
-        beside = BESIDE * (self.gain(chosen) - self.gain(free))
+        beside = SETTINGS.selection.beside_effects * (self.gain(chosen) - self.gain(free))
         for gain, terms in [*singles, *self.pairs(chosen)[:3]]:
             price = sum(term.penalty for term in terms)
             now = chosen + terms
@@ -148,7 +121,7 @@ class Selector(Candidates):
                 weakest = min(self._needed(now, len(chosen) + k) for k in range(2))
                 if weakest < threshold:
                     continue
-                sure -= ADMIT
+                sure -= SETTINGS.selection.admit_nats
             needed = threshold if self._completes(chosen, terms[0]) else max(threshold, beside)
             if min(self._spare(now, len(chosen) + k) for k in range(len(terms))) < 0.0:
                 continue
@@ -164,10 +137,11 @@ class Selector(Candidates):
         rows = np.flatnonzero(np.any(design != 0.0, axis=1))
         gram = design[rows].T @ self.evidence.total[np.ix_(rows, rows)] @ design[rows]
         scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-        if float(np.linalg.eigvalsh(gram / np.outer(scale, scale))[0]) < MIN_EIGENVALUE:
+        if float(np.linalg.eigvalsh(gram / np.outer(scale, scale))[0]) < SETTINGS.selection.least_eigenvalue:
             return False
         return all(
-            thinkable(term, values, self._bounds) and against_ratio(term, values, covariance) <= IMPOSSIBLE
+            thinkable(term, values, self._bounds)
+            and against_ratio(term, values, covariance) <= SETTINGS.hypotheses.impossible_nats
             for term, values, covariance in self._fitted(terms)
         )
 
@@ -185,7 +159,7 @@ class Selector(Candidates):
         if all(ratio_limits(term) is None for term in terms):
             return True
         return all(
-            against_ratio(term, values, covariance) <= IMPOSSIBLE
+            against_ratio(term, values, covariance) <= SETTINGS.hypotheses.impossible_nats
             for term, values, covariance in self._fitted(terms)
         )
 
@@ -206,11 +180,15 @@ class Selector(Candidates):
         if not over and not apart:
             return math.inf
         free = [*terms, *self._beside(terms, which)]
-        least = ADMIT if over else -math.inf
+        least = SETTINGS.selection.admit_nats if over else -math.inf
         for shape in [*over, *apart]:
             alone = [term for term in terms if term is not shape and term is not terms[which]]
             brings = self.gain([*alone, shape]) - self.gain(alone)
-            share = ELSEWHERE if shape in apart else LIKE * self._replaced(terms[which], shape)
+            share = (
+                SETTINGS.selection.over_other_covariate
+                if shape in apart
+                else SETTINGS.selection.over_same_covariate * self._replaced(terms[which], shape)
+            )
             least = max(least, share * brings)
         return self._needed(free, which) - least
 
@@ -253,7 +231,7 @@ class Selector(Candidates):
         places = {term.place for term in over}
         wanted = ("all" if "all" not in places else "front",) if "all" in usual else ("front", "rear")
         out = [usual[place] for place in wanted if place in usual and place not in places]
-        out = [shape for shape in out if self._replaced(terms[which], shape) < SAME]
+        out = [shape for shape in out if self._replaced(terms[which], shape) < SETTINGS.selection.same_effect]
         effect = terms[which].kind_of
         alike = {*effect.beside, *(effect.beside_value if value else ())} - {term.effect for term in terms}
         return out + [term for term in self.hypotheses.catalogue if term.effect in alike]
@@ -272,12 +250,16 @@ class Selector(Candidates):
 
     def _exchange(self, chosen: list[Term]) -> list[Term]:
         """Replace terms by better rivals until none is left."""
-        for _ in range(3 * MAX_TERMS):
+        for _ in range(3 * SETTINGS.selection.most_terms):
             improved = False
             for k in range(len(chosen)):
                 rest = chosen[:k] + chosen[k + 1 :]
                 now = self.net(chosen[k], self.gain(chosen) - self.gain(rest), self._first(chosen, k))
-                better = [terms for net, terms in self.candidates(rest)[:4] if net > now + 0.5]
+                better = [
+                    terms
+                    for net, terms in self.candidates(rest)[:4]
+                    if net > now + SETTINGS.selection.exchange_nats
+                ]
                 better = [
                     terms
                     for terms in better
@@ -306,7 +288,10 @@ class Selector(Candidates):
                 rest = [term for term in chosen if term is not shape and term is not other]
                 trials = [[*rest, *terms] for terms in options]
                 best = max([chosen, *(terms for terms in trials if self._sane(terms))], key=self._worth)
-                if best is not chosen and self._worth(best) > self._worth(chosen) + 0.5:
+                if (
+                    best is not chosen
+                    and self._worth(best) > self._worth(chosen) + SETTINGS.selection.exchange_nats
+                ):
                     return self._exchanged_patterns(best)
         return chosen
 
@@ -316,7 +301,7 @@ class Selector(Candidates):
 
     def _independent(self, terms: list[Term], term: Term, gain: float) -> bool:
         """Whether a term brings most of its gain beside its rival too: then they explain different things."""
-        return self.gain([*terms, term]) - self.gain(terms) > 0.5 * gain
+        return self.gain([*terms, term]) - self.gain(terms) > SETTINGS.selection.independent_share * gain
 
     def _first(self, terms: Sequence[Term], which: int) -> float:
         """The first value of one of the terms in the joint fit."""
@@ -325,7 +310,7 @@ class Selector(Candidates):
 
     def _prune(self, chosen: list[Term]) -> list[Term]:
         while len(chosen) > 1:
-            threshold = 0.7 * self._threshold(chosen)
+            threshold = SETTINGS.selection.needed_share * self._threshold(chosen)
             spare = [
                 min(self._needed(chosen, k) - threshold, self._spare(chosen, k)) for k in range(len(chosen))
             ]
@@ -345,11 +330,11 @@ class Selector(Candidates):
         start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in chosen[:which])
         at = slice(start, start + term.design.shape[1])
         beside = self.evidence.fit(self.design([*chosen, *self._beside(chosen, which, value=True)]))
-        ratios = np.clip(self.evidence.sandwich(beside)[at], 1.0, _MAX_RATIO)
+        ratios = np.clip(self.evidence.sandwich(beside)[at], 1.0, SETTINGS.selection.most_overdispersion)
         gain = fit.gain - self.gain(rest)
         sure = gain / float(ratios.max()) - term.penalty
         rivals: dict[str, float] = {}
-        alike = max(RIVAL, ALIKE * gain)
+        alike = max(SETTINGS.selection.confounded_nats, SETTINGS.selection.confounded_share * gain)
         weights = {term.effect: 1.0, "": math.exp(-min(max(sure, -50.0), 50.0))}
         for net, terms in self.candidates(rest):
             rival = terms[0]
@@ -361,14 +346,18 @@ class Selector(Candidates):
                 continue  # the sign tells the two apart
             if rival.kind_of.limit == term.effect:
                 continue  # the simpler of two that explain as much
-            if raw > 0.5 * gain and self._independent([*rest, rival], term, gain):
+            if raw > SETTINGS.selection.independent_share * gain and self._independent(
+                [*rest, rival], term, gain
+            ):
                 continue
             name = f"{FAULT.name}:{rival.wheel}" if rival.ramp else rival.effect
             better = net - self.net(term, gain, float(fit.values[start]))
             if not self._possible([*rest, rival]):
                 continue
             if name not in weights and name != term.effect:
-                weights[name] = math.exp(min(better / (float(ratios.max()) + ALIKE * gain), 0.0))
+                weights[name] = math.exp(
+                    min(better / (float(ratios.max()) + SETTINGS.selection.confounded_share * gain), 0.0)
+                )
             if rival.free or rival.effect == term.effect or rival.calibrates:
                 continue
             if raw < gain - alike and 1 < term.design.shape[1] <= 2:
@@ -391,5 +380,8 @@ class Selector(Candidates):
             confidence=confidence,
             rivals=tuple(sorted(rivals, key=lambda name: -rivals[name])),
             values=beside.values[at],
-            stds=np.sqrt(np.diag(beside.covariance)[at] * ratios + (MODEL_ERROR * beside.values[at]) ** 2),
+            stds=np.sqrt(
+                np.diag(beside.covariance)[at] * ratios
+                + (SETTINGS.selection.model_error * beside.values[at]) ** 2
+            ),
         )

@@ -1,0 +1,330 @@
+"""The settings of the diagnosis, with their units and reasons.
+
+In: nothing. Out: `SETTINGS`, with one record per room. All log-likelihoods are in nats. What decides between
+findings was fixed on the benchmark's development seeds (`python -m bench run diagnosis`, `origins`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class HypothesisSettings:
+    """Terms and their columns."""
+
+    per_value_nats: float = 3.5
+    """Penalty of a free value: half the logarithm of a thousand windows (BIC, Schwarz 1978)."""
+    shapes: int = 120
+    """Wheel patterns times covariates of a spline term: the logarithm is its penalty of multiplicity."""
+    ramp_knots: int = 40
+    """Intervals between which a radius may change: half a minute each in twenty minutes."""
+    spline_intervals: int = 5
+    """Of a spline term over a covariate at first; more are tried once it is plain."""
+    time_intervals: int = 12
+    """The same over time and distance, where a drive holds more than one swing."""
+    finer: int = 4
+    """Intervals of the finest spline, per interval of the first."""
+    apart_stds: float = 4.0
+    """Standard deviations of a covariate between two knots: a bump between nearer ones is smeared into
+    them, and what it shares with the residual bends it (errors in variables; origin `traffic`, null drive
+    1)."""
+    fewest_between_knots: int = 6
+    """Windows between two of the finest knots."""
+    fewest_readings: int = 30
+    """Windows with a reading, below which a drive does not have it; of the receiver's, twice as many."""
+    probe_m: float = 1e-5
+    """Change of a radius small enough to be linear."""
+    smallest_radius_m: float = 3e-5
+    """No road leaves a tyre's radius alone better than to this: a smaller change is not worth a name."""
+    impossible_nats: float = 12.5
+    """Against every ratio of an effect's two values that physics allows (five standard deviations): then it
+    is not this effect."""
+    best_per_drive: int = 10
+    """Terms over time and distance of one drive that a scan of several drives returns."""
+
+
+@dataclass(frozen=True, slots=True)
+class CounterSettings:
+    """What is looked for in counts, apart from the windows."""
+
+    ripple_high_pass_s: float = 0.5
+    """Width of the Gaussian that takes slow differences between wheels away: several turns."""
+    ripple_from_mps: float = 4.0
+    """Below, a turn lasts as long as the high-pass."""
+    ripple_block_ticks: int = 300
+    """Half a minute: blocks over which the ripple's variance is told."""
+    ripple_folds: int = 5
+    """Of cross-validation."""
+    ripple_admit_nats: float = 12.0
+    """For amplitude, phase and flattening of one of four wheels, and odds of a thousand."""
+    ripple_longest_period_s: float = 0.1
+    """Between readings: what is interpolated between them is flatter than the ripple, the more the faster
+    the wheel turns. Periods are tried in steps of a tenth of this."""
+    ripple_flattened_std: float = 0.1
+    """Relative standard deviation of an amplitude: how much flatter is known no better."""
+    ripple_ranges: int = 12
+    """Of turns per second, where speeds fold the ripple."""
+    ripple_folded_from: float = 2.0
+    """Gain of folded ripples, over that of plain ones, from which they are folded."""
+    ripple_folded_std: float = 0.6
+    """Relative standard deviation of an amplitude that was folded."""
+    fewest_teeth: int = 20
+    most_teeth: int = 200
+    """Counts per turn of the rings that cars have (48 to 100 are usual), and of finer ones."""
+    teeth_from_offset: float = 0.012
+    """Relative offset of a radius from which another number of teeth is thought of: radii differ by some
+    tenths of a per cent."""
+    teeth_within: float = 0.35
+    """How near to a whole number of teeth the offset must be."""
+    teeth_all_from: float = 0.055
+    """Relative offset of all wheels together: so far off no radius of a tyre of about the right size is."""
+    teeth_at_once: float = 0.04
+    """Relative offset of one wheel that is put right before anything else is looked for: no small
+    change."""
+    radius_spread: float = 0.003
+    """Relative standard deviation between the radii of one car's wheels: where one tooth is less, no count
+    is told from its neighbour."""
+    nominal_radius_m: float = 0.3
+    """Radius to which the prior of radii belongs."""
+    lost_compared_to_mps: float = 15.0
+    """Up to which fixes are compared for lost counts: beyond, radii that grow with speed show."""
+    lost_least_limit_mps: float = 1.0
+    lost_most_limit_mps: float = 4.0
+    lost_limit_step_mps: float = 0.1
+    """Speeds below which counts may be lost: passive sensors fall silent at 1 to 3 m/s."""
+    lost_least_mps: float = 0.6
+    """Least speed looked at: the receiver's course and speed are noise below."""
+    lost_errors: float = 4.0
+    """The same in standard deviations of the receiver's speed."""
+    lost_half_s: float = 0.25
+    """Half the time over which a wheel's speed is taken."""
+    lost_admit_nats: float = 14.0
+    """For the share that is lost, its limit among thirty, and odds of a thousand."""
+    lost_share: float = 0.3
+    """Least share of counts that is called lost: what is less may be a low-pass of the sensor."""
+    lost_block_s: float = 20.0
+    """Fixes nearer than this err alike."""
+    lost_braking_mps2: float = 2.0
+    """Usual change of speed before a stop, which blurs the limit."""
+    lost_fewest: int = 3
+    """Fixes below the limit."""
+
+    @property
+    def ripple_periods_s(self) -> FloatArray:
+        """Periods between readings that are tried, from none."""
+        return np.linspace(0.0, self.ripple_longest_period_s, 11)
+
+    @property
+    def lost_limits_mps(self) -> FloatArray:
+        """Limits that are tried."""
+        count = round((self.lost_most_limit_mps - self.lost_least_limit_mps) / self.lost_limit_step_mps)
+        return np.linspace(self.lost_least_limit_mps, self.lost_most_limit_mps, count + 1)
+
+
+@dataclass(frozen=True, slots=True)
+class PreparationSettings:
+    """Drives, blocks and memory."""
+
+    least_driving_s: int = 90
+    """Below, a drive is not judged: three blocks."""
+    most_drives: int = 12
+    """Each has some three hundred columns of its own."""
+    near_m: float = 100.0
+    near_share: float = 0.03
+    """Two paths are beside each other within this, and this share of the way from the start: the receiver's
+    slow error, and dead reckoning."""
+    same_length_m: float = 1e-4
+    """Configured lengths that differ by less are the same: a file's rounding."""
+    block_s: float = 30.0
+    """Blocks of cross-validation and of the sandwich variance: longer than the receiver's errors are
+    correlated."""
+    fewest_blocks: int = 10
+    """In a short drive blocks are shorter."""
+    most_blocks: int = 120
+    """Of all drives together: beyond an hour blocks grow, so that memory is bounded."""
+    windows_at_once: int = 32
+    """Of all columns that fit into a processor's cache while they are laid side by side."""
+    noises_kept: int = 2
+    """Under which a drive's whitened columns are kept: an alternative is tried beside the present one."""
+
+
+@dataclass(frozen=True, slots=True)
+class SelectionSettings:
+    """Stepwise selection."""
+
+    admit_nats: float = 6.0
+    """Penalised gain from which a term is admitted: odds of four hundred."""
+    heldout_nats: float = 4.0
+    """Cross-validated gain that it must bring."""
+    most_terms: int = 8
+    """In one model."""
+    spline_handicap: float = 0.08
+    """Share of its gain by which a spline must beat an effect: no effect's formula is the last word."""
+    drift_handicap: float = 0.25
+    """The same over time or distance on all wheels, where the receiver's slow error looks alike."""
+    share_of_rest: float = 1e-5
+    """Share of what all terms together gain that a term must gain: no linearised model is better than
+    that."""
+    model_error: float = 4e-3
+    """Relative standard deviation of any value: the reference motion that it multiplies is no better
+    known."""
+    beside_effects: float = 0.03
+    """Share of what effects gain that a spline beside them must gain: so well their formulas hold."""
+    over_same_covariate: float = 0.05
+    """Share of a spline's gain that an effect over the same covariate must gain beside it: a spline is one
+    of many that would do, and what its form leaves looks like whatever depends on the same."""
+    over_other_covariate: float = 1e-3
+    """Share of a spline's gain that an effect of wheel against wheel must gain beside it even over another
+    covariate: slip that no effect holds is not the same on the inner wheels of a bend."""
+    same_effect: float = 0.97
+    """Share of an effect's response from which a spline on those wheels is the same effect without a
+    name."""
+    confounded_nats: float = 2.0
+    """Rivals whose fit is worse by less than this are confounded with a term."""
+    confounded_share: float = 5e-4
+    """The same as a share of the gain: what separates two effects that fit so nearly alike is what is not
+    linear in the responses, and not the drive."""
+    needed_share: float = 0.7
+    """Share of what admits a term that keeps it in a backward step: above a half, so that steps do not
+    cycle."""
+    exchange_nats: float = 0.5
+    """Penalised gain by which an exchange must be better, so that exchanges end."""
+    independent_share: float = 0.5
+    """Share of its gain that a term keeps beside a rival from which the two explain different things."""
+    least_eigenvalue: float = 1e-6
+    """Of the terms' correlation matrix, calibration included: below, they are one."""
+    least_own_share: float = 1e-5
+    """Share of a column that the chosen terms leave of it, below which it is theirs."""
+    most_overdispersion: float = 25.0
+    """Block-wise over assumed variance: beyond, a few blocks decide."""
+    step_s: float = 3.0
+    """A ramp shorter than this is a step: the middle of a window is known no better."""
+    pulse_edge_s: float = 0.5
+    """Half the time in which a pulse rises: half a window."""
+
+
+@dataclass(frozen=True, slots=True)
+class RefinementSettings:
+    """What enters nonlinearly, and finer splines."""
+
+    plain_splines: int = 3
+    """Splines taken out before the noise is first estimated: one of each kind of covariate."""
+    plain_nats: float = 40.0
+    """Penalised gain from which a spline is no noise."""
+    rounds: int = 4
+    """Grids of trial values, each two and a half times finer."""
+    best: int = 3
+    """Candidates among which a spline is looked for."""
+    levels: tuple[int, ...] = (1, 2, 4)
+    """Numbers of intervals tried, in those of the first look."""
+    finer_nats: float = 3.0
+    """Penalised gain by which finer knots must be better."""
+    most_calibration: float = 0.05
+    """Relative change of a radius at one linearisation."""
+
+
+@dataclass(frozen=True, slots=True)
+class AssessmentSettings:
+    """What a drive tells, what was reached, comparison with a simulation."""
+
+    confounded_cosine: float = 0.9
+    """Of the angle between two sensitivities: of what the one gains, four fifths are then gained by the
+    other."""
+    tells_nats: float = 10.0
+    """At the usual size, from which a drive tells an effect: its penalty, and odds of a thousand."""
+    lags: int = 10
+    """Windows over which what is left is looked at for correlation."""
+    shrinkage_decades: tuple[float, float] = (-4.0, 2.0)
+    """Prior standard deviations of a column's value that are tried, as powers of ten of its own noise."""
+    interval_nats: float = 1.92
+    """Fall of the log-likelihood at the ends of a 95 % interval (Wilks 1938)."""
+    simulation_floor: float = 0.5
+    """A simulation's noise is no less than this share of the recording's: a difference cannot be told
+    better than the recording tells it."""
+    simulation_silent: float = 0.01
+    """A simulation that tells this share of what the recording tells about a value, or less, holds none of
+    it."""
+    simulation_rounds: int = 6
+    """Of adding and removing the simulation's own effects."""
+    seen_stds: float = 3.0
+    """From so many standard deviations on, a value is there."""
+
+    @property
+    def shrinkage(self) -> FloatArray:
+        """(38,) prior standard deviations that are tried, from none."""
+        return np.concatenate([[0.0], np.logspace(*self.shrinkage_decades, 37)])
+
+
+@dataclass(frozen=True, slots=True)
+class RobustnessSettings:
+    """Other noise, and the certificate."""
+
+    clear_of_receiver_nats: float = 80.0
+    """Beyond, no slow noise of a receiver is the reason."""
+    clear_of_drift_nats: float = 3000.0
+    """The same of a wheel that changes against the others, and the drift of radii."""
+    sure: float = 0.95
+    """Confidence below which an effect is not told from what instruments usually make."""
+    drifts_from: float = 1e-4
+    """Relative standard deviation of the radii's drift that is more than usual: five times that."""
+    drift_unsure: float = 1.5
+    """Factor by which so much drift may be greater than it seems: a drive holds but a few of its swings."""
+    together_share: float = 0.85
+    """Share of what four separate wheels gain that one group must gain."""
+    gyro_walks_from: float = 4.0
+    """Estimated walk of the gyro's bias over the usual one that is more than usual."""
+    gyro_far_radps: float = 5e-4
+    """Range of a spline that is no usual walk: eight standard deviations of a quarter of an hour's."""
+    false_discovery_rate: float = 0.01
+    """Expected share of false findings among the findings (Benjamini and Hochberg 1995)."""
+    exceeded: int = 3
+    """Replicates beyond a finding after which chance makes as much without doubt (Besag and Clifford
+    1991)."""
+    fewest_replicates: int = 7
+    """Before drawing may stop because a finding is beyond doubt."""
+    beyond_doubt: float = 1e-4
+    """Probability below which no further replicate changes the answer: a hundredth of the discovery
+    rate."""
+    least_p: float = 1e-9
+    """A tail that was fitted to a few replicates tells no smaller probability."""
+    least_scale_nats: float = 1.0
+    """Of the maxima's distribution: half a chi-square falls off by e per nat, whatever its degrees of
+    freedom (Wilks 1938). Scatter of a few maxima may look narrower than that; it is not."""
+    ridge: float = 1e-6
+    """Of columns of unit length: what the model explains already has next to nothing left."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReportSettings:
+    """What is written down."""
+
+    drift_told_from: float = 2e-4
+    """Relative standard deviation of the radii's drift from which it is reported as unexplained."""
+    much_removed: float = 0.25
+    """Share of a block's data from which its span of time is named."""
+    bins: int = 16
+    """Of a covariate, in the pictures."""
+    speeds_mps: tuple[float, ...] = (0.0, 2.5, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 60.0)
+    """Between two of them a drive's information is added up."""
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosisSettings:
+    """All of them, by room."""
+
+    hypotheses: HypothesisSettings = HypothesisSettings()
+    counters: CounterSettings = CounterSettings()
+    preparation: PreparationSettings = PreparationSettings()
+    selection: SelectionSettings = SelectionSettings()
+    refinement: RefinementSettings = RefinementSettings()
+    assessment: AssessmentSettings = AssessmentSettings()
+    robustness: RobustnessSettings = RobustnessSettings()
+    report: ReportSettings = ReportSettings()
+
+
+SETTINGS = DiagnosisSettings()
