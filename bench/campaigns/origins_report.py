@@ -27,11 +27,12 @@ EXPECTED = {
     "teeth_44_as_48": "tone_ring_error",
 }
 """The catalogue's name of a fault; effects injected into recordings bear it already."""
+SLIPPING = {origin.name for origin in ORIGINS.values() if origin.own_tyres}
 OWN_TYRES = {
     *("longitudinal_slip", "lateral_slip", "load_transfer_lateral"),
     *("brake_slip", "drive_slip_curve", "camber_roll", "compliance_steer"),
 }
-"""What the multi-body cars' own tyres and axles do: found there, these are true."""
+"""What the own tyres and axles of such an origin's cars do: found there, these are true."""
 OWN_COVARIATES = ("accel_long", "accel_lat")
 """So is a term without a name over these on that origin."""
 SURE = 0.9
@@ -111,7 +112,7 @@ def _false(row: Row) -> list[dict[str, Any]]:
 
     def own(each: dict[str, Any]) -> bool:
         unnamed = each["effect"] == "unknown" and each["where"]["covariate"] in OWN_COVARIATES
-        return row["origin"] == "multibody" and (unnamed or each["effect"] in OWN_TYRES)
+        return row["origin"] in SLIPPING and (unnamed or each["effect"] in OWN_TYRES)
 
     return [each for each in row["findings"] if not own(each)]
 

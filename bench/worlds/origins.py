@@ -53,6 +53,8 @@ class Origin:
     spec: Draw
     drive: Callable[[Spec, np.random.Generator, int, Places], tuple[Course, Drive]]
     """Specification, generator and seed to course and drive."""
+    own_tyres: bool = False
+    """Whether its cars' tyres slip and yield by themselves, so that findings of slip and load are true."""
 
 
 def _kinematic(spec: Spec, rng: np.random.Generator, seed: int, places: Places) -> tuple[Course, Drive]:
@@ -116,7 +118,9 @@ ORIGINS = {
     origin.name: origin
     for origin in (
         Origin("kinematic", "a rigid car on drawn roads, first-order noise", draw_spec, _kinematic),
-        Origin("multibody", "CommonRoad cars with slipping tyres, first-order noise", draw_spec, _multibody),
+        Origin(
+            "multibody", "CommonRoad cars with slipping tyres, first-order noise", draw_spec, _multibody, True
+        ),
         Origin("traffic", "SUMO's trajectories, first-order noise", _traffic_spec, _traffic),
         Origin("receiver", "a rigid car, receiver errors resampled from recordings", draw_spec, _receiver),
         Origin("mems", "a rigid car, gyro by its Allan variance", _mems_spec, _mems),

@@ -29,10 +29,10 @@ from tests.estimators.world import (
     stds_m,
     straight,
 )
-from tpmsd.config.model import FilterConfig
+from tpmsd.config.model import FILTER_METHODS, FilterConfig
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.estimators.settings import SETTINGS
-from tpmsd.estimators.table import TABLE
+from tpmsd.estimators.table import ALIASES, TABLE
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import FloatArray
 
@@ -543,3 +543,8 @@ def test_a_restart_knows_the_radii(method: str) -> None:
     assert np.all(np.sqrt(np.diag(again[0].covariance_m2)) > 0.7 * std)
     assert before.informative_s == pytest.approx(again[0].informative_s, abs=0.2)
     assert np.all(np.abs(again[-1].deviation_m - drive.offsets_m[-1]) < 1.0e-3)
+
+
+def test_every_filter_of_the_table_can_be_configured() -> None:
+    """The names that a configuration may give are those of the table, and the earlier name of the default."""
+    assert {*TABLE, *ALIASES} == set(FILTER_METHODS)

@@ -26,6 +26,7 @@ from bench.campaigns.diagnosis.information import gram, without
 from bench.campaigns.diagnosis.signals import CHANNELS, Windows
 from bench.campaigns.diagnosis.truth import Concealed, Truth, alone, base_name, nuisances, rolling
 from bench.worlds.course import Array
+from bench.worlds.origins import ORIGINS
 
 WHEELS = ("fl", "fr", "rl", "rr")
 ROWS = (*WHEELS, "gnss", "yaw_rate")
@@ -71,7 +72,7 @@ def score(case: Case, truth: Truth, document: dict[str, Any], model: dict[str, A
     }
     if told and not document.get("reason"):
         row["f1"] = localisation(truth, findings, windows)
-    if told and case.world != "multibody" and "tone_ring_error" not in case.kind:
+    if told and not ORIGINS[case.world].own_tyres and "tone_ring_error" not in case.kind:
         row["heldout"], row["bias_mm"] = improvement(case, model, windows)
     return row
 

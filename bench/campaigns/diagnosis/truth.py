@@ -19,6 +19,7 @@ from bench.campaigns.diagnosis.draw import EFFECTS, Case
 from bench.campaigns.diagnosis.information import explained, gram, without
 from bench.campaigns.diagnosis.signals import CHANNELS, Physics, Windows
 from bench.worlds.course import DRIVEN, Array
+from bench.worlds.origins import ORIGINS
 
 WHEELS = ("fl", "fr", "rl", "rr")
 ALL = list(WHEELS)
@@ -175,7 +176,7 @@ def truth_of(case: Case, windows: Windows) -> Truth:
     """What is concealed and what of it can be told."""
     out = Truth(case.kind, case.strength, case.seed, case.world, driving_s=int(windows.read[:, 0].sum()))
     own = windows.channels(rolling(case))
-    if case.world == "multibody":
+    if ORIGINS[case.world].own_tyres:
         out.effects, out.beyond = _inherent(windows, case.wanted)
     if not case.wanted:
         return out
