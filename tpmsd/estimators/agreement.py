@@ -7,7 +7,8 @@ car's DBC, a ferry, stamps that jump: each would be reported as radii that chang
 Each fix with a speed is held against all wheels. It is off when *every* wheel is off by more than noise, lag
 and unknown radii can explain: one soft, spinning or locked wheel leaves the others. Half of the fixes of ten
 seconds off is a disagreement; it ends when positions, speeds and wheels have agreed for half as long
-as it lasted, 10 to 40 s.
+as it lasted, 10 to 40 s. The receiver is held against itself, too: its positions against its speed
+(`path_length`); where they part, wheels may follow the one that is wrong.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tpmsd.estimators.path_length import PathLength
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import FloatArray
 
@@ -74,6 +76,7 @@ class AgreementWatch:
         self._speeds = np.full(4, math.nan)
         self._accel = 0.0
         self._window: deque[tuple[float, bool]] = deque()
+        self._path = PathLength()
         self._anchor: Fix | None = None
         self._withheld = self._unsteady = False
         self._bad_s = self._good_s = 0.0
@@ -85,6 +88,7 @@ class AgreementWatch:
         share = SPEED_SHARE + 3.0 * radius_std_m / float(np.nanmean(radius_m))
         for fix in tick.fixes:
             self._compare(fix, share)
+            self._path.update(fix)
         while self._window and self._window[0][0] < tick.time_s - WINDOW_S:
             self._window.popleft()
         was = self._withheld or self._unsteady
@@ -142,7 +146,7 @@ class AgreementWatch:
         if not enough:
             return
         off = sum(bad for _, bad in self._window) / len(self._window)
-        if off >= OFF_SHARE:
+        if off >= OFF_SHARE or self._path.apart:
             self._withheld, self._good_s = True, 0.0
             self._bad_s += dt_s
         elif self._withheld and off > FAIR_SHARE:

@@ -1,0 +1,120 @@
+"""Whether a receiver's positions and its speeds are of one drive: path length against the integral of speed.
+
+In: fixes with position, speed and course. Out: whether the two have parted. A receiver whose speed is scaled
+slowly, by an attacker or by a fault, is followed by the radii as fast as by anything that they are held
+against; its own positions it contradicts.
+
+Both are summed over the last `WINDOW_S` of fixes that follow each other closely. A step of the path is the
+chord between two fixes at least `STEP_S` apart, made an arc by the change of course. A speed that lags adds
+the lag times the change of speed to the difference, whatever the length of the window.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from itertools import pairwise
+from typing import NamedTuple
+
+from tpmsd.timeline.tick import Fix
+
+WINDOW_S = 60.0
+STEP_S, LONGEST_STEP_S = 0.9, 2.5
+LEAST_M = 400.0
+"""Path below which the wander of positions hides what is looked for."""
+PLACE_M = 4.0
+"""By so much the ends of a path may wander against each other in a minute."""
+SHARE = 0.003
+"""Of the path: bends between fixes, rounding of speeds (0.1 knots is 0.05 m/s)."""
+LAG_S = 1.0
+"""By so much speeds may be late against positions."""
+AGREE_SHARE = 0.6
+"""Of the limit, below which they agree again."""
+JUMP_M, JUMP_SHARE = 1.0, 0.1
+"""A step that is off by more is a position that jumped (another solution of the receiver), and no scale."""
+SLOWEST_MPS = 3.0
+"""Below, positions wander as fast as the car moves."""
+MOST_TURN_RAD = 1.0
+"""Of a step: beyond, it is no arc."""
+UNSTEADY = frozenset({5, 6})
+"""GGA qualities: an RTK solution with float ambiguities slides by tens of metres while it converges; dead
+reckoning has no position of its own."""
+
+
+class _Step(NamedTuple):
+    time_s: float
+    path_m: float
+    integral_m: float
+    speed_mps: float
+
+
+class PathLength:
+    """Follows one receiver."""
+
+    def __init__(self) -> None:
+        self._before: Fix | None = None
+        self._speeds: list[tuple[float, float]] = []
+        self._steps: deque[_Step] = deque()
+        self._path_m = self._integral_m = 0.0
+        self.apart = False
+
+    @property
+    def difference_m(self) -> float:
+        """Path by positions minus integral of speed, over the window."""
+        return self._path_m - self._integral_m
+
+    @property
+    def limit_m(self) -> float:
+        """What the difference may be; infinite while the path is too short to say."""
+        if self._path_m < LEAST_M:
+            return math.inf
+        change = abs(self._steps[-1].speed_mps - self._steps[0].speed_mps)
+        return PLACE_M + SHARE * self._path_m + LAG_S * change
+
+    def update(self, fix: Fix) -> None:
+        """Take a fix."""
+        known = math.isfinite(fix.east_m + fix.north_m + fix.speed_mps) and fix.quality not in UNSTEADY
+        before = self._before
+        if not known or before is None or not self._follows(before, fix):
+            self._begin(fix if known else None)
+            return
+        self._speeds.append((fix.time_s, fix.speed_mps))
+        if fix.time_s - before.time_s < STEP_S:
+            return
+        self._add(before, fix)
+        self._before, self._speeds = fix, [(fix.time_s, fix.speed_mps)]
+        while self._steps and self._steps[0].time_s < fix.time_s - WINDOW_S:
+            gone = self._steps.popleft()
+            self._path_m -= gone.path_m
+            self._integral_m -= gone.integral_m
+        limit = self.limit_m
+        if math.isfinite(limit):
+            self.apart = abs(self.difference_m) > limit * (AGREE_SHARE if self.apart else 1.0)
+
+    @staticmethod
+    def _follows(before: Fix, fix: Fix) -> bool:
+        """Whether no fix is missing between the two, and both are of one solution."""
+        return before.quality == fix.quality and 0.0 < fix.time_s - before.time_s <= LONGEST_STEP_S
+
+    def _begin(self, fix: Fix | None) -> None:
+        """The path begins anew; what was found stands until another one says otherwise."""
+        self._before = fix
+        self._speeds = [] if fix is None else [(fix.time_s, fix.speed_mps)]
+        self._steps.clear()
+        self._path_m = self._integral_m = 0.0
+
+    def _add(self, before: Fix, fix: Fix) -> None:
+        integral = sum(0.5 * (v0 + v1) * (t1 - t0) for (t0, v0), (t1, v1) in pairwise(self._speeds))
+        if min(before.speed_mps, fix.speed_mps) < SLOWEST_MPS:
+            return
+        path = math.hypot(fix.east_m - before.east_m, fix.north_m - before.north_m)
+        turn = math.remainder(fix.heading_rad - before.heading_rad, math.tau)
+        if abs(turn) > MOST_TURN_RAD:
+            return
+        if abs(turn) > 1e-3:
+            path *= 0.5 * turn / math.sin(0.5 * turn)
+        if abs(path - integral) > JUMP_M + JUMP_SHARE * integral:
+            return
+        self._steps.append(_Step(fix.time_s, path, integral, fix.speed_mps))
+        self._path_m += path
+        self._integral_m += integral
