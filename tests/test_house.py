@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.language import OTHERS, found_in
+
 REPO = Path(__file__).resolve().parent.parent
 PACKAGE = REPO / "tpmsd"
 BENCH = REPO / "bench"
@@ -378,6 +380,28 @@ def test_tracked_files_speak_of_the_project_alone() -> None:
                 line = text.count("\n", 0, match.start()) + 1
                 found.append(f"{path.relative_to(REPO)}:{line}: {what}: {match.group()}")
     assert [] == found
+
+
+def test_only_terms_of_the_field_are_used() -> None:
+    """No tracked text holds a wording of tests/language.py."""
+    found = []
+    for path in tracked_files():
+        name = str(path.relative_to(REPO))
+        if OTHERS.match(name):
+            continue
+        try:
+            text = read(path)
+        except UnicodeDecodeError:
+            continue  # recordings and pictures
+        found += [f"{name}:{line}: {words!r}; the term is: {term}" for line, words, term in found_in(text)]
+    assert [] == found
+
+
+def test_the_search_sees_wordings_over_line_breaks_and_in_any_case() -> None:
+    """A wording is found whatever its case and wherever a line ends; a term of the field is let through."""
+    text = "Gain of a term.\nA model of " + "Free" + "\nshape, and a spline term.\n"
+
+    assert [2] == [line for line, _, _ in found_in(text)]
 
 
 @pytest.mark.parametrize(

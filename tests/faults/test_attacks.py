@@ -107,7 +107,7 @@ def test_a_receiver_whose_speed_is_scaled_slowly_is_found_by_three_per_cent(
     share: float, honest: Outcome
 ) -> None:
     """Speeds scaled by 3 % within 200 s while positions stay: a malfunction before the scale is reached, no
-    deflation, and radii that went with it by less than 1 of the 9.5 mm that it feigns."""
+    deflation, and radii that went with it by less than 1 of the 9.5 mm that it amounts to."""
     outcome = played_ticks(_scaled(share))
     assert [("malfunction", None, "raised")] == outcome.alarms
     assert 100.0 < outcome.when("malfunction") < 300.0

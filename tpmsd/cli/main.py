@@ -121,6 +121,15 @@ def _top_parser() -> tuple[Parser, Subparsers]:
     return parser, parser.add_subparsers(title="commands", metavar="COMMAND", dest="command")
 
 
+def full_parser(commands: Commands = COMMANDS) -> Parser:
+    """The parser with the options of all commands: for manual pages, completions and the reference."""
+    parser, subparsers = _top_parser()
+    for _, module_name, _ in commands:
+        if importlib.util.find_spec(module_name) is not None:
+            importlib.import_module(module_name).add_parser(subparsers)
+    return parser
+
+
 def _say(line: str) -> None:
     # Where nobody listens on standard error, the exit code still tells.
     with contextlib.suppress(OSError):

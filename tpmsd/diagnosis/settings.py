@@ -179,8 +179,8 @@ class SelectionSettings:
     """Share of a spline's gain that an effect over the same covariate must gain beside it: a spline is one
     of many that would do, and what its form leaves looks like whatever depends on the same."""
     over_other_covariate: float = 1e-3
-    """Share of a spline's gain that an effect of wheel against wheel must gain beside it even over another
-    covariate: slip that no effect holds is not the same on the inner wheels of a bend."""
+    """Share of a spline's gain that an effect on differences between wheels must gain beside it even over
+    another covariate: slip that no effect holds is not the same on the inner wheels of a bend."""
     same_effect: float = 0.97
     """Share of an effect's response from which a spline on those wheels is the same effect without a
     name."""

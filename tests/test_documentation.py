@@ -1,0 +1,152 @@
+"""Every example of README, docs and CONTRIBUTING is run, or says why it is not and is at least what the
+parser takes.
+
+A block of commands is `console`, each command after `$ `, what it prints below it. Without a language it
+needs a comment `<!-- not run: REASON -->` before it. `<!-- run with: --option value -->` takes the place of
+options of the same name, so that the run is shorter than what is printed.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tpmsd.cli.main import full_parser, main
+
+REPO = Path(__file__).resolve().parent.parent
+PAGES = [
+    REPO / "README.md",
+    REPO / "CONTRIBUTING.md",
+    REPO / "SECURITY.md",
+    *sorted((REPO / "docs").rglob("*.md")),
+]
+BLOCK = re.compile(
+    r"(?:^<!-- (not run|run with): ([^\n]*) -->\n)?^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL
+)
+NO_COMMANDS = ("text", "toml", "json", "python", "sh")
+PARSER = full_parser()
+
+
+@dataclass(frozen=True)
+class Block:
+    """One fenced block of a page."""
+
+    name: str
+    mark: str
+    reason: str
+    language: str
+    text: str
+
+
+def blocks() -> Iterator[Block]:
+    """All of them, in the order of the pages."""
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        for match in BLOCK.finditer(text):
+            line = text.count("\n", 0, match.start(3)) + 1
+            yield Block(
+                f"{page.relative_to(REPO)}:{line}", match[1] or "", match[2] or "", match[3], match[4]
+            )
+
+
+ALL = list(blocks())
+CONSOLE = [block for block in ALL if block.language == "console"]
+PYTHON = [
+    block for block in ALL if block.language == "python" and block.name.startswith("docs/how-to/python")
+]
+
+
+def commands(block: Block) -> list[list[str]]:
+    """The words of each command of `tpmsd` in a block that is not run."""
+    lines = block.text.replace("\\\n", " ").splitlines()
+    words = [shlex.split(line.removeprefix("$ "), comments=True) for line in lines if "tpmsd " in line]
+    return [each[1:] for each in words if each and each[0] == "tpmsd"]
+
+
+def test_every_block_is_run_or_says_why_not() -> None:
+    """No fence is left open, and a block without a language has its reason."""
+    fences = {page: page.read_text(encoding="utf-8").count("\n```") for page in PAGES}
+
+    assert [] == [str(page) for page, count in fences.items() if count % 2]
+    assert sum(fences.values()) // 2 == len(ALL)
+    assert [] == [
+        block.name
+        for block in ALL
+        if block.language not in (*NO_COMMANDS, "console") and not (block.mark == "not run" and block.reason)
+    ]
+
+
+def test_commands_that_are_not_run_are_such_as_the_parser_takes() -> None:
+    """Every command and option that a page shows exists."""
+    unknown = []
+    for block in ALL:
+        if block.language in NO_COMMANDS or block.language == "console":
+            continue
+        for words in commands(block):
+            try:
+                PARSER.parse_args(words)
+            except (SystemExit, Exception) as error:
+                unknown.append(f"{block.name}: {' '.join(words)}: {error}")
+    assert [] == unknown
+
+
+@pytest.mark.parametrize("block", [b for b in ALL if b.language == "toml"], ids=lambda block: block.name)
+def test_configurations_are_toml(block: Block) -> None:
+    """Each block of TOML is one."""
+    assert tomllib.loads(block.text)
+
+
+def shortened(words: list[str], instead: list[str]) -> list[str]:
+    """A command with other values; an option that it has not is added where it is a switch of `diagnose`."""
+    words = list(words)
+    for option, value in zip(instead[::2], instead[1::2], strict=True):
+        if option in words:
+            words[words.index(option) + 1] = value
+        elif option == "--certify" and words[0] == "diagnose":
+            words += [option, value]
+    return words
+
+
+@pytest.mark.parametrize("block", CONSOLE, ids=lambda block: block.name)
+def test_an_example_runs(
+    block: Block, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each command ends well, or with the very error that is printed below it."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "drives").mkdir()
+    instead = shlex.split(block.reason) if block.mark == "run with" else []
+    for part in block.text.split("$ tpmsd ")[1:]:
+        command, *shown = part.rstrip("\n").split("\n")
+        code = main(shortened(shlex.split(command), instead))
+        said = capsys.readouterr()
+        assert (2 if shown else 0) == code, said.err
+        assert [] == [line for line in shown if line not in said.err + said.out]
+
+
+def test_the_examples_of_the_python_api_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The blocks of the page, one after the other in one namespace, with drives and arrays to work on."""
+    monkeypatch.chdir(tmp_path)
+    for seed, day in enumerate(("monday", "tuesday")):
+        assert 0 == main(["simulate", f"drives/{day}", "--duration", "95", "--seed", str(seed + 1)])
+    t, tg = np.arange(0.0, 60.0, 0.02), np.arange(0.0, 60.0, 0.2)
+    rolling = np.full_like(t, 15.0 / 0.316)
+    names: dict[str, object] = {
+        "t": t,
+        "tg": tg,
+        "r": 0.0 * t,
+        "v": np.full_like(tg, 15.0),
+        "course": 0.0 * tg,
+    }
+    names |= {"fl": rolling, "fr": rolling, "rl": rolling, "rr": rolling}
+    names |= {"lat": 52.5 + 15.0 * tg / 111_200.0, "lon": np.full_like(tg, 13.4)}
+    for block in PYTHON:
+        exec(compile(block.text, block.name, "exec"), names)
+
+    assert (tmp_path / "drives" / "made" / "vehicle.toml").is_file()
