@@ -13,7 +13,7 @@ import tpmsd
 from tpmsd.fleet.ask import as_text, ask
 from tpmsd.fleet.find import find_drives
 from tpmsd.fleet.report import report_document, report_text
-from tpmsd.fleet.report_html import report_page
+from tpmsd.fleet.report_page import report_page
 from tpmsd.fleet.run import run
 from tpmsd.fleet.store import Store
 from tpmsd.fleet.tables import rows_of, write_tables

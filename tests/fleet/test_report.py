@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import re
-from html.parser import HTMLParser
 from typing import Any
 
 import pytest
 
+from tests.report.pages import Page
 from tpmsd.fleet.report import report_document, report_text
-from tpmsd.fleet.report_html import report_page
+from tpmsd.fleet.report_page import report_page
 from tpmsd.fleet.tables import COLUMNS
 
 Row = dict[str, Any]
@@ -102,32 +101,29 @@ def test_models_have_their_findings(tables: dict[str, list[Row]]) -> None:
     assert "gnss_latency latency_s: +0.1 ± 0.004 s (p 1e-09)" in report_text(report_document(tables))
 
 
-class Page(HTMLParser):
-    """Tags and texts of a page."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.links: list[str] = []
-        self.ids: list[str] = []
-        self.rows = 0
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        told = dict(attrs)
-        self.rows += tag == "tr"
-        self.links += [value for key in ("href", "src") if (value := told.get(key))]
-        self.ids += [value for value in (told.get("id"),) if value]
-
-
 def test_the_page_is_whole_by_itself(tables: dict[str, list[Row]]) -> None:
-    """The page loads nothing from outside, its links lead to places in it, and names are escaped."""
-    text = report_page(report_document(tables), tables)
-    page = Page()
-    page.feed(text)
+    """It loads nothing, its links lead to places in it, names are escaped, each car has its plot."""
+    page = Page(report_page(report_document(tables), tables))
 
-    assert [] == re.findall(r"https?://", text)
-    assert page.links
-    assert set() == {link.removeprefix("#") for link in page.links} - set(page.ids)
-    assert "van &amp; co" in text
-    assert "m <1>" not in text
-    assert 4 == text.count("<polyline")
-    assert text.count("<tr>") == page.rows
+    assert [] == page.loaded
+    assert {"car-van_20_2", "car-van_20__26__20_co"} == set(page.links)
+    assert set(page.links) <= set(page.ids)
+    assert {1} == set(page.ids.values())
+    assert "m <1>: 5 drives of 2 cars" in page.text
+    assert "GNSS latency|latency|0.1|0.09216 to 0.1078|s|1e-09|" in page.text
+    (radii,) = page.data
+    assert ["front left", "front right", "rear left", "rear right"] == [
+        one["name"] for one in radii["curves"]
+    ]
+    assert -0.7 == pytest.approx(radii["curves"][0]["low"][-1])
+
+
+def test_a_large_fleet_has_few_pictures(
+    tables: dict[str, list[Row]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beyond a bound a car's plot is data alone; its table is there all the same."""
+    monkeypatch.setattr("tpmsd.fleet.report_page.MAX_PICTURES", 0)
+    page = Page(report_page(report_document(tables), tables))
+
+    assert (0, 1) == (page.tags["svg"], len(page.data))
+    assert "-0.50 ± 0.10|" in page.text

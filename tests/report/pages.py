@@ -37,6 +37,7 @@ class Page(HTMLParser):
         self.text = ""
         self.data: list[dict[str, Any]] = []
         self.loaded: list[str] = []
+        self.links: list[str] = []
         self._open: list[tuple[str, dict[str, str | None]]] = []
         self.feed(html)
         self.close()
@@ -48,7 +49,11 @@ class Page(HTMLParser):
         if (one := values.get("id")) is not None:
             self.ids[one] += 1
         self.loaded += [str(values[name]) for name in ("src", "srcset", "action") if name in values]
-        self.loaded += [str(values["href"]) for _ in "1" if not str(values.get("href", "#")).startswith("#")]
+        href = values.get("href") or ""
+        if href and not href.startswith("#"):
+            self.loaded.append(href)
+        elif tag == "a" and href:
+            self.links.append(href[1:])
         if tag not in _VOID:
             self._open.append((tag, values))
 

@@ -163,11 +163,14 @@ def _status(args: argparse.Namespace) -> int:
 
 def _report(args: argparse.Namespace) -> int:
     from tpmsd.fleet.report import report_document, report_text
-    from tpmsd.fleet.report_html import report_page
+    from tpmsd.fleet.report_page import report_page
     from tpmsd.fleet.store import Store
     from tpmsd.fleet.tables import rows_of
+    from tpmsd.report.page import check_report_packages
 
     outputs = Outputs(("--html", args.html), ("--json", args.json))
+    if args.html is not None:
+        check_report_packages()
     store = Store.open(args.store)
     tables = rows_of(store)
     document = {**_head("report", args.store), **report_document(tables)}

@@ -185,6 +185,13 @@
     }
   }
 
+  /** A narrow screen shows rows as blocks, which would hide from a screen reader that this is a table. */
+  function nameRoles(table) {
+    for (const [selector, role] of [["thead, tbody", "rowgroup"], ["tr", "row"], ["th", "columnheader"], ["td", "cell"]])
+      table.querySelectorAll(selector).forEach((part) => part.setAttribute("role", role));
+    table.setAttribute("role", "table");
+  }
+
   function makeSortable(table) {
     table.querySelectorAll("thead th").forEach((head, k) => {
       const button = document.createElement("button");
@@ -208,6 +215,7 @@
 
   function start() {
     document.documentElement.classList.add("scripted");
+    document.querySelectorAll("table").forEach(nameRoles);
     document.querySelectorAll("table.sort").forEach(makeSortable);
     const kinds = { chart: makeChart, track: makeTrack };
     const make = (figure) => {

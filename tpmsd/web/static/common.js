@@ -25,6 +25,21 @@ export function signed(value, digits) {
   return value === null || value === undefined ? "–" : `${value >= 0 ? "+" : "−"}${Math.abs(value).toFixed(digits)}`;
 }
 
+/** Seconds as m:ss, from one hour on h:mm:ss. */
+export function clock(seconds) {
+  if (seconds === null || !Number.isFinite(seconds)) return "";
+  const whole = Math.round(seconds), hours = Math.floor(whole / 3600), two = (value) => String(value).padStart(2, "0");
+  return `${hours ? `${hours}:${two(Math.floor((whole % 3600) / 60))}` : Math.floor(whole / 60)}:${two(whole % 60)}`;
+}
+
+/** `radius_deviation` as words. */
+export const plain = (identifier) => identifier.replaceAll("_", " ");
+
+export function timeAxis(label) {
+  const seconds = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 43200];
+  return axis(label, { values: (_, values) => values.map(clock), incrs: seconds, space: 62 });
+}
+
 /** The series of one wheel with its band, for uPlot. */
 export function wheelSeries(wheel, label) {
   return { label, stroke: () => css(wheel), width: 2, dash: DASHES[wheel], spanGaps: false, points: { show: false } };
@@ -51,7 +66,7 @@ export function alarmLines(alarms, time) {
           ctx.lineWidth = Math.max(1, devicePixelRatio);
           ctx.textAlign = "left";
           ctx.font = `${12 * devicePixelRatio}px system-ui, sans-serif`;
-          let last = -Infinity;
+          const free = [-Infinity, -Infinity, -Infinity];
           for (const alarm of alarms()) {
             const x = plot.valToPos(time(alarm), "x", true);
             if (!(x >= bbox.left && x <= bbox.left + bbox.width)) continue;
@@ -61,10 +76,12 @@ export function alarmLines(alarms, time) {
             ctx.moveTo(x, bbox.top);
             ctx.lineTo(x, bbox.top + bbox.height);
             ctx.stroke();
-            if (x - last > 90 * devicePixelRatio) {
-              ctx.fillText(`${alarm.kind} ${alarm.wheel ?? ""}`, x + 3, bbox.top + 12 * devicePixelRatio);
-              last = x;
-            }
+            const text = `${plain(alarm.kind)} ${(alarm.wheel ?? "").toUpperCase()}`, width = ctx.measureText(text).width + 8;
+            const left = x + width > bbox.left + bbox.width ? x - width : x + 3;
+            const row = free.findIndex((edge) => left >= edge);
+            if (row < 0) continue; // its line is there, its name has no room
+            free[row] = left + width;
+            ctx.fillText(text, left, bbox.top + (12 + 14 * row) * devicePixelRatio);
           }
           ctx.restore();
         },

@@ -1,5 +1,5 @@
 // A recorded drive: map, linked plots, wheels and alarms.
-import { NAMES, WHEELS, alarmLines, axis, band, byId, css, duration, edge, element, keepFitting, signed, wheelSeries } from "./common.js";
+import { NAMES, WHEELS, alarmLines, axis, band, byId, clock, css, duration, edge, element, keepFitting, plain, signed, timeAxis, wheelSeries } from "./common.js";
 
 const drive = await (await fetch("api/drive")).json();
 const columns = new Map(drive.columns.map((column) => [column.name, column]));
@@ -30,7 +30,7 @@ table(byId("wheels"), ["wheel", "state", "minus nominal (mm)", "change (mm)"],
     wheel.change_mm === null ? "–" : `${signed(wheel.change_mm, 2)} ± ${wheel.change_std_mm.toFixed(2)}`]));
 if (drive.alarms.length)
   table(byId("alarms"), ["time", "alarm", "wheel", "", "reason"],
-    drive.alarms.map((alarm) => [duration(alarm.drive_time_s), alarm.kind, NAMES[alarm.wheel] ?? "the car", alarm.state, alarm.reason ?? ""]));
+    drive.alarms.map((alarm) => [clock(alarm.drive_time_s), plain(alarm.kind), NAMES[alarm.wheel] ?? "the car", alarm.state, alarm.reason ?? ""]));
 else byId("alarms").replaceChildren(element("caption", "No alarms."));
 byId("notes").replaceChildren(...drive.notes.map((note) => element("li", note)));
 
@@ -58,12 +58,12 @@ async function makePlot(panel) {
   const radius = unit === "m" && wheelOf(panel.series[0]);
   const [shown, scale] = radius ? SHOWN.m : [unit, 1];
   panel.banded = panel.series.every((name) => `${name}:low` in found);
-  const series = [{ label: "time", value: (_, value) => (value === null ? "" : `${value.toFixed(1)} s`) }], bands = [];
+  const series = [{ label: "time", value: (_, value) => clock(value) }], bands = [];
   const other = ["fl", "fr", "rl", "rr"];
   for (const [k, name] of panel.series.entries()) {
     const wheel = wheelOf(name) ?? other[k % 4];
     const at = series.length;
-    series.push(wheelSeries(wheel, wheelOf(name) ? NAMES[wheelOf(name)] : name.replace(/_[a-z0-9]+$/, "").replaceAll("_", " ")));
+    series.push(wheelSeries(wheel, wheelOf(name) ? NAMES[wheelOf(name)] : columns.get(name).meaning));
     if (panel.banded) {
       series.push(edge(), edge());
       bands.push(band(wheel, at + 1, at + 2));
@@ -74,7 +74,7 @@ async function makePlot(panel) {
   const plot = new uPlot({
     title: panel.title, width: Math.max(box.clientWidth, 200), height: 200, series, bands,
     scales: { x: { time: false } },
-    axes: [axis("time since the start (s)"), axis(shown === "1" || shown === "" ? "" : `(${shown})`, { size: 60 })],
+    axes: [timeAxis("time since the start (h:min:s)"), axis(shown === "1" || shown === "" ? "" : `(${shown})`, { size: 60 })],
     cursor: { sync: { key: "drive" }, drag: { x: true, y: false, setScale: false } },
     legend: { show: true, live: false },
     plugins: [alarmLines(() => drive.alarms, (alarm) => alarm.drive_time_s)],
@@ -138,12 +138,18 @@ function drawMap() {
     ctx.fill();
     ctx.fillText(word, x(seen[k][0]) + 8 * devicePixelRatio, y(seen[k][1]) - 6 * devicePixelRatio);
   }
+  const taken = [];
   for (const alarm of drive.alarms.filter((one) => one.state === "raised")) {
     const point = seen.find((one) => one[3] >= alarm.drive_time_s);
     if (!point) continue;
+    const left = x(point[0]), line = 15 * devicePixelRatio;
+    let top = y(point[1]);
     ctx.fillStyle = css("bad");
-    ctx.fillRect(x(point[0]) - 5 * devicePixelRatio, y(point[1]) - 5 * devicePixelRatio, 10 * devicePixelRatio, 10 * devicePixelRatio);
-    ctx.fillText(`${alarm.kind} ${alarm.wheel ?? ""}`, x(point[0]) + 9 * devicePixelRatio, y(point[1]) + 4 * devicePixelRatio);
+    ctx.fillRect(left - 5 * devicePixelRatio, top - 5 * devicePixelRatio, 10 * devicePixelRatio, 10 * devicePixelRatio);
+    while (taken.some(([otherLeft, otherTop]) => Math.abs(otherLeft - left) < 10 * line && Math.abs(otherTop - top) < line)) top += line;
+    if (top > height - line) continue; // no room left below
+    taken.push([left, top]);
+    ctx.fillText(`${plain(alarm.kind)} ${(alarm.wheel ?? "").toUpperCase()}`, left + 9 * devicePixelRatio, top + 4 * devicePixelRatio);
   }
   const metres = 10 ** Math.floor(Math.log10((0.3 * width) / scale));
   ctx.fillStyle = css("text");

@@ -1,0 +1,242 @@
+"""The fleet's report as one page that opens offline.
+
+In: the report's document and the tables. Out: HTML (template `fleet.html`): tables for manager and
+engineer, to be sorted by a click on their heads, and for every car its drives with the radii of each.
+ConfigError without the extra `report`.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tpmsd.fleet.report import utc
+from tpmsd.report.figures import Chart, Curve
+from tpmsd.report.page import Cell, Drawn, Origin, Table, Tile, drawn, render
+from tpmsd.report.wording import parameter_name, plain_name, wheel_name
+from tpmsd.wheels import WHEELS
+
+Row = dict[str, Any]
+MAX_DRIVES = 2_000
+"""Of which the page shows details, the newest of each car first: the page stays under some megabytes."""
+MAX_PICTURES = 20
+"""Cars whose plot is a picture too, those that need attention first; each takes 0.1 s and 20 kB. The others'
+plots take JavaScript; their tables do not."""
+_ORDER = {"now": 0, "soon": 1, "look": 2}
+
+
+@dataclass(frozen=True)
+class ModelView:
+    """What the drives tell of one model."""
+
+    title: str
+    findings: Table
+    differing: Table
+    named: Table
+    parameters: Table
+
+
+@dataclass(frozen=True)
+class CarView:
+    """One car with its drives."""
+
+    anchor: str
+    title: str
+    note: str
+    figure: Drawn | None
+    drives: Table
+
+
+def report_page(document: Mapping[str, Any], tables: Mapping[str, list[Row]]) -> str:
+    """The page."""
+    return render(
+        "fleet.html",
+        Origin.now(document),
+        standalone=True,
+        head=_tiles(document),
+        attention=_attention(document["attention"]),
+        models=[_model(model) for model in document["models"]],
+        cars=list(_cars(tables, [row["car"] for row in document["attention"]])),
+    )
+
+
+def _tiles(document: Mapping[str, Any]) -> list[Tile]:
+    cars = len({row["car"] for row in document["attention"]})
+    return [
+        Tile(str(document["cars"]), "Vehicles", f"Of {len(document['models'])} models."),
+        Tile(str(cars), "Need attention", "An alarm stands, a trend was found, or a drive cannot be used."),
+        Tile(str(document["drives"]), "Drives", "All in the store, those that could not be used among them."),
+        Tile(f"{document['distance_km']:.0f} km", "Distance", "By the estimated speed."),
+        Tile(f"{document['duration_h']:.1f} h", "Time", "Of recording."),
+    ]
+
+
+def _attention(rows: Sequence[Row]) -> Table:
+    body = tuple(
+        (
+            Cell(row["urgency"], _ORDER[row["urgency"]], style=row["urgency"]),
+            Cell(str(row["car"]), link=_anchor(row["car"])),
+            Cell(str(row["why"])),
+            Cell(row["since"] or "", style="when"),
+            Cell(row["what_to_do"]),
+        )
+        for row in rows
+    )
+    return Table(("urgency", "vehicle", "why", "since (UTC)", "what to do"), body)
+
+
+def _model(model: Row) -> ModelView:
+    findings = tuple((*_effect(row), *_numbers(row), Cell(row["unit"]), _p(row)) for row in model["findings"])
+    differing = tuple(
+        (
+            Cell(str(row["car"]), link=_anchor(row["car"])),
+            Cell(str(row["kind"])),
+            *_effect(row),
+            *_numbers(row),
+            Cell(row["unit"]),
+            _p(row),
+        )
+        for row in model["differing"]
+    )
+    named = tuple(
+        (Cell(plain_name(row["effect"])), _count(row["drives"]), _count(row["cars"]))
+        for row in model["named_in_drives"]
+    )
+    parameters = tuple(
+        (
+            Cell(str(row["parameter"])),
+            *_numbers(row),
+            _number(row["spread_cars"]),
+            _number(row["spread_drives"]),
+            Cell(row["unit"]),
+        )
+        for row in model["parameters"]
+    )
+    interval = "95 % interval"
+    return ModelView(
+        f"{model['model']}: {model['drives']} drives of {model['cars']} cars",
+        Table(("effect of the model", "parameter", "value", interval, "unit", "p-value"), findings),
+        Table(
+            ("vehicle", "what", "effect", "parameter", "difference or slope", interval, "unit", "p-value"),
+            differing,
+        ),
+        Table(("named by the diagnosis of single drives", "drives", "cars"), named),
+        Table(
+            ("parameter", "mean", interval, "from car to car", "from drive to drive", "unit"),
+            parameters,
+        ),
+    )
+
+
+def _cars(tables: Mapping[str, list[Row]], first: Sequence[str]) -> Iterable[CarView]:
+    wheels: dict[str, dict[str, Row]] = defaultdict(dict)
+    for row in tables["wheels"]:
+        wheels[row["key"]][row["wheel"]] = row
+    alarms: dict[str, list[Row]] = defaultdict(list)
+    for row in tables["alarms"]:
+        alarms[row["key"]].append(row)
+    cars: dict[str, list[Row]] = defaultdict(list)
+    for row in tables["drives"]:
+        cars[row["car"]].append(row)
+    pictured = set(list(dict.fromkeys([*first, *sorted(cars)]))[:MAX_PICTURES])
+    each = max(1, MAX_DRIVES // max(len(cars), 1))
+    heads = ("drive", "start (UTC)", "km", "status", *(f"{wheel} (mm)" for wheel in WHEELS), "alarms")
+    for car, drives in sorted(cars.items()):
+        drives.sort(key=lambda row: (row["start"] or 0.0, row["key"]))
+        shown = drives[-each:]
+        chart = _chart([wheels[row["key"]] for row in shown])
+        anchor = _anchor(car)
+        yield CarView(
+            anchor,
+            f"{car} ({drives[0]['model']}), {len(drives)} drives",
+            f"The newest {len(shown)} of {len(drives)} drives." if len(shown) < len(drives) else "",
+            None if chart is None else drawn(chart, f"{anchor}-radii", static=car in pictured),
+            Table(heads, tuple(_drive(row, wheels[row["key"]], alarms[row["key"]]) for row in shown)),
+        )
+
+
+def _drive(row: Row, wheels: Mapping[str, Row], alarms: Sequence[Row]) -> tuple[Cell, ...]:
+    named = "\n".join(
+        " ".join(filter(None, (plain_name(one["kind"]), one["wheel"], one["state"]))) for one in alarms
+    )
+    return (
+        Cell(str(row["path"])),
+        Cell(utc(row["start"]) or "", row["start"], style="when"),
+        _number((row["distance_m"] or 0.0) / 1e3),
+        Cell(row["status"] + (f": {row['reason']}" if row["reason"] else "")),
+        *(_radius(wheels.get(wheel)) for wheel in WHEELS),
+        Cell(named),
+    )
+
+
+def _radius(one: Row | None) -> Cell:
+    """Radius minus nominal with one standard deviation."""
+    if one is None or one["deviation_mm"] is None:
+        return Cell("", number=True)
+    std = "" if one["std_mm"] is None else f" ± {one['std_mm']:.2f}"
+    return Cell(f"{one['deviation_mm']:+.2f}{std}", one["deviation_mm"], number=True)
+
+
+def _chart(drives: Sequence[Mapping[str, Row]]) -> Chart | None:
+    """Radius minus nominal of each wheel, drive by drive, with two standard deviations; or None."""
+    values = {
+        wheel: np.array([_millimetres(one.get(wheel), "deviation_mm") for one in drives]) for wheel in WHEELS
+    }
+    stds = {wheel: np.array([_millimetres(one.get(wheel), "std_mm") for one in drives]) for wheel in WHEELS}
+    curves = tuple(
+        Curve(
+            wheel_name(wheel),
+            values[wheel],
+            wheel,
+            values[wheel] - 2.0 * stds[wheel],
+            values[wheel] + 2.0 * stds[wheel],
+            dots=True,
+        )
+        for wheel in WHEELS
+        if np.isfinite(values[wheel]).any()
+    )
+    if len(drives) < 2 or not curves:
+        return None
+    number = np.arange(1.0, len(drives) + 1.0)
+    return Chart(
+        "Radii drive by drive", "drive, in order of time", "radius minus nominal (mm)", number, curves
+    )
+
+
+def _millimetres(one: Row | None, name: str) -> float:
+    value = None if one is None else one[name]
+    return float("nan") if value is None else float(value)
+
+
+def _effect(row: Row) -> tuple[Cell, Cell]:
+    parameter = str(row["parameter"])
+    name = wheel_name(parameter) if parameter in WHEELS else parameter_name(parameter)
+    return Cell(plain_name(row["effect"])), Cell(name)
+
+
+def _numbers(row: Row) -> tuple[Cell, Cell]:
+    value, std = row["value"], row["std"]
+    if std is None:
+        return _number(value), Cell("", number=True)
+    low, high = value - 1.96 * std, value + 1.96 * std
+    return _number(value), Cell(f"{low:.4g} to {high:.4g}", std, number=True)
+
+
+def _p(row: Row) -> Cell:
+    return Cell(f"{row['p_value']:.1g}", row["p_value"], number=True)
+
+
+def _number(value: float | None) -> Cell:
+    return Cell("" if value is None else f"{value:.4g}", value, number=True)
+
+
+def _count(value: int) -> Cell:
+    return Cell(str(value), value, number=True)
+
+
+def _anchor(car: str) -> str:
+    return "car-" + "".join(c if c.isascii() and c.isalnum() else f"_{ord(c):x}_" for c in car)
