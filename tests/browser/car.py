@@ -1,7 +1,8 @@
-"""A car with a daemon, as a process: `python -m tests.browser.car FOLDER ONSET_S SPEED_UP`.
+"""A car with a daemon, as a process: `python -m tests.browser.car FOLDER ONSET_S SPEED_UP [ticks]`.
 
-In: where configuration and socket go, when a rear left puncture begins. Out: the daemon's status socket; each
-alarm is a line `RAISED <kind> <wheel> <monotonic time>` at the moment at which its frame goes onto the bus.
+In: where configuration and socket go, when a rear left puncture begins. Out: the daemon's status socket;
+each alarm is a line `RAISED <kind> <wheel> <monotonic time>` at the moment at which its frame goes onto the
+bus; with `ticks`, each tick is a line `TICK <monotonic time>`.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ from tpmsd.simulator.faults import Fault
 
 
 def say(step: Step) -> None:
-    """One line per alarm that is raised."""
+    """One line per alarm that is raised, and per tick where that is wanted."""
+    if "ticks" in sys.argv[4:]:
+        print(f"TICK {time.monotonic()}", flush=True)
     for event in step.report.events:
         if event.state == "raised":
             print(f"RAISED {event.kind} {event.wheel} {time.monotonic()}", flush=True)

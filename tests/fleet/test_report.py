@@ -22,6 +22,11 @@ def row(table: str, **values: object) -> Row:
 
 @pytest.fixture
 def tables() -> dict[str, list[Row]]:
+    """The tables of a small fleet."""
+    return fleet_tables()
+
+
+def fleet_tables() -> dict[str, list[Row]]:
     """Two cars: one with an alarm that stands, one that was cleared, a leak; one drive that failed."""
     drives = [
         row(

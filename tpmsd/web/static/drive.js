@@ -52,8 +52,7 @@ function dataOf(panel, found, scale) {
   return out;
 }
 
-async function makePlot(panel) {
-  const found = await seriesOf(panel);
+function makePlot(panel, found) {
   const unit = columns.get(panel.series[0]).unit;
   const radius = unit === "m" && wheelOf(panel.series[0]);
   const [shown, scale] = radius ? SHOWN.m : [unit, 1];
@@ -177,5 +176,6 @@ addEventListener("resize", drawMap);
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawMap);
 keepFitting(() => plots);
 await recolour();
-for (const panel of drive.panels) await makePlot(panel);
+const found = await Promise.all(drive.panels.map(seriesOf));
+drive.panels.forEach((panel, k) => makePlot(panel, found[k]));
 document.body.dataset.ready = "1";
