@@ -30,10 +30,10 @@ from bench.worlds.commonroad_course import SPEED_MPS, CourseTruth, drive
 from tpmsd.calibration.joint import JointFit, fit
 from tpmsd.calibration.nominal import Vehicle
 from tpmsd.calibration.paper import PaperSettings, fit_paper, un_fused
-from tpmsd.calibration.recording import Recording
 from tpmsd.calibration.reference import ReferencePose, reference_pose
+from tpmsd.inference.recording import Recording
 from tpmsd.physics.kinematics import Geometry
-from tpmsd.physics.motion import driven_mask
+from tpmsd.physics.motion import Car, driven_mask
 from tpmsd.wheels import RL, RR, FloatArray
 
 START_M = 2.2
@@ -64,27 +64,33 @@ def measured(truth: CourseTruth, rng: np.random.Generator | None) -> Recording:
 
     fix_time = np.arange(POSITION_EVERY_S / 2, edges[-1], POSITION_EVERY_S)
     silent = np.full(len(fix_time), math.nan)
+    start = vehicle(truth)
     return Recording(
         name="multi-body course",
+        car=Car(start.radius_m, start.geometry, start.driven, TEETH),
         dt_s=DT_S,
+        start_s=0.0,
         rotation_rad=np.diff(angle, axis=0),
-        reading_std_rad=np.full(4, quantum / math.sqrt(12)),
-        gyro_radps=ticks(truth.yaw_rate_radps) + noise(GYRO_STD_RADPS, count) + noise(GYRO_BIAS_STD_RADPS, 1),
+        quantum_rad=np.full(4, quantum / math.sqrt(6)),
+        inertial={
+            "yaw_rate_radps": ticks(truth.yaw_rate_radps)
+            + noise(GYRO_STD_RADPS, count)
+            + noise(GYRO_BIAS_STD_RADPS, 1),
+            "accel_long_mps2": ticks(truth.accel_long_mps2)
+            + noise(ACCEL_STD_MPS2, count)
+            + noise(ACCEL_BIAS_STD_MPS2, 1),
+            "accel_lat_mps2": ticks(truth.accel_lat_mps2)
+            + noise(ACCEL_STD_MPS2, count)
+            + noise(ACCEL_BIAS_STD_MPS2, 1),
+            "compass_rad": np.interp(edges[1:], truth.time_s, truth.heading_rad)
+            + noise(COMPASS_STD_RAD, count),
+        },
         fix_time_s=fix_time,
         east_m=np.interp(fix_time, truth.time_s, truth.east_m) + noise(POSITION_STD_M, len(fix_time)),
         north_m=np.interp(fix_time, truth.time_s, truth.north_m) + noise(POSITION_STD_M, len(fix_time)),
         up_m=silent,
         speed_mps=silent,
-        heading_rad=silent,
-        antenna_forward_m=0.0,
-        antenna_left_m=0.0,
-        accel_long_mps2=ticks(truth.accel_long_mps2)
-        + noise(ACCEL_STD_MPS2, count)
-        + noise(ACCEL_BIAS_STD_MPS2, 1),
-        accel_lat_mps2=ticks(truth.accel_lat_mps2)
-        + noise(ACCEL_STD_MPS2, count)
-        + noise(ACCEL_BIAS_STD_MPS2, 1),
-        compass_rad=np.interp(edges[1:], truth.time_s, truth.heading_rad) + noise(COMPASS_STD_RAD, count),
+        course_rad=silent,
     )
 
 

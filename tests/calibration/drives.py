@@ -9,10 +9,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from bench.campaigns.calibrate_recording import configured, recording_of
-from tpmsd.calibration.recording import Recording, record
 from tpmsd.cli.drive_reading import read_ticks
 from tpmsd.config.load import load_config
 from tpmsd.config.model import Config
+from tpmsd.inference.recording import Recording, record
 from tpmsd.physics.motion import Motion
 from tpmsd.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.simulator.drive_writer import write_drive
@@ -23,4 +23,4 @@ __all__ = ["configured", "recorded", "recording_of"]
 def recorded(folder: Path, spec: DriveSpec, motion: Motion | None = None) -> tuple[Recording, Config]:
     write_drive(folder, simulate_drive(spec, motion))
     config = load_config(folder)
-    return record(folder.name, read_ticks(folder, config), config), config
+    return record(read_ticks(folder, config), config, folder.name), config

@@ -75,9 +75,9 @@ def test_other_circumferences_give_other_rotations(
         turned, expected = turned[:, [1, 0, 3, 2]], expected[::-1]
         recording = dataclasses.replace(
             recording,
-            gyro_radps=-recording.gyro_radps,
+            inertial={name: -values for name, values in recording.inertial.items()},
             north_m=-recording.north_m,
-            heading_rad=-recording.heading_rad,
+            course_rad=-recording.course_rad,
         )
     other = dataclasses.replace(recording, rotation_rad=turned)
     found = fit([other], vehicle_of(configured(country.spec)))
@@ -95,14 +95,14 @@ def test_two_drives_are_better_than_one(country: Drive, country_fit: JointFit) -
     whole = recording_of(country, wheels=2)
     half = len(whole.rotation_rad) // 2
     early = whole.fix_time_s < half * whole.dt_s
-    fixes = ("east_m", "north_m", "up_m", "speed_mps", "heading_rad")
-    ticks = ("rotation_rad", "gyro_radps", "accel_long_mps2", "accel_lat_mps2")
+    fixes = ("east_m", "north_m", "up_m", "speed_mps", "course_rad")
     parts = [
         dataclasses.replace(
             whole,
             fix_time_s=whole.fix_time_s[chosen] - begin * whole.dt_s,
             **{name: getattr(whole, name)[chosen] for name in fixes},
-            **{name: getattr(whole, name)[begin : begin + half] for name in ticks},
+            rotation_rad=whole.rotation_rad[begin : begin + half],
+            inertial={name: values[begin : begin + half] for name, values in whole.inertial.items()},
         )
         for begin, chosen in ((0, early), (half, ~early))
     ]

@@ -10,13 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tpmsd.calibration.joint import outlier_factors
 from tpmsd.calibration.nominal import Vehicle, vehicle_of
 from tpmsd.calibration.odometry import pieces, pose_error
 from tpmsd.calibration.paper import PaperSettings, covariances, fit_paper
-from tpmsd.calibration.recording import Recording
 from tpmsd.calibration.reference import reference_pose
 from tpmsd.calibration.result import Calibration, WheelResult
 from tpmsd.calibration.vehicle_file import calibrated_toml
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.windows import CHANNELS
+from tpmsd.physics.motion import Car
 from tpmsd.simulator.drive import DEFAULT_VEHICLE
 
 RADIUS_M, SPEED_MPS, TURN_RADIUS_M, TRACK_M = 0.316, 12.0, 60.0, 1.52
@@ -34,23 +37,25 @@ def perfect(yaw_radps: np.ndarray, forward_m: float = 0.0, slip_per_accel: float
     north = np.concatenate([[0.0], np.cumsum(chord * np.sin(course))])
     roll = np.stack([way + side * turn * TRACK_M / 2 for side in (-1, 1, -1, 1)], axis=1)
     silent = np.full(count, math.nan)
+    start = car()
     return Recording(
-        name="perfect",
+        car=Car(start.radius_m, start.geometry, start.driven, 48, antenna_forward_m=forward_m),
         dt_s=dt,
+        start_s=0.0,
         rotation_rad=roll / RADIUS_M,
-        reading_std_rad=np.zeros(4),
-        gyro_radps=yaw_radps,
+        quantum_rad=np.zeros(4),
+        inertial={
+            "yaw_rate_radps": yaw_radps,
+            "accel_long_mps2": np.zeros(count),
+            "accel_lat_mps2": SPEED_MPS * yaw_radps,
+            "compass_rad": heading[1:],
+        },
         fix_time_s=np.arange(1, count + 1) * dt,
         east_m=(east + forward_m * np.cos(heading))[1:],
         north_m=(north + forward_m * np.sin(heading))[1:],
         up_m=silent,
         speed_mps=silent,
-        heading_rad=silent,
-        antenna_forward_m=forward_m,
-        antenna_left_m=0.0,
-        accel_long_mps2=np.zeros(count),
-        accel_lat_mps2=SPEED_MPS * yaw_radps,
-        compass_rad=heading[1:],
+        course_rad=silent,
     )
 
 
@@ -61,6 +66,16 @@ def car(rl_m: float = RADIUS_M, rr_m: float = RADIUS_M) -> Vehicle:
 
 CIRCLE = np.full(600, SPEED_MPS / TURN_RADIUS_M)
 BENDS = 0.15 * np.sign(np.sin(np.arange(1200) * 0.1 / 6.0)) * (np.sin(np.arange(1200) * 0.1 / 6.0) ** 2 > 0.3)
+
+
+def test_outliers_weigh_less() -> None:
+    """A reading five standard deviations off gets its variance raised, a position on both axes."""
+    white = np.zeros((3, CHANNELS))
+    white[0, 2], white[1, 8], white[2, 4] = 5.0, -8.0, 3.0
+    factor = outlier_factors(white)
+
+    assert (6.25, 16.0, 16.0) == (factor[0, 2], factor[1, 7], factor[1, 8])
+    assert 3 == int((factor > 1.0).sum())
 
 
 def test_odometry_of_a_circle() -> None:
@@ -105,8 +120,8 @@ def test_the_reference_pose_of_a_perfect_drive() -> None:
 
     assert np.abs(found.east_m[1:] - recording.east_m)[middle].max() < 0.15
     assert np.abs(found.north_m[1:] - recording.north_m)[middle].max() < 0.15
-    assert np.abs(found.heading_rad[1:] - recording.compass_rad)[middle].max() < 0.01
-    assert np.polyfit(recording.accel_lat_mps2, found.side_slip_rad[1:], 1)[0] == pytest.approx(
+    assert np.abs(found.heading_rad[1:] - recording.inertial["compass_rad"])[middle].max() < 0.01
+    assert np.polyfit(recording.inertial["accel_lat_mps2"], found.side_slip_rad[1:], 1)[0] == pytest.approx(
         -0.005, abs=5e-4
     )
 

@@ -15,8 +15,8 @@ from tests.calibration.drives import configured, recorded, recording_of
 from tpmsd.calibration.calibrate import calibrate
 from tpmsd.calibration.checks import RefusedError, check_recordings
 from tpmsd.calibration.nominal import Vehicle, vehicle_of
-from tpmsd.calibration.recording import Recording, record
 from tpmsd.cli.main import main
+from tpmsd.inference.recording import Recording, record
 from tpmsd.physics.motion import Motion
 from tpmsd.simulator.drive import DEFAULT_VEHICLE, DriveSpec, simulate_drive
 from tpmsd.simulator.drive_writer import write_drive

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tpmsd
-from tpmsd.api.functions import calibration_recording
+from tpmsd.api.functions import recording_of
 from tpmsd.calibration.joint import PRIOR, JointFit, fit
 from tpmsd.calibration.nominal import Vehicle, vehicle_of
 from tpmsd.calibration.statistics import REFERENCE_SPEED_MPS, statistics_of
@@ -18,7 +18,7 @@ from tpmsd.calibration.statistics import REFERENCE_SPEED_MPS, statistics_of
 def fitted() -> tuple[JointFit, Vehicle]:
     drive = tpmsd.simulate(duration_s=120.0, seed=5, route="rural")
     start = vehicle_of(drive.config.vehicle)
-    return fit([calibration_recording(drive)], start), start
+    return fit([recording_of(drive)], start), start
 
 
 def test_with_the_prior_they_are_the_fit(fitted: tuple[JointFit, Vehicle]) -> None:

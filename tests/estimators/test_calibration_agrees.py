@@ -10,8 +10,8 @@ import pytest
 import tpmsd
 from tpmsd.api.reading import DESK_RATE_HZ, read_ticks
 from tpmsd.calibration.calibrate import calibrate
-from tpmsd.calibration.recording import record
 from tpmsd.estimators.build import build_estimator
+from tpmsd.inference.recording import record
 from tpmsd.wheels import RL, RR
 
 STEADY_MPS, STEADY_S = 20.0, 300.0
@@ -24,7 +24,7 @@ def test_the_vans_rear_radii_are_those_of_calibrate(name: str, recordings: Path)
     stated standard deviation is at most 0.3 mm and the radius within three of both together."""
     drive = tpmsd.load(recordings / name)
     ticks = read_ticks(drive.recording, drive.config, DESK_RATE_HZ)
-    off_line, _ = calibrate([record(name, ticks, drive.config)], drive.config.vehicle)
+    off_line, _ = calibrate([record(ticks, drive.config, name)], drive.config.vehicle)
     filter_ = build_estimator(drive.config, np.random.default_rng(1))
     assert DESK_RATE_HZ == drive.config.filter.rate_hz
     begun = ticks[0].time_s

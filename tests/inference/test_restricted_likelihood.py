@@ -9,15 +9,18 @@ import pytest
 
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
+from tpmsd.inference.blocks import V, W
+from tpmsd.inference.layouts import DRIFTING_RADII
 from tpmsd.inference.noise import LIMITS, Noise
 from tpmsd.inference.noise_fit import Data, log_prior, maximised, restricted_posterior
-from tpmsd.inference.state_space import STATES, Geometry, StateSpace, V, W, diagonals, geometry
+from tpmsd.inference.state_space import Geometry, StateSpace, diagonals, geometry
 from tpmsd.inference.trajectory import reference
 from tpmsd.inference.whitening import Whitener
 from tpmsd.inference.windows import GYRO, Reader
 from tpmsd.wheels import FloatArray
 
 WINDOWS = 12
+STATES = DRIFTING_RADII.states
 NOISE = Noise(reading_m=(0.01, 0.011, 0.012, 0.009), wander=1e-4, clock_s=0.01, gyro_drift_radps=1e-4)
 
 
@@ -119,7 +122,7 @@ def test_the_restricted_likelihood_is_that_of_error_contrasts(space: Geometry) -
     assert values[1] - values[0] == pytest.approx(expected[1] - expected[0], rel=1e-4)
 
 
-@pytest.mark.parametrize("name", list(LIMITS))
+@pytest.mark.parametrize("name", sorted(DRIFTING_RADII.parameters))
 def test_the_gradient_is_that_of_differences(space: Geometry, name: str) -> None:
     """By the logarithm of every parameter (of a correlation, the logit)."""
     columns, inflate = drawn(space, 2)

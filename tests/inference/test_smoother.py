@@ -10,14 +10,19 @@ import pytest
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
 from tpmsd.diagnosis.diagnose import diagnose, first_noise
+from tpmsd.inference.blocks import PE, PN, PSI, QOLD, Q, V, W
+from tpmsd.inference.layouts import DRIFTING_RADII
 from tpmsd.inference.noise import Noise
 from tpmsd.inference.recording import Recording
-from tpmsd.inference.state_space import GB, PE, PN, PSI, QOLD, STATES, Q, V, W, state_space
+from tpmsd.inference.state_space import state_space
 from tpmsd.inference.trajectory import WINDOW_S, reference
 from tpmsd.inference.whitening import Whitener
 from tpmsd.inference.windows import GYRO, Reader, Windows
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import FloatArray
+
+STATES = DRIFTING_RADII.states
+GB = DRIFTING_RADII.names.index("gyro_bias")
 
 
 def without_gyro(recording: Recording) -> Recording:
@@ -70,6 +75,7 @@ def test_the_smoother_is_the_conditional_mean(reader: Reader) -> None:
         design=reader.windows.design[:few],
         to_east_north=reader.windows.to_east_north[:few],
         measured=reader.windows.measured[:few],
+        after_fixes=reader.windows.after_fixes[:few],
     )
     noise = first_noise(reader)
     here = np.isfinite(windows.measured)

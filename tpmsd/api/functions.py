@@ -36,11 +36,9 @@ from tpmsd.resonance.watch import ResonanceWatch
 from tpmsd.sources.can_frame import CanFrame
 from tpmsd.sources.drive import Sentence
 from tpmsd.tables.tick_table import TickTable, TickTableRecorder
-from tpmsd.timeline.tick import Tick
 
 if TYPE_CHECKING:
-    from tpmsd.calibration.recording import Recording as CalibrationRecording
-    from tpmsd.inference.recording import Recording as DiagnosisRecording
+    from tpmsd.inference.recording import Recording
 
 T = TypeVar("T")
 DriveLike = Drive | str | Path
@@ -141,7 +139,7 @@ def diagnose(
     from tpmsd.diagnosis import diagnose as diagnosis
 
     wanted = _drives(drives)
-    recordings = [diagnosis_recording(drive) for drive in wanted]
+    recordings = [recording_of(drive) for drive in wanted]
     names = tuple(drive.name for drive in wanted)
     if simulation is None:
         certification = diagnosis.Certification(certify, np.random.default_rng(0))
@@ -149,7 +147,7 @@ def diagnose(
     if len(recordings) > 1:
         raise ConfigError("a simulation is compared with one drive, that of which it is a simulation")
     other = as_drive(simulation)
-    simulated = diagnosis_recording(other, "your simulation")
+    simulated = recording_of(other, "your simulation")
     found = diagnosis.diagnose_against(recordings[0], simulated, progress)
     return Diagnosis(found, names, _source([*wanted, other]))
 
@@ -175,7 +173,7 @@ def calibrate(
     for other in wanted[1:]:
         if other.config.vehicle != wanted[0].config.vehicle:
             raise ConfigError(f"{wanted[0].name} and {other.name}: their tables [vehicle] differ")
-    recordings = [calibration_recording(drive) for drive in wanted]
+    recordings = [recording_of(drive) for drive in wanted]
     try:
         found, _ = calibrate_recordings(recordings, wanted[0].config.vehicle, method, progress)
     except RefusedError as refusal:
@@ -224,23 +222,13 @@ def simulate(**settings: Any) -> Drive:
     return Drive(name, config, MemoryRecording(name, tuple(items), made.dbc), made.vehicle_toml)
 
 
-def diagnosis_recording(drive: Drive, name: str | None = None) -> DiagnosisRecording:
-    """A drive as the diagnosis' arrays; InputError where nothing usable is in it."""
-    from tpmsd.inference.recording import record as record_for_diagnosis
+def recording_of(drive: Drive, name: str | None = None) -> Recording:
+    """A drive as the arrays of diagnosis and calibration; InputError where nothing usable is in it."""
+    from tpmsd.inference.recording import record
 
-    return _recorded(drive, lambda ticks: record_for_diagnosis(ticks, drive.config, name or drive.name))
-
-
-def calibration_recording(drive: Drive) -> CalibrationRecording:
-    """A drive as the calibration's arrays; InputError where nothing usable is in it."""
-    from tpmsd.calibration.recording import record as record_for_calibration
-
-    return _recorded(drive, lambda ticks: record_for_calibration(drive.name, ticks, drive.config))
-
-
-def _recorded(drive: Drive, record: Callable[[list[Tick]], T]) -> T:
     try:
-        return record(read_ticks(drive.recording, drive.config, DESK_RATE_HZ))
+        ticks = read_ticks(drive.recording, drive.config, DESK_RATE_HZ)
+        return record(ticks, drive.config, name or drive.name)
     except TpmsdError:
         raise
     except ValueError as error:

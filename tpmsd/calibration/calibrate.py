@@ -12,12 +12,12 @@ import numpy as np
 
 from tpmsd.calibration.checks import check_fit, check_recordings
 from tpmsd.calibration.joint import PRIOR, JointFit, fit
-from tpmsd.calibration.nominal import Vehicle, vehicle_of
+from tpmsd.calibration.nominal import Vehicle, calibrated_wheels, vehicle_of
 from tpmsd.calibration.odometry import pose_error
 from tpmsd.calibration.paper import PaperFit, fit_paper
-from tpmsd.calibration.recording import Recording
 from tpmsd.calibration.result import Calibration, Effect, WheelResult
 from tpmsd.config.model import VehicleConfig
+from tpmsd.inference.recording import Recording
 from tpmsd.wheels import WHEELS, FloatArray
 
 METHODS = ("joint", "paper")
@@ -50,7 +50,7 @@ def calibrate(
 
 def _of_joint(drives: list[Recording], start: Vehicle, found: JointFit) -> Calibration:
     car = found.vehicle
-    read = sorted({k for drive in drives for k in drive.wheels})
+    read = sorted({k for drive in drives for k in calibrated_wheels(drive)})
     front = 0 in read
     wheels = {
         WHEELS[k]: WheelResult(

@@ -11,11 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.calibration.joint import PRIOR, JointFit, Rows
-from tpmsd.calibration.nominal import Vehicle, nominal
-from tpmsd.calibration.recording import Recording
-from tpmsd.calibration.whitening import whiten
-from tpmsd.calibration.windows import CHANGES, COLUMNS, PIECES
+from tpmsd.calibration.equations import CHANGES, COLUMNS, PIECES
+from tpmsd.calibration.joint import PRIOR, JointFit, Rows, whitened
+from tpmsd.calibration.nominal import Vehicle, calibrated_wheels, nominal
+from tpmsd.inference.recording import Recording
 from tpmsd.wheels import WHEELS, FloatArray
 
 MOVING_MPS = 3.0
@@ -36,7 +35,7 @@ CHANGE_CLUSTER_S, FEWEST_CLUSTERS = 40.0, 15
 CALM_MPS2 = 0.7
 """Lateral acceleration up to which a wheel's radius is held against the others: in bends load transfer
 rules."""
-CALM_FROM_MPS, CALM_TURN_RAD = 6.0, 0.05
+CALM_FROM_MPS, CALM_YAW_RADPS = 6.0, 0.05
 MIN_CHANGE = 1e-3
 """Relative change of one wheel's radius within a drive that is taken for a loss of pressure."""
 MIN_COMMON_LOSS, COMMON_SIGMA = 2.5e-3, 4.0
@@ -82,8 +81,9 @@ def check_recordings(recordings: list[Recording], car: Vehicle) -> None:
     """Refuse what needs no fit to be seen."""
     straight = turned = 0.0
     for at, recording in enumerate(recordings):
-        read = np.isfinite(recording.rotation_rad[:, recording.wheels]).mean(axis=0)
-        missing = [WHEELS[k] for k, share in zip(recording.wheels, read, strict=True) if share < MIN_READ]
+        wheels = calibrated_wheels(recording)
+        read = np.isfinite(recording.rotation_rad[:, wheels]).mean(axis=0)
+        missing = [WHEELS[k] for k, share in zip(wheels, read, strict=True) if share < MIN_READ]
         if missing:
             raise RefusedError(f"no readings of wheel {' '.join(missing)} in most of it", at)
         known = np.isfinite(recording.east_m)
@@ -150,12 +150,12 @@ def worst_change(recording: Recording, rows: Rows) -> Change:
     receiver, which is far less exact than wheels among each other, all wheels together may change by one ramp
     over the whole drive, bends and all.
     """
-    windows, wheels = rows.windows, recording.wheels
+    equations, wheels = rows.equations, calibrated_wheels(recording)
     inflate = rows.inflate.copy()
-    uneven = np.abs(windows.speed_mps * windows.turn_rad) > CALM_MPS2
-    uneven |= (windows.speed_mps < CALM_FROM_MPS) | (np.abs(windows.turn_rad) > CALM_TURN_RAD)
+    speed, yaw = equations.covariates["speed"], np.abs(equations.covariates["yaw_rate"])
+    uneven = (speed * yaw > CALM_MPS2) | (speed < CALM_FROM_MPS) | (yaw > CALM_YAW_RADPS)
     inflate[uneven, :4] *= 1e4
-    white = whiten(windows, [rows.noise], inflate)[0][0]
+    white = whitened(equations, rows.noise, inflate)
     y, X = white[:, :, 0], white[:, :, 1:]
     mean, std = np.array([PRIOR[name] for name in COLUMNS]).T
     contrasts, wheel_of, piece_of = _contrasts(wheels)

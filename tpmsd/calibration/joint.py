@@ -3,9 +3,9 @@
 In: `Recording`s of one car, its `Vehicle`. Out: `JointFit`: the parameters with their covariance, the
 rows of innovations they came from, and how the iteration went.
 
-Gauss-Newton: linearise each drive about its nominal motion (`windows`), take motion and correlated noise out
-(`whitening`), fit the noise of each drive (`noise_fit`), weigh outliers down, solve all drives' rows
-together, move the car, repeat until it stands still.
+Gauss-Newton: linearise each drive about its nominal motion (`equations`), take motion and correlated noise
+out and fit the noise of each drive (`tpmsd.inference`), weigh outliers down, solve all drives' rows together,
+move the car, repeat until it stands still.
 """
 
 from __future__ import annotations
@@ -15,11 +15,22 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tpmsd.calibration.noise_fit import fit_noise, outliers
+from tpmsd.calibration.equations import CHANGES, COLUMNS, LOCAL, Equations, make_equations
 from tpmsd.calibration.nominal import Vehicle, nominal
-from tpmsd.calibration.recording import Recording
-from tpmsd.calibration.whitening import Noise, whiten
-from tpmsd.calibration.windows import CHANGES, CHANNELS, COLUMNS, LOCAL, Windows, make_windows
+from tpmsd.inference.layouts import LEANING_CAR
+from tpmsd.inference.noise import Noise
+from tpmsd.inference.noise_fit import (
+    FIT_WINDOWS,
+    SLOW_WINDOWS,
+    Data,
+    maximised,
+    representative,
+    single_outliers,
+)
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.state_space import geometry
+from tpmsd.inference.whitening import Whitener
+from tpmsd.inference.windows import EAST
 from tpmsd.physics.motion import GRAVITY_MPS2
 from tpmsd.wheels import FloatArray
 
@@ -38,11 +49,15 @@ PRIOR = {
     "doppler_lag": (0.0, 0.1),
     **dict.fromkeys(CHANGES, (0.0, 1e-2)),
 }
-"""Mean and standard deviation of what is believed beforehand, by `windows.COLUMNS`. Radii, tracks and gyro
+"""Mean and standard deviation of what is believed beforehand, by `equations.COLUMNS`. Radii, tracks and gyro
 gain are relative and refer to the configuration."""
 _NONE = 1e-9
 """Prior standard deviation of what is not let in."""
 MAX_ITERATIONS = 12
+NOISE_ITERATIONS = (2, 3, 5)
+"""In which the noise of each drive is estimated: the last time with all outliers weighed down."""
+LAST_OUTLIERS = 4
+"""Last iteration that looks for outliers, on top of those before."""
 STILL = 0.02
 """Converged when no parameter moves by more than this share of its standard deviation."""
 CLUSTER_S = 20.0
@@ -63,7 +78,7 @@ class Rows:
     X: FloatArray
     """(k, 9, p)"""
     time_s: FloatArray
-    windows: Windows
+    equations: Equations
     noise: Noise
     inflate: FloatArray
 
@@ -124,24 +139,27 @@ def fit(
     for iteration in range(1, MAX_ITERATIONS + 1):
         rows = []
         for at, recording in enumerate(recordings):
-            windows = make_windows(recording, nominal(recording, car), car, reference_mps)
+            equations = make_equations(recording, nominal(recording, car), car, reference_mps)
             noise, inflate = noises[at], inflates[at]
             if noise is None or inflate is None:
-                noise, inflate = Noise(), np.ones((len(windows), CHANNELS))
-            if iteration in (2, 3, 4):
+                noise, inflate = Noise.first(recording.quantum_rad, car.radius_m), equations.inflate
+            if iteration in NOISE_ITERATIONS:
                 local = np.array([wide[names.index(_own(name, at))] for name in COLUMNS])
-                noise = fit_noise(windows, noise, inflate, local, rounds=6 if iteration == 2 else 2)
-            drive = _whitened(windows, noise, inflate)
+                last = iteration == NOISE_ITERATIONS[-1]
+                noise = _fit_noise(equations, noise, inflate, local, SLOW_WINDOWS if last else FIT_WINDOWS)
+            white = whitened(equations, noise, inflate)
+            drive = Rows(white[:, :, 0], white[:, :, 1:], equations.time_s, equations, noise, inflate)
             noises[at], inflates[at] = noise, inflate
             rows.append(drive)
             progress(_share_done(iteration, (at + 1) / len(recordings)))
         linearised = moved
         new, covariance = solve(rows, names, mean, steady, moved)
-        if iteration <= 4:
+        if iteration <= LAST_OUTLIERS:
             free, _ = solve(rows, names, mean, wide, moved)
             for at, drive in enumerate(rows):
                 residual = drive.y - drive.X @ (free - moved)[_places(names, at)]
-                inflates[at] = outliers(residual, np.ones_like(residual) if iteration < 4 else drive.inflate)
+                before = drive.equations.inflate if iteration < LAST_OUTLIERS else drive.inflate
+                inflates[at] = before * outlier_factors(residual)
         std = np.sqrt(np.diag(covariance))
         change = np.abs(new - values) / std
         values = new
@@ -153,7 +171,7 @@ def fit(
             values[names.index("load_lateral")],
         )
         history.append(car.radius_m)
-        if iteration > 5 and float(change.max()) < STILL:
+        if iteration > NOISE_ITERATIONS[-1] and float(change.max()) < STILL:
             reason = f"no parameter moved by more than {STILL:g} of its standard deviation"
             break
     covariance = _widened(rows, names, values, covariance, linearised, car.radius_m)
@@ -164,8 +182,8 @@ def fit(
 
 def _share_done(iteration: int, drives: float) -> float:
     """Of the work, by the shares that the iterations have; most of them fit no noise and are short."""
-    before = [0.0, 0.02, 0.62, 0.79, 0.96]
-    begin = before[min(iteration - 1, 4)]
+    before = [0.0, 0.02, 0.42, 0.67, 0.69, 0.94]
+    begin = before[min(iteration - 1, len(before) - 1)]
     end = before[iteration] if iteration < len(before) else 1.0
     return begin + (end - begin) * drives
 
@@ -197,9 +215,26 @@ def _priors(names: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
     return pairs[:, 0], pairs[:, 1]
 
 
-def _whitened(windows: Windows, noise: Noise, inflate: FloatArray) -> Rows:
-    white, _ = whiten(windows, [noise], inflate)
-    return Rows(white[0, :, :, 0], white[0, :, :, 1:], windows.time_s, windows, noise, inflate)
+def whitened(equations: Equations, noise: Noise, inflate: FloatArray) -> FloatArray:
+    """(w, 9, 1 + p) a drive's residuals and columns as innovations."""
+    return Whitener.of(equations, noise, equations.here, inflate, LEANING_CAR).apply(equations.data)
+
+
+def _fit_noise(
+    equations: Equations, start: Noise, inflate: FloatArray, prior_std: FloatArray, windows: int
+) -> Noise:
+    """The likeliest noise of a drive by so many windows, its parameters integrated out under these priors
+    (p,)."""
+    space = geometry(equations, equations.here, LEANING_CAR)
+    data = representative(Data(space, equations.data, inflate, prior_std, priors={}), windows)
+    return maximised(data, start, data.estimable())
+
+
+def outlier_factors(white: FloatArray) -> FloatArray:
+    """(w, 9) factors on the variances; a position weighs less on both axes."""
+    factor = single_outliers(white)
+    factor[:, EAST:] = factor[:, EAST:].max(axis=1, keepdims=True)
+    return factor
 
 
 def solve(

@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, median_filter
 
-from tpmsd.calibration.recording import Recording
 from tpmsd.config.model import VehicleConfig
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.trajectory import fill
 from tpmsd.physics.kinematics import Geometry
 from tpmsd.physics.motion import driven_mask, integrate
-from tpmsd.wheels import RL, RR, FloatArray
+from tpmsd.wheels import FL, FR, RL, RR, FloatArray
 
 SMOOTHING_S = 0.3
 HEIGHT_SMOOTHING_S = 8.0
@@ -66,6 +67,13 @@ def vehicle_of(config: VehicleConfig) -> Vehicle:
     )
 
 
+def calibrated_wheels(recording: Recording) -> list[int]:
+    """The rear pair in any case; the front pair before it, if both were read through most of the drive."""
+    known = np.isfinite(recording.rotation_rad).mean(axis=0)
+    front = [FL, FR] if min(known[FL], known[FR]) > 0.5 else []
+    return [*front, RL, RR]
+
+
 @dataclass(frozen=True)
 class Nominal:
     """Arrays (n + 1,) at the ticks' edges."""
@@ -91,7 +99,7 @@ def nominal(recording: Recording, car: Vehicle) -> Nominal:
     heading = integrate(by_wheels, edges) + _lead(recording, edges, speed, integrate(by_wheels, edges))
     grade = _grade(recording, edges, speed)
     forward = speed * np.cos(grade)
-    if not np.isfinite(recording.heading_rad).mean() > COURSES_FROM:
+    if not np.isfinite(recording.course_rad).mean() > COURSES_FROM:
         for _ in range(2):
             heading = heading + _turned_to_positions(recording, edges, heading, forward)
     yaw = np.gradient(heading, dt)
@@ -115,14 +123,6 @@ def shown_turn(car: Vehicle, speed_mps: FloatArray) -> FloatArray:
     """
     too_much = 2 * car.load_lateral_s2 * np.square(speed_mps)
     return np.asarray(1.0 + too_much / (car.radius_m[RL] * car.geometry.track_rear_m), dtype=np.float64)
-
-
-def fill(values: FloatArray) -> FloatArray:
-    """NaNs replaced by interpolation over the index (zeros where nothing is known); same shape (n,)."""
-    known = np.isfinite(values)
-    if not known.any():
-        return np.zeros_like(values)
-    return np.interp(np.arange(len(values)), np.flatnonzero(known), values[known])
 
 
 def _to_edges(ticks: FloatArray, sigma: float) -> FloatArray:
@@ -154,7 +154,7 @@ def _turned_to_positions(
     if known.sum() < 10:
         return np.zeros_like(edges)
     time_s, dt = recording.fix_time_s[known], recording.dt_s
-    ahead, left = recording.antenna_forward_m, recording.antenna_left_m
+    ahead, left = recording.car.antenna_forward_m, recording.car.antenna_left_m
     cos, sin = np.cos(heading), np.sin(heading)
     antenna = (
         integrate(forward * cos, edges) + ahead * cos - left * sin,
@@ -171,9 +171,9 @@ def _turned_to_positions(
 
 def courses(recording: Recording) -> tuple[FloatArray, FloatArray]:
     """Times and courses of the receiver; from its positions over a leg where it gives none."""
-    known = np.isfinite(recording.heading_rad)
+    known = np.isfinite(recording.course_rad)
     if len(known) and known.mean() > COURSES_FROM:
-        return recording.fix_time_s[known], recording.heading_rad[known]
+        return recording.fix_time_s[known], recording.course_rad[known]
     time_s, east, north = recording.fix_time_s, recording.east_m, recording.north_m
     if len(time_s) < 3:
         return np.empty(0), np.empty(0)

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.calibration.nominal import Vehicle, fill, shown_turn
-from tpmsd.calibration.recording import Recording
+from tpmsd.calibration.nominal import Vehicle, shown_turn
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.trajectory import fill
 from tpmsd.wheels import RL, RR, FloatArray
 
 PIECE_M = 2200.0
@@ -42,7 +43,7 @@ def pieces(recording: Recording, car: Vehicle) -> list[Piece]:
     middle = heading[:-1] + turn / 2
     axle = np.zeros((len(way) + 1, 2))
     np.cumsum(np.stack([way * np.cos(middle), way * np.sin(middle)], axis=1), axis=0, out=axle[1:])
-    forward, left = recording.antenna_forward_m, recording.antenna_left_m
+    forward, left = recording.car.antenna_forward_m, recording.car.antenna_left_m
     cos, sin = np.cos(heading), np.sin(heading)
     antenna = axle + np.stack([forward * cos - left * sin, forward * sin + left * cos], axis=1)
     edges = recording.edges_s

@@ -15,9 +15,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from tpmsd.calibration.nominal import Vehicle, fill
-from tpmsd.calibration.recording import Recording
+from tpmsd.calibration.nominal import Vehicle
 from tpmsd.calibration.reference import ReferencePose, reference_pose
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.trajectory import fill
 from tpmsd.wheels import RL, RR, FloatArray
 
 WEIGHTS = np.array([1.0, 1.0, 10.0])

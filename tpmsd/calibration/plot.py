@@ -13,9 +13,9 @@ import numpy as np
 
 from tpmsd.calibration.nominal import Vehicle, vehicle_of
 from tpmsd.calibration.odometry import Piece, pieces
-from tpmsd.calibration.recording import Recording
 from tpmsd.calibration.result import Calibration
 from tpmsd.config.model import VehicleConfig
+from tpmsd.inference.recording import Recording
 from tpmsd.palette import STYLES, line_style
 from tpmsd.wheels import WHEELS, FloatArray
 

@@ -17,8 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from tpmsd.calibration.nominal import Vehicle, courses, fill, nominal
-from tpmsd.calibration.recording import Recording
+from tpmsd.calibration.nominal import Vehicle, courses, nominal
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.trajectory import fill
 from tpmsd.wheels import RL, RR, FloatArray
 
 POSITION_STD_M, ACCEL_STD_MPS2 = 1.0, 0.3
@@ -44,17 +45,17 @@ def reference_pose(recording: Recording, car: Vehicle, side_slip: bool = True) -
     rate = recording.rotation_rad / dt * car.radius_m
     rear = np.stack([fill(rate[:, RL]), fill(rate[:, RR])], axis=1)
     by_wheels = (rear[:, 1] - rear[:, 0]) / car.geometry.track_rear_m
-    gyro = recording.gyro_radps
+    gyro = recording.inertial["yaw_rate_radps"]
     yaw = fill(gyro) if np.isfinite(gyro).mean() > 0.8 else by_wheels
     speed = gaussian_filter1d(rear.mean(axis=1), 0.3 / dt, mode="nearest")
-    lateral = recording.accel_lat_mps2
+    lateral = recording.inertial["accel_lat_mps2"]
     lateral = fill(lateral) if np.isfinite(lateral).mean() > 0.8 else speed * yaw
-    long = recording.accel_long_mps2
+    long = recording.inertial["accel_long_mps2"]
     long = fill(long) if np.isfinite(long).mean() > 0.8 else np.gradient(speed, dt)
     start = nominal(recording, car).heading_rad
     slip = np.zeros(len(edges))
     heading = _heading(recording, yaw, slip, start, speed)
-    compass = recording.compass_rad
+    compass = recording.inertial.get("compass_rad")
     if side_slip and compass is not None and np.isfinite(compass).mean() > 0.5:
         slip = np.concatenate([[0.0], -_slip_per_accel(recording, heading, lateral, speed) * lateral])
     if compass is None or not np.isfinite(compass).any():
@@ -63,7 +64,7 @@ def reference_pose(recording: Recording, car: Vehicle, side_slip: bool = True) -
     cos, sin = np.cos(middle), np.sin(middle)
     accel = np.stack([long * cos - lateral * sin, long * sin + lateral * cos], axis=1)
     at_fix = np.interp(recording.fix_time_s, edges, heading)
-    forward, left = recording.antenna_forward_m, recording.antenna_left_m
+    forward, left = recording.car.antenna_forward_m, recording.car.antenna_left_m
     axle = np.stack(
         [
             recording.east_m - forward * np.cos(at_fix) + left * np.sin(at_fix),
@@ -85,7 +86,7 @@ def _heading(
     """(n + 1,) by a Kalman smoother over (heading, bias); `start` tells which turn an angle belongs to."""
     dt, count = recording.dt_s, len(yaw) + 1
     total, number = np.zeros(count), np.zeros(count)  # information and its product with the reading
-    compass = recording.compass_rad
+    compass = recording.inertial.get("compass_rad")
     if compass is not None and np.isfinite(compass).any():
         known = np.flatnonzero(np.isfinite(compass))
         number[known + 1] += 1.0 / COMPASS_STD_RAD**2

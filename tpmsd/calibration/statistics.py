@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.calibration.checks import check_fit, check_recordings
+from tpmsd.calibration.equations import PARAMETERS
 from tpmsd.calibration.joint import PRIOR, JointFit, fit
 from tpmsd.calibration.nominal import Vehicle
-from tpmsd.calibration.recording import Recording
-from tpmsd.calibration.windows import PARAMETERS
+from tpmsd.inference.recording import Recording
 from tpmsd.wheels import WHEELS, FloatArray
 
 REFERENCE_SPEED_MPS = 20.0
@@ -31,7 +31,7 @@ class DriveStatistics:
     """log likelihood = const + vector @ theta - theta @ information @ theta / 2."""
 
     names: tuple[str, ...]
-    """p parameters, as in `windows.PARAMETERS`: radii, tracks and gyro gain relative to the configured
+    """p parameters, as in `equations.PARAMETERS`: radii, tracks and gyro gain relative to the configured
     values, the others in SI units."""
     information: FloatArray
     """(p, p) positive semidefinite."""

@@ -17,9 +17,9 @@ from tpmsd.cli.outputs import OutputError, Outputs, write_whole
 from tpmsd.errors import ConfigError, InputError, TpmsdError
 
 if TYPE_CHECKING:
-    from tpmsd.calibration.recording import Recording
     from tpmsd.calibration.result import Calibration
     from tpmsd.config.model import Config
+    from tpmsd.inference.recording import Recording
 
 MOST_FROM_NOMINAL = 0.2
 """Largest share by which a calibrated radius may leave the configured one. All tyres that fit one car lie
@@ -129,9 +129,9 @@ def run(args: argparse.Namespace) -> int:
 
 def read_recordings(folders: list[Path], config_file: Path | None) -> tuple[list[Recording], Config]:
     """The drives as arrays, and the configuration of the first; InputError where they do not go together."""
-    from tpmsd.calibration.recording import record
     from tpmsd.cli.drive_reading import read_ticks
     from tpmsd.config.load import load_config
+    from tpmsd.inference.recording import record
 
     first: Config | None = None
     recordings = []
@@ -146,7 +146,7 @@ def read_recordings(folders: list[Path], config_file: Path | None) -> tuple[list
                 folder, f"its [vehicle] is not that of {folders[0]}; give one for all with --config"
             )
         try:
-            recordings.append(record(folder.resolve().name, read_ticks(folder, config), config))
+            recordings.append(record(read_ticks(folder, config), config, folder.resolve().name))
         except TpmsdError:
             raise
         except ValueError as error:

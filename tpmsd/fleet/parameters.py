@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tpmsd.calibration.equations import PARAMETERS
 from tpmsd.calibration.joint import PRIOR
-from tpmsd.calibration.windows import PARAMETERS
 from tpmsd.physics.catalogue import EFFECTS
 from tpmsd.wheels import WHEELS, FloatArray
 

@@ -84,7 +84,7 @@ def _document(status: str, reason: str, stages: tuple[str, ...], parts: dict[str
 def _parts(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
     # Imported here: the client, which only hands out keys, needs none of it.
     from tpmsd.api.drive import load
-    from tpmsd.api.functions import calibration_recording, diagnosis_recording, replayed
+    from tpmsd.api.functions import recording_of, replayed
     from tpmsd.report.replay_document import replay_document
 
     drive = load(folder)
@@ -101,7 +101,7 @@ def _parts(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
         from tpmsd.calibration.statistics import drive_statistics
 
         try:
-            statistics = drive_statistics(calibration_recording(drive), vehicle_of(drive.config.vehicle))
+            statistics = drive_statistics(recording_of(drive), vehicle_of(drive.config.vehicle))
         except (RefusedError, TpmsdError) as error:
             parts["calibrate"] = {"reason": str(error).replace(str(folder), "DRIVE"), "statistics": None}
         else:
@@ -110,7 +110,7 @@ def _parts(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
         from tpmsd.diagnosis.diagnose import diagnose
         from tpmsd.report.diagnosis_document import diagnosis_document
 
-        document = diagnosis_document(diagnose([diagnosis_recording(drive, "the drive")]), None)
+        document = diagnosis_document(diagnose([recording_of(drive, "the drive")]), None)
         kept = ("verdict", "reason", "findings", "driving_s")
         parts["diagnose"] = _rounded(plain({name: document[name] for name in kept}))
     return parts

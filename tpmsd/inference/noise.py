@@ -10,6 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+import numpy as np
+
+from tpmsd.wheels import FloatArray
+
+LEAST_READING_M = 1e-4
+"""Of a wheel's way at an instant, where speeds are read instead of counts."""
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -39,9 +46,23 @@ class Noise:
     clock_s: float = 2e-3
     """Wander of the receiver's clock against the bus's, which a constant latency does not hold."""
     clock_tau_s: float = 8.0
+    age_s: float = 5e-4
+    """Growth of the fixes' age per square root of a second, where it is a random walk."""
     wander: float = 2e-5
     """Of a tyre's radius, relative: load, temperature and the road's crossfall change it slowly."""
     wander_tau_s: float = 60.0
+    lean: float = 3e-5
+    """Slow difference of left and right radii, relative: slant of the road, side wind."""
+    lean_tau_s: float = 15.0
+    crab_rad: float = 2e-3
+    """Wandering angle between the rear axle's course and the car's heading."""
+    crab_tau_s: float = 8.0
+
+    @classmethod
+    def first(cls, quantum_rad: FloatArray, radius_m: FloatArray) -> Noise:
+        """Where an estimate starts: the known quantisation of a tick's reading (4,), typical instruments."""
+        fl, fr, rl, rr = np.maximum(quantum_rad / np.sqrt(2.0) * radius_m, LEAST_READING_M).tolist()
+        return cls(reading_m=(fl, fr, rl, rr))
 
 
 LIMITS: Mapping[str, tuple[float, float]] = MappingProxyType(
@@ -62,12 +83,16 @@ LIMITS: Mapping[str, tuple[float, float]] = MappingProxyType(
         "slow_tau_s": (3.0, 300.0),
         "clock_s": (1e-4, 0.3),
         "clock_tau_s": (0.5, 60.0),
+        "age_s": (1e-6, 2e-2),
         "wander": (1e-6, 3e-3),
         "wander_tau_s": (10.0, 600.0),
+        "lean": (1e-6, 5e-4),
+        "lean_tau_s": (3.0, 25.0),
+        "crab_rad": (1e-5, 5e-2),
     }
 )
 """Least and greatest value of each parameter that is estimated; what real instruments and roads have lies
-well inside."""
+well inside. Which of them matter, a drive's layout of states says."""
 PRIORS: Mapping[str, tuple[float, float]] = MappingProxyType(
     {
         "slow_m": (1.2, 1.0),

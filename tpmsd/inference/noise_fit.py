@@ -1,6 +1,6 @@
 """The noise model of a drive, estimated from the drive by restricted maximum likelihood.
 
-In: `Windows`, residuals, the columns of the model believed so far. Out: the `Noise` of greatest restricted
+In: `Linearised`, residuals, the columns of the model believed so far. Out: the `Noise` of greatest restricted
 likelihood (Patterson and Thompson, Biometrika 58, 1971: the values of the columns are integrated out, so that
 what they take up is not counted as calm), and how much single readings must be inflated because they are
 outliers. Estimated after the best model, not before: a missing effect must not pass for noise.
@@ -13,8 +13,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
@@ -24,7 +24,7 @@ from scipy.optimize import OptimizeResult, minimize
 from tpmsd.inference.noise import LIMITS, PRIORS, Noise
 from tpmsd.inference.state_space import Diagonals, Geometry, diagonals, geometry
 from tpmsd.inference.whitening import Derivatives, Whitener
-from tpmsd.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED, Windows
+from tpmsd.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED, Linearised
 from tpmsd.wheels import FloatArray
 
 SLOW = ("slow_m", "slow_tau_s")
@@ -32,7 +32,7 @@ WANDER = ("wander", "wander_tau_s")
 WANDERING = (*SLOW, *WANDER, "gyro_drift_radps", "speed_memory", "clock_s", "clock_tau_s")
 """What could pass for a missing effect: not estimated before effects were looked for."""
 FIT_WINDOWS, SLOW_WINDOWS = 300, 600
-"""Windows that stand for a long drive, where all parameters and where slow ones are estimated."""
+"""Linearised that stand for a long drive, where all parameters and where slow ones are estimated."""
 OUTLIER = 3.5
 ROUGH_STRETCH = 1.6
 """Variance of a stretch, over the usual one, from which it is believed to be noisier."""
@@ -63,50 +63,60 @@ class Data:
     """(w, 9, 1 + k) residual and columns whose values are integrated out; zero where not measured."""
     inflate: FloatArray
     """(w, 9)"""
+    prior_std: FloatArray | None = None
+    """(k,) of the columns' values; None where nothing is known of them."""
+    priors: Mapping[str, tuple[float, float]] = field(default_factory=lambda: PRIORS)
+    """Of the noise: median and logarithmic spread by parameter."""
+
+    def estimable(self, names: Iterable[str] = LIMITS) -> list[str]:
+        """Those parameters that the drive's states have and a measured channel shows."""
+        seen = np.atleast_1d(self.space.here.any(axis=0))
+        return [name for name in names if name in self.space.layout.parameters and seen[_channel(name)]]
 
 
 def fit_noise(
-    windows: Windows, columns: FloatArray, start: Noise, stage: Stage, inflate: FloatArray | None = None
+    windows: Linearised, columns: FloatArray, start: Noise, stage: Stage, inflate: FloatArray | None = None
 ) -> Noise:
     """Maximise the restricted likelihood over what a stage may estimate.
 
     `columns` (w, 9, 1 + k): the residual and the columns that are believed, whose values are fitted along.
     A long drive is represented by two stretches of it.
     """
-    measured = np.asarray(np.isfinite(columns[:, :, 0]).any(axis=0))
-    names = [name for name in LIMITS if measured[_channel(name)]]
     whole = _data(windows, columns, inflate)
+    names = whole.estimable()
     if stage is Stage.FIRST:
-        part = _apart(_part(whole, FIT_WINDOWS))
+        part = _apart(representative(whole, FIT_WINDOWS))
         return maximised(part, start, [name for name in names if name not in WANDERING])
     if stage is Stage.LAST:
-        slow = _part(whole, SLOW_WINDOWS)
+        slow = representative(whole, SLOW_WINDOWS)
         return maximised(slow, start, [name for name in names if name in WANDERING])
-    return maximised(_part(whole, FIT_WINDOWS), start, names)
+    return maximised(representative(whole, FIT_WINDOWS), start, names)
 
 
-def refit_slow(windows: Windows, columns: FloatArray, noise: Noise, inflate: FloatArray | None) -> Noise:
+def refit_slow(windows: Linearised, columns: FloatArray, noise: Noise, inflate: FloatArray | None) -> Noise:
     """Only the receiver's slow error, on the whole drive."""
     return refit(windows, columns, noise, inflate, SLOW)
 
 
-def refit_wander(windows: Windows, columns: FloatArray, noise: Noise, inflate: FloatArray | None) -> Noise:
+def refit_wander(windows: Linearised, columns: FloatArray, noise: Noise, inflate: FloatArray | None) -> Noise:
     """Only the radius drift, on the whole drive."""
     return refit(windows, columns, noise, inflate, WANDER)
 
 
 def refit(
-    windows: Windows, columns: FloatArray, noise: Noise, inflate: FloatArray | None, names: Sequence[str]
+    windows: Linearised, columns: FloatArray, noise: Noise, inflate: FloatArray | None, names: Sequence[str]
 ) -> Noise:
     """These parameters alone, on the whole drive."""
     return maximised(_data(windows, columns, inflate), noise, names)
 
 
-def log_posterior(windows: Windows, columns: FloatArray, noise: Noise, inflate: FloatArray | None) -> float:
+def log_posterior(
+    windows: Linearised, columns: FloatArray, noise: Noise, inflate: FloatArray | None
+) -> float:
     """Log-likelihood with the columns' values at their best, and the prior of the noise."""
     data = _data(windows, columns, inflate)
     made = Whitener(data.space, diagonals(data.space, noise, data.inflate))
-    y, X, _ = _orthonormal(made.apply(data.columns))
+    y, X, _ = _orthonormal(data, made)
     left = y - X @ (X.T @ y)
     return -0.5 * (float(left @ y) + made.logdet) + log_prior(noise)
 
@@ -153,21 +163,27 @@ def restricted_posterior(data: Data, noise: Noise, names: Sequence[str]) -> tupl
     logarithm; of a correlation the logit) of the named parameters."""
     diagonal = diagonals(data.space, noise, data.inflate)
     made = Whitener(data.space, diagonal, for_derivatives=True)
-    white = made.apply(data.columns)
-    y, X, log_information = _orthonormal(white)
+    y, X, log_information = _orthonormal(data, made)
     left = y - X @ (X.T @ y)
-    value = -0.5 * (float(left @ y) + made.logdet + log_information) + log_prior(noise)
-    rows = np.concatenate([left[:, None], X], axis=1).reshape(white.shape)
+    value = -0.5 * (float(left @ y) + made.logdet + log_information) + log_prior(noise, data.priors)
+    measured = slice(0, data.inflate.size)  # what is known beforehand depends on no noise
+    rows = np.concatenate([left[measured, None], X[measured]], axis=1).reshape(data.columns.shape)
     by = made.derivatives(rows)
     slope = np.array([_chained(data, noise, diagonal, name, by) for name in names])
     return value, slope
 
 
-def log_prior(noise: Noise) -> float:
+def log_prior(noise: Noise, priors: Mapping[str, tuple[float, float]] = PRIORS) -> float:
     """What is known of receivers: a drive holds too few swings of the slow error to tell it alone."""
     return -0.5 * sum(
-        (math.log(getattr(noise, name) / middle) / spread) ** 2 for name, (middle, spread) in PRIORS.items()
+        (math.log(getattr(noise, name) / middle) / spread) ** 2 for name, (middle, spread) in priors.items()
     )
+
+
+def single_outliers(white: FloatArray) -> FloatArray:
+    """(w, 9) factors on the variances that bring readings beyond 3.5 standard deviations back to 2."""
+    size = np.abs(white)
+    return np.where(size > OUTLIER, np.square(size / 2.0), 1.0)
 
 
 def outliers(white: FloatArray, blocks: np.ndarray, inflate: FloatArray | None) -> FloatArray:
@@ -179,7 +195,7 @@ def outliers(white: FloatArray, blocks: np.ndarray, inflate: FloatArray | None) 
     """
     before = np.ones(white.shape[:2]) if inflate is None else inflate
     size = np.abs(white)
-    factor = np.where(size > OUTLIER, (size / 2.0) ** 2, 1.0)
+    factor = single_outliers(white)
     calm = np.minimum(size, OUTLIER) ** 2
     for channels in (
         slice(0, GYRO),
@@ -199,11 +215,16 @@ def outliers(white: FloatArray, blocks: np.ndarray, inflate: FloatArray | None) 
     return np.asarray(before * factor)
 
 
-def _orthonormal(white: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Data (n,), columns (n, k) that are orthonormal and span the others, and the log-determinant of these
-    others' information, up to a constant that no noise changes."""
+def _orthonormal(data: Data, made: Whitener) -> tuple[FloatArray, FloatArray, float]:
+    """Whitened data (n,), columns (n, k) that are orthonormal and span the others, and the log-determinant of
+    these others' information, up to a constant that no noise changes. What is known of the columns' values
+    stands in k rows at the end, as readings of zero."""
+    white = made.apply(data.columns)
     rows = white.reshape(-1, white.shape[2])
     y, X = rows[:, 0], rows[:, 1:]
+    if data.prior_std is not None:
+        y = np.concatenate([y, np.zeros(len(data.prior_std))])
+        X = np.concatenate([X, np.diag(1.0 / data.prior_std)])
     if not X.shape[1]:
         return y, X, 0.0
     gram = X.T @ X
@@ -223,13 +244,13 @@ def _chained(data: Data, noise: Noise, diagonal: Diagonals, name: str, by: Deriv
         float(np.sum(getattr(by, part) * (getattr(moved, part) - getattr(diagonal, part)))) / _PROBE
         for part in _PARTS
     )
-    if name in PRIORS:
-        middle, spread = PRIORS[name]
+    if name in data.priors:
+        middle, spread = data.priors[name]
         out -= math.log(getattr(noise, name) / middle) / spread**2
     return out
 
 
-_PARTS = tuple(field.name for field in dataclasses.fields(Diagonals))
+_PARTS = tuple(part.name for part in dataclasses.fields(Diagonals))
 
 
 def _free(name: str, value: float) -> float:
@@ -252,16 +273,16 @@ def _channel(name: str) -> int:
         return SPEED
     if name.startswith(("cross", "course")):
         return COURSE
-    return EAST if name.startswith(("white", "slow", "clock")) else 2
+    return EAST if name.startswith(("white", "slow", "clock", "age")) else 2
 
 
-def _data(windows: Windows, columns: FloatArray, inflate: FloatArray | None) -> Data:
+def _data(windows: Linearised, columns: FloatArray, inflate: FloatArray | None) -> Data:
     here = np.isfinite(columns[:, :, 0])
     weight = np.ones((len(windows), CHANNELS)) if inflate is None else inflate
     return Data(geometry(windows, here), columns, weight)
 
 
-def _part(data: Data, windows: int) -> Data:
+def representative(data: Data, windows: int = FIT_WINDOWS) -> Data:
     """Two contiguous stretches, of so many windows together, that stand for a long drive."""
     count = len(data.columns)
     if count <= windows:
@@ -272,7 +293,9 @@ def _part(data: Data, windows: int) -> Data:
     at = np.concatenate([np.arange(first, first + half), np.arange(second, second + half)])
     index = np.cumsum(data.space.gap)[at]
     gap = np.diff(index, prepend=index[:1] - 1)
-    return Data(data.space.part(at, gap), data.columns[at], data.inflate[at])
+    return dataclasses.replace(
+        data, space=data.space.part(at, gap), columns=data.columns[at], inflate=data.inflate[at]
+    )
 
 
 def _apart(data: Data) -> Data:

@@ -1,6 +1,6 @@
 """Takes the unknown motion and the correlated noise out of residuals, by a Kalman filter.
 
-In: `Windows`, a `Noise`. Out: a `Whitener`, which turns residual columns (recording minus prediction,
+In: `Linearised`, a `Noise`. Out: a `Whitener`, which turns residual columns (recording minus prediction,
 responses of effects) into whitened innovations: independent, of unit variance where the noise is as said.
 Least squares on them is generalised least squares with the car's true speed, yaw rate, heading and position
 eliminated, which is what lets one channel be judged by all others with none trusted alone (de Jong, Annals of
@@ -24,27 +24,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 
+from tpmsd.inference.blocks import PN, PSI, QOLD, Layout, Q, V, W
+from tpmsd.inference.layouts import DRIFTING_RADII
 from tpmsd.inference.noise import Noise
-from tpmsd.inference.state_space import (
-    CARRIED,
-    PE,
-    PN,
-    PSI,
-    QOLD,
-    STATES,
-    Diagonals,
-    Geometry,
-    Q,
-    V,
-    W,
-    diagonals,
-    geometry,
-)
-from tpmsd.inference.windows import CHANNELS, Windows
+from tpmsd.inference.state_space import Diagonals, Geometry, diagonals, geometry
+from tpmsd.inference.windows import CHANNELS, Linearised
 from tpmsd.wheels import FloatArray
-
-CARRY = len(CARRIED)
-_HEADING = int(np.flatnonzero(CARRIED == PSI)[0])
 
 
 @dataclass(frozen=True)
@@ -64,30 +49,32 @@ class Whitener:
         """With `for_derivatives` covariances are kept. ValueError if the noise is not positive definite."""
         self._space, self._diagonal = space, diagonal
         count = len(space.here)
+        self._carried = space.layout.carried
+        carry = self._carry = len(self._carried)
         self._joint = space.joint
         moved = _moved(space, diagonal)
         fresh = _fresh(space, diagonal)
         self._inverse = np.empty((count, CHANNELS, CHANNELS))
-        self._gain = np.empty((count, CHANNELS, CARRY))
+        self._gain = np.empty((count, CHANNELS, carry))
         """B = Linv C', so that the Kalman gain is B' Linv."""
-        spread = np.empty((count if for_derivatives else 1, CARRY + CHANNELS, CARRY))
-        joint = np.empty((CARRY + CHANNELS, CARRY + CHANNELS))
-        P = np.diag(diagonal.start[CARRIED])
+        spread = np.empty((count if for_derivatives else 1, carry + CHANNELS, carry))
+        joint = np.empty((carry + CHANNELS, carry + CHANNELS))
+        P = np.diag(diagonal.start[self._carried])
         for k in range(count):
             MP = spread[k if for_derivatives else 0]
             np.matmul(moved[k], P, out=MP)
             np.matmul(MP, moved[k].T, out=joint)
             np.add(joint, fresh[k], out=joint)
-            factor, failed = dpotrf(joint[CARRY:, CARRY:], lower=1)
+            factor, failed = dpotrf(joint[carry:, carry:], lower=1)
             if failed:
                 raise ValueError("the noise model is not positive definite")
             inverse, _ = dtrtri(factor, lower=1, overwrite_c=1)
             self._inverse[k] = inverse
-            B = np.matmul(inverse, joint[CARRY:, :CARRY], out=self._gain[k])
-            P = joint[:CARRY, :CARRY] - np.matmul(B.T, B)
-        self._seen = self._inverse @ moved[:, CARRY:]
+            B = np.matmul(inverse, joint[carry:, :carry], out=self._gain[k])
+            P = joint[:carry, :carry] - np.matmul(B.T, B)
+        self._seen = self._inverse @ moved[:, carry:]
         """G"""
-        self._phi = moved[:, :CARRY] - self._gain.transpose(0, 2, 1) @ self._seen
+        self._phi = moved[:, :carry] - self._gain.transpose(0, 2, 1) @ self._seen
         self._step = np.concatenate(
             [
                 np.concatenate([self._phi, self._gain.transpose(0, 2, 1) @ self._inverse], axis=2),
@@ -104,26 +91,31 @@ class Whitener:
 
     @classmethod
     def of(
-        cls, windows: Windows, noise: Noise, here: np.ndarray, inflate: FloatArray | None = None
+        cls,
+        windows: Linearised,
+        noise: Noise,
+        here: np.ndarray,
+        inflate: FloatArray | None = None,
+        layout: Layout = DRIFTING_RADII,
     ) -> Whitener:
         """For a drive; `here` (w, 9) says what was measured, `inflate` (w, 9) multiplies the variances of
         single readings that were found to be outliers."""
-        space = geometry(windows, here)
+        space = geometry(windows, here, layout)
         return cls(space, diagonals(space, noise, inflate))
 
     def apply(self, columns: FloatArray) -> FloatArray:
         """(w, 9, p) the columns (w, 9, p), whitened; zero where nothing was measured."""
         width = columns.shape[2]
         out = np.empty(columns.shape)
-        both, after = np.zeros((CARRY + CHANNELS, width)), np.empty((CARRY + CHANNELS, width))
+        both, after = np.zeros((self._carry + CHANNELS, width)), np.empty((self._carry + CHANNELS, width))
         whole = np.asarray(self._space.here.all(axis=1))
         for k in range(len(columns)):
-            both[CARRY:] = columns[k]
+            both[self._carry :] = columns[k]
             if not whole[k]:
-                both[CARRY:][~self._space.here[k]] = 0.0
+                both[self._carry :][~self._space.here[k]] = 0.0
             np.matmul(self._step[k], both, out=after)
-            out[k] = after[CARRY:]
-            both[:CARRY] = after[:CARRY]
+            out[k] = after[self._carry :]
+            both[: self._carry] = after[: self._carry]
         return out
 
     def smooth(self, white: FloatArray) -> FloatArray:
@@ -133,7 +125,7 @@ class Whitener:
         pull = self._pull(white[:, :, None], adjoint)
         fresh = self._diagonal.fresh[:, :, None] * pull
         fresh[:, V : PN + 1] += self._space.motion @ pull[:, V : PN + 1]
-        start = self._diagonal.start[PSI] * before[_HEADING, 0]
+        start = self._diagonal.start[PSI] * before[self._carried == PSI, 0]
         heading = start + np.cumsum(fresh[:, PSI, 0])
         return np.asarray(np.stack([fresh[:, V, 0], fresh[:, W, 0], heading], axis=1))
 
@@ -143,8 +135,8 @@ class Whitener:
         information, _ = self._information()
         into = self._space.motion[:, :, : W - V + 1]
         joint = self._space.joint[:, :, V : PN + 1] @ into
-        white = self._inverse @ joint[:, CARRY:]
-        carried = joint[:, :CARRY] - self._gain.transpose(0, 2, 1) @ white
+        white = self._inverse @ joint[:, self._carry :]
+        carried = joint[:, : self._carry] - self._gain.transpose(0, 2, 1) @ white
         told = (carried * (information @ carried)).sum(axis=1) + (white**2).sum(axis=1)
         before = into[:, [V - V, W - V], [V - V, W - V]]
         return np.asarray(np.sqrt(np.maximum(before - told, 0.0)))
@@ -153,7 +145,7 @@ class Whitener:
         """(w, 9, replicates) residuals drawn from the noise; zero where nothing was measured."""
         count = len(self._phi)
         white = rng.standard_normal((count, CHANNELS, replicates)) * self._space.here[:, :, None]
-        state = np.zeros((CARRY, replicates))  # the filter's mean, not the truth
+        state = np.zeros((self._carry, replicates))  # the filter's mean, not the truth
         out = np.empty(white.shape)
         for k in range(count):
             seen = white[k] + self._seen[k] @ state
@@ -170,9 +162,8 @@ class Whitener:
         count = len(white)
         information, N = self._information()
         inverse, gain = self._inverse, self._gain
-        rows = self._space.rows
-        white_rows = inverse @ rows
-        carried = self._joint[:, :CARRY] - gain.transpose(0, 2, 1) @ white_rows
+        white_rows = inverse @ self._joint[:, self._carry :]
+        carried = self._joint[:, : self._carry] - gain.transpose(0, 2, 1) @ white_rows
         onward = information @ carried
         of_fresh = 0.5 * ((pull**2).sum(2) - (carried * onward).sum(1) - (white_rows**2).sum(1))
         error = inverse.transpose(0, 2, 1) @ (white - gain @ adjoint)
@@ -180,28 +171,28 @@ class Whitener:
         told = (inverse**2).sum(axis=1) + (K * (information @ K)).sum(axis=1)
         of_variance = 0.5 * ((error**2).sum(2) - told) * self._space.here
         # By the decay of each carried state: pull x' + (zeta zeta' - N) M P, the state's own row and column.
-        of_decay = np.zeros((count, STATES))
+        of_decay = np.zeros((count, self._space.layout.states))
         MP = self._spread
         zeta = np.concatenate([adjoint, error], axis=1)
         through = zeta.transpose(0, 2, 1) @ MP
         # T M P = (M_states - K M_channels) P
-        carried_spread = MP[:, :CARRY] - K @ MP[:, CARRY:]
-        seen_spread = inverse @ MP[:, CARRY:]
+        carried_spread = MP[:, : self._carry] - K @ MP[:, self._carry :]
+        seen_spread = inverse @ MP[:, self._carry :]
         expected = onward.transpose(0, 2, 1) @ carried_spread + white_rows.transpose(0, 2, 1) @ seen_spread
-        at = np.arange(CARRY)
-        of_decay[:, CARRIED] = (
-            (pull[:, CARRIED] * states).sum(2)
-            + (pull[:, CARRIED] * through.transpose(0, 2, 1)).sum(2)
-            - expected[:, CARRIED, at]
+        at = np.arange(self._carry)
+        of_decay[:, self._carried] = (
+            (pull[:, self._carried] * states).sum(2)
+            + (pull[:, self._carried] * through.transpose(0, 2, 1)).sum(2)
+            - expected[:, self._carried, at]
         )
-        of_start = np.zeros(STATES)
-        of_start[CARRIED] = 0.5 * ((before**2).sum(1) - np.diag(N))
+        of_start = np.zeros(self._space.layout.states)
+        of_start[self._carried] = 0.5 * ((before**2).sum(1) - np.diag(N))
         return Derivatives(of_variance, of_decay, of_fresh, of_start)
 
     def _information(self) -> tuple[FloatArray, FloatArray]:
         """(w, c, c) what all later windows tell about the carried states after each, and before the first."""
-        out = np.empty((len(self._phi), CARRY, CARRY))
-        N = np.zeros((CARRY, CARRY))
+        out = np.empty((len(self._phi), self._carry, self._carry))
+        N = np.zeros((self._carry, self._carry))
         seen = self._seen.transpose(0, 2, 1) @ self._seen
         for k in range(len(out) - 1, -1, -1):
             out[k] = N
@@ -212,12 +203,12 @@ class Whitener:
 
     def _filtered_states(self, white: FloatArray) -> FloatArray:
         """(w, c, p) the states before each window, given the innovations."""
-        out = np.empty((len(white), CARRY, white.shape[2]))
+        out = np.empty((len(white), self._carry, white.shape[2]))
         drive = self._gain.transpose(0, 2, 1) @ white
-        state = np.zeros((CARRY, white.shape[2]))
+        state = np.zeros((self._carry, white.shape[2]))
         for k in range(len(white)):
             out[k] = state
-            state = self._moved[k, :CARRY] @ state
+            state = self._moved[k, : self._carry] @ state
             state += drive[k]
         return out
 
@@ -234,13 +225,13 @@ class Whitener:
         return out, adjoint
 
     def _pull(self, white: FloatArray, adjoint: FloatArray) -> FloatArray:
-        """(w, STATES, p) the likelihood's derivative by what comes into each state in each window."""
+        """(w, s, p) the likelihood's derivative by what comes into each state in each window."""
         error = self._inverse.transpose(0, 2, 1) @ (white - self._gain @ adjoint)
         return np.asarray(self._joint.transpose(0, 2, 1) @ np.concatenate([adjoint, error], axis=1))
 
 
 def whiten(
-    windows: Windows, noise: Noise, columns: FloatArray, inflate: FloatArray | None = None
+    windows: Linearised, noise: Noise, columns: FloatArray, inflate: FloatArray | None = None
 ) -> tuple[FloatArray, float]:
     """Whiten `columns` (w, 9, p) once: (w, 9, p), zero where not measured, and the sum of log variances.
 
@@ -252,18 +243,17 @@ def whiten(
 
 def _moved(space: Geometry, diagonal: Diagonals) -> FloatArray:
     """(w, c + 9, c) M: carried states and channels of a window as functions of the carried states before."""
-    decay, joint = diagonal.decay, space.joint
-    out = joint[:, :, CARRIED] * decay[:, None, CARRIED]
+    decay, joint, carried = diagonal.decay, space.joint, space.layout.carried
+    out = joint[:, :, carried] * decay[:, None, carried]
     out[:, :, Q : Q + 4] = joint[:, :, QOLD : QOLD + 4] * decay[:, None, QOLD : QOLD + 4]
-    out[:, :, _HEADING] += (joint[:, :, PE : PN + 1] @ space.turn[:, :, None])[:, :, 0] * decay[:, None, PSI]
     return np.asarray(out)
 
 
 def _fresh(space: Geometry, diagonal: Diagonals) -> FloatArray:
     """(w, c + 9, c + 9) covariance of what a window adds to carried states and channels."""
-    joint = space.joint
+    joint, carry = space.joint, len(space.layout.carried)
     out = (joint * diagonal.fresh[:, None]) @ joint.transpose(0, 2, 1)
     out += space.from_motion
-    at = np.arange(CARRY, CARRY + CHANNELS)
+    at = np.arange(carry, carry + CHANNELS)
     out[:, at, at] += np.where(space.here, diagonal.variance, 1.0)
     return np.asarray(out)

@@ -39,17 +39,18 @@ CHANNEL_NAMES = ("wheel_ratio",) * 4 + (
 
 
 @dataclass(frozen=True)
-class Windows:
-    """The windows of a drive in which it moved and its wheels were read; arrays over w windows."""
+class Linearised:
+    """What the channels of w windows see of the errors of a reference motion."""
 
     index: np.ndarray
     """(w,) number of the window since the drive's start: neighbours differ by one."""
-    measured: FloatArray
-    """(w, 9); NaN where not measured."""
     fixes: FloatArray
     """(w, 3) how many fixes gave a speed, a course and a position."""
+    after_fixes: FloatArray
+    """(w, 3) share of the window that follows these, in the mean."""
     covariates: dict[str, FloatArray]
-    """(w,) each: what an effect may depend on, in SI units."""
+    """(w,) each: what an effect may depend on, in SI units; `speed`, `yaw_rate` and `accel_kinematic` at
+    least."""
     design: FloatArray
     """(w, 9, 3) response of the channels to an error of the reference's speed, yaw rate and heading."""
     to_east_north: FloatArray
@@ -62,6 +63,14 @@ class Windows:
     def time_s(self) -> FloatArray:
         """(w,) middle of each window since the drive's start."""
         return (self.index + 0.5) * WINDOW_S
+
+
+@dataclass(frozen=True)
+class Windows(Linearised):
+    """The windows of a drive in which it moved and its wheels were read."""
+
+    measured: FloatArray
+    """(w, 9); NaN where not measured."""
 
 
 class Reader:
@@ -204,8 +213,15 @@ class Reader:
         ):
             measured[:, channel] = self._mean_fixes(values, np.isfinite(values))
         numbers = [self._number(np.isfinite(v)) for v in (recording.speed_mps, course, recording.east_m)]
-        design, grow = self._designs(base), self._growth()
-        return Windows(kept, measured, np.stack(numbers, axis=1), self._covariates(), design, grow)
+        return Windows(
+            index=kept,
+            fixes=np.stack(numbers, axis=1),
+            after_fixes=np.full((len(kept), 3), 0.5),
+            covariates=self._covariates(),
+            design=self._designs(base),
+            to_east_north=self._growth(),
+            measured=measured,
+        )
 
     def _covariates(self) -> dict[str, FloatArray]:
         motion, car = self.reference.motion, self.reference.car

@@ -269,7 +269,5 @@ def stacked(residual: FloatArray, arrays: Sequence[FloatArray]) -> FloatArray:
 
 
 def first_noise(reader: Reader) -> Noise:
-    """Where the estimate of the noise starts: known quantisation, typical instruments."""
-    quantum = reader.recording.quantum_rad / np.sqrt(2.0) * reader.reference.car.radius_m
-    reading = tuple(float(q) for q in np.maximum(quantum, 1e-4))
-    return Noise(reading_m=(reading[0], reading[1], reading[2], reading[3]))
+    """Where the estimate of the noise starts."""
+    return Noise.first(reader.recording.quantum_rad, reader.reference.car.radius_m)

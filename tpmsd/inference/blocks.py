@@ -1,0 +1,255 @@
+"""Kinds of states of a drive, as blocks that add up to a `Layout`.
+
+In: `Linearised` windows, a `Noise`. Out: per block its names, what the channels see of it (rows of H), how it
+fades and what comes in, and the parameters of the noise that rule it. Errors of the wheels' readings and of
+the motion come first in every layout; the others are first-order Gauss-Markov processes or random walks.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from tpmsd.inference.noise import Noise
+from tpmsd.inference.trajectory import WINDOW_S
+from tpmsd.inference.windows import CHANNELS, COURSE, EAST, NORTH, Linearised
+from tpmsd.wheels import WHEELS, FloatArray
+
+Q, QOLD, V, W, PSI, PE, PN = 0, 4, 8, 9, 10, 11, 12
+"""Places of the first two blocks' states in every layout: reading errors of the wheels' angles at a window's
+end and start, errors of speed, yaw rate, heading and position."""
+HEADING_STD_RAD, PLACE_STD_M = 0.5, 300.0
+"""Of the reference's heading and place at the drive's start."""
+HEADING_GAP_RAD, PLACE_GAP_M = 0.1, 20.0
+"""Of what heading and place gain in a gap between windows."""
+
+
+@dataclass(frozen=True)
+class Steps:
+    """What the blocks are told of a drive beside the noise; arrays over w windows."""
+
+    gap: np.ndarray
+    """(w,) windows since the one before."""
+    jump: FloatArray
+    """(w,) factor by which a far-off position widens the receiver's slow error; 1 elsewhere."""
+    read: FloatArray
+    """(w, 4) variance of a wheel's way at an instant."""
+
+    @property
+    def broken(self) -> np.ndarray:
+        """(w,) whether windows are missing before."""
+        return np.asarray(self.gap > 1)
+
+
+class StateBlock(Protocol):
+    """Some n states that belong together."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """(n,)"""
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Of the noise, those that rule this block."""
+
+    @property
+    def turning(self) -> tuple[int, ...]:
+        """States that turn the way, and so move the position."""
+
+    def rows(self, windows: Linearised) -> FloatArray:
+        """(w, 9, n) what the channels see of the states."""
+
+    def steps(self, noise: Noise, steps: Steps) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Factors of fading (w, n), variances that come in (w, n) and those before the first window (n,)."""
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Errors of the wheels' angles at the window's end and start: a count's error at an edge enters two
+    windows, with opposite signs."""
+
+    names = (*(f"reading_{wheel}" for wheel in WHEELS), *(f"reading_before_{wheel}" for wheel in WHEELS))
+    parameters = ("stamp_s",)
+    turning = ()
+
+    def rows(self, windows: Linearised) -> FloatArray:
+        """As in `StateBlock`."""
+        out = np.zeros((len(windows), CHANNELS, 8))
+        wheels = np.arange(4)
+        out[:, wheels, wheels] = 1.0
+        out[:, wheels, 4 + wheels] = -1.0
+        return out
+
+    def steps(self, noise: Noise, steps: Steps) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """As in `StateBlock`."""
+        broken = steps.broken[:, None]
+        read = steps.read
+        decay = np.concatenate([np.zeros_like(read), np.where(broken, 0.0, np.ones_like(read))], axis=1)
+        fresh = np.concatenate([read, np.where(broken, read, 0.0)], axis=1)
+        return decay, fresh, np.concatenate([read[0], np.zeros(4)])
+
+
+@dataclass(frozen=True)
+class MotionErrors:
+    """Errors of the reference's speed and yaw rate (new in every window), heading and position."""
+
+    names = ("speed", "yaw_rate", "heading", "east", "north")
+    parameters = ()
+    turning = (PSI - V,)
+
+    def rows(self, windows: Linearised) -> FloatArray:
+        """As in `StateBlock`."""
+        out = np.zeros((len(windows), CHANNELS, 5))
+        out[:, :, :3] = windows.design
+        late = windows.after_fixes
+        out[:, COURSE, W - V] -= WINDOW_S * late[:, 1]  # fixes lie before the window's end
+        for axis, channel in enumerate((EAST, NORTH)):
+            out[:, channel, PE - V + axis] = 1.0
+            out[:, channel, V - V] -= late[:, 2] * windows.to_east_north[:, axis, 0]
+            out[:, channel, PSI - V] -= late[:, 2] * windows.to_east_north[:, axis, 2]
+        return out
+
+    def steps(self, noise: Noise, steps: Steps) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """As in `StateBlock`."""
+        count = len(steps.gap)
+        decay = np.tile([0.0, 0.0, 1.0, 1.0, 1.0], (count, 1))
+        gained = np.array([0.0, 0.0, HEADING_GAP_RAD**2, PLACE_GAP_M**2, PLACE_GAP_M**2])
+        start = np.array([0.0, 0.0, HEADING_STD_RAD**2, PLACE_STD_M**2, PLACE_STD_M**2])
+        return decay, steps.broken[:, None] * gained, start
+
+
+WHITE = frozenset(
+    {
+        *("rough_m", "floor_m", "gyro_radps", "speed_white_mps", "cross_white_mps"),
+        *("course_floor_rad", "white_m"),
+    }
+)
+"""Parameters of what is new in every window."""
+Rows = Callable[[Linearised], FloatArray]
+"""What the channels see (w, 9, n)."""
+
+
+@dataclass(frozen=True)
+class GaussMarkov:
+    """First-order Gauss-Markov states of one standard deviation and one memory."""
+
+    names: tuple[str, ...]
+    size: str
+    """The noise's parameter of the standard deviation."""
+    memory: str
+    """The one of the time constant (s), or of the correlation from window to window."""
+    seen: Rows
+    turns: bool = False
+    """Whether it turns the way."""
+    jumps: bool = False
+    """Whether it may jump where a position is far off."""
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Standard deviation and memory."""
+        return self.size, self.memory
+
+    @property
+    def turning(self) -> tuple[int, ...]:
+        """All or none."""
+        return tuple(range(len(self.names))) if self.turns else ()
+
+    def rows(self, windows: Linearised) -> FloatArray:
+        """As in `StateBlock`."""
+        return self.seen(windows)
+
+    def steps(self, noise: Noise, steps: Steps) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """As in `StateBlock`."""
+        value, std = float(getattr(noise, self.memory)), float(getattr(noise, self.size))
+        kept = math.exp(-WINDOW_S / value) if self.memory.endswith("_s") else value
+        faded = np.full(len(steps.gap), kept)
+        faded[steps.broken] **= steps.gap[steps.broken]
+        fresh = std**2 * (1.0 - faded**2)
+        if self.jumps:
+            fresh = fresh + np.where(steps.jump > 1.0, std**2 * steps.jump, 0.0)
+        width = (1, len(self.names))
+        start = np.full(len(self.names), std**2)
+        return np.tile(faded[:, None], width), np.tile(fresh[:, None], width), start
+
+
+@dataclass(frozen=True)
+class RandomWalk:
+    """One state that walks at random."""
+
+    name: str
+    size: str
+    """The noise's parameter of its growth per square root of a second."""
+    start_std: float
+    seen: Rows
+    turning: tuple[int, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The one."""
+        return (self.name,)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Its growth."""
+        return (self.size,)
+
+    def rows(self, windows: Linearised) -> FloatArray:
+        """As in `StateBlock`."""
+        return self.seen(windows)
+
+    def steps(self, noise: Noise, steps: Steps) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """As in `StateBlock`."""
+        fresh = float(getattr(noise, self.size)) ** 2 * steps.gap[:, None]
+        return np.ones((len(steps.gap), 1)), fresh, np.array([self.start_std**2])
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The sum of some blocks: all s states of a drive."""
+
+    blocks: tuple[StateBlock, ...]
+    """Readings and errors of the motion first."""
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """(s,)"""
+        return tuple(name for block in self.blocks for name in block.names)
+
+    @property
+    def states(self) -> int:
+        """s"""
+        return len(self.names)
+
+    @cached_property
+    def carried(self) -> np.ndarray:
+        """(c,) states that one window hands to the next; the others are new in each and forgotten with it."""
+        return np.array([*range(Q, Q + 4), *range(PSI, self.states)])
+
+    @cached_property
+    def turning(self) -> list[int]:
+        """States that turn the way."""
+        out, first = [], 0
+        for block in self.blocks:
+            out += [first + state for state in block.turning]
+            first += len(block.names)
+        return out
+
+    @cached_property
+    def parameters(self) -> frozenset[str]:
+        """Of the noise, those that matter."""
+        return frozenset(name for block in self.blocks for name in block.parameters) | WHITE
+
+    def rows(self, windows: Linearised) -> FloatArray:
+        """(w, 9, s) H."""
+        return np.concatenate([block.rows(windows) for block in self.blocks], axis=2)
+
+    def steps(self, noise: Noise, steps: Steps) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Factors of fading (w, s), variances that come in (w, s) and those before the first window (s,)."""
+        every = [block.steps(noise, steps) for block in self.blocks]
+        decay, fresh, start = zip(*every, strict=True)
+        return np.concatenate(decay, axis=1), np.concatenate(fresh, axis=1), np.concatenate(start)

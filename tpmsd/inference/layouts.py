@@ -1,0 +1,98 @@
+"""Which states a drive has: the layouts of the diagnosis and of the calibration.
+
+In: nothing (tables). Out: `DRIFTING_RADII`, `LEANING_CAR`. They share all but the slow changes of a radius:
+the diagnosis lets each radius drift by itself, the calibration lets the car lean (one side's radii against
+the other's) and its rear axle's course leave the heading.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tpmsd.inference.blocks import GaussMarkov, Layout, MotionErrors, RandomWalk, Readings
+from tpmsd.inference.trajectory import WINDOW_S
+from tpmsd.inference.windows import CHANNELS, COURSE, EAST, GYRO, NORTH, SPEED, Linearised
+from tpmsd.wheels import IS_LEFT, WHEELS, FloatArray
+
+GYRO_BIAS_STD_RADPS = 0.05
+"""Of a gyro's zero at the drive's start, where no column stands for it."""
+
+AGE_STD_S = 1e-3
+"""Of what the fixes' age has drifted at the drive's start."""
+
+
+def _v(windows: Linearised) -> FloatArray:
+    return np.maximum(windows.covariates["speed"], 1.0)
+
+
+def _at(windows: Linearised, *seen: tuple[int, int, FloatArray | float]) -> FloatArray:
+    """(w, 9, n) from (channel, state, values)."""
+    out = np.zeros((len(windows), CHANNELS, 1 + max(state for _, state, _ in seen)))
+    for channel, state, values in seen:
+        out[:, channel, state] = values
+    return out
+
+
+def _clock(windows: Linearised) -> FloatArray:
+    v = _v(windows)
+    velocity = windows.to_east_north[:, :, 0] / WINDOW_S * v[:, None]
+    return _at(
+        windows,
+        (SPEED, 0, -windows.covariates["accel_kinematic"]),
+        (COURSE, 0, -windows.covariates["yaw_rate"]),
+        (EAST, 0, -velocity[:, 0]),
+        (NORTH, 0, -velocity[:, 1]),
+    )
+
+
+def _crab(windows: Linearised) -> FloatArray:
+    late = -windows.after_fixes[:, 2:] * windows.to_east_north[:, :, 2]
+    return _at(windows, (COURSE, 0, 1.0), (EAST, 0, late[:, 0]), (NORTH, 0, late[:, 1]))
+
+
+def _lean(windows: Linearised) -> FloatArray:
+    way = _v(windows) * WINDOW_S
+    return _at(windows, *((wheel, 0, -way if IS_LEFT[wheel] else way) for wheel in range(4)))
+
+
+READINGS, MOTION = Readings(), MotionErrors()
+SLOW_POSITION = GaussMarkov(
+    ("slow_east", "slow_north"),
+    "slow_m",
+    "slow_tau_s",
+    lambda windows: _at(windows, (EAST, 0, 1.0), (NORTH, 1, 1.0)),
+    jumps=True,
+)
+SPEED_ERROR = GaussMarkov(
+    ("gnss_speed",), "speed_mps", "speed_memory", lambda windows: _at(windows, (SPEED, 0, 1.0))
+)
+CROSS_ERROR = GaussMarkov(
+    ("gnss_cross_speed",),
+    "cross_mps",
+    "speed_memory",
+    lambda windows: _at(windows, (COURSE, 0, 1.0 / _v(windows))),
+)
+CLOCK = GaussMarkov(("gnss_clock",), "clock_s", "clock_tau_s", _clock)
+AGE = RandomWalk("gnss_age", "age_s", AGE_STD_S, _clock)
+RADIUS_DRIFT = GaussMarkov(
+    tuple(f"drift_{wheel}" for wheel in WHEELS),
+    "wander",
+    "wander_tau_s",
+    lambda windows: _at(windows, *((wheel, wheel, -_v(windows) * WINDOW_S) for wheel in range(4))),
+)
+LEAN = GaussMarkov(("lean",), "lean", "lean_tau_s", _lean)
+CRAB = GaussMarkov(("crab",), "crab_rad", "crab_tau_s", _crab, turns=True)
+
+
+def gyro_bias(start_std: float) -> RandomWalk:
+    """The gyro's zero, with this standard deviation (rad/s) at the drive's start."""
+    return RandomWalk(
+        "gyro_bias", "gyro_drift_radps", start_std, lambda windows: _at(windows, (GYRO, 0, 1.0))
+    )
+
+
+_RECEIVER = (SLOW_POSITION, SPEED_ERROR, CROSS_ERROR)
+DRIFTING_RADII = Layout((READINGS, MOTION, *_RECEIVER, gyro_bias(0.0), CLOCK, RADIUS_DRIFT))
+"""Of the diagnosis, in which a constant of the gyro has a column of its own."""
+LEANING_CAR = Layout((READINGS, MOTION, *_RECEIVER, gyro_bias(GYRO_BIAS_STD_RADPS), AGE, LEAN, CRAB))
+"""Of the calibration."""
