@@ -10,7 +10,7 @@ import dataclasses
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -40,7 +40,6 @@ from tpmsd.tables.tick_table import TickTable, TickTableRecorder
 if TYPE_CHECKING:
     from tpmsd.inference.recording import Recording
 
-T = TypeVar("T")
 DriveLike = Drive | str | Path
 Model = ExtendedModel | str | Path
 
