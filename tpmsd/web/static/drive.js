@@ -14,11 +14,12 @@ byId("connection").textContent = `${duration(drive.duration_s)}, ${(drive.distan
 
 function table(node, head, rows) {
   const row = (cells, tag) => {
-    const line = element("tr");
-    for (const cell of cells) line.append(element(tag, cell, typeof cell === "string" && /^[+−–\d]/.test(cell) ? { class: "number" } : {}));
+    const line = element("tr", "", { role: "row" });
+    cells.forEach((cell, k) => line.append(element(tag, cell, { "data-head": head[k], role: tag === "th" ? "columnheader" : "cell", ...(/^[+−–\d]/.test(cell) ? { class: "number" } : {}) })));
     return line;
   };
-  const thead = element("thead"), tbody = element("tbody");
+  const thead = element("thead", "", { role: "rowgroup" }), tbody = element("tbody", "", { role: "rowgroup" });
+  node.setAttribute("role", "table");
   thead.append(row(head, "th"));
   for (const cells of rows) tbody.append(row(cells, "td"));
   node.replaceChildren(thead, tbody);
@@ -29,7 +30,7 @@ table(byId("wheels"), ["wheel", "state", "minus nominal (mm)", "change (mm)"],
     `${signed(wheel.deviation_mm, 2)} ± ${(wheel.std_mm ?? NaN).toFixed(2)}`,
     wheel.change_mm === null ? "–" : `${signed(wheel.change_mm, 2)} ± ${wheel.change_std_mm.toFixed(2)}`]));
 if (drive.alarms.length)
-  table(byId("alarms"), ["time", "alarm", "wheel", "", "reason"],
+  table(byId("alarms"), ["time", "alarm", "wheel", "state", "reason"],
     drive.alarms.map((alarm) => [clock(alarm.drive_time_s), plain(alarm.kind), NAMES[alarm.wheel] ?? "the car", alarm.state, alarm.reason ?? ""]));
 else byId("alarms").replaceChildren(element("caption", "No alarms."));
 byId("notes").replaceChildren(...drive.notes.map((note) => element("li", note)));
@@ -62,7 +63,7 @@ function makePlot(panel, found) {
   for (const [k, name] of panel.series.entries()) {
     const wheel = wheelOf(name) ?? other[k % 4];
     const at = series.length;
-    series.push(wheelSeries(wheel, wheelOf(name) ? NAMES[wheelOf(name)] : columns.get(name).meaning));
+    series.push(wheelSeries(wheel, wheelOf(name) ? NAMES[wheelOf(name)] : columns.get(name).meaning.split(",")[0]));
     if (panel.banded) {
       series.push(edge(), edge());
       bands.push(band(wheel, at + 1, at + 2));
