@@ -12,6 +12,7 @@ import duckdb
 import h5py
 import numpy as np
 import pandas as pd
+import polars as pl
 import pytest
 from mcap.reader import make_reader
 
@@ -36,22 +37,23 @@ def files(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, P
 
 
 def test_programs_read_equal_numbers(files: dict[str, Path], replay: tpmsd.Replay) -> None:
-    """pandas (CSV and Parquet) and DuckDB read the very numbers of the replay, in the documented columns."""
+    """pandas (CSV and Parquet), Polars and DuckDB read the very numbers of the replay, in the documented columns."""
     table = replay.table
     assert table is not None
     frames = {
         "csv": pd.read_csv(files["csv"]),
         "parquet": pd.read_parquet(files["parquet"]),
+        "polars": pl.read_parquet(files["parquet"]),
         "duckdb": duckdb.sql(f"select * from '{files['parquet']}'").df(),
     }
     for kind, frame in frames.items():
         assert [column.name for column in COLUMNS] == list(frame.columns), kind
         for name in NUMBERS:
-            np.testing.assert_array_equal(
-                table[name], frame[name].to_numpy(dtype=float), err_msg=f"{kind} {name}"
-            )
+            read = np.array([np.nan if value is None else value for value in frame[name]], dtype=float)
+            np.testing.assert_array_equal(table[name], read, err_msg=f"{kind} {name}")
         for name in TEXTS:
-            assert list(table.texts[name]) == list(frame[name].fillna("").astype(str)), (kind, name)
+            texts = ["" if value is None or value != value else str(value) for value in frame[name]]
+            assert list(table.texts[name]) == texts, (kind, name)
 
 
 def test_parquet_tells_units(files: dict[str, Path]) -> None:
