@@ -37,7 +37,7 @@ def files(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, P
 
 
 def test_programs_read_equal_numbers(files: dict[str, Path], replay: tpmsd.Replay) -> None:
-    """pandas (CSV and Parquet), Polars and DuckDB read the very numbers of the replay, in the documented columns."""
+    """pandas (CSV, Parquet), Polars and DuckDB read the very numbers of the replay, in documented columns."""
     table = replay.table
     assert table is not None
     frames = {
