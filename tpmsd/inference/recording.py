@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -52,6 +52,8 @@ class Recording:
     speed_mps: FloatArray
     course_rad: FloatArray
     """Mathematical angle, counter-clockwise from east."""
+    host_minus_utc_s: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """(m,) how far the host's clock was ahead of UTC at each fix, less that of the first; empty: not told."""
     name: str = "the drive"
     """What reports call it."""
     counts_per_rev: tuple[float | None, ...] = (None, None, None, None)
@@ -112,9 +114,12 @@ def record(ticks: Sequence[Tick], config: Config, name: str = "the drive") -> Re
             inertial[role][at] = getattr(tick, role)
         for fix in tick.fixes:
             fixes.append(
-                (fix.time_s - begin, fix.east_m, fix.north_m, fix.up_m, fix.speed_mps, fix.heading_rad)
+                (
+                    *(fix.time_s - begin, fix.east_m, fix.north_m, fix.up_m, fix.speed_mps, fix.heading_rad),
+                    tick.host_time_s - tick.time_s + fix.time_s - fix.utc_s,
+                )
             )
-    table = np.array(fixes, dtype=np.float64).reshape(-1, 6)
+    table = np.array(fixes, dtype=np.float64).reshape(-1, 7)
     table = table[np.argsort(table[:, 0], kind="stable")]
     known = np.isfinite(std)
     return Recording(
@@ -132,5 +137,6 @@ def record(ticks: Sequence[Tick], config: Config, name: str = "the drive") -> Re
         up_m=table[:, 3],
         speed_mps=table[:, 4],
         course_rad=table[:, 5],
+        host_minus_utc_s=table[:, 6] - table[:1, 6],
         name=name,
     )

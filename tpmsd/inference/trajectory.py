@@ -26,6 +26,8 @@ ACCEL_SMOOTHING_S = 0.25
 """On top of the speed's own."""
 GRADE_SMOOTHING_S = 0.5
 HEIGHT_SMOOTHING_S = 12.0
+FEWEST_HEIGHTS = 30
+"""Fixes with a height, from which slopes are told by them."""
 LEAST_SMOOTHING_S = 3.0
 SLOPE_ERROR = 1e-3
 FLAT_BELOW = 0.006
@@ -259,6 +261,15 @@ def _slope(height_m: FloatArray, speed: FloatArray, sigma: float, dt: float) -> 
     return np.asarray(np.clip(slope, -0.25, 0.25))
 
 
+def slope_by_heights(recording: Recording, speed: FloatArray) -> FloatArray | None:
+    """(n + 1,) rise over way by the receiver's heights alone at speeds (n + 1,); None of too few heights."""
+    known = np.isfinite(recording.up_m)
+    if known.sum() <= FEWEST_HEIGHTS:
+        return None
+    up = np.interp(recording.edges_s, recording.fix_time_s[known], recording.up_m[known])
+    return _slope(up, speed, HEIGHT_SMOOTHING_S / recording.dt_s, recording.dt_s)
+
+
 def _smoothing_s(time_s: FloatArray, up_m: FloatArray, speed_mps: float) -> float:
     """Width of the Gaussian that leaves of the heights' scatter an error of the slope of SLOPE_ERROR.
 
@@ -277,12 +288,11 @@ def _grade(recording: Recording, speed: FloatArray, accel: FloatArray) -> tuple[
     """(n + 1,) slope: slow part from the receiver's heights, fast part from the accelerometer's gravity."""
     edges = recording.edges_s
     dt = recording.dt_s
-    slow, have_heights = np.zeros_like(edges), False
+    by_heights = slope_by_heights(recording, speed)
+    have_heights = by_heights is not None
+    slow = np.zeros_like(edges) if by_heights is None else by_heights
     known = np.isfinite(recording.up_m)
-    if known.sum() > 30:
-        time_s, up = recording.fix_time_s[known], recording.up_m[known]
-        slow = _slope(np.interp(edges, time_s, up), speed, HEIGHT_SMOOTHING_S / dt, dt)
-        have_heights = True
+    time_s, up = recording.fix_time_s[known], recording.up_m[known]
     force = recording.inertial["accel_long_mps2"]
     if np.isfinite(force).mean() < 0.8:
         moving = speed > 3.0

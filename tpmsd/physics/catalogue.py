@@ -91,7 +91,7 @@ def probes() -> tuple[Probe, ...]:
     """What a fit may find of effects that are looked for in windows, ramps and spans of time apart."""
     out = []
     for name, effect in EFFECTS.items():
-        if effect.ramp or effect.span or effect.by_teeth or effect.at_walking_pace:
+        if effect.ramp or effect.span or effect.by_teeth or effect.at_walking_pace or effect.reads:
             continue
         if effect.kind is Kind.FREE:
             continue
@@ -102,6 +102,16 @@ def probes() -> tuple[Probe, ...]:
                 for at in (None,) if effect.grid is None else effect.grid.values:
                     out.append(Probe(name, p.name, p.neutral + p.probe, p.neutral, place, at))
     return tuple(out)
+
+
+def sensor_probes() -> tuple[tuple[Probe, tuple[str, ...]], ...]:
+    """What a fit may find in other sensors than wheels, gyro and fixes, and the readings where it shows."""
+    return tuple(
+        (Probe(name, p.name, p.neutral + p.probe, p.neutral), effect.reads)
+        for name, effect in EFFECTS.items()
+        if effect.reads
+        for p in _linear(effect)
+    )
 
 
 def groups() -> tuple[tuple[Probe, ...], ...]:

@@ -151,6 +151,11 @@ class Effect:
     """The effect that it is where it is small: one that always explains as much, and no rival of it."""
     at_walking_pace: ClassVar[bool] = False
     """Whether it is looked for below the speeds of the windows, apart from them."""
+    reads: ClassVar[tuple[str, ...]] = ()
+    """Readings in which alone it shows, apart from wheels, gyro and fixes: `accel_long`, `accel_lat`,
+    `steering`, `clock`. It is looked for in these."""
+    confounded: ClassVar[tuple[str, ...]] = ()
+    """Effects that read the same on every drive, whatever is driven."""
     shortens: ClassVar[bool] = False
     """Whether it is the geometry by which slopes shorten the horizontal: in every world there is."""
     ratio_limits: ClassVar[tuple[float, float] | None] = None
@@ -268,6 +273,18 @@ class Effect:
     def yaw_rate_error_radps(self, motion: Motion, car: Car) -> FloatArray:
         """(n,) what the gyro reads more than `read_yaw_rate` says, by the motion."""
         return np.zeros(len(motion))
+
+    def accel_error_mps2(self, motion: Motion, car: Car) -> FloatArray:
+        """(n, 2) what the accelerometers (forward, to the left) read more than acts on a level car."""
+        return np.zeros((len(motion), 2))
+
+    def steering_error_rad(self, motion: Motion, car: Car) -> FloatArray:
+        """(n,) what the steering wheel's sensor reads more than ratio * atan(wheelbase * curvature)."""
+        return np.zeros(len(motion))
+
+    def clock_error_s(self, time_s: FloatArray) -> FloatArray:
+        """(n,) host's clock minus UTC, beyond a constant, by the time since the drive's start."""
+        return np.zeros_like(time_s)
 
     def gnss_speed_error_mps(self, motion: Motion, car: Car) -> FloatArray:
         """(n,) speed that the receiver reports minus that of its antenna."""

@@ -1,8 +1,8 @@
 """The forward model: what wheels, counters and antenna do when the car moves so and these effects act.
 
-In: `Motion`, `Car`, `ExtendedModel`. Out: wheel rates and angles, counter angles, the gyro's rate, and
-the antenna's position and velocity. Pure; used by the simulator as its world and by the diagnosis as its
-prediction.
+In: `Motion`, `Car`, `ExtendedModel`. Out: wheel rates and angles, counter angles, readings of gyro,
+accelerometers and steering wheel, and the antenna's position and velocity. Pure; used by the simulator as its
+world and by the diagnosis as its prediction.
 """
 
 from __future__ import annotations
@@ -52,6 +52,17 @@ def counted_revolutions(angle_rad: FloatArray, wheel: int, car: Car, model: Exte
 def gyro_rates(motion: Motion, car: Car, model: ExtendedModel) -> FloatArray:
     """(n,) what a perfect gyro with these effects reads."""
     return model.read_yaw_rate(motion.yaw_rate_radps) + model.yaw_rate_error_radps(motion, car)
+
+
+def accelerations(motion: Motion, car: Car, model: ExtendedModel) -> FloatArray:
+    """(n, 2) what perfect accelerometers (forward, to the left) with these effects read."""
+    acting = np.stack([motion.specific_force_long_mps2, motion.accel_lat_mps2], axis=1)
+    return np.asarray(acting + model.accel_error_mps2(motion, car))
+
+
+def steering_wheel_angles(motion: Motion, car: Car, model: ExtendedModel) -> FloatArray:
+    """(n,) what a perfect sensor of the steering wheel with these effects reads, in rad."""
+    return np.asarray(car.steering_ratio * motion.steering_rad + model.steering_error_rad(motion, car))
 
 
 @dataclass(frozen=True, slots=True)

@@ -104,6 +104,27 @@ class ExtendedModel:
             out += effect.yaw_rate_error_radps(motion, car)
         return out
 
+    def accel_error_mps2(self, motion: Motion, car: Car) -> FloatArray:
+        """(n, 2) sum of what the accelerometers read more."""
+        out = np.zeros((len(motion), 2))
+        for effect in self.effects:
+            out += effect.accel_error_mps2(motion, car)
+        return out
+
+    def steering_error_rad(self, motion: Motion, car: Car) -> FloatArray:
+        """(n,) sum of what the steering wheel's sensor reads more."""
+        out = np.zeros(len(motion))
+        for effect in self.effects:
+            out += effect.steering_error_rad(motion, car)
+        return out
+
+    def clock_error_s(self, time_s: FloatArray) -> FloatArray:
+        """(n,) sum of the clock's errors."""
+        out = np.zeros_like(time_s)
+        for effect in self.effects:
+            out += effect.clock_error_s(time_s)
+        return out
+
     def gnss_speed_error_mps(self, motion: Motion, car: Car) -> FloatArray:
         """(n,) sum of the errors of the receiver's speed."""
         out = np.zeros(len(motion))

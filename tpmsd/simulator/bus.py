@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.forward import gyro_rates
+from tpmsd.physics.forward import accelerations, gyro_rates, steering_wheel_angles
 from tpmsd.physics.motion import GRAVITY_MPS2
 from tpmsd.simulator.bus_layouts import ALIVE, bus_layout
 from tpmsd.simulator.clock import Clocks
@@ -54,7 +54,6 @@ class BusSpec:
     accel_std_mps2: float = 0.03
     steering_std_rad: float = 0.005
     """At the steering wheel."""
-    steering_ratio: float = 15.3
 
 
 @dataclass(frozen=True)
@@ -87,7 +86,7 @@ def frames_of(world: World, spec: BusSpec, clocks: Clocks, rng: np.random.Genera
         ids.append(np.full(int(kept.sum() + again.sum()), message.frame_id, dtype=np.int64))
     time_s, frame_id, data = np.concatenate(times), np.concatenate(ids), np.concatenate(datas)
     order = np.argsort(time_s, kind="stable")
-    return FrameLog(clocks.host_s(time_s[order]), frame_id[order], data[order])
+    return FrameLog(world.host_s(clocks, time_s[order]), frame_id[order], data[order])
 
 
 def _message_frames(
@@ -139,19 +138,17 @@ def _measured(
         counts = world.counts_at(sampled, wheel) - world.counts_at(sampled - period_s, wheel)
         turned = counts * (2 * np.pi / world.car.teeth_per_rev)
         return turned / period_s * float(world.car.radius_m[wheel])
-    specific_force, drive = at(motion.specific_force_long_mps2), at(drive_mps2(motion))
     if role == "yaw_rate":
         return at(gyro_rates(motion, world.car, world.model)) + noise(spec.yaw_rate_std_radps)
-    if role == "accel_long":
-        return specific_force + noise(spec.accel_std_mps2)
-    if role == "accel_lat":
-        return at(motion.accel_lat_mps2) + noise(spec.accel_std_mps2)
+    if role in ("accel_long", "accel_lat"):
+        read = accelerations(motion, world.car, world.model)[:, int(role == "accel_lat")]
+        return at(read) + noise(spec.accel_std_mps2)
     if role == "steering_wheel_angle":
-        return spec.steering_ratio * at(motion.steering_rad) + noise(spec.steering_std_rad)
+        return at(steering_wheel_angles(motion, world.car, world.model)) + noise(spec.steering_std_rad)
     if role == "drive_torque":
         return at(motion.measured["torque"])
     if role == "brake_pressure":
-        return _BRAKE_PA_PER_MPS2 * np.maximum(ENGINE_BRAKE_MPS2 - drive, 0.0)
+        return _BRAKE_PA_PER_MPS2 * np.maximum(ENGINE_BRAKE_MPS2 - at(drive_mps2(motion)), 0.0)
     if role == "ambient_temp":
         return at(motion.measured["temperature"]) - ZERO_DEGC_K
     raise ValueError(f"no such role: {role}")

@@ -29,13 +29,15 @@ from tpmsd.simulator.vehicle_toml import vehicle_toml
 from tpmsd.simulator.world import ROUGHNESS_STD_M, World, make_world
 from tpmsd.wheels import WHEELS, FloatArray
 
+_STEERING_RATIO = 15.3
+"""Of a car whose configuration does not say."""
 DEFAULT_VEHICLE = VehicleConfig(
     wheel_radius_m=(0.316, 0.316, 0.316, 0.316),
     track_front_m=1.53,
     track_rear_m=1.52,
     wheelbase_m=2.63,
     driven_axle="front",
-    steering_ratio=15.3,
+    steering_ratio=_STEERING_RATIO,
     teeth_per_rev=48.0,
 )
 
@@ -103,13 +105,13 @@ class SimulatedDrive:
             "route": self.spec.route,
             "duration_s": float(motion.time_s[-1]),
             "distance_m": float(motion.distance_m[-1]),
-            "start_host_s": float(self.spec.clocks.host_s(np.zeros(1))[0]),
+            "start_host_s": float(self.world.host_s(self.spec.clocks, np.zeros(1))[0]),
             "clocks": dataclasses.asdict(self.spec.clocks),
             "nominal_radius_m": dict(zip(WHEELS, nominal.tolist(), strict=True)),
             "faults": [dataclasses.asdict(fault) for fault in self.spec.faults],
             "effects": [{"name": effect.name, "parameters": effect.values()} for effect in self.world.model],
             "fix_age_s": self.spec.receiver.latency_s + self.world.model.fix_age_s(),
-            "time_s": self.spec.clocks.host_s(motion.time_s[::per_second]).tolist(),
+            "time_s": self.world.host_s(self.spec.clocks, motion.time_s[::per_second]).tolist(),
             "speed_mps": motion.speed_mps[::per_second].tolist(),
             "radius_m": {wheel: radii[:, k].tolist() for k, wheel in enumerate(WHEELS)},
             "deviation_m": {wheel: (radii[:, k] - nominal[k]).tolist() for k, wheel in enumerate(WHEELS)},
@@ -125,7 +127,7 @@ def car_of(vehicle: VehicleConfig, antenna_forward_m: float = 0.0, antenna_left_
         teeth_per_rev=vehicle.teeth_per_rev,
         antenna_forward_m=antenna_forward_m,
         antenna_left_m=antenna_left_m,
-        steering_ratio=vehicle.steering_ratio or BusSpec().steering_ratio,
+        steering_ratio=vehicle.steering_ratio or _STEERING_RATIO,
     )
 
 
@@ -149,16 +151,15 @@ def simulate_drive(spec: DriveSpec, motion: Motion | None = None) -> SimulatedDr
         radius_offset_m=_offsets(spec, for_radii),
         roughness_std_m=spec.roughness_std_m,
     )
-    bus = dataclasses.replace(spec.bus, steering_ratio=spec.vehicle.steering_ratio or spec.bus.steering_ratio)
     epochs = measure(world, spec.receiver, spec.clocks, for_receiver)
-    layout = bus_layout(bus.kind, bus.wheels)
+    layout = bus_layout(spec.bus.kind, spec.bus.wheels)
     return SimulatedDrive(
         spec=spec,
         world=world,
         epochs=epochs,
-        frames=frames_of(world, bus, spec.clocks, for_bus),
+        frames=frames_of(world, spec.bus, spec.clocks, for_bus),
         nmea=nmea_lines(world, epochs, spec.receiver, spec.clocks, for_lines),
-        dbc=dbc_text(layout, with_periods=bus.kind != "speeds"),
+        dbc=dbc_text(layout, with_periods=spec.bus.kind != "speeds"),
         vehicle_toml=vehicle_toml(
             spec.vehicle, layout, spec.receiver, spec.antenna_forward_m, spec.antenna_left_m
         ),

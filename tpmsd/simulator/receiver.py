@@ -152,7 +152,7 @@ def nmea_lines(
     course[speed < spec.course_from_mps] = np.nan
     age = spec.latency_s + world.model.fix_age_s()
     jitter = rng.exponential(spec.jitter_s, len(epochs.time_s)) if spec.jitter_s > 0 else 0.0
-    arrivals = clocks.host_s(epochs.time_s + age + jitter)
+    arrivals = world.host_s(clocks, epochs.time_s + age + jitter)
     utc = clocks.utc_s(epochs.time_s)
     altitude = epochs.height_m + epochs.up_error_m
     believed = float(np.hypot(spec.position_std_m, spec.white_std_m))

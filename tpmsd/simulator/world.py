@@ -14,6 +14,7 @@ from tpmsd.physics.catalogue import SLOPES
 from tpmsd.physics.forward import AntennaTruth, antenna_truth, counted_revolutions, wheel_angles, wheel_radii
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.physics.motion import Car, Motion
+from tpmsd.simulator.clock import Clocks
 from tpmsd.simulator.instruments import with_instruments
 from tpmsd.simulator.noise import gauss_markov
 from tpmsd.wheels import FloatArray
@@ -40,6 +41,10 @@ class World:
     def angle_at(self, time_s: FloatArray, wheel: int) -> FloatArray:
         """Angle turned by a wheel at any times within the motion; same shape."""
         return np.interp(time_s, self.motion.time_s, self.angles_rad[:, wheel])
+
+    def host_s(self, clocks: Clocks, time_s: FloatArray) -> FloatArray:
+        """Host's clock, with the errors that effects give it, at times since the start; same shape."""
+        return clocks.host_s(time_s) + self.model.clock_error_s(time_s)
 
     def counts_at(self, time_s: FloatArray, wheel: int) -> FloatArray:
         """Counts since the start, not yet rounded down, that the wheel's ring has shown; same shape."""

@@ -35,6 +35,8 @@ class Fix:
     """Arrival minus validity."""
     speed_noise: float = 1.0
     """By how much the error of speed and course is greater than usual, as the receiver states it."""
+    utc_s: float = NAN
+    """The receiver's own time of validity, Unix seconds."""
 
 
 @dataclass(frozen=True, slots=True)

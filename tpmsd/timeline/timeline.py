@@ -270,6 +270,7 @@ class Timeline:
                 heading_rad=heading,
                 quality=fix.quality,
                 arrival_lag_s=arrival - valid,
+                utc_s=fix.utc_s,
             )
         )
         return valid
@@ -295,6 +296,7 @@ class Timeline:
                 heading_rad=f.heading_rad,
                 quality=f.quality,
                 arrival_lag_s=f.arrival_lag_s,
+                utc_s=f.utc_s,
             )
             for f in due
         ]
