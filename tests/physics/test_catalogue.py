@@ -17,7 +17,36 @@ from tpmsd.physics.model import ExtendedModel
 from tpmsd.physics.model_file import format_model, load_model, parse_model, save_model
 from tpmsd.physics.tyre import radius_change_for_pressure_loss
 
-CONTRACT = {
+LATER = [
+    "brake_slip",
+    "drive_slip_curve",
+    "load_static",
+    "camber_roll",
+    "brake_heat",
+    "sun_side",
+    "ambient_pressure",
+    "wear",
+    "road_bank",
+    "doppler_heading_error",
+    "clock_drift",
+    "gnss_smoothing",
+    "gyro_drift",
+    "gyro_temperature",
+    "gyro_misalignment",
+    "accelerometer_bias",
+    "accelerometer_tilt",
+    "steering_offset",
+    "steering_ratio_error",
+    "compliance_steer",
+    "counter_missed_pulses",
+    "counter_extra_pulses",
+    "message_delay",
+    "speed_scale_nonlinearity",
+    "speed_rounding_offset",
+    "spare_or_mixed_tyre",
+]
+"""Of which the names alone are published."""
+CONTRACT: dict[str, set[str]] = {
     "radius_change": {"wheel", "deviation_m", "onset_s", "duration_s"},
     "centrifugal_growth": {"coefficient"},
     "thermal_growth": {"amplitude_m", "time_constant_s"},
@@ -37,6 +66,7 @@ CONTRACT = {
     "wheel_spin": {"wheels", "slip", "onset_s", "duration_s"},
     "wheel_lock": {"wheels", "slip", "onset_s", "duration_s"},
     "unknown": set(),
+    **{name: set() for name in LATER},
 }
 
 

@@ -1,0 +1,73 @@
+"""The accelerometers read a constant more than acts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import FloatArray
+
+USUAL_MPS2 = 0.25
+"""Up to which a constant is usual: zero level of 10 mg, a crown of the road of 1.5 %."""
+
+
+@dataclass(frozen=True)
+class AccelerometerBias(Effect):
+    """reading = truth + (long_mps2, lat_mps2): the zero levels of the accelerometers forward and to the left.
+
+    On the level a sensor that is pitched or rolled in its mount reads the same, and so does a road that
+    always falls to one side. Source: zero-g level of automotive accelerometers, 10 to 50 mg over temperature
+    and life (data sheets).
+    """
+
+    name: ClassVar[str] = "accelerometer_bias"
+    kind: ClassVar[Kind] = Kind.INSTRUMENT
+    formula: ClassVar[str] = "accelerations read = accelerations + (long_mps2, lat_mps2)"
+    sentence: ClassVar[str] = "the accelerometers read a constant more than acts"
+    telling_drive: ClassVar[str] = "drive the same road there and back: a bank and a slope change their signs"
+    shows_in: ClassVar[tuple[str, str]] = ("accel_lat", "time")
+    reads: ClassVar[tuple[str, ...]] = ("accel_long", "accel_lat")
+    confounded: ClassVar[tuple[str, ...]] = ("accelerometer_tilt", "road_bank")
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "long_mps2",
+            "m/s2",
+            0.4,
+            -5.0,
+            5.0,
+            "reading minus truth, forward",
+            probe=0.1,
+            prior=Prior(0.0, 0.2, "10 to 50 mg: data sheets"),
+        ),
+        Parameter(
+            "lat_mps2",
+            "m/s2",
+            0.4,
+            -5.0,
+            5.0,
+            "reading minus truth, to the left",
+            probe=0.1,
+            prior=Prior(0.0, 0.2, "10 to 50 mg: data sheets"),
+        ),
+    )
+    long_mps2: float = 0.0
+    lat_mps2: float = 0.0
+
+    @classmethod
+    def usual(cls, value: float, std: float, speeds: bool) -> str:
+        """A small zero level is every sensor's own."""
+        if abs(value) - 2.0 * std > USUAL_MPS2:
+            return ""
+        return f"an accelerometer reads {value:.2f} +- {std:.2f} m/s2 more than acts, as they do"
+
+    def not_compensated(self, signals: frozenset[str]) -> str | None:
+        """No estimate uses its constant."""
+        return "no estimate depends on the accelerometers' zero"
+
+    def accel_error_mps2(self, motion: Motion, car: Car) -> FloatArray:
+        """(n, 2) the constants."""
+        return np.tile([self.long_mps2, self.lat_mps2], (len(motion), 1))

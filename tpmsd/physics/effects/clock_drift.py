@@ -1,0 +1,66 @@
+"""The host's clock runs too fast or too slow, or is set during the drive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.wheels import FloatArray
+
+USUAL_RATE = 1.5e-4
+"""Up to which a rate is usual: crystals, also cold ones."""
+
+
+@dataclass(frozen=True)
+class ClockDrift(Effect):
+    """host clock - UTC = constant + rate * t, and step_s more from at_s on.
+
+    Frames and sentences are stamped by the same clock, so that wheels and fixes keep together: the drift
+    shows in the receiver's own UTC alone, and is followed. A step is taken up when it happens. Source:
+    crystals keep 2e-5 to 1e-4 over temperature (data sheets); a host that slews its clock onto another one
+    reaches 5e-4 (NTP, RFC 5905).
+    """
+
+    name: ClassVar[str] = "clock_drift"
+    kind: ClassVar[Kind] = Kind.INSTRUMENT
+    formula: ClassVar[str] = "host clock - UTC = constant + rate * t + step_s * (t >= at_s)"
+    sentence: ClassVar[str] = "the host's clock drifts against UTC"
+    telling_drive: ClassVar[str] = "any drive of ten minutes with fixes that carry UTC"
+    shows_in: ClassVar[tuple[str, str]] = ("clock", "time")
+    reads: ClassVar[tuple[str, ...]] = ("clock",)
+    own_per_drive: ClassVar[bool] = True
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "rate",
+            "1",
+            5e-4,
+            -0.01,
+            0.01,
+            "seconds that the host's clock gains per second",
+            probe=1e-5,
+            prior=Prior(0.0, 5e-5, "crystals, 2e-5 to 1e-4: data sheets"),
+        ),
+        Parameter("step_s", "s", 1.0, -1e6, 1e6, "by how much the clock is set forward"),
+        Parameter("at_s", "s", 300.0, -1e6, 1e6, "when it is set, from the drive's start"),
+    )
+    rate: float = 0.0
+    step_s: float = 0.0
+    at_s: float = 0.0
+
+    @classmethod
+    def usual(cls, value: float, std: float, speeds: bool) -> str:
+        """A crystal's rate."""
+        if abs(value) - 2.0 * std > USUAL_RATE:
+            return ""
+        return f"the host's clock gains {1e6 * value:.0f} +- {1e6 * std:.0f} ppm on UTC, as crystals do"
+
+    def not_compensated(self, signals: frozenset[str]) -> str | None:
+        """It is followed anyway."""
+        return "the clock is followed as it drifts"
+
+    def clock_error_s(self, time_s: FloatArray) -> FloatArray:
+        """(n,) ramp and step."""
+        return np.asarray(self.rate * time_s + self.step_s * (time_s >= self.at_s))

@@ -1,0 +1,63 @@
+"""In bends the front wheels give way, and the steering wheel is turned further."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect, Parameter, Prior
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import FloatArray
+
+USUAL_RAD_S2PM = (-5e-4, 5e-3)
+"""Between which it is every car's own: neutral to 3 degrees per g of understeer."""
+
+
+@dataclass(frozen=True)
+class ComplianceSteer(Effect):
+    """The road wheels must point c * a_y further into the bend than atan(wheelbase * curvature), so that the
+    steering wheel reads ratio * c * a_y more.
+
+    c is the understeer gradient: what rack and bushings give way by, and what the front tyres slip sideways
+    more than the rear ones; the two are one number in all that a car records. Source: understeer gradients of
+    1 to 3 degrees per g, 1.8e-3 to 5e-3 rad per m/s2, on ordinary cars (Gillespie, Fundamentals of Vehicle
+    Dynamics, ch. 6); more with a loaded nose or worn bushings, less than zero where the tail breaks away.
+    """
+
+    name: ClassVar[str] = "compliance_steer"
+    formula: ClassVar[str] = "steering wheel read = ratio * (atan(wheelbase * curvature) + c * a_y)"
+    sentence: ClassVar[str] = "the steering gives way in bends by more or less than a car's does"
+    telling_drive: ClassVar[str] = "drive the same bend slowly and fast, to both sides"
+    shows_in: ClassVar[tuple[str, str]] = ("steering", "accel_lat")
+    reads: ClassVar[tuple[str, ...]] = ("steering",)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "coefficient",
+            "rad.s2/m",
+            8e-3,
+            -0.1,
+            0.1,
+            "c, angle of the road wheels per lateral acceleration",
+            probe=1e-4,
+            prior=Prior(3e-3, 2e-3, "1 to 3 degrees per g: Gillespie, ch. 6"),
+        ),
+    )
+    coefficient: float
+
+    @classmethod
+    def usual(cls, value: float, std: float, speeds: bool) -> str:
+        """Ordinary cars understeer."""
+        low, high = USUAL_RAD_S2PM
+        if value + 2.0 * std < low or value - 2.0 * std > high:
+            return ""
+        return f"the car understeers by {value:.4f} +- {std:.4f} rad per m/s2, as cars do"
+
+    def not_compensated(self, signals: frozenset[str]) -> str | None:
+        """No estimate uses it."""
+        return "no estimate depends on the steering wheel"
+
+    def steering_error_rad(self, motion: Motion, car: Car) -> FloatArray:
+        """(n,) ratio * c * a_y."""
+        return np.asarray(car.steering_ratio * self.coefficient * motion.accel_lat_mps2)

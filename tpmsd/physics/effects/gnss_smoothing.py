@@ -1,0 +1,89 @@
+"""The receiver smooths its velocity."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from scipy.signal import lfilter
+
+from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import FloatArray
+
+USUAL_S, OWN = 0.25, 6.0
+"""Up to which time constant smoothing is the receiver's own, and the nats that such a one costs: it can
+hardly be told from a lag."""
+
+
+@dataclass(frozen=True)
+class GnssSmoothing(Effect):
+    """Speed and course are those of a first-order low-pass: dy/dt = (x - y) / time_constant_s.
+
+    For slow changes that is a lag of the time constant; what tells the two apart is that a low-pass rounds
+    the ends of an acceleration and a lag shifts them. Source: velocity filters of receivers that are set up
+    for pedestrians or ships, time constants of 0.5 to 3 s (dynamic models in receivers' manuals).
+    """
+
+    name: ClassVar[str] = "gnss_smoothing"
+    kind: ClassVar[Kind] = Kind.INSTRUMENT
+    formula: ClassVar[str] = "speed and course shown = first-order low-pass of time_constant_s"
+    sentence: ClassVar[str] = "the receiver smooths its speed and course"
+    telling_drive: ClassVar[str] = "accelerate and brake as hard as the traffic allows, ten times"
+    shows_in: ClassVar[tuple[str, str]] = ("gnss_speed", "accel_long")
+    needs: ClassVar[tuple[str, ...]] = ("gnss_speed",)
+    beside: ClassVar[tuple[str, ...]] = ("velocity_lag",)
+    one_sign: ClassVar[bool] = True
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "time_constant_s",
+            "s",
+            1.0,
+            0.0,
+            30.0,
+            "of the low-pass",
+            probe=0.5,
+            prior=Prior(0.0, 0.5, "0.5 to 3 s for pedestrians and ships, next to none for cars"),
+            fitted=(0.0, 10.0),
+        ),
+    )
+    time_constant_s: float
+
+    @classmethod
+    def against(cls, value: float) -> float:
+        """A short one is a lag, which has the better known name."""
+        return OWN if value < USUAL_S else 0.0
+
+    @classmethod
+    def usual(cls, value: float, std: float, speeds: bool) -> str:
+        """A short low-pass is the receiver's own."""
+        if value - 2.0 * std > USUAL_S:
+            return ""
+        return f"the receiver smooths its speed over {value:.2f} +- {std:.2f} s; taken into account"
+
+    def not_compensated(self, signals: frozenset[str]) -> str | None:
+        """What is smoothed away is gone."""
+        return "what a low-pass took away cannot be given back"
+
+    def gnss_speed_error_mps(self, motion: Motion, car: Car) -> FloatArray:
+        """(n,) smoothed minus true speed."""
+        return low_passed(motion.speed_mps, motion.time_s, self.time_constant_s) - motion.speed_mps
+
+    def gnss_course_error_rad(self, motion: Motion, car: Car) -> FloatArray:
+        """(n,) smoothed minus true course, by that of the body."""
+        return low_passed(motion.heading_rad, motion.time_s, self.time_constant_s) - motion.heading_rad
+
+
+def low_passed(values: FloatArray, time_s: FloatArray, time_constant_s: float) -> FloatArray:
+    """(n,) after a first-order low-pass that has settled at the first value; evenly spaced times."""
+    if len(values) < 2 or time_constant_s <= 0.0:
+        return values.copy()
+    step = (time_s[-1] - time_s[0]) / (len(time_s) - 1)
+    kept = math.exp(-step / time_constant_s)
+    # Exact for values that are linear between the samples.
+    new = 1.0 - (1.0 - kept) * time_constant_s / step
+    old = (1.0 - kept) - new
+    start = values[:1] * (1.0 - new)
+    return np.asarray(lfilter([new, old], [1.0, -kept], values, zi=start)[0])

@@ -1,0 +1,60 @@
+"""The steering wheel's sensor reads an angle on the straight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import FloatArray
+
+USUAL_RAD = 0.05
+"""Up to which an angle on the straight is usual: three degrees, by the crown of the road and the sensor."""
+
+
+@dataclass(frozen=True)
+class SteeringOffset(Effect):
+    """reading = truth + offset_rad at the steering wheel.
+
+    Source: zeros of steering angle sensors after work on the track rods, 1 to 5 degrees; makers' manuals for
+    wheel alignment allow 1 to 3.
+    """
+
+    name: ClassVar[str] = "steering_offset"
+    kind: ClassVar[Kind] = Kind.INSTRUMENT
+    formula: ClassVar[str] = "steering wheel read = ratio * atan(wheelbase * curvature) + offset_rad"
+    sentence: ClassVar[str] = "the steering wheel's sensor is off on the straight"
+    telling_drive: ClassVar[str] = "drive straight on for a minute there and back"
+    shows_in: ClassVar[tuple[str, str]] = ("steering", "time")
+    reads: ClassVar[tuple[str, ...]] = ("steering",)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "offset_rad",
+            "rad",
+            0.1,
+            -3.0,
+            3.0,
+            "reading minus truth, at the steering wheel",
+            probe=0.01,
+            prior=Prior(0.0, 0.04, "1 to 5 degrees after work on the track rods"),
+        ),
+    )
+    offset_rad: float
+
+    @classmethod
+    def usual(cls, value: float, std: float, speeds: bool) -> str:
+        """No steering wheel stands quite straight."""
+        if abs(value) - 2.0 * std > USUAL_RAD:
+            return ""
+        return f"the steering wheel reads {value:.3f} +- {std:.3f} rad on the straight, as they do"
+
+    def not_compensated(self, signals: frozenset[str]) -> str | None:
+        """No estimate uses it."""
+        return "no estimate depends on the steering wheel"
+
+    def steering_error_rad(self, motion: Motion, car: Car) -> FloatArray:
+        """(n,) the offset."""
+        return np.full(len(motion), self.offset_rad)

@@ -1,0 +1,61 @@
+"""The steering's ratio is not the configured one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import FloatArray
+
+USUAL = 0.06
+"""Up to which a relative error is usual: racks of variable ratio, and front wheels that slip sideways."""
+
+
+@dataclass(frozen=True)
+class SteeringRatioError(Effect):
+    """reading = ratio * configured ratio * road-wheel angle; `ratio` is the true one over the configured one.
+
+    Source: makers state ratios of 12 to 20 for one model by engine and steering; variable racks change by a
+    tenth to a third over the lock (Gillespie, Fundamentals of Vehicle Dynamics, ch. 8).
+    """
+
+    name: ClassVar[str] = "steering_ratio_error"
+    kind: ClassVar[Kind] = Kind.INSTRUMENT
+    formula: ClassVar[str] = "steering wheel read = ratio * configured ratio * atan(wheelbase * curvature)"
+    sentence: ClassVar[str] = "the steering's ratio is not the configured one"
+    telling_drive: ClassVar[str] = "drive full circles slowly, to both sides: nothing slips sideways there"
+    shows_in: ClassVar[tuple[str, str]] = ("steering", "steering")
+    reads: ClassVar[tuple[str, ...]] = ("steering",)
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "ratio",
+            "1",
+            1.2,
+            0.3,
+            3.0,
+            "true ratio divided by the configured one",
+            probe=0.01,
+            neutral=1.0,
+            prior=Prior(1.0, 0.1, "12 to 20 for one model: makers"),
+        ),
+    )
+    ratio: float
+
+    @classmethod
+    def usual(cls, value: float, std: float, speeds: bool) -> str:
+        """A ratio within what racks vary by; `value` is the difference from one."""
+        if abs(value) - 2.0 * std > USUAL:
+            return ""
+        return f"the steering's ratio is {1.0 + value:.3f} +- {std:.3f} of the configured one"
+
+    def not_compensated(self, signals: frozenset[str]) -> str | None:
+        """No estimate uses it."""
+        return "no estimate depends on the steering wheel"
+
+    def steering_error_rad(self, motion: Motion, car: Car) -> FloatArray:
+        """(n,) the difference that the ratio makes."""
+        return np.asarray((self.ratio - 1.0) * car.steering_ratio * motion.steering_rad)
