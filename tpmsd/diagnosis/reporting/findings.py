@@ -29,6 +29,7 @@ from tpmsd.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.diagnosis.selection.described import neutral_of, nonlinear_of, usual, words_of
 from tpmsd.diagnosis.selection.empirical import empirical_effect, shape_of
 from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.diagnosis.sensors.unusual import unusual
 from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence
 from tpmsd.inference.trajectory import WINDOW_S
@@ -92,7 +93,10 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
             add(one, quantities)
     for one in whole_model(study, selection):
         add(one, _quantities(one, {}))
-    apart = [] if study.simulation else lost(study, seconds)
+    apart: list[Finding] = []
+    if not study.simulation:
+        readers = [drive.reader for drive in study.examined]
+        apart = lost(study, seconds) + unusual(readers, seconds, study.speeds)
     for finding in [*apart, *teeth(study, evidence.fit(study.hypotheses.nuisance), seconds)]:
         findings.append(finding)
         values = {name: quantity.value for name, quantity in finding.parameters.items()}

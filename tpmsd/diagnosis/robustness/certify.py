@@ -97,6 +97,10 @@ def certified(
         p_value(one.value, values) for one, values in zip(statistics, drawn, strict=True)
     ]
     rest = statistics.pop()
+    p_values = [
+        drawn_p if finding.p_value is None else finding.p_value
+        for finding, drawn_p in zip(diagnosis.findings, p_values, strict=True)
+    ]
     control = negative_control(study, selection)
     certain = discoveries(p_values, SETTINGS.robustness.false_discovery_rate)
     stand = [sure and one.value > control for sure, one in zip(certain, statistics, strict=True)]
@@ -218,6 +222,8 @@ def _model(study: Study, selection: Selection, drive: int) -> ExtendedModel:
 
 
 def _statistic(study: Study, selection: Selection, evidence: Evidence, finding: Finding) -> Statistic:
+    if finding.p_value is not None:  # what it was found in is not drawn again
+        return Statistic(finding.gain, lambda again: 0.0)
     which = _of(selection, finding)
     if which is None:
         return Statistic(finding.gain, _largest_ripple)

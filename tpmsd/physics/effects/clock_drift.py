@@ -19,9 +19,10 @@ class ClockDrift(Effect):
     """host clock - UTC = constant + rate * t, and step_s more from at_s on.
 
     Frames and sentences are stamped by the same clock, so that wheels and fixes keep together: the drift
-    shows in the receiver's own UTC alone, and is followed. A step is taken up when it happens. Source:
-    crystals keep 2e-5 to 1e-4 over temperature (data sheets); a host that slews its clock onto another one
-    reaches 5e-4 (NTP, RFC 5905).
+    shows in the receiver's own UTC alone, and is followed. A step is taken up when it happens.
+
+    Source: crystals keep 2e-5 to 1e-4 over temperature (data sheets); a host that slews its clock onto
+    another one reaches 5e-4 (NTP, RFC 5905).
     """
 
     name: ClassVar[str] = "clock_drift"

@@ -21,13 +21,15 @@ class Wear(Effect):
 
     On one day it is hundredths of a millimetre, less than what the air in the tyres does; from one drive to
     the next it is in each drive's own radii, so that a fleet's records show it and a drive of less than 500
-    km does not. Source: treads of 8 mm are down to 1.6 mm (the wear indicator of UN R30) after 30,000
-    to 60,000 km, 1e-10 to 2e-10 m per m.
+    km does not.
+
+    Source: treads of 8 mm are down to 1.6 mm (the wear indicator of UN R30) after 30,000 to 60,000 km, 1e-10
+    to 2e-10 m per m.
     """
 
     name: ClassVar[str] = "wear"
     formula: ClassVar[str] = "delta_r = -rate * distance on all wheels"
-    sentence: ClassVar[str] = "the tread wears off"
+    sentence: ClassVar[str] = "the treads of all tyres wear off"
     telling_drive: ClassVar[str] = "compare the radii of drives that lie thousands of kilometres apart"
     shows_in: ClassVar[tuple[str, str]] = ("wheel", "distance")
     needs: ClassVar[tuple[str, ...]] = ("gnss",)

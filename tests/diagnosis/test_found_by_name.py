@@ -1,0 +1,144 @@
+"""Effects are found by name on drives whose world has its own equations for them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from bench.worlds.course import Course
+from bench.worlds.instruments import Drive, observe
+from bench.worlds.kinematic import Spec, course
+from tests.diagnosis.recorded import recording_of
+from tpmsd.diagnosis.assessment.result import Finding
+from tpmsd.diagnosis.diagnose import diagnose
+from tpmsd.inference.recording import Recording
+
+FRONT, REAR = np.array([1.0, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0])
+
+
+def driven(spec: Spec, seed: int) -> tuple[Course, np.random.Generator]:
+    """Where the car went, and the generator for what the instruments add."""
+    rng = np.random.default_rng(seed)
+    return course(spec, rng), rng
+
+
+def findings(recording: Recording) -> dict[str, Finding]:
+    """By effect, in the order of the report."""
+    return {one.effect: one for one in diagnose([recording]).findings}
+
+
+def numbers(finding: Finding) -> dict[str, tuple[float, float]]:
+    """Values and standard deviations of its parameters."""
+    pairs = {name: (one.value, one.std) for name, one in finding.parameters.items()}
+    return {name: (v, s) for name, (v, s) in pairs.items() if isinstance(v, float) and s is not None}
+
+
+def test_a_tyre_of_brushes_is_a_slip_curve() -> None:
+    """A brush tyre (Pacejka 2012, section 3.2) on a wet road: stiffness, and where the grip ends."""
+    spec = Spec(duration_s=400.0, road="city", driven="front", stops=True)
+    way, rng = driven(spec, 2)
+    most, slope = 2.2, 4e-3
+    slips = np.linspace(0.0, 3.0 * slope * most, 4001)
+    share = slips / slips[-1]
+    forces = most * (3.0 * share - 3.0 * share**2 + share**3)
+    slip = np.sign(way.force) * np.interp(np.abs(way.force), forces, slips)
+
+    found = findings(recording_of(observe(replace(way, spin=slip[:, None] * FRONT), spec, rng, 2)))
+
+    assert ["drive_slip_curve"] == list(found)
+    values = numbers(found["drive_slip_curve"])
+    assert pytest.approx(slope, rel=0.25) == values["slip_per_accel"][0]
+    assert pytest.approx(most, rel=0.25) == values["saturation_mps2"][0]
+
+
+def test_linear_slip_is_no_curve() -> None:
+    """The simpler of two that explain as much is named."""
+    spec = Spec(duration_s=240.0, road="city", driven="front", stops=True)
+    way, rng = driven(spec, 2)
+
+    found = findings(
+        recording_of(observe(replace(way, spin=4e-3 * way.force[:, None] * FRONT), spec, rng, 2))
+    )
+
+    assert ["longitudinal_slip"] == list(found)
+    assert "drive_slip_curve" not in found["longitudinal_slip"].indistinguishable_from
+
+
+def test_people_who_got_in_behind_are_a_load() -> None:
+    """Rear wheels of 0.4 mm less radius after the longest stop turn faster from there on."""
+    spec = Spec(duration_s=420.0, road="mixed", stops=True)
+    way, rng = driven(spec, 3)
+    recording = recording_of(observe(way, spec, rng, 3))
+    moving = way.time_s[way.speed > 0.2]
+    after = recording.edges_s[:-1] >= moving[1 + int(np.argmax(np.diff(moving)))]
+    turns = recording.rotation_rad * (1.0 + (4e-4 / spec.radius_m) * after[:, None] * REAR)
+
+    found = findings(replace(recording, rotation_rad=turns))
+
+    assert ["load_static"] == list(found)
+    value, std = numbers(found["load_static"])["rear_m"]
+    assert pytest.approx(-4e-4, abs=max(3.0 * std, 4e-6)) == value
+
+
+def test_chains_are_told_from_wheels_that_lock() -> None:
+    """A driven axle that turns slower by 2.8 % for two minutes and a half."""
+    spec = Spec(duration_s=280.0, road="city", driven="front")
+    way, rng = driven(spec, 4)
+    recording = recording_of(observe(way, spec, rng, 4))
+    on = (recording.edges_s[:-1] > 80.0) & (recording.edges_s[:-1] < 230.0)
+
+    found = findings(
+        replace(recording, rotation_rad=recording.rotation_rad * (1 - 0.028 * on[:, None] * FRONT))
+    )
+
+    assert ["chains"] == list(found)
+    assert ("fl", "fr") == found["chains"].where.wheels
+    assert pytest.approx(-0.028, abs=1e-3) == numbers(found["chains"])["slip"][0]
+
+
+def test_a_leaning_gyro_is_told_by_crests() -> None:
+    """Its axis leans by 0.08 rad to the side; the world rotates the vector of the turning rate."""
+    spec = Spec(duration_s=500.0, road="rural", hilly=0.04)
+    way, rng = driven(spec, 3)
+    seen = observe(way, spec, rng, 3)
+    pitching = -np.gradient(seen.grade, seen.time_s)
+    leaning = replace(seen, gyro=np.cos(0.08) * seen.gyro + np.sin(0.08) * pitching)
+
+    found = findings(recording_of(leaning))
+
+    assert "gyro_misalignment" in found
+    value, std = numbers(found["gyro_misalignment"])["sideways_rad"]
+    assert pytest.approx(0.08, abs=3.0 * std) == value
+    assert {"gyro_misalignment", "road_grade", "yaw_rate_scale"} >= set(found)
+
+
+def smoothed(seen: Drive, time_constant_s: float) -> Drive:
+    """The receiver's velocity through a recursive filter, epoch by epoch, along east and north."""
+    step = float(np.median(np.diff(seen.fix_true_s)))
+    new = 1.0 - np.exp(-step / time_constant_s)
+    known = np.isfinite(seen.fix_course_math)
+    course_rad = np.where(known, seen.fix_course_math, 0.0)
+    along = [
+        lfilter([new], [1.0, new - 1.0], x, zi=[(1.0 - new) * x[0]])[0]
+        for x in (seen.fix_speed * np.cos(course_rad), seen.fix_speed * np.sin(course_rad))
+    ]
+    return replace(
+        seen,
+        fix_speed=np.hypot(*along),
+        fix_course_math=np.where(known, np.arctan2(along[1], along[0]), np.nan),
+    )
+
+
+def test_a_receiver_that_smooths_is_told_from_one_that_lags() -> None:
+    """A recursive filter of 1 s; its own half step is all the lag there may be beside it."""
+    spec = Spec(duration_s=300.0, road="city", stops=True)
+    way, rng = driven(spec, 5)
+
+    found = findings(recording_of(smoothed(observe(way, spec, rng, 5), 1.0)))
+
+    assert "gnss_smoothing" == next(iter(found))
+    assert pytest.approx(1.0, abs=0.12) == numbers(found["gnss_smoothing"])["time_constant_s"][0]
+    assert {"gnss_smoothing", "velocity_lag"} >= set(found)

@@ -1,0 +1,112 @@
+"""Fits all errors of the sensors together.
+
+In: a `Reader`. Out: `SensorError`s, one per parameter of an effect that shows in these sensors. Least squares
+over all sensors at once, each scaled by its own scatter; standard deviations by blocks of time (White,
+Econometrica 48, 1980), for slopes, gusts and drivers make residuals that last for seconds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.diagnosis.sensors.readings import Rows, response, rows_of
+from tpmsd.inference.windows import Reader
+from tpmsd.physics.catalogue import Probe, sensor_probes
+from tpmsd.wheels import FloatArray
+
+BLOCK_S = 30.0
+FEWEST_BLOCKS = 8
+"""With fewer, the scatter between blocks tells too little."""
+MODEL_ERROR = 0.02
+"""Relative standard deviation of any value: the motion that it multiplies is no better known."""
+LEAST_SHARE = 1e-3
+"""Of a column that must be left beside the others, squared, for its value to be told."""
+
+
+@dataclass(frozen=True)
+class SensorError:
+    """A fitted parameter."""
+
+    probe: Probe
+    value: float
+    """Difference from neutral."""
+    std: float
+    sensors: tuple[str, ...]
+    """Those in which it shows, the plainest first."""
+    rms_before: float
+    """Of the scaled residuals in them, without and with it."""
+    rms_after: float
+
+
+def sensor_errors(reader: Reader) -> list[SensorError]:
+    """Every error that the drive's sensors tell."""
+    rows = rows_of(reader)
+    probes = [probe for probe, reads in sensor_probes() if set(reads) & set(rows)]
+    if not rows or not probes:
+        return []
+    columns = {
+        name: np.stack([response(reader, name, part, probe) for probe in probes], axis=1)
+        for name, part in rows.items()
+    }
+    scale = {name: _scatter(part.residual, columns[name]) for name, part in rows.items()}
+    y = np.concatenate([part.residual / scale[name] for name, part in rows.items()])
+    X = np.concatenate([columns[name] / scale[name] for name in rows])
+    blocks = _blocks(list(rows.values()))
+    size = np.sqrt((X**2).sum(axis=0))
+    told = _told(X, size)
+    if not told or blocks.max() + 1 < FEWEST_BLOCKS:
+        return []
+    X, size = X[:, told] / size[told], size[told]
+    inverse = np.linalg.inv(X.T @ X)
+    values = inverse @ (X.T @ y)
+    left = y - X @ values
+    score = np.stack([np.bincount(blocks, left * column) for column in X.T], axis=1)
+    stds = np.sqrt(np.diag(inverse @ (score.T @ score) @ inverse))
+    starts = np.cumsum([0, *(len(part.time_s) for part in rows.values())])
+    out = []
+    for k, which in enumerate(told):
+        share = np.add.reduceat(X[:, k] ** 2, starts[:-1])
+        order = [list(rows)[i] for i in np.argsort(-share) if share[i] > LEAST_SHARE]
+        here = np.abs(X[:, k]) > 0.0
+        without = left + X[:, k] * values[k]
+        value, std = values[k] / size[k], stds[k] / size[k]
+        out.append(
+            SensorError(
+                probe=probes[which],
+                value=float(value),
+                std=float(np.hypot(std, MODEL_ERROR * value)),
+                sensors=tuple(order),
+                rms_before=float(np.sqrt(np.mean(without[here] ** 2))),
+                rms_after=float(np.sqrt(np.mean(left[here] ** 2))),
+            )
+        )
+    return out
+
+
+def _scatter(residual: FloatArray, columns: FloatArray) -> float:
+    """Standard deviation of what no error explains, by the median."""
+    used = columns[:, np.any(columns != 0.0, axis=0)]
+    left = residual - used @ np.linalg.lstsq(used, residual, rcond=None)[0] if used.size else residual
+    return max(float(np.median(np.abs(left))) / 0.6745, 1e-9)
+
+
+def _blocks(parts: list[Rows]) -> np.ndarray:
+    """(rows,) number of each row's block; those of one time are one block whatever the sensor."""
+    times = np.concatenate([part.time_s for part in parts])
+    return np.unique(np.floor(times / BLOCK_S), return_inverse=True)[1]
+
+
+def _told(X: FloatArray, size: FloatArray) -> list[int]:
+    """Columns that are not what the columns before them can do as well."""
+    kept: list[int] = []
+    for k in range(X.shape[1]):
+        if size[k] <= 0.0:
+            continue
+        column = X[:, k] / size[k]
+        basis = X[:, kept] / size[kept]
+        left = column - basis @ np.linalg.lstsq(basis, column, rcond=None)[0] if kept else column
+        if float(left @ left) > LEAST_SHARE:
+            kept.append(k)
+    return kept
