@@ -15,8 +15,8 @@ PACKAGE = REPO / "tpmsd"
 HOME = PACKAGE / "physics" / "effects"
 EXAMPLES = {"tpmsd/cli/simulate.py", "tpmsd/cli/effects.py"}
 """Help texts whose examples name effects as a user types them."""
-NOT_NAMES = {FREE.name}
-"""A word of the language that stands for other things as well."""
+NOT_NAMES = {FREE.name, *(name for name in EFFECTS if "_" not in name)}
+"""Words of the language that stand for other things as well."""
 
 
 def named(source: str) -> list[str]:
