@@ -30,7 +30,7 @@ def coarse_speed(step_mps: float, radius_m: float) -> str | None:
         f"speeds in steps of {3.6 * step_mps:.2g} km/h: a sender that truncates makes every radius look "
         f"{1000 * radius_m * bias:.1f} mm larger at {SPEED_MPS:g} m/s (more when slower), one that "
         "rounds makes it drift while the speed is steady;"
-        " 'tpmsd diagnose' estimates it (speed_rounding_offset)"
+        " 'tpmsd diagnose' estimates it"
     )
 
 
