@@ -300,6 +300,28 @@ class RobustnessSettings:
 
 
 @dataclass(frozen=True, slots=True)
+class SensorSettings:
+    """Errors of accelerometers, steering wheel and clock, apart from the windows."""
+
+    known_share: float = 0.8
+    """Of a sensor's readings that must be there."""
+    fewest_fixes: int = 100
+    """With UTC, for the clock."""
+    clock_step_s: float = 0.2
+    """Between neighbouring fixes, from which the clock was set: that is a fault of its own."""
+    block_s: float = 30.0
+    """Slopes, gusts and drivers make residuals that last for seconds: blocks tell the scatter."""
+    fewest_blocks: int = 8
+    """With fewer, the scatter between blocks tells too little."""
+    model_error: float = 0.02
+    """Relative standard deviation of any value: the motion that it multiplies is no better known."""
+    least_share: float = 1e-3
+    """Of a column that must be left beside the others, squared, for its value to be told."""
+    beyond_stds: float = 4.0
+    """Beyond the usual size of an error: one in 30,000 by chance, for some ten errors of a drive."""
+
+
+@dataclass(frozen=True, slots=True)
 class ReportSettings:
     """What is written down."""
 
@@ -324,6 +346,7 @@ class DiagnosisSettings:
     refinement: RefinementSettings = RefinementSettings()
     assessment: AssessmentSettings = AssessmentSettings()
     robustness: RobustnessSettings = RobustnessSettings()
+    sensors: SensorSettings = SensorSettings()
     report: ReportSettings = ReportSettings()
 
 

@@ -12,17 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.diagnosis.sensors.readings import Rows, response, rows_of
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.windows import Reader
 from tpmsd.physics.catalogue import Probe, sensor_probes
 from tpmsd.wheels import FloatArray
-
-BLOCK_S = 30.0
-FEWEST_BLOCKS = 8
-"""With fewer, the scatter between blocks tells too little."""
-MODEL_ERROR = 0.02
-"""Relative standard deviation of any value: the motion that it multiplies is no better known."""
-LEAST_SHARE = 1e-3
-"""Of a column that must be left beside the others, squared, for its value to be told."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +49,7 @@ def sensor_errors(reader: Reader) -> list[SensorError]:
     blocks = _blocks(list(rows.values()))
     size = np.sqrt((X**2).sum(axis=0))
     told = _told(X, size)
-    if not told or blocks.max() + 1 < FEWEST_BLOCKS:
+    if not told or blocks.max() + 1 < SETTINGS.sensors.fewest_blocks:
         return []
     X, size = X[:, told] / size[told], size[told]
     inverse = np.linalg.inv(X.T @ X)
@@ -68,7 +61,7 @@ def sensor_errors(reader: Reader) -> list[SensorError]:
     out = []
     for k, which in enumerate(told):
         share = np.add.reduceat(X[:, k] ** 2, starts[:-1])
-        order = [list(rows)[i] for i in np.argsort(-share) if share[i] > LEAST_SHARE]
+        order = [list(rows)[i] for i in np.argsort(-share) if share[i] > SETTINGS.sensors.least_share]
         here = np.abs(X[:, k]) > 0.0
         without = left + X[:, k] * values[k]
         value, std = values[k] / size[k], stds[k] / size[k]
@@ -76,7 +69,7 @@ def sensor_errors(reader: Reader) -> list[SensorError]:
             SensorError(
                 probe=probes[which],
                 value=float(value),
-                std=float(np.hypot(std, MODEL_ERROR * value)),
+                std=float(np.hypot(std, SETTINGS.sensors.model_error * value)),
                 sensors=tuple(order),
                 rms_before=float(np.sqrt(np.mean(without[here] ** 2))),
                 rms_after=float(np.sqrt(np.mean(left[here] ** 2))),
@@ -95,7 +88,7 @@ def _scatter(residual: FloatArray, columns: FloatArray) -> float:
 def _blocks(parts: list[Rows]) -> np.ndarray:
     """(rows,) number of each row's block; those of one time are one block whatever the sensor."""
     times = np.concatenate([part.time_s for part in parts])
-    return np.unique(np.floor(times / BLOCK_S), return_inverse=True)[1]
+    return np.unique(np.floor(times / SETTINGS.sensors.block_s), return_inverse=True)[1]
 
 
 def _told(X: FloatArray, size: FloatArray) -> list[int]:
@@ -107,6 +100,6 @@ def _told(X: FloatArray, size: FloatArray) -> list[int]:
         column = X[:, k] / size[k]
         basis = X[:, kept] / size[kept]
         left = column - basis @ np.linalg.lstsq(basis, column, rcond=None)[0] if kept else column
-        if float(left @ left) > LEAST_SHARE:
+        if float(left @ left) > SETTINGS.sensors.least_share:
             kept.append(k)
     return kept

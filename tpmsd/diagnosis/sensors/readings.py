@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.trajectory import slope_by_heights, to_edges
 from tpmsd.inference.windows import Reader
 from tpmsd.physics.catalogue import Probe
@@ -22,12 +23,6 @@ from tpmsd.wheels import FloatArray
 ACCELEROMETERS = ("accel_long", "accel_lat")
 STEERING, CLOCK = "steering", "clock"
 ROLES = {"accel_long": "accel_long_mps2", "accel_lat": "accel_lat_mps2", STEERING: "steering_wheel_angle_rad"}
-KNOWN = 0.8
-"""Share of a sensor's readings that must be there."""
-FEWEST_FIXES = 100
-"""With UTC, for the clock."""
-STEP_S = 0.2
-"""Between neighbouring fixes, from which the clock was set: it is told as a fault of its own."""
 ROLLING = ExtendedModel()
 
 
@@ -44,21 +39,20 @@ class Rows:
 def rows_of(reader: Reader) -> dict[str, Rows]:
     """By sensor, those that the drive has."""
     out = {}
-    recording, motion = reader.recording, reader.reference.motion
+    recording = reader.recording
     for name, role in ROLES.items():
-        if np.isfinite(recording.inertial[role]).mean() < KNOWN:
+        if np.isfinite(recording.inertial[role]).mean() < SETTINGS.sensors.known_share:
             continue
         expected = _expected(reader, name)
         if expected is not None:
             residual = to_edges(recording.inertial[role], 1.0) - expected
             out[name] = Rows(reader.windows.time_s, reader.over_windows(residual))
     known = np.isfinite(recording.host_minus_utc_s)
-    if known.sum() >= FEWEST_FIXES:
+    if known.sum() >= SETTINGS.sensors.fewest_fixes:
         off = recording.host_minus_utc_s[known]
         steps = np.diff(off, prepend=off[0])
-        set_by = np.cumsum(np.where(np.abs(steps) > STEP_S, steps, 0.0))
+        set_by = np.cumsum(np.where(np.abs(steps) > SETTINGS.sensors.clock_step_s, steps, 0.0))
         out[CLOCK] = Rows(recording.fix_time_s[known], off - set_by)
-    assert len(motion) == recording.ticks + 1
     return out
 
 

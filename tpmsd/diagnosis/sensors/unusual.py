@@ -11,12 +11,10 @@ from collections.abc import Sequence
 
 from tpmsd.diagnosis.assessment.result import Finding, Quantity, Where
 from tpmsd.diagnosis.sensors.errors import SensorError, sensor_errors
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.windows import Reader
 from tpmsd.physics.catalogue import EFFECTS, parameters_of
 from tpmsd.physics.effect import Effect
-
-BEYOND = 4.0
-"""Standard deviations beyond the usual size: one in 30,000 by chance, for some ten errors of a drive."""
 
 
 def unusual(readers: Sequence[Reader], seconds: float, speeds: bool) -> list[Finding]:
@@ -27,7 +25,7 @@ def unusual(readers: Sequence[Reader], seconds: float, speeds: bool) -> list[Fin
         for one in sensor_errors(reader):
             by_effect.setdefault(one.probe.effect, []).append(one)
         for name, errors in by_effect.items():
-            beyond = [one for one in errors if deviations_beyond(one, speeds) > BEYOND]
+            beyond = [one for one in errors if deviations_beyond(one, speeds) > SETTINGS.sensors.beyond_stds]
             if beyond:
                 finding = _finding(EFFECTS[name], beyond, reader, seconds, speeds)
                 if name not in best or finding.gain > best[name][0]:
