@@ -84,6 +84,35 @@ def test_the_panel_shows_an_alarm_once(database: Database) -> None:
     )
 
 
+class Terminal(io.StringIO):
+    """A stream that is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize("columns", [60, 72, 120])
+@pytest.mark.parametrize("term", ["xterm", "dumb"])
+def test_the_panel_keeps_within_the_terminal(
+    database: Database, monkeypatch: pytest.MonkeyPatch, columns: int, term: str
+) -> None:
+    """From 60 columns on no line is as wide as the terminal; a dumb one gets no control sequences."""
+    monkeypatch.setenv("COLUMNS", str(columns))
+    monkeypatch.setenv("TERM", term)
+    out = Terminal()
+    panel = Panel(database, out, False, lambda: 163.0, 150.0)
+    alarm = AlarmEvent(0.0, AlarmKind.DEFLATION, "rl", "raised", -2e-3, 1e-4, 0.995, "lost 2 mm")
+    heard(panel, CanReporter(AlarmsConfig()), 0.0, alarm)
+    panel.show()
+    text = out.getvalue()
+    lines = re.sub(r"\x1b\[[0-9;]*[A-Za-z]", "", text).replace("\r", "\n").splitlines()
+
+    assert max(map(len, lines)) < columns
+    assert ("\x1b" in text) == (term == "xterm")
+    assert "2:43  monitoring  fl  -2.00" in text
+    assert "Deflation_RL=alarm" in text
+
+
 def test_the_panel_trusts_no_damaged_frame(database: Database) -> None:
     """A frame whose checksum is wrong is counted and shows nothing."""
     panel = Panel(database, io.StringIO(), False, lambda: math.nan, 150.0)

@@ -286,6 +286,14 @@ def test_watching_redraws_in_place_on_a_terminal() -> None:
     assert "\x1b[H\x1b[2J" + table + "\x1b[H" + table == out.getvalue()
 
 
+def test_watching_on_a_dumb_terminal_moves_no_cursor() -> None:
+    """A terminal that knows no control sequences gets one table below the other."""
+    out = Terminal()
+    watch([DOCUMENT, DOCUMENT], out, {"TERM": "dumb"})
+    assert "\x1b" not in out.getvalue()
+    assert 2 == out.getvalue().count("rear right")
+
+
 def test_watching_into_a_pipe_writes_one_table_below_the_other() -> None:
     """No escape codes where there is no terminal."""
     out = io.StringIO()

@@ -14,6 +14,7 @@ import contextlib
 import logging
 import sys
 import tempfile
+import textwrap
 import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -26,7 +27,7 @@ from cantools.database.can import Database
 from tpmsd.cli.demo_panel import GREEN, RED, Panel, listen
 from tpmsd.cli.demo_play import watch_live
 from tpmsd.cli.main import EXIT_INTERRUPTED
-from tpmsd.cli.status import colour_wanted
+from tpmsd.cli.status import colour_wanted, terminal_width
 from tpmsd.daemon.clock import Clock
 from tpmsd.daemon.loop import Daemon
 from tpmsd.errors import TpmsdError
@@ -61,14 +62,16 @@ def demonstrate(wheel: str, seed: int, speed_up: float, out: IO[str], record: Pa
     fault = Fault("puncture", LOSS_PERCENT, "percent", wheel, PUNCTURE_AT_S, PUNCTURE_OVER_S)
     drive = simulate_drive(DriveSpec(duration_s=DURATION_S, seed=seed, faults=(fault,)))
     loss_mm = LOSS_PERCENT / 100.0 * drive.spec.vehicle.wheel_radius_m[WHEELS.index(wheel)] * 1e3
-    print(
+    introduction = (
         f"A drive of {DURATION_S / 60:.0f} minutes at {speed_up:g} times real time, on a virtual CAN bus and "
-        f"a pseudo terminal.\nAt {drive_time(PUNCTURE_AT_S)} the {WHEEL_NAMES[wheel]} tyre begins to lose "
-        f"{loss_mm:.1f} mm of radius ({LOSS_PERCENT:g} %) over {PUNCTURE_OVER_S:g} s.\n"
-        "This is what an instrument panel hears on the bus:\n",
-        file=out,
-        flush=True,
+        "a pseudo terminal.",
+        f"At {drive_time(PUNCTURE_AT_S)} the {WHEEL_NAMES[wheel]} tyre begins to lose "
+        f"{loss_mm:.1f} mm of radius ({LOSS_PERCENT:g} %) over {PUNCTURE_OVER_S:g} s.",
+        "This is what an instrument panel hears on the bus:",
     )
+    for line in introduction:
+        print(_fitting(line, out), file=out)
+    print(file=out, flush=True)
     show = _Show(drive, out)
     with tempfile.TemporaryDirectory(prefix="tpmsd-demo-") as folder, show.listening():
         daemon = watch_live(
@@ -149,8 +152,13 @@ class _Show:
         if panel.damaged:
             verdict += f" {panel.damaged} frames had a wrong checksum."
         print("\n\n" if self._out.isatty() else "\n", end="", file=self._out)
-        print(panel.paint(verdict, GREEN if good else RED), file=self._out, flush=True)
+        print(panel.paint(_fitting(verdict, self._out), GREEN if good else RED), file=self._out, flush=True)
         return 0 if good else 1
+
+
+def _fitting(text: str, out: IO[str]) -> str:
+    width = terminal_width(out)
+    return text if width is None else textwrap.fill(text, width - 1)
 
 
 def _silent_log() -> logging.Logger:

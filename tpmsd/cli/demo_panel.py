@@ -5,6 +5,7 @@ In: CAN frames, decoded by `dbc/tpmsd.dbc` alone. Out: what a driver would see, 
 
 from __future__ import annotations
 
+import textwrap
 import threading
 import time
 from collections.abc import Callable
@@ -14,12 +15,16 @@ from typing import IO
 import can
 from cantools.database.can import Database
 
+from tpmsd.cli.status import can_move, terminal_width
 from tpmsd.report.wording import drive_time, wheel_name
 from tpmsd.sinks.can_layout import ALARM_DATA_ID, STATUS_DATA_ID, checksum
 from tpmsd.wheels import WHEELS
 
 RED, GREEN, DIM = "31;1", "32", "2"
-_SIGNALS_PER_LINE = 4
+MARGIN, INDENT = 8, 12
+"""Columns before a line, for the time; and before what goes on from the line above."""
+WIDTH = 100
+"""Columns where there is no terminal."""
 _UNSPOKEN = ("AlarmChecksum", "AlarmCounter")
 _NOTHING = {"none", "0"}
 
@@ -89,14 +94,13 @@ class Panel:
             what += f", {since_s:.0f} s after the puncture began"
         verb = "ALARM" if raised else "cleared"
         self._in_place("")
-        self._print(
-            f"{drive_time(heard.time_s):>6}  " + self.paint(f"{verb:<11} {what}", RED if raised else GREEN)
-        )
+        for number, line in enumerate(self._wrapped(f"{verb:<11} {what}")):
+            margin = f"{drive_time(heard.time_s):>6}  " if number == 0 else " " * MARGIN
+            self._print(margin + self.paint(line, RED if raised else GREEN))
         self._print(f"{'':8}frame       {frame}")
         told = [f"{k}={v}" for k, v in words.items() if k not in _UNSPOKEN and v not in _NOTHING]
-        for begin in range(0, len(told), _SIGNALS_PER_LINE):
-            label = "" if begin else "decoded"
-            self._print(f"{'':8}{label:<11} {'  '.join(told[begin : begin + _SIGNALS_PER_LINE])}")
+        for line in self._wrapped(f"{'decoded':<11} {'  '.join(told)}"):
+            self._print(" " * MARGIN + line)
 
     def show(self) -> None:
         """One line of how the tyres are."""
@@ -112,21 +116,33 @@ class Panel:
             tyres.append(self.paint(text, style))
         if learned and not self._learned:
             self._in_place("")
-            self._print(
-                f"{drive_time(self.now()):>6}  {'monitoring':<11} the radii of all four wheels are learned"
-            )
+            told = self._wrapped(f"{'monitoring':<11} the radii of all four wheels are learned")
+            self._print(f"{drive_time(self.now()):>6}  " + f"\n{'':{MARGIN}}".join(told))
             self._learned = True
         word = "ALARM" if "alarm" in states.values() else "monitoring" if learned else "learning"
-        against = "mm since learned" if learned else "mm from nominal"
-        self._in_place(f"{drive_time(self.now()):>6}  {word:<11} {'  '.join(tyres)}  {against}")
+        against = "  mm since learned" if learned else "  mm from nominal"
+        room = self._columns() - (MARGIN + INDENT + 9 * len(tyres))
+        gap = "  " if room >= 2 * (len(tyres) - 1) else " "
+        unit = against if room >= len(gap) * (len(tyres) - 1) + len(against) else ""
+        self._in_place(f"{drive_time(self.now()):>6}  {word:<11} {gap.join(tyres)}{unit}")
 
     def paint(self, text: str, style: str) -> str:
         """Coloured where that is wanted."""
         return f"\x1b[{style}m{text}\x1b[0m" if self._colour else text
 
+    def _columns(self) -> int:
+        """One less than the terminal has: a full line would move the cursor on."""
+        return (terminal_width(self._out) or WIDTH + 1) - 1
+
+    def _wrapped(self, text: str) -> list[str]:
+        width = max(self._columns() - MARGIN, 30)
+        return textwrap.wrap(
+            text, width, subsequent_indent=" " * INDENT, drop_whitespace=True, break_on_hyphens=False
+        )
+
     def _in_place(self, text: str) -> None:
         """A line that the next one replaces; where there is no terminal, a line like others."""
-        if self._out.isatty():
+        if can_move(self._out):
             self._out.write("\r\x1b[K" + text)
             self._out.flush()
         elif text:

@@ -81,7 +81,9 @@ def run(args: argparse.Namespace) -> int:
 def show(document: Mapping[str, Any], out: IO[str], environment: Mapping[str, str] | None = None) -> None:
     """Write the table once."""
     out.write(
-        _encodable(render_status(document, colour=colour_wanted(out, environment), width=_width(out)), out)
+        _encodable(
+            render_status(document, colour=colour_wanted(out, environment), width=terminal_width(out)), out
+        )
     )
     out.flush()
 
@@ -90,10 +92,10 @@ def watch(
     documents: Iterable[Mapping[str, Any]], out: IO[str], environment: Mapping[str, str] | None = None
 ) -> None:
     """Write the table for each document: in place on a terminal, else one below the other."""
-    live = out.isatty()
+    live = can_move(out, environment)
     colour = colour_wanted(out, environment)
     for number, document in enumerate(documents):
-        table = _encodable(render_status(document, colour=colour, width=_width(out)), out)
+        table = _encodable(render_status(document, colour=colour, width=terminal_width(out)), out)
         if live:
             # Line by line in place: clearing the whole screen each time would flicker.
             table = table.replace("\n", f"{_CLEAR_LINE}\n") + _CLEAR_BELOW
@@ -103,10 +105,16 @@ def watch(
         out.flush()
 
 
+def can_move(out: IO[str], environment: Mapping[str, str] | None = None) -> bool:
+    """Whether lines can be written anew in place: on a terminal that knows how."""
+    environment = os.environ if environment is None else environment
+    return out.isatty() and environment.get("TERM") != "dumb"
+
+
 def colour_wanted(out: IO[str], environment: Mapping[str, str] | None = None) -> bool:
     """Colours only on a terminal that knows them, and where nobody objects (https://no-color.org)."""
     environment = os.environ if environment is None else environment
-    return out.isatty() and not environment.get("NO_COLOR") and environment.get("TERM") != "dumb"
+    return can_move(out, environment) and not environment.get("NO_COLOR")
 
 
 def _socket_path(args: argparse.Namespace) -> Path:
@@ -119,8 +127,8 @@ def _socket_path(args: argparse.Namespace) -> Path:
     return StatusConfig().socket
 
 
-def _width(out: IO[str]) -> int | None:
-    """Of the terminal; a file or a pipe takes lines of any length."""
+def terminal_width(out: IO[str]) -> int | None:
+    """Columns of the terminal; None for a file or a pipe, which takes lines of any length."""
     if not out.isatty():
         return None
     return shutil.get_terminal_size((WIDTH, 24)).columns
