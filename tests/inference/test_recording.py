@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from tpmsd.config.model import CanConfig, Config, GnssConfig, VehicleConfig
 from tpmsd.inference.recording import record
@@ -35,3 +36,9 @@ def test_a_recording_keeps_its_name_and_its_gaps() -> None:
     assert [0.35, 7.0, 9.0] == [
         round(float(value[0]), 6) for value in (recording.fix_time_s, recording.east_m, recording.speed_mps)
     ]
+
+
+def test_a_drive_without_ticks_is_no_drive() -> None:
+    """Nothing in, a clear reason out."""
+    with pytest.raises(ValueError, match="holds no readings that belong together"):
+        record([], CONFIG)

@@ -17,6 +17,7 @@ import numpy as np
 
 from tpmsd.calibration.equations import CHANGES, COLUMNS, LOCAL, Equations, make_equations
 from tpmsd.calibration.nominal import Vehicle, nominal
+from tpmsd.inference.fit import gram, solved
 from tpmsd.inference.layouts import LEANING_CAR
 from tpmsd.inference.noise import Noise
 from tpmsd.inference.noise_fit import (
@@ -244,16 +245,14 @@ def solve(
 
     The prior speaks of the values themselves, so it pulls them back by what was moved already.
     """
-    information = np.diag(1.0 / np.square(prior_std))
-    right = (mean - moved) / np.square(prior_std)
-    for at, drive in enumerate(rows):
-        X = drive.X.reshape(-1, drive.X.shape[2])
-        place = _places(names, at)
-        information[np.ix_(place, place)] += X.T @ X
-        right[place] += X.T @ drive.y.reshape(-1)
-    covariance = np.linalg.inv(information)
-    step = covariance @ right
-    return moved + step, 0.5 * (covariance + covariance.T)
+    grams = [
+        gram([_own(name, at) for name in COLUMNS], drive.y.reshape(-1, 1), drive.X.reshape(-1, len(COLUMNS)))
+        for at, drive in enumerate(rows)
+    ]
+    prior = dict(zip(names, zip(mean - moved, prior_std, strict=True), strict=True))
+    found = solved(grams, prior)
+    order = [found.keys.index(name) for name in names]
+    return moved + found.values[order, 0], found.covariance[np.ix_(order, order)]
 
 
 def _widened(

@@ -13,33 +13,56 @@ import math
 import numpy as np
 
 from tpmsd.inference.noise import Noise
-from tpmsd.inference.trajectory import SLOPE_ERROR, WINDOW_S
+from tpmsd.inference.trajectory import SLOPE_ERROR, WINDOW_S, Reference
 from tpmsd.inference.whitening import Whitener
-from tpmsd.inference.windows import Reader
+from tpmsd.inference.windows import Reader, Windows
 from tpmsd.physics.motion import GRAVITY_MPS2
 from tpmsd.wheels import FloatArray
 
 
 def covariate_stds(reader: Reader, noise: Noise) -> dict[str, float]:
-    """Standard deviation of each covariate's error in a window, SI units: the median over the drive, from the
-    smoother of all channels. Zero of what is given (time and way) or read from the bus."""
-    windows, motion, car = reader.windows, reader.reference.motion, reader.reference.car
+    """Standard deviation of each covariate's error in a window, SI units: the median over the drive."""
+    errors = covariate_errors(reader.windows, reader.reference, noise)
+    return {name: float(np.median(values)) for name, values in errors.items()}
+
+
+def covariate_errors(windows: Windows, about: Reference, noise: Noise) -> dict[str, FloatArray]:
+    """(w,) standard deviation of each covariate's error, SI units, from the smoother of all channels. Zero of
+    what is given (time and way) or read from the bus."""
     made = Whitener.of(windows, noise, np.isfinite(windows.measured))
-    speed_std, yaw_std = made.motion_stds().T
-    speed, yaw = np.maximum(windows.covariates["speed"], 1.0), windows.covariates["yaw_rate"]
-    pull_std = math.sqrt(2.0) * speed_std / WINDOW_S
-    steer_std = car.steering_ratio * car.geometry.wheelbase_m * yaw_std / speed
-    errors: dict[str, FloatArray] = {
-        "speed": speed_std,
-        "yaw_rate": yaw_std,
-        "accel_lat": np.hypot(speed * yaw_std, yaw * speed_std),
-        "accel_long": np.hypot(pull_std, GRAVITY_MPS2 * SLOPE_ERROR),
-        "grade": np.full(len(windows), SLOPE_ERROR),
-        "steering": steer_std,
-        "steering_rate": math.sqrt(2.0) * steer_std / WINDOW_S,
+    stds = np.concatenate([made.motion_stds(), np.zeros((len(windows), 1))], axis=1)
+    out = {
+        name: np.sqrt(np.square(jacobian * stds).sum(axis=1))
+        for name, jacobian in covariate_jacobians(windows, about).items()
     }
-    out = {}
-    for name in windows.covariates:
-        told = name in motion.measured or name not in errors
-        out[name] = 0.0 if told else float(np.median(errors[name]))
+    slope = np.full(len(windows), SLOPE_ERROR)
+    # Rates are differences of neighbouring windows; slopes are told by heights, not by the motion.
+    rates = {
+        "accel_long": np.hypot(math.sqrt(2.0) * stds[:, 0] / WINDOW_S, GRAVITY_MPS2 * slope),
+        "grade": slope,
+    }
+    if "steering" in out:
+        rates["steering_rate"] = math.sqrt(2.0) * out["steering"] / WINDOW_S
+    for name, values in rates.items():
+        if name in out and name not in about.motion.measured:
+            out[name] = values
+    return out
+
+
+def covariate_jacobians(windows: Windows, about: Reference) -> dict[str, FloatArray]:
+    """(w, 3) derivative of each covariate by the errors of speed, yaw rate and heading of its own window;
+    zero of what is given or read from the bus."""
+    out = {name: np.zeros((len(windows), 3)) for name in windows.covariates}
+    speed, yaw = np.maximum(windows.covariates["speed"], 1.0), windows.covariates["yaw_rate"]
+    lever = about.car.steering_ratio * about.car.geometry.wheelbase_m
+    one, none = np.ones(len(windows)), np.zeros(len(windows))
+    closed = {
+        "speed": (one, none),
+        "yaw_rate": (none, one),
+        "accel_lat": (yaw, speed),
+        "steering": (none, lever / speed),
+    }
+    for name, (by_speed, by_yaw) in closed.items():
+        if name in out and name not in about.motion.measured:
+            out[name][:, 0], out[name][:, 1] = by_speed, by_yaw
     return out

@@ -1,0 +1,144 @@
+"""Least squares over drives, as pure functions: the same arguments give the same bits.
+
+In: `Prepared` drives, the columns of a model in each (`Design`), the noise of each. Out: `Fit`. Columns of
+one key are one value whatever the drive. Residuals may have a trailing axis of r replicates (a bootstrap):
+gains and columns are computed once for all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+
+from tpmsd.inference.noise import Noise
+from tpmsd.inference.prepared import Design, Prepared, read_only
+from tpmsd.inference.whitening import Whitener
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True)
+class DriveNoise:
+    """The noise of one drive."""
+
+    noise: Noise
+    inflation: FloatArray | None = None
+    """(w, 9) factors on the variances of single readings."""
+
+
+@dataclass(frozen=True)
+class Gram:
+    """All that least squares need of one drive."""
+
+    keys: tuple[str, ...]
+    """(p,)"""
+    XX: FloatArray
+    """(p, p)"""
+    XY: FloatArray
+    """(p, r)"""
+    YY: FloatArray
+    """(r,)"""
+    logdet: float = 0.0
+    """Sum of the innovations' log variances."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Values of all keys, for each of r replicates."""
+
+    keys: tuple[str, ...]
+    """(k,)"""
+    values: FloatArray
+    """(k, r)"""
+    covariance: FloatArray
+    """(k, k)"""
+    log_likelihood: FloatArray
+    """(r,) with the values at their best, up to a constant that no noise changes; with a prior, of the
+    posterior."""
+
+    def std(self, key: str) -> float:
+        """Standard deviation of a value."""
+        at = self.keys.index(key)
+        return float(np.sqrt(self.covariance[at, at]))
+
+
+Prior = Mapping[str, tuple[float, float]]
+"""Mean and standard deviation by key; a key that is not there is free."""
+
+
+def fit(
+    drives: Sequence[Prepared],
+    model: Sequence[Design],
+    noise: Sequence[DriveNoise],
+    prior: Prior | None = None,
+) -> Fit:
+    """Fit a model to drives under their noise. ValueError where the three do not go together, or where the
+    drives do not determine a value."""
+    grams = [gram_of(drive, design, one) for drive, design, one in zip(drives, model, noise, strict=True)]
+    return solved(grams, prior or {})
+
+
+def gram_of(drive: Prepared, design: Design, noise: DriveNoise) -> Gram:
+    """A drive's Gram matrices under its noise."""
+    made = Whitener.of(drive.windows, noise.noise, drive.mask, noise.inflation)
+    y = drive.y if drive.y.ndim == 3 else drive.y[:, :, None]
+    replicates = y.shape[2]
+    white = made.apply(np.concatenate([y, design.columns], axis=2)).reshape(-1, y.shape[2] + len(design.keys))
+    return gram(design.keys, white[:, :replicates], white[:, replicates:], made.logdet)
+
+
+def gram(keys: Sequence[str], y: FloatArray, X: FloatArray, logdet: float = 0.0) -> Gram:
+    """Of whitened rows: data (n, r) and columns (n, p)."""
+    XX, XY, YY = read_only(X.T @ X, X.T @ y, (y * y).sum(axis=0))
+    return Gram(tuple(keys), XX, XY, YY, logdet)
+
+
+def solved(grams: Sequence[Gram], prior: Prior) -> Fit:
+    """The values of greatest posterior (k, r), drives added up."""
+    keys = tuple(dict.fromkeys(key for one in grams for key in one.keys))
+    place = {key: at for at, key in enumerate(keys)}
+    replicates = grams[0].XY.shape[1]
+    information, right = np.zeros((len(keys), len(keys))), np.zeros((len(keys), replicates))
+    misfit = np.zeros(replicates)
+    for one in grams:
+        at = [place[key] for key in one.keys]
+        np.add.at(information, np.ix_(at, at), one.XX)
+        np.add.at(right, at, one.XY)
+        misfit += one.YY + one.logdet
+    for key, (mean, std) in prior.items():
+        if key in place:
+            at_key = place[key]
+            information[at_key, at_key] += 1.0 / std**2
+            right[at_key] += mean / std**2
+            misfit += (mean / std) ** 2 + 2.0 * np.log(std)
+    size = np.sqrt(np.diag(information))
+    if not np.all(size > 0.0):
+        raise ValueError(f"nothing tells {keys[int(np.argmin(size))]}")
+    try:
+        factor = scipy.linalg.cho_factor(information / np.outer(size, size), lower=True)
+    except np.linalg.LinAlgError:
+        raise ValueError(f"the drives do not tell {' '.join(keys)} apart") from None
+    covariance = scipy.linalg.cho_solve(factor, np.eye(len(keys))) / np.outer(size, size)
+    covariance = 0.5 * (covariance + covariance.T)
+    values = covariance @ right
+    likelihood = -0.5 * (misfit - (right * values).sum(axis=0))
+    values, covariance, likelihood = read_only(values, covariance, likelihood)
+    return Fit(keys, values, covariance, likelihood)
+
+
+def redrawn(
+    drive: Prepared,
+    design: Design,
+    values: FloatArray,
+    noise: DriveNoise,
+    rng: np.random.Generator,
+    count: int,
+) -> Prepared:
+    """The drive with residuals (w, 9, count) drawn from the noise about a model's values (p,): replicates
+    whose design is fixed (parametric bootstrap; Davison and Hinkley 1997, section 2.2)."""
+    made = Whitener.of(drive.windows, noise.noise, drive.mask, noise.inflation)
+    expected = (design.columns @ values)[:, :, None]
+    y = np.where(drive.mask[:, :, None], made.simulate(rng, count) + expected, np.nan)
+    return replace(drive, y=read_only(y)[0])
