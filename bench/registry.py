@@ -90,6 +90,7 @@ CAMPAIGNS = {
         _campaign("resonance", "sampling rates at which the torsional resonance tells a soft tyre"),
         _campaign("independent-look", "plain least squares on recordings, apart from the diagnosis"),
         _campaign("fleet", "cost of a fleet: workers against a plain loop, the joint inference"),
+        _campaign("replicates", "seconds for bootstrap replicates of a drive, design fixed and anew"),
         _campaign("injected", "effects injected into real recordings"),
     )
 }
