@@ -90,7 +90,7 @@ def gram_of(drive: Prepared, design: Design, noise: DriveNoise) -> Gram:
 
 
 def gram(keys: Sequence[str], y: FloatArray, X: FloatArray, logdet: float = 0.0) -> Gram:
-    """Of whitened rows: data (n, r) and columns (n, p)."""
+    """Of innovations: data (n, r) and columns (n, p)."""
     XX, XY, YY = read_only(X.T @ X, X.T @ y, (y * y).sum(axis=0))
     return Gram(tuple(keys), XX, XY, YY, logdet)
 
