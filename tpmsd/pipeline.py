@@ -8,11 +8,13 @@ same alarms.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from cantools.database import Database
+from numpy.typing import NDArray
 
 from tpmsd.bounds import check_like, check_plain
 from tpmsd.config.model import Config
@@ -24,7 +26,10 @@ from tpmsd.monitor.records import MonitorReport
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.resonance.watch import ResonanceWatch
 from tpmsd.sinks.reset_request import PREFIX, ResetRequest, from_frame, from_sentence
+from tpmsd.sources.can_block import ERROR, REMOTE, FrameBlock
 from tpmsd.sources.events import Event
+from tpmsd.sources.signal_plan import EXTENDED
+from tpmsd.timeline.block_source import BlockSource
 from tpmsd.timeline.compensation import Compensation, adjusted
 from tpmsd.timeline.tick import Tick
 from tpmsd.timeline.tick_source import TickSource
@@ -52,6 +57,7 @@ class Pipeline:
             config = adjusted(config, model)
             self._compensation = Compensation(config, model)
         self._source = TickSource(config, database)
+        self._blocks = BlockSource(self._source)
         self.decoder = self._source.decoder
         self.assembler = self._source.assembler
         self.timeline = self._source.timeline
@@ -80,12 +86,21 @@ class Pipeline:
         """Take one CAN data frame; `bus` as in `CanDecoder.decode`."""
         steps = self._run(self._source.on_frame(time_s, arbitration_id, is_extended, data, is_fd, bus))
         if bus == 0 and arbitration_id == self._reset_id and is_extended == self._extended:
-            request = from_frame(data)
-            # Frames that ask alike within seconds are one request.
-            if request is not None and not 0.0 <= time_s - self._reset_s < REPEATED_S:
-                self._reset_s = time_s
-                self._reset(request)
+            self._asked(time_s, data)
         return steps
+
+    def on_frames(self, block: FrameBlock, start: int, stop: int, bus: NDArray[np.intp]) -> Iterator[Step]:
+        """Take the data frames `start` to before `stop` of a block, as `on_frame` each in turn. `bus`
+        (channels,): number of the bus of each channel."""
+        identifier = self._reset_id
+        key = -1 if identifier is None else identifier | (EXTENDED if self._extended else 0)
+        asking = start + np.flatnonzero(block.identifier[start:stop] == key)
+        for place in asking.tolist():
+            if bus[block.channel[place]] == 0 and not block.flags[place] & (ERROR | REMOTE):
+                yield from self._run_each(self._blocks.on_frames(block, start, place + 1, bus))
+                self._asked(float(block.time_s[place]), block.payload(place))
+                start = place + 1
+        yield from self._run_each(self._blocks.on_frames(block, start, stop, bus))
 
     def on_sentence(self, time_s: float, line: bytes) -> list[Step]:
         """Take one NMEA line."""
@@ -93,6 +108,14 @@ class Pipeline:
         if line.startswith(PREFIX) and (request := from_sentence(line)) is not None:
             self._reset(request)
         return steps
+
+    def _asked(self, time_s: float, data: bytes) -> None:
+        """A frame asks for a reset."""
+        request = from_frame(data)
+        # Frames that ask alike within seconds are one request.
+        if request is not None and not 0.0 <= time_s - self._reset_s < REPEATED_S:
+            self._reset_s = time_s
+            self._reset(request)
 
     def _new_estimator(self) -> Estimator:
         """One that has learned nothing."""
@@ -119,6 +142,10 @@ class Pipeline:
     def finish(self) -> list[Step]:
         """What the end of a recording completes."""
         return self._run(self._source.finish())
+
+    def _run_each(self, ticks: Iterator[Tick]) -> Iterator[Step]:
+        for tick in ticks:
+            yield from self._run([tick])
 
     def _run(self, ticks: list[Tick]) -> list[Step]:
         steps: list[Step] = []

@@ -13,20 +13,24 @@ from pathlib import Path
 from typing import Protocol, TypeVar
 
 import cantools.database
+import numpy as np
 from cantools.database.can import Database
+from numpy.typing import NDArray
 
 from tpmsd.config.coarse_speed import coarse_speeds
 from tpmsd.config.model import Config
 from tpmsd.errors import ConfigError, InputError
+from tpmsd.sources.can_block import FrameBlock
 from tpmsd.sources.can_channels import bus_numbers, channel_names, choose_channel
 from tpmsd.sources.can_decoder import CanDecoder
 from tpmsd.sources.can_frame import CanFrame
 from tpmsd.sources.can_log import read_can_blocks
 from tpmsd.sources.databases import load_databases
 from tpmsd.sources.drive import Drive as FolderStream
-from tpmsd.sources.drive import Sentence
+from tpmsd.sources.drive import Part, Sentence
 from tpmsd.sources.plain_nmea import clock_offset
 from tpmsd.sources.signal_plan import compile_plans, signal_steps
+from tpmsd.timeline.block_source import BlockSource
 from tpmsd.timeline.tick import Tick
 from tpmsd.timeline.tick_source import TickSource
 
@@ -49,7 +53,7 @@ def ignore_progress(done_s: float) -> None:
 
 
 class Core(Protocol[Out]):
-    """What a drive can be played into: `TickSource` and `Pipeline`."""
+    """What a drive can be played into: `BlockSource` and `Pipeline`."""
 
     @property
     def decoder(self) -> CanDecoder:
@@ -66,6 +70,11 @@ class Core(Protocol[Out]):
         bus: int = 0,
     ) -> list[Out]:
         """Take one CAN data frame."""
+        ...
+
+    def on_frames(self, block: FrameBlock, start: int, stop: int, bus: NDArray[np.intp]) -> Iterator[Out]:
+        """Take the data frames `start` to before `stop` of a block. `bus` (channels,): number of the bus of
+        each channel."""
         ...
 
     def on_sentence(self, time_s: float, line: bytes) -> list[Out]:
@@ -90,8 +99,8 @@ class Stream(Protocol):
         """What an error about the frames names."""
         ...
 
-    def __iter__(self) -> Iterator[CanFrame | Sentence]:
-        """Frames and sentences in the order of their stamps."""
+    def parts(self) -> Iterator[Part | CanFrame | Sentence]:
+        """Frames (also some together) and sentences in the order of their stamps."""
         ...
 
 
@@ -170,7 +179,7 @@ class MemoryStream:
         self.first_bad: dict[str, str] = {}
         self.buses: dict[str, int] = {}
 
-    def __iter__(self) -> Iterator[CanFrame | Sentence]:
+    def parts(self) -> Iterator[CanFrame | Sentence]:
         """Frames and sentences, oldest first."""
         return iter(self._items)
 
@@ -185,21 +194,24 @@ def play(
 
     InputError at the end if no frame had an identifier that the configured signals need.
     """
-    start: float | None = None
-    for number, item in enumerate(stream):
-        if isinstance(item, CanFrame):
-            time_s, channel, identifier, is_extended, is_fd, is_error, is_remote, data, _ = item
-            if is_error or is_remote:
-                continue
-            if bus := stream.buses.get(channel, 0):
-                yield from core.on_frame(time_s, identifier, is_extended, data, is_fd, bus)
-            else:
-                yield from core.on_frame(time_s, identifier, is_extended, data, is_fd)
+    start, told, done = None, 0, 0
+    for item in stream.parts():
+        if isinstance(item, Part):
+            block = item.block
+            bus = np.array([stream.buses.get(name, 0) for name in block.channels], dtype=np.intp)
+            yield from core.on_frames(block, item.start, item.stop, bus)
+            time_s, done = float(block.time_s[item.stop - 1]), done + item.stop - item.start
         else:
-            yield from core.on_sentence(item.time_s, item.line)
-        if number % PROGRESS_EVERY == 0:
-            start = item.time_s if start is None else start
-            progress(item.time_s - start)
+            time_s, done = item.time_s, done + 1
+            if isinstance(item, Sentence):
+                yield from core.on_sentence(time_s, item.line)
+            elif not (item.is_error or item.is_remote):
+                number = stream.buses.get(item.channel, 0)
+                identifier, extended = item.arbitration_id, item.is_extended
+                yield from core.on_frame(time_s, identifier, extended, item.data, item.is_fd, number)
+        if done >= told:
+            start, told = time_s if start is None else start, done + PROGRESS_EVERY
+            progress(time_s - start)
     yield from core.finish()
     counts = core.decoder.counts
     if counts["frames"] == counts["ignored"]:
@@ -224,7 +236,7 @@ def read_ticks(
 ) -> list[Tick]:
     """All ticks of a drive, made as the daemon's own core makes them, without an estimator."""
     stream, database = recording.open(config, note)
-    return list(play(stream, TickSource(config, database, rate_hz), progress, note))
+    return list(play(stream, BlockSource(TickSource(config, database, rate_hz)), progress, note))
 
 
 def _align_clocks(stream: FolderStream, config: Config, decoder: CanDecoder, note: Note) -> None:

@@ -16,6 +16,7 @@ from tpmsd.api.reading import DESK_RATE_HZ, Core, FolderRecording, Out
 from tpmsd.cli.output import Progress
 from tpmsd.config.model import Config
 from tpmsd.sources.drive import Drive
+from tpmsd.timeline.block_source import BlockSource
 from tpmsd.timeline.tick import Tick
 from tpmsd.timeline.tick_source import TickSource
 
@@ -53,4 +54,4 @@ def play(drive: Drive, core: Core[Out], label: str) -> Iterator[Out]:
 def read_ticks(folder: Path, config: Config, rate_hz: float = DESK_RATE_HZ) -> list[Tick]:
     """All ticks of a drive, made as the daemon's own core makes them, without an estimator."""
     drive, database = open_drive(folder, config)
-    return list(play(drive, TickSource(config, database, rate_hz), folder.name or str(folder)))
+    return list(play(drive, BlockSource(TickSource(config, database, rate_hz)), folder.name or str(folder)))

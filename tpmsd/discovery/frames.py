@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tpmsd.sources.can_block import ERROR, REMOTE, FrameBlock
+from tpmsd.sources.signal_bits import RawArray, raw_bits
 from tpmsd.sources.signal_plan import BitField
 from tpmsd.wheels import FloatArray
 
-RawArray = NDArray[np.uint64]
 MAX_MESSAGES = 4096
 """Identifiers of one log; a bus has some hundred."""
 
@@ -38,29 +38,7 @@ class MessageLog:
 
     def bits(self, place: BitField) -> RawArray:
         """(n,) raw bits of a field; ValueError if the payload does not hold it."""
-        length = self.data.shape[1]
-        if place.min_bytes > length:
-            raise ValueError("beyond the payload")
-        # The field lies within the last bytes of the integer that it was planned on.
-        last, first = place.min_bytes, place.shift // 8
-        raw = np.zeros(len(self.data), dtype=np.uint64)
-        if place.big_endian:
-            first = (8 * place.word_bytes - place.shift - place.length) // 8
-            skip = place.shift - 8 * (place.word_bytes - last)
-        else:
-            skip = place.shift - 8 * first
-        columns = self.data[:, first:last].astype(np.uint64)
-        if not place.big_endian:
-            columns = columns[:, ::-1]
-        count = columns.shape[1]
-        for k in range(count):
-            weight = 8 * (count - 1 - k) - skip
-            column = columns[:, k]
-            if weight >= 0:
-                raw |= column << np.uint64(weight) if weight < 64 else np.uint64(0)
-            else:
-                raw |= column >> np.uint64(-weight)
-        return raw & np.uint64(place.mask)
+        return raw_bits(place, self.data)
 
 
 @dataclass(slots=True)

@@ -12,7 +12,7 @@ import numpy as np
 from cantools.database.can import Database
 
 from tpmsd.config.dbc import counter_modulus
-from tpmsd.discovery.frames import BusLog, MessageLog, RawArray
+from tpmsd.discovery.frames import BusLog, MessageLog
 from tpmsd.discovery.other_roles import find_gyro
 from tpmsd.discovery.raw_fields import raw_fields
 from tpmsd.discovery.reference import Reference, make_reference
@@ -20,6 +20,7 @@ from tpmsd.discovery.series import Field, Series, as_count, as_value
 from tpmsd.discovery.settings import SETTINGS, Settings
 from tpmsd.errors import ConfigError
 from tpmsd.sources.events import GnssFix
+from tpmsd.sources.signal_bits import RawArray
 from tpmsd.sources.signal_plan import EXTENDED, bit_field
 from tpmsd.wheels import FloatArray
 

@@ -11,8 +11,9 @@ from typing import Literal
 
 import numpy as np
 
-from tpmsd.discovery.frames import MessageLog, RawArray
+from tpmsd.discovery.frames import MessageLog
 from tpmsd.discovery.reference import cell_means
+from tpmsd.sources.signal_bits import RawArray
 from tpmsd.sources.signal_plan import BitField
 from tpmsd.wheels import FloatArray
 

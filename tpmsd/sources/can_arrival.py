@@ -7,6 +7,7 @@ Pure: the only clock is the frames' own.
 
 from __future__ import annotations
 
+import copy
 from collections import deque
 from enum import IntEnum
 
@@ -78,6 +79,16 @@ class MessageArrival:
     def seen(self) -> bool:
         """Whether there was a frame at all."""
         return self._data is not None
+
+    def copied(self) -> MessageArrival:
+        """One that goes its own way."""
+        other = copy.copy(self)
+        other._intervals = self._intervals.copy()
+        return other
+
+    def judged_last(self, data: bytes) -> None:
+        """The frame judged last had this data, which was not at hand then."""
+        self._data = data
 
     def is_overdue(self, time_s: float) -> bool:
         """Whether nothing came for longer than the time-out."""

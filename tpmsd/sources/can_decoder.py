@@ -40,7 +40,8 @@ from tpmsd.sources.signal_plan import (
     can_filters,
     compile_plans,
 )
-from tpmsd.sources.wheel_counter import DirectionKeeper, WheelCounter
+from tpmsd.sources.wheel_counter import WheelCounter
+from tpmsd.sources.wheel_direction import DirectionKeeper
 from tpmsd.sources.wheel_speed import FrozenSpeeds, WheelSpeedIntegrator
 
 __all__ = ["CanDecoder", "can_filters", "load_database"]
@@ -60,7 +61,7 @@ def _place(signal: SignalPlan) -> int | str:
     return signal.role if signal.wheel is None else signal.wheel
 
 
-class _Group:
+class Group:
     """A signal group with its state."""
 
     __slots__ = ("arrival", "doubted", "fields", "frozen", "places", "plan", "trackers", "watch")
@@ -118,17 +119,17 @@ class CanDecoder:
                 for signal in group.signals:
                     if signal.wheel is not None:
                         self._trackers[signal.role] = self._tracker(config, signal, signal.wheel)
-        self._plans: dict[int, tuple[MessagePlan, tuple[_Group, ...]]] = {
-            key: (plan, tuple(_Group(group, self._trackers) for group in plan.groups))
+        self.plans: dict[int, tuple[MessagePlan, tuple[Group, ...]]] = {
+            key: (plan, tuple(Group(group, self._trackers) for group in plan.groups))
             for key, plan in plans.items()
         }
-        self._groups = [group for _, groups in self._plans.values() for group in groups]
+        self._groups = [group for _, groups in self.plans.values() for group in groups]
         self._wheels = list(self._trackers.values())
-        self._heard_s = dict.fromkeys((tracker.wheel for tracker in self._wheels), -math.inf)
+        self.heard_s = dict.fromkeys((tracker.wheel for tracker in self._wheels), -math.inf)
         self._witnesses: dict[int, _Witness] = {}
-        self._holds: dict[int, bool] = {}
+        self.holds: dict[int, bool] = {}
         """Condition -> whether it held when its message last came; none before that."""
-        self._direction = DirectionKeeper()
+        self.direction = DirectionKeeper()
         self._polled_s = self._calm_until_s = -math.inf
         """Between these times no message can become overdue."""
 
@@ -157,7 +158,7 @@ class CanDecoder:
         """
         self.counts["frames"] += 1
         key = arbitration_id | EXTENDED if is_extended else arbitration_id
-        entry = self._plans.get(bus << BUS_SHIFT | key if bus else key)
+        entry = self.plans.get(bus << BUS_SHIFT | key if bus else key)
         out: list[Event] = []
         if entry is None:
             self.counts["ignored"] += 1
@@ -186,7 +187,7 @@ class CanDecoder:
     def ignores(self, arbitration_id: int, is_extended: bool, bus: int = 0) -> bool:
         """Whether a frame carries nothing that is decoded."""
         key = arbitration_id | EXTENDED if is_extended else arbitration_id
-        return (bus << BUS_SHIFT | key if bus else key) not in self._plans
+        return (bus << BUS_SHIFT | key if bus else key) not in self.plans
 
     def count_ignored(self) -> None:
         """Count a frame that was not given to `decode` because it carries nothing."""
@@ -203,7 +204,16 @@ class CanDecoder:
             bits = (big if field.big_endian else little) >> field.shift & field.mask
             if field.min_bytes > size or (numbers is not None and field.number(bits) not in numbers):
                 return
-        self._holds[condition.number] = condition.holds(bits)
+        self.holds[condition.number] = condition.holds(bits)
+
+    @property
+    def rolls(self) -> bool:
+        """Whether the values of all wheels change."""
+        return all(tracker.still_since is None and not tracker.stuck for tracker in self._wheels)
+
+    def forget_calm(self) -> None:
+        """Frames were taken without a poll: the next one looks at every message."""
+        self._polled_s = self._calm_until_s = -math.inf
 
     def clock_stepped(self) -> None:
         """The host's clock was set back, as the stamps of all inputs together have shown."""
@@ -230,7 +240,7 @@ class CanDecoder:
         return out
 
     def _decode_group(
-        self, time_s: float, group: _Group, data: bytes, little: int, big: int, out: list[Event]
+        self, time_s: float, group: Group, data: bytes, little: int, big: int, out: list[Event]
     ) -> None:
         arrival = group.arrival
         if arrival is None:
@@ -256,18 +266,18 @@ class CanDecoder:
         fast = watch.frame(time_s)
 
         size, faults, period_s = len(data), self._faults, arrival.period_s
-        doubted, heard_s = group.doubted, self._heard_s
+        doubted, heard_s = group.doubted, self.heard_s
         for number, (min_bytes, is_big, shift, mask, signal, tracker) in enumerate(group.fields):
             if min_bytes > size:
                 self._note_short(time_s, signal, size, out)
                 continue
             bits = (big if is_big else little) >> shift & mask
             if bits in signal.invalid or (
-                signal.valid_when is not None and not self._holds.get(signal.valid_when, False)
+                signal.valid_when is not None and not self.holds.get(signal.valid_when, False)
             ):
                 self._note_invalid(time_s, signal, bits, out)
                 continue
-            backward = signal.backward_when is not None and self._holds.get(signal.backward_when, False)
+            backward = signal.backward_when is not None and self.holds.get(signal.backward_when, False)
             if tracker is None:
                 value = signal.gain * signal.field.number(bits) + signal.bias
                 if not math.isfinite(value):
@@ -284,7 +294,7 @@ class CanDecoder:
                     self._note_invalid(time_s, signal, bits, out)
                     continue
                 if signal.backward_when is not None:
-                    bits = self._direction.signed(signal.role, bits, signal.modulus, backward)
+                    bits = self.direction.signed(signal.role, bits, signal.modulus, backward)
                 tracker.update(time_s, bits, period_s, out)
             else:
                 value = signal.gain * signal.field.number(bits) + signal.bias
@@ -320,7 +330,7 @@ class CanDecoder:
                 self._faults.note(out, time_s, "stuck", still.wheel, f"{group.plan.name} is frozen")
                 still.mark_stuck()
 
-    def _note_spoofed(self, time_s: float, group: _Group, number: int, out: list[Event]) -> None:
+    def _note_spoofed(self, time_s: float, group: Group, number: int, out: list[Event]) -> None:
         """Frames or values of more than one sender: which is the true one nobody knows."""
         detail = f"{group.plan.name}: {group.watch.detail or 'two values in turn'}"
         self._faults.note(out, time_s, "spoofed", group.places[number], detail)
@@ -332,7 +342,7 @@ class CanDecoder:
     def _note_invalid(self, time_s: float, signal: SignalPlan, bits: int, out: list[Event]) -> None:
         self._faults.note(out, time_s, "invalid", _place(signal), f"{signal.signal} = {bits:#x}")
 
-    def _time_out(self, time_s: float, group: _Group, arrival: MessageArrival, out: list[Event]) -> None:
+    def _time_out(self, time_s: float, group: Group, arrival: MessageArrival, out: list[Event]) -> None:
         arrival.timed_out = True
         silent = f"silent for {time_s - arrival.last_s:.2f} s" if arrival.seen else "never seen"
         for place in group.places:
@@ -349,7 +359,7 @@ class CanDecoder:
             self._witnesses[tracker.wheel] = _Witness(since_s, seen)
             return
         # Only those that were heard of then and still are.
-        fresh = [entry for entry in witness.others if time_s - self._heard_s[entry[0].wheel] <= FRESH_S]
+        fresh = [entry for entry in witness.others if time_s - self.heard_s[entry[0].wheel] <= FRESH_S]
         ways_m = [other.travel_m - travel_m for other, travel_m, _ in fresh]
         if isinstance(tracker, WheelCounter):
             stuck = tracker.is_stuck(time_s, ways_m)
@@ -366,5 +376,5 @@ class CanDecoder:
 
     def _others(self, time_s: float, tracker: Tracker) -> Iterator[Tracker]:
         for other in self._wheels:
-            if other is not tracker and not other.stuck and time_s - self._heard_s[other.wheel] <= FRESH_S:
+            if other is not tracker and not other.stuck and time_s - self.heard_s[other.wheel] <= FRESH_S:
                 yield other

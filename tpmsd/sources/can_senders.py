@@ -18,6 +18,8 @@ the first frame on with values that a wheel may well have.
 
 from __future__ import annotations
 
+import copy
+
 FASTER = 1.25
 """Frames beyond the known rate that are borne: clocks of adapters, and frames that were sent again."""
 BURST_S, BURST_FRAMES = 1.0, 20.0
@@ -110,6 +112,13 @@ class SenderWatch:
     def detail(self) -> str:
         """What is known of the rate, for a fault's text."""
         return f"more than its {1.0 / self._period_s:.0f} frames a second" if self.fast else ""
+
+    def copied(self) -> SenderWatch:
+        """One that goes its own way."""
+        other = copy.copy(self)
+        other._odd, other._sound = self._odd.copy(), self._sound.copy()
+        other._rough = tuple(copy.copy(rough) for rough in self._rough)
+        return other
 
     def restart(self, time_s: float) -> None:
         """The clock stepped, or the message was away: judge no rate across that."""

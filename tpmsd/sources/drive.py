@@ -13,19 +13,19 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
+
+import numpy as np
 
 from tpmsd.errors import InputError
+from tpmsd.sources.can_block import FrameBlock
 from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.can_log import find_can_log, read_can_log
+from tpmsd.sources.can_log import find_can_log, read_can_blocks
+from tpmsd.sources.leaps import BACKWARD_STEP_S, LeapWatch
 from tpmsd.sources.nmea_log import bears_host_times, read_nmea_log
 
-BACKWARD_STEP_S = 0.5
-LEAP_S = 2.0
-"""Up to `MAX_DAMAGED` stamps that leap this far from the last good one are damaged if the next follows it."""
-MAX_DAMAGED = 4
 PATIENCE_S = {"can": 10.0, "gnss": 0.5}
 """How far past a step of the other file a file is played before it is taken not to show that step.
 
@@ -41,7 +41,12 @@ class Sentence(NamedTuple):
     number: int
 
 
-Item = TypeVar("Item", CanFrame, Sentence)
+class Part(NamedTuple):
+    """The frames `start` to before `stop` of a block."""
+
+    block: FrameBlock
+    start: int
+    stop: int
 
 
 class Drive:
@@ -67,9 +72,16 @@ class Drive:
 
     def __iter__(self) -> Iterator[CanFrame | Sentence]:
         """Frames and sentences, oldest first."""
-        can = _Stream("can", self._undamaged(self._frames(), "can"))
-        gnss = _Stream("gnss", self._undamaged(self._sentences(), "gnss"))
-        while can.head is not None or gnss.head is not None:
+        for part in self.parts():
+            if isinstance(part, Part):
+                yield from part.block.frames(part.start, part.stop)
+            else:
+                yield part
+
+    def parts(self) -> Iterator[Part | Sentence]:
+        """The same, with the frames between two sentences together."""
+        can, gnss = _Frames(self._undamaged_frames()), _Sentences(self._undamaged_sentences())
+        while can.head_s is not None or gnss.head_s is not None:
             stream = _next(can, gnss)
             steps = stream.steps
             # As a rule hundreds of frames stand before the next sentence, and none of them needs a decision.
@@ -77,11 +89,42 @@ class Drive:
             if stream.steps != steps:
                 self.counts[f"{stream.source} clock steps"] += 1
 
-    def _frames(self) -> Iterator[CanFrame]:
-        frames = read_can_log(self.can_log, self._noting("can", self.can_log))
-        if self.channel is None:
-            return frames
-        return (frame for frame in frames if frame.channel == self.channel)
+    def _blocks(self) -> Iterator[FrameBlock]:
+        for block in read_can_blocks(self.can_log, self._noting("can", self.can_log)):
+            if self.channel is None:
+                yield block
+            elif self.channel in block.channels:
+                mine = block.channel == block.channels.index(self.channel)
+                if mine.any():
+                    yield block.taken(mine)
+
+    def _undamaged_frames(self) -> Iterator[FrameBlock]:
+        """The blocks without frames whose stamps leap; most have none and need no look at each frame."""
+        watch = LeapWatch[FrameBlock]()
+        for block in self._blocks():
+            place = 0
+            while place < len(block):
+                stop = watch.even_to(block.time_s, place)
+                if stop > place:
+                    yield block if stop - place == len(block) else block.taken(slice(place, stop))
+                    place = stop
+                    continue
+                yield from watch.take(float(block.time_s[place]), block.taken(slice(place, place + 1)))
+                place += 1
+        yield from watch.left()
+        self._count_damaged("can", watch.damaged)
+
+    def _undamaged_sentences(self) -> Iterator[Sentence]:
+        """The sentences without those whose stamps leap away from their neighbours and back."""
+        watch = LeapWatch[Sentence]()
+        for item in self._sentences():
+            yield from watch.take(item.time_s, item)
+        yield from watch.left()
+        self._count_damaged("gnss", watch.damaged)
+
+    def _count_damaged(self, source: str, damaged: int) -> None:
+        if damaged:
+            self.counts[f"{source} damaged stamps"] += damaged
 
     def _sentences(self) -> Iterator[Sentence]:
         path = self.nmea_log
@@ -97,40 +140,6 @@ class Drive:
 
         return note
 
-    def _undamaged(self, items: Iterable[Item], source: str) -> Iterator[Item]:
-        """The items without those whose stamps leap away from their neighbours and back."""
-        before: float | None = None
-        doubted: list[Item] = []
-        for item in items:
-            if before is not None and not doubted and abs(item.time_s - before) <= LEAP_S:
-                yield item
-                before = item.time_s
-                continue
-            if before is None:
-                # The first of a file has no neighbour but the one behind it.
-                if doubted and abs(item.time_s - doubted[0].time_s) <= LEAP_S:
-                    yield doubted.pop()
-                    before = item.time_s
-                    yield item
-                elif doubted:
-                    self.counts[f"{source} damaged stamps"] += 1
-                    doubted = [item]
-                else:
-                    doubted.append(item)
-                continue
-            if doubted and _follows(before, item.time_s) and not _follows(doubted[-1].time_s, item.time_s):
-                self.counts[f"{source} damaged stamps"] += len(doubted)
-                doubted.clear()
-                yield item
-                before = item.time_s
-                continue
-            doubted.append(item)
-            if len(doubted) > MAX_DAMAGED:
-                yield from doubted
-                before = item.time_s
-                doubted.clear()
-        yield from doubted
-
     def span_s(self) -> float:
         """Duration by the receiver's log, for progress bars; 0 if it is not known cheaply."""
         if self.nmea_log is None:
@@ -145,25 +154,26 @@ class Drive:
         return 0.0 if first is None or last is None else max(last - first, 0.0)
 
 
-def _follows(before_s: float, time_s: float) -> bool:
-    """Whether a stamp goes on from another."""
-    return -BACKWARD_STEP_S <= time_s - before_s <= LEAP_S
+class _Sentences:
+    """The receiver's file: when its next sentence came, and where it last stepped back."""
 
+    source = "gnss"
 
-class _Stream:
-    """One file: its next item, and where it last stepped back."""
-
-    def __init__(self, source: str, items: Iterator[CanFrame] | Iterator[Sentence]) -> None:
-        self.source = source
+    def __init__(self, items: Iterator[Sentence]) -> None:
         self._items = items
-        self.head: CanFrame | Sentence | None = next(items, None)
+        self._head = next(items, None)
         self.steps = 0
         self.step_from_s = 0.0
         self.step_to_s = 0.0
 
-    def up_to(self, limit_s: float) -> Iterator[CanFrame | Sentence]:
+    @property
+    def head_s(self) -> float | None:
+        """Time of the next; None at the end."""
+        return None if self._head is None else self._head.time_s
+
+    def up_to(self, limit_s: float) -> Iterator[Sentence]:
         """The next item and those behind it up to a time, but none behind a backward step of the clock."""
-        item = self.head
+        item = self._head
         assert item is not None
         before_s = item.time_s
         for following in self._items:
@@ -179,29 +189,90 @@ class _Stream:
         else:
             yield item
             item = None
-        self.head = item
+        self._head = item
+
+
+class _Frames:
+    """The bus's file in the same way, in blocks."""
+
+    source = "can"
+
+    def __init__(self, blocks: Iterator[FrameBlock]) -> None:
+        self._blocks = blocks
+        self.steps = 0
+        self.step_from_s = 0.0
+        self.step_to_s = 0.0
+        self._take_block(None)
+
+    @property
+    def head_s(self) -> float | None:
+        """Time of the next; None at the end."""
+        return None if self._block is None else float(self._block.time_s[self._at])
+
+    def _take_block(self, before_s: float | None) -> None:
+        """`before_s`: the last time of the block before."""
+        self._block, self._at = next(self._blocks, None), 0
+        self._backward: list[int] = []
+        """Places before which the clock steps back."""
+        self._rises = True
+        if self._block is not None:
+            time_s = self._block.time_s
+            before = np.append(time_s[0] if before_s is None else before_s, time_s[:-1])
+            self._rises = bool(np.all(time_s[1:] >= before[1:]))
+            self._backward += np.flatnonzero(time_s < before - BACKWARD_STEP_S).tolist()
+
+    def up_to(self, limit_s: float) -> Iterator[Part]:
+        """The next frame and those behind it up to a time, but none behind a backward step of the clock."""
+        last_s = math.nan
+        head = 1  # the next is played whatever its time: it has been chosen
+        while (block := self._block) is not None:
+            start = self._at
+            step = next((place for place in self._backward if place >= start + head), len(block))
+            stop = min(step, self._first_behind(limit_s, start + head))
+            if stop > start:
+                yield Part(block, start, stop)
+                last_s = float(block.time_s[stop - 1])
+            self._at, head = stop, 0
+            if stop < len(block):
+                if stop == step:
+                    self.steps += 1
+                    self.step_from_s, self.step_to_s = last_s, float(block.time_s[stop])
+                return
+            self._take_block(last_s)
+
+    def _first_behind(self, limit_s: float, start: int) -> int:
+        """Place of the first frame from `start` on that is later than the limit."""
+        assert self._block is not None
+        time_s = self._block.time_s
+        if self._rises:
+            return max(int(time_s.searchsorted(limit_s, side="right")), start)
+        late = time_s[start:] > limit_s
+        return start + int(np.argmax(late)) if late.any() else len(time_s)
+
+
+_Stream = _Frames | _Sentences
 
 
 def _next(one: _Stream, other: _Stream) -> _Stream:
     """The stream whose head is to be played next."""
-    if one.head is None or other.head is None:
-        return other if one.head is None else one
+    if one.head_s is None or other.head_s is None:
+        return other if one.head_s is None else one
     if one.steps != other.steps:
         ahead, behind = (one, other) if one.steps > other.steps else (other, one)
-        assert behind.head is not None
-        time_s = behind.head.time_s
+        time_s = behind.head_s
+        assert time_s is not None
         beyond = time_s > ahead.step_from_s + PATIENCE_S[behind.source]
         if not beyond and abs(time_s - ahead.step_from_s) < abs(time_s - ahead.step_to_s):
             return behind  # it has yet to come to the step
         behind.steps = ahead.steps
-    return one if one.head.time_s <= other.head.time_s else other
+    return one if one.head_s <= other.head_s else other
 
 
 def _limit_s(stream: _Stream, one: _Stream, other: _Stream) -> float:
     """Up to when `_next` would choose this stream again, as long as it does not step."""
     rival = other if stream is one else one
-    if rival.head is None:
+    if rival.head_s is None:
         return math.inf
     if one.steps != other.steps:
         return -math.inf  # one at a time
-    return rival.head.time_s if stream is one else math.nextafter(rival.head.time_s, -math.inf)
+    return rival.head_s if stream is one else math.nextafter(rival.head_s, -math.inf)

@@ -44,26 +44,6 @@ STUCK_BITS = 4.0
 """The other wheels have gone this far (in bits of this counter) while this one has not."""
 
 
-class DirectionKeeper:
-    """Gives counters that count up in either direction the sign of their direction bit.
-
-    The values that come out are congruent to a signed count, so that a `WheelCounter` unwraps them.
-    """
-
-    __slots__ = ("_last",)
-
-    def __init__(self) -> None:
-        self._last: dict[str, tuple[int, int]] = {}
-
-    def signed(self, role: str, raw: int, modulus: int, backward: bool) -> int:
-        """The counter's value as if it counted down while turning backward."""
-        before, total = self._last.get(role, (raw, raw))
-        step = (raw - before) % modulus
-        total = (total - step if backward else total + step) % modulus
-        self._last[role] = raw, total
-        return total
-
-
 class WheelCounter:
     """Unwraps the counter of one wheel."""
 

@@ -13,6 +13,7 @@ after a silence longer than the time-out, for nobody knows how the speed was in 
 
 from __future__ import annotations
 
+import copy
 import math
 
 from tpmsd.sources.can_arrival import MIN_TIMEOUT_S, TIMEOUT_PERIODS
@@ -40,33 +41,42 @@ class FrozenSpeeds:
     is several times as long as the longest one of the last minutes, or longer than `FROZEN_S`.
     """
 
-    __slots__ = ("_longest_s", "_run_s", "_since_s", "_trackers")
+    __slots__ = ("_longest_s", "_run_s", "_since_s", "trackers")
 
     def __init__(self, trackers: tuple[WheelSpeedIntegrator, ...]) -> None:
-        self._trackers = trackers
+        self.trackers = trackers
         self._run_s = self._longest_s = 0.0
         self._since_s = math.nan
 
     def judge(self, time_s: float) -> tuple[WheelSpeedIntegrator, ...]:
         """The wheels that are found frozen with the frame at `time_s`."""
-        if math.isnan(self._since_s) or time_s < self._since_s:
-            self._since_s = time_s
         still_s = -math.inf
-        for tracker in self._trackers:
+        for tracker in self.trackers:
             since_s = tracker.still_since
             if since_s is None or tracker.stuck or not abs(tracker.speed_mps) > FROZEN_MPS:
                 still_s = math.inf
                 break
             still_s = max(still_s, since_s)
+        return self.trackers if self.take(time_s, still_s) else ()
+
+    def copied(self) -> FrozenSpeeds:
+        """One that goes its own way."""
+        return copy.copy(self)
+
+    def take(self, time_s: float, still_s: float) -> bool:
+        """Take a frame after which the last of all speeds is the same since `still_s` (infinite: they are
+        not); whether they are frozen."""
+        if math.isnan(self._since_s) or time_s < self._since_s:
+            self._since_s = time_s
         if still_s == math.inf:
             self._longest_s = max(self._run_s, FORGET * self._longest_s)
             self._run_s = 0.0
-            return ()
+            return False
         self._run_s = max(time_s - still_s, 0.0)
         usual_s = FROZEN_S
         if time_s - self._since_s > FROZEN_LEARN_S:
             usual_s = min(max(FROZEN_RUNS * self._longest_s, FROZEN_MIN_S), FROZEN_S)
-        return self._trackers if self._run_s > usual_s else ()
+        return self._run_s > usual_s
 
 
 class WheelSpeedIntegrator:
@@ -76,10 +86,10 @@ class WheelSpeedIntegrator:
         "_angle",
         "_faults",
         "_omega",
-        "_radius_m",
         "_suspect",
         "_time_s",
         "_turned",
+        "radius_m",
         "segment",
         "still_since",
         "stuck",
@@ -93,7 +103,7 @@ class WheelSpeedIntegrator:
         """Time of the first reading with the value that has not changed since; None while it changes."""
         self.stuck = False
         self._faults = faults
-        self._radius_m = radius_m
+        self.radius_m = radius_m
         self._omega: float | None = None
         self._time_s = 0.0
         self._angle = 0.0
@@ -103,12 +113,12 @@ class WheelSpeedIntegrator:
     @property
     def travel_m(self) -> float:
         """Way rolled since the start over all segments, by the nominal radius."""
-        return self._turned * self._radius_m
+        return self._turned * self.radius_m
 
     @property
     def speed_mps(self) -> float:
         """The last reading; NaN before there is one."""
-        return math.nan if self._omega is None else self._omega * self._radius_m
+        return math.nan if self._omega is None else self._omega * self.radius_m
 
     @property
     def stopped_impossibly(self) -> bool:
@@ -121,8 +131,8 @@ class WheelSpeedIntegrator:
         if self.stuck and omega_radps == before:
             return
         if before is None or self.stuck:
-            if abs(omega_radps) * self._radius_m > MAX_SPEED_MPS:
-                self._faults.note(out, time_s, "jump", self.wheel, f"{omega_radps * self._radius_m:.1f} m/s")
+            if abs(omega_radps) * self.radius_m > MAX_SPEED_MPS:
+                self._faults.note(out, time_s, "jump", self.wheel, f"{omega_radps * self.radius_m:.1f} m/s")
                 return
             self._begin(time_s, omega_radps, out)
             return
@@ -172,7 +182,7 @@ class WheelSpeedIntegrator:
 
     def is_fine(self, step_radps: float) -> bool:
         """Whether a signal of this resolution shows the noise that every wheel speed has."""
-        return abs(step_radps) * self._radius_m <= FINE_MPS
+        return abs(step_radps) * self.radius_m <= FINE_MPS
 
     def mark_stuck(self) -> None:
         """No samples until the value changes; that begins a new segment."""
@@ -184,9 +194,9 @@ class WheelSpeedIntegrator:
 
     def _follows(self, before: float, after: float, interval: float, period_s: float) -> bool:
         """Whether a wheel can have changed its speed so; time stamps may be off by a period each."""
-        if abs(after) * self._radius_m > MAX_SPEED_MPS:
+        if abs(after) * self.radius_m > MAX_SPEED_MPS:
             return False
-        change = abs(after - before) * self._radius_m
+        change = abs(after - before) * self.radius_m
         return change <= MAX_ACCEL_MPS2 * (interval + 2.0 * period_s) + SLACK_MPS
 
     def _begin(self, time_s: float, omega_radps: float, out: list[Event]) -> None:
@@ -204,7 +214,7 @@ class WheelSpeedIntegrator:
         if suspect is not None:
             interval = time_s - suspect[0]
             if interval > 0.0 and self._follows(suspect[1], omega_radps, interval, period_s):
-                detail = f"to {suspect[1] * self._radius_m:.1f} m/s"
+                detail = f"to {suspect[1] * self.radius_m:.1f} m/s"
                 self._faults.note(out, suspect[0], "jump", self.wheel, detail)
                 self._begin(time_s, omega_radps, out)
                 return
@@ -212,6 +222,6 @@ class WheelSpeedIntegrator:
         self._suspect = (time_s, omega_radps)
 
     def _drop_suspect(self, suspect: tuple[float, float], out: list[Event]) -> None:
-        detail = f"single odd value {suspect[1] * self._radius_m:.1f} m/s"
+        detail = f"single odd value {suspect[1] * self.radius_m:.1f} m/s"
         self._faults.note(out, suspect[0], "jump", self.wheel, detail)
         self._suspect = None

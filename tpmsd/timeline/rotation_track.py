@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 
 from tpmsd.sources.events import RotationSample
 
@@ -27,6 +28,14 @@ class RotationTrack:
         if self._samples and sample.time_s <= self._samples[-1].time_s:
             return
         self._samples.append(sample)
+
+    def extend(self, samples: Sequence[RotationSample]) -> None:
+        """Take readings, each newer than the one before it."""
+        if samples and self._samples and samples[0].time_s <= self._samples[-1].time_s:
+            for sample in samples:
+                self.add(sample)
+        else:
+            self._samples.extend(samples)
 
     def forget_before(self, time_s: float) -> None:
         """Drop readings no longer needed to interpolate at `time_s` or later."""

@@ -6,7 +6,9 @@ No I/O, no clock: daemon, replay, calibration and diagnosis all see a drive thro
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
+from typing import Protocol
 
 from cantools.database import Database
 
@@ -19,6 +21,18 @@ from tpmsd.sources.nmea_epoch import NmeaAssembler
 from tpmsd.sources.signal_plan import signal_steps
 from tpmsd.timeline.tick import Tick
 from tpmsd.timeline.timeline import Timeline
+
+
+class LookAhead(Protocol):
+    """Takes frames of a block before their time has come."""
+
+    def covers(self, time_s: float) -> bool:
+        """Whether the decoder is ahead of a host time, so that no message can be overdue then."""
+        ...
+
+    def leave(self) -> None:
+        """Make the decoder one that has taken the frames that were played, and no more."""
+        ...
 
 
 class TickSource:
@@ -35,6 +49,14 @@ class TickSource:
         """Where fixes are made, of sentences or of signals."""
         on_utc = config.gnss.host_clock == "utc"
         self.timeline = Timeline(rate_hz or config.filter.rate_hz, config.gnss.latency_s, on_utc)
+        self.ahead: LookAhead | None = None
+        """Who feeds this with blocks; none in a live run."""
+
+    @property
+    def may_look_ahead(self) -> bool:
+        """Whether nothing stands against decoding frames before their time: fixes are not made of them, there
+        is a time, and the wheels roll."""
+        return self._on_bus is None and self.timeline.due_s > -math.inf and self.decoder.rolls
 
     def on_frame(
         self,
@@ -86,10 +108,13 @@ class TickSource:
         deadline_s = self.assembler.deadline_s
         if deadline_s < time_s:
             ticks = timeline.advance(deadline_s) + self._take(self.assembler.advance(time_s))
-        if overdue := self.decoder.poll(time_s):
+        covered = self.ahead is not None and self.ahead.covers(time_s)
+        if not covered and (overdue := self.decoder.poll(time_s)):
             ticks += self._take(overdue)
         ticks += timeline.advance(time_s)
         if timeline.counts["clock_steps"] != steps:
+            if self.ahead is not None:
+                self.ahead.leave()
             # A message by itself would need a second of late frames to tell a step from a late frame.
             self.decoder.clock_stepped()
         return ticks

@@ -11,18 +11,19 @@ jitter and known latency.
 from __future__ import annotations
 
 import math
-from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from tpmsd.sources.events import Event, GnssFix, InertialSample, RotationSample, SourceFault
-from tpmsd.timeline.host_clock import HostClock
+from tpmsd.timeline.host_clock import BACKWARD_STEP_S, HostClock
 from tpmsd.timeline.local_plane import LocalPlane
+from tpmsd.timeline.reading_track import ReadingTrack
 from tpmsd.timeline.rotation_track import RotationTrack, rotation_between
 from tpmsd.timeline.speed_accuracy import SpeedAccuracy
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.timeline.utc_offset import UtcOffsetTracker
+from tpmsd.wheels import FloatArray
 
 HOLDBACK_S = 0.45
 HOLDBACK_MARGIN_S = 0.1
@@ -53,6 +54,10 @@ FIELDS = {
 }
 
 
+def _nothing() -> None:
+    """Has no samples ready."""
+
+
 class Timeline:
     """Merges events into ticks."""
 
@@ -64,8 +69,7 @@ class Timeline:
         self._plane = LocalPlane()
         self._accuracy = SpeedAccuracy()
         self._tracks = [RotationTrack() for _ in range(4)]
-        self._inertial: defaultdict[str, list[tuple[float, float]]] = defaultdict(list)
-        self._held: dict[str, tuple[float, float]] = {}
+        self._inertial: dict[str, ReadingTrack] = {}
         self._fixes: list[Fix] = []
         self._faults: list[SourceFault] = []
         self._origin_s = 0.0
@@ -73,6 +77,8 @@ class Timeline:
         self._due_s = -math.inf
         """When the next tick is made; before the first event there is none."""
         self._gap_s = 0.0
+        self.before_ticks: Callable[[], None] = _nothing
+        """Called before ticks are made: for one who has samples ready."""
         self.observe: Callable[[RotationSample], None] | None = None
         """Is shown every rotation sample at its own stamp, for what ticks are too slow for."""
         self.observe_fix: Callable[[GnssFix], None] | None = None
@@ -105,7 +111,7 @@ class Timeline:
                 self.observe(event)
         elif isinstance(event, InertialSample):
             if math.isfinite(event.value) and event.role in FIELDS:
-                self._inertial[event.role].append((now, event.value))
+                self._readings(event.role).add(now, event.value)
         else:
             self._faults.append(event)
         return ticks
@@ -154,6 +160,68 @@ class Timeline:
         clock.latest_s = now
         return True
 
+    # -- many samples at once --------------------------------------------------------------------------------
+
+    @property
+    def due_s(self) -> float:
+        """When the next tick is made; minus infinity before the first event."""
+        return self._due_s
+
+    @property
+    def shift_s(self) -> float:
+        """Logical time minus the host's."""
+        return self._clock.placed(0.0)
+
+    def goes_on(self, host_time_s: float) -> bool:
+        """Whether a stamp is not before the latest, and there was no pause."""
+        return 0.0 <= self._clock.placed(host_time_s) - self._clock.latest_s <= MAX_PAUSE_S
+
+    def is_even(self, time_s: FloatArray) -> bool:
+        """Whether host times (n,) let time pass with no step of the clock and no pause."""
+        before = self._clock.latest_s
+        now = np.append(before, time_s + self.shift_s)
+        latest = np.maximum.accumulate(now)
+        return bool(
+            math.isfinite(before)
+            and np.all(now >= latest - BACKWARD_STEP_S)
+            and np.all(np.diff(latest) <= MAX_PAUSE_S)
+        )
+
+    def pass_to(self, host_time_s: float) -> None:
+        """Let time pass to a stamp at which nothing is due; earlier ones change nothing."""
+        clock = self._clock
+        clock.latest_s = max(clock.latest_s, clock.placed(host_time_s))
+
+    def take_rotations(self, wheels: Sequence[tuple[list[int], list[RotationSample]]]) -> None:
+        """As `add` of each sample, at stamps to which time has passed. `wheels`: for each wheel the numbers
+        of its frames, and its samples (one at least)."""
+        shift_s = self.shift_s
+        if shift_s:
+            wheels = [
+                (places, [sample._replace(time_s=sample.time_s + shift_s) for sample in samples])
+                for places, samples in wheels
+            ]
+        for _, samples in wheels:
+            self._tracks[samples[0].wheel].extend(samples)
+        if self.observe is not None:
+            # In the order of the frames, and within one in the order of its wheels.
+            shown = [(at, number) for number, (places, _) in enumerate(wheels) for at in enumerate(places)]
+            for (row, _), number in sorted(shown, key=lambda one: (one[0][1], one[1])):
+                self.observe(wheels[number][1][row])
+
+    def take_readings(self, samples: Sequence[InertialSample]) -> None:
+        """The same for samples of one other signal, all finite."""
+        if samples and samples[0].role in FIELDS:
+            placed = self._clock.placed
+            self._readings(samples[0].role).extend(
+                [placed(sample.time_s) for sample in samples], [sample.value for sample in samples]
+            )
+
+    def _readings(self, role: str) -> ReadingTrack:
+        if role not in self._inertial:
+            self._inertial[role] = ReadingTrack(HOLD_S.get(role, HOLD_DEFAULT_S))
+        return self._inertial[role]
+
     def finish(self) -> list[Tick]:
         """The ticks that the end of a recording completes."""
         latest_s = self._clock.latest_s
@@ -171,7 +239,8 @@ class Timeline:
         self._gap_s += max(now - end, 0.0)
         for track in self._tracks:
             track.clear()
-        self._inertial.clear()
+        for readings in self._inertial.values():
+            readings.clear()
         self._fixes.clear()
         self._start(now)
 
@@ -180,6 +249,8 @@ class Timeline:
 
     def _emit(self, now: float) -> list[Tick]:
         ticks: list[Tick] = []
+        if self._due_s <= now:
+            self.before_ticks()
         while self._due_s <= now:
             self._index += 1
             self._due_s = self._end(self._index + 1) + self._holdback_s
@@ -201,7 +272,7 @@ class Timeline:
         faults, self._faults = tuple(self._faults), []
         gap, self._gap_s = self._gap_s, 0.0
         self.counts["ticks"] += 1
-        inertial = {FIELDS[role]: self._mean(role, begin, end) for role in FIELDS}
+        inertial = {FIELDS[role]: track.mean_to(end) for role, track in self._inertial.items()}
         return Tick(
             index=self._index,
             time_s=end,
@@ -214,20 +285,6 @@ class Timeline:
             faults=faults,
             **inertial,
         )
-
-    def _mean(self, role: str, begin: float, end: float) -> float:
-        """Mean of a signal's readings in the tick; the last one held for a while where none fell into it."""
-        samples = self._inertial.get(role)
-        if samples:
-            now = [value for time_s, value in samples if time_s <= end]
-            if now:
-                self._held[role] = (end, now[-1])
-                self._inertial[role] = [sample for sample in samples if sample[0] > end]
-                return sum(now) / len(now)
-        held = self._held.get(role)
-        if held is not None and end - held[0] <= HOLD_S.get(role, HOLD_DEFAULT_S):
-            return held[1]
-        return math.nan
 
     def _place(self, fix: GnssFix, arrival: float) -> float:
         """Put a fix into the plane and onto the time line; when it was valid."""

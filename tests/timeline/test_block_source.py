@@ -1,0 +1,181 @@
+"""Whole logs in blocks against the same logs frame by frame, as the daemon takes them: to the last bit."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bench.places import RECORDINGS
+from tpmsd.api.reading import FolderRecording, play
+from tpmsd.config.load import load_config
+from tpmsd.simulator.bus import BusSpec
+from tpmsd.simulator.bus_layouts import BUS_KINDS
+from tpmsd.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.simulator.drive_writer import write_drive
+from tpmsd.sources.can_frame import CanFrame
+from tpmsd.timeline.block_source import BlockSource
+from tpmsd.timeline.tick_source import TickSource
+
+REAL = sorted(path.parent.name for path in RECORDINGS.glob("*/vehicle.toml")) if RECORDINGS.is_dir() else []
+
+
+def said(source: TickSource, stream_counts: Any, ticks: list[Any], seen: list[Any]) -> dict[str, Any]:
+    """All that a pass over a drive tells."""
+    return {
+        "ticks": [repr(tick) for tick in ticks],
+        "samples": seen,
+        "decoder": dict(source.decoder.counts),
+        "timeline": source.timeline.counts,
+        "stream": dict(stream_counts),
+    }
+
+
+def one_by_one(folder: Path) -> dict[str, Any]:
+    """As a live run is given its frames."""
+    config = load_config(folder)
+    stream, database = FolderRecording(folder).open(config)
+    source = TickSource(config, database)
+    seen: list[Any] = []
+    source.timeline.observe = seen.append
+    ticks = []
+    for item in stream:
+        if isinstance(item, CanFrame):
+            if not (item.is_error or item.is_remote):
+                bus = stream.buses.get(item.channel, 0)
+                ticks += source.on_frame(
+                    item.time_s, item.arbitration_id, item.is_extended, item.data, item.is_fd, bus
+                )
+        else:
+            ticks += source.on_sentence(item.time_s, item.line)
+    ticks += source.finish()
+    return said(source, stream.counts, ticks, seen)
+
+
+class Counting(BlockSource):
+    """Counts the frames that went one by one."""
+
+    single = 0
+
+    def _one_by_one(self, block: Any, stop: int) -> Iterator[Any]:
+        self.single += stop - self._at
+        yield from super()._one_by_one(block, stop)
+
+
+def in_blocks(folder: Path) -> tuple[dict[str, Any], float]:
+    """As replay and diagnosis read it; and the share of frames that were decoded at once."""
+    config = load_config(folder)
+    stream, database = FolderRecording(folder).open(config)
+    source = TickSource(config, database)
+    seen: list[Any] = []
+    source.timeline.observe = seen.append
+    blocks = Counting(source)
+    ticks = list(play(stream, blocks))
+    return said(source, stream.counts, ticks, seen), 1.0 - blocks.single / source.decoder.counts["frames"]
+
+
+def assert_same(folder: Path, least_share: float) -> None:
+    """Both passes tell the same, and so much of the drive went in blocks."""
+    (expected, (actual, share)) = one_by_one(folder), in_blocks(folder)
+    for key, value in expected.items():
+        assert value == actual[key], key
+    assert share >= least_share
+
+
+@pytest.mark.skipif(not REAL, reason="no recordings")
+@pytest.mark.parametrize("name", [name for name in REAL if name in ("rav4-suburb-60s", "van-oval")])
+def test_real_recordings(name: str) -> None:
+    """A recording gives the same ticks, samples, faults and counts, and nearly all of it goes in blocks."""
+    assert_same(RECORDINGS / name, 0.9)
+
+
+@pytest.mark.parametrize("kind", BUS_KINDS)
+def test_every_bus_of_the_simulator(kind: str, tmp_path: Path) -> None:
+    """Counters of 8 and 16 bits, either byte order, wheel speeds: the same, on a road with stops."""
+    write_drive(tmp_path / "drive", simulate_drive(DriveSpec("city", 90.0, seed=5, bus=BusSpec(kind))))
+    assert_same(tmp_path / "drive", 0.3)
+
+
+@pytest.mark.parametrize("kind", BUS_KINDS)
+def test_faulty_buses(kind: str, tmp_path: Path) -> None:
+    """With frames lost and repeated and counters that restart the same faults are told at the same ticks."""
+    bus = BusSpec(kind, lost_fraction=0.002, repeated_fraction=0.002, resets_s=(20.0,))
+    write_drive(tmp_path / "drive", simulate_drive(DriveSpec("motorway", 40.0, seed=6, bus=bus)))
+    assert_same(tmp_path / "drive", 0.1)
+
+
+@cache
+def lines() -> tuple[tuple[str, ...], dict[str, bytes]]:
+    """The CAN log of a short drive at speed, and the other files."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name) / "drive"
+        write_drive(folder, simulate_drive(DriveSpec("motorway", 22.0, seed=7)))
+        others = {path.name: path.read_bytes() for path in folder.iterdir() if path.name != "can.log"}
+        return tuple((folder / "can.log").read_text("ascii").splitlines()), others
+
+
+def shifted(line: str, by_s: float) -> str:
+    """A line with another stamp."""
+    stamp, rest = line[1:].split(")", 1)
+    return f"({float(stamp) + by_s:.6f}){rest}"
+
+
+Change = Callable[[list[str], int], None]
+
+
+def damage(place: int, text: str) -> Change:
+    """Characters of one line are others."""
+
+    def change(log: list[str], at: int) -> None:
+        log[at] = log[at][:place] + text + log[at][place + len(text) :]
+
+    return change
+
+
+CHANGES: list[Change] = [
+    lambda log, at: log.pop(at),
+    lambda log, at: log.insert(at, log[at]),
+    lambda log, at: log.__setitem__(at, shifted(log[at], -0.03)),
+    lambda log, at: log.__setitem__(at, shifted(log[at], 0.7)),
+    lambda log, at: log.__setitem__(slice(at, None), [shifted(line, 3.0) for line in log[at:]]),
+    lambda log, at: log.__setitem__(slice(at, None), [shifted(line, -4.0) for line in log[at:]]),
+    lambda log, at: log.__setitem__(slice(at, at + 200), []),
+    lambda log, at: log.__setitem__(slice(at, at + 60), [x for x in log[at : at + 60] if " 0B0#" not in x]),
+    lambda log, at: log.insert(at, f"{log[at].split(' ')[0]} can0 20000080#0000000000000000"),
+    lambda log, at: log.insert(at, f"{log[at].split(' ')[0]} can0 0B0#R"),
+    lambda log, at: log.__setitem__(at, log[at][:-4]),
+    damage(2, "9"),
+    damage(32, "FFFF"),
+    damage(32, "0000"),
+]
+
+
+@settings(derandomize=True, deadline=None, max_examples=20)
+@given(st.lists(st.tuples(st.sampled_from(CHANGES), st.floats(0.0, 1.0)), max_size=6))
+def test_faulty_lines(changes: list[tuple[Change, float]]) -> None:
+    """Whatever is lost, repeated, damaged, late, or stepped in the log: what is told is the same."""
+    log, others = lines()
+    changed = list(log)
+    for change, share in changes:
+        change(changed, round(share * (len(changed) - 210)))
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for file, content in others.items():
+            (folder / file).write_bytes(content)
+        (folder / "can.log").write_text("\n".join(changed) + "\n", "ascii")
+        assert_same(folder, 0.0)
+
+
+def test_a_healthy_drive_goes_in_blocks(tmp_path: Path) -> None:
+    """Once the car rolls, and nothing is odd, all frames are decoded at once: 14 s of these 22 s."""
+    log, others = lines()
+    for file, content in others.items():
+        (tmp_path / file).write_bytes(content)
+    (tmp_path / "can.log").write_text("\n".join(log) + "\n", "ascii")
+    assert_same(tmp_path, 0.6)

@@ -1,0 +1,78 @@
+"""Stamps that leap away from their neighbours and back: damaged lines, which are left out.
+
+In: stamps in the order of a file, each with what bears it. Out: what is sound, in the same order. Pure.
+"""
+
+from __future__ import annotations
+
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from tpmsd.wheels import FloatArray
+
+BACKWARD_STEP_S = 0.5
+LEAP_S = 2.0
+"""Up to `MAX_DAMAGED` stamps that leap this far from the last good one are damaged if the next follows it."""
+MAX_DAMAGED = 4
+
+Item = TypeVar("Item")
+
+
+class LeapWatch(Generic[Item]):
+    """Judges the stamps of one file."""
+
+    def __init__(self) -> None:
+        self.damaged = 0
+        """Stamps that were left out."""
+        self._before_s: float | None = None
+        self._doubted: list[tuple[float, Item]] = []
+
+    @property
+    def calm(self) -> bool:
+        """Whether the last stamp was sound."""
+        return self._before_s is not None and not self._doubted
+
+    def even_to(self, time_s: FloatArray, start: int) -> int:
+        """Take the stamps from a place on that do not leap; the place of the first that is not taken."""
+        if self._before_s is None or self._doubted or start == len(time_s):
+            return start
+        leaps = np.abs(np.diff(time_s[start:], prepend=self._before_s)) > LEAP_S
+        stop = start + int(np.argmax(leaps)) if leaps.any() else len(time_s)
+        if stop > start:
+            self._before_s = float(time_s[stop - 1])
+        return stop
+
+    def take(self, time_s: float, item: Item) -> list[Item]:
+        """Take one; those that are sound now."""
+        before_s, doubted = self._before_s, self._doubted
+        if before_s is not None and not doubted and abs(time_s - before_s) <= LEAP_S:
+            self._before_s = time_s
+            return [item]
+        if before_s is None:
+            # The first of a file has no neighbour but the one behind it.
+            if doubted and abs(time_s - doubted[0][0]) <= LEAP_S:
+                self._before_s = time_s
+                return [*self.left(), item]
+            self.damaged += len(doubted)
+            self._doubted = [(time_s, item)]
+            return []
+        if doubted and _follows(before_s, time_s) and not _follows(doubted[-1][0], time_s):
+            self.damaged += len(doubted)
+            self._doubted, self._before_s = [], time_s
+            return [item]
+        doubted.append((time_s, item))
+        if len(doubted) > MAX_DAMAGED:
+            self._before_s = time_s
+            return self.left()
+        return []
+
+    def left(self) -> list[Item]:
+        """Those that are still in doubt: at the end of the file they are sound."""
+        left, self._doubted = [item for _, item in self._doubted], []
+        return left
+
+
+def _follows(before_s: float, time_s: float) -> bool:
+    """Whether a stamp goes on from another."""
+    return -BACKWARD_STEP_S <= time_s - before_s <= LEAP_S

@@ -1,0 +1,215 @@
+"""Ticks of whole logs: blocks of frames in, the ticks that the frames would make one by one out.
+
+In: parts of blocks in the order of the drive, between them whatever else goes into the `TickSource`. Out:
+ticks. A stretch of a block in which nothing is odd is decoded at once, ahead of the sentences that stand
+between its frames; its samples are handed to the timeline as time comes to them. The rest goes through
+`TickSource.on_frame`.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tpmsd.sources.can_block import FrameBlock
+from tpmsd.sources.can_decoder import CanDecoder
+from tpmsd.sources.events import RotationSample
+from tpmsd.sources.stretch import BlockPlaces, Stretch, foresee
+from tpmsd.timeline.tick import Tick
+from tpmsd.timeline.tick_source import TickSource
+from tpmsd.timeline.timeline import Timeline
+
+RETRY_FRAMES, MOST_RETRY_FRAMES = 16, 1024
+"""Frames that go one by one after an odd one: doubled as long as nothing comes of it."""
+FIRST_FRAMES = 1024
+"""Frames that are tried at once after odd ones; doubled as long as nothing is odd."""
+
+
+class _Ahead:
+    """A stretch that is being played."""
+
+    def __init__(self, block: FrameBlock, stretch: Stretch, shift_s: float) -> None:
+        """`shift_s`: logical time minus the host's."""
+        self.block = block
+        self.stretch = stretch
+        self._host_s = np.maximum.accumulate(block.time_s[stretch.start : stretch.stop])
+        """Greatest host time up to each frame."""
+        self._now_s = self._host_s + shift_s
+        self._given = [0] * (len(stretch.wheels) + len(stretch.readings))
+
+    def latest_s(self, place: int) -> float:
+        """Greatest host time of the frames before a place, which is not the first."""
+        return float(self._host_s[place - 1 - self.stretch.start])
+
+    def next_due(self, due_s: float, deadline_s: float, start: int, stop: int) -> int:
+        """The first frame from `start` on that reaches `due_s` (logical) or passes the deadline (host); at
+        most `stop`."""
+        origin = self.stretch.start
+        place = int(self._now_s.searchsorted(due_s))
+        if deadline_s < math.inf:
+            place = min(place, int(self._host_s.searchsorted(deadline_s, side="right")))
+        return min(max(place + origin, start), stop)
+
+    def hand_on(self, timeline: Timeline, place: int) -> None:
+        """Give the timeline the samples of all frames before a place that it has not got."""
+        wheels, readings, given = self.stretch.wheels, self.stretch.readings, self._given
+        taken: list[tuple[list[int], list[RotationSample]]] = []
+        for number, samples in enumerate(wheels):
+            first, last = given[number], bisect_left(samples.places, place, given[number])
+            if last > first:
+                given[number] = last
+                taken.append((samples.places[first:last], samples.records[first:last]))
+        timeline.take_rotations(taken)
+        for number, values in enumerate(readings, len(wheels)):
+            first, last = given[number], bisect_left(values.places, place, given[number])
+            if last > first:
+                given[number] = last
+                timeline.take_readings(values.records[first:last])
+
+
+class BlockSource:
+    """A `TickSource` that takes blocks as well."""
+
+    def __init__(self, source: TickSource) -> None:
+        self._source = source
+        source.ahead = self
+        source.timeline.before_ticks = self.hand_on
+        self._block: FrameBlock | None = None
+        self._places: BlockPlaces | None = None
+        self._bus: NDArray[np.intp] = np.zeros(1, dtype=np.intp)
+        self._ahead: _Ahead | None = None
+        self._at = 0
+        """The next frame of the block that is not yet played."""
+        self._retry_at = 0
+        self._pause = RETRY_FRAMES
+        self._reach = FIRST_FRAMES
+
+    @property
+    def decoder(self) -> CanDecoder:
+        """Of the `TickSource`."""
+        return self._source.decoder
+
+    def on_frame(
+        self,
+        time_s: float,
+        arbitration_id: int,
+        is_extended: bool,
+        data: bytes,
+        is_fd: bool = False,
+        bus: int = 0,
+    ) -> list[Tick]:
+        """As of a `TickSource`."""
+        return self._source.on_frame(time_s, arbitration_id, is_extended, data, is_fd, bus)
+
+    def on_sentence(self, time_s: float, line: bytes) -> list[Tick]:
+        """As of a `TickSource`."""
+        return self._source.on_sentence(time_s, line)
+
+    def finish(self) -> list[Tick]:
+        """As of a `TickSource`."""
+        return self._source.finish()
+
+    def on_frames(self, block: FrameBlock, start: int, stop: int, bus: NDArray[np.intp]) -> Iterator[Tick]:
+        """Take the data frames `start` to before `stop` of a block. `bus` (channels,): number of the bus of
+        each channel."""
+        if block is not self._block:
+            self._block, self._bus = block, bus
+            self._places = BlockPlaces(self._source.decoder, block, bus)
+            self._retry_at = start
+        assert self._places is not None
+        self._at = start
+        while self._at < stop:
+            told = self._places.told_until(self._at)
+            if told == self._at:  # an error or remote frame
+                self._at += 1
+                continue
+            ahead = self._ahead or self._look_ahead(block, told)
+            if ahead is None:
+                yield from self._one_by_one(block, min(stop, told, max(self._retry_at, self._at + 1)))
+            else:
+                yield from self._serve(ahead, min(stop, ahead.stretch.stop))
+
+    def hand_on(self) -> None:
+        """A tick is about to be made: give the timeline what was decoded of the frames played so far."""
+        if self._ahead is not None:
+            self._ahead.hand_on(self._source.timeline, self._at)
+
+    def covers(self, time_s: float) -> bool:
+        """Whether the decoder is ahead of a host time, so that no message can be overdue then."""
+        if self._ahead is not None and not time_s <= self._ahead.block.time_s[self._at]:
+            self.leave()
+        return self._ahead is not None
+
+    def leave(self) -> None:
+        """Make the decoder one that has taken the frames that were played, and none of those foreseen."""
+        self.hand_on()
+        ahead, self._ahead = self._ahead, None
+        if ahead is not None:
+            decoder, start = self._source.decoder, ahead.stretch.start
+            for place, frame in enumerate(ahead.block.frames(start, self._at), start):
+                bus = int(self._bus[ahead.block.channel[place]])
+                # What they hold was handed on already.
+                decoder.decode(frame.time_s, frame.arbitration_id, frame.is_extended, frame.data, bus=bus)
+
+    def _one_by_one(self, block: FrameBlock, stop: int) -> Iterator[Tick]:
+        source, first = self._source, self._at
+        for place, frame in enumerate(block.frames(first, stop), first):
+            time_s, _, identifier, is_extended, is_fd, _, _, data, _ = frame
+            self._at = place + 1
+            bus = int(self._bus[block.channel[place]])
+            yield from source.on_frame(time_s, identifier, is_extended, data, is_fd, bus)
+
+    def _look_ahead(self, block: FrameBlock, told: int) -> _Ahead | None:
+        """A stretch that begins with the next frame and ends before `told`, if it is time to try and there is
+        one."""
+        source, start = self._source, self._at
+        if start < self._retry_at or not source.may_look_ahead:
+            return None
+        assert self._places is not None
+        stop = min(told, start + self._reach)
+        stretch = foresee(source.decoder, self._places, start, stop)
+        if stretch is None:
+            self._retry_at = start + self._pause
+            self._pause, self._reach = min(2 * self._pause, MOST_RETRY_FRAMES), FIRST_FRAMES
+            return None
+        self._pause = RETRY_FRAMES
+        if stretch.stop < stop:
+            self._reach, self._retry_at = FIRST_FRAMES, stretch.stop + RETRY_FRAMES
+        else:
+            self._reach *= 2
+        self._ahead = _Ahead(block, stretch, source.timeline.shift_s)
+        return self._ahead
+
+    def _serve(self, ahead: _Ahead, stop: int) -> Iterator[Tick]:
+        """The samples up to a frame, and the ticks that its stamps complete."""
+        source, timeline = self._source, self._source.timeline
+        time_s = ahead.block.time_s
+        if not timeline.goes_on(float(time_s[self._at])) and not timeline.is_even(time_s[self._at : stop]):
+            self.leave()
+            self._retry_at = stop
+            return
+        while self._at < stop:
+            due_s, deadline_s = timeline.due_s, source.assembler.deadline_s
+            place = ahead.next_due(due_s, deadline_s, self._at, stop)
+            if place > self._at:
+                timeline.pass_to(ahead.latest_s(place))
+                self._at = place
+            if place == stop:
+                break
+            # Something is due with this very frame: as in `TickSource.on_frame`.
+            ticks = source.advance(float(time_s[place]))
+            if self._ahead is None:
+                # The clock stepped, and the decoder had to be told: this frame goes through it.
+                self._retry_at = stop
+                yield from ticks
+                return
+            self._at = place + 1
+            yield from ticks
+        if stop == ahead.stretch.stop:
+            self.hand_on()
+            ahead.stretch.settle()
+            self._ahead = None
