@@ -3,7 +3,7 @@
 In: what a `WheelCounter` or `WheelSpeedIntegrator` knows, and the readings that come. Out: the angles that it
 would give one by one, what it knows behind them, and the first reading that it would doubt. The formulas are
 those of `wheel_counter` and `wheel_speed`, in the same order of operations, so that the numbers are the same
-to the last bit; `tests/sources_can/test_stretch.py` holds them together. Nothing is changed before `settle`.
+to the last bit (`tests/sources_can/test_even_readings.py`). Nothing is changed before `settle`.
 """
 
 from __future__ import annotations

@@ -1,0 +1,118 @@
+"""Readings taken at once against the same readings one by one, to the last bit."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tpmsd.sources.can_faults import FaultLog
+from tpmsd.sources.even_readings import Even, even_counts, even_speeds
+from tpmsd.sources.events import Event, RotationSample
+from tpmsd.sources.wheel_counter import WheelCounter
+from tpmsd.sources.wheel_speed import WheelSpeedIntegrator
+
+KNOWN = 40
+"""Readings that the tracker has taken before."""
+Tracker = WheelCounter | WheelSpeedIntegrator
+
+
+def state(tracker: Tracker) -> dict[str, Any]:
+    """All that a tracker knows; what a still wheel once knew is of no more use."""
+    names = set(type(tracker).__slots__) - {"_faults", "_withheld", "_run_speed"}
+    return {name: repr(getattr(tracker, name)) for name in names}
+
+
+def assert_alike(
+    tracker: Tracker, even: Even, times: list[float], values: list[Any], period_s: float
+) -> None:
+    """The readings before the first odd one give the same angles, and, if all are even, the same state."""
+    other = copy.deepcopy(tracker)
+    out: list[Event] = []
+    for time_s, value in zip(times[: even.odd], values[: even.odd], strict=True):
+        other.update(time_s, value, period_s, out)
+    angles = [event.angle_rad for event in out if isinstance(event, RotationSample)]
+    assert angles == even.angle_rad[: even.odd].tolist()
+    assert len(angles) == len(out)
+    if even.odd == len(times) > 0:
+        even.settle()
+        assert state(other) == state(tracker)
+
+
+def drive(period_s: float, speed_mps: float, accel_mps2: float, jitter: list[float]) -> tuple[Any, Any]:
+    """Times on a host clock of today, at multiples of the period but for the jitter, and ways."""
+    count = KNOWN + len(jitter)
+    late = np.concatenate([np.zeros(KNOWN), 0.3 * period_s * np.array(jitter)])
+    time_s = np.round(1719820800.0 + period_s * np.arange(count) + late, 6)
+    since = period_s * np.arange(count)
+    return time_s, speed_mps * since + 0.5 * accel_mps2 * np.maximum(since - KNOWN * period_s, 0.0) ** 2
+
+
+PERIODS = st.sampled_from([0.005, 0.01, 0.02, 0.025, 0.05, 0.1])
+JITTER = st.lists(st.sampled_from([0.0, 0.0, 0.0, 0.1, 0.9]), min_size=1, max_size=120)
+
+
+@settings(derandomize=True, deadline=None, max_examples=200)
+@given(
+    PERIODS,
+    st.floats(-8.0, 60.0),
+    st.floats(-9.0, 9.0),
+    JITTER,
+    st.sampled_from([0.5, 1.0, 4.0]),
+    st.sampled_from([256, 1001, 65536]),
+    st.lists(st.tuples(st.integers(0, 119), st.integers(-300, 300)), max_size=2),
+)
+def test_counters(
+    period_s: float,
+    speed_mps: float,
+    accel_mps2: float,
+    jitter: list[float],
+    per_bit: float,
+    modulus: int,
+    odd: list[tuple[int, int]],
+) -> None:
+    """At any speed, forward or back, braking to a stop or with odd values: the same angles and state."""
+    time_s, way_m = drive(period_s, speed_mps, accel_mps2, jitter)
+    raw = np.floor(way_m / (2 * np.pi * 0.316) * 48 / per_bit).astype(np.int64)
+    for place, error in odd:
+        if place < len(jitter):
+            raw[KNOWN + place] += error
+    raw %= modulus
+    tracker = WheelCounter(0, modulus, per_bit, 48.0, 0.316, FaultLog())
+    for at in range(KNOWN):
+        tracker.update(float(time_s[at]), int(raw[at]), period_s, [])
+    later, values = time_s[KNOWN:], raw[KNOWN:]
+    even = even_counts(tracker, later, values, np.full(len(later), period_s))
+    assert_alike(tracker, even, later.tolist(), values.tolist(), period_s)
+
+
+@settings(derandomize=True, deadline=None, max_examples=100)
+@given(PERIODS, st.floats(0.0, 60.0), st.floats(-9.0, 9.0), JITTER, st.sampled_from([0.0, 0.01, 0.5]))
+def test_speeds(
+    period_s: float, speed_mps: float, accel_mps2: float, jitter: list[float], step_mps: float
+) -> None:
+    """Fine and coarse speeds, also such as stay the same for long: the same angles and state."""
+    time_s, way_m = drive(period_s, speed_mps, accel_mps2, jitter)
+    speed = np.diff(way_m, append=way_m[-1]) / period_s
+    omega = (np.round(speed / step_mps) * step_mps if step_mps else speed) / 0.316
+    tracker = WheelSpeedIntegrator(0, 0.316, FaultLog())
+    for at in range(KNOWN):
+        tracker.update(float(time_s[at]), float(omega[at]), period_s, [])
+    later, values = time_s[KNOWN:], omega[KNOWN:]
+    even = even_speeds(tracker, later, values, np.full(len(later), period_s))
+    assert_alike(tracker, even, later.tolist(), values.tolist(), period_s)
+
+
+@pytest.mark.parametrize("period_s", [0.01, 0.02, 0.05])
+def test_an_even_drive_is_even(period_s: float) -> None:
+    """At a steady speed on an even clock no reading is odd."""
+    time_s, way_m = drive(period_s, 20.0, 0.0, [0.0] * 100)
+    raw = np.floor(way_m / (2 * np.pi * 0.316) * 48).astype(np.int64) % 65536
+    tracker = WheelCounter(0, 65536, 1.0, 48.0, 0.316, FaultLog())
+    for at in range(KNOWN):
+        tracker.update(float(time_s[at]), int(raw[at]), period_s, [])
+    assert 100 == even_counts(tracker, time_s[KNOWN:], raw[KNOWN:], np.full(100, period_s)).odd
