@@ -89,6 +89,7 @@ CAMPAIGNS = {
         _campaign("slip-regressors", "what slips by the tyre model would add to the diagnosis"),
         _campaign("resonance", "sampling rates at which the torsional resonance tells a soft tyre"),
         _campaign("independent-look", "plain least squares on recordings, apart from the diagnosis"),
+        _campaign("slow-leak", "notices of slow leaks over years of simulated cars"),
         _campaign("fleet", "cost of a fleet: workers against a plain loop, the joint inference"),
         _campaign("replicates", "seconds for bootstrap replicates of a drive, design fixed and anew"),
         _campaign("injected", "effects injected into real recordings"),

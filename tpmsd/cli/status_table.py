@@ -145,6 +145,8 @@ def _tyre(
         return "CHANGED", _BAD
     if state == "alarm":
         return "ALARM", _BAD
+    if "slow_leak" in kinds:
+        return "leaks", _SUSPECT
     if state == "learning":
         return ("learning" if learned is None else f"learning {100 * learned:.0f} %"), _DIM
     if state == "unavailable":

@@ -28,6 +28,7 @@ _RAISED = {
     AlarmKind.DEFLATION: logging.CRITICAL,
     AlarmKind.RADIUS_DEVIATION: logging.WARNING,
     AlarmKind.MALFUNCTION: logging.ERROR,
+    AlarmKind.SLOW_LEAK: logging.WARNING,
 }
 
 

@@ -9,7 +9,7 @@ from tpmsd.plain import finite, millimetres
 
 
 def alarm_entry(alarm: AlarmEvent, start_s: float | None = None) -> dict[str, Any]:
-    """An alarm raised or cleared, with the keys of the public formats; `since` only where it is known.
+    """An alarm raised or cleared, with the keys of the public formats; some only where they are known.
 
     `start_s`: when the drive began (host clock, s); with it the entry also holds `drive_time_s`.
     """
@@ -25,5 +25,5 @@ def alarm_entry(alarm: AlarmEvent, start_s: float | None = None) -> dict[str, An
         "pressure_loss_std_percent": finite(100.0 * alarm.pressure_loss_std),
         **({} if start_s is None else {"drive_time_s": finite(alarm.time_s - start_s)}),
         "reason": alarm.reason,
-        **({"since": alarm.since} if alarm.since else {}),
+        **alarm.additions(),
     }

@@ -135,6 +135,11 @@ class Baseline:
         """Whether the car has been learned once, so that drives are held against what was known before."""
         return self._shadow is not None
 
+    @property
+    def own_growth_m(self) -> FloatArray:
+        """(4,) what each wheel grows now with speed beyond the others."""
+        return self.reference.own_growth_m(self._conditions.now)
+
     def _references(self) -> tuple[Reference, ...]:
         return (self.reference,) if self._shadow is None else (self.reference, self._shadow)
 

@@ -96,7 +96,7 @@ class Explanation:
                 "state": event.state,
                 "reason": event.reason,
                 "probability": _number(event.probability),
-                **({"since": event.since} if event.since else {}),
+                **event.additions(),
                 "before_mm": before,
                 "evidence": evidence,
                 "alternatives": list(self._alternatives),
@@ -107,6 +107,8 @@ class Explanation:
     def _clears(self, event: AlarmEvent) -> str:
         if event.kind is AlarmKind.MALFUNCTION:
             return "a tenth of the time that raised it in good order"
+        if event.kind is AlarmKind.SLOW_LEAK:
+            return "a week of drives after it fits no leak better than this one, or other tyres are driven"
         at, hold_s = self._settings.clear_probability, self._settings.clear_hold_s
         of = "that it differs from its fellow as no set does" if event.since else "of it"
         return (

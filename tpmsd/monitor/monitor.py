@@ -32,6 +32,7 @@ from tpmsd.monitor.records import (
 )
 from tpmsd.monitor.saved_alarms import alarm_from_json, alarm_to_json
 from tpmsd.monitor.signal_watch import SignalWatch, Watching
+from tpmsd.monitor.slow_leak import SlowLeakWatch
 from tpmsd.monitor.tyre_sets import TyreSets
 from tpmsd.resonance.evidence import ResonanceEvidence
 from tpmsd.timeline.tick import Tick
@@ -56,7 +57,8 @@ class Monitor:
     ) -> None:
         """`wheels`: indices of the wheels whose signals the bus has."""
         self._wheels = list(wheels)
-        self._judge = Judge(vehicle, settings, tyre or TyreConfig(), self._wheels)
+        self._vehicle, self._tyre = vehicle, tyre or TyreConfig()
+        self._judge = Judge(vehicle, settings, self._tyre, self._wheels)
         self._sets = TyreSets(vehicle, self._wheels, settings.learn_s, self._judge)
         self._since_judged_s = 0.0
         self._judged = Judgement.unknown()
@@ -90,6 +92,7 @@ class Monitor:
         self._taken_back: list[tuple[AlarmKind, int]] = []
         self._why = Explanation(self._wheels, settings, self._judge.threshold_m)
         self._signals = SignalWatch(settings, self._wheels)
+        self._leaks = SlowLeakWatch(vehicle, self._tyre, self._wheels)
         self._resonance: ResonanceEvidence | None = None
         self._learning = self.learning()
 
@@ -130,12 +133,13 @@ class Monitor:
             if self._since_judged_s >= JUDGE_EVERY_S:
                 events += self._judge_now(tick, estimate, self._since_judged_s)
                 self._since_judged_s = 0.0
+        events += self._leaks.update(tick, estimate, self.baseline, self._sets.name, agreement.trusted)
         for event in events:
             self._why.alarm(event)
         return MonitorReport(
             time_s=tick.host_time_s,
             wheels=tuple(self._wheel_report(i, tick, estimate) for i in range(4)),
-            active=(*self._standing.values(), *self._signals.standing),
+            active=(*self._standing.values(), *self._leaks.standing, *self._signals.standing),
             events=tuple(events),
             learning_fraction=self.baseline.fraction,
             learning=self._learning,
@@ -262,6 +266,8 @@ class Monitor:
         standing = [WHEELS[w] for kind, w in self._standing if kind is AlarmKind.DEFLATION]
         before = self._sets.baseline
         taken, reason = self._sets.request(tyres, standing)
+        if taken:
+            self._leaks.reset(self._sets.name)
         if self._sets.baseline is not before:
             self._judged = Judgement.unknown()
             for alarm in self._alarms.values():
@@ -338,6 +344,7 @@ class Monitor:
             "sets": self._sets.to_json(),
             "wheels": [WHEELS[i] for i in self._wheels],
             "alarms": [alarm_to_json(e) for key, e in self._standing.items() if key not in self._taken_back],
+            "leaks": self._leaks.to_json(),
         }
 
     def restore(self, saved: dict[str, Any]) -> None:
@@ -354,9 +361,13 @@ class Monitor:
                 sets["baseline"]["ready"] or sets["before"] is not None
             ):
                 raise ValueError("the saved alarms have no baseline that they stand against")
+            leaks = SlowLeakWatch(self._vehicle, self._tyre, self._wheels)
+            if "leaks" in saved:  # states of before have none
+                leaks.take_up(saved["leaks"])
             self._sets.take_up(sets)
         except (KeyError, TypeError, AttributeError, OverflowError) as error:
             raise ValueError(f"the saved monitor is not one: {type(error).__name__}: {error}") from error
+        self._leaks = leaks
         self._since_judged_s = 0.0
         self._judged = Judgement.unknown()
         self._standing.clear()

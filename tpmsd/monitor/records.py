@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Literal
+from typing import Any, Literal
 
 
 class WheelState(StrEnum):
@@ -30,6 +30,8 @@ class AlarmKind(StrEnum):
     """The rolling radius has changed against the learned baseline, in either direction."""
     DEFLATION = "deflation"
     """The rolling radius has become smaller as that of a tyre that loses air."""
+    SLOW_LEAK = "slow_leak"
+    """A notice: one tyre loses air against its fellow, over weeks of drives."""
     MALFUNCTION = "malfunction"
     """The system cannot do its work (no usable wheels, or moving without fixes)."""
 
@@ -74,6 +76,25 @@ class AlarmEvent:
     pressure_loss_std: float = math.nan
     since: str = ""
     """`before the first start` for a tyre that was never learned sound; else empty."""
+    rate_percent_per_week: float = math.nan
+    """Of a slow leak: pressure lost per week; NaN for other kinds, as its standard deviation."""
+    rate_std_percent_per_week: float = math.nan
+    low_on: str = ""
+    """Of a slow leak: the day (ISO 8601) on which the tyre will have lost 20 %; empty for other kinds."""
+    low_between: tuple[str, str] = ("", "")
+    """Interval of 95 % of that day."""
+
+    def additions(self) -> dict[str, Any]:
+        """Keys that only some alarms have in JSON documents."""
+        out: dict[str, Any] = {"since": self.since} if self.since else {}
+        if self.kind is AlarmKind.SLOW_LEAK:
+            out |= {
+                "rate_percent_per_week": round(self.rate_percent_per_week, 4),
+                "rate_std_percent_per_week": round(self.rate_std_percent_per_week, 4),
+                "low_on": self.low_on,
+                "low_between": list(self.low_between),
+            }
+        return out
 
 
 @dataclass(frozen=True, slots=True)

@@ -120,6 +120,10 @@ class Reference:
         h = self.features(at)
         return h @ self.mean * self._radius, h @ self.covariance @ h.T * np.outer(self._radius, self._radius)
 
+    def own_growth_m(self, at: Conditions) -> FloatArray:
+        """(4,) what each wheel grows with speed beyond the others, as far as it is learned."""
+        return np.asarray(self.mean[GROWTH_OWN] * at.speed2 / PER_SPEED2 * self._radius)
+
     def learn(
         self,
         deviation_m: FloatArray,

@@ -50,6 +50,8 @@ def _alarm(alarm: Mapping[str, Any], start_s: float | None) -> list[str]:
     lines = [f"{when} {alarm['kind']}{wheel} {alarm['state']}{since}: {alarm['reason']}"]
     if alarm["kind"] == "malfunction":
         return [*lines, f"  clears when: {alarm['clears_when']}", ""]
+    if alarm["kind"] == "slow_leak":
+        return [*lines, f"  clears when: {alarm['clears_when']}", ""]
     if alarm["before_mm"] is not None:
         lines.append(f"  believed before: {alarm['before_mm']:+.2f} mm from nominal")
     lines.append("  evidence (change in mm):")

@@ -13,7 +13,12 @@ from tpmsd.report.replay_result import GNSS_GAP_S, ReplayResult, WheelOutcome
 from tpmsd.report.wording import drive_time, signed_mm, unsigned_mm, verdict_on, wheel_name
 from tpmsd.wheels import WHEELS
 
-_SEVERITY = {AlarmKind.DEFLATION: 0, AlarmKind.RADIUS_DEVIATION: 1, AlarmKind.MALFUNCTION: 2}
+_SEVERITY = {
+    AlarmKind.DEFLATION: 0,
+    AlarmKind.RADIUS_DEVIATION: 1,
+    AlarmKind.SLOW_LEAK: 2,
+    AlarmKind.MALFUNCTION: 3,
+}
 
 
 def replay_summary(result: ReplayResult) -> str:

@@ -54,13 +54,16 @@ def verdict_on(alarm: AlarmEvent) -> str:
         return f"{wheel_name(alarm.wheel).capitalize()} tyre is losing air"
     if alarm.kind == AlarmKind.RADIUS_DEVIATION:
         return f"{wheel_name(alarm.wheel).capitalize()} tyre has changed its rolling radius"
+    if alarm.kind == AlarmKind.SLOW_LEAK:
+        return f"{wheel_name(alarm.wheel).capitalize()} tyre leaks slowly"
     where = "" if alarm.wheel is None else f" of the {wheel_name(alarm.wheel)} wheel"
     return f"Monitoring{where} has failed"
 
 
 def alarm_label(alarm: AlarmEvent) -> str:
     """A label short enough for a plot: `deflation RL`."""
-    kind = {AlarmKind.RADIUS_DEVIATION: "deviation"}.get(alarm.kind, str(alarm.kind))
+    short = {AlarmKind.RADIUS_DEVIATION: "deviation", AlarmKind.SLOW_LEAK: "slow leak"}
+    kind = short.get(alarm.kind, str(alarm.kind))
     return kind if alarm.wheel is None else f"{kind} {alarm.wheel.upper()}"
 
 

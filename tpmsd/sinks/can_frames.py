@@ -200,6 +200,8 @@ def _wheel_values(suffix: str, wheel: WheelReport | None) -> dict[str, float]:
 def _summary_bits(alarm: AlarmEvent) -> list[str]:
     if alarm.kind == AlarmKind.MALFUNCTION:
         return ["Malfunction"]
+    if alarm.kind == AlarmKind.SLOW_LEAK:
+        return []  # a notice: no lamp of a tyre
     name = "Deflation" if alarm.kind == AlarmKind.DEFLATION else "RadiusDeviation"
     # An alarm that names no single wheel concerns them all.
     return [f"{name}_{wheel.upper()}" for wheel in ((alarm.wheel,) if alarm.wheel else WHEELS)]
@@ -207,7 +209,8 @@ def _summary_bits(alarm: AlarmEvent) -> list[str]:
 
 def _pressure_loss(event: AlarmEvent, wheel: WheelReport | None) -> float:
     """Share of the pressure that is lost, as it is now or as it was at the event; a gain is no loss."""
-    live = _NAN if wheel is None else wheel.pressure_loss
+    # A slow leak has cost what the weeks say, not what changed since the baseline.
+    live = _NAN if wheel is None or event.kind == AlarmKind.SLOW_LEAK else wheel.pressure_loss
     loss = event.pressure_loss if math.isnan(live) else live
     return _NAN if math.isnan(loss) else max(loss, 0.0)
 

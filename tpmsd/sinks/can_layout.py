@@ -27,7 +27,7 @@ PAGE_FRONT, PAGE_REAR, PAGE_CHANGE = range(3)
 STATUS_PAGES = (PAGE_FRONT, PAGE_REAR, PAGE_CHANGE)
 
 WHEEL_STATE_CODES = {"unavailable": 0, "learning": 1, "monitoring": 2, "alarm": 3}
-ALARM_KIND_CODES = {"deflation": 1, "radius_deviation": 2, "malfunction": 3}
+ALARM_KIND_CODES = {"deflation": 1, "radius_deviation": 2, "malfunction": 3, "slow_leak": 4}
 WHEEL_CODES = {"fl": 0, "fr": 1, "rl": 2, "rr": 3}
 NO_WHEEL_CODE = 7
 

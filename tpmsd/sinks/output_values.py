@@ -16,8 +16,9 @@ from tpmsd.wheels import WHEELS
 def output_values(report: MonitorReport) -> dict[str, float]:
     """All values but counter and checksum."""
     values = dict.fromkeys(NAMES, math.nan)
-    tyres = [event for event in report.active if event.kind is not AlarmKind.MALFUNCTION]
-    malfunction = len(tyres) < len(report.active)
+    of_tyres = (AlarmKind.DEFLATION, AlarmKind.RADIUS_DEVIATION)
+    tyres = [event for event in report.active if event.kind in of_tyres]
+    malfunction = any(event.kind is AlarmKind.MALFUNCTION for event in report.active)
     values["alarm"], values["malfunction"] = float(bool(tyres)), float(malfunction)
     values["warning"] = float(bool(report.active))
     values["alarms"] = float(len(report.active))
@@ -26,7 +27,7 @@ def output_values(report: MonitorReport) -> dict[str, float]:
         of_wheel = [event for event in tyres if _concerns(event, name)]
         values[f"state_{name}"] = WHEEL_STATE_CODES["unavailable"]
         values[f"alarm_{name}"] = float(bool(of_wheel))
-        for kind in (AlarmKind.DEFLATION, AlarmKind.RADIUS_DEVIATION):
+        for kind in of_tyres:
             values[f"{kind}_{name}"] = float(any(event.kind is kind for event in of_wheel))
     for wheel in report.wheels:
         values[f"state_{wheel.wheel}"] = WHEEL_STATE_CODES[wheel.state]

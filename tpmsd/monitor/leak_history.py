@@ -1,0 +1,165 @@
+"""Days of one set of tyres: the left-right differences of its radii, bounded in number and in age.
+
+In: per drive the difference of each axle with its variance. Out: `Trend`s per axle. Drives of one day are one
+reading: load and weather are the same.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from tpmsd.bounds import number, whole
+from tpmsd.monitor.leak_trend import SETTINGS, Trend, TrendSettings, find_trend, has_ended
+from tpmsd.wheels import FloatArray
+
+MOST_DAYS = 72
+OLDEST_D = 120.0
+"""Readings further back say nothing of a leak that is not 20 % low yet at 1 % per week."""
+LONGEST_GAP_D = 45.0
+"""After so long without a drive, or a clock that steps by so much, the readings before are forgotten."""
+STEPPED_BACK_D = 2.0
+"""A clock that is behind the last reading by less is waited for."""
+MOST_DIFFERENCE_M = 0.05
+MOST_DRIVES = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Day:
+    """One day's drives."""
+
+    day: float
+    """Days since the epoch of the host's clock."""
+    difference_m: tuple[float, float]
+    """Left minus right of the front and of the rear axle; NaN where it is not known."""
+    variance_m2: tuple[float, float]
+    drives: int = 1
+    known_step: bool = False
+    """Whether the driver asked for a reset before it."""
+
+
+class LeakHistory:
+    """The days of one set of tyres."""
+
+    def __init__(self, settings: TrendSettings = SETTINGS) -> None:
+        self._settings = settings
+        self.days: list[Day] = []
+        self._step_next = False
+
+    def add(self, day: float, difference_m: FloatArray, variance_m2: FloatArray) -> bool:
+        """Take the reading of one drive, (2,) each; whether it was taken."""
+        last = self.days[-1].day if self.days else day
+        if day < last and last - day <= STEPPED_BACK_D and math.floor(day) != math.floor(last):
+            return False
+        if day - last > LONGEST_GAP_D or (day < last and math.floor(day) != math.floor(last)):
+            self.days.clear()
+        one = Day(
+            day,
+            (float(difference_m[0]), float(difference_m[1])),
+            (float(variance_m2[0]), float(variance_m2[1])),
+            known_step=self._step_next,
+        )
+        same = bool(self.days) and math.floor(self.days[-1].day) == math.floor(day)
+        if same and not self._step_next:
+            self.days[-1] = _merged(self.days[-1], one)
+        else:
+            self.days.append(one)
+        self._step_next = False
+        self.days = [d for d in self.days if day - d.day <= OLDEST_D][-MOST_DAYS:]
+        return True
+
+    def mark_step(self) -> None:
+        """The driver asked for a reset: levels may change here, rates go on."""
+        self._step_next = bool(self.days)
+
+    def forget_before(self, day: float) -> None:
+        """What was before has been dealt with."""
+        self.days = [d for d in self.days if d.day >= day]
+
+    def trend(self, axle: int, metres_per_percent: float) -> Trend | None:
+        """The best leak on an axle (0 front, 1 rear); None with too few days."""
+        day, value, variance, known = self._series(axle, metres_per_percent, -math.inf)
+        return find_trend(day, value, variance, known, self._settings)
+
+    def ended(self, axle: int, metres_per_percent: float, left: bool, rate: float, since_day: float) -> bool:
+        """Whether the days from `since_day` on speak against a leak of this side and rate going on."""
+        day, value, variance, _ = self._series(axle, metres_per_percent, since_day)
+        return has_ended(day, value, variance, left, rate, self._settings)
+
+    def _series(self, axle: int, metres_per_percent: float, since_day: float) -> tuple[Any, ...]:
+        days = [d for d in self.days if d.day >= since_day and math.isfinite(d.difference_m[axle])]
+        return (
+            np.array([d.day for d in days]),
+            np.array([d.difference_m[axle] for d in days]) / metres_per_percent,
+            np.array([d.variance_m2[axle] for d in days]) / metres_per_percent**2,
+            np.array([d.known_step for d in days], dtype=bool),
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers for the state file."""
+        return {
+            "step_next": self._step_next,
+            "days": [
+                [d.day, *map(_or_none, d.difference_m), *map(_or_none, d.variance_m2), d.drives, d.known_step]
+                for d in self.days
+            ],
+        }
+
+    @classmethod
+    def from_json(cls, saved: dict[str, Any]) -> LeakHistory:
+        """Back from the state file; ValueError if it is none."""
+        out = cls()
+        try:
+            days = [_day(entry) for entry in saved["days"]]
+            step_next = saved["step_next"]
+        except (KeyError, TypeError, IndexError) as error:
+            raise ValueError(f"the saved days of the tyres are none: {error}") from error
+        rising = all(one.day <= other.day for one, other in pairwise(days))
+        if not rising or len(days) > MOST_DAYS or not isinstance(step_next, bool):
+            raise ValueError("the saved days of the tyres are none")
+        out.days, out._step_next = days, step_next
+        return out
+
+
+def _merged(one: Day, other: Day) -> Day:
+    """The mean over the drives of a day."""
+    n = min(one.drives, MOST_DRIVES)
+    difference, variance = list(other.difference_m), list(other.variance_m2)
+    for k in range(2):
+        if math.isfinite(difference[k]) and math.isfinite(one.difference_m[k]):
+            difference[k] = (n * one.difference_m[k] + difference[k]) / (n + 1)
+            variance[k] = (n**2 * one.variance_m2[k] + variance[k]) / (n + 1) ** 2
+        elif math.isfinite(one.difference_m[k]):
+            difference[k], variance[k] = one.difference_m[k], one.variance_m2[k]
+    return replace(
+        one,
+        difference_m=(difference[0], difference[1]),
+        variance_m2=(variance[0], variance[1]),
+        drives=n + 1,
+    )
+
+
+def _day(entry: list[Any]) -> Day:
+    day, front, rear, front_m2, rear_m2, drives, known = entry
+    if not isinstance(known, bool):
+        raise ValueError("the saved days of the tyres are none")
+    most = MOST_DIFFERENCE_M
+    difference = tuple(math.nan if x is None else number(x, -most, most, "difference") for x in (front, rear))
+    variance = tuple(
+        math.nan if x is None else number(x, 0.0, most**2, "variance") for x in (front_m2, rear_m2)
+    )
+    return Day(
+        number(day, -1e6, 1e6, "day"),
+        (difference[0], difference[1]),
+        (variance[0], variance[1]),
+        whole(drives, 1, MOST_DRIVES + 1, "number of drives"),
+        known,
+    )
+
+
+def _or_none(value: float) -> float | None:
+    return value if math.isfinite(value) else None
