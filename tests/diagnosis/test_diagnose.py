@@ -64,6 +64,20 @@ def test_a_leak_is_a_change_of_radius() -> None:
     assert finding.where.time_spans[0] == pytest.approx((250.0, 700.0), abs=8.0)
 
 
+def test_two_tyres_that_change_alike_are_one_finding() -> None:
+    """Both rear tyres lose a millimetre in the same minute: one change, of both wheels."""
+    truth = {"deviation_m": -1e-3, "onset_s": 300.0, "duration_s": 60.0}
+    both = {"radius_change": {"wheel": "rl", **truth}, "radius_change_2": {"wheel": "rr", **truth}}
+    finding = only(diagnosed(13, **both))
+    values = {name: quantity.value for name, quantity in finding.parameters.items()}
+
+    assert ("radius_change", ("rl", "rr")) == (finding.effect, finding.where.wheels)
+    assert {"wheels", "deviation_m", "onset_s", "duration_s"} == set(values)
+    assert "rl rr" == values["wheels"]
+    assert values["deviation_m"] == pytest.approx(-1e-3, rel=0.05)
+    assert values["onset_s"] == pytest.approx(300.0, abs=8.0)
+
+
 def test_physics_of_no_catalogue_is_unknown_and_located() -> None:
     """A rear axle that shrinks around 20 m/s is located, and gets no wrong name."""
     dip = {"at_mps": 20.0, "width_mps": 3.0, "wheels": [2, 3], "size_m": -1.4e-3}

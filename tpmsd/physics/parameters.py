@@ -70,17 +70,20 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class WheelParameter:
-    """The wheel an effect sits on: one of `fl fr rl rr`."""
+    """The wheel an effect sits on: one of `fl fr rl rr`, or several of them."""
 
     name: str = "wheel"
     unit: str = ""
     description: str = "which wheel"
+    several: bool = False
+    """Whether it may name several, with blanks between."""
 
     def check(self, value: object) -> Value:
-        """The wheel's name; ValueError with the reason if there is no such wheel."""
-        if value not in WHEELS:
+        """The wheel's name or names, in order; ValueError with the reason if there is no such wheel."""
+        words = str(value).split() if self.several else [value]
+        if not words or not set(words) <= set(WHEELS):
             raise ValueError(f"{self.name} = {value!r} is not one of {' '.join(WHEELS)}")
-        return str(value)
+        return " ".join(wheel for wheel in WHEELS if wheel in words)
 
 
 @dataclass(frozen=True, slots=True)

@@ -131,9 +131,10 @@ def compare_alarms(
 ) -> AlarmsCompared:
     """Put the two replays side by side; `after` is None where there was nothing to compensate."""
     found = tuple(
-        _fault({name: quantity.value for name, quantity in finding.parameters.items()})
+        _fault({name: quantity.value for name, quantity in finding.parameters.items()} | {"wheel": wheel})
         for finding in findings
         if finding.effect == FAULT.name and drive in (finding.drives or (drive,))
+        for wheel in finding.where.wheels
     )
     return AlarmsCompared(drive, before, before if after is None else after, found, notes)
 

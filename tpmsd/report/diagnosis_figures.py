@@ -81,9 +81,10 @@ def evidence_bars(diagnosis: Diagnosis) -> Bars | None:
     """Log-likelihood gain of every effect alone; findings stand out."""
     found = {finding.effect for finding in diagnosis.findings}
     found |= {
-        f"{finding.effect} {finding.parameters['wheel'].value}"
+        f"{finding.effect} {finding.parameters[name].value}"
         for finding in diagnosis.findings
-        if "wheel" in finding.parameters
+        for name in ("wheel", "wheels")
+        if name in finding.parameters
     }
     rows = tuple(
         (_evidence_name(name) + (" (found)" if name in found else ""), gain, name in found)

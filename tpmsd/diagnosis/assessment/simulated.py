@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from tpmsd.diagnosis.hypotheses.joint_terms import JointHypotheses
-from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term, wheels_of
+from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term, numbers_of, wheels_of
 from tpmsd.diagnosis.prepared.drive_study import Refined
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.selection.chosen import Chosen, Selection
@@ -25,7 +25,7 @@ from tpmsd.diagnosis.selection.selector import Selector
 from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence, Fit
 from tpmsd.inference.noise import Noise
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.wheels import FloatArray
 
 RECORDING, SIMULATION, BOTH = "recording", "simulation", "both"
 MEMORIES = {
@@ -274,7 +274,7 @@ def _refined(term: Term) -> Refined | None:
     """What has an onset or a time constant of its own, as a column of both drives."""
     if term.ramp:
         onset, end = term.span_s
-        return Refined((WHEELS.index(term.wheel),), onset, end - onset)
+        return Refined(numbers_of(term.wheel), onset, end - onset)
     if term.pulse:
         return Refined(wheels_of(term.place), *term.span_s, pulse=True)
     return None if term.at is None else Refined((), term.at, like=term)

@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.response import grid_column, ramp_column
-from tpmsd.diagnosis.hypotheses.terms import wheels_of
+from tpmsd.diagnosis.hypotheses.response import grid_column
+from tpmsd.diagnosis.hypotheses.terms import numbers_of, wheels_of
 from tpmsd.diagnosis.prepared.drive_study import DriveStudy, Refined
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import fitted
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.wheels import FloatArray
 
 
 def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, float]]:
@@ -138,7 +138,7 @@ def _tangents(drive: DriveStudy, one: Chosen) -> dict[str, FloatArray]:
             what = Refined(wheels_of(term.place), at, at + max(long, 0.0), pulse=True)
             radius = float(drive.reader.reference.car.radius_m[what.wheels[0]])
             return -radius * what.column(drive.reader, drive.base)
-        return ramp_column(drive.reader, WHEELS.index(term.wheel), at, max(long, 0.0), drive.base)
+        return Refined(numbers_of(term.wheel), at, max(long, 0.0)).column(drive.reader, drive.base)
 
     by_onset = (column(onset + h, duration) - column(onset - h, duration)) / (2 * h)
     out = {"onset_s": size * by_onset}

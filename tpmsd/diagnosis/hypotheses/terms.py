@@ -39,8 +39,15 @@ RAMPED, SLIPPING = "deviation_m", "slip"
 """Parameter that is linear, of a ramp of the radius and of an event."""
 
 
+RAMPED_PLACES = ("fl", "fr", "rl", "rr", "front", "rear", "left", "right")
+"""Wheels, axles and sides whose radii may change alike."""
 PULSED = ("fl", "fr", "rl", "rr", "front", "rear")
 """Wheels and axles that may act for a span of time."""
+
+
+def numbers_of(wheels: str) -> tuple[int, ...]:
+    """Numbers of wheels by name, with blanks between."""
+    return tuple(WHEELS.index(wheel) for wheel in wheels.split())
 
 
 def wheels_of(place: str) -> tuple[int, ...]:
@@ -51,6 +58,11 @@ def wheels_of(place: str) -> tuple[int, ...]:
 def grid_price(effect: type[Effect], at: float | None) -> float:
     """Penalty of a value of the parameter that enters nonlinearly."""
     return 0.0 if effect.grid is None or at is None else effect.grid.price(at)
+
+
+def ramp_price() -> float:
+    """Penalty of a change of radius: its value, and the choice of wheels and onset."""
+    return SETTINGS.hypotheses.per_value_nats + math.log(len(RAMPED_PLACES) * SETTINGS.hypotheses.ramp_knots)
 
 
 def shape_price(hats: int) -> float:
@@ -70,6 +82,7 @@ class Term:
     penalty: float
     """Nats that it must bring to pay for its freedom."""
     wheel: str = ""
+    """Of a change of radius also several, with blanks between."""
     span_s: tuple[float, float] = (0.0, 0.0)
     """Of a ramp: onset and end; of a pulse, from when to when."""
     at: float | None = None
@@ -209,8 +222,7 @@ class Hypotheses:
         """A ramp off the grid, whose response is that column."""
         design = np.zeros((self.width, 1))
         design[column, 0] = 1.0
-        price = SETTINGS.hypotheses.per_value_nats + math.log(4 * SETTINGS.hypotheses.ramp_knots)
-        self.catalogue.append(Term(FAULT.name, design, (RAMPED,), price, wheel=wheel, span_s=span_s))
+        self.catalogue.append(Term(FAULT.name, design, (RAMPED,), ramp_price(), wheel=wheel, span_s=span_s))
 
     def add_off_grid(self, like: Term, at: float, column: int) -> None:
         """A term whose nonlinear parameter lies off the grid."""
@@ -260,13 +272,7 @@ class Hypotheses:
         """
         out = []
         middle = 0.5 * (self.knots_s[1:] + self.knots_s[:-1])
-        columns = {
-            wheel: np.array(
-                [self.place[("ramp", wheel, str(k))] for k in range(SETTINGS.hypotheses.ramp_knots)]
-            )
-            - 1
-            for wheel in self.wheels
-        }
+        columns = {wheel: self._ramp_columns(wheel) - 1 for wheel in self.wheels}
         for place in PULSED:
             wheels = PATTERNS[place]
             if any(wheel not in columns for wheel in wheels):
@@ -297,30 +303,36 @@ class Hypotheses:
         return [name for name in EVENTS if EFFECTS[name].fits_span(slip, duration_s, driven)]
 
     def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
-        """For each wheel the best ramp and its gain."""
+        """For each wheel, and each pair that may change alike, the best ramp and its gain.
+
+        All wheels that are read would show against the receiver alone, whose slow error looks alike.
+        """
         out = []
-        for wheel in self.wheels:
-            at = (
-                np.array([self.place[("ramp", wheel, str(k))] for k in range(SETTINGS.hypotheses.ramp_knots)])
-                - 1
-            )
-            score = self._ramps.T @ b[at]
-            information = np.einsum("ik,ik->k", self._ramps, gram[np.ix_(at, at)] @ self._ramps)
+        for wheels in (PATTERNS[place] for place in RAMPED_PLACES):
+            if not set(wheels) <= set(self.wheels) or (len(wheels) > 1 and set(wheels) == set(self.wheels)):
+                continue
+            at = [self._ramp_columns(wheel) - 1 for wheel in wheels]
+            score = self._ramps.T @ sum(b[a] for a in at)
+            both = sum(gram[np.ix_(a, c)] for a in at for c in at)
+            information = np.einsum("ik,ik->k", self._ramps, both @ self._ramps)
             floor = 1e-6 * float(np.max(information, initial=1e-30))
             gain = 0.5 * score**2 / np.maximum(information, floor)
             best = int(np.argmax(np.where(information > floor, gain, 0.0)))
-            out.append((float(gain[best]), self.ramp(wheel, best)))
+            out.append((float(gain[best]), self.ramp(" ".join(wheels), best)))
         return out
 
-    def ramp(self, wheel: str, pair: int) -> Term:
-        """The radius change of a wheel between a pair of knots."""
+    def ramp(self, wheels: str, pair: int) -> Term:
+        """The radius change of a wheel, or of several alike, between a pair of knots."""
         a, b = self._pairs[pair]
         design = np.zeros((self.width, 1))
-        for k in range(a, b):
-            design[self.place[("ramp", wheel, str(k))], 0] = 1.0 / (b - a)
-        penalty = SETTINGS.hypotheses.per_value_nats + math.log(4 * SETTINGS.hypotheses.ramp_knots)
+        for wheel in wheels.split():
+            design[self._ramp_columns(wheel)[a:b], 0] = 1.0 / (b - a)
         span = (float(self.knots_s[a]), float(self.knots_s[b]))
-        return Term(FAULT.name, design, (RAMPED,), penalty, wheel=wheel, span_s=span)
+        return Term(FAULT.name, design, (RAMPED,), ramp_price(), wheel=wheels, span_s=span)
+
+    def _ramp_columns(self, wheel: str) -> np.ndarray:
+        """(knots,) places of a wheel's ramps in the common index."""
+        return np.array([self.place[("ramp", wheel, str(k))] for k in range(SETTINGS.hypotheses.ramp_knots)])
 
     def _smooth_groups(self) -> list[Term]:
         number: dict[tuple[str, str], int] = {}

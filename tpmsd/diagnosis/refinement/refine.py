@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.diagnosis.hypotheses.response import ramp_knots
-from tpmsd.diagnosis.hypotheses.terms import Term, for_drive, wheels_of
+from tpmsd.diagnosis.hypotheses.terms import Term, for_drive, numbers_of, wheels_of
 from tpmsd.diagnosis.prepared.drive_study import Refined
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.refinement.finer import Shape, finer_shape, finest_shape
@@ -21,7 +21,7 @@ from tpmsd.diagnosis.selection.chosen import Selection
 from tpmsd.diagnosis.selection.selector import Selector
 from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.wheels import FloatArray
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ def _is_coarse(term: Term) -> bool:
 def _refined(term: Term, point: Point) -> Refined:
     if term.ramp:
         onset = point.first - point.second / 2
-        return Refined((WHEELS.index(term.wheel),), onset, point.second)
+        return Refined(numbers_of(term.wheel), onset, point.second)
     if term.pulse:
         return Refined(wheels_of(term.place), point.first, point.second, pulse=True)
     return Refined((), point.first, like=term)

@@ -75,7 +75,7 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
             Finding(
                 effect=one.term.effect,
                 confidence=one.confidence,
-                parameters=quantities,
+                parameters=_reported(quantities),
                 where=where_of(study, one),
                 rms_before=_rms(without, rows),
                 rms_after=_rms(whole, rows),
@@ -185,6 +185,14 @@ def _in_full(study: Study, selection: Selection, which: int) -> Chosen:
 
 def _rms(score: float, rows: int) -> float:
     return math.sqrt(max(-2.0 * score, 0.0) / max(rows, 1))
+
+
+def _reported(quantities: dict[str, Quantity]) -> dict[str, Quantity]:
+    """Quantities as a report has them: `wheel` names one, `wheels` several."""
+    wheel = quantities.get("wheel")
+    if wheel is None or " " not in str(wheel.value):
+        return quantities
+    return {"wheels" if name == "wheel" else name: quantity for name, quantity in quantities.items()}
 
 
 def _quantities(one: Chosen, nonlinear: dict[str, float]) -> dict[str, Quantity]:

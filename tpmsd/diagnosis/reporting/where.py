@@ -72,7 +72,7 @@ def place_of(study: Study, term: Term) -> tuple[tuple[str, ...], str, str | None
     car = drives[0].reader.reference.car
     acts: tuple[str, ...] = term.kind_of.acting_wheels(car, term.parameters)
     if term.wheel or term.place:
-        acts = (term.wheel,) if term.wheel else PATTERNS[term.place]
+        acts = tuple(term.wheel.split()) if term.wheel else PATTERNS[term.place]
     wheels = tuple(wheel for wheel in read if wheel in acts)
     if channel.startswith(("gnss", "yaw")):
         measured = np.concatenate([np.isfinite(drive.reader.windows.measured) for drive in drives])

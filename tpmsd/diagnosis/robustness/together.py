@@ -59,7 +59,7 @@ def _changed_radius(selector: Selector, terms: list[Term], shape: Term, before: 
     gram, b = selector.evidence.projected(selector.design(terms))
     free, _ = group_gain(shape.design[1:], gram, b)
     for term in before:
-        if term.ramp and term.wheel == shape.place and term not in terms:
+        if term.ramp and term.wheel == " ".join(PATTERNS.get(shape.place, ())) and term not in terms:
             gain, _ = group_gain(term.design[1:], gram, b)
             if gain - term.penalty > (1.0 - SETTINGS.selection.spline_handicap) * free - shape.penalty:
                 return term

@@ -9,13 +9,14 @@ import numpy as np
 
 from tpmsd.physics.effect import Effect, Kind, Look, Parameter, Prior, WheelParameter
 from tpmsd.physics.motion import Car, Motion
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.physics.spans import wheel_mask
+from tpmsd.wheels import FloatArray
 
 
 @dataclass(frozen=True)
 class RadiusChange(Effect):
     """A soft (or freshly inflated) tyre: 0 until the onset, then a linear ramp to `deviation_m`, then
-    constant.
+    constant. Several wheels may change alike.
 
     delta_r(t) = deviation_m * clip((t - onset_s) / duration_s, 0, 1); a step where duration_s = 0.
     Source: the artificial slow puncture of [Lundquist 2013], eqs (39)-(41) (2.5 mm over ten minutes); -20 %
@@ -24,7 +25,9 @@ class RadiusChange(Effect):
 
     name: ClassVar[str] = "radius_change"
     kind: ClassVar[Kind] = Kind.FAULT
-    formula: ClassVar[str] = "delta_r = deviation_m * clip((t - onset_s) / duration_s, 0, 1) on one wheel"
+    formula: ClassVar[str] = (
+        "delta_r = deviation_m * clip((t - onset_s) / duration_s, 0, 1) on one or several wheels"
+    )
     looks: ClassVar[Look] = Look.WHEEL
     own_per_drive: ClassVar[bool] = True
     ramp: ClassVar[bool] = True
@@ -32,7 +35,7 @@ class RadiusChange(Effect):
     telling_drive: ClassVar[str] = "repeat the drive: a tyre that lost air stays small, warm-up starts anew"
     shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "time")
     parameters: ClassVar[tuple[Parameter | WheelParameter, ...]] = (
-        WheelParameter(),
+        WheelParameter(description="which wheel, or wheels that change alike", several=True),
         Parameter(
             "deviation_m",
             "m",
@@ -51,15 +54,18 @@ class RadiusChange(Effect):
     duration_s: float = 0.0
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
-        """(n, 4) the ramp on its wheel, zero elsewhere."""
-        out = np.zeros((len(motion), 4))
+        """(n, 4) the ramp on its wheel or wheels, zero elsewhere."""
         since = motion.time_s - self.onset_s
         if self.duration_s > 0:
             share = np.clip(since / self.duration_s, 0.0, 1.0)
         else:
             share = (since >= 0).astype(np.float64)
-        out[:, WHEELS.index(self.wheel)] = self.deviation_m * share
-        return out
+        return np.asarray(self.deviation_m * share[:, None] * wheel_mask(self.wheel))
+
+    @property
+    def wheels(self) -> str:
+        """The wheels by name, as reports call several."""
+        return self.wheel
 
     def not_compensated(self, signals: frozenset[str]) -> str | None:
         """Never taken out."""
