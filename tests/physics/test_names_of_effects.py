@@ -13,7 +13,7 @@ from tpmsd.physics.catalogue import EFFECTS, FREE
 REPO = Path(__file__).resolve().parents[2]
 PACKAGE = REPO / "tpmsd"
 HOME = PACKAGE / "physics" / "effects"
-EXAMPLES = {"tpmsd/cli/simulate.py", "tpmsd/cli/effects.py"}
+EXAMPLES = {"tpmsd/cli/simulate.py", "tpmsd/cli/effects.py", "tpmsd/cli/plan.py"}
 """Help texts whose examples name effects as a user types them."""
 NOT_NAMES = {FREE.name, *(name for name in EFFECTS if "_" not in name)}
 """Words of the language that stand for other things as well."""

@@ -39,6 +39,7 @@ COMMANDS: Commands = (
     ("calibrate", "tpmsd.cli.calibrate", "learn the radii of a car from a recorded drive"),
     ("diagnose", "tpmsd.cli.diagnose", "say which physics a recorded drive holds that the model lacks"),
     ("effects", "tpmsd.cli.effects", "list the effects that are known, and what a drive tells of them"),
+    ("plan", "tpmsd.cli.plan", "propose what to drive so that effects can be told apart"),
     ("fleet", "tpmsd.cli.fleet", "many drives of many cars: in parallel, as tables, judged together"),
     ("import", "tpmsd.cli.import_table", "make a drive of a table of your own simulator or logger"),
 )

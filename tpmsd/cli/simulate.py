@@ -6,6 +6,7 @@ In: the command line. Out: a drive folder (CONTRACT section 1) with its truth.js
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import sys
 import time
 from pathlib import Path
@@ -18,6 +19,7 @@ from tpmsd.errors import ConfigError, TpmsdError
 if TYPE_CHECKING:
     from tpmsd.config.model import VehicleConfig
     from tpmsd.physics.model import ExtendedModel
+    from tpmsd.physics.motion import Motion
     from tpmsd.simulator.drive import DriveSpec, SimulatedDrive
     from tpmsd.simulator.faults import Fault
 
@@ -59,6 +61,9 @@ def add_parser(subparsers: Subparsers) -> None:
     drive = parser.add_argument_group("the drive")
     drive.add_argument("--duration", metavar="SECONDS", type=float, default=600.0, help="default: 600")
     drive.add_argument("--route", choices=_ROUTES, default="mixed", help="default: mixed")
+    drive.add_argument(
+        "--route-file", metavar="FILE", type=Path, help="manoeuvres instead, as tpmsd plan writes them"
+    )
     drive.add_argument("--flat", action="store_true", help="no slopes")
     drive.add_argument("--seed", metavar="N", type=int, default=1, help="same seed, same drive (default: 1)")
 
@@ -140,7 +145,12 @@ def run(args: argparse.Namespace) -> int:
     spec = spec_of(args)
     if args.out is not None:
         check_drive_folder(args.out, args.force)
-    drive = simulate_drive(spec)
+    motion = _motion(args, spec)
+    if motion is not None:
+        spec = dataclasses.replace(
+            spec, route=args.route_file.name, duration_s=float(motion.time_s[-1]), flat=False
+        )
+    drive = simulate_drive(spec, motion)
     document = report(drive)
     if args.live is None:
         _write(args.out, drive, None)
@@ -152,6 +162,15 @@ def run(args: argparse.Namespace) -> int:
         print(summary(document), flush=True)
     outputs.write({"--json": lambda: json_text({**provenance(SCHEMA, (), args.vehicle), **document})})
     return 0
+
+
+def _motion(args: argparse.Namespace, spec: DriveSpec) -> Motion | None:
+    """That of a route file; None where the route is made up."""
+    if args.route_file is None:
+        return None
+    from tpmsd.simulator.manoeuvres import load_route, motion_of
+
+    return motion_of(load_route(args.route_file), spec.vehicle.wheelbase_m)
 
 
 def spec_of(args: argparse.Namespace) -> DriveSpec:

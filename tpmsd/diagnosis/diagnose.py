@@ -25,6 +25,7 @@ from tpmsd.diagnosis.reporting.findings import report
 from tpmsd.diagnosis.robustness.certify import certified
 from tpmsd.diagnosis.stages import estimate_noise, examine
 from tpmsd.errors import ConfigError
+from tpmsd.inference.noise import Noise
 from tpmsd.inference.noise_fit import Stage
 from tpmsd.inference.recording import Recording
 from tpmsd.physics.model import ExtendedModel
@@ -89,6 +90,16 @@ def told_by(recording: Recording) -> tuple[Telling, ...]:
     study = Study(readers)
     estimate_noise(study, study.hypotheses.everything, Stage.FIRST)
     return tellings(study)
+
+
+def noise_of(recording: Recording) -> Noise:
+    """The noise of a drive's instruments and road; ConfigError where it cannot be examined."""
+    readers, notes = admitted([recording])
+    if not readers:
+        raise ConfigError("; ".join(notes))
+    study = Study(readers)
+    estimate_noise(study, study.hypotheses.everything, Stage.FIRST)
+    return study.drives[0].noise
 
 
 def insufficient(notes: Sequence[str]) -> Diagnosis:

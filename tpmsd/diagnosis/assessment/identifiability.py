@@ -15,7 +15,7 @@ from tpmsd.diagnosis.hypotheses.advice import advice
 from tpmsd.diagnosis.hypotheses.terms import Term
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.physics.effect import Parameter
+from tpmsd.physics.effect import Effect, Parameter
 from tpmsd.wheels import FloatArray
 
 
@@ -45,7 +45,7 @@ def tellings(study: Study) -> tuple[Telling, ...]:
     bases = {name: _basis(term, gram) for name, term in terms.items()}
     out = []
     for name, term in terms.items():
-        size = np.array([_usual_size(term, parameter) for parameter in term.parameters])
+        size = np.array([usual_size(term.kind_of, parameter) for parameter in term.parameters])
         gain = 0.5 * float(size @ term.design[1:].T @ gram @ term.design[1:] @ size)
         near = {other: _cosine(bases[name], bases[other], gram) for other in terms if other != name}
         alike = tuple(
@@ -68,8 +68,9 @@ def _one_each(catalogue: list[Term]) -> dict[str, Term]:
     return out
 
 
-def _usual_size(term: Term, parameter: str) -> float:
-    for one in term.kind_of.parameters:
+def usual_size(effect: type[Effect], parameter: str) -> float:
+    """Difference from neutral that is usual: the larger of the prior's mean and its standard deviation."""
+    for one in effect.parameters:
         if isinstance(one, Parameter) and one.name == parameter:
             if one.prior is None:
                 return one.typical - one.neutral

@@ -101,13 +101,17 @@ def radius_columns(reader: Reader) -> Columns:
     return out
 
 
-def catalogue_columns(reader: Reader, base: ExtendedModel | None = None) -> Columns:
-    """One column per probe of the catalogue that the drive can show, at `base`."""
+def catalogue_columns(
+    reader: Reader, base: ExtendedModel | None = None, only: frozenset[str] | None = None
+) -> Columns:
+    """One column per probe of the catalogue (of `only` these effects) that the drive can show, at `base`."""
     base = ExtendedModel() if base is None else base
     start, here = reader.predicted(base), available(reader)
     out = Columns()
     for probe in probes():
         effect = EFFECTS[probe.effect]
+        if only is not None and probe.effect not in only:
+            continue
         if not effect.always_fitted and here >= set(effect.needs):
             response = (reader.predict(base.plus(probe.made())) - start) / (probe.value - probe.neutral)
             out.add(probe.key, response)

@@ -1,0 +1,97 @@
+"""Searches the shortest list of manoeuvres that tells chosen effects apart.
+
+In: effects, equipment, a library of manoeuvres. Out: `Plan`. Optimal design of experiments (Fedorov, Theory
+of Optimal Experiments, 1972; Atkinson, Donev and Tobias, Optimum Experimental Designs, with SAS, 2007,
+chapters 10 and 12): manoeuvres are added one by one, each time the one that raises the criterion most per
+second, then those are taken out that are not needed. The criterion is a compound one of c-optimality: the sum
+over the effects of the logarithm of their conditional expected gain, each up to what is wanted, so that
+the effect that is told worst counts most.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+from tpmsd.planning.information import DT_S, Equipment, expected_gains, told
+from tpmsd.simulator.manoeuvres import Manoeuvre, motion_of, steps_of
+
+TARGET = 25.0
+"""Nats that each effect is to bring beside the others: the ten from which a drive tells it, and room for an
+effect of two thirds of its usual size."""
+LEAST = 1e-3
+"""Nats from which on a first trace of an effect counts."""
+MOST = 24
+"""Manoeuvres of a plan."""
+WARM_UP = 2
+"""Manoeuvres with which a search begins at the least: in a single one calibration takes up everything."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Manoeuvres in their order, and what they are to tell."""
+
+    manoeuvres: tuple[Manoeuvre, ...]
+    gains: Mapping[str, float]
+    """Expected nats by effect, beside the others."""
+    duration_s: float
+
+    @property
+    def told(self) -> bool:
+        """Whether it tells all of its effects."""
+        return told(self.gains, TARGET)
+
+
+def planned(
+    effects: Sequence[str],
+    equipment: Equipment,
+    library: Sequence[Manoeuvre],
+    longest_s: float,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Plan:
+    """The best plan that was found within `longest_s`; it may not tell all (`Plan.told`)."""
+
+    def tried(manoeuvres: Sequence[Manoeuvre]) -> Plan:
+        steps = steps_of(manoeuvres)
+        motion = motion_of(steps, equipment.car.geometry.wheelbase_m, 1.0 / DT_S)
+        gains = expected_gains(motion, equipment, effects)
+        return Plan(tuple(manoeuvres), gains, sum(step.duration_s for step in steps))
+
+    best = Plan((), dict.fromkeys(effects, 0.0), 0.0)
+    while len(best.manoeuvres) < MOST and not best.told:
+        options = [tried([*best.manoeuvres, one]) for one in library]
+        options = [one for one in options if one.duration_s <= longest_s]
+        if not options:
+            break
+        now = _criterion(best)
+        ahead = max(options, key=lambda one: (_criterion(one) - now) / (one.duration_s - best.duration_s))
+        if _criterion(ahead) <= now and len(best.manoeuvres) >= WARM_UP:
+            break
+        best = ahead
+        progress(min(_share(best), 0.95))
+    return _pruned(best, tried)
+
+
+def _pruned(plan: Plan, tried: Callable[[Sequence[Manoeuvre]], Plan]) -> Plan:
+    """The plan without manoeuvres that it does not need, the longest first."""
+    if not plan.told:
+        return plan
+    for one in sorted(set(plan.manoeuvres), key=lambda each: -sum(step.duration_s for step in each.steps)):
+        while one in plan.manoeuvres and len(plan.manoeuvres) > 1:
+            rest = list(plan.manoeuvres)
+            rest.remove(one)
+            shorter = tried(rest)
+            if not shorter.told:
+                break
+            plan = shorter
+    return plan
+
+
+def _criterion(plan: Plan) -> float:
+    return sum(math.log(min(max(gain, LEAST), TARGET)) for gain in plan.gains.values())
+
+
+def _share(plan: Plan) -> float:
+    worst, best = math.log(LEAST), math.log(TARGET)
+    return (_criterion(plan) / len(plan.gains) - worst) / (best - worst)

@@ -1,0 +1,203 @@
+"""Manoeuvres: short pieces of driving with chosen speeds, bends and slopes, and drives made of them.
+
+In: manoeuvres, or a route file. Out: `Step`s and the `Motion` of a car that drives them. A step holds one
+curvature and one slope and changes the speed evenly; corners in time are rounded as a driver rounds them.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tpmsd.errors import ConfigError
+from tpmsd.physics.motion import Motion
+from tpmsd.wheels import FloatArray
+
+ROUNDED_S = 1.5
+"""Width of the Hann window that rounds speeds, bends and slopes over time."""
+START_S = 4.0
+"""Standing before setting off."""
+TRANSFER_MPS2 = 1.2
+"""Change of speed from one manoeuvre to the next."""
+MAX_STEPS = 2000
+LIMITS = {
+    "duration_s": (0.5, 7200.0),
+    "speed_mps": (0.0, 70.0),
+    "curvature_per_m": (-0.1, 0.1),
+    "slope": (-0.2, 0.2),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """Part of a manoeuvre."""
+
+    duration_s: float
+    speed_mps: float
+    """At its end."""
+    curvature_per_m: float = 0.0
+    """Positive to the left."""
+    slope: float = 0.0
+    """Rise over run."""
+
+
+@dataclass(frozen=True, slots=True)
+class Manoeuvre:
+    """A named list of steps."""
+
+    name: str
+    steps: tuple[Step, ...]
+
+    @property
+    def fastest_mps(self) -> float:
+        """Greatest speed in it."""
+        return max(step.speed_mps for step in self.steps)
+
+    @property
+    def flat(self) -> bool:
+        """Whether it needs no slope."""
+        return all(step.slope == 0.0 for step in self.steps)
+
+
+def _bends(speed_mps: float, lateral_mps2: float, seconds: float, times: int = 2) -> tuple[Step, ...]:
+    """The same bend to both sides."""
+    bend = lateral_mps2 / speed_mps**2
+    both = (Step(seconds, speed_mps, bend), Step(3.0, speed_mps), Step(seconds, speed_mps, -bend))
+    return (Step(3.0, speed_mps), *(both * times), Step(3.0, speed_mps))
+
+
+def _swing(low: float, high: float, up: float, down: float, times: int = 2) -> tuple[Step, ...]:
+    """Speed up and brake again, m/s and m/s2."""
+    rise, fall = Step((high - low) / up, high), Step((high - low) / down, low)
+    return (Step(2.0, low), *((rise, Step(2.0, high), fall, Step(2.0, low)) * times))
+
+
+LIBRARY: tuple[Manoeuvre, ...] = (
+    Manoeuvre("hold 8 m/s", (Step(40.0, 8.0),)),
+    Manoeuvre("hold 15 m/s", (Step(40.0, 15.0),)),
+    Manoeuvre("hold 22 m/s", (Step(40.0, 22.0),)),
+    Manoeuvre("hold 30 m/s", (Step(40.0, 30.0),)),
+    Manoeuvre("speed up and slow down gently", _swing(8.0, 22.0, 0.8, 0.8)),
+    Manoeuvre("speed up and brake firmly", _swing(6.0, 22.0, 2.0, 3.0)),
+    Manoeuvre("speed up and brake firmly at 30 m/s", _swing(20.0, 30.0, 1.2, 3.0)),
+    Manoeuvre("circles of 20 m at 6 m/s, both sides", _bends(6.0, 1.8, 20.0)),
+    Manoeuvre("bends at 10 m/s, both sides", _bends(10.0, 2.5, 10.0)),
+    Manoeuvre("bends at 20 m/s, both sides", _bends(20.0, 2.5, 10.0)),
+    Manoeuvre("bends at 30 m/s, both sides", _bends(30.0, 2.0, 10.0)),
+    Manoeuvre(
+        "climb and descend 6 %",
+        (Step(3.0, 15.0), Step(40.0, 15.0, slope=0.06), Step(40.0, 15.0, slope=-0.06), Step(3.0, 15.0)),
+    ),
+    Manoeuvre(
+        "crests and dips",
+        (
+            Step(3.0, 15.0),
+            *((Step(4.0, 15.0, slope=0.08), Step(4.0, 15.0, slope=-0.08)) * 5),
+            Step(3.0, 15.0),
+        ),
+    ),
+    Manoeuvre(
+        "there and back",
+        (Step(30.0, 15.0), Step(4.0, 8.0), Step(31.4, 8.0, 0.0125), Step(4.0, 15.0), Step(30.0, 15.0)),
+    ),
+    Manoeuvre("stand for a minute", (Step(6.0, 0.0), Step(60.0, 0.0), Step(6.0, 8.0))),
+    Manoeuvre("drive on for five minutes at 22 m/s", (Step(300.0, 22.0),)),
+)
+
+
+def steps_of(manoeuvres: Sequence[Manoeuvre]) -> tuple[Step, ...]:
+    """The steps of manoeuvres one after the other, with the changes of speed between them."""
+    out = [Step(START_S, 0.0)]
+    for one in manoeuvres:
+        first = one.steps[0].speed_mps
+        change = abs(first - out[-1].speed_mps)
+        if change > 0.0 and first > 0.0:
+            out.append(Step(max(change / TRANSFER_MPS2, 0.5), first))
+        out += one.steps
+    return tuple(out)
+
+
+def motion_of(steps: Sequence[Step], wheelbase_m: float, rate_hz: float = 100.0) -> Motion:
+    """The motion of a car that drives these steps from a standstill, at `rate_hz`."""
+    ends = np.cumsum([step.duration_s for step in steps])
+    count = int(ends[-1] * rate_hz) + 1
+    half = max(round(ROUNDED_S * rate_hz / 2), 1)
+    time_s = np.arange(count) / rate_hz
+    wide = np.arange(-half, count + half) / rate_hz
+    window = np.hanning(2 * half + 3)[1:-1]
+
+    def rounded(values: FloatArray) -> FloatArray:
+        return np.asarray(np.convolve(values, window / window.sum(), mode="valid"))
+
+    which = np.minimum(np.searchsorted(ends, wide, side="right"), len(steps) - 1)
+    speed = rounded(
+        np.interp(wide, np.concatenate([[0.0], ends]), [0.0, *(step.speed_mps for step in steps)])
+    )
+    bend = rounded(np.array([step.curvature_per_m for step in steps])[which])
+    slope = rounded(np.array([step.slope for step in steps])[which])
+    return Motion.from_profiles(
+        time_s, np.maximum(speed, 0.0), speed * bend, wheelbase_m=wheelbase_m, grade_rad=np.arctan(slope)
+    )
+
+
+def format_route(manoeuvres: Sequence[Manoeuvre]) -> str:
+    """A route file; `parse_route` reads it back."""
+    lines = ["# a drive of manoeuvres, for: tpmsd simulate OUT --route-file FILE"]
+    for one in manoeuvres:
+        lines += ["", "[[manoeuvre]]", f'name = "{one.name}"', "steps = ["]
+        for step in one.steps:
+            values = ", ".join(f"{name} = {getattr(step, name)!r}" for name in LIMITS)
+            lines.append(f"    {{ {values} }},")
+        lines.append("]")
+    return "\n".join(lines) + "\n"
+
+
+def load_route(path: Path) -> tuple[Step, ...]:
+    """The steps of a route file; ConfigError with file and reason where it is none."""
+    try:
+        return steps_of(parse_route(path.read_text(encoding="utf-8")))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from None
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None
+
+
+def parse_route(text: str) -> tuple[Manoeuvre, ...]:
+    """The manoeuvres of a route file; ConfigError with the reason where it is none."""
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"not TOML: {error}") from None
+    entries = table.get("manoeuvre")
+    if not isinstance(entries, list) or not entries or set(table) != {"manoeuvre"}:
+        raise ConfigError("a route file holds [[manoeuvre]] tables and nothing else")
+    out = []
+    for number, entry in enumerate(entries, 1):
+        if not isinstance(entry, dict) or not isinstance(entry.get("steps"), list) or not entry["steps"]:
+            raise ConfigError(f"manoeuvre {number} has no list of steps")
+        steps = tuple(_step(step, f"manoeuvre {number}") for step in entry["steps"])
+        out.append(Manoeuvre(str(entry.get("name", f"manoeuvre {number}")), steps))
+    if sum(len(one.steps) for one in out) > MAX_STEPS:
+        raise ConfigError(f"more than {MAX_STEPS} steps")
+    return tuple(out)
+
+
+def _step(entry: object, where: str) -> Step:
+    if not isinstance(entry, dict):
+        raise ConfigError(f"{where}: a step is a table such as {{ duration_s = 10.0, speed_mps = 15.0 }}")
+    values: dict[str, float] = {}
+    for key, value in entry.items():
+        if key not in LIMITS:
+            raise ConfigError(f"{where}: a step has no {key!r} (it has {' '.join(LIMITS)})")
+        low, high = LIMITS[key]
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+            raise ConfigError(f"{where}: {key} = {value!r} is no number from {low:g} to {high:g}")
+        values[key] = float(value)
+    for key in ("duration_s", "speed_mps"):
+        if key not in values:
+            raise ConfigError(f"{where}: a step without {key}")
+    return Step(**values)
