@@ -97,7 +97,7 @@ def test_a_puncture_turns_the_right_tyre_red_and_a_restart_is_survived(tmp_path:
 
 @pytest.mark.parametrize(("width", "height"), [(400, 800), (1600, 900)])
 def test_a_drive_is_shown_without_faults(tmp_path: Path, width: int, height: int) -> None:
-    """Map and plots appear, nothing is wider than the screen, and no rule of WCAG 2.2 AA is broken."""
+    """Map, plots and the diagnosis appear, nothing is cut, and no rule of WCAG 2.2 AA is broken."""
     from tpmsd.simulator.drive import DriveSpec, simulate_drive
     from tpmsd.simulator.drive_writer import write_drive
 
@@ -106,10 +106,14 @@ def test_a_drive_is_shown_without_faults(tmp_path: Path, width: int, height: int
         page.get(line_with(said, "http://").split()[0])
         wait_until("plots", lambda: page.execute_script("return document.body.dataset.ready === '1'"))
         assert page.execute_script("return document.querySelectorAll('.uplot').length") >= 5
-        wide = page.execute_script("return document.documentElement.scrollWidth - innerWidth")
-        assert wide <= 0
-        assert [] == violations(page)
-        assert [] == complaints(page)
+        for heading in ("d", "Diagnosis of d"):
+            assert heading == page.find_element("css selector", "h1").text
+            assert page.execute_script("return document.documentElement.scrollWidth - innerWidth") <= 0
+            assert [] == violations(page)
+            assert [] == complaints(page)
+            if heading == "d":
+                page.find_element("id", "diagnosis").click()
+                wait_until("the diagnosis", lambda: page.title == "Diagnosis of d")
 
 
 def test_a_hundred_visitors_do_not_disturb_the_daemon(tmp_path: Path) -> None:

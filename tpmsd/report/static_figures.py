@@ -156,10 +156,18 @@ def _bars(bars: Bars) -> Canvas:
     axes.barh(positions, values, color=colours, height=0.7)
     axes.set_yticks(positions, [name for name, _, _ in bars.rows])
     for position, value in zip(positions, values, strict=True):
-        text = f"{value:,.0f}".replace(",", "\u202f") if value >= 10 else f"{value:.2g}"
+        text = _thousands(value)
         axes.annotate(text, (value, position), (4, 0), textcoords="offset points", va="center", fontsize=9)
+    if not is_logarithmic(bars):
+        axes.locator_params(axis="x", nbins=5)
+        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: _thousands(value)))
     axes.set_xlabel(bars.x_label + (", logarithmic" if is_logarithmic(bars) else ""))
     return canvas
+
+
+def _thousands(value: float) -> str:
+    """Digits in groups of three."""
+    return f"{value:,.0f}".replace(",", "\u202f") if value >= 10 else f"{value:.2g}"
 
 
 def is_logarithmic(bars: Bars) -> bool:

@@ -1,0 +1,8 @@
+#!/bin/sh
+# Draws the picture of the README anew: a simulated drive, replayed. Run from the clone's root; TPMSD names the program.
+set -eu
+tpmsd="${TPMSD:-.venv/bin/tpmsd}"
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+"$tpmsd" simulate "$folder/slow-puncture" --duration 600 --seed 1 --leak rl --at 300 --over 90 --loss-percent 0.7 --outage 420:450
+"$tpmsd" replay "$folder/slow-puncture" --plot docs/images/slow-puncture.png
