@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests.config.conftest import GOOD_TOML, Make
 from tpmsd.config import model
 from tpmsd.config.load import ConfigProblems, load_config
-from tpmsd.config.problems import Problem
+from tpmsd.config.problems import Problem, shown_lines
 from tpmsd.config.schema import tables
 from tpmsd.errors import ConfigError
 
@@ -26,7 +26,7 @@ def problems_of(path: Path, dbc: Path | None = None) -> tuple[Problem, ...]:
         load_config(path, dbc)
     assert isinstance(caught.value, ConfigError)
     assert caught.value.exit_code == 2
-    assert str(caught.value).splitlines() == [problem.text for problem in caught.value.problems]
+    assert str(caught.value).splitlines() == shown_lines(caught.value.problems)
     assert all(problem.text.isprintable() for problem in caught.value.problems)
     return caught.value.problems
 

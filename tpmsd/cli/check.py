@@ -63,6 +63,7 @@ def run(args: argparse.Namespace) -> int:
     """Check and report."""
     # Here, since cantools takes its time and --help does not need it.
     from tpmsd.config.check import check
+    from tpmsd.config.problems import shown_lines
     from tpmsd.provenance import provenance
 
     outputs = Outputs(("--json", args.json))
@@ -71,8 +72,8 @@ def run(args: argparse.Namespace) -> int:
     result = check(args.drive if args.config is None else args.config, args.dbc)
     for warning in result.warnings:
         print(f"warning: {warning.text}", file=sys.stderr)
-    for problem in result.problems:
-        print(problem.text, file=sys.stderr)
+    for line in shown_lines(result.problems):
+        print(line, file=sys.stderr)
     suspected = None
     if args.drive is not None and result.plan is not None:
         suspected = _against_drive(result.plan, args.drive)

@@ -13,6 +13,7 @@ from typing import Any
 
 from tpmsd.config.locate import KeyPath, Step, line_of, locate
 from tpmsd.config.problems import ConfigProblems, Problem
+from tpmsd.toml_text import parse_toml
 
 VEHICLE_FILE = "vehicle.toml"
 _LARGEST_BYTES = 1 << 20  # nobody writes a megabyte of settings: it is a log, or a device
@@ -39,13 +40,11 @@ def read_document(path: Path) -> Document:
         file = file / VEHICLE_FILE
         text = _decode(file, _read(file))
     try:
-        data = tomllib.loads(text)
+        data = parse_toml(text)
     except tomllib.TOMLDecodeError as error:
         raise _syntax_error(file, text, error) from None
-    except RecursionError:
-        raise _unreadable(file, "arrays or tables are nested too deeply") from None
-    except ValueError:  # beyond TOML's own errors: an integer of more digits than Python reads
-        raise _unreadable(file, "a number of thousands of digits") from None
+    except ValueError as error:
+        raise _unreadable(file, str(error)) from None
     return Document(file, data, locate(text))
 
 

@@ -7,13 +7,15 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from tpmsd.errors import ConfigError
 
 _LONGEST_SHOWN = 60
+MOST_SHOWN = 20
+"""Problems that are shown one by one: whoever has mended these runs the check again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +54,16 @@ class ConfigProblems(ConfigError):  # noqa: N818 - it is all of them, not one er
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems = tuple(problems)
-        super().__init__("\n".join(problem.text for problem in self.problems))
+        super().__init__("\n".join(shown_lines(self.problems)))
+
+
+def shown_lines(problems: Sequence[Problem]) -> list[str]:
+    """A line for each problem; of many the first, and how many more there are."""
+    lines = [problem.text for problem in problems[:MOST_SHOWN]]
+    more = len(problems) - len(lines)
+    if more > 0:
+        lines.append(f"{problems[0].file}: and {more} more problem{'s' if more > 1 else ''}")
+    return lines
 
 
 class BadValueError(Exception):

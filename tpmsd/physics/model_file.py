@@ -13,7 +13,6 @@ In: a path. Out: the model, or a file that holds it:
 from __future__ import annotations
 
 import math
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +20,13 @@ from tpmsd.errors import ConfigError
 from tpmsd.physics.catalogue import make_effect
 from tpmsd.physics.effect import Effect, Std, Value
 from tpmsd.physics.model import ExtendedModel
+from tpmsd.toml_text import check_integers, parse_toml
 
 MAX_BYTES = 1 << 20
+MOST_EFFECTS = 200
+"""A model of all effects there are, for each wheel where they have one, has fewer."""
+LONGEST_WORD = 60
+"""Characters of a name, and of what is shown of a longer one."""
 
 
 def load_model(path: str | Path) -> ExtendedModel:
@@ -46,17 +50,18 @@ def load_model(path: str | Path) -> ExtendedModel:
 def parse_model(text: str) -> ExtendedModel:
     """The model that a file's text describes; ConfigError with the reason if it describes none."""
     try:
-        document = tomllib.loads(text)
-    except RecursionError:
-        raise ConfigError("not a model: nested too deeply") from None
-    except ValueError as error:  # TOML's own, and an integer of more digits than Python reads
+        document = parse_toml(text)
+        check_integers(document)
+    except ValueError as error:
         raise ConfigError(f"not TOML: {error}") from None
     for key in document:
         if key != "effect":
-            raise ConfigError(f"unknown key {key!r}: a model file holds [[effect]] tables only")
+            raise ConfigError(f"unknown key {shown(key)}: a model file holds [[effect]] tables only")
     tables = document.get("effect", [])
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
         raise ConfigError("'effect' must be written as [[effect]] tables")
+    if len(tables) > MOST_EFFECTS:
+        raise ConfigError(f"{len(tables)} effects: a model has at most {MOST_EFFECTS}")
     effects: list[Effect] = []
     stds: list[dict[str, Std]] = []
     for number, table in enumerate(tables, start=1):
@@ -66,10 +71,18 @@ def parse_model(text: str) -> ExtendedModel:
     return ExtendedModel(tuple(effects), tuple(stds))
 
 
+def shown(word: str) -> str:
+    """A word in quotes, cut where it is too long for a line."""
+    return repr(word if len(word) <= LONGEST_WORD else word[: LONGEST_WORD - 3] + "...")
+
+
 def _effect_of(table: dict[str, Any], number: int) -> tuple[Effect, dict[str, Std]]:
     name = table.pop("name", None)
     if not isinstance(name, str):
         raise ConfigError(f"effect {number} has no name")
+    for word in (name, *table):
+        if len(word) > LONGEST_WORD:
+            raise ConfigError(f"effect {number}: {shown(word)} is no name of an effect or a parameter")
     std = table.pop("std", {})
     effect = make_effect(name, **table)
     if not isinstance(std, dict):
