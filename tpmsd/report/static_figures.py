@@ -149,7 +149,7 @@ def _bars(bars: Bars) -> Canvas:
     positions = np.arange(len(values))[::-1]
     colours = [STYLES["after" if marked else "soft"].colour for _, _, marked in bars.rows]
     if is_logarithmic(bars):
-        axes.set_xscale("symlog", linthresh=1.0, linscale=0.3)
+        axes.set_xscale("symlog", linthresh=1.0, linscale=0.5)
         axes.set_xlim(0.0, float(values.max()) * 4.0)
     else:
         axes.set_xlim(0.0, max(float(values.max(initial=0.0)), 1e-9) * 1.18)
@@ -160,7 +160,7 @@ def _bars(bars: Bars) -> Canvas:
         axes.annotate(text, (value, position), (4, 0), textcoords="offset points", va="center", fontsize=9)
     if not is_logarithmic(bars):
         axes.locator_params(axis="x", nbins=5)
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: _thousands(value)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: _thousands(value)))
     axes.set_xlabel(bars.x_label + (", logarithmic" if is_logarithmic(bars) else ""))
     return canvas
 
