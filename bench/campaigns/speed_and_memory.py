@@ -8,6 +8,7 @@ median of several runs with its least and greatest. The last column relates it t
 happens on the road.
 
     python -m bench run speed --runs 5 --json bench.json
+    python -m bench run speed --against 438989a --only-against      side by side with another commit
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.campaigns.against import ratios
 from bench.campaigns.decode import frames_per_second
 from bench.places import RECORDINGS, REPO
 from bench.registry import UsageError
@@ -241,6 +243,10 @@ def options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--drive-s", metavar="S", type=float, default=DRIVE_S, help="length of the simulated drive"
     )
+    parser.add_argument(
+        "--against", metavar="COMMIT", help="measure another commit in turn as well, and tell the ratios"
+    )
+    parser.add_argument("--only-against", action="store_true", help="the ratios alone")
 
 
 def main(args: argparse.Namespace) -> dict[str, Any]:
@@ -250,6 +256,12 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
     out = sys.stderr if args.json == "-" else sys.stdout
     print(f"{platform.machine()}, {os.cpu_count()} CPUs, Python {platform.python_version()}", file=out)
     print(f"{'':<40} {'median':>9} {'':<9} {'least .. greatest':>20}", file=out)
+    if args.against is not None:
+        compared = ratios(args.against, args.runs, lambda one: print(one.line(), file=out, flush=True))
+        if args.only_against:
+            return {"against": args.against, "ratios": compared}
+    else:
+        compared = []
     found = figures(args.runs, args.drive_s, lambda figure: print(figure.line(), file=out, flush=True))
     machine = {
         "machine": platform.machine(),
@@ -257,4 +269,4 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
         "python": platform.python_version(),
         "numpy": np.__version__,
     }
-    return {"machine": machine, "figures": found}
+    return {"machine": machine, "figures": found, "against": args.against, "ratios": compared}
