@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from statistics import median
 
 import numpy as np
 
@@ -73,8 +74,12 @@ class AgreementWatch:
     """Follows wheels and receiver of one car."""
 
     def __init__(self) -> None:
-        self._speeds = np.full(4, math.nan)
+        # Plain numbers: for four of them numpy takes ten times as long, and this is asked every tick.
+        self._speeds = [math.nan] * 4
         self._accel = 0.0
+        self._radius_m: FloatArray | None = None
+        self._radii: list[float] = []
+        self._mean_m = math.nan
         self._window: deque[tuple[float, bool]] = deque()
         self._path = PathLength()
         self._anchor: Fix | None = None
@@ -84,8 +89,14 @@ class AgreementWatch:
 
     def update(self, tick: Tick, radius_m: FloatArray, radius_std_m: float) -> Agreement:
         """Take one tick. radius_m (4,): what is believed of the radii; radius_std_m: of their common part."""
-        self._follow(tick, radius_m)
-        share = SPEED_SHARE + 3.0 * radius_std_m / float(np.nanmean(radius_m))
+        if radius_m is not self._radius_m:
+            self._radius_m, self._radii, self._mean_m = (
+                radius_m,
+                radius_m.tolist(),
+                float(np.nanmean(radius_m)),
+            )
+        self._follow(tick)
+        share = SPEED_SHARE + 3.0 * radius_std_m / self._mean_m
         for fix in tick.fixes:
             self._compare(fix, share)
             self._path.update(fix)
@@ -97,34 +108,41 @@ class AgreementWatch:
         now = self._withheld or self._unsteady
         return Agreement(self._withheld, self._unsteady, now and not was)
 
-    def _follow(self, tick: Tick, radius_m: FloatArray) -> None:
-        speeds = tick.rotation_rad * radius_m / tick.dt_s
+    def _follow(self, tick: Tick) -> None:
         if tick.gap_s > 0.0:
-            self._speeds = np.full(4, math.nan)
+            self._speeds = [math.nan] * 4
         share = 1.0 - math.exp(-tick.dt_s / SMOOTHING_S)
-        known = np.isfinite(self._speeds)
-        moved = np.where(known, self._speeds + share * (speeds - self._speeds), speeds)
-        step = (moved - self._speeds)[known & np.isfinite(moved)]
-        if step.size:
-            self._accel += share * (float(np.median(step)) / tick.dt_s - self._accel)
+        moved: list[float] = []
+        steps: list[float] = []
+        for before, turned, radius_m in zip(
+            self._speeds, tick.rotation_rad.tolist(), self._radii, strict=True
+        ):
+            speed = turned * radius_m / tick.dt_s
+            if math.isfinite(before):
+                speed = before + share * (speed - before)
+                if math.isfinite(speed):
+                    steps.append(speed - before)
+            moved.append(speed)
+        if steps:
+            self._accel += share * (median(steps) / tick.dt_s - self._accel)
         self._speeds = moved
 
     def _compare(self, fix: Fix, share: float) -> None:
-        wheels = self._speeds[np.isfinite(self._speeds)]
-        if not wheels.size:
+        wheels = [speed for speed in self._speeds if math.isfinite(speed)]
+        if not wheels:
             return
         speed = fix.speed_mps
-        fastest = max(float(np.median(wheels)), speed if math.isfinite(speed) else 0.0)
+        fastest = max(median(wheels), speed if math.isfinite(speed) else 0.0)
         chord = self._chord(fix)
         if fastest < MOVING_MPS:
             return
         lag = LAG_S * abs(self._accel)
         off = False
         if math.isfinite(speed):
-            off = bool(np.min(np.abs(wheels - speed)) > SPEED_NOISE_MPS + share * fastest + lag)
+            off = min(abs(one - speed) for one in wheels) > SPEED_NOISE_MPS + share * fastest + lag
         if math.isfinite(chord):
             limit = POSITION_NOISE_MPS + (POSITION_SHARE + share) * fastest + lag
-            off = off or bool(np.min(np.abs(wheels - chord)) > limit)
+            off = off or min(abs(one - chord) for one in wheels) > limit
         if math.isfinite(speed) or math.isfinite(chord):
             self._window.append((fix.time_s, off))
 
