@@ -9,10 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tpmsd.calibration.joint import PRIOR as CALIBRATION_PRIOR
 from tpmsd.estimators.error_state import (
     BE,
     BN,
     FWD,
+    GAIN,
+    GYRO,
     LAT,
     LATV,
     LOAD,
@@ -28,6 +31,8 @@ from tpmsd.estimators.error_state import (
     initial_state,
 )
 from tpmsd.estimators.settings import SETTINGS
+from tpmsd.physics.catalogue import EFFECTS
+from tpmsd.physics.effect import Parameter
 from tpmsd.wheels import FloatArray
 
 NOMINAL = np.array([0.316, 0.318, 0.314, 0.315])
@@ -140,6 +145,7 @@ def test_load_transfer_has_the_catalogues_sign() -> None:
     mean, _ = initial_state(1, NOMINAL)
     rear, accel, c = np.array([6.0, 6.2]), 2.0, 1e-4
     motion = Motion(TICK_S, rear, 0.0, accel, True)
+    mean[0, LOAD] = 0.0
     _, plain = model.way_and_turn(mean, motion)
     mean[0, LOAD] = c
     _, loaded = model.way_and_turn(mean, motion)
@@ -214,3 +220,29 @@ def test_the_prior_lets_a_nominal_radius_be_wrong(wheels: int) -> None:
     assert np.array_equal(cov[0], cov[2])
     assert np.array_equal(mean[0], mean[2])
     assert 0.0 == mean[0, FWD]
+
+
+EFFECT_OF = {
+    LAT: ("gnss_latency", "latency_s"),
+    LATV: ("velocity_lag", "lag_s"),
+    FWD: ("antenna_lever_arm", "forward_m"),
+    GYRO: ("yaw_rate_bias", "bias"),
+    GAIN: ("yaw_rate_scale", "scale"),
+    SLIP: ("longitudinal_slip", "slip_per_accel"),
+    LOAD: ("load_transfer_lateral", "coefficient"),
+}
+
+
+@pytest.mark.parametrize("place", sorted(EFFECT_OF))
+def test_filter_and_effect_have_one_prior(place: int) -> None:
+    """Each state that stands for an effect starts from that effect's prior, and so does the calibration."""
+    effect, name = EFFECT_OF[place]
+    parameter = next(one for one in EFFECTS[effect].parameters if one.name == name)
+    assert isinstance(parameter, Parameter) and parameter.prior is not None
+    expected = (parameter.prior.mean - parameter.neutral, parameter.prior.std)
+    mean, covariance = initial_state(1, NOMINAL)
+
+    assert (mean[0, place], math.sqrt(covariance[0, place, place])) == pytest.approx(expected)
+    for known, (what, _) in EFFECTS[effect].in_calibration.items():
+        if what == name:
+            assert CALIBRATION_PRIOR[known] == pytest.approx(expected)

@@ -31,6 +31,7 @@ from tests.estimators.world import (
 )
 from tpmsd.config.model import FILTER_METHODS, FilterConfig
 from tpmsd.estimators.base import RadiusEstimate
+from tpmsd.estimators.error_state import FWD, GAIN, LAT, LOAD, PRIORS, TRK
 from tpmsd.estimators.settings import SETTINGS
 from tpmsd.estimators.table import ALIASES, TABLE
 from tpmsd.timeline.tick import Fix, Tick
@@ -56,9 +57,9 @@ def straight_kalman(ticks: list[Tick], position_std_m: float) -> tuple[float, fl
     drift = SETTINGS.drift_own_m**2 / 2 + SETTINGS.drift_common_m**2
     own = (SETTINGS.radius_prior * RADIUS_M) ** 2
     prior_radius = own * (0.75 + 0.25 / 2)
-    late, late_std = SETTINGS.latency_prior_s
+    late, late_std = PRIORS[LAT]
     x = np.array([0.0, 0.0, late, 0.0, 0.0])
-    p = np.diag([0.0, 0.0, late_std**2, SETTINGS.forward_prior_m**2, prior_radius])
+    p = np.diag([0.0, 0.0, late_std**2, PRIORS[FWD][1] ** 2, prior_radius])
     located, last_s = False, -math.inf
     for tick in ticks:
         dt, angle = tick.dt_s, float(tick.rotation_rad[2])
@@ -212,9 +213,9 @@ def test_a_straight_road_informs_no_gain() -> None:
     last = run(filter_, with_gyro(drive, 1))[-1]
     nuisance = np.array(filter_.snapshot()["nuisance"])
     places = {"trk": 2, "gyro": 4, "gain": 5, "load": 7}
-    assert abs(nuisance[places["trk"]]) < 2 * SETTINGS.track_prior
-    assert abs(nuisance[places["gain"]]) < 2 * SETTINGS.gain_prior
-    assert abs(nuisance[places["load"]]) < 2 * SETTINGS.load_prior_s2
+    assert abs(nuisance[places["trk"]]) < 2 * PRIORS[TRK][1]
+    assert abs(nuisance[places["gain"]]) < 2 * PRIORS[GAIN][1]
+    assert abs(nuisance[places["load"]]) < 2 * PRIORS[LOAD][1]
     own = np.array(filter_.snapshot()["nuisance_covariance"])
     bias = places["gyro"]
     assert 0.003 == pytest.approx(nuisance[bias], abs=3 * math.sqrt(own[bias, bias]))

@@ -32,22 +32,30 @@ from tpmsd.inference.recording import Recording
 from tpmsd.inference.state_space import geometry
 from tpmsd.inference.whitening import Whitener
 from tpmsd.inference.windows import EAST
+from tpmsd.physics.catalogue import EFFECTS
+from tpmsd.physics.effect import Parameter
 from tpmsd.physics.motion import GRAVITY_MPS2
-from tpmsd.wheels import FloatArray
+from tpmsd.wheels import WHEELS, FloatArray
+
+FREE = 0.2
+"""Relative standard deviation of what a calibration is made for, radii and tracks: they are let free."""
+
+
+def _usual() -> dict[str, tuple[float, float]]:
+    """Of what confounds radii: mean and standard deviation as the effects state them, from neutral."""
+    out = {}
+    for effect in EFFECTS.values():
+        numbers = {one.name: one for one in effect.parameters if isinstance(one, Parameter)}
+        for name, (what, _) in effect.in_calibration.items():
+            one = numbers.get(what, next(iter(numbers.values())))
+            if one.prior is not None:
+                out[name] = (one.prior.mean - one.neutral, one.prior.std)
+    return out
+
 
 PRIOR = {
-    **{f"radius_{wheel}": (0.0, 0.2) for wheel in ("fl", "fr", "rl", "rr")},
-    "track_rear": (0.0, 0.2),
-    "track_front": (0.0, 0.2),
-    "antenna_forward": (0.0, 0.5),
-    "antenna_left": (0.0, 0.1),
-    "load_lateral": (1e-4, 1e-4),
-    "slip_long": (2e-3, 3e-3),
-    "slip_lateral": (0.0, 5e-3),
-    "growth": (0.0, 1e-6),
-    "gyro_gain": (0.0, 0.03),
-    "latency": (0.0, 0.2),
-    "doppler_lag": (0.0, 0.1),
+    **_usual(),
+    **dict.fromkeys((*(f"radius_{wheel}" for wheel in WHEELS), "track_rear", "track_front"), (0.0, FREE)),
     **dict.fromkeys(CHANGES, (0.0, 1e-2)),
 }
 """Mean and standard deviation of what is believed beforehand, by `equations.COLUMNS`. Radii, tracks and gyro

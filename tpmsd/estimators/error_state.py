@@ -17,15 +17,43 @@ effects in `physics.catalogue`, which describes each one's physics:
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
 from tpmsd.estimators.settings import SETTINGS
+from tpmsd.physics.priors import (
+    ANTENNA_FORWARD_M,
+    DRIVE_SLIP_S2PM,
+    FIX_AGE_S,
+    GYRO_SCALE,
+    GYRO_ZERO_RADPS,
+    LATERAL_LOAD_S2,
+    SPEED_AGE_S,
+    TRACK_M,
+)
 from tpmsd.wheels import FloatArray
 
 E, N, PSI, BE, BN, LAT, LATV, TRK, FWD, GYRO, GAIN, SLIP, LOAD, MU = range(14)
 """Places in the state; the radius errors (rl, rr[, fl, fr]) come last, from MU on."""
+
+USUAL_TRACK_M = 1.5
+"""By which an error of the track is made relative: tracks of cars lie within 10 % of it."""
+PRIORS: Mapping[int, tuple[float, float]] = MappingProxyType(
+    {
+        LAT: (FIX_AGE_S.mean, FIX_AGE_S.std),
+        LATV: (SPEED_AGE_S.mean, SPEED_AGE_S.std),
+        TRK: (0.0, TRACK_M.std / USUAL_TRACK_M),
+        FWD: (ANTENNA_FORWARD_M.mean, ANTENNA_FORWARD_M.std),
+        GYRO: (GYRO_ZERO_RADPS.mean, GYRO_ZERO_RADPS.std),
+        GAIN: (GYRO_SCALE.mean - 1.0, GYRO_SCALE.std),
+        SLIP: (DRIVE_SLIP_S2PM.mean, DRIVE_SLIP_S2PM.std),
+        LOAD: (LATERAL_LOAD_S2.mean, LATERAL_LOAD_S2.std),
+    }
+)
+"""Mean and standard deviation of what confounds the radii: the effects' own."""
 
 
 def initial_state(count: int, nominal_m: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -33,17 +61,7 @@ def initial_state(count: int, nominal_m: FloatArray) -> tuple[FloatArray, FloatA
     wheels = nominal_m.size
     mean = np.zeros((count, MU + wheels))
     covariance = np.zeros((count, MU + wheels, MU + wheels))
-    priors = (
-        (LAT, *SETTINGS.latency_prior_s),
-        (LATV, *SETTINGS.velocity_lag_prior_s),
-        (TRK, 0.0, SETTINGS.track_prior),
-        (FWD, 0.0, SETTINGS.forward_prior_m),
-        (GYRO, 0.0, SETTINGS.gyro_prior_radps),
-        (GAIN, 0.0, SETTINGS.gain_prior),
-        (SLIP, *SETTINGS.slip_prior),
-        (LOAD, 0.0, SETTINGS.load_prior_s2),
-    )
-    for place, value, std in priors:
+    for place, (value, std) in PRIORS.items():
         mean[:, place] = value
         covariance[:, place, place] = std**2
     # A guessed nominal is wrong for all wheels alike; wheels differ among themselves by half as much.

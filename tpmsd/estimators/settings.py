@@ -178,26 +178,10 @@ class EstimatorSettings:
     """Correlation time of the receiver's slow position error (20 to 100 s in the recordings)."""
     position_std_m: float = 1.5
     """Position error before the receiver has stated one."""
-    latency_prior_s: tuple[float, float] = (0.05, 0.1)
-    """Mean and standard deviation of `gnss_latency` beyond what is configured."""
-    velocity_lag_prior_s: tuple[float, float] = (0.03, 0.05)
-    """The same of `velocity_lag`: receivers smooth the Doppler speed (0.05 s in the recordings)."""
     latency_drift: float = 0.001
     """s per sqrt(s): what the tracking of the clocks leaves."""
-    track_prior: float = 0.03
-    """Relative: tracks are often read off a data sheet for another rim."""
-    forward_prior_m: float = 0.4
-    """Of the antenna's forward offset: a hand's measure along the roof."""
-    gyro_prior_radps: float = 0.01
-    """Of the gyro's bias: 0.6 deg/s."""
     gyro_drift: float = 5e-6
     """rad/s per sqrt(s): 0.3 mrad/s in an hour, as production gyros drift with temperature."""
-    gain_prior: float = 0.03
-    """Of the gyro's scale: 3 % is a data sheet's limit."""
-    slip_prior: tuple[float, float] = (0.004, 0.004)
-    """Slip of the driven axle per m/s2: 0.23 % at Fx/Fz = 0.05 is 0.008."""
-    load_prior_s2: float = 1e-4
-    """Of the lateral load transfer, s2: -0.25 mm per 500 N is 0.8e-4."""
     common_prior: float = 0.75
     """Share of the radii's prior variance that all wheels have alike: a guessed nominal is wrong for all."""
 

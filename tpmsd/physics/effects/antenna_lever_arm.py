@@ -8,6 +8,7 @@ from typing import ClassVar
 
 from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
 from tpmsd.physics.motion import Car
+from tpmsd.physics.priors import ANTENNA_FORWARD_M
 
 BEHIND_M, BESIDE_M = 1.5, 1.2
 """How far behind the rear axle, before the front one, and off the middle a car's roof reaches."""
@@ -41,7 +42,7 @@ class AntennaLeverArm(Effect):
             20.0,
             "true minus configured, along the body",
             probe=0.5,
-            prior=Prior(0.0, 0.4, "a tape measure along a roof"),
+            prior=ANTENNA_FORWARD_M,
         ),
         Parameter(
             "left_m",

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.physics.effect import Effect, Kind, Parameter
+from tpmsd.physics.priors import FIX_AGE_S
 
 FRAME_AGE_S = 0.04
 """Longest interval over which control units average wheel speeds before the stamp."""
@@ -41,7 +42,7 @@ class GnssLatency(Effect):
             5.0,
             "age of a fix on arrival",
             probe=0.01,
-            prior=Prior(0.05, 0.1, "receivers transmit 30 to 300 ms after the epoch, by make, rate and baud"),
+            prior=FIX_AGE_S,
         ),
     )
     latency_s: float

@@ -8,8 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Parameter, Prior
+from tpmsd.physics.effect import Effect, Parameter
 from tpmsd.physics.motion import Car, Motion
+from tpmsd.physics.priors import LATERAL_LOAD_S2
 from tpmsd.wheels import IS_LEFT, FloatArray
 
 
@@ -39,7 +40,7 @@ class LoadTransferLateral(Effect):
             2e-3,
             "c, metres of radius per m/s2",
             probe=1e-6,
-            prior=Prior(1e-4, 1e-4, "270 N per wheel and m/s2, 0.25 mm per 500 N"),
+            prior=LATERAL_LOAD_S2,
         ),
     )
     coefficient: float

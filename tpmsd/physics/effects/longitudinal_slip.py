@@ -10,6 +10,7 @@ import numpy as np
 
 from tpmsd.physics.effect import Effect, Parameter, Prior
 from tpmsd.physics.motion import Car, Motion
+from tpmsd.physics.priors import DRIVE_SLIP_S2PM
 from tpmsd.wheels import WHEELS, FloatArray
 
 
@@ -42,7 +43,7 @@ class LongitudinalSlip(Effect):
             0.1,
             "c, slip per m/s2",
             probe=1e-5,
-            prior=Prior(3e-3, 3e-3, "1e-3 to 8e-3 by tyre and axle: Gustafsson 1997"),
+            prior=DRIVE_SLIP_S2PM,
         ),
         Parameter(
             "slip_per_speed2",

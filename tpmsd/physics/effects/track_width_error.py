@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.physics.effect import Effect, Kind, Parameter
 from tpmsd.physics.motion import Car
+from tpmsd.physics.priors import TRACK_M
 from tpmsd.wheels import WHEELS
 
 
@@ -39,7 +40,7 @@ class TrackWidthError(Effect):
             0.5,
             "rear track, true minus configured",
             probe=1e-3,
-            prior=Prior(0.0, 0.03, "other rims or spacers: 10 to 60 mm"),
+            prior=TRACK_M,
             fitted=(-0.25, 0.25),
         ),
         Parameter(
@@ -50,7 +51,7 @@ class TrackWidthError(Effect):
             0.5,
             "front track, true minus configured",
             probe=1e-3,
-            prior=Prior(0.0, 0.03, "other rims or spacers: 10 to 60 mm"),
+            prior=TRACK_M,
             fitted=(-0.25, 0.25),
         ),
     )

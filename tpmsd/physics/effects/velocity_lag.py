@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.physics.effect import Effect, Kind, Parameter
+from tpmsd.physics.priors import SPEED_AGE_S
 
 USUAL_S, UNUSUAL_S = 0.05, 0.08
 """Up to the one a lag is usual (every real recording at hand has one of 0.03 to 0.06 s), from the other on it
@@ -42,7 +43,7 @@ class VelocityLag(Effect):
             5.0,
             "age of speed and course beyond that of the position",
             probe=0.01,
-            prior=Prior(0.03, 0.05, "0.03 to 0.06 s on the recordings at hand"),
+            prior=SPEED_AGE_S,
             fitted=(-0.2, 1.0),
         ),
     )

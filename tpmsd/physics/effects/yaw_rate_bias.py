@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.physics.effect import Effect, Kind, Parameter
+from tpmsd.physics.priors import GYRO_ZERO_RADPS
 from tpmsd.wheels import FloatArray
 
 
@@ -34,7 +35,7 @@ class YawRateBias(Effect):
             0.2,
             "reading minus truth",
             probe=1e-3,
-            prior=Prior(0.0, 5e-3, "data sheets, uncalibrated"),
+            prior=GYRO_ZERO_RADPS,
         ),
     )
     bias: float

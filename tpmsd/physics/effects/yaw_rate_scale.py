@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.physics.effect import Effect, Kind, Parameter
+from tpmsd.physics.priors import GYRO_SCALE
 from tpmsd.wheels import FloatArray
 
 
@@ -35,7 +36,7 @@ class YawRateScale(Effect):
             "reading divided by truth",
             probe=0.01,
             neutral=1.0,
-            prior=Prior(1.0, 0.03, "data sheets: 1 to 3 % over temperature"),
+            prior=GYRO_SCALE,
         ),
     )
     scale: float

@@ -1,0 +1,18 @@
+"""Priors that several rooms share: of what an effect, the daemon's filter and the calibration all estimate.
+
+In: nothing (plain records). Out: one `Prior` each. They stand apart from the effects because the daemon's
+filter needs the numbers and not the catalogue, whose import costs a second and 80 MB.
+"""
+
+from __future__ import annotations
+
+from tpmsd.physics.parameters import Prior
+
+FIX_AGE_S = Prior(0.05, 0.1, "receivers transmit 30 to 300 ms after the epoch, by make, rate and baud")
+SPEED_AGE_S = Prior(0.03, 0.05, "0.03 to 0.06 s on the recordings at hand")
+ANTENNA_FORWARD_M = Prior(0.0, 0.4, "a tape measure along a roof")
+TRACK_M = Prior(0.0, 0.045, "other rims or spacers: 10 to 60 mm")
+GYRO_ZERO_RADPS = Prior(0.0, 1e-2, "data sheets: 0.6 degrees per second, uncalibrated")
+GYRO_SCALE = Prior(1.0, 0.03, "data sheets: 1 to 3 % over temperature")
+DRIVE_SLIP_S2PM = Prior(4e-3, 4e-3, "1e-3 to 8e-3 by tyre and axle: Gustafsson 1997")
+LATERAL_LOAD_S2 = Prior(1e-4, 1e-4, "270 N per wheel and m/s2, 0.25 mm per 500 N")
