@@ -16,6 +16,7 @@ import json
 import shutil
 import tempfile
 import traceback
+from collections import Counter
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -28,7 +29,7 @@ from bench.campaigns.diagnosis.seal import asked
 from bench.campaigns.origins_report import HELD_OUT_FROM, REAL, markdown
 from bench.places import OUT, RECORDINGS, REPO
 from bench.registry import UsageError
-from bench.runner import code_state, last_state, resume
+from bench.runner import code_state, last_state, read, resume
 from bench.worlds import awkward, real_drives
 from bench.worlds.folder import write_folder
 from bench.worlds.origins import ORIGINS, Places
@@ -150,11 +151,14 @@ def options(parser: argparse.ArgumentParser) -> None:
 
 
 def report(out: Path) -> str:
-    """The tables of what stands in a folder."""
-    rows = last_state(out / "rows.jsonl")
+    """The tables of what stands in a folder: of each drive the latest result, and of how many states of the
+    program these are."""
+    rows = last_state(out / "rows.jsonl", any_state=True)
     if not rows:
         raise UsageError(f"no results in {out}")
-    return markdown(rows)
+    latest = {entry.unit: entry.state for entry in read(out / "rows.jsonl")}
+    told = ", ".join(str(number) for number in Counter(latest.values()).values())
+    return f"{markdown(rows)}\nDrives by state of the program: {told}.\n"
 
 
 def main(args: argparse.Namespace) -> int:

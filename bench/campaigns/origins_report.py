@@ -35,6 +35,8 @@ OWN_TYRES = {
 """What the own tyres and axles of such an origin's cars do: found there, these are true."""
 OWN_COVARIATES = ("accel_long", "accel_lat")
 """So is a term without a name over these on that origin."""
+ACTING = (REAL, "multibody")
+"""Origins in whose null drives something acts: there no p-value is uniform."""
 SURE = 0.9
 SPAN_S = 5.0
 """An event's span counts as found when both ends are right to within this time."""
@@ -83,7 +85,8 @@ def _null_row(name: str, null: Sequence[Row], judged: Sequence[Row], differs: st
     names = Counter(each["effect"] for row in judged for each in _false(row))
     told = ", ".join(f"{name} {number}" for name, number in names.most_common()) or "-"
     suspected = count(bool(row["suspicions"]) and not row["findings"] for row in judged)
-    known = [value for row in judged if (value := p_of_the_rest(row)) is not None]
+    nothing = [row for row in judged if row["origin"] not in ACTING]
+    known = [value for row in nothing if (value := p_of_the_rest(row)) is not None]
     tested = uniform(known)
     cells = [name, str(len(null)), str(len(null) - len(judged)), percent(_found(judged)), percent(suspected)]
     cells += [differs, "-" if tested is None else f"{tested:.2g} of {len(known)}", told]

@@ -115,12 +115,15 @@ def test_a_report_is_put_between_the_marks_of_its_page() -> None:
 
 
 def test_the_command_prints_what_stands_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Of the last state of the program alone; nothing there is wrong usage."""
-    entries = [{"unit": [k], "state": state, "result": row("mems", k)} for k, state in ((1, "a"), (2, "b"))]
+    """Of each drive the latest result, by state of the program; nothing there is wrong usage."""
+    states = ((1, "a"), (2, "a"), (3, "a"), (2, "b"))
+    entries = [{"unit": [k], "state": state, "result": row("mems", k)} for k, state in states]
     (tmp_path / "rows.jsonl").write_text("\n".join(map(json.dumps, entries)) + "\n")
 
     assert 0 == main(["report", "origins", "--out", str(tmp_path)])
-    assert "| mems | 1 |" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "| mems | 3 |" in told
+    assert "Drives by state of the program: 2, 1." in told
     with pytest.raises(SystemExit) as end:
         main(["report", "origins", "--out", str(tmp_path / "nowhere")])
     assert 2 == end.value.code
