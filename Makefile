@@ -15,6 +15,7 @@ DEV := $(VENV)/.dev-$(SETUP_ID)
 # Tests run on all cores, one per process: numpy's own threads would only fight for the same cores.
 PYTEST_JOBS ?= auto
 PYTEST_ARGS ?=
+FAST = tests/test_house.py tests/config tests/cli tests/sinks tests/sources_can tests/timeline tests/gnss
 DEMO_ARGS ?=
 BENCH_ARGS ?=
 SOAK_ARGS ?=
@@ -29,16 +30,24 @@ DOCDIR ?= /usr/local/share/doc/tpmsd
 MANDIR ?= /usr/local/share/man
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format bench bench-live bench-calibrate bench-diagnose bench-origins bench-alarms test-hil test-connect test-web install uninstall deb bench-vehicle-state bench-estimators bench-fleet soak fuzz clean
+.PHONY: help demo test test-fast docs release lint format bench bench-live bench-calibrate bench-diagnose bench-origins bench-alarms test-hil test-connect test-web install uninstall deb bench-vehicle-state bench-estimators bench-fleet soak fuzz clean
 
 help:  ## this list
-	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | awk -F'\t' '{printf "  make %-15s %s\n", $$1, $$2}'
+	@sed -n -e 's/^##@ /\n/p' -e 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | \
+		awk -F'\t' 'NF == 2 {printf "  make %-20s %s\n", $$1, $$2; next} {print}'
+
+##@ Try it
 
 demo: $(RUNTIME)  ## a simulated slow puncture, found and announced on a virtual CAN bus (DEMO_ARGS=...)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tpmsd.cli.demo $(DEMO_ARGS)
 
+##@ Work on it
+
 test: lint  ## style, types and all tests (PYTEST_ARGS=..., PYTEST_JOBS=...)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m pytest -n $(PYTEST_JOBS) $(PYTEST_ARGS)
+
+test-fast: lint  ## style, types and the quick tests, under a minute
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m pytest -n $(PYTEST_JOBS) $(FAST) $(PYTEST_ARGS)
 
 lint: $(DEV)  ## style and types only
 	$(PY) -m ruff check .
@@ -49,15 +58,6 @@ format: $(DEV)  ## put the sources into the house style
 	$(PY) -m ruff check --fix .
 	$(PY) -m ruff format .
 
-bench: $(RUNTIME)  ## the figures of the README, measured on this machine (BENCH_ARGS=...)
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run speed $(BENCH_ARGS)
-
-bench-live: $(RUNTIME)  ## rate, lateness and CPU time of the daemon on a full bus, in real time (BENCH_ARGS=--guest)
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run live $(BENCH_ARGS)
-
-bench-calibrate: $(DEV)  ## the published experiment, its method and ours (BENCH_ARGS=...)
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run calibrate $(BENCH_ARGS)
-
 test-hil: $(DEV)  ## the daemon on a real CAN stack and as a real service (HIL_ARGS=..., TPMSD_SKIP_HIL=1)
 	$(PY) -m tests.hil.run $(HIL_ARGS)
 
@@ -66,6 +66,15 @@ test-connect: $(DEV)  ## against real gpsd, mosquitto, prometheus, dbus (install
 
 test-web: $(DEV)  ## the pages of tpmsd web in a real browser (Chromium and its driver)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m pytest -m browser tests/browser -rs
+
+soak: $(DEV)  ## a day of driving with one fault after the other, in logical time (SOAK_ARGS="--hours 1")
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tests.faults.soak $(SOAK_ARGS)
+
+fuzz: $(DEV)  ## all that takes bytes, guided by coverage (FUZZ_ARGS="--seconds 600 nmea")
+	@$(PY) -c 'import atheris' 2>/dev/null || $(PIP) install -e '.[fuzz]'
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tests.fuzz.run $(FUZZ_ARGS)
+
+##@ Install and publish
 
 PLACES = DESTDIR="$(DESTDIR)" PREFIX="$(PREFIX)" BINDIR="$(BINDIR)" UNITDIR="$(UNITDIR)" DOCDIR="$(DOCDIR)" MANDIR="$(MANDIR)"
 
@@ -77,6 +86,23 @@ uninstall:  ## take them away again; configuration and what was learned stay
 
 deb: $(RUNTIME)  ## a Debian package, to build/deb
 	@PIP="$(abspath $(PY)) -m pip --disable-pip-version-check -q" sh tools/make_deb.sh
+
+docs: $(DEV)  ## the site, with its links checked, to build/site: works offline
+	@NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict -q
+
+release: $(DEV)  ## wheel, sdist, Debian package and SBOM: built, checked, with their hashes; twice the same
+	@PY="$(abspath $(PY))" sh tools/release.sh
+
+##@ Measure
+
+bench: $(RUNTIME)  ## the figures of the README, measured on this machine (BENCH_ARGS=...)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run speed $(BENCH_ARGS)
+
+bench-live: $(RUNTIME)  ## rate, lateness and CPU time of the daemon on a full bus, in real time (BENCH_ARGS=--guest)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run live $(BENCH_ARGS)
+
+bench-calibrate: $(DEV)  ## the published experiment, its method and ours (BENCH_ARGS=...)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run calibrate $(BENCH_ARGS)
 
 bench-diagnose: $(DEV)  ## the diagnosis on drives of other worlds, truth sealed (BENCH_ARGS=--full: a day)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run diagnosis $(BENCH_ARGS)
@@ -100,12 +126,7 @@ bench-resonance: $(DEV)  ## which sampling shows the torsional resonance of a so
 bench-fleet: $(DEV)  ## a fleet on workers against a plain loop, and the joint inference (BENCH_ARGS=--help)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run fleet $(BENCH_ARGS)
 
-soak: $(DEV)  ## a day of driving with one fault after the other, in logical time (SOAK_ARGS="--hours 1")
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tests.faults.soak $(SOAK_ARGS)
-
-fuzz: $(DEV)  ## all that takes bytes, guided by coverage (FUZZ_ARGS="--seconds 600 nmea")
-	@$(PY) -c 'import atheris' 2>/dev/null || $(PIP) install -e '.[fuzz]'
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tests.fuzz.run $(FUZZ_ARGS)
+##@ Tidy up
 
 clean:  ## remove the environment and everything that was made
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .coverage demo-out bench-out

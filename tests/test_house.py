@@ -38,6 +38,7 @@ ALLOWED |= {
     "physics": {"config"},
     "vehicle_state": {"physics"},
     "resonance": {"physics", "config", "sources"},
+    "schemas": set(),
     "config": set(),
     "simulator": {"physics", "config", "sources", "timeline"},
     "inference": {"physics", "config", "timeline"},

@@ -73,6 +73,20 @@ install_unit() {
         >"$DESTDIR$UNITDIR/$(basename "$1")"
 }
 
+# What is made from the parser: manual pages and completions, by the program that was just installed.
+install_generated() {
+    python="$program/bin/python -B"
+    share=$DESTDIR$(dirname "$MANDIR")
+    $python tools/make_man.py "$DESTDIR$MANDIR/man1"
+    chmod 644 "$DESTDIR$MANDIR"/man1/tpmsd*.1
+    for shell in bash:bash-completion/completions/tpmsd zsh:zsh/site-functions/_tpmsd \
+        fish:fish/vendor_completions.d/tpmsd.fish; do
+        mkdir -p "$share/$(dirname "${shell#*:}")"
+        $python -m tpmsd completion "${shell%%:*}" >"$share/${shell#*:}"
+        chmod 644 "$share/${shell#*:}"
+    done
+}
+
 install_all() {
     make_environment
     settle_environment
@@ -80,7 +94,7 @@ install_all() {
     ln -sfn "$PREFIX/bin/tpmsd" "$DESTDIR$BINDIR/tpmsd"
     install_unit systemd/tpmsd.service
     install_unit systemd/tpmsd@.service
-    install -m 644 packaging/tpmsd.1 "$DESTDIR$MANDIR/man1/tpmsd.1"
+    install_generated
     install -m 644 dbc/tpmsd.dbc LICENSE "$DESTDIR$DOCDIR"
     for kind in tutorial how-to reference explanation; do
         mkdir -p "$DESTDIR$DOCDIR/$kind"
@@ -97,7 +111,10 @@ uninstall_all() {
         systemctl disable --now tpmsd.service 'tpmsd@*.service' 2>/dev/null || true
     fi
     rm -f "$DESTDIR$BINDIR/tpmsd" "$DESTDIR$UNITDIR/tpmsd.service" "$DESTDIR$UNITDIR/tpmsd@.service"
-    rm -f "$DESTDIR$MANDIR/man1/tpmsd.1"
+    rm -f "$DESTDIR$MANDIR"/man1/tpmsd.1 "$DESTDIR$MANDIR"/man1/tpmsd-*.1
+    share=$DESTDIR$(dirname "$MANDIR")
+    rm -f "$share/bash-completion/completions/tpmsd" "$share/zsh/site-functions/_tpmsd" \
+        "$share/fish/vendor_completions.d/tpmsd.fish"
     rm -rf "$program" "$DESTDIR$DOCDIR"
     # Configuration and what was learned stay: they are the owner's. An empty folder is nobody's.
     rmdir "$DESTDIR$config" 2>/dev/null || true

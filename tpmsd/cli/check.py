@@ -27,6 +27,7 @@ examples:
   tpmsd check vehicle.toml
   tpmsd check drives/monday --dbc new/bus.dbc --json -
   tpmsd check vehicle.toml --drive drives/monday     is the file that of this car?
+  tpmsd check --schema > vehicle.schema.json         for an editor with TOML support
 
 exit codes: 0 nothing wrong was found (warnings apart), 2 something is wrong,
 3 the drive cannot be used
@@ -56,11 +57,19 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--dbc", metavar="FILE", type=Path, help="take this DBC and not the configuration's own"
     )
+    parser.add_argument(
+        "--schema", action="store_true", help="print the JSON Schema of vehicle.toml, for editors, and end"
+    )
     add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Check and report."""
+    if args.schema:
+        from tpmsd.config.json_schema import vehicle_schema
+
+        print(json_text(vehicle_schema()), end="")
+        return 0
     # Here, since cantools takes its time and --help does not need it.
     from tpmsd.config.check import check
     from tpmsd.config.problems import shown_lines

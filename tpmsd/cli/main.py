@@ -41,6 +41,7 @@ COMMANDS: Commands = (
     ("effects", "tpmsd.cli.effects", "list the effects that are known, and what a drive tells of them"),
     ("plan", "tpmsd.cli.plan", "propose what to drive so that effects can be told apart"),
     ("fleet", "tpmsd.cli.fleet", "many drives of many cars: in parallel, as tables, judged together"),
+    ("completion", "tpmsd.cli.completion", "a completion script for bash, zsh or fish"),
     ("import", "tpmsd.cli.import_table", "make a drive of a table of your own simulator or logger"),
 )
 """Name, module and one-line help of every command; one whose module is not there is left out."""

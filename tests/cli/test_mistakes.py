@@ -1,0 +1,268 @@
+"""Fifty mistakes that one makes at a terminal: each ends in one line that says what to do, its exit code,
+and no loss."""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from tpmsd.cli.main import main
+
+Setup = Callable[[Path], None]
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """What is typed, in which situation, and what must come of it."""
+
+    name: str
+    command: str
+    code: int
+    says: str
+    setup: Setup = lambda here: None
+
+
+def edit(file: str, old: str, new: str) -> Setup:
+    """Replaces a text in a file of the drive."""
+
+    def change(here: Path) -> None:
+        path = here / file
+        text = path.read_text(encoding="utf-8")
+        assert old in text
+        path.write_text(text.replace(old, new), encoding="utf-8")
+
+    return change
+
+
+def write(file: str, data: bytes = b"") -> Setup:
+    """Puts a file there."""
+    return lambda here: (here / file).write_bytes(data) and None
+
+
+def remove(file: str) -> Setup:
+    """Takes one away."""
+    return lambda here: (here / file).unlink()
+
+
+def cut(file: str, length: int) -> Setup:
+    """Leaves the first bytes alone."""
+    return lambda here: (here / file).write_bytes((here / file).read_bytes()[:length]) and None
+
+
+TOML, DBC, LOG, NMEA = "d/vehicle.toml", "d/bus.dbc", "d/can.log", "d/gnss.nmea"
+FL = 'wheel_count_fl = "WHEELS.CNT_FL"'
+MISTAKES = (
+    # the command line
+    Mistake("unknown command", "replai d", 2, "replay"),
+    Mistake("unknown option", "replay d --jsn x", 2, "--jsn"),
+    Mistake("option of another command", "check d --plot x.png", 2, "--plot"),
+    Mistake("no argument", "replay", 2, "DRIVE"),
+    Mistake("nothing to check", "check", 2, "give a configuration"),
+    Mistake("two outputs on standard output", "replay d --json - --csv -", 1, "goes there already"),
+    Mistake("a number that is none", "simulate x --duration long", 2, "--duration"),
+    Mistake("a negative duration", "simulate x --duration -5", 2, "outside 10 to 86400 s"),
+    Mistake("an unknown route", "simulate x --route moon", 2, "--route"),
+    Mistake("an unknown wheel", "simulate x --puncture left", 2, "--puncture"),
+    Mistake("a fault after the end", "simulate x --duration 20 --puncture rl --at 100", 2, "100"),
+    Mistake(
+        "an unknown effect", "simulate x --effect centrifugal_growt:coefficient=1e-6", 2, "centrifugal_growth"
+    ),
+    Mistake("a parameter without a value", "simulate x --effect gnss_latency", 2, "latency_s"),
+    Mistake("an unknown parameter", "simulate x --effect gnss_latency:latency=0.1", 2, "latency_s"),
+    Mistake("a value beyond all bounds", "simulate x --effect gnss_latency:latency_s=1000", 2, "outside"),
+    Mistake("an unknown shell", "completion tcsh", 2, "bash"),
+    Mistake("an unknown effect asked for", "effects centrifugal", 2, "centrifugal_growth"),
+    Mistake("an unknown method", "replay d --method kalman", 2, "kalman"),
+    # files that are not there, or others than meant
+    Mistake("no such drive", "replay nowhere", 3, "no such drive folder"),
+    Mistake("a file for a folder", f"replay {LOG}", 3, "not a folder"),
+    Mistake(
+        "an empty folder",
+        "replay empty",
+        2,
+        "a drive folder holds its vehicle.toml",
+        lambda here: (here / "empty").mkdir(),
+    ),
+    Mistake("no configuration", "replay d", 2, "vehicle.toml", remove(TOML)),
+    Mistake("no DBC", "replay d", 2, "bus.dbc", remove(DBC)),
+    Mistake("no CAN log", "replay d", 3, "no CAN log", remove(LOG)),
+    Mistake("two CAN logs", "replay d", 3, "more than one CAN log", write("d/can.asc", b"x")),
+    Mistake("an empty CAN log", "replay d", 3, "empty", write(LOG)),
+    Mistake("a picture for a CAN log", "replay d", 3, "no CAN frame", write(LOG, b"\x89PNG\r\n\x1a\n" * 50)),
+    Mistake("a DBC that is none", "check d", 2, "bus.dbc", write(DBC, b"{}")),
+    Mistake("a model that is none", "replay d --model m.toml", 2, "m.toml", write("m.toml", b"x = 1\n")),
+    Mistake("no such model", "replay d --model m.toml", 2, "m.toml"),
+    Mistake("a drive as configuration of nothing", "calibrate d --config nowhere.toml", 2, "nowhere.toml"),
+    # configurations
+    Mistake("TOML with a slip of the pen", "check d", 2, "vehicle.toml:", edit(TOML, "[can]", "[can")),
+    Mistake(
+        "millimetres for metres",
+        "check d",
+        2,
+        "m, not mm",
+        edit(TOML, "wheel_radius_m = 0.316", "wheel_radius_m = 316"),
+    ),
+    Mistake("a misspelt key", "check d", 2, "wheelbase_m", edit(TOML, "wheelbase_m", "weelbase_m")),
+    Mistake("a misspelt signal", "check d", 2, "CNT_FL", edit(TOML, "WHEELS.CNT_FL", "WHEELS.CNT_F")),
+    Mistake(
+        "a message that is not there", "check d", 2, "WHEELS", edit(TOML, "WHEELS.CNT_FL", "WHEEL.CNT_FL")
+    ),
+    Mistake("a missing table", "check d", 2, "[vehicle]", edit(TOML, "[vehicle]", "[vehicel]")),
+    Mistake("front wheels alone", "check d", 2, "rl and rr alone", lambda here: _front_alone(here)),
+    Mistake(
+        "an interface that is not there", "check d", 2, "socketcan", edit(TOML, '"socketcan"', '"soketcan"')
+    ),
+    Mistake(
+        "a quoted number",
+        "check d",
+        2,
+        "without quotes",
+        edit(TOML, "track_rear_m = 1.52", 'track_rear_m = "1.52"'),
+    ),
+    Mistake("an address as a device", "check d", 2, "source", edit(TOML, "/dev/ttyACM0", "gpsd://localhost")),
+    Mistake(
+        "a speed without a known unit",
+        "check d",
+        2,
+        "furlong",
+        edit(
+            TOML,
+            FL,
+            FL.replace('"WHEELS.CNT_FL"', '{ signal = "WHEELS.CNT_FL", unit = "furlong" }').replace(
+                "count", "speed"
+            ),
+        ),
+    ),
+    # outputs
+    Mistake("a JSON into no folder", "replay d --json nowhere/x.json", 1, "there is no folder nowhere"),
+    Mistake("a JSON where a folder is", "replay d --json d", 1, "a folder"),
+    Mistake("a picture of an unknown kind", "replay d --plot x.bmp", 2, ".png"),
+    Mistake("a full disk", "replay d --json /dev/full", 1, "/dev/full"),
+    Mistake("a drive where another is", "simulate d --duration 20", 2, "--force"),
+    Mistake(
+        "a folder of somebody's",
+        "simulate mine --duration 20 --force",
+        2,
+        "mine",
+        lambda here: _somebodys(here),
+    ),
+    # drives that cannot do what is wanted
+    Mistake("too short to calibrate", "calibrate d", 3, "45 s"),
+    Mistake("no fix at all", "calibrate d", 3, "fix", write(NMEA, b"(1719820800.000000) $GNZDA\n")),
+    Mistake("no daemon", "status --socket nowhere.sock", 1, "is tpmsd running?"),
+    Mistake("no daemon to reset", "reset --socket nowhere.sock", 1, "is tpmsd running?"),
+)
+
+
+def _front_alone(here: Path) -> None:
+    text = (here / TOML).read_text()
+    lines = [line for line in text.splitlines() if not line.startswith(("wheel_count_rl", "wheel_count_rr"))]
+    (here / TOML).write_text("\n".join(lines) + "\n")
+
+
+def _somebodys(here: Path) -> None:
+    (here / "mine").mkdir()
+    (here / "mine" / "thesis.txt").write_text("years of work")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drive of 30 s."""
+    folder = tmp_path_factory.mktemp("made") / "d"
+    assert 0 == main(["simulate", str(folder), "--duration", "30"])
+    return folder
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every file below, by its path."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_there_are_fifty() -> None:
+    """And no two have one name."""
+    assert len({mistake.name for mistake in MISTAKES}) == len(MISTAKES) >= 50
+
+
+@pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake.name)
+def test_a_mistake_ends_in_one_line_and_loses_nothing(
+    mistake: Mistake,
+    made: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The exit code, a line that says what it is about, no traceback, and every file as it was."""
+    shutil.copytree(made, tmp_path / "d")
+    mistake.setup(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    before = contents(tmp_path)
+    code = main(mistake.command.split())
+    said = capsys.readouterr()
+
+    assert (mistake.code, True) == (code, mistake.says in said.err), said.err
+    assert "Traceback" not in said.err + said.out
+    assert "internal error" not in said.err
+    assert before == contents(tmp_path)
+
+
+def tpmsd(*arguments: str, **more: object) -> subprocess.CompletedProcess[str]:
+    """A process of its own, where the terminal matters."""
+    return subprocess.run([sys.executable, "-m", "tpmsd", *arguments], text=True, **more)  # type: ignore[call-overload,no-any-return]
+
+
+def test_head_closes_the_pipe_without_a_word(made: Path) -> None:
+    """`tpmsd check d | head -1`: exit code 0 and nothing on standard error."""
+    script = f"{sys.executable} -m tpmsd check {made} | head -n 1; echo ${{PIPESTATUS[0]}}"
+    done = subprocess.run(["bash", "-c", script], capture_output=True, text=True)
+
+    assert ("0", "") == (done.stdout.splitlines()[-1], done.stderr)
+
+
+@pytest.mark.parametrize("columns", ["20", "40", "60"])
+def test_a_narrow_terminal_wraps_the_help(
+    columns: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Help and usage of a wrong option fit into 60 columns; narrower ones are no error."""
+    monkeypatch.setenv("COLUMNS", columns)
+    assert 0 == main(["check", "--help"])
+    text = capsys.readouterr().out
+
+    assert columns != "60" or [] == [line for line in text.splitlines() if len(line) > 60]
+
+
+def test_no_standard_output_and_no_terminal(made: Path) -> None:
+    """Closed standard output and input are no traceback."""
+    done = subprocess.run(
+        ["bash", "-c", f"{sys.executable} -m tpmsd check {made} <&- >&-"], capture_output=True, text=True
+    )
+
+    assert "Traceback" not in done.stderr
+    assert done.returncode in (0, 1)
+
+
+def test_a_locale_without_the_characters(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An ASCII terminal shows what it can."""
+    environment = {**os.environ, "LC_ALL": "C", "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0"}
+    done = tpmsd("replay", str(made), env=environment, capture_output=True)
+
+    assert 0 == done.returncode, done.stderr
+
+
+def test_control_c_is_exit_code_130(monkeypatch: pytest.MonkeyPatch, made: Path) -> None:
+    """An interrupt in the middle of a command: no traceback, the shells' code, nothing half written."""
+
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("tpmsd.cli.check.run", interrupted)
+    monkeypatch.setattr(sys, "stderr", io.StringIO())
+
+    assert 130 == main(["check", str(made)])

@@ -1,0 +1,87 @@
+"""Every JSON document that the program writes is as its schema says, and the schema knows every key of it."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from tests.daemon.fakes import DrivingBus, car
+from tests.daemon.test_loop import SCALE
+from tests.daemon.test_loop import run as run_daemon
+from tpmsd.cli.main import main
+from tpmsd.cli.output import json_text
+from tpmsd.daemon.clock import Clock
+from tpmsd.schemas import NAMES, schema_of
+
+PACKAGE = Path(__file__).resolve().parent.parent / "tpmsd"
+OWN_TABLES = {"tpmsd.ticks/1", "tpmsd.vehicle/1", "tpmsd.fleet/1", "tpmsd.fleet.drive/1", "tpmsd.mqtt/1"}
+"""Names that are no JSON document of a command: tables, a configuration, a row of a store, a message."""
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
+    """One document of each kind, of a drive of 125 s and of a daemon."""
+    here = tmp_path_factory.mktemp("schemas")
+    drive, table = str(here / "drive"), str(here / "ticks.parquet")
+    lines = (
+        ["simulate", drive, "--duration", "125", "--seed", "2"],
+        ["replay", drive, "--parquet", table],
+        ["check", drive, "--drive", drive],
+        ["explain", drive],
+        ["calibrate", drive],
+        ["diagnose", drive, "--certify", "0", "--alarms"],
+        ["discover", drive, "--dbc", f"{drive}/bus.dbc"],
+        ["import", table, str(here / "imported")],
+        ["plan", "lateral_slip"],
+    )
+    found = {}
+    for number, line in enumerate(lines):
+        file = here / f"{number}.json"
+        assert main([*line, "--json", str(file)]) in (0, 4), line
+        document = json.loads(file.read_text(encoding="utf-8"))
+        found[document["schema"]] = document
+    config, database = car(here / "car")
+    clock = Clock(SCALE)
+    daemon = run_daemon(config, database, clock, DrivingBus(clock.now), 10.0)
+    status = json.loads(json_text(daemon.document()))
+    head = {key: status[key] for key in ("program", "input")}
+    found["tpmsd.status/2"] = status
+    found["tpmsd.reset/2"] = {"schema": "tpmsd.reset/2", **head, "baseline": status["baseline"]}
+    return found
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_document_is_as_its_schema_says(name: str, written: dict[str, dict[str, Any]]) -> None:
+    """It is valid, and each of its keys is in the schema: a new key takes a line there."""
+    schema = schema_of(name)
+    jsonschema.Draft202012Validator.check_schema(schema)
+    jsonschema.validate(written[name], schema)
+
+    assert set() == written[name].keys() - schema["properties"].keys()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_not_so_is_not_valid(name: str, written: dict[str, dict[str, Any]]) -> None:
+    """A missing key, another name and another type are found."""
+    schema = schema_of(name)
+    document = written[name]
+    for wrong in (
+        {key: value for key, value in document.items() if key != schema["required"][-1]},
+        {**document, "schema": "tpmsd.other/2"},
+        {**document, "input": "here"},
+    ):
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(wrong, schema)
+
+
+def test_every_name_in_the_code_has_its_schema() -> None:
+    """No document is written under a name without a schema; the documents of the fleet are its tables."""
+    text = "\n".join(path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py"))
+    named = set(re.findall(r'"(tpmsd\.[a-z.]+/\d+)"', text))
+
+    assert set(NAMES) == named - OWN_TABLES

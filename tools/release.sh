@@ -1,0 +1,43 @@
+#!/bin/sh
+# Builds all that is published, checks it and prints the hashes: `make release`. In: PY (a Python with the extras dev and docs), the sources as
+# committed. Out: build/release: wheel, sdist, Debian package, SBOM and SHA256SUMS. The same sources make the same bytes: time stamps
+# are those of the last commit (SOURCE_DATE_EPOCH).
+set -eu
+cd "$(dirname "$0")/.."
+SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct)}
+export SOURCE_DATE_EPOCH
+out=$PWD/build/release
+version=$(sed -n 's/^__version__ = "\(.*\)"/\1/p' tpmsd/__init__.py)
+
+die() {
+    echo "release: $*" >&2
+    exit 1
+}
+
+tag=$(git describe --exact-match --tags --match 'v*' 2>/dev/null || true)
+[ -z "$tag" ] || [ "$tag" = "v$version" ] || die "the tag is $tag, the version $version"
+[ -n "${RELEASE_DIRTY:-}" ] || [ -z "$(git status --porcelain --untracked-files=no)" ] || die "commit first: what is built is what is tagged"
+
+# A copy of what is committed, so that nothing else of the working tree comes in; file times are those of the commit.
+rm -rf "$out" build/release-src
+mkdir -p "$out" build/release-src
+git archive HEAD | tar -x -C build/release-src
+find build/release-src -exec touch -h -d "@$SOURCE_DATE_EPOCH" {} +
+(cd build/release-src && "$PY" -m build --no-isolation --outdir "$out" . >"$out/../release.log" 2>&1) || die "see build/release.log"
+"$PY" tools/repack_sdist.py "$out"/*.tar.gz
+"$PY" -m twine check --strict "$out"/*.whl "$out"/*.tar.gz >>build/release.log 2>&1 || die "twine: see build/release.log"
+
+if command -v dpkg-buildpackage >/dev/null && [ -z "${RELEASE_NO_DEB:-}" ]; then
+    PIP="$PY -m pip --disable-pip-version-check -q" sh tools/make_deb.sh >/dev/null
+    cp build/deb/*.deb "$out"
+    ! command -v lintian >/dev/null || lintian --fail-on error,warning "$out"/*.deb || die "lintian"
+fi
+
+# The wheel as built, in an environment of its own.
+"$PY" -m venv --clear build/release-env
+build/release-env/bin/python -m pip install -q --disable-pip-version-check "$out"/*.whl
+(cd build/release-env && bin/tpmsd simulate drive --force --duration 60 >/dev/null 2>&1 && bin/tpmsd check drive >/dev/null &&
+    bin/tpmsd replay drive --json - >/dev/null 2>&1) || die "the wheel does not work in a clean environment"
+"$PY" tools/make_sbom.py build/release-env/bin/python >"$out/tpmsd-$version.sbom.json"
+
+(cd "$out" && sha256sum ./* >SHA256SUMS && cat SHA256SUMS)
