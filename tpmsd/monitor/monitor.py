@@ -19,6 +19,7 @@ from tpmsd.estimators.agreement import AGREED, Agreement
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.alarm_state import Hysteresis
 from tpmsd.monitor.baseline import Baseline
+from tpmsd.monitor.configuration_watch import ConfigurationWatch
 from tpmsd.monitor.explanation import Explanation
 from tpmsd.monitor.first_start import BEFORE, FirstStart
 from tpmsd.monitor.judge import Judge, Judgement
@@ -63,6 +64,7 @@ class Monitor:
         self._since_judged_s = 0.0
         self._judged = Judgement.unknown()
         self._trusted = True
+        self._restored = False
         self._since_seen_s = math.inf
         """Since the wheels were last known well enough to see a soft one."""
         radius = float(np.mean(np.array(vehicle.wheel_radius_m)[self._wheels]))
@@ -92,6 +94,7 @@ class Monitor:
         self._taken_back: list[tuple[AlarmKind, int]] = []
         self._why = Explanation(self._wheels, settings, self._judge.threshold_m)
         self._signals = SignalWatch(settings, self._wheels)
+        self._configuration = ConfigurationWatch(vehicle, self._wheels)
         self._leaks = SlowLeakWatch(vehicle, self._tyre, self._wheels)
         self._resonance: ResonanceEvidence | None = None
         self._learning = self.learning()
@@ -120,12 +123,16 @@ class Monitor:
         """
         self._resonance = resonance
         self._why.tick(tick, estimate, agreement)
-        self._trusted = agreement.trusted
+        known_wrong = bool(self._configuration.contradiction)
+        contradicted = bool(self._configuration.update(tick))
+        if contradicted and not known_wrong and not self._restored:
+            self._sets.begin_anew()  # it was learned through a wrong file
+        self._trusted = agreement.trusted and not contradicted
         self._since_seen_s += tick.dt_s
         events = self._signals.update(tick, estimate, self._watching(), agreement)
         events += self._announce_taken_back(tick, estimate)
         self._sets.update(tick, estimate)
-        if not agreement.trusted:
+        if not self._trusted:
             self._judged = Judgement.unknown()
             self._sets.judging.forget_recent()
         elif estimate.informative:
@@ -133,7 +140,7 @@ class Monitor:
             if self._since_judged_s >= JUDGE_EVERY_S:
                 events += self._judge_now(tick, estimate, self._since_judged_s)
                 self._since_judged_s = 0.0
-        events += self._leaks.update(tick, estimate, self.baseline, self._sets.name, agreement.trusted)
+        events += self._leaks.update(tick, estimate, self.baseline, self._sets.name, self._trusted)
         for event in events:
             self._why.alarm(event)
         return MonitorReport(
@@ -147,7 +154,8 @@ class Monitor:
 
     def _watching(self) -> Watching:
         """Whether a soft tyre would be seen now."""
-        return Watching(sees=self._since_seen_s <= SEEN_FRESH_S, undecided=self._sets.undecided)
+        sees = self._since_seen_s <= SEEN_FRESH_S
+        return Watching(sees, self._sets.undecided, self._configuration.contradiction)
 
     def _judge_now(self, tick: Tick, estimate: RadiusEstimate, elapsed_s: float) -> list[AlarmEvent]:
         """A second of driving: judge, decide on a reset, learn."""
@@ -367,7 +375,7 @@ class Monitor:
             self._sets.take_up(sets)
         except (KeyError, TypeError, AttributeError, OverflowError) as error:
             raise ValueError(f"the saved monitor is not one: {type(error).__name__}: {error}") from error
-        self._leaks = leaks
+        self._leaks, self._restored = leaks, True
         self._since_judged_s = 0.0
         self._judged = Judgement.unknown()
         self._standing.clear()

@@ -88,6 +88,8 @@ class Watching:
     """Whether a soft tyre would be seen now."""
     undecided: bool
     """Whether a reset waits for its new baseline."""
+    contradiction: str = ""
+    """What of the configuration the drive contradicts; empty if nothing."""
 
 
 @dataclass(slots=True)
@@ -145,6 +147,7 @@ class SignalWatch:
         )
         self._undecided = _Malfunction("a reset waits for its baseline for ten minutes of driving")
         self._unsteady = _Malfunction("the wheels' readings jump again and again: they are rejected")
+        self._contradicted = _Malfunction("the drive contradicts the configuration")
         self._last_fix_s = -math.inf
         self._heard_s = {"unplugged": -math.inf, "spoofed": -math.inf, "restarted": -math.inf}
         self._receiver = ReceiverSpeed()
@@ -160,7 +163,7 @@ class SignalWatch:
     def standing(self) -> tuple[AlarmEvent, ...]:
         """The malfunctions that stand now, each as it was raised."""
         inputs = (self._rear, self._gnss, self._unplugged, self._spoofed, self._disagree, self._unsteady)
-        own = (self._restarted, self._blind, self._undecided)
+        own = (self._restarted, self._blind, self._undecided, self._contradicted)
         everything = (*inputs, *own, *self._wheels.values())
         return tuple(m.raised for m in everything if m.raised is not None)
 
@@ -172,7 +175,8 @@ class SignalWatch:
     def unusable(self) -> bool:
         """Whether a malfunction stands by which no wheel at all is watched."""
         return any(
-            m.raised is not None for m in (self._rear, self._disagree, self._unsteady, self._restarted)
+            m.raised is not None
+            for m in (self._rear, self._disagree, self._unsteady, self._restarted, self._contradicted)
         )
 
     def update(
@@ -213,6 +217,10 @@ class SignalWatch:
         events += self._blind.update(driving and not sees, sees, BLIND_S, tick)
         undecided = watching.undecided
         events += self._undecided.update(driving and undecided, not undecided, BLIND_S, tick)
+        if watching.contradiction:
+            self._contradicted.reason = f"the drive contradicts the configuration: {watching.contradiction}"
+        wrong = bool(watching.contradiction)
+        events += self._contradicted.update(wrong, not wrong, AT_ONCE_S, tick)
         known, good = self._compared(rear, estimate.speed_mps, receiver_mps)
         good = good and not agreement.withheld
         events += self._disagree.update(

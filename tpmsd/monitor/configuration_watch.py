@@ -1,0 +1,139 @@
+"""Whether the first ten minutes of driving contradict the configuration.
+
+In: ticks. Out: what is contradicted, in one sentence, or nothing. It is the part of `tpmsd check --drive`
+that costs next to nothing: the sign of turns and the level of radii.
+
+Turns: in each interval between two fixes, the change of course by the receiver against what the pair of an
+axle, and the gyro, say of it. Exchanged sides and a wrong sign turn the correlation over. Radii: the
+receiver's speed over the wheels' turns against the nominal radius; teeth, units and scales are off by more
+than any tyre.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tpmsd.config.model import VehicleConfig
+from tpmsd.timeline.tick import Fix, Tick
+from tpmsd.wheels import FL, FR, RL, RR, FloatArray
+
+LOOK_S = 600.0
+"""Driving during which the configuration is held against the drive."""
+SLOWEST_MPS = 5.0
+STEP_S = (0.9, 2.5)
+"""Between two fixes that make one interval."""
+LEAST_TURN_RADPS = 0.02
+"""Below, a course is noise; at 20 m/s a bend of 1 km."""
+LEAST_TURNS_RAD2 = 0.05
+"""Sum of squared changes of course, rad^2, each of at most a second: three bends of 90 degrees, ..."""
+LEAST_INTERVALS = 15
+"""... and the number of intervals that turned."""
+AGAINST, FOR = -0.5, 0.5
+"""Correlations from which a sign is wrong, and from which it is right and no longer looked at."""
+RADIUS_SHARE = 0.05
+"""Relative: five standard deviations of a nominal radius (1 %, docs/explanation/alarms.md)."""
+RADIUS_INTERVALS = 120
+AXLES = {"front": (FL, FR), "rear": (RL, RR)}
+
+
+class _Turns:
+    """Correlation of one source of yaw with the receiver's course."""
+
+    def __init__(self) -> None:
+        self._sums = np.zeros(3)
+        self._intervals = 0
+        self.right = False
+
+    def add(self, course_rad: float, other_rad: float) -> None:
+        """Take an interval."""
+        if math.isfinite(other_rad) and not self.right:
+            self._sums += (course_rad * course_rad, course_rad * other_rad, other_rad * other_rad)
+            self._intervals += 1
+
+    def against(self) -> bool:
+        """Whether it turns the other way."""
+        xx, xy, yy = self._sums
+        if self.right or self._intervals < LEAST_INTERVALS or xx < LEAST_TURNS_RAD2 or yy <= 0.0:
+            return False
+        correlation = xy / math.sqrt(xx * yy)
+        self.right = bool(correlation > FOR)
+        return bool(correlation < AGAINST)
+
+
+class ConfigurationWatch:
+    """Looks at one run of the program."""
+
+    def __init__(self, vehicle: VehicleConfig, wheels: list[int]) -> None:
+        self._radius = np.array(vehicle.wheel_radius_m)
+        self._track = {"front": vehicle.track_front_m, "rear": vehicle.track_rear_m}
+        self._turns = {name: _Turns() for name, pair in AXLES.items() if set(pair) <= set(wheels)}
+        self._gyro = _Turns()
+        self._wheels = wheels
+        self._before: Fix | None = None
+        self._rotation: FloatArray = np.zeros(4)
+        self._yaw_rad = 0.0
+        self._driven_s = 0.0
+        self._ratios: list[float] = []
+        self.contradiction = ""
+
+    def update(self, tick: Tick) -> str:
+        """Take one tick; the contradiction, empty while there is none."""
+        if self.contradiction or self._driven_s > LOOK_S:
+            return self.contradiction
+        self._rotation = self._rotation + tick.rotation_rad
+        self._yaw_rad += tick.yaw_rate_radps * tick.dt_s
+        for fix in tick.fixes:
+            self._take(fix)
+        return self.contradiction
+
+    def _take(self, fix: Fix) -> None:
+        before, rotation, yaw = self._before, self._rotation, self._yaw_rad
+        if not math.isfinite(fix.speed_mps):
+            return
+        if before is not None and fix.time_s - before.time_s < STEP_S[0]:
+            return
+        self._before, self._rotation, self._yaw_rad = fix, np.zeros(4), 0.0
+        if before is None or fix.time_s - before.time_s > STEP_S[1]:
+            return
+        if min(fix.speed_mps, before.speed_mps) < SLOWEST_MPS:
+            return
+        step_s = fix.time_s - before.time_s
+        self._driven_s += step_s
+        self._level(0.5 * (fix.speed_mps + before.speed_mps) * step_s, rotation)
+        turn = math.remainder(fix.heading_rad - before.heading_rad, math.tau)
+        if not abs(turn) > LEAST_TURN_RADPS * step_s:  # also where there is no course
+            return
+        for name, turns in self._turns.items():
+            left, right = AXLES[name]
+            turns.add(turn, float(rotation[right] - rotation[left]) * self._radius[left] / self._track[name])
+        self._gyro.add(turn, yaw)
+        self._decide()
+
+    def _decide(self) -> None:
+        wrong = [name for name, turns in self._turns.items() if turns.against()]
+        if wrong:
+            axles = " and ".join(wrong)
+            self.contradiction = (
+                f"left and right of the {axles} wheels seem exchanged: they turn against the receiver"
+            )
+        elif self._gyro.against():
+            self.contradiction = "the yaw rate turns against the receiver's course: its sign seems wrong"
+
+    def _level(self, way_m: float, rotation: FloatArray) -> None:
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = way_m / (rotation * self._radius)
+        seen = ratio[self._wheels]
+        if not np.all(np.isfinite(seen)) or len(self._ratios) >= RADIUS_INTERVALS:
+            return
+        # The wheel that is least off: one soft, spinning or locked wheel is no configuration.
+        self._ratios.append(float(seen[np.argmin(np.abs(np.log(np.maximum(seen, 1e-6))))]))
+        if len(self._ratios) == RADIUS_INTERVALS:
+            ratio_all = float(np.median(self._ratios))
+            if abs(math.log(ratio_all)) > RADIUS_SHARE:
+                radius = float(np.mean(self._radius[self._wheels]))
+                self.contradiction = (
+                    f"by the receiver the wheels' radius would be {ratio_all * radius:.3f} m for "
+                    f"{radius:.3f} m: teeth, unit or scale of the wheels' signals seem wrong"
+                )
