@@ -8,7 +8,7 @@ and on each axle a difference of left and right, which is small where both tyres
 larger where they are mixed. Tyres of one car come in sets: a wheel that is smaller than its fellow by more
 than a mixed set explains has lost air, or is a spare.
 
-Sources: the ETRTO Standards Manual and UN R30 allow about 1 % of the overall diameter from maker to maker
+Assumed, without a source at hand: about 1 % of the overall diameter differs from maker to maker
 (CAR_STD, AXLE_STD); tyres of one type and batch run within 0.1 %, and 1 mm more tread on one side is 0.3 % of
 the radius (WITHIN_STD). The recordings at hand have 0.0 to 0.4 % between the rear wheels, once with an
 encoder that loses counts.
@@ -47,7 +47,7 @@ LOSS_GRID = np.geomspace(0.0046, 0.05, 20)
 """From a loss of 20 % of the pressure to a flat tyre."""
 SOFT_PRIOR, LARGER_PRIOR = 0.01, 0.0005
 """Of each wheel: every hundredth tyre on the road is soft by 20 % and more alone (3 % of cars have one tyre
-that is 25 % low: NHTSA 2001, DOT HS 809 317); a single larger tyre is a mixed one, and rare."""
+that is 25 % low: assumed); a single larger tyre is a mixed one, and rare."""
 
 
 @dataclass(frozen=True, slots=True)
