@@ -12,11 +12,12 @@ from bench.worlds.instruments import Drive
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
 from tpmsd.diagnosis.sensors.errors import sensor_errors
-from tpmsd.diagnosis.sensors.readings import rows_of
+from tpmsd.diagnosis.sensors.readings import CLOCK, ROLES, rows_of
 from tpmsd.diagnosis.sensors.unusual import deviations_beyond, unusual
 from tpmsd.inference.recording import Recording
 from tpmsd.inference.trajectory import reference
 from tpmsd.inference.windows import Reader
+from tpmsd.report.diagnosis_summary import CHANNELS, place
 
 SPEC = Spec(duration_s=400.0, road="mixed", hilly=0.02)
 SEED = 3
@@ -98,6 +99,18 @@ def test_what_reads_alike_is_said(sound: Drive) -> None:
         one.indistinguishable_from for one in found
     ]
     assert ["accel_lat", "accel_long"] == [one.where.channel for one in found]
+
+
+def test_a_report_can_say_where(sound: Drive) -> None:
+    """Each of these sensors has its words in the summary."""
+    off = replace(steered(sound, 1.0, 0.1, 0.0), accel_lat=sound.accel_lat + 0.5)
+    recording = recording_of(replace(off, accel_long=sound.accel_long + 0.5))
+    drifting = replace(recording, host_minus_utc_s=5e-4 * recording.fix_time_s)
+    places = [place(one.where) for one in unusual([reader_of(drifting)], 400.0, False)]
+
+    assert 3 == len(places)
+    assert any(text.startswith("the host's clock against UTC") for text in places)
+    assert {*ROLES, CLOCK} <= set(CHANNELS)
 
 
 @pytest.mark.parametrize(("rate", "named"), [(5e-4, ["clock_drift"]), (3e-5, [])])

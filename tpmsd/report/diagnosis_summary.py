@@ -31,6 +31,10 @@ CHANNELS: dict[str, str] = {
     "gnss_course": "the receiver's course",
     "gnss_position": "the receiver's position",
     "yaw_rate": "the yaw rate",
+    "accel_long": "the acceleration forward",
+    "accel_lat": "the acceleration to the left",
+    "steering": "the steering wheel",
+    "clock": "the host's clock against UTC",
 }
 UNITS = {**COVARIATES, "wheel_angle": "rad"}
 SLIPS: dict[str, str] = {"wheel_slip": "Wheel slip", "side_slip": "Side slip"}
