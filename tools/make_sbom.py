@@ -41,5 +41,5 @@ def _component(package: tuple[str, str, str], kind: str) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    answer = subprocess.run([sys.argv[1], "-c", ASK], capture_output=True, text=True, check=True)
+    answer = subprocess.run([sys.argv[1], "-I", "-c", ASK], capture_output=True, text=True, check=True)
     print(json.dumps(bill([tuple(each) for each in json.loads(answer.stdout)]), indent=2))
