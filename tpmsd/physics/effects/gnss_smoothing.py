@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from scipy.signal import lfilter
 
 from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
 from tpmsd.physics.motion import Car, Motion
@@ -78,6 +77,8 @@ class GnssSmoothing(Effect):
 
 def low_passed(values: FloatArray, time_s: FloatArray, time_constant_s: float) -> FloatArray:
     """(n,) after a first-order low-pass that has settled at the first value; evenly spaced times."""
+    from scipy.signal import lfilter
+
     if len(values) < 2 or time_constant_s <= 0.0:
         return values.copy()
     step = (time_s[-1] - time_s[0]) / (len(time_s) - 1)
