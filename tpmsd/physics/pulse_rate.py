@@ -1,0 +1,58 @@
+"""What effects share that are pulses lost or added at a rate.
+
+In: wheel and rate of an effect. Out: the share of the wheel's pulses over a motion. An effect says the sign.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect, Kind, Parameter, Prior, WheelParameter
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import WHEELS, FloatArray
+
+LEAST_MPS = 0.5
+"""Below, the share of the pulses is that at this speed."""
+
+
+def rate_per_s(description: str) -> tuple[WheelParameter | Parameter, ...]:
+    """The parameters: the wheel, and pulses per second."""
+    return (
+        WheelParameter(),
+        Parameter(
+            "rate_per_s",
+            "1/s",
+            0.5,
+            -100.0,
+            100.0,
+            description,
+            probe=0.01,
+            prior=Prior(0.0, 0.5, "a counter in order misses none"),
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class PulseRate(Effect):
+    """The counter of one wheel shows pulses more or less than its ring has, at a rate that goes with time."""
+
+    kind: ClassVar[Kind] = Kind.INSTRUMENT
+    telling_drive: ClassVar[str] = "hold several speeds from 10 to 35 m/s for a minute each"
+    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "speed")
+    one_sign: ClassVar[bool] = True
+    places: ClassVar[tuple[str, ...]] = WHEELS
+    more: ClassVar[float]
+    """Pulses shown for each of the rate: 1 or -1."""
+    wheel: str
+    rate_per_s: float
+
+    def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
+        """(n, 4) share of the pulses on its wheel."""
+        wheel = WHEELS.index(self.wheel)
+        turns_per_s = np.maximum(motion.speed_mps, LEAST_MPS) / (2.0 * np.pi * car.radius_m[wheel])
+        out = np.zeros((len(motion), 4))
+        out[:, wheel] = self.more * self.rate_per_s / (car.teeth_per_rev * turns_per_s)
+        return out
