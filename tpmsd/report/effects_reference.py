@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from tpmsd.diagnosis.assessment.identifiability import Telling
-from tpmsd.physics.catalogue import EFFECTS, sentence_of
-from tpmsd.physics.effect import Effect, Parameter
+from tpmsd.physics.catalogue import EFFECTS, probes, sentence_of
+from tpmsd.physics.effect import Effect, Kind, Parameter
 
 MISSING = "\u2014"
 
@@ -135,7 +135,57 @@ def effects_page() -> str:
             source_of(effect),
         ]
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *_coverage()]) + "\n"
+
+
+def _coverage() -> list[str]:
+    """Where each effect is looked for, what tells it, and what stays open."""
+    lines = [
+        "",
+        "## What a car has, what is covered, what remains open",
+        "",
+        "| effect | looked for in | told by | reads the same on every drive |",
+        "| --- | --- | --- | --- |",
+    ]
+    windows = {probe.effect for probe in probes()}
+    for name, effect in EFFECTS.items():
+        if effect.kind not in (Kind.NUISANCE, Kind.FREE):
+            same = " ".join(f"`{other}`" for other in effect.confounded) or MISSING
+            place = _looked_for_in(effect, name in windows)
+            lines.append(f"| {name} | {place} | {effect.telling_drive or MISSING} | {same} |")
+    return [
+        *lines,
+        "",
+        "Not in the catalogue, for no drive that cars record tells it or no size is known:",
+        "",
+        *OPEN,
+    ]
+
+
+def _looked_for_in(effect: type[Effect], windows: bool) -> str:
+    """Of the data, in words."""
+    if effect.reads:
+        return "readings of " + ", ".join(f"`{one}`" for one in effect.reads)
+    if effect.by_teeth:
+        return "turns of each wheel"
+    if effect.at_walking_pace:
+        return "fixes at walking pace"
+    if effect.span:
+        return "spans of time"
+    if effect.ramp:
+        return "steps and ramps over time"
+    return "windows of a second" if windows else "nothing: calibration takes it up"
+
+
+OPEN = (
+    "- temperature of each tyre: without a sensor in it, warm-up, sun and brakes are one number each",
+    "- toe and camber as they are set: constants, which calibration takes up",
+    "- wind: it is in the drag, and so in the part of the slip that goes with the speed squared",
+    "- grip used up by braking and cornering together: the slips of axles are taken as independent of a_y",
+    "- roll and bump steer, differential locks, torque vectoring, brakes of a stability program",
+    "- trailers that sway, and wheels out of balance: faster than a window of a second",
+)
+"""What a car has that no effect holds, and why."""
 
 
 def _parameter(p: Any) -> str:
