@@ -20,6 +20,7 @@ from tpmsd.cli.outputs import Outputs
 from tpmsd.errors import ConfigError, InputError, TpmsdError
 
 if TYPE_CHECKING:
+    from tpmsd.diagnosis.assessment.result import Proposal
     from tpmsd.inference.recording import Recording
 
 SCHEMA = "tpmsd.diagnosis/2"
@@ -79,6 +80,12 @@ def add_parser(subparsers: Subparsers) -> None:
         " not sure enough is a suspicion and makes no mismatch (default: %(default)s; 0 skips it)",
     )
     parser.add_argument("--model-out", type=Path, metavar="FILE", help="where the extended model goes")
+    parser.add_argument(
+        "--propose",
+        type=Path,
+        metavar="DIR",
+        help="where something has no name, write the best closed form for it as a file of the catalogue",
+    )
     parser.add_argument("--html", type=Path, metavar="FILE", help="write a page with pictures")
     parser.add_argument(
         "--alarms",
@@ -116,6 +123,9 @@ def run(args: argparse.Namespace) -> int:
     outputs = Outputs(("--model-out", args.model_out), ("--html", args.html), ("--json", args.json))
     if args.html is not None:
         check_report_packages()
+    if args.propose is not None and (args.simulation is not None or args.propose.is_file()):
+        why = "not with --simulation" if args.simulation is not None else f"{args.propose} is a file"
+        raise ConfigError(f"--propose: {why}")
     if args.simulation is not None and len(args.drives) > 1:
         raise ConfigError("--simulation is compared with one DRIVE, that of which it is a simulation")
     names = names_of(args.drives)
@@ -128,7 +138,7 @@ def run(args: argparse.Namespace) -> int:
         with Progress(1.0, "diagnose") as progress:
             if simulation is None:
                 certify = Certification(args.certify, np.random.default_rng(CERTIFY_SEED))
-                diagnosis = diagnose(recordings, progress.update, certify)
+                diagnosis = diagnose(recordings, progress.update, certify, args.propose is not None)
             else:
                 diagnosis = diagnose_against(recordings[0], simulation, progress.update)
         for note in diagnosis.notes:
@@ -154,7 +164,23 @@ def run(args: argparse.Namespace) -> int:
             ),
         }
     )
+    if args.propose is not None and diagnosis.proposals:
+        _propose(args.propose, diagnosis.proposals[0], ", ".join(names))
     return 0
+
+
+def _propose(folder: Path, proposal: Proposal, source: str) -> None:
+    """Write the effect's file; TpmsdError if that cannot be."""
+    from tpmsd.diagnosis.proposal.effect_file import effect_file
+
+    name, text = effect_file(proposal, source)
+    path = folder / f"{name}.py"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise TpmsdError(f"{path}: cannot be written: {error.strerror}") from None
+    print(f"tpmsd: proposed {path}: review it, then put it into tpmsd/physics/effects", file=sys.stderr)
 
 
 def _read(args: argparse.Namespace) -> list[Path]:

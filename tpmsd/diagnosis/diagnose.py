@@ -11,7 +11,7 @@ In: `Recording`s of one car. Out: `Diagnosis`. Pure: the same recordings give th
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from tpmsd.diagnosis.assessment.simulated import differences
 from tpmsd.diagnosis.prepared.admission import admitted, against
 from tpmsd.diagnosis.prepared.drive_study import first_noise
 from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.proposal.search import proposals
 from tpmsd.diagnosis.reporting.findings import report
 from tpmsd.diagnosis.robustness.certify import certified
 from tpmsd.diagnosis.stages import estimate_noise, examine
@@ -46,8 +47,11 @@ def diagnose(
     recordings: Sequence[Recording],
     progress: Callable[[float], None] = lambda share: None,
     certify: Certification | None = None,
+    propose: bool = False,
 ) -> Diagnosis:
     """Diagnose the drives of one car together; findings get p-values where a certificate is asked for.
+
+    With `propose` the closed forms are looked for that suit what has no name.
 
     ConfigError where the drives' configurations describe different cars.
     """
@@ -60,6 +64,8 @@ def diagnose(
     diagnosis = report(study, selection, evidence, notes)
     if certify is not None:
         diagnosis = certified(study, selection, evidence, diagnosis, certify.replicates, certify.rng)
+    if propose:
+        diagnosis = replace(diagnosis, proposals=proposals(study, selection))
     progress(1.0)
     return diagnosis
 

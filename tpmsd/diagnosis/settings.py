@@ -331,6 +331,10 @@ class ReportSettings:
     """Share of a block's data from which its span of time is named."""
     bins: int = 16
     """Of a covariate, in the pictures."""
+    proposals: int = 3
+    """Closed forms that are proposed for what has no name."""
+    folds: int = 5
+    """Shares of the blocks that are held out in turn when a closed form is judged."""
     speeds_mps: tuple[float, ...] = (0.0, 2.5, 5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 60.0)
     """Between two of them a drive's information is added up."""
 

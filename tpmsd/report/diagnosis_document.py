@@ -72,6 +72,7 @@ def _certificate(diagnosis: Diagnosis) -> dict[str, Any] | None:
     return {
         "replicates": diagnosis.replicates,
         "negative_control": diagnosis.control,
+        **({"proposals": [asdict(one) for one in diagnosis.proposals]} if diagnosis.proposals else {}),
         "remaining": None if diagnosis.remaining is None else asdict(diagnosis.remaining),
     }
 

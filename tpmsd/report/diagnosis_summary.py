@@ -83,6 +83,10 @@ def _rest(diagnosis: Diagnosis) -> str:
         text += f"\nThe residual still varies systematically: {place(diagnosis.unexplained)}."
     for told in filter(None, map(explained, diagnosis.explanatory)):
         text += f"\n{told}"
+    if diagnosis.proposals:
+        text += "\nClosed forms for what has no name, with their held-out gains in its place:"
+    for one in diagnosis.proposals:
+        text += f"\n  {one.coefficient:.3g} * {one.formula} on {one.on}: {one.heldout_gain:.1f} nats"
     return text
 
 

@@ -73,6 +73,27 @@ class Explanatory:
 
 
 @dataclass(frozen=True)
+class Proposal:
+    """A closed form for what has no name, and its log-likelihood gain in the place of the spline terms."""
+
+    name: str
+    """For a file of the catalogue."""
+    formula: str
+    """In Python, of variables that are called as the covariates are."""
+    covariates: tuple[str, ...]
+    on: str
+    """Wheels with their signs, or a reading, as a spline term has them."""
+    coefficient: float
+    std: float
+    unit: str
+    """Of the formula's value; the coefficient is in metres of radius, or the reading's unit, per this."""
+    gain: float
+    """Nats in sample."""
+    heldout_gain: float
+    """Nats on held-out blocks."""
+
+
+@dataclass(frozen=True)
 class Finding:
     """One piece of physics that the rolling model lacks."""
 
@@ -153,6 +174,8 @@ class Diagnosis:
     """None where the data are insufficient."""
     information: tuple[SpeedRange, ...] = ()
     """By speed, the slowest first."""
+    proposals: tuple[Proposal, ...] = ()
+    """The best first; empty if not asked for, or if all has a name."""
     inner: Inner | None = field(default=None, repr=False)
 
 

@@ -1,0 +1,1 @@
+"""Closed forms for what no effect of the catalogue explains."""

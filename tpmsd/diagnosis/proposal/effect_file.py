@@ -1,0 +1,103 @@
+"""A proposal as a file of the catalogue, to be reviewed and dropped in.
+
+In: a `Proposal`. Out: the name and the text of a module that defines the effect.
+"""
+
+from __future__ import annotations
+
+from tpmsd.diagnosis.assessment.result import Proposal
+from tpmsd.physics.effect import Effect
+
+PREFIX = "proposed_"
+HOOKS = {
+    "gnss_speed": (Effect.gnss_speed_error_mps, "m/s"),
+    "gnss_course": (Effect.gnss_course_error_rad, "rad"),
+    "yaw_rate": (Effect.yaw_rate_error_radps, "rad/s"),
+}
+"""By reading, the hook through which an effect acts on it, and its unit."""
+
+TEMPLATE = '''"""Proposed by tpmsd diagnose --propose: {formula} on {on}."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.physics.covariates import covariate
+from tpmsd.physics.effect import Effect, Parameter
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True)
+class {title}(Effect):
+    """{what} = coefficient * {formula}.
+
+    Source: none yet. It was fitted to {source}, where it brings {heldout:.1f} nats on
+    held-out blocks; find the physics, its usual size and a better name before it is kept.
+    """
+
+    name: ClassVar[str] = "{name}"
+    formula: ClassVar[str] = "{what} = coefficient * {formula}"
+    sentence: ClassVar[str] = "a closed form that was proposed and has no physics yet"
+    shows_in: ClassVar[tuple[str, str]] = ("{channel}", "{covariate}")
+    parameters: ClassVar[tuple[Parameter, ...]] = (
+        Parameter(
+            "coefficient",
+            "{unit}",
+            {value!r},
+            {lower!r},
+            {upper!r},
+            "fitted: {value:.4g} +- {std:.2g}",
+            probe={probe!r},
+        ),
+    )
+    coefficient: float
+
+    def {hook}(self, motion: Motion, car: Car) -> FloatArray:
+        """{shape}; zero where a covariate is not known."""
+{reading}
+        value = np.nan_to_num(self.coefficient * ({formula}))
+        return np.asarray({result})
+'''
+
+
+def effect_file(proposal: Proposal, source: str) -> tuple[str, str]:
+    """Name of the effect (its file is called so) and the module's text; `source` says what was fitted."""
+    name = PREFIX + proposal.name
+    signs = {word.removeprefix("-"): -1.0 if word[0] == "-" else 1.0 for word in proposal.on.split()}
+    value = float(f"{proposal.coefficient:.4g}")
+    hook, unit = Effect.radius_change_m, "m"
+    what, result, shape = "delta_r", "", "(n, 4) change of the radii in metres"
+    if proposal.on in HOOKS:
+        hook, unit = HOOKS[proposal.on]
+        what, result, shape = f"error of {proposal.on}", "value", "(n,) what is read more"
+        channel = proposal.on
+    else:
+        weights = [signs.get(wheel, 0.0) for wheel in ("fl", "fr", "rl", "rr")]
+        result = f"value[:, None] * np.array({weights})"
+        channel = "wheel" if len(set(weights)) == 1 else "wheel_ratio"
+    reading = "\n".join(f'        {each} = covariate(motion, car, "{each}")' for each in proposal.covariates)
+    return name, TEMPLATE.format(
+        title="".join(word.capitalize() for word in name.split("_")),
+        name=name,
+        formula=proposal.formula,
+        on=proposal.on,
+        what=what,
+        source=source,
+        heldout=proposal.heldout_gain,
+        channel=channel,
+        covariate=proposal.covariates[0],
+        unit=f"{unit}/({proposal.unit})",
+        value=value,
+        lower=-10.0 * abs(value),
+        upper=10.0 * abs(value),
+        std=proposal.std,
+        probe=0.1 * abs(value),
+        hook=hook.__name__,
+        shape=shape,
+        reading=reading,
+        result=result,
+    )

@@ -1,0 +1,135 @@
+"""Which closed form takes the place of what has no name.
+
+In: a `Study` and its `Selection`. Out: `Proposal`s: the expressions over covariates that bring most on
+held-out blocks where the unnamed terms are taken out, each on the wheels or the reading that suits it best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.diagnosis.assessment.result import Proposal
+from tpmsd.diagnosis.hypotheses.response import READINGS, response_at
+from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Term
+from tpmsd.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.proposal.expressions import Expression, expressions
+from tpmsd.diagnosis.selection.chosen import Selection
+from tpmsd.diagnosis.selection.empirical import place_of
+from tpmsd.diagnosis.settings import SETTINGS
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True)
+class Sums:
+    """Products of the data, the columns that stay and one trial column, by fold."""
+
+    known: FloatArray
+    """(folds, 1 + k, 1 + k)"""
+    cross: FloatArray
+    """(folds, 1 + k, t)"""
+    size: FloatArray
+    """(folds, t)"""
+
+
+def proposals(study: Study, selection: Selection) -> tuple[Proposal, ...]:
+    """The best, each over other covariates than those before it; none where all has a name."""
+    unnamed = [one.term for one in selection.chosen if one.term.free and not one.term.pulse]
+    if not unnamed or study.simulation:
+        return ()
+    stay = [one.term.design for one in selection.chosen if one.term not in unnamed]
+    design = np.concatenate([study.hypotheses.nuisance, *stay], axis=1)
+    drives = study.examined
+    names = set.intersection(*(set(drive.reader.windows.covariates) for drive in drives))
+    forms = expressions(sorted(names))
+    found: list[Proposal] = []
+    for place in _places(unnamed, study):
+        sums = [_sums(drive, design, place, forms) for drive in drives]
+        total = Sums(
+            sum((one.known for one in sums[1:]), sums[0].known),
+            sum((one.cross for one in sums[1:]), sums[0].cross),
+            sum((one.size for one in sums[1:]), sums[0].size),
+        )
+        found += [judged(total, k, form, place) for k, form in enumerate(forms) if total.size[:, k].all()]
+    found = [one for one in found if one.heldout_gain > 0.0]
+    best: list[Proposal] = []
+    for one in sorted(found, key=_order):
+        if all(set(one.covariates) != set(other.covariates) for other in best):
+            best.append(one)
+    return tuple(best[: SETTINGS.report.proposals])
+
+
+def _order(one: Proposal) -> float:
+    """The more is held out, the earlier; each covariate has its penalty."""
+    return SETTINGS.hypotheses.per_value_nats * len(one.covariates) - one.heldout_gain
+
+
+def _places(unnamed: list[Term], study: Study) -> list[str]:
+    """The readings that are named, and all patterns of wheels if wheels are."""
+    readings = [term.place for term in unnamed if term.place in READINGS]
+    if len(readings) == len(unnamed):
+        return sorted(set(readings))
+    here = set(study.hypotheses.wheels)
+    alike = [name for name, places in PATTERNS.items() if set(places) <= here]
+    apart = [name for name, places in ANTISYMMETRIC.items() if {wheel for wheel, _ in places} <= here]
+    return [*sorted(set(readings)), *alike, *apart]
+
+
+def _sums(drive: DriveStudy, design: FloatArray, place: str, forms: list[Expression]) -> Sums:
+    signs: Mapping[str, float] = dict(ANTISYMMETRIC.get(place, ())) or dict.fromkeys(PATTERNS[place], 1.0)
+    response = sum((sign * response_at(drive.reader, one) for one, sign in signs.items()), start=np.zeros(()))
+    covariates = drive.reader.windows.covariates
+    weights = np.stack([form.values(covariates) for form in forms], axis=1)
+    trial = drive.whitened(np.asarray(response)[:, :, None] * weights[:, None, :])
+    known = np.concatenate([drive.white[:, :, :1], drive.acting(design)], axis=2)
+    fold = drive.blocks % SETTINGS.report.folds
+    parts = [fold == number for number in range(SETTINGS.report.folds)]
+    return Sums(
+        np.stack([np.einsum("wci,wcj->ij", known[p], known[p]) for p in parts]),
+        np.stack([np.einsum("wci,wct->it", known[p], trial[p]) for p in parts]),
+        np.stack([np.einsum("wct,wct->t", trial[p], trial[p]) for p in parts]),
+    )
+
+
+def judged(sums: Sums, which: int, form: Expression, place: str) -> Proposal:
+    """Fitted to all blocks, and to all but one fold in turn."""
+    folds, width = len(sums.known), sums.known.shape[1] + 1
+    gram = np.zeros((folds, width, width))
+    gram[:, :-1, :-1] = sums.known
+    gram[:, :-1, -1] = gram[:, -1, :-1] = sums.cross[:, :, which]
+    gram[:, -1, -1] = sums.size[:, which]
+    total = gram.sum(axis=0)
+    values, covariance = _fit(total)
+    gain = _score(total, values) - _score(total[:-1, :-1], _fit(total[:-1, :-1])[0])
+    heldout = 0.0
+    for part in gram:
+        rest = total - part
+        heldout += _score(part, _fit(rest)[0]) - _score(part[:-1, :-1], _fit(rest[:-1, :-1])[0])
+    return Proposal(
+        name=form.name,
+        formula=form.formula,
+        covariates=form.covariates,
+        unit=form.unit,
+        on=place_of(place),
+        coefficient=float(values[-1]),
+        std=float(np.sqrt(covariance[-1, -1])),
+        gain=gain,
+        heldout_gain=heldout,
+    )
+
+
+def _fit(gram: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Least squares of the first on the others: values (k,) and their covariance (k, k)."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram)[1:], 1e-300))
+    A = gram[1:, 1:] * np.outer(scale, scale) + SETTINGS.robustness.ridge * np.eye(len(scale))
+    inverse = np.linalg.inv(A) * np.outer(scale, scale)
+    return inverse @ gram[1:, 0], inverse
+
+
+def _score(gram: FloatArray, values: FloatArray) -> float:
+    """Log-likelihood of the first with these values of the others, but for a constant."""
+    left = np.concatenate([[1.0], -values])
+    return float(-0.5 * left @ gram @ left)
