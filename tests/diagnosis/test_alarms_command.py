@@ -24,7 +24,7 @@ def document(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     assert 0 == main(
         ["diagnose", str(path / "leak"), "--alarms", "--json", str(out), "--html", str(path / "d.html")]
     )
-    assert "What it means for the tyres: leak" in (path / "d.html").read_text(encoding="utf-8")
+    assert "What it means for the alarms: leak" in (path / "d.html").read_text(encoding="utf-8")
     found: dict[str, Any] = json.loads(out.read_text(encoding="utf-8"))
     return found
 
