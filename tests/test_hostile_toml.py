@@ -11,11 +11,14 @@ import pytest
 from tpmsd.toml_text import MOST_KEY_PARTS, parse_toml
 
 COMMAND = """
-import resource, sys
+import re, resource, sys
+from pathlib import Path
 from tpmsd.cli.main import main
 code = main(sys.argv[1:])
 used = resource.getrusage(resource.RUSAGE_SELF)
-print(used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
+# Of this process's own memory: what getrusage tells counts the tests' process before the exec, too.
+peak = re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]
+print(used.ru_utime + used.ru_stime, int(peak) / 1024)
 sys.exit(code)
 """
 MOST_S, MOST_MB = 10.0, 300.0

@@ -119,7 +119,9 @@ def test_an_axle_that_warms_with_every_braking_has_a_name() -> None:
     recording = recording_of(drive(Spec(duration_s=700.0, road="rural", physics=BRAKES), 3))
     findings = diagnose([recording]).findings
 
-    assert [("brake_heat", ("fl", "fr"))] == [(one.effect, one.where.wheels) for one in findings]
+    assert ("brake_heat", ("fl", "fr")) == (findings[0].effect, findings[0].where.wheels)
+    # Its cooling is no exponential: what is left may be told beside it, but not as sure.
+    assert all(one.confidence < 0.9 for one in findings[1:])
     cooling = findings[0].parameters["cooling_s"]
     assert cooling.std is not None
     assert abs(cooling.value - 66.0) < 3.0 * cooling.std + 10.0

@@ -89,7 +89,7 @@ def test_another_car(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         ([], "tpmsd simulate: give a folder OUT, or --live CHANNEL, or both"),
-        (["d", "--effect", "warp:factor=9"], "unknown effect 'warp'"),
+        (["d", "--effect", "warp_drive:factor=9"], "unknown effect 'warp_drive'"),
         (["d", "--at", "5"], "a size, --over or --at without --puncture, --leak, --step or --diffusion"),
         (
             ["d", "--puncture", "rl", "--at", "100", "--duration", "20"],

@@ -216,6 +216,8 @@ class RefinementSettings:
     """Splines taken out before the noise is first estimated: one of each kind of covariate."""
     plain_nats: float = 40.0
     """Penalised gain from which a spline is no noise."""
+    compared: int = 2
+    """Splines over covariates that are held, on their best knots, against what is best over time."""
     rounds: int = 4
     """Grids of trial values, each two and a half times finer."""
     best: int = 3

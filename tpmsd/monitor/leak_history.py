@@ -67,7 +67,8 @@ class LeakHistory:
         if same and not self._step_next:
             self.days[-1] = _merged(self.days[-1], one)
         else:
-            self.days.append(one)
+            # A clock that was set back within the day does not turn the order of its readings.
+            self.days.append(replace(one, day=max(day, last)) if same else one)
         self._step_next = False
         self.days = [d for d in self.days if day - d.day <= OLDEST_D][-MOST_DAYS:]
         return True

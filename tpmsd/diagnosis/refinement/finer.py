@@ -53,11 +53,29 @@ def finest_shape(study: Study, term: Term) -> Shape:
 def finer_shape(study: Study, evidence: Evidence, others: list[Term], term: Term) -> Shape | None:
     """The best shape in a term's place beside the others; None to leave it."""
     selector = Selector(evidence, study.hypotheses)
-    design = selector.design(others)
+    if len(_finest(study, term)) < 4:
+        return None
+    found = best_knots(study, selector.design(others), term)
+    least = selector.gain([*others, term]) - found.without - term.penalty + SETTINGS.refinement.finer_nats
+    return None if found.score <= least else _shape(study, term, found.at)
+
+
+@dataclass(frozen=True)
+class Knots:
+    """The knots of a shape on which it brings most."""
+
+    at: FloatArray
+    """(k,)"""
+    score: float
+    """Gain beyond the design, less the price of its heights (nats)."""
+    without: float
+    """Gain of the design alone."""
+
+
+def best_knots(study: Study, design: FloatArray, term: Term) -> Knots:
+    """The best of some spacings of knots for a term, beside a design."""
     acting = study.acting(term)
     fine = _finest(study, term)
-    if len(fine) < 4:
-        return None
     first = _first(term)
     hats = [Hat(term.place, term.covariate, tuple(fine), k) for k in range(len(fine))]
     gram = np.zeros((1 + design.shape[1] + len(hats),) * 2)
@@ -71,8 +89,7 @@ def finer_shape(study: Study, evidence: Evidence, others: list[Term], term: Term
         flat = rows.reshape(-1, len(gram))
         gram += flat.T @ flat
     without = gain_of(gram[: 1 + design.shape[1], : 1 + design.shape[1]])
-    best = selector.gain([*others, term]) - without - term.penalty + SETTINGS.refinement.finer_nats
-    chosen: FloatArray | None = None
+    best = Knots(fine, -np.inf, without)
     for level in SETTINGS.refinement.levels:
         intervals = min(len(fine) - 1, level * (len(fine) - 1) // SETTINGS.hypotheses.finer)
         at = np.unique(np.round(np.linspace(0, len(fine) - 1, intervals + 1)).astype(int))
@@ -82,9 +99,9 @@ def finer_shape(study: Study, evidence: Evidence, others: list[Term], term: Term
         wide[: 1 + design.shape[1], : 1 + design.shape[1]] = np.eye(1 + design.shape[1])
         wide[1 + design.shape[1] :, 1 + design.shape[1] :] = combined
         score = gain_of(wide.T @ gram @ wide) - without - shape_price(combined.shape[1])
-        if score > best:
-            best, chosen = score, fine[at]
-    return None if chosen is None else _shape(study, term, chosen)
+        if score > best.score:
+            best = Knots(fine[at], score, without)
+    return best
 
 
 def _finest(study: Study, term: Term) -> FloatArray:

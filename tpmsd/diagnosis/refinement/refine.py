@@ -16,7 +16,7 @@ from tpmsd.diagnosis.hypotheses.response import ramp_knots
 from tpmsd.diagnosis.hypotheses.terms import Term, for_drive, numbers_of, wheels_of
 from tpmsd.diagnosis.prepared.drive_study import Refined
 from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.refinement.finer import Shape, finer_shape, finest_shape
+from tpmsd.diagnosis.refinement.finer import Shape, best_knots, finer_shape, finest_shape
 from tpmsd.diagnosis.selection.chosen import Selection
 from tpmsd.diagnosis.selection.selector import Selector
 from tpmsd.diagnosis.settings import SETTINGS
@@ -79,11 +79,19 @@ def plainest_shape(study: Study, evidence: Evidence, design: FloatArray) -> Term
     found = (
         hypotheses.ramp_gains(gram, b) + hypotheses.pulse_gains(gram, b) + hypotheses.smooth_gains(gram, b)
     )
-    gain, term = max(found, key=lambda entry: entry[0] - entry[1].penalty)
+    found = sorted(found, key=lambda entry: entry[1].penalty - entry[0])
+    gain, term = found[0]
     if gain - term.penalty < SETTINGS.refinement.plain_nats:
         return None
-    if study.simulation or not _is_coarse(term):
+    if study.simulation:
         return term
+    if not _is_coarse(term):
+        # What a few knots over a covariate do not hold looks like many events: like is compared with like.
+        coarse = [one for _, one in found if _is_coarse(one)][: SETTINGS.refinement.compared]
+        scores = [best_knots(study, design, one).score for one in coarse]
+        if not scores or max(scores) <= gain - term.penalty:
+            return term
+        term = coarse[scores.index(max(scores))]
     shape = finest_shape(study, term)
     shape.add_to(study, study.append(shape.columns))
     return next(one for one in hypotheses.catalogue if one.knots == shape.knots and one.key == term.key)

@@ -97,7 +97,9 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
     if not study.simulation:
         readers = [drive.reader for drive in study.examined]
         apart = lost(study, seconds) + unusual(readers, seconds, study.speeds)
-    for finding in [*apart, *teeth(study, evidence.fit(study.hypotheses.nuisance), seconds)]:
+    # Beside the events: chains on an axle for half of a drive look like a tooth less on the other.
+    rings = evidence.fit(selector.design([term for term in terms if term.pulse]))
+    for finding in [*apart, *teeth(study, rings, seconds)]:
         findings.append(finding)
         values = {name: quantity.value for name, quantity in finding.parameters.items()}
         effects.append(make_effect(finding.effect, **values))
