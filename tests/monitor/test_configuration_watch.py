@@ -91,3 +91,11 @@ def test_a_contradicted_file_is_a_malfunction_and_nothing_is_learned() -> None:
     assert {"unavailable"} == {str(wheel.state) for wheel in last.wheels}
     assert last.learning is not None
     assert 0 == sum(samples for _, samples in last.learning.samples_by_kmh)
+
+
+def test_tyres_of_unequal_radius_are_not_exchanged() -> None:
+    """A wheel that is 4 % small shows a turn all the time, larger than those of the road."""
+    unequal = np.array([1.0, 1.0, 1.0, 1.04])
+    assert ("", 0.0) == watched(lambda tick: replace(tick, rotation_rad=tick.rotation_rad * unequal))
+    small_left = np.array([1.0, 1.0, 1.04, 1.0])
+    assert ("", 0.0) == watched(lambda tick: replace(tick, rotation_rad=tick.rotation_rad * small_left))

@@ -39,25 +39,33 @@ AXLES = {"front": (FL, FR), "rear": (RL, RR)}
 
 
 class _Turns:
-    """Correlation of one source of yaw with the receiver's course."""
+    """Partial correlation of one source of yaw with the receiver's course.
+
+    Given a third quantity in which the source is off by nature: the way, for tyres of unequal radius show a
+    turn that grows with it; the time, for a gyro has a zero error.
+    """
 
     def __init__(self) -> None:
-        self._sums = np.zeros(3)
+        self._sums = np.zeros((3, 3))
         self._intervals = 0
         self.right = False
 
-    def add(self, course_rad: float, other_rad: float) -> None:
-        """Take an interval."""
+    def add(self, course_rad: float, other_rad: float, given: float) -> None:
+        """Take an interval; `given`: the way (m) or the time (s)."""
         if math.isfinite(other_rad) and not self.right:
-            self._sums += (course_rad * course_rad, course_rad * other_rad, other_rad * other_rad)
+            row = np.array([course_rad, other_rad, given])
+            self._sums += np.outer(row, row)
             self._intervals += 1
 
     def against(self) -> bool:
         """Whether it turns the other way."""
-        xx, xy, yy = self._sums
-        if self.right or self._intervals < LEAST_INTERVALS or xx < LEAST_TURNS_RAD2 or yy <= 0.0:
+        if self.right or self._intervals < LEAST_INTERVALS:
             return False
-        correlation = xy / math.sqrt(xx * yy)
+        with_given = self._sums[:2, 2]
+        left = self._sums[:2, :2] - np.outer(with_given, with_given) / self._sums[2, 2]
+        if left[0, 0] < LEAST_TURNS_RAD2 or left[1, 1] <= 0.0:
+            return False
+        correlation = left[0, 1] / math.sqrt(left[0, 0] * left[1, 1])
         self.right = bool(correlation > FOR)
         return bool(correlation < AGAINST)
 
@@ -107,8 +115,9 @@ class ConfigurationWatch:
             return
         for name, turns in self._turns.items():
             left, right = AXLES[name]
-            turns.add(turn, float(rotation[right] - rotation[left]) * self._radius[left] / self._track[name])
-        self._gyro.add(turn, yaw)
+            shown = float(rotation[right] - rotation[left]) * self._radius[left] / self._track[name]
+            turns.add(turn, shown, 0.5 * (fix.speed_mps + before.speed_mps) * step_s)
+        self._gyro.add(turn, yaw, step_s)
         self._decide()
 
     def _decide(self) -> None:
