@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -134,7 +135,20 @@ def test_the_page_says_how_certain_a_finding_is() -> None:
 
     assert "1 finding and 1 suspicion" in page.text
     assert "GNSS latency|suspicion|0.2|" in page.text
-    assert "A suspicion, which noise may make as well (p = 0.2)" in page.text
+    assert "A suspicion, which noise may make as well (p 0.2)" in page.text
+
+
+def test_the_least_p_value_is_printed_as_a_bound() -> None:
+    """A fitted tail tells no probability below 1e-9: that value is `<=`, one above it is itself."""
+    least, above = replace(LATENCY, p_value=1e-9), replace(LATENCY, p_value=2e-9)
+    found = replace(FOUND, findings=(least, above))
+    text = diagnosis_summary(found, None)
+    page = Page(diagnosis_page(found, ["monday"], ORIGIN))
+
+    assert [", p <= 1e-09)", ", p 2e-09)"] == re.findall(r", p .*?\)", text)
+    assert "GNSS latency|finding|<= 1e-09|" in page.text
+    assert "GNSS latency|finding|2e-09|" in page.text
+    assert [" (p <= 1e-09)", " (p 2e-09)"] == re.findall(r" \(p .*?\)", page.text)
 
 
 def test_small_lengths_are_in_millimetres_on_the_page() -> None:

@@ -18,6 +18,7 @@ from tpmsd.diagnosis.assessment.result import (
     Quantity,
     Where,
 )
+from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.physics.catalogue import sentence_of
 from tpmsd.physics.covariates import COVARIATES
 from tpmsd.report.alarms_compared import AlarmsCompared, alarms_summary
@@ -105,7 +106,7 @@ def reached(reach: Reach) -> str:
 def _paragraph(number: int, finding: Finding) -> list[str]:
     sure = f"confidence {finding.confidence:.2f}"
     if finding.p_value is not None:
-        sure += f", p {finding.p_value:.1g}"
+        sure += f", p {p_text(finding.p_value)}"
     if finding.status != FINDING:
         sure = f"a suspicion, {sure}"
     lines = [f"{number}. {finding.effect} ({sure}): {sentence_of(finding.effect)}."]
@@ -136,6 +137,12 @@ def explained(one: Explanatory) -> str:
     if one.without:
         text += f"; without {' and '.join(one.without)} on the bus it is told by the wheels' own motion"
     return text + "."
+
+
+def p_text(p_value: float) -> str:
+    """A probability in one digit; at the least that a fitted tail tells, a bound and no measured value."""
+    least = SETTINGS.robustness.least_p
+    return f"{p_value:.1g}" if p_value > least else f"<= {least:.0e}"
 
 
 def quantity_text(quantity: Quantity) -> str:
