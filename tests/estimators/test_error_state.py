@@ -243,6 +243,6 @@ def test_filter_and_effect_have_one_prior(place: int) -> None:
     mean, covariance = initial_state(1, NOMINAL)
 
     assert (mean[0, place], math.sqrt(covariance[0, place, place])) == pytest.approx(expected)
-    for known, (what, _) in EFFECTS[effect].in_calibration.items():
+    for known, what, _ in EFFECTS[effect].in_calibration:
         if what == name:
             assert CALIBRATION_PRIOR[known] == pytest.approx(expected)

@@ -46,7 +46,7 @@ def _usual() -> dict[str, tuple[float, float]]:
     out = {}
     for effect in EFFECTS.values():
         numbers = {one.name: one for one in effect.parameters if isinstance(one, Parameter)}
-        for name, (what, _) in effect.in_calibration.items():
+        for name, what, _ in effect.in_calibration:
             one = numbers.get(what, next(iter(numbers.values())))
             if one.prior is not None:
                 out[name] = (one.prior.mean - one.neutral, one.prior.std)

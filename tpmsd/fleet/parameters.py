@@ -42,7 +42,9 @@ CONTRASTS = (
 BACK = np.array([[1.0, 0.5, 0.5, 0.0], [1.0, 0.5, -0.5, 0.0], [1.0, -0.5, 0.0, 0.5], [1.0, -0.5, 0.0, -0.5]])
 """(4, 4) radii fl fr rl rr of the four contrasts."""
 _EFFECTS = {
-    name: (effect.name, *what) for effect in EFFECTS.values() for name, what in effect.in_calibration.items()
+    name: (effect.name, what, unit)
+    for effect in EFFECTS.values()
+    for name, what, unit in effect.in_calibration
 }
 REST = tuple(name for name in PARAMETERS if name not in RADII)
 PARAMETERS_OF_FLEET = (

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
-from types import MappingProxyType
 from typing import ClassVar
 
 import numpy as np
@@ -127,8 +126,8 @@ class Effect:
     """Whether a drive cannot have its own value, as a slope's share in the horizontal."""
     always_fitted: ClassVar[bool] = False
     """Of a nuisance: part of the baseline model, not a hypothesis."""
-    in_calibration: ClassVar[Mapping[str, tuple[str, str]]] = MappingProxyType({})
-    """By its name in a joint calibration, what the number there is, and its unit."""
+    in_calibration: ClassVar[tuple[tuple[str, str, str], ...]] = ()
+    """Rows: its name in a joint calibration, what the number there is, and its unit."""
     everywhere: ClassVar[bool] = False
     """Whether it acts at all times alike, so that its place is the whole drive."""
     drifts_into: ClassVar[str] = ""

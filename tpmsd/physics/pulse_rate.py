@@ -39,11 +39,11 @@ def rate_per_s(description: str) -> tuple[WheelParameter | Parameter, ...]:
 class PulseRate(Effect):
     """The counter of one wheel shows pulses more or less than its ring has, at a rate that goes with time."""
 
-    kind: ClassVar[Kind] = Kind.INSTRUMENT
-    telling_drive: ClassVar[str] = "hold several speeds from 10 to 35 m/s for a minute each"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "speed")
-    one_sign: ClassVar[bool] = True
-    places: ClassVar[tuple[str, ...]] = WHEELS
+    kind = Kind.INSTRUMENT
+    telling_drive = "hold several speeds from 10 to 35 m/s for a minute each"
+    shows_in = ("wheel_ratio", "speed")
+    one_sign = True
+    places = WHEELS
     more: ClassVar[float]
     """Pulses shown for each of the rate: 1 or -1."""
     wheel: str

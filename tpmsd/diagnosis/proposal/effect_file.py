@@ -21,7 +21,6 @@ TEMPLATE = '''"""Proposed by tpmsd diagnose --propose: {formula} on {on}."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -39,11 +38,11 @@ class {title}(Effect):
     held-out blocks; find the physics, its usual size and a better name before it is kept.
     """
 
-    name: ClassVar[str] = "{name}"
-    formula: ClassVar[str] = "{what} = coefficient * {formula}"
-    sentence: ClassVar[str] = "a closed form that was proposed and has no physics yet"
-    shows_in: ClassVar[tuple[str, str]] = ("{channel}", "{covariate}")
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "{name}"
+    formula = "{what} = coefficient * {formula}"
+    sentence = "a closed form that was proposed and has no physics yet"
+    shows_in = ("{channel}", "{covariate}")
+    parameters = (
         Parameter(
             "coefficient",
             "{unit}",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -24,15 +23,15 @@ class AccelerometerBias(Effect):
     and life (data sheets).
     """
 
-    name: ClassVar[str] = "accelerometer_bias"
-    kind: ClassVar[Kind] = Kind.INSTRUMENT
-    formula: ClassVar[str] = "accelerations read = accelerations + (long_mps2, lat_mps2)"
-    sentence: ClassVar[str] = "the accelerometers read a constant more than acts"
-    telling_drive: ClassVar[str] = "drive the same road there and back: a bank and a slope change their signs"
-    shows_in: ClassVar[tuple[str, str]] = ("accel_lat", "time")
-    reads: ClassVar[tuple[str, ...]] = ("accel_long", "accel_lat")
-    confounded: ClassVar[tuple[str, ...]] = ("accelerometer_tilt", "road_bank")
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "accelerometer_bias"
+    kind = Kind.INSTRUMENT
+    formula = "accelerations read = accelerations + (long_mps2, lat_mps2)"
+    sentence = "the accelerometers read a constant more than acts"
+    telling_drive = "drive the same road there and back: a bank and a slope change their signs"
+    shows_in = ("accel_lat", "time")
+    reads = ("accel_long", "accel_lat")
+    confounded = ("accelerometer_tilt", "road_bank")
+    parameters = (
         Parameter(
             "long_mps2",
             "m/s2",

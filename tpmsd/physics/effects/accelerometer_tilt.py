@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -27,18 +26,14 @@ class AccelerometerTilt(Effect):
     a body's floor, 1 to 3 degrees.
     """
 
-    name: ClassVar[str] = "accelerometer_tilt"
-    kind: ClassVar[Kind] = Kind.INSTRUMENT
-    formula: ClassVar[str] = (
-        "(a_x + yaw_rad * a_y + g * sin(pitch_rad), a_y - yaw_rad * a_x + g * sin(roll_rad)) is read"
-    )
-    sentence: ClassVar[str] = "the accelerometers are turned in their mount"
-    telling_drive: ClassVar[str] = (
-        "brake firmly on a straight and take bends at a constant speed, ten times each"
-    )
-    shows_in: ClassVar[tuple[str, str]] = ("accel_lat", "accel_long")
-    reads: ClassVar[tuple[str, ...]] = ("accel_long", "accel_lat")
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "accelerometer_tilt"
+    kind = Kind.INSTRUMENT
+    formula = "(a_x + yaw_rad * a_y + g * sin(pitch_rad), a_y - yaw_rad * a_x + g * sin(roll_rad)) is read"
+    sentence = "the accelerometers are turned in their mount"
+    telling_drive = "brake firmly on a straight and take bends at a constant speed, ten times each"
+    shows_in = ("accel_lat", "accel_long")
+    reads = ("accel_long", "accel_lat")
+    parameters = (
         Parameter(
             "yaw_rad",
             "rad",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -20,15 +19,15 @@ class AmbientPressure(Effect):
     Source: barometric formula, 1.2 kPa per 100 m at sea level; 1 % of 220 kPa is 0.07 mm: 3.8e-7 m per m.
     """
 
-    name: ClassVar[str] = "ambient_pressure"
-    formula: ClassVar[str] = "delta_r = per_m * (height - height at the start) on all wheels"
-    sentence: ClassVar[str] = "the tyres grow with the height above the sea"
-    telling_drive: ClassVar[str] = "drive up and down a mountain of 500 m"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel", "grade")
-    needs: ClassVar[tuple[str, ...]] = ("gnss", "slopes")
-    one_sign: ClassVar[bool] = True
-    looks: ClassVar[Look] = Look.COMMON
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "ambient_pressure"
+    formula = "delta_r = per_m * (height - height at the start) on all wheels"
+    sentence = "the tyres grow with the height above the sea"
+    telling_drive = "drive up and down a mountain of 500 m"
+    shows_in = ("wheel", "grade")
+    needs = ("gnss", "slopes")
+    one_sign = True
+    looks = Look.COMMON
+    parameters = (
         Parameter(
             "per_m",
             "1",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
 from tpmsd.physics.motion import Car
@@ -22,18 +21,18 @@ class AntennaLeverArm(Effect):
     arm slows the antenna down in a left turn. Source: rigid-body kinematics.
     """
 
-    name: ClassVar[str] = "antenna_lever_arm"
-    kind: ClassVar[Kind] = Kind.INSTRUMENT
-    formula: ClassVar[str] = "antenna at (forward_m, left_m) from its configured place"
-    needs: ClassVar[tuple[str, ...]] = ("gnss",)
-    in_calibration: ClassVar[Mapping[str, tuple[str, str]]] = {
-        "antenna_forward": ("forward_m", "m"),
-        "antenna_left": ("left_m", "m"),
-    }
-    sentence: ClassVar[str] = "the antenna is not where the configuration says"
-    telling_drive: ClassVar[str] = "drive full circles at walking pace, to both sides, then bends at speed"
-    shows_in: ClassVar[tuple[str, str]] = ("gnss_course", "yaw_rate")
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "antenna_lever_arm"
+    kind = Kind.INSTRUMENT
+    formula = "antenna at (forward_m, left_m) from its configured place"
+    needs = ("gnss",)
+    in_calibration = (
+        ("antenna_forward", "forward_m", "m"),
+        ("antenna_left", "left_m", "m"),
+    )
+    sentence = "the antenna is not where the configuration says"
+    telling_drive = "drive full circles at walking pace, to both sides, then bends at speed"
+    shows_in = ("gnss_course", "yaw_rate")
+    parameters = (
         Parameter(
             "forward_m",
             "m",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -23,15 +22,15 @@ class BrakeHeat(Effect):
     386 m2/s2, and a rim that is 10 K warmer by it gives 0.3 mm: k of 7e-7 s2/m.
     """
 
-    name: ClassVar[str] = "brake_heat"
-    formula: ClassVar[str] = "delta_r = k * h, dh/dt = max(-a_x, 0) * v - h / cooling_s, on its wheels"
-    sentence: ClassVar[str] = "brakes warm wheels, which grow and cool down again"
-    telling_drive: ClassVar[str] = "brake firmly from 30 m/s ten times, then roll for ten minutes"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "time")
-    one_sign: ClassVar[bool] = True
-    looks: ClassVar[Look] = Look.WHEEL
-    places: ClassVar[tuple[str, ...]] = ("front", "rear", "fl", "fr", "rl", "rr")
-    grid: ClassVar[Grid] = Grid(
+    name = "brake_heat"
+    formula = "delta_r = k * h, dh/dt = max(-a_x, 0) * v - h / cooling_s, on its wheels"
+    sentence = "brakes warm wheels, which grow and cool down again"
+    telling_drive = "brake firmly from 30 m/s ten times, then roll for ten minutes"
+    shows_in = ("wheel_ratio", "time")
+    one_sign = True
+    looks = Look.WHEEL
+    places = ("front", "rear", "fl", "fr", "rl", "rr")
+    grid = Grid(
         "cooling_s",
         values=(80.0, 200.0, 500.0),
         middle=200.0,
@@ -40,7 +39,7 @@ class BrakeHeat(Effect):
         step=1.5,
     )
     """Discs and rims take two to ten minutes."""
-    parameters: ClassVar[tuple[TextParameter | Parameter, ...]] = (
+    parameters = (
         TextParameter("wheels", "front", "wheels that warm up: their names, or front, rear"),
         Parameter(
             "growth",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -21,15 +20,15 @@ class BrakeSlip(Effect):
     in front (Gustafsson, Automatica 33(6), 1997; Gillespie, ch. 3): 1e-3 to 5e-3 s2/m.
     """
 
-    name: ClassVar[str] = "brake_slip"
-    formula: ClassVar[str] = "omega * r = v * (1 - c * max(-a_x, 0)), c = front or rear"
-    sentence: ClassVar[str] = "all wheels slip under the brakes"
-    telling_drive: ClassVar[str] = "brake firmly and gently from the same speed on a straight, ten times"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "accel_long")
-    one_sign: ClassVar[bool] = True
-    ratio_limits: ClassVar[tuple[float, float]] = (0.2, 1.0)
+    name = "brake_slip"
+    formula = "omega * r = v * (1 - c * max(-a_x, 0)), c = front or rear"
+    sentence = "all wheels slip under the brakes"
+    telling_drive = "brake firmly and gently from the same speed on a straight, ten times"
+    shows_in = ("wheel_ratio", "accel_long")
+    one_sign = True
+    ratio_limits = (0.2, 1.0)
     """The front brakes bear half to five sixths of the force."""
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    parameters = (
         Parameter(
             "front",
             "s2/m",

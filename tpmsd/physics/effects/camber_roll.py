@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -21,13 +20,13 @@ class CamberRoll(Effect):
     (Pacejka, Tyre and Vehicle Dynamics, 2012, section 4.3): 0.1 mm at 5 m/s2 is 4e-6 s4/m.
     """
 
-    name: ClassVar[str] = "camber_roll"
-    formula: ClassVar[str] = "delta_r = -c * a_y^2 on all wheels"
-    sentence: ClassVar[str] = "in bends the wheels lean and roll on a smaller radius"
-    telling_drive: ClassVar[str] = "drive the same bend slowly and fast, to both sides"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel", "accel_lat")
-    one_sign: ClassVar[bool] = True
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "camber_roll"
+    formula = "delta_r = -c * a_y^2 on all wheels"
+    sentence = "in bends the wheels lean and roll on a smaller radius"
+    telling_drive = "drive the same bend slowly and fast, to both sides"
+    shows_in = ("wheel", "accel_lat")
+    one_sign = True
+    parameters = (
         Parameter(
             "coefficient",
             "s4/m",

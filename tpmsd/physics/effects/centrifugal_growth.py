@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -22,15 +20,15 @@ class CentrifugalGrowth(Effect):
     about 1e-6 s2/m.
     """
 
-    name: ClassVar[str] = "centrifugal_growth"
-    formula: ClassVar[str] = "delta_r = k * v^2 on all wheels"
-    looks: ClassVar[Look] = Look.COMMON
-    in_calibration: ClassVar[Mapping[str, tuple[str, str]]] = {"growth": ("coefficient", "s2/m")}
-    sentence: ClassVar[str] = "the tyres grow with speed"
-    telling_drive: ClassVar[str] = "hold 30 m/s for two minutes, then coast to 15 m/s, twice"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel", "speed")
-    one_sign: ClassVar[bool] = True
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "centrifugal_growth"
+    formula = "delta_r = k * v^2 on all wheels"
+    looks = Look.COMMON
+    in_calibration = (("growth", "coefficient", "s2/m"),)
+    sentence = "the tyres grow with speed"
+    telling_drive = "hold 30 m/s for two minutes, then coast to 15 m/s, twice"
+    shows_in = ("wheel", "speed")
+    one_sign = True
+    parameters = (
         Parameter(
             "coefficient",
             "s2/m",

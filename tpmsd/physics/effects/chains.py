@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from tpmsd.physics.effect import Kind, Parameter, Prior, TextParameter
 from tpmsd.physics.slip_event import LONGEST_S, SlipEvent
@@ -20,15 +19,15 @@ class Chains(SlipEvent):
     they stay on for minutes to hours, longer than wheels lock.
     """
 
-    name: ClassVar[str] = "chains"
-    kind: ClassVar[Kind] = Kind.EVENT
-    formula: ClassVar[str] = "omega * r = v * (1 + slip) on its wheels, onset_s <= t < onset_s + duration_s"
-    sentence: ClassVar[str] = "an axle rolls on chains for a while"
-    telling_drive: ClassVar[str] = "drive the stretch again without chains"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "time")
-    own_per_drive: ClassVar[bool] = True
-    span: ClassVar[bool] = True
-    parameters: ClassVar[tuple[TextParameter | Parameter, ...]] = (
+    name = "chains"
+    kind = Kind.EVENT
+    formula = "omega * r = v * (1 + slip) on its wheels, onset_s <= t < onset_s + duration_s"
+    sentence = "an axle rolls on chains for a while"
+    telling_drive = "drive the stretch again without chains"
+    shows_in = ("wheel_ratio", "time")
+    own_per_drive = True
+    span = True
+    parameters = (
         TextParameter("wheels", "front", "wheels with chains, by name, or front, rear"),
         Parameter(
             "slip",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -25,15 +24,15 @@ class ClockDrift(Effect):
     another one reaches 5e-4 (NTP, RFC 5905).
     """
 
-    name: ClassVar[str] = "clock_drift"
-    kind: ClassVar[Kind] = Kind.INSTRUMENT
-    formula: ClassVar[str] = "host clock - UTC = constant + rate * t + step_s * (t >= at_s)"
-    sentence: ClassVar[str] = "the host's clock drifts against UTC"
-    telling_drive: ClassVar[str] = "any drive of ten minutes with fixes that carry UTC"
-    shows_in: ClassVar[tuple[str, str]] = ("clock", "time")
-    reads: ClassVar[tuple[str, ...]] = ("clock",)
-    own_per_drive: ClassVar[bool] = True
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "clock_drift"
+    kind = Kind.INSTRUMENT
+    formula = "host clock - UTC = constant + rate * t + step_s * (t >= at_s)"
+    sentence = "the host's clock drifts against UTC"
+    telling_drive = "any drive of ten minutes with fixes that carry UTC"
+    shows_in = ("clock", "time")
+    reads = ("clock",)
+    own_per_drive = True
+    parameters = (
         Parameter(
             "rate",
             "1",

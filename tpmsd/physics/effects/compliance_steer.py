@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -26,13 +25,13 @@ class ComplianceSteer(Effect):
     Dynamics, ch. 6); more with a loaded nose or worn bushings, less than zero where the tail breaks away.
     """
 
-    name: ClassVar[str] = "compliance_steer"
-    formula: ClassVar[str] = "steering wheel read = ratio * (atan(wheelbase * curvature) + c * a_y)"
-    sentence: ClassVar[str] = "the steering gives way in bends by more or less than a car's does"
-    telling_drive: ClassVar[str] = "drive the same bend slowly and fast, to both sides"
-    shows_in: ClassVar[tuple[str, str]] = ("steering", "accel_lat")
-    reads: ClassVar[tuple[str, ...]] = ("steering",)
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "compliance_steer"
+    formula = "steering wheel read = ratio * (atan(wheelbase * curvature) + c * a_y)"
+    sentence = "the steering gives way in bends by more or less than a car's does"
+    telling_drive = "drive the same bend slowly and fast, to both sides"
+    shows_in = ("steering", "accel_lat")
+    reads = ("steering",)
+    parameters = (
         Parameter(
             "coefficient",
             "rad.s2/m",

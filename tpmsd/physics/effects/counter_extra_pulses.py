@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
-from tpmsd.physics.effect import Parameter, WheelParameter
 from tpmsd.physics.pulse_rate import PulseRate, rate_per_s
 
 
@@ -18,9 +16,9 @@ class CounterExtraPulses(PulseRate):
     contact.
     """
 
-    name: ClassVar[str] = "counter_extra_pulses"
-    formula: ClassVar[str] = "omega shown = omega + 2 * pi * rate_per_s / teeth on one wheel"
-    sentence: ClassVar[str] = "a wheel's counter adds pulses"
-    mirror_of: ClassVar[str] = "counter_missed_pulses"
-    parameters: ClassVar[tuple[WheelParameter | Parameter, ...]] = rate_per_s("pulses added per second")
-    more: ClassVar[float] = 1.0
+    name = "counter_extra_pulses"
+    formula = "omega shown = omega + 2 * pi * rate_per_s / teeth on one wheel"
+    sentence = "a wheel's counter adds pulses"
+    mirror_of = "counter_missed_pulses"
+    parameters = rate_per_s("pulses added per second")
+    more = 1.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -23,15 +22,15 @@ class CounterLostLowSpeed(Effect):
     Automotive Handbook, wheel-speed sensors).
     """
 
-    name: ClassVar[str] = "counter_lost_low_speed"
-    kind: ClassVar[Kind] = Kind.INSTRUMENT
-    formula: ClassVar[str] = "omega shown = omega * (1 - lost) where v < below_mps"
-    sentence: ClassVar[str] = "counts are lost below a speed"
-    telling_drive: ClassVar[str] = "roll at walking pace for a minute, under the open sky"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel", "speed")
-    needs: ClassVar[tuple[str, ...]] = ("gnss_speed",)
-    at_walking_pace: ClassVar[bool] = True
-    parameters: ClassVar[tuple[TextParameter | Parameter, ...]] = (
+    name = "counter_lost_low_speed"
+    kind = Kind.INSTRUMENT
+    formula = "omega shown = omega * (1 - lost) where v < below_mps"
+    sentence = "counts are lost below a speed"
+    telling_drive = "roll at walking pace for a minute, under the open sky"
+    shows_in = ("wheel", "speed")
+    needs = ("gnss_speed",)
+    at_walking_pace = True
+    parameters = (
         TextParameter("wheels", "all", "wheels that lose counts: their names, or all"),
         Parameter(
             "below_mps",

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
-from tpmsd.physics.effect import Parameter, WheelParameter
 from tpmsd.physics.pulse_rate import PulseRate, rate_per_s
 
 
@@ -18,8 +16,8 @@ class CounterMissedPulses(PulseRate):
     frames.
     """
 
-    name: ClassVar[str] = "counter_missed_pulses"
-    formula: ClassVar[str] = "omega shown = omega - 2 * pi * rate_per_s / teeth on one wheel"
-    sentence: ClassVar[str] = "a wheel's counter loses pulses"
-    parameters: ClassVar[tuple[WheelParameter | Parameter, ...]] = rate_per_s("pulses lost per second")
-    more: ClassVar[float] = -1.0
+    name = "counter_missed_pulses"
+    formula = "omega shown = omega - 2 * pi * rate_per_s / teeth on one wheel"
+    sentence = "a wheel's counter loses pulses"
+    parameters = rate_per_s("pulses lost per second")
+    more = -1.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -23,17 +22,15 @@ class DopplerHeadingError(Effect):
     Global Positioning System, 2011, section 5.5).
     """
 
-    name: ClassVar[str] = "doppler_heading_error"
-    kind: ClassVar[Kind] = Kind.INSTRUMENT
-    formula: ClassVar[str] = (
-        "speed shown = speed + east_mps * cos(heading) + north_mps * sin(heading); course by the rest"
-    )
-    sentence: ClassVar[str] = "the receiver's velocity has a constant error"
-    telling_drive: ClassVar[str] = "drive the same road there and back"
-    shows_in: ClassVar[tuple[str, str]] = ("gnss_speed", "time")
-    needs: ClassVar[tuple[str, ...]] = ("gnss_speed",)
-    own_per_drive: ClassVar[bool] = True
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "doppler_heading_error"
+    kind = Kind.INSTRUMENT
+    formula = "speed shown = speed + east_mps * cos(heading) + north_mps * sin(heading); course by the rest"
+    sentence = "the receiver's velocity has a constant error"
+    telling_drive = "drive the same road there and back"
+    shows_in = ("gnss_speed", "time")
+    needs = ("gnss_speed",)
+    own_per_drive = True
+    parameters = (
         Parameter(
             "east_mps",
             "m/s",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -32,19 +31,19 @@ class DriveSlipCurve(Effect):
     1970: F = C * s for F < mu * F_z / 2, else F = mu * F_z * (1 - mu * F_z / (4 * C * s)), solved for s.
     """
 
-    name: ClassVar[str] = "drive_slip_curve"
-    formula: ClassVar[str] = (
+    name = "drive_slip_curve"
+    formula = (
         "omega * r = v * (1 + s + d * v^2) on driven wheels, s = c * a_x for |a_x| < A/2,"
         " else sign(a_x) * c * A^2 / (4 * (A - |a_x|))"
     )
-    sentence: ClassVar[str] = "driven wheels slip more than in proportion to the drive force"
-    telling_drive: ClassVar[str] = "accelerate gently and as firmly as the road allows, ten times each"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "accel_long")
-    one_sign: ClassVar[bool] = True
-    limit: ClassVar[str] = "longitudinal_slip"
-    ratio_limits: ClassVar[tuple[float, float]] = (0.0, 5e-3)
+    sentence = "driven wheels slip more than in proportion to the drive force"
+    telling_drive = "accelerate gently and as firmly as the road allows, ten times each"
+    shows_in = ("wheel_ratio", "accel_long")
+    one_sign = True
+    limit = "longitudinal_slip"
+    ratio_limits = (0.0, 5e-3)
     """One tyre under two forces: d/c is half a rho c_d A / m, 3e-4 /m for a car, 1e-3 for a tall one."""
-    grid: ClassVar[Grid] = Grid(
+    grid = Grid(
         "saturation_mps2",
         values=(1.3, 2.6, 5.2),
         middle=2.6,
@@ -53,7 +52,7 @@ class DriveSlipCurve(Effect):
         step=1.4,
     )
     """Snow, a wet road, a dry one."""
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    parameters = (
         Parameter(
             "slip_per_accel",
             "s2/m",

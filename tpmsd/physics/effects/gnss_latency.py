@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 from tpmsd.physics.effect import Effect, Kind, Parameter
 from tpmsd.physics.priors import FIX_AGE_S
@@ -22,18 +20,18 @@ class GnssLatency(Effect):
     the epoch, 30 to 300 ms by make, rate and baud.
     """
 
-    name: ClassVar[str] = "gnss_latency"
-    kind: ClassVar[Kind] = Kind.INSTRUMENT
-    formula: ClassVar[str] = "position, speed and course of t arrive at t + latency_s"
-    needs: ClassVar[tuple[str, ...]] = ("gnss",)
-    beside: ClassVar[tuple[str, ...]] = ("velocity_lag",)
-    beside_value: ClassVar[tuple[str, ...]] = ("lateral_slip",)
-    in_calibration: ClassVar[Mapping[str, tuple[str, str]]] = {"latency": ("latency_s", "s")}
-    sentence: ClassVar[str] = "a fix arrives later than it was valid (GNSS latency)"
-    telling_drive: ClassVar[str] = "accelerate and brake firmly on a straight, ten times"
-    shows_in: ClassVar[tuple[str, str]] = ("gnss_speed", "accel_long")
-    one_sign: ClassVar[bool] = True
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "gnss_latency"
+    kind = Kind.INSTRUMENT
+    formula = "position, speed and course of t arrive at t + latency_s"
+    needs = ("gnss",)
+    beside = ("velocity_lag",)
+    beside_value = ("lateral_slip",)
+    in_calibration = (("latency", "latency_s", "s"),)
+    sentence = "a fix arrives later than it was valid (GNSS latency)"
+    telling_drive = "accelerate and brake firmly on a straight, ten times"
+    shows_in = ("gnss_speed", "accel_long")
+    one_sign = True
+    parameters = (
         Parameter(
             "latency_s",
             "s",

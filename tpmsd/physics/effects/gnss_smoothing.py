@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -26,16 +25,16 @@ class GnssSmoothing(Effect):
     for pedestrians or ships, time constants of 0.5 to 3 s (dynamic models in receivers' manuals).
     """
 
-    name: ClassVar[str] = "gnss_smoothing"
-    kind: ClassVar[Kind] = Kind.INSTRUMENT
-    formula: ClassVar[str] = "speed and course shown = first-order low-pass of time_constant_s"
-    sentence: ClassVar[str] = "the receiver smooths its speed and course"
-    telling_drive: ClassVar[str] = "accelerate and brake as hard as the traffic allows, ten times"
-    shows_in: ClassVar[tuple[str, str]] = ("gnss_speed", "accel_long")
-    needs: ClassVar[tuple[str, ...]] = ("gnss_speed",)
-    beside: ClassVar[tuple[str, ...]] = ("velocity_lag",)
-    one_sign: ClassVar[bool] = True
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "gnss_smoothing"
+    kind = Kind.INSTRUMENT
+    formula = "speed and course shown = first-order low-pass of time_constant_s"
+    sentence = "the receiver smooths its speed and course"
+    telling_drive = "accelerate and brake as hard as the traffic allows, ten times"
+    shows_in = ("gnss_speed", "accel_long")
+    needs = ("gnss_speed",)
+    beside = ("velocity_lag",)
+    one_sign = True
+    parameters = (
         Parameter(
             "time_constant_s",
             "s",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
 
@@ -17,13 +16,13 @@ class GradeShare(Effect):
     Models, 1987, section 1.1).
     """
 
-    name: ClassVar[str] = "grade_share"
-    kind: ClassVar[Kind] = Kind.NUISANCE
-    formula: ClassVar[str] = "grade = share * grade by heights"
-    sentence: ClassVar[str] = "slopes by the receiver's heights are not those that the wheels feel"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "grade")
-    needs: ClassVar[tuple[str, ...]] = ("heights",)
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "grade_share"
+    kind = Kind.NUISANCE
+    formula = "grade = share * grade by heights"
+    sentence = "slopes by the receiver's heights are not those that the wheels feel"
+    shows_in = ("wheel_ratio", "grade")
+    needs = ("heights",)
+    parameters = (
         Parameter(
             "share",
             "1",

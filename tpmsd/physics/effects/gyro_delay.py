@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -19,15 +18,15 @@ class GyroDelay(Effect):
     Source: group delay of a stability controller's low-pass of 10 to 30 Hz, and half a sampling interval.
     """
 
-    name: ClassVar[str] = "gyro_delay"
-    kind: ClassVar[Kind] = Kind.NUISANCE
-    formula: ClassVar[str] = "reading = truth - delay_s * d truth / dt"
-    sentence: ClassVar[str] = "the gyro's readings are old"
-    shows_in: ClassVar[tuple[str, str]] = ("yaw_rate", "time")
-    needs: ClassVar[tuple[str, ...]] = ("yaw_rate",)
-    own_per_drive: ClassVar[bool] = True
-    always_fitted: ClassVar[bool] = True
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "gyro_delay"
+    kind = Kind.NUISANCE
+    formula = "reading = truth - delay_s * d truth / dt"
+    sentence = "the gyro's readings are old"
+    shows_in = ("yaw_rate", "time")
+    needs = ("yaw_rate",)
+    own_per_drive = True
+    always_fitted = True
+    parameters = (
         Parameter(
             "delay_s",
             "s",

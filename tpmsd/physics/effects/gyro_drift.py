@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -20,16 +19,16 @@ class GyroDrift(Effect):
     minutes.
     """
 
-    name: ClassVar[str] = "gyro_drift"
-    kind: ClassVar[Kind] = Kind.INSTRUMENT
-    formula: ClassVar[str] = "reading = truth + rate * t"
-    sentence: ClassVar[str] = "the gyro's zero drifts through the drive"
-    telling_drive: ClassVar[str] = "stand still for a minute at the beginning and at the end"
-    shows_in: ClassVar[tuple[str, str]] = ("yaw_rate", "time")
-    needs: ClassVar[tuple[str, ...]] = ("yaw_rate",)
-    own_per_drive: ClassVar[bool] = True
-    drifts_into: ClassVar[str] = "yaw_rate"
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "gyro_drift"
+    kind = Kind.INSTRUMENT
+    formula = "reading = truth + rate * t"
+    sentence = "the gyro's zero drifts through the drive"
+    telling_drive = "stand still for a minute at the beginning and at the end"
+    shows_in = ("yaw_rate", "time")
+    needs = ("yaw_rate",)
+    own_per_drive = True
+    drifts_into = "yaw_rate"
+    parameters = (
         Parameter(
             "rate",
             "rad/s2",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -30,14 +29,14 @@ class GyroMisalignment(Effect):
     3.4 degrees per g (Gillespie, Fundamentals of Vehicle Dynamics, ch. 6).
     """
 
-    name: ClassVar[str] = "gyro_misalignment"
-    kind: ClassVar[Kind] = Kind.INSTRUMENT
-    formula: ClassVar[str] = "reading = truth - sideways_rad * d(grade)/dt + forward_rad * K * d(a_y)/dt"
-    sentence: ClassVar[str] = "the gyro is not mounted upright"
-    telling_drive: ClassVar[str] = "drive straight over sharp crests and dips, ten times"
-    shows_in: ClassVar[tuple[str, str]] = ("yaw_rate", "grade")
-    needs: ClassVar[tuple[str, ...]] = ("yaw_rate", "slopes")
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "gyro_misalignment"
+    kind = Kind.INSTRUMENT
+    formula = "reading = truth - sideways_rad * d(grade)/dt + forward_rad * K * d(a_y)/dt"
+    sentence = "the gyro is not mounted upright"
+    telling_drive = "drive straight over sharp crests and dips, ten times"
+    shows_in = ("yaw_rate", "grade")
+    needs = ("yaw_rate", "slopes")
+    parameters = (
         Parameter(
             "sideways_rad",
             "rad",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -23,14 +22,14 @@ class GyroTemperature(Effect):
     Source: zero-rate level of automotive gyros over temperature, 1e-4 to 5e-4 rad/s per K.
     """
 
-    name: ClassVar[str] = "gyro_temperature"
-    kind: ClassVar[Kind] = Kind.INSTRUMENT
-    formula: ClassVar[str] = "reading = truth + per_kelvin * (T - 293 K)"
-    sentence: ClassVar[str] = "the gyro's zero goes with the temperature"
-    telling_drive: ClassVar[str] = "drive from a warm garage into the cold"
-    shows_in: ClassVar[tuple[str, str]] = ("yaw_rate", "temperature")
-    needs: ClassVar[tuple[str, ...]] = ("yaw_rate", "temperature")
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "gyro_temperature"
+    kind = Kind.INSTRUMENT
+    formula = "reading = truth + per_kelvin * (T - 293 K)"
+    sentence = "the gyro's zero goes with the temperature"
+    telling_drive = "drive from a warm garage into the cold"
+    shows_in = ("yaw_rate", "temperature")
+    needs = ("yaw_rate", "temperature")
+    parameters = (
         Parameter(
             "per_kelvin",
             "rad/(s.K)",

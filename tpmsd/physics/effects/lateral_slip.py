@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 from tpmsd.physics.effect import Effect, Parameter, Prior
 from tpmsd.physics.motion import Motion
@@ -20,17 +18,15 @@ class LateralSlip(Effect):
     side-slip; Gillespie, ch. 6). 650 kg on 1e5 N/rad give c of about 6e-3 rad per m/s2.
     """
 
-    name: ClassVar[str] = "lateral_slip"
-    formula: ClassVar[str] = "beta = -c * a_y at the rear axle"
-    needs: ClassVar[tuple[str, ...]] = ("gnss",)
-    in_calibration: ClassVar[Mapping[str, tuple[str, str]]] = {"slip_lateral": ("coefficient", "rad.s2/m")}
-    sentence: ClassVar[str] = "the rear axle drifts outwards in bends"
-    telling_drive: ClassVar[str] = (
-        "drive the same bend slowly and fast: slip grows with speed, a lever arm does not"
-    )
-    shows_in: ClassVar[tuple[str, str]] = ("gnss_course", "accel_lat")
-    one_sign: ClassVar[bool] = True
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "lateral_slip"
+    formula = "beta = -c * a_y at the rear axle"
+    needs = ("gnss",)
+    in_calibration = (("slip_lateral", "coefficient", "rad.s2/m"),)
+    sentence = "the rear axle drifts outwards in bends"
+    telling_drive = "drive the same bend slowly and fast: slip grows with speed, a lever arm does not"
+    shows_in = ("gnss_course", "accel_lat")
+    one_sign = True
+    parameters = (
         Parameter(
             "coefficient",
             "rad.s2/m",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -28,15 +27,15 @@ class LoadStatic(Effect):
     the hook -0.25 mm and +0.05 mm in front.
     """
 
-    name: ClassVar[str] = "load_static"
-    formula: ClassVar[str] = "delta_r = front_m (front) or rear_m (rear) after the longest stop"
-    sentence: ClassVar[str] = "the load of an axle changed at a stop"
-    telling_drive: ClassVar[str] = "drive the same road with the load and without, a stop of a minute between"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "time")
-    looks: ClassVar[Look] = Look.WHEEL
-    own_per_drive: ClassVar[bool] = True
-    kind: ClassVar[Kind] = Kind.PHYSICS
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "load_static"
+    formula = "delta_r = front_m (front) or rear_m (rear) after the longest stop"
+    sentence = "the load of an axle changed at a stop"
+    telling_drive = "drive the same road with the load and without, a stop of a minute between"
+    shows_in = ("wheel_ratio", "time")
+    looks = Look.WHEEL
+    own_per_drive = True
+    kind = Kind.PHYSICS
+    parameters = (
         Parameter(
             "rear_m",
             "m",

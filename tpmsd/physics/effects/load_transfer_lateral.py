@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -23,15 +21,15 @@ class LoadTransferLateral(Effect):
     N per wheel and m/s2 on a 1500 kg car, and 0.25 mm per 500 N, give c of about 1.3e-4 s2.
     """
 
-    name: ClassVar[str] = "load_transfer_lateral"
-    formula: ClassVar[str] = "delta_r = +c * a_y left, -c * a_y right"
-    contrast: ClassVar[bool] = True
-    in_calibration: ClassVar[Mapping[str, tuple[str, str]]] = {"load_lateral": ("coefficient", "s2")}
-    sentence: ClassVar[str] = "bends shift load between the sides and change the radii"
-    telling_drive: ClassVar[str] = "drive the same bend slowly and fast, to both sides"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "accel_lat")
-    one_sign: ClassVar[bool] = True
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "load_transfer_lateral"
+    formula = "delta_r = +c * a_y left, -c * a_y right"
+    contrast = True
+    in_calibration = (("load_lateral", "coefficient", "s2"),)
+    sentence = "bends shift load between the sides and change the radii"
+    telling_drive = "drive the same bend slowly and fast, to both sides"
+    shows_in = ("wheel_ratio", "accel_lat")
+    one_sign = True
+    parameters = (
         Parameter(
             "coefficient",
             "s2",

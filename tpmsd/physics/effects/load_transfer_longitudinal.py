@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -22,14 +21,14 @@ class LoadTransferLongitudinal(Effect):
     Vehicle Dynamics, ch. 1. 156 N per m/s2 on a 1500 kg car, and 0.25 mm per 500 N, give c of about 8e-5 s2.
     """
 
-    name: ClassVar[str] = "load_transfer_longitudinal"
-    formula: ClassVar[str] = "delta_r = +c * a_x front, -c * a_x rear"
-    contrast: ClassVar[bool] = True
-    sentence: ClassVar[str] = "driving and braking shift load between the axles and change the radii"
-    telling_drive: ClassVar[str] = "brake and accelerate firmly on a straight, ten times"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "accel_long")
-    one_sign: ClassVar[bool] = True
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "load_transfer_longitudinal"
+    formula = "delta_r = +c * a_x front, -c * a_x rear"
+    contrast = True
+    sentence = "driving and braking shift load between the axles and change the radii"
+    telling_drive = "brake and accelerate firmly on a straight, ten times"
+    shows_in = ("wheel_ratio", "accel_long")
+    one_sign = True
+    parameters = (
         Parameter(
             "coefficient",
             "s2",

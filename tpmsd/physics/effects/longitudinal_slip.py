@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -25,16 +23,16 @@ class LongitudinalSlip(Effect):
     c * 2.7e-4 /m.
     """
 
-    name: ClassVar[str] = "longitudinal_slip"
-    formula: ClassVar[str] = "omega * r = v * (1 + c * a_x + d * v^2) on driven wheels"
-    in_calibration: ClassVar[Mapping[str, tuple[str, str]]] = {"slip_long": ("slip_per_accel", "s2/m")}
-    sentence: ClassVar[str] = "driven wheels slip under drive force"
-    telling_drive: ClassVar[str] = "accelerate firmly and coast at the same speeds on a straight, ten times"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "accel_long")
-    one_sign: ClassVar[bool] = True
-    ratio_limits: ClassVar[tuple[float, float]] = (0.0, 5e-3)
+    name = "longitudinal_slip"
+    formula = "omega * r = v * (1 + c * a_x + d * v^2) on driven wheels"
+    in_calibration = (("slip_long", "slip_per_accel", "s2/m"),)
+    sentence = "driven wheels slip under drive force"
+    telling_drive = "accelerate firmly and coast at the same speeds on a straight, ten times"
+    shows_in = ("wheel_ratio", "accel_long")
+    one_sign = True
+    ratio_limits = (0.0, 5e-3)
     """One tyre under two forces: d/c is half a rho c_d A / m, 3e-4 /m for a car, 1e-3 for a tall one."""
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    parameters = (
         Parameter(
             "slip_per_accel",
             "s2/m",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -22,16 +21,16 @@ class MessageDelay(Effect):
     Source: shown speed v(t - d) = v - d * a to first order; messages of 10 to 50 ms that are sent in turn.
     """
 
-    name: ClassVar[str] = "message_delay"
-    kind: ClassVar[Kind] = Kind.INSTRUMENT
-    formula: ClassVar[str] = "front wheels show v(t - front_s)"
-    sentence: ClassVar[str] = "the wheels of one message are older than those of another"
-    telling_drive: ClassVar[str] = "accelerate and brake firmly on a straight, ten times"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "accel_long")
-    needs: ClassVar[tuple[str, ...]] = ("accelerometer",)
+    name = "message_delay"
+    kind = Kind.INSTRUMENT
+    formula = "front wheels show v(t - front_s)"
+    sentence = "the wheels of one message are older than those of another"
+    telling_drive = "accelerate and brake firmly on a straight, ten times"
+    shows_in = ("wheel_ratio", "accel_long")
+    needs = ("accelerometer",)
     """Where slopes come from heights, drive force is too uncertain to be told from a delay."""
-    contrast: ClassVar[bool] = True
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    contrast = True
+    parameters = (
         Parameter(
             "front_s",
             "s",

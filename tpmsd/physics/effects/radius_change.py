@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -23,18 +22,16 @@ class RadiusChange(Effect):
     pressure is about -1.4 mm (`tpmsd.physics.tyre`).
     """
 
-    name: ClassVar[str] = "radius_change"
-    kind: ClassVar[Kind] = Kind.FAULT
-    formula: ClassVar[str] = (
-        "delta_r = deviation_m * clip((t - onset_s) / duration_s, 0, 1) on one or several wheels"
-    )
-    looks: ClassVar[Look] = Look.WHEEL
-    own_per_drive: ClassVar[bool] = True
-    ramp: ClassVar[bool] = True
-    sentence: ClassVar[str] = "the radius of a tyre changed during the drive: the fault itself"
-    telling_drive: ClassVar[str] = "repeat the drive: a tyre that lost air stays small, warm-up starts anew"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "time")
-    parameters: ClassVar[tuple[Parameter | WheelParameter, ...]] = (
+    name = "radius_change"
+    kind = Kind.FAULT
+    formula = "delta_r = deviation_m * clip((t - onset_s) / duration_s, 0, 1) on one or several wheels"
+    looks = Look.WHEEL
+    own_per_drive = True
+    ramp = True
+    sentence = "the radius of a tyre changed during the drive: the fault itself"
+    telling_drive = "repeat the drive: a tyre that lost air stays small, warm-up starts anew"
+    shows_in = ("wheel_ratio", "time")
+    parameters = (
         WheelParameter(description="which wheel, or wheels that change alike", several=True),
         Parameter(
             "deviation_m",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -20,15 +19,15 @@ class RadiusConstant(Effect):
     tread and pressure, one per cent.
     """
 
-    name: ClassVar[str] = "radius_constant"
-    kind: ClassVar[Kind] = Kind.NUISANCE
-    formula: ClassVar[str] = "delta_r = offset_m on one wheel"
-    sentence: ClassVar[str] = "a wheel's radius is not the configured one"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel", "speed")
-    own_per_drive: ClassVar[bool] = True
-    always_fitted: ClassVar[bool] = True
-    places: ClassVar[tuple[str, ...]] = WHEELS
-    parameters: ClassVar[tuple[Parameter | WheelParameter, ...]] = (
+    name = "radius_constant"
+    kind = Kind.NUISANCE
+    formula = "delta_r = offset_m on one wheel"
+    sentence = "a wheel's radius is not the configured one"
+    shows_in = ("wheel", "speed")
+    own_per_drive = True
+    always_fitted = True
+    places = WHEELS
+    parameters = (
         WheelParameter(),
         Parameter(
             "offset_m",

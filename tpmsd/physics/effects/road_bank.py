@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -28,13 +27,13 @@ class RoadBank(Effect):
     Geometric Design of Highways and Streets, 2018, chapters 3 and 4).
     """
 
-    name: ClassVar[str] = "road_bank"
-    formula: ClassVar[str] = "a_y read = a_y * (1 - bank_share) + g * sin(crown_rad)"
-    sentence: ClassVar[str] = "the road is banked: gravity bears a share of the force in bends"
-    telling_drive: ClassVar[str] = "drive the same bends at two speeds, and flat ones"
-    shows_in: ClassVar[tuple[str, str]] = ("accel_lat", "accel_lat")
-    reads: ClassVar[tuple[str, ...]] = ("accel_lat",)
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "road_bank"
+    formula = "a_y read = a_y * (1 - bank_share) + g * sin(crown_rad)"
+    sentence = "the road is banked: gravity bears a share of the force in bends"
+    telling_drive = "drive the same bends at two speeds, and flat ones"
+    shows_in = ("accel_lat", "accel_lat")
+    reads = ("accel_lat",)
+    parameters = (
         Parameter(
             "bank_share",
             "1",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -20,16 +19,16 @@ class RoadGrade(Effect):
     looks like 0.4 mm of radius.
     """
 
-    name: ClassVar[str] = "road_grade"
-    formula: ClassVar[str] = "horizontal way = cos(grade) * way rolled"
-    needs: ClassVar[tuple[str, ...]] = ("gnss", "slopes")
-    looks: ClassVar[Look] = Look.COMMON
-    alike_on_every_drive: ClassVar[bool] = True
-    shortens: ClassVar[bool] = True
-    sentence: ClassVar[str] = "wheels roll along slopes, the receiver reports the horizontal"
-    telling_drive: ClassVar[str] = "drive up and down a long slope of 5 % or more at constant speed"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel", "grade")
-    one_sign: ClassVar[bool] = True
+    name = "road_grade"
+    formula = "horizontal way = cos(grade) * way rolled"
+    needs = ("gnss", "slopes")
+    looks = Look.COMMON
+    alike_on_every_drive = True
+    shortens = True
+    sentence = "wheels roll along slopes, the receiver reports the horizontal"
+    telling_drive = "drive up and down a long slope of 5 % or more at constant speed"
+    shows_in = ("wheel", "grade")
+    one_sign = True
 
     def horizontal_factor(self, motion: Motion) -> FloatArray:
         """(n,) cos(grade)."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -22,14 +21,14 @@ class SpareOrMixedTyre(Effect):
     their circumference within +1.5 and -2.5 % (ETRTO Standards Manual).
     """
 
-    name: ClassVar[str] = "spare_or_mixed_tyre"
-    formula: ClassVar[str] = "delta_r = deviation_m on one wheel, for the whole drive"
-    sentence: ClassVar[str] = "one wheel has a tyre of another size"
-    telling_drive: ClassVar[str] = "drive once with the spare and once without"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "time")
-    own_per_drive: ClassVar[bool] = True
-    confounded: ClassVar[tuple[str, ...]] = ("radius_constant", "tone_ring_error")
-    parameters: ClassVar[tuple[WheelParameter | Parameter, ...]] = (
+    name = "spare_or_mixed_tyre"
+    formula = "delta_r = deviation_m on one wheel, for the whole drive"
+    sentence = "one wheel has a tyre of another size"
+    telling_drive = "drive once with the spare and once without"
+    shows_in = ("wheel_ratio", "time")
+    own_per_drive = True
+    confounded = ("radius_constant", "tone_ring_error")
+    parameters = (
         WheelParameter(),
         Parameter(
             "deviation_m",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -22,15 +21,15 @@ class SpeedRoundingOffset(Effect):
     Source: truncation to a step q has a mean error of -q / 2; steps of 0.01 to 1 km/h are met on buses.
     """
 
-    name: ClassVar[str] = "speed_rounding_offset"
-    kind: ClassVar[Kind] = Kind.INSTRUMENT
-    formula: ClassVar[str] = "speed shown = speed + offset_mps on all wheels"
-    sentence: ClassVar[str] = "the bus's wheel speeds have a constant offset"
-    telling_drive: ClassVar[str] = "hold several speeds from 5 to 35 m/s for a minute each"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel", "speed")
-    needs: ClassVar[tuple[str, ...]] = ("speeds", "gnss")
-    looks: ClassVar[Look] = Look.COMMON
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "speed_rounding_offset"
+    kind = Kind.INSTRUMENT
+    formula = "speed shown = speed + offset_mps on all wheels"
+    sentence = "the bus's wheel speeds have a constant offset"
+    telling_drive = "hold several speeds from 5 to 35 m/s for a minute each"
+    shows_in = ("wheel", "speed")
+    needs = ("speeds", "gnss")
+    looks = Look.COMMON
+    parameters = (
         Parameter(
             "offset_mps",
             "m/s",

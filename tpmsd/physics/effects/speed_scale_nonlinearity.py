@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -21,15 +20,15 @@ class SpeedScaleNonlinearity(Effect):
     is 5e-3 at 33 m/s, k of 1.5e-4 s/m.
     """
 
-    name: ClassVar[str] = "speed_scale_nonlinearity"
-    kind: ClassVar[Kind] = Kind.INSTRUMENT
-    formula: ClassVar[str] = "speed shown = v * (1 + k * v) on all wheels"
-    sentence: ClassVar[str] = "the scale of the bus's wheel speeds changes with speed"
-    telling_drive: ClassVar[str] = "hold several speeds from 5 to 35 m/s for a minute each"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel", "speed")
-    needs: ClassVar[tuple[str, ...]] = ("speeds", "gnss")
-    looks: ClassVar[Look] = Look.COMMON
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "speed_scale_nonlinearity"
+    kind = Kind.INSTRUMENT
+    formula = "speed shown = v * (1 + k * v) on all wheels"
+    sentence = "the scale of the bus's wheel speeds changes with speed"
+    telling_drive = "hold several speeds from 5 to 35 m/s for a minute each"
+    shows_in = ("wheel", "speed")
+    needs = ("speeds", "gnss")
+    looks = Look.COMMON
+    parameters = (
         Parameter(
             "per_mps",
             "s/m",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -23,14 +22,14 @@ class SteeringOffset(Effect):
     wheel alignment allow 1 to 3.
     """
 
-    name: ClassVar[str] = "steering_offset"
-    kind: ClassVar[Kind] = Kind.INSTRUMENT
-    formula: ClassVar[str] = "steering wheel read = ratio * atan(wheelbase * curvature) + offset_rad"
-    sentence: ClassVar[str] = "the steering wheel's sensor is off on the straight"
-    telling_drive: ClassVar[str] = "drive straight on for a minute there and back"
-    shows_in: ClassVar[tuple[str, str]] = ("steering", "time")
-    reads: ClassVar[tuple[str, ...]] = ("steering",)
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "steering_offset"
+    kind = Kind.INSTRUMENT
+    formula = "steering wheel read = ratio * atan(wheelbase * curvature) + offset_rad"
+    sentence = "the steering wheel's sensor is off on the straight"
+    telling_drive = "drive straight on for a minute there and back"
+    shows_in = ("steering", "time")
+    reads = ("steering",)
+    parameters = (
         Parameter(
             "offset_rad",
             "rad",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -23,14 +22,14 @@ class SteeringRatioError(Effect):
     tenth to a third over the lock (Gillespie, Fundamentals of Vehicle Dynamics, ch. 8).
     """
 
-    name: ClassVar[str] = "steering_ratio_error"
-    kind: ClassVar[Kind] = Kind.INSTRUMENT
-    formula: ClassVar[str] = "steering wheel read = ratio * configured ratio * atan(wheelbase * curvature)"
-    sentence: ClassVar[str] = "the steering's ratio is not the configured one"
-    telling_drive: ClassVar[str] = "drive full circles slowly, to both sides: nothing slips sideways there"
-    shows_in: ClassVar[tuple[str, str]] = ("steering", "steering")
-    reads: ClassVar[tuple[str, ...]] = ("steering",)
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "steering_ratio_error"
+    kind = Kind.INSTRUMENT
+    formula = "steering wheel read = ratio * configured ratio * atan(wheelbase * curvature)"
+    sentence = "the steering's ratio is not the configured one"
+    telling_drive = "drive full circles slowly, to both sides: nothing slips sideways there"
+    shows_in = ("steering", "steering")
+    reads = ("steering",)
+    parameters = (
         Parameter(
             "ratio",
             "1",

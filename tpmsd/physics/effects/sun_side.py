@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -24,17 +23,17 @@ class SunSide(Effect):
     Source: a dark flank in the sun is 5 to 15 K warmer; 20 K of air is 0.56 mm on a 205/60R15.
     """
 
-    name: ClassVar[str] = "sun_side"
-    formula: ClassVar[str] = (
+    name = "sun_side"
+    formula = (
         "delta_r = +-mean over 5 min of (-east_m * sin(heading) + north_m * cos(heading)), + left, - right"
     )
-    sentence: ClassVar[str] = "the sunny side is warmer"
-    telling_drive: ClassVar[str] = "drive the same road there and back in the sun"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "time")
-    looks: ClassVar[Look] = Look.WHEEL
-    own_per_drive: ClassVar[bool] = True
-    contrast: ClassVar[bool] = True
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    sentence = "the sunny side is warmer"
+    telling_drive = "drive the same road there and back in the sun"
+    shows_in = ("wheel_ratio", "time")
+    looks = Look.WHEEL
+    own_per_drive = True
+    contrast = True
+    parameters = (
         Parameter(
             "east_m",
             "m",

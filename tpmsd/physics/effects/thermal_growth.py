@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -22,10 +21,10 @@ class ThermalGrowth(Effect):
     constants of ten minutes, give or take a factor of two. Negative A is a tyre that cools.
     """
 
-    name: ClassVar[str] = "thermal_growth"
-    formula: ClassVar[str] = "delta_r = A * (1 - exp(-t / tau)) on all wheels"
-    looks: ClassVar[Look] = Look.COMMON
-    grid: ClassVar[Grid] = Grid(
+    name = "thermal_growth"
+    formula = "delta_r = A * (1 - exp(-t / tau)) on all wheels"
+    looks = Look.COMMON
+    grid = Grid(
         "time_constant_s",
         values=(120.0, 200.0, 300.0, 450.0, 650.0, 1000.0, 1600.0, 3000.0),
         middle=450.0,
@@ -34,11 +33,11 @@ class ThermalGrowth(Effect):
         step=1.4,
     )
     """Tyres take ten minutes, give or take a factor of two."""
-    sentence: ClassVar[str] = "the tyres grow as they warm up"
-    telling_drive: ClassVar[str] = "after half an hour, hold the speed of the first minutes once more"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel", "time")
-    one_sign: ClassVar[bool] = True
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    sentence = "the tyres grow as they warm up"
+    telling_drive = "after half an hour, hold the speed of the first minutes once more"
+    shows_in = ("wheel", "time")
+    one_sign = True
+    parameters = (
         Parameter(
             "amplitude_m",
             "m",

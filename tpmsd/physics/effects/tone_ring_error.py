@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -24,14 +23,14 @@ class ToneRingError(Effect):
     a ring of 50 mm radius is 2e-3 rad.
     """
 
-    name: ClassVar[str] = "tone_ring_error"
-    kind: ClassVar[Kind] = Kind.INSTRUMENT
-    formula: ClassVar[str] = "counts = (theta + a * sin(theta + phase)) * teeth / (2 * pi)"
-    by_teeth: ClassVar[bool] = True
-    sentence: ClassVar[str] = "a wheel's teeth are unevenly spaced or their number is wrong"
-    telling_drive: ClassVar[str] = "roll at walking pace on a smooth straight for a minute"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "wheel_angle")
-    parameters: ClassVar[tuple[Parameter | WheelParameter, ...]] = (
+    name = "tone_ring_error"
+    kind = Kind.INSTRUMENT
+    formula = "counts = (theta + a * sin(theta + phase)) * teeth / (2 * pi)"
+    by_teeth = True
+    sentence = "a wheel's teeth are unevenly spaced or their number is wrong"
+    telling_drive = "roll at walking pace on a smooth straight for a minute"
+    shows_in = ("wheel_ratio", "wheel_angle")
+    parameters = (
         WheelParameter(description="which wheel; all of them where it is not given"),
         Parameter(
             "amplitude_rad",

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 from tpmsd.physics.effect import Effect, Kind, Parameter
 from tpmsd.physics.motion import Car
@@ -20,18 +18,18 @@ class TrackWidthError(Effect):
     Source: [Lundquist 2013], eq. (6); other rims or spacers change a track by 10 to 60 mm.
     """
 
-    name: ClassVar[str] = "track_width_error"
-    kind: ClassVar[Kind] = Kind.INSTRUMENT
-    formula: ClassVar[str] = "hub speeds = v -+ yaw rate * (track + error) / 2"
-    contrast: ClassVar[bool] = True
-    in_calibration: ClassVar[Mapping[str, tuple[str, str]]] = {
-        "track_rear": ("rear_relative", "1"),
-        "track_front": ("front_relative", "1"),
-    }
-    sentence: ClassVar[str] = "the track differs from the configured one"
-    telling_drive: ClassVar[str] = "drive full circles slowly, to both sides: load transfer is small there"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "yaw_rate")
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "track_width_error"
+    kind = Kind.INSTRUMENT
+    formula = "hub speeds = v -+ yaw rate * (track + error) / 2"
+    contrast = True
+    in_calibration = (
+        ("track_rear", "rear_relative", "1"),
+        ("track_front", "front_relative", "1"),
+    )
+    sentence = "the track differs from the configured one"
+    telling_drive = "drive full circles slowly, to both sides: load transfer is small there"
+    shows_in = ("wheel_ratio", "yaw_rate")
+    parameters = (
         Parameter(
             "rear_m",
             "m",

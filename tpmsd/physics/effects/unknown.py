@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import ClassVar
 
 import numpy as np
 
 from tpmsd.errors import ConfigError
 from tpmsd.physics.covariates import COVARIATES, ROLES, covariate
-from tpmsd.physics.effect import AnyParameter, Effect, Kind, TextParameter, VectorParameter
+from tpmsd.physics.effect import Effect, Kind, TextParameter, VectorParameter
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.wheels import WHEELS, FloatArray
 
@@ -35,11 +34,11 @@ class Unknown(Effect):
     Elements of Statistical Learning, 2009, section 5.2.
     """
 
-    name: ClassVar[str] = "unknown"
-    kind: ClassVar[Kind] = Kind.FREE
-    formula: ClassVar[str] = "delta_r, or a reading's error, = f(covariate), piecewise linear"
-    sentence: ClassVar[str] = "something that no effect of the catalogue explains"
-    parameters: ClassVar[tuple[AnyParameter, ...]] = (
+    name = "unknown"
+    kind = Kind.FREE
+    formula = "delta_r, or a reading's error, = f(covariate), piecewise linear"
+    sentence = "something that no effect of the catalogue explains"
+    parameters = (
         TextParameter("on", "rl rr", "wheels with their signs, gnss_speed, gnss_course or yaw_rate"),
         TextParameter("covariate", "speed", "what the shape is a function of"),
         VectorParameter("knots", (10.0, 20.0, 30.0), "values of the covariate, increasing"),

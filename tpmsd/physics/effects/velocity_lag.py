@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 from tpmsd.physics.effect import Effect, Kind, Parameter
 from tpmsd.physics.priors import SPEED_AGE_S
@@ -26,15 +24,15 @@ class VelocityLag(Effect):
     16 to 160 ms for 1 to 10 Hz.
     """
 
-    name: ClassVar[str] = "velocity_lag"
-    kind: ClassVar[Kind] = Kind.INSTRUMENT
-    formula: ClassVar[str] = "speed and course of t - lag_s stand beside the position of t"
-    in_calibration: ClassVar[Mapping[str, tuple[str, str]]] = {"doppler_lag": ("lag_s", "s")}
-    sentence: ClassVar[str] = "the receiver's speed and course are older than its position"
-    telling_drive: ClassVar[str] = "accelerate and brake firmly on a straight under the open sky, ten times"
-    shows_in: ClassVar[tuple[str, str]] = ("gnss_speed", "accel_long")
-    needs: ClassVar[tuple[str, ...]] = ("gnss_speed", "gnss_position")
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "velocity_lag"
+    kind = Kind.INSTRUMENT
+    formula = "speed and course of t - lag_s stand beside the position of t"
+    in_calibration = (("doppler_lag", "lag_s", "s"),)
+    sentence = "the receiver's speed and course are older than its position"
+    telling_drive = "accelerate and brake firmly on a straight under the open sky, ten times"
+    shows_in = ("gnss_speed", "accel_long")
+    needs = ("gnss_speed", "gnss_position")
+    parameters = (
         Parameter(
             "lag_s",
             "s",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -27,15 +26,15 @@ class Wear(Effect):
     to 2e-10 m per m.
     """
 
-    name: ClassVar[str] = "wear"
-    formula: ClassVar[str] = "delta_r = -rate * distance on all wheels"
-    sentence: ClassVar[str] = "the treads of all tyres wear off"
-    telling_drive: ClassVar[str] = "compare the radii of drives that lie thousands of kilometres apart"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel", "distance")
-    needs: ClassVar[tuple[str, ...]] = ("gnss",)
-    one_sign: ClassVar[bool] = True
-    looks: ClassVar[Look] = Look.COMMON
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "wear"
+    formula = "delta_r = -rate * distance on all wheels"
+    sentence = "the treads of all tyres wear off"
+    telling_drive = "compare the radii of drives that lie thousands of kilometres apart"
+    shows_in = ("wheel", "distance")
+    needs = ("gnss",)
+    one_sign = True
+    looks = Look.COMMON
+    parameters = (
         Parameter(
             "rate",
             "1",

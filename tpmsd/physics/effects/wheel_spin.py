@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from tpmsd.physics.effect import Kind, Parameter, Prior, TextParameter
 from tpmsd.physics.slip_event import LEAST_SLIP, LONGEST_S, SHORTEST_S, SlipEvent
@@ -17,15 +16,15 @@ class WheelSpin(SlipEvent):
     is held by driver or traction control (Pacejka, Tyre and Vehicle Dynamics, 2012, chapter 1).
     """
 
-    name: ClassVar[str] = "wheel_spin"
-    kind: ClassVar[Kind] = Kind.EVENT
-    formula: ClassVar[str] = "omega * r = v * (1 + slip) on its wheels, onset_s <= t < onset_s + duration_s"
-    sentence: ClassVar[str] = "driven wheels spin for a while"
-    telling_drive: ClassVar[str] = "drive the stretch again with less drive"
-    shows_in: ClassVar[tuple[str, str]] = ("wheel_ratio", "time")
-    own_per_drive: ClassVar[bool] = True
-    span: ClassVar[bool] = True
-    parameters: ClassVar[tuple[TextParameter | Parameter, ...]] = (
+    name = "wheel_spin"
+    kind = Kind.EVENT
+    formula = "omega * r = v * (1 + slip) on its wheels, onset_s <= t < onset_s + duration_s"
+    sentence = "driven wheels spin for a while"
+    telling_drive = "drive the stretch again with less drive"
+    shows_in = ("wheel_ratio", "time")
+    own_per_drive = True
+    span = True
+    parameters = (
         TextParameter("wheels", "front", "wheels that slip, by name, or front, rear"),
         Parameter(
             "slip",

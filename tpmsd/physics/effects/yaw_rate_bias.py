@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
 
 from tpmsd.physics.effect import Effect, Kind, Parameter
 from tpmsd.physics.priors import GYRO_ZERO_RADPS
@@ -17,16 +16,16 @@ class YawRateBias(Effect):
     Source: data sheets of automotive gyros, 1e-3 to 5e-3 rad/s uncalibrated, about 1e-4 after a standstill.
     """
 
-    name: ClassVar[str] = "yaw_rate_bias"
-    kind: ClassVar[Kind] = Kind.INSTRUMENT
-    formula: ClassVar[str] = "reading = truth + bias"
-    needs: ClassVar[tuple[str, ...]] = ("yaw_rate",)
-    everywhere: ClassVar[bool] = True
-    drifts_into: ClassVar[str] = "yaw_rate"
-    sentence: ClassVar[str] = "the gyro reads a rate on the straight"
-    telling_drive: ClassVar[str] = "stand still for a minute with the ignition on"
-    shows_in: ClassVar[tuple[str, str]] = ("yaw_rate", "time")
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "yaw_rate_bias"
+    kind = Kind.INSTRUMENT
+    formula = "reading = truth + bias"
+    needs = ("yaw_rate",)
+    everywhere = True
+    drifts_into = "yaw_rate"
+    sentence = "the gyro reads a rate on the straight"
+    telling_drive = "stand still for a minute with the ignition on"
+    shows_in = ("yaw_rate", "time")
+    parameters = (
         Parameter(
             "bias",
             "rad/s",

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 from tpmsd.physics.effect import Effect, Kind, Parameter
 from tpmsd.physics.priors import GYRO_SCALE
@@ -18,15 +16,15 @@ class YawRateScale(Effect):
     Source: data sheets of automotive gyros, 1 to 3 % over temperature.
     """
 
-    name: ClassVar[str] = "yaw_rate_scale"
-    kind: ClassVar[Kind] = Kind.INSTRUMENT
-    formula: ClassVar[str] = "reading = scale * truth"
-    needs: ClassVar[tuple[str, ...]] = ("yaw_rate",)
-    in_calibration: ClassVar[Mapping[str, tuple[str, str]]] = {"gyro_gain": ("scale_minus_one", "1")}
-    sentence: ClassVar[str] = "the gyro's scale is off"
-    telling_drive: ClassVar[str] = "drive ten full circles to each side"
-    shows_in: ClassVar[tuple[str, str]] = ("yaw_rate", "yaw_rate")
-    parameters: ClassVar[tuple[Parameter, ...]] = (
+    name = "yaw_rate_scale"
+    kind = Kind.INSTRUMENT
+    formula = "reading = scale * truth"
+    needs = ("yaw_rate",)
+    in_calibration = (("gyro_gain", "scale_minus_one", "1"),)
+    sentence = "the gyro's scale is off"
+    telling_drive = "drive ten full circles to each side"
+    shows_in = ("yaw_rate", "yaw_rate")
+    parameters = (
         Parameter(
             "scale",
             "1",
