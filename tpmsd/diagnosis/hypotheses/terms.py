@@ -225,11 +225,12 @@ class Hypotheses:
         self.catalogue.append(Term(FAULT.name, design, (RAMPED,), ramp_price(), wheel=wheel, span_s=span_s))
 
     def add_off_grid(self, like: Term, at: float, column: int) -> None:
-        """A term whose nonlinear parameter lies off the grid."""
+        """A term whose nonlinear parameter lies off the grid: it shapes the first value's response alone."""
         more = grid_price(like.kind_of, at) - grid_price(like.kind_of, like.at)
-        self.catalogue.append(
-            replace(like, design=self._column(column), penalty=like.penalty + more, at=at, drive=None)
-        )
+        beside = np.zeros((self.width, like.design.shape[1] - 1))
+        beside[: len(like.design)] = like.design[:, 1:]
+        design = np.concatenate([self._column(column), beside], axis=1)
+        self.catalogue.append(replace(like, design=design, penalty=like.penalty + more, at=at, drive=None))
 
     def add_pulse(self, like: Term, span_s: tuple[float, float], column: int) -> None:
         """A pulse off the grid."""

@@ -158,8 +158,10 @@ def _trials(term: Term, centre: Point, width: Point) -> list[Point]:
 def _best(
     study: Study, evidence: Evidence, others: list[Term], term: Term
 ) -> tuple[Point, dict[int, FloatArray]]:
-    """The point of greatest likelihood with all linear values fitted along, and its column by drive."""
+    """The point of greatest likelihood with all linear values fitted along, and its column by drive: of
+    several values of the term, the first one's, which the point shapes."""
     design = Selector(evidence, study.hypotheses).design(others)
+    design = np.concatenate([design, term.design[:, 1:]], axis=1)
     believed = sum(part.small(design).sum(axis=0) for part in evidence.parts)
     acting = [(number, study.drives[number]) for number in study.acting(term)]
     if term.ramp:
