@@ -2,13 +2,13 @@
 
 In: a daemon with a simulated car and `tpmsd web` in front of it, each a process of its own. Out: how late
 the daemon's ticks are without a client and with many that follow the live page, the first of which never
-reads.
+reads. Both are measured in turns (without, with, with, without, ...), so that other work on the machine
+meets both alike; what is printed is the change from each stretch to its neighbour.
 """
 
 from __future__ import annotations
 
 import argparse
-import asyncio
 import contextlib
 import queue
 import subprocess
@@ -28,15 +28,30 @@ PERIOD_S = 0.1
 
 
 @dataclass(frozen=True)
+class Round:
+    """Two stretches side by side: median and 95th percentile of the ticks' lateness, in ms."""
+
+    quiet_ms: tuple[float, float]
+    """Without a client."""
+    loaded_ms: tuple[float, float]
+    """With clients."""
+
+
+@dataclass(frozen=True)
 class Load:
     """What was measured."""
 
-    quiet_ms: tuple[float, float]
-    """Median and 95th percentile of the ticks' lateness without a client."""
-    loaded_ms: tuple[float, float]
-    """The same with clients."""
+    rounds: tuple[Round, ...]
     events: tuple[int, ...]
-    """Updates that each reading client got."""
+    """Updates that each reading client got in one stretch."""
+
+    def ratios(self, quantile: int) -> np.ndarray:
+        """(rounds,) lateness with clients over that without: 0 for the median, 1 for the 95th percentile."""
+        return np.array([one.loaded_ms[quantile] / one.quiet_ms[quantile] for one in self.rounds])
+
+    def differences_ms(self, quantile: int) -> np.ndarray:
+        """(rounds,) lateness with clients minus that without."""
+        return np.array([one.loaded_ms[quantile] - one.quiet_ms[quantile] for one in self.rounds])
 
 
 @contextlib.contextmanager
@@ -72,60 +87,46 @@ def line_with(lines: queue.Queue[str], word: str) -> str:
     raise AssertionError(f"no line with {word!r} within {PATIENCE_S:g} s")
 
 
-def measure(folder: Path, clients: int, seconds: float) -> Load:
-    """Both phases, `seconds` each."""
+def measure(folder: Path, clients: int, seconds: float, rounds: int) -> Load:
+    """Each round has a stretch without clients and one with them, of `seconds` each."""
     car = ("tests.browser.car", folder, "3000", "1", "ticks")
     web = ("tpmsd", "web", "--config", folder / "vehicle.toml", "--port", "0")
+    spans: list[dict[bool, tuple[float, float]]] = []
+    events: list[int] = []
     with contextlib.ExitStack() as stack:
         _, ticks = stack.enter_context(process(*car))
         line_with(ticks, "TICK")  # its configuration and socket are there
         _, said = stack.enter_context(process(*web))
-        port = int(line_with(said, "http://").split()[0].rstrip("/").rpartition(":")[2])
+        port = line_with(said, "http://").split()[0].rstrip("/").rpartition(":")[2]
         time.sleep(3.0)  # both have started
-        begun = time.monotonic()
-        time.sleep(seconds)
-        changed = time.monotonic()
-        events = asyncio.run(_follow(port, clients, seconds))
-        ended = time.monotonic()
+        for k in range(rounds):
+            spans.append({})
+            for loaded in (False, True) if k % 2 == 0 else (True, False):
+                with contextlib.ExitStack() as visit:
+                    if loaded:
+                        visitors = ("tests.browser.visitors", port, str(clients), str(seconds + 1.0))
+                        _, counts = visit.enter_context(process(*visitors))
+                        line_with(counts, "CONNECTED")
+                    begun = time.monotonic()
+                    time.sleep(seconds)
+                    spans[-1][loaded] = (begun, time.monotonic())
+                    if loaded:
+                        events += map(int, line_with(counts, "UPDATES").split()[1:])
+                time.sleep(1.0)  # the server has seen them go
         stamps = _stamps(ticks)
     late_ms = 1e3 * lateness_s(stamps)
-    quiet = late_ms[(stamps >= begun) & (stamps < changed)]
-    loaded = late_ms[(stamps >= changed) & (stamps < ended)]
-    return Load(_summary(quiet), _summary(loaded), events)
+
+    def stretch(begun: float, ended: float) -> tuple[float, float]:
+        return _summary(late_ms[(stamps >= begun) & (stamps < ended)])
+
+    measured = tuple(Round(stretch(*one[False]), stretch(*one[True])) for one in spans)
+    return Load(measured, tuple(events))
 
 
 def lateness_s(stamps: np.ndarray) -> np.ndarray:
     """(n,) of ticks at a fixed period, against the earliest one of all."""
     late = stamps - PERIOD_S * np.round((stamps - stamps[0]) / PERIOD_S)
     return np.asarray(late - late.min())
-
-
-async def _follow(port: int, clients: int, seconds: float) -> tuple[int, ...]:
-    """Updates that each client got; one more client asks and never reads."""
-    idle, writer = await asyncio.open_connection("127.0.0.1", port, limit=1024)
-    writer.write(_request(port))
-    counts = await asyncio.gather(*(_client(port, seconds) for _ in range(clients)))
-    writer.close()
-    del idle
-    return tuple(counts)
-
-
-async def _client(port: int, seconds: float) -> int:
-    reader, writer = await asyncio.open_connection("127.0.0.1", port, limit=1 << 22)
-    writer.write(_request(port))
-    count = 0
-    try:
-        async with asyncio.timeout(seconds):
-            while line := await reader.readline():
-                count += line == b"event: status\n"
-    except TimeoutError:
-        pass
-    writer.close()
-    return count
-
-
-def _request(port: int) -> bytes:
-    return f"GET /api/live HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode()
 
 
 def _stamps(lines: queue.Queue[str]) -> np.ndarray:
@@ -146,13 +147,25 @@ def main() -> None:
     """Print the figures."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--clients", type=int, default=200)
-    parser.add_argument("--seconds", type=float, default=60.0)
+    parser.add_argument("--seconds", type=float, default=60.0, help="of each stretch")
+    parser.add_argument("--rounds", type=int, default=4, help="pairs of stretches, without and with clients")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        load = measure(Path(folder), args.clients, args.seconds)
-    for name, (median, high) in (("no client", load.quiet_ms), (f"{args.clients} clients", load.loaded_ms)):
-        print(f"{name}: ticks late by {median:.1f} ms in the median, {high:.1f} ms in 95 %")
+        load = measure(Path(folder), args.clients, args.seconds, args.rounds)
+    print(f"lateness of ticks (ms), median and 95 %: without a client, with {args.clients}")
+    for one in load.rounds:
+        print("  {:.2f} {:.2f}   {:.2f} {:.2f}".format(*one.quiet_ms, *one.loaded_ms))
+    for k, name in enumerate(("median", "95 %")):
+        ratios, more = load.ratios(k), load.differences_ms(k)
+        print(
+            f"{name}: {np.median(ratios):.2f} times ({ratios.min():.2f} to {ratios.max():.2f}),"
+            f" {np.mean(more):+.2f} ms with a standard error of {_standard_error(more):.2f}"
+        )
     print(f"updates per client: {min(load.events)} to {max(load.events)} in {args.seconds:g} s")
+
+
+def _standard_error(values: np.ndarray) -> float:
+    return float(np.std(values, ddof=1) / np.sqrt(len(values))) if len(values) > 1 else float("nan")
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.browser.load import PATIENCE_S, line_with, measure, process
@@ -118,11 +119,11 @@ def test_a_drive_is_shown_without_faults(tmp_path: Path, width: int, height: int
 
 def test_a_hundred_visitors_do_not_disturb_the_daemon(tmp_path: Path) -> None:
     """The median lateness of its ticks stays within 5 ms of that without them; each visitor is served."""
-    load = measure(tmp_path, clients=100, seconds=10.0)
+    load = measure(tmp_path, clients=100, seconds=5.0, rounds=3)
 
-    assert 100 == len(load.events)
-    assert min(load.events) >= 5
-    assert load.loaded_ms[0] - load.quiet_ms[0] < 5.0
+    assert 300 == len(load.events)
+    assert min(load.events) >= 3
+    assert np.median(load.differences_ms(0)) < 5.0
 
 
 def test_ten_hours_open_within_three_seconds(tmp_path: Path) -> None:

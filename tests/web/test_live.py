@@ -56,8 +56,8 @@ def daemon(path: Path) -> Iterator[StatusServer]:
 async def heard(hub: LiveHub, name: str, count: int) -> list[Any]:
     """The data of the next events of a kind."""
     found: list[Any] = []
-    async for text in hub.events():
-        kind, _, data = text.partition("\n")
+    async for sent in hub.events():
+        kind, _, data = sent.decode().partition("\n")
         if kind == f"event: {name}":
             found.append(json.loads(data.removeprefix("data: ")))
         if len(found) == count:
@@ -103,12 +103,12 @@ def test_a_slow_visitor_gets_the_newest_and_not_a_queue(tmp_path: Path) -> None:
 
         async def dawdle() -> tuple[float, float]:
             events = hub.events()
-            while not (await anext(events)).startswith("event: status"):
+            while not (await anext(events)).startswith(b"event: status"):
                 pass
             await asyncio.sleep(0.5)
             assert hub.document is not None
             now = hub.document["time"]
-            return now, json.loads((await anext(events)).partition("data: ")[2])["time"]
+            return now, json.loads((await anext(events)).partition(b"data: ")[2])["time"]
 
         now, got = run(dawdle(), hub)
     assert now <= got
@@ -147,6 +147,30 @@ def test_history_is_bounded_and_starts_anew_where_the_clock_goes_back(tmp_path: 
     assert [-times[-1], 0.1] == hub.history[-1]["rl"]
     hub._remember(document(3.0))
     assert [3.0] == [row["time"] for row in hub.history]
+
+
+def test_a_new_visitor_gets_the_history_as_it_is_now(tmp_path: Path) -> None:
+    """The history is encoded once for all visitors, and anew when it has grown."""
+
+    async def first(hub: LiveHub) -> list[float]:
+        (rows,) = await heard(hub, "history", 1)
+        return [row["time"] for row in rows]
+
+    async def visits() -> list[list[float]]:
+        hub, seen = LiveHub(tmp_path / "s", SETTINGS), []
+        for time_s in (0.0, 1.0, 20.0):
+            await hub._publish(document(time_s), "")
+            seen.append(await first(hub))
+        return seen
+
+    assert [[0.0], [0.0], [0.0, 20.0]] == asyncio.run(visits())
+
+
+def test_before_the_daemon_was_asked_a_visitor_is_told_so(tmp_path: Path) -> None:
+    """A page that is opened at once says why it is empty."""
+    (down,) = asyncio.run(heard(LiveHub(tmp_path / "s", SETTINGS), "down", 1))
+
+    assert "not asked yet" == down["reason"]
 
 
 def test_what_is_no_daemon_is_said(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ token are given. It is a process of its own: the daemon serves it like any other
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -86,6 +87,7 @@ def run(args: argparse.Namespace) -> int:
     scheme = "https" if settings.secure else "http"
     port = listener.getsockname()[1]
     print(f"{scheme}://{settings.host}:{port}/  (Ctrl-C ends it)", file=sys.stderr, flush=True)
+    os.nice(settings.niceness)
     uvicorn.Server(config).run(sockets=[listener])
     return 0
 

@@ -2,7 +2,7 @@
 
 In: the path of the socket. Out: the newest document, and a history of the last hours. However many look on,
 and however slow they are, the daemon serves one watcher: a visitor that does not keep up misses updates,
-since it is always given the newest one.
+since it is always given the newest one. Each event is put into words once for all visitors.
 """
 
 from __future__ import annotations
@@ -38,6 +38,10 @@ class LiveHub:
     streams: int = 0
     """Visitors that look on."""
     _version: int = 0
+    _newest: bytes = field(default_factory=lambda: event("down", {"reason": LiveHub.reason}))
+    """The event of this version, as all visitors get it."""
+    _past: bytes = b""
+    """The event with the history; empty where that has grown since it was made."""
     _changed: asyncio.Condition = field(default_factory=asyncio.Condition)
 
     async def run(self) -> None:
@@ -75,6 +79,7 @@ class LiveHub:
         self.document, self.reason = document, reason
         if document is not None:
             self._remember(document)
+        self._newest = event("down", {"reason": reason}) if document is None else event("status", document)
         self._version += 1
         async with self._changed:
             self._changed.notify_all()
@@ -89,6 +94,7 @@ class LiveHub:
         if self.history and now - self.history[-1]["time"] < step_s:
             return
         self.history.append(history_row(document))
+        self._past = b""
         while len(self.history) > self.settings.history_rows or (
             self.history and now - self.history[0]["time"] > self.settings.history_s
         ):
@@ -103,21 +109,19 @@ class LiveHub:
             return False
         return True
 
-    async def events(self) -> AsyncIterator[str]:
+    async def events(self) -> AsyncIterator[bytes]:
         """Server-sent events for one visitor: the history first, then every update it can take."""
         self.streams += 1
         seen = -1
         try:
-            yield event("history", list(self.history))
+            self._past = self._past or event("history", list(self.history))
+            yield self._past
             while True:
                 if not await self._newer_than(seen):
-                    yield ": still here\n\n"
+                    yield b": still here\n\n"
                     continue
                 seen = self._version
-                if self.document is None:
-                    yield event("down", {"reason": self.reason})
-                else:
-                    yield event("status", self.document)
+                yield self._newest
         finally:
             self.streams -= 1
 
@@ -138,6 +142,6 @@ def history_row(document: Mapping[str, Any]) -> dict[str, Any]:
     return row
 
 
-def event(name: str, data: object) -> str:
+def event(name: str, data: object) -> bytes:
     """One server-sent event (WHATWG HTML, 9.2)."""
-    return f"event: {name}\ndata: {json.dumps(data, separators=(',', ':'))}\n\n"
+    return f"event: {name}\ndata: {json.dumps(data, separators=(',', ':'))}\n\n".encode()

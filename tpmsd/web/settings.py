@@ -33,3 +33,5 @@ class WebSettings:
     """Points of one series of a drive that are sent at most: two per column of a wide screen."""
     max_body_bytes: int = 4096
     """Of a request; the only one with a body is a reset."""
+    niceness: int = 5
+    """Added to that of the process: the daemon on the same machine is scheduled before its pages."""
