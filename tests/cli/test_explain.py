@@ -9,7 +9,7 @@ import pytest
 
 from tests.monitor.drives import ALL, RADIUS_M, Player, monitor, one
 from tpmsd.cli.main import main
-from tpmsd.monitor.explanation import KEPT
+from tpmsd.monitor.settings import EXPLANATION
 from tpmsd.report.explanation_text import explanation_text
 from tpmsd.sinks.status_server import StatusServer
 
@@ -70,7 +70,7 @@ def test_what_is_kept_is_bounded() -> None:
     player = Player(monitor(ALL), dt_s=1.0)
     player.play(3600.0)
     document = player.monitor.explain(player.last)
-    assert KEPT == len(document["evidence"])
+    assert EXPLANATION.kept == len(document["evidence"])
     assert len(json.dumps(document)) < 100_000
 
 

@@ -10,14 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.monitor.hypotheses import (
-    LOSS_GRID,
-    PRIOR_BY_SIZE,
-    PRIOR_LARGER,
-    Nuisance,
-    Verdict,
-    compare,
-)
+from tpmsd.monitor.hypotheses import LOSS_GRID, Verdict, compare
+from tpmsd.monitor.nuisance import Nuisance
+from tpmsd.monitor.settings import JUDGE
 from tpmsd.wheels import WHEELS, FloatArray
 
 RADIUS_M = 0.316
@@ -27,7 +22,7 @@ THRESHOLD = 0.0025
 def judged(change: list[float], std: float = 3e-4, nuisance: Nuisance | None = None) -> Verdict:
     """Verdict on relative changes of all four wheels, known to `std` each."""
     radius = np.full(4, RADIUS_M)
-    harmless = (nuisance or Nuisance()).covariance([0, 1, 2, 3], radius)
+    harmless = (nuisance or JUDGE.unexplained).covariance([0, 1, 2, 3], radius)
     return compare(
         np.array(change) * RADIUS_M, harmless + np.eye(4) * (std * RADIUS_M) ** 2, radius, THRESHOLD
     )
@@ -39,9 +34,9 @@ def integrated(change: FloatArray, covariance: FloatArray, threshold: float) -> 
     inverse = np.linalg.inv(covariance)
     losses = np.geomspace(LOSS_GRID[0] / 1.09, LOSS_GRID[-1] * 1.09, 20_001)
     none = math.exp(-0.5 * change @ inverse @ change)
-    none *= 1.0 - sum(math.comb(d, k) * PRIOR_BY_SIZE[k] for k in range(1, d + 1))
+    none *= 1.0 - sum(math.comb(d, k) * JUDGE.prior_by_size[k - 1] for k in range(1, d + 1))
     total, lost = none, np.zeros(d)
-    larger = PRIOR_LARGER if d > 2 else 0.0
+    larger = JUDGE.prior_larger if d > 2 else 0.0
     for wheel in range(d):
         off = change - losses[:, None] * (np.arange(d) == wheel)
         total += larger * np.exp(-0.5 * np.einsum("ni,ij,nj->n", off, inverse, off)).mean()
@@ -49,7 +44,9 @@ def integrated(change: FloatArray, covariance: FloatArray, threshold: float) -> 
         for subset in itertools.combinations(range(d), size):
             indicator = np.isin(np.arange(d), subset).astype(float)
             off = change + losses[:, None] * indicator
-            density = np.exp(-0.5 * np.einsum("ni,ij,nj->n", off, inverse, off)) * PRIOR_BY_SIZE[size]
+            density = (
+                np.exp(-0.5 * np.einsum("ni,ij,nj->n", off, inverse, off)) * JUDGE.prior_by_size[size - 1]
+            )
             total += density.mean()  # equal steps of the logarithm
             above = (density * (losses >= threshold)).mean()
             lost[list(subset)] += above
@@ -132,7 +129,7 @@ def test_four_wheels_against_numerical_integration() -> None:
 def test_of_a_pair_alone_the_smaller_wheel_has_lost() -> None:
     """Where only two wheels are read, nothing tells a loss from the other's growth: it is a loss."""
     radius = np.full(2, RADIUS_M)
-    harmless = Nuisance().covariance([2, 3], radius)
+    harmless = JUDGE.unexplained.covariance([2, 3], radius)
     half = np.array([-0.0025, 0.0025]) * RADIUS_M
     verdict = compare(half, harmless + np.eye(2) * (3e-4 * RADIUS_M) ** 2, radius, THRESHOLD)
     assert verdict.deflated[0] > 0.99
@@ -200,6 +197,6 @@ def test_left_and_right_and_front_and_rear_are_alike(change: list[float]) -> Non
 
 def test_the_priors_leave_room_for_nothing_having_happened() -> None:
     """All subsets together are improbable beforehand: below one in a hundred."""
-    total = sum(math.comb(4, size) * prior for size, prior in PRIOR_BY_SIZE.items())
+    total = sum(math.comb(4, size) * prior for size, prior in enumerate(JUDGE.prior_by_size, 1))
     assert 0.0 < total < 0.01
-    assert set(range(1, len(WHEELS) + 1)) == set(PRIOR_BY_SIZE)
+    assert len(WHEELS) == len(JUDGE.prior_by_size)

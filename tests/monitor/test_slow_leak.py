@@ -15,10 +15,11 @@ from hypothesis import strategies as st
 from bench.campaigns.slow_leak import METRES_PER_PERCENT, first_notice
 from bench.worlds.tyre_years import Leak, draw_year
 from tests.monitor.drives import ALL, START_S, Player, monitor, said
-from tpmsd.monitor.leak_history import MOST_DAYS, LeakHistory
-from tpmsd.monitor.leak_trend import SETTINGS, find_trend, partition
+from tpmsd.monitor.leak_history import LeakHistory
+from tpmsd.monitor.leak_trend import find_trend, partition
 from tpmsd.monitor.monitor import Monitor
 from tpmsd.monitor.records import AlarmEvent, WheelState
+from tpmsd.monitor.settings import READINGS, TREND
 from tpmsd.wheels import FloatArray
 
 DAY_S = 86400.0
@@ -122,7 +123,7 @@ ROUGH = st.tuples(
 def test_a_history_is_bounded_and_survives_json(
     steps: list[tuple[float, float, float, bool]],
 ) -> None:
-    """Whatever the clock does: at most MOST_DAYS, dates that never fall, and the same after a restart."""
+    """Whatever the clock does: at most `most_days`, dates that never fall, and the same after a restart."""
     history, day = LeakHistory(), 20_000.0
     for ahead, difference, variance, reset in steps:
         day += ahead
@@ -130,7 +131,7 @@ def test_a_history_is_bounded_and_survives_json(
             history.mark_step()
         history.add(day, np.array([difference, 0.001]), np.full(2, variance))
     dates = [one.day for one in history.days]
-    assert len(dates) <= MOST_DAYS
+    assert len(dates) <= READINGS.most_days
     assert sorted(dates) == dates
     again = LeakHistory.from_json(json.loads(json.dumps(history.to_json())))
     assert history.to_json() == again.to_json()
@@ -221,4 +222,4 @@ def test_other_tyres_take_the_notice_with_them() -> None:
 
 def test_settings_are_in_order() -> None:
     """What healthy tyres do is less than what a leak does."""
-    assert SETTINGS.healthy_rate < SETTINGS.least_rate < SETTINGS.most_rate
+    assert TREND.healthy_rate < TREND.least_rate < TREND.most_rate

@@ -3,12 +3,12 @@
 In: ticks, estimates, and whether anything is suspected. Out: the `Reference` and the change against it.
 
 It is ready when `learn_s` of driving have taught the wheels against each other. Then, while nothing is
-suspected, samples refine it: each range of speed takes `RANGE_SAMPLES`, after which it is frozen. Load and
-day are learned in the first `DRIVE_SAMPLES` after a standstill. An estimate is a mean over its memory, so
-samples are `SAMPLE_EVERY_S` apart.
+suspected, samples refine it: each range of speed takes `range_samples`, after which it is frozen. Load and
+day are learned in the first `drive_samples` after a standstill. An estimate is a mean over its memory, so
+samples are `sample_every_s` apart.
 
 A leak of half an hour looks like nothing from one sample to the next, and what learned it would hide it. So
-from `SETTLED_SAMPLES` on what a drive shows of the car is learned in a shadow baseline (`_shadow`) and
+from `settled_samples` on what a drive shows of the car is learned in a shadow baseline (`_shadow`) and
 counts from the next drive on, unless something was suspected when this one ended.
 """
 
@@ -20,48 +20,20 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.special import gammaincinv
 
 from tpmsd.bounds import number, whole
 from tpmsd.config.model import VehicleConfig
 from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.monitor.conditions import NEW_DAY_S, PARKED_S, ConditionTracker
-from tpmsd.monitor.hypotheses import Nuisance
-from tpmsd.monitor.reference import (
-    GROWTH_PRIOR,
-    KNOTS_MPS,
-    MOST_SAMPLES,
-    PER_SPEED2,
-    Reference,
-    speed_range,
-)
+from tpmsd.monitor.conditions import ConditionTracker
+from tpmsd.monitor.reference import GROWTH_PRIOR, KNOTS_MPS, Reference, speed_range
+from tpmsd.monitor.settings import BASELINE, CONDITIONS, REFERENCE
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import FloatArray
 
-SAMPLE_EVERY_S = 20.0
-RANGE_SAMPLES = 40
-DRIVE_SAMPLES = 8
-MAX_CONTRAST_STD = 0.0008
-"""Learning goes on until the contrast between the wheels is known this well, relative to the radius."""
-FIT_LIMIT = {1: 10.827566170662733, 2: 13.815510557964274, 3: 16.266236196238129, 4: 18.466826952903151}
-"""A sample that fits worse than the 0.999 quantile of chi-square is not learned; by number of wheels."""
-RECENT_SAMPLES = 9
-SETTLED_SAMPLES = 45
-"""From so many (15 min of driving) on a drive is held against what was known before it, ..."""
-NEXT_DRIVE_SAMPLES = 20
-"""... and on the next drive from so many."""
-DOUBT_S = 180.0
-"""Time constant of the share of driving during which something was suspected."""
-UNSETTLED_SHARE = 0.5
-"""Of the growth that the estimate's memory has yet to follow: how well its lag is known."""
-UNSETTLED_SPEED2 = 150.0
-"""(m/s)^2; while speed changes faster, nothing is learned."""
-LONGEST_S = 1e9
-"""Thirty years of driving: a saved time beyond is none."""
+FIT_LIMIT = 2.0 * gammaincinv(np.arange(5) / 2.0, BASELINE.fit_probability)
+"""(5,) largest squared distance of a sample that is learned, by number of wheels: quantile of chi-square."""
 
-
-STEEP_COMMON, STEEP_AXLE, STEEP_OWN = 2e-3, 3e-3, 2e-4
-"""Relative changes of radius per m/s2 of slope, standard deviations: heights are known late, and slip is not
-quite in proportion to force."""
 
 _Sample = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 """Deviation (d,), its covariance, that of what the memory has not followed (d, d), features (d, n)."""
@@ -101,7 +73,7 @@ class Baseline:
         self._learned_s = 0.0
         self._since_s = 0.0
         self._drive_samples = 0
-        self._recent: deque[_Sample] = deque(maxlen=RECENT_SAMPLES)
+        self._recent: deque[_Sample] = deque(maxlen=BASELINE.recent_samples)
         self._recent_s = 0.0
 
     @property
@@ -117,11 +89,11 @@ class Baseline:
     def update(self, tick: Tick, estimate: RadiusEstimate) -> None:
         """Take every tick: conditions, and what a standstill changes."""
         stood_s = self._conditions.update(tick, estimate)
-        if stood_s >= PARKED_S:
-            if stood_s >= NEW_DAY_S:
+        if stood_s >= CONDITIONS.parked_s:
+            if stood_s >= CONDITIONS.new_day_s:
                 self._adopt_shadow()
             for reference in self._references():
-                reference.forget_drive(load_only=stood_s < NEW_DAY_S)
+                reference.forget_drive(load_only=stood_s < CONDITIONS.new_day_s)
             self._drive_samples = 0
             self._recent.clear()
         if estimate.informative:
@@ -147,7 +119,7 @@ class Baseline:
         """Another drive begins: what the last ones taught counts now, unless they ended in doubt."""
         if self._shadow is not None and self._doubt < 0.5:
             self.reference = self._shadow
-        if self._shadow is not None or sum(self.reference.ranges) >= NEXT_DRIVE_SAMPLES:
+        if self._shadow is not None or sum(self.reference.ranges) >= BASELINE.next_drive_samples:
             self._shadow = self.reference.copy()
         self._doubt = 0.0
 
@@ -165,7 +137,7 @@ class Baseline:
         if self._recent and self._jumped(now, harmless_m2):
             self._recent.clear()
         recent = [*self._recent, now]
-        if self._recent_s >= SAMPLE_EVERY_S:
+        if self._recent_s >= BASELINE.sample_every_s:
             self._recent.append(now)
             self._recent_s = 0.0
         return self._change([now], harmless_m2), self._change(recent, harmless_m2)
@@ -180,7 +152,7 @@ class Baseline:
         change = now[0] - now[3] @ self.reference.mean * self._radius
         off = change - before.change_m
         covariance = now[1] + now[2] + harmless_m2 + before.own_m2
-        return float(off @ np.linalg.solve(covariance, off)) > FIT_LIMIT[off.size]
+        return bool(off @ np.linalg.solve(covariance, off) > FIT_LIMIT[off.size])
 
     def _change(self, samples: list[_Sample], harmless_m2: FloatArray) -> Change:
         """Mean of samples against the mean of what is expected."""
@@ -191,9 +163,8 @@ class Baseline:
         change = deviation - h @ self.reference.mean * self._radius
         covariance = own / len(samples) + unsettled + h @ self.reference.covariance @ h.T * scale
         nis = float(change @ np.linalg.solve(covariance + harmless_m2, change))
-        return Change(
-            change, covariance, len(samples), own / len(samples) + unsettled, nis <= FIT_LIMIT[change.size]
-        )
+        fits = bool(nis <= FIT_LIMIT[change.size])
+        return Change(change, covariance, len(samples), own / len(samples) + unsettled, fits)
 
     def learn(
         self, estimate: RadiusEstimate, harmless_m2: FloatArray, trusted: bool, elapsed_s: float
@@ -204,18 +175,18 @@ class Baseline:
         if found is None:
             return
         if self.ready:
-            self._doubt += (float(not trusted) - self._doubt) * min(elapsed_s / DOUBT_S, 1.0)
-        if self._since_s < SAMPLE_EVERY_S:
+            self._doubt += (float(not trusted) - self._doubt) * min(elapsed_s / BASELINE.doubt_s, 1.0)
+        if self._since_s < BASELINE.sample_every_s:
             return
         if not self.ready and not self._may_begin(found[1]):
             return
         at = self._conditions.now
-        if self.ready and (not trusted or abs(at.unsettled) > UNSETTLED_SPEED2):
+        if self.ready and (not trusted or abs(at.unsettled) > BASELINE.unsettled_speed2):
             return
         noise = found[1] + self._unsettled() + harmless_m2
         taught = self._shadow or self.reference
-        car = not self.ready or taught.ranges[speed_range(at)] < RANGE_SAMPLES
-        first = self._drive_samples < DRIVE_SAMPLES
+        car = not self.ready or taught.ranges[speed_range(at)] < BASELINE.range_samples
+        first = self._drive_samples < BASELINE.drive_samples
         if not car and not first:
             return
         taught.wander(self._since_s)
@@ -223,7 +194,7 @@ class Baseline:
         if self._shadow is not None and first:
             self.reference.wander(self._since_s)
             self.reference.learn(found[0], noise, self._wheels, at, car=False)
-        elif self._shadow is None and sum(self.reference.ranges) >= SETTLED_SAMPLES:
+        elif self._shadow is None and sum(self.reference.ranges) >= BASELINE.settled_samples:
             self._shadow = self.reference.copy()
         if self.ready:
             self._learned_s += self._since_s
@@ -238,7 +209,7 @@ class Baseline:
         d = len(self._wheels)
         centring = np.eye(d) - np.ones((d, d)) / d
         contrast = math.sqrt(float(np.max(np.diag(centring @ covariance_m2 @ centring))))
-        return contrast <= MAX_CONTRAST_STD * float(self._radius.mean())
+        return contrast <= BASELINE.max_contrast_std * float(self._radius.mean())
 
     def _known(self, estimate: RadiusEstimate) -> tuple[FloatArray, FloatArray] | None:
         deviation = estimate.deviation_m[self._wheels]
@@ -250,12 +221,9 @@ class Baseline:
     def _unsettled(self) -> FloatArray:
         """(d, d) covariance of what the baseline cannot follow: growth while speed changes, and slopes."""
         at = self._conditions.now
-        off = UNSETTLED_SHARE * GROWTH_PRIOR[0] * at.unsettled / PER_SPEED2
-        slope = Nuisance(
-            STEEP_COMMON * at.steep_mps2, STEEP_AXLE * at.steep_mps2, 0.0, STEEP_OWN * at.steep_mps2
-        )
-        growth = off**2 * np.outer(self._radius, self._radius)
-        return growth + slope.covariance(self._wheels, self._radius)
+        off = BASELINE.unsettled_share * GROWTH_PRIOR[0] * at.unsettled / REFERENCE.per_speed2
+        slope = at.steep_mps2**2 * BASELINE.steep.covariance(self._wheels, self._radius)
+        return off**2 * np.outer(self._radius, self._radius) + slope
 
     def follow(self, other: Baseline) -> None:
         """Take over from another baseline of the same car how it is being driven."""
@@ -285,9 +253,9 @@ class Baseline:
     def take_up(self, saved: dict[str, Any]) -> None:
         """Take up what was saved; ValueError (nothing taken up) if it does not fit."""
         try:
-            learned_s = number(saved["learned_s"], 0.0, LONGEST_S, "learning time")
-            since_s = number(saved["since_s"], 0.0, LONGEST_S, "learning time")
-            drive_samples = whole(saved["drive_samples"], 0, MOST_SAMPLES, "number of samples")
+            learned_s = number(saved["learned_s"], 0.0, BASELINE.longest_s, "learning time")
+            since_s = number(saved["since_s"], 0.0, BASELINE.longest_s, "learning time")
+            drive_samples = whole(saved["drive_samples"], 0, REFERENCE.most_samples, "number of samples")
             ready = saved["ready"]
             reference = Reference.from_json(saved["reference"], self._vehicle)
             shadow = saved.get("lessons")  # states of before have none: the next drive begins anew

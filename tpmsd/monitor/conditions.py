@@ -17,24 +17,10 @@ import numpy as np
 from tpmsd.bounds import LARGEST, number
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.estimators.settings import SETTINGS
+from tpmsd.monitor.settings import CONDITIONS
 from tpmsd.physics.grade import GradeTracker
 from tpmsd.physics.motion import GRAVITY_MPS2
 from tpmsd.timeline.tick import Tick
-
-MEMORY_S = (4.0, 40.0)
-"""Shortest and longest memory that is believed."""
-STANDING_MPS = 0.5
-PARKED_S = 90.0
-"""From so long a standstill the car may have been loaded otherwise."""
-NEW_DAY_S = 3600.0
-"""After so long tyres and air may have another temperature."""
-WARMING_S = (400.0, 1000.0)
-"""Two time constants of warm-up by driving; real ones lie between (`thermal_growth`: ten minutes, give or
-take)."""
-COOLING_S = 1800.0
-"""Time constant of cooling down at a standstill."""
-MOST_SPEED2 = 1e5
-"""(m/s)^2; no car is that fast."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +48,7 @@ class ConditionTracker:
         self._slope = 0.0
         self._steep = 0.0
         self._present2 = 0.0
-        self._cold = [1.0] * len(WARMING_S)
+        self._cold = [1.0] * len(CONDITIONS.warming_s)
         self._stood_s = 0.0
         self._time_s = math.nan
 
@@ -79,10 +65,12 @@ class ConditionTracker:
             self._stand(max(tick.time_s - tick.dt_s - self._time_s, 0.0))
         self._time_s = tick.time_s
         speed = estimate.speed_mps
-        if not math.isfinite(speed) or speed < STANDING_MPS:
+        if not math.isfinite(speed) or speed < CONDITIONS.standing_mps:
             self._stand(tick.dt_s)
             return 0.0
-        self._cold = [c * math.exp(-tick.dt_s / tau) for c, tau in zip(self._cold, WARMING_S, strict=True)]
+        self._cold = [
+            c * math.exp(-tick.dt_s / tau) for c, tau in zip(self._cold, CONDITIONS.warming_s, strict=True)
+        ]
         if tick.gap_s > 0.0:
             self._grade.reset()
         self._grade.move(speed * tick.dt_s)
@@ -101,7 +89,7 @@ class ConditionTracker:
 
     def _stand(self, seconds: float) -> None:
         self._stood_s += seconds
-        self._cold = [1.0 - (1.0 - c) * math.exp(-seconds / COOLING_S) for c in self._cold]
+        self._cold = [1.0 - (1.0 - c) * math.exp(-seconds / CONDITIONS.cooling_s) for c in self._cold]
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers for the state file."""
@@ -128,13 +116,15 @@ class ConditionTracker:
                 math.nan if saved["time_s"] is None else number(saved["time_s"], -LARGEST, LARGEST, "time")
             )
             speed2 = (
-                math.nan if saved["speed2"] is None else number(saved["speed2"], 0.0, MOST_SPEED2, "speed")
+                math.nan
+                if saved["speed2"] is None
+                else number(saved["speed2"], 0.0, CONDITIONS.most_speed2, "speed")
             )
-            present2 = number(saved["present2"], 0.0, MOST_SPEED2, "speed")
+            present2 = number(saved["present2"], 0.0, CONDITIONS.most_speed2, "speed")
             slope = number(saved["slope"], -GRAVITY_MPS2, GRAVITY_MPS2, "slope")
         except (KeyError, TypeError) as error:
             raise ValueError(f"the saved conditions are none: {error}") from error
-        if len(cold) != len(WARMING_S):
+        if len(cold) != len(CONDITIONS.warming_s):
             raise ValueError("the saved conditions are none")
         self._cold, self._stood_s, self._time_s = cold, stood_s, time_s
         self._speed2, self._present2, self._slope = speed2, present2, slope
@@ -144,7 +134,7 @@ def _memory_s(estimate: RadiusEstimate) -> float:
     """Memory of the estimate for what acts on all wheels."""
     known = np.isfinite(np.diag(estimate.covariance_m2))
     if not known.any():
-        return MEMORY_S[1]
+        return CONDITIONS.memory_s[1]
     spread = estimate.covariance_m2 if known.all() else estimate.covariance_m2[np.ix_(known, known)]
     variance = float(spread.mean())
-    return min(max(variance / SETTINGS.drift_common_m**2, MEMORY_S[0]), MEMORY_S[1])
+    return min(max(variance / SETTINGS.drift_common_m**2, CONDITIONS.memory_s[0]), CONDITIONS.memory_s[1])

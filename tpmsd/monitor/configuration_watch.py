@@ -16,25 +16,10 @@ import math
 import numpy as np
 
 from tpmsd.config.model import VehicleConfig
+from tpmsd.monitor.settings import CONFIGURATION
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import FL, FR, RL, RR, FloatArray
 
-LOOK_S = 600.0
-"""Driving during which the configuration is held against the drive."""
-SLOWEST_MPS = 5.0
-STEP_S = (0.9, 2.5)
-"""Between two fixes that make one interval."""
-LEAST_TURN_RADPS = 0.02
-"""Below, a course is noise; at 20 m/s a bend of 1 km."""
-LEAST_TURNS_RAD2 = 0.05
-"""Sum of squared changes of course, rad^2, each of at most a second: three bends of 90 degrees, ..."""
-LEAST_INTERVALS = 15
-"""... and the number of intervals that turned."""
-AGAINST, FOR = -0.5, 0.5
-"""Correlations from which a sign is wrong, and from which it is right and no longer looked at."""
-RADIUS_SHARE = 0.05
-"""Relative: five standard deviations of a nominal radius (1 %, docs/explanation/alarms.md)."""
-RADIUS_INTERVALS = 120
 AXLES = {"front": (FL, FR), "rear": (RL, RR)}
 
 
@@ -59,15 +44,15 @@ class _Turns:
 
     def against(self) -> bool:
         """Whether it turns the other way."""
-        if self.right or self._intervals < LEAST_INTERVALS:
+        if self.right or self._intervals < CONFIGURATION.least_intervals:
             return False
         with_given = self._sums[:2, 2]
         left = self._sums[:2, :2] - np.outer(with_given, with_given) / self._sums[2, 2]
-        if left[0, 0] < LEAST_TURNS_RAD2 or left[1, 1] <= 0.0:
+        if left[0, 0] < CONFIGURATION.least_turns_rad2 or left[1, 1] <= 0.0:
             return False
         correlation = left[0, 1] / math.sqrt(left[0, 0] * left[1, 1])
-        self.right = bool(correlation > FOR)
-        return bool(correlation < AGAINST)
+        self.right = bool(correlation > CONFIGURATION.right_correlation)
+        return bool(correlation < CONFIGURATION.wrong_correlation)
 
 
 class ConfigurationWatch:
@@ -88,7 +73,7 @@ class ConfigurationWatch:
 
     def update(self, tick: Tick) -> str:
         """Take one tick; the contradiction, empty while there is none."""
-        if self.contradiction or self._driven_s > LOOK_S:
+        if self.contradiction or self._driven_s > CONFIGURATION.look_s:
             return self.contradiction
         self._rotation = self._rotation + tick.rotation_rad
         self._yaw_rad += tick.yaw_rate_radps * tick.dt_s
@@ -100,18 +85,18 @@ class ConfigurationWatch:
         before, rotation, yaw = self._before, self._rotation, self._yaw_rad
         if not math.isfinite(fix.speed_mps):
             return
-        if before is not None and fix.time_s - before.time_s < STEP_S[0]:
+        if before is not None and fix.time_s - before.time_s < CONFIGURATION.step_s[0]:
             return
         self._before, self._rotation, self._yaw_rad = fix, np.zeros(4), 0.0
-        if before is None or fix.time_s - before.time_s > STEP_S[1]:
+        if before is None or fix.time_s - before.time_s > CONFIGURATION.step_s[1]:
             return
-        if min(fix.speed_mps, before.speed_mps) < SLOWEST_MPS:
+        if min(fix.speed_mps, before.speed_mps) < CONFIGURATION.slowest_mps:
             return
         step_s = fix.time_s - before.time_s
         self._driven_s += step_s
         self._level(0.5 * (fix.speed_mps + before.speed_mps) * step_s, rotation)
         turn = math.remainder(fix.heading_rad - before.heading_rad, math.tau)
-        if not abs(turn) > LEAST_TURN_RADPS * step_s:  # also where there is no course
+        if not abs(turn) > CONFIGURATION.least_turn_radps * step_s:  # also where there is no course
             return
         for name, turns in self._turns.items():
             left, right = AXLES[name]
@@ -134,13 +119,13 @@ class ConfigurationWatch:
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = way_m / (rotation * self._radius)
         seen = ratio[self._wheels]
-        if not np.all(np.isfinite(seen)) or len(self._ratios) >= RADIUS_INTERVALS:
+        if not np.all(np.isfinite(seen)) or len(self._ratios) >= CONFIGURATION.radius_intervals:
             return
         # The wheel that is least off: one soft, spinning or locked wheel is no configuration.
         self._ratios.append(float(seen[np.argmin(np.abs(np.log(np.maximum(seen, 1e-6))))]))
-        if len(self._ratios) == RADIUS_INTERVALS:
+        if len(self._ratios) == CONFIGURATION.radius_intervals:
             ratio_all = float(np.median(self._ratios))
-            if abs(math.log(ratio_all)) > RADIUS_SHARE:
+            if abs(math.log(ratio_all)) > CONFIGURATION.radius_share:
                 radius = float(np.mean(self._radius[self._wheels]))
                 self.contradiction = (
                     f"by the receiver the wheels' radius would be {ratio_all * radius:.3f} m for "

@@ -17,25 +17,14 @@ from tpmsd.config.model import MonitorConfig
 from tpmsd.estimators.agreement import Agreement
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.baseline import Change
-from tpmsd.monitor.hypotheses import PRIOR_BY_SIZE, PRIOR_LARGER, Verdict, hypotheses_of
+from tpmsd.monitor.hypotheses import Verdict, hypotheses_of
 from tpmsd.monitor.judge import Judgement
 from tpmsd.monitor.records import AlarmEvent, AlarmKind, MonitorReport
+from tpmsd.monitor.settings import EXPLANATION, JUDGE
 from tpmsd.monitor.tyre_sets import TyreSets
 from tpmsd.resonance.evidence import ResonanceEvidence
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import IS_FRONT, IS_LEFT, WHEELS, FloatArray
-
-KEEP_EVERY_S, KEPT = 10.0, 60
-"""A moment every 10 s of driving, the last ten minutes."""
-KEPT_ALARMS = 16
-AROUND = 12
-"""Moments that are kept with an alarm."""
-BEST = 6
-"""Alternatives that are listed."""
-RECENT_S = 60.0
-"""Time constant of the shares of driving."""
-SEEN_AT = 2.33
-"""Standard deviations beyond the threshold at which a loss has a probability of 0.99."""
 
 
 class Explanation:
@@ -46,8 +35,8 @@ class Explanation:
         self._wheels = wheels
         self._settings = settings
         self._threshold_m = threshold_m
-        self._moments: deque[dict[str, Any]] = deque(maxlen=KEPT)
-        self._alarms: deque[dict[str, Any]] = deque(maxlen=KEPT_ALARMS)
+        self._moments: deque[dict[str, Any]] = deque(maxlen=EXPLANATION.kept)
+        self._alarms: deque[dict[str, Any]] = deque(maxlen=EXPLANATION.kept_alarms)
         self._latest: dict[str, Any] | None = None
         self._alternatives: list[dict[str, Any]] = []
         self._judgement: Judgement | None = None
@@ -59,7 +48,7 @@ class Explanation:
 
     def tick(self, tick: Tick, estimate: RadiusEstimate, agreement: Agreement) -> None:
         """Take every tick: motion and sky."""
-        share = 1.0 - math.exp(-tick.dt_s / RECENT_S)
+        share = 1.0 - math.exp(-tick.dt_s / EXPLANATION.recent_s)
         self._moving += share * (float(estimate.speed_mps > 2.0) - self._moving)
         self._taught += share * (float(estimate.informative) - self._taught)
         self._time_s, self._gnss_age_s, self._agreement = tick.host_time_s, estimate.gnss_age_s, agreement
@@ -76,13 +65,13 @@ class Explanation:
         self._judgement = judgement
         self._alternatives = self._ranked(verdict)
         self._latest = self._moment(estimate, change, judgement, resonance)
-        if abs(self._time_s - self._kept_s) >= KEEP_EVERY_S:
+        if abs(self._time_s - self._kept_s) >= EXPLANATION.keep_every_s:
             self._kept_s = self._time_s
             self._moments.append(self._latest)
 
     def alarm(self, event: AlarmEvent) -> None:
         """An alarm was raised or cleared: keep what spoke for it."""
-        evidence = list(self._moments)[-AROUND:]
+        evidence = list(self._moments)[-EXPLANATION.around :]
         if self._latest is not None and (not evidence or evidence[-1] is not self._latest):
             evidence.append(self._latest)
         before = None
@@ -188,7 +177,7 @@ class Explanation:
             return {"why_no_alarm": "nothing was judged yet"}
         now = self._latest["wheels"][WHEELS[wheel]]
         std = float(judged.change_std_m[wheel])
-        seen = self._threshold_m + SEEN_AT * math.hypot(std, 3e-4 * 0.3)
+        seen = self._threshold_m + EXPLANATION.seen_stds * math.hypot(std, 3e-4 * 0.3)
         return {
             **now,
             "smallest_loss_seen_mm": _mm(seen),
@@ -258,7 +247,7 @@ class Explanation:
         ):
             names = [WHEELS[self._wheels[k]] for k in members]
             what = f"{' '.join(names)} {'lost radius' if kind == 'loss' else 'became larger'}"
-            prior = PRIOR_LARGER if kind == "larger" else PRIOR_BY_SIZE[len(members)]
+            prior = JUDGE.prior_larger if kind == "larger" else JUDGE.prior_by_size[len(members) - 1]
             entries.append(
                 {
                     "what": what,
@@ -279,7 +268,7 @@ class Explanation:
                 entry["why"] = f"fits worse by {behind:.1f} nats"
             else:
                 entry["why"] = "fits as well, and is less probable beforehand"
-        return entries[:BEST]
+        return entries[: EXPLANATION.best]
 
 
 def _std(row: FloatArray, covariance: FloatArray) -> float:

@@ -8,9 +8,9 @@ and on each axle a difference of left and right, which is small where both tyres
 larger where they are mixed. Tyres of one car come in sets: a wheel that is smaller than its fellow by more
 than a mixed set explains has lost air, or is a spare.
 
-Assumed, without a source at hand: about 1 % of the overall diameter differs from maker to maker
-(CAR_STD, AXLE_STD); tyres of one type and batch run within 0.1 %, and 1 mm more tread on one side is 0.3 % of
-the radius (WITHIN_STD). The recordings at hand have 0.0 to 0.4 % between the rear wheels, once with an
+Assumed, without a source at hand: about 1 % of the overall diameter differs from maker to maker (`car_std`,
+`axle_std`); tyres of one type and batch run within 0.1 %, and 1 mm more tread on one side is 0.3 % of the
+radius (`within_std`). The recordings at hand have 0.0 to 0.4 % between the rear wheels, once with an
 encoder that loses counts.
 """
 
@@ -27,27 +27,12 @@ import numpy as np
 
 from tpmsd.monitor.alarm_state import Hysteresis
 from tpmsd.monitor.records import AlarmKind
+from tpmsd.monitor.settings import FIRST_START
 from tpmsd.wheels import IS_FRONT, IS_LEFT, FloatArray
 
-CAR_STD = 0.01
-"""A guessed nominal radius, relative."""
-AXLE_STD = 0.005
-"""Front and rear, each way: another size, load or wear."""
 BEFORE = "before the first start"
 """What `since` says of such an alarm."""
-FIRST_S = 600.0
-"""Informative driving, from the first start on, in which tyres are held against the prior."""
-CHANGED_SHARE = 0.0023
-"""Change since the baseline, relative to the radius, from which a difference may be younger than it: half of
-a loss of 20 % of the pressure."""
-WITHIN_STD = ((0.95, 0.001), (0.05, 0.003))
-"""Left against right of an axle: share of cars and standard deviation of the difference, for one set and for
-a mixed or unevenly worn one."""
-LOSS_GRID = np.geomspace(0.0046, 0.05, 20)
-"""From a loss of 20 % of the pressure to a flat tyre."""
-SOFT_PRIOR, LARGER_PRIOR = 0.01, 0.0005
-"""Of each wheel: every hundredth tyre on the road is soft by 20 % and more alone (3 % of cars have one tyre
-that is 25 % low: assumed); a single larger tyre is a mixed one, and rare."""
+LOSS_GRID = np.geomspace(*FIRST_START.losses)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +104,8 @@ def _fellow(x: FloatArray, wheels: list[int]) -> FloatArray:
 def _shifts(d: int) -> tuple[FloatArray, FloatArray]:
     """(h, d) change of the radii under each hypothesis (none, one soft, one larger), and log priors (h,)."""
     rows = [np.zeros(d)]
-    logs = [math.log1p(-d * (SOFT_PRIOR + LARGER_PRIOR))]
-    for sign, prior in ((-1.0, SOFT_PRIOR), (1.0, LARGER_PRIOR)):
+    logs = [math.log1p(-d * (FIRST_START.soft_prior + FIRST_START.larger_prior))]
+    for sign, prior in ((-1.0, FIRST_START.soft_prior), (1.0, FIRST_START.larger_prior)):
         for wheel in range(d):
             for loss in LOSS_GRID:
                 rows.append(sign * loss * np.eye(d)[wheel])
@@ -134,10 +119,12 @@ def _healthy(wheels: tuple[int, ...]) -> list[tuple[float, FloatArray]]:
     index = list(wheels)
     front, left = IS_FRONT[index], np.where(IS_LEFT[index], 1.0, -1.0)
     side = np.where(front, 1.0, -1.0)
-    base = CAR_STD**2 * np.ones((len(index), len(index))) + AXLE_STD**2 * np.outer(side, side)
+    base = FIRST_START.car_std**2 * np.ones((len(index), len(index))) + FIRST_START.axle_std**2 * np.outer(
+        side, side
+    )
     axles = [mask for mask in (front, ~front) if mask.any()]
     out = []
-    for parts in itertools.product(WITHIN_STD, repeat=len(axles)):
+    for parts in itertools.product(FIRST_START.within_std, repeat=len(axles)):
         covariance = base + 1e-12 * np.eye(len(index))
         for mask, (_, std) in zip(axles, parts, strict=True):
             apart = np.where(mask, left, 0.0) / 2.0
@@ -188,7 +175,7 @@ class FirstStart:
 
         change_m (4,): against the baseline, NaN where there is none; `ordinary`: wheels with another alarm.
         """
-        limit = CHANGED_SHARE * float(self._radius.mean())
+        limit = FIRST_START.changed_share * float(self._radius.mean())
         moved = {w for w in self._wheels if w in ordinary or abs(float(change_m[w])) > limit}
         return moved | {w ^ 1 for w in moved}
 

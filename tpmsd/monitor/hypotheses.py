@@ -21,35 +21,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.wheels import IS_FRONT, IS_LEFT, FloatArray
+from tpmsd.monitor.settings import JUDGE
+from tpmsd.wheels import FloatArray
 
-LOSS_GRID = np.geomspace(0.0008, 0.05, 24)
-"""Losses of radius considered, relative; 0.46 % is a 20 % loss of pressure, 5 % a flat tyre."""
-PRIOR_BY_SIZE = {1: 1e-3, 2: 3e-4, 3: 1e-4, 4: 1e-3}
-"""Prior probability of each subset of that size: one tyre loses air more often than two or three at once; all
-four lose it together, by diffusion and neglect."""
-PRIOR_LARGER = 1e-5
-"""Prior probability of each wheel that it is larger than was learned: a new tyre of which nobody told. Of a
-pair alone nothing tells which wheel has changed: there it is the one that lost."""
-
-
-@dataclass(frozen=True, slots=True)
-class Nuisance:
-    """Standard deviations of harmless changes since the baseline, relative to the radius."""
-
-    common: float = 0.0025
-    axle: float = 0.0012
-    side: float = 0.0003
-    own: float = 0.0003
-
-    def covariance(self, wheels: list[int], radius_m: FloatArray) -> FloatArray:
-        """(d, d) covariance over the given wheels, m2."""
-        d = len(wheels)
-        out = np.ones((d, d)) * self.common**2 + np.eye(d) * self.own**2
-        for contrast, std in ((IS_FRONT[wheels], self.axle), (IS_LEFT[wheels], self.side)):
-            sign = np.where(contrast, 1.0, -1.0)
-            out += np.outer(sign, sign) * std**2
-        return out * np.outer(radius_m, radius_m)
+LOSS_GRID = np.geomspace(*JUDGE.losses)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,8 +111,8 @@ def _hypotheses(d: int) -> tuple[FloatArray, FloatArray]:
     """
     found = subsets(d)
     members = [[float(wheel in subset) for wheel in range(d)] for subset in found]
-    priors = [PRIOR_BY_SIZE[len(subset)] for subset in found]
+    priors = [JUDGE.prior_by_size[len(subset) - 1] for subset in found]
     if d > 2:
         members += (-np.eye(d)).tolist()
-        priors += [PRIOR_LARGER] * d
+        priors += [JUDGE.prior_larger] * d
     return np.array(members), np.array(priors)

@@ -14,26 +14,12 @@ from scipy.special import ndtr
 
 from tpmsd.config.model import MonitorConfig, TyreConfig, VehicleConfig
 from tpmsd.monitor.baseline import Change
-from tpmsd.monitor.hypotheses import Nuisance, Verdict, compare, subsets
+from tpmsd.monitor.hypotheses import Verdict, compare, subsets
+from tpmsd.monitor.nuisance import Nuisance
+from tpmsd.monitor.settings import JUDGE
 from tpmsd.physics.tyre import tyre_model
 from tpmsd.resonance.evidence import ResonanceEvidence
 from tpmsd.wheels import FloatArray
-
-HARMLESS = Nuisance(common=3e-4, axle=4e-4, side=3e-4, own=3e-4)
-"""What comes and goes within seconds beyond what the baseline explains: wind, camber, ruts, load in bends."""
-UNEXPLAINED = Nuisance()
-"""What speed, warmth, load and slip can do where they are not compensated: a radius that is off by this is no
-wrong tyre."""
-FULL_SAMPLES = 7
-"""Of the mean, from which it speaks of several tyres: two minutes of driving."""
-UNDECIDED = 0.5
-"""A probability that neither raises nor clears."""
-SUSPICIOUS = 0.5
-"""Log-likelihood ratio of a loss to none from which nothing is learned: what might be a fault must not become
-normal, however improbable faults are beforehand."""
-SUSPICIOUS_AT_FIRST = 3.0
-"""The same while the car is learned for the first time. A baseline of a few samples is off by half a
-millimetre; held to the former limit it would take its own error for a fault and never learn better."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +48,7 @@ class Judgement:
 
     def trusted(self, settled: bool) -> bool:
         """Whether the baseline may learn; `settled`: whether it has been learned once."""
-        return self.suspicion < (SUSPICIOUS if settled else SUSPICIOUS_AT_FIRST)
+        return self.suspicion < (JUDGE.suspicious if settled else JUDGE.suspicious_at_first)
 
     @classmethod
     def unknown(cls) -> Judgement:
@@ -80,12 +66,12 @@ class Judge:
         settings: MonitorConfig,
         tyre: TyreConfig,
         wheels: list[int],
-        harmless: Nuisance = HARMLESS,
+        harmless: Nuisance = JUDGE.harmless,
     ) -> None:
         self._wheels = wheels
         self._radius = np.array(vehicle.wheel_radius_m)[wheels]
         self.harmless_m2 = harmless.covariance(wheels, self._radius)
-        self._unexplained_m2 = UNEXPLAINED.covariance(wheels, self._radius)
+        self._unexplained_m2 = JUDGE.unexplained.covariance(wheels, self._radius)
         self._tyres = [tyre_model(tyre, float(radius)) for radius in self._radius]
         self._threshold = settings.deflation_percent / 100.0
         if settings.deflation_pressure_percent is not None:
@@ -158,7 +144,7 @@ class Judge:
 
     def _tolerance_m2(self, other_tyres: bool) -> FloatArray:
         d = len(self._wheels)
-        return OTHER_TYRES.covariance(self._wheels, self._radius) if other_tyres else np.zeros((d, d))
+        return JUDGE.other_tyres.covariance(self._wheels, self._radius) if other_tyres else np.zeros((d, d))
 
     def _compare(
         self,
@@ -188,9 +174,5 @@ def _deflated(now: Verdict, mean: Verdict, samples: int) -> FloatArray:
     One tyre alone stands out at once. Two or more look like slip, slopes or load for a while: so they are
     believed of the mean over minutes, and what shows of them now is only reason not to clear.
     """
-    at_once = np.maximum(now.alone, np.minimum(now.deflated, UNDECIDED))
-    return np.maximum(at_once, mean.deflated) if samples >= FULL_SAMPLES else at_once
-
-
-OTHER_TYRES = Nuisance(common=0.02, axle=0.01, side=0.0, own=5e-4)
-"""How tyres of another set differ: by size and wear of all and of an axle, and little among themselves."""
+    at_once = np.maximum(now.alone, np.minimum(now.deflated, JUDGE.undecided))
+    return np.maximum(at_once, mean.deflated) if samples >= JUDGE.full_samples else at_once

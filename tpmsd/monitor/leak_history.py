@@ -14,18 +14,9 @@ from typing import Any
 import numpy as np
 
 from tpmsd.bounds import number, whole
-from tpmsd.monitor.leak_trend import SETTINGS, Trend, TrendSettings, find_trend, has_ended
+from tpmsd.monitor.leak_trend import Trend, find_trend, has_ended
+from tpmsd.monitor.settings import READINGS, TREND, TrendSettings
 from tpmsd.wheels import FloatArray
-
-MOST_DAYS = 72
-OLDEST_D = 120.0
-"""Readings further back say nothing of a leak that is not 20 % low yet at 1 % per week."""
-LONGEST_GAP_D = 45.0
-"""After so long without a drive, or a clock that steps by so much, the readings before are forgotten."""
-STEPPED_BACK_D = 2.0
-"""A clock that is behind the last reading by less is waited for."""
-MOST_DIFFERENCE_M = 0.05
-MOST_DRIVES = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +36,7 @@ class Day:
 class LeakHistory:
     """The days of one set of tyres."""
 
-    def __init__(self, settings: TrendSettings = SETTINGS) -> None:
+    def __init__(self, settings: TrendSettings = TREND) -> None:
         self._settings = settings
         self.days: list[Day] = []
         self._step_next = False
@@ -53,9 +44,9 @@ class LeakHistory:
     def add(self, day: float, difference_m: FloatArray, variance_m2: FloatArray) -> bool:
         """Take the reading of one drive, (2,) each; whether it was taken."""
         last = self.days[-1].day if self.days else day
-        if day < last and last - day <= STEPPED_BACK_D and math.floor(day) != math.floor(last):
+        if day < last and last - day <= READINGS.stepped_back_d and math.floor(day) != math.floor(last):
             return False
-        if day - last > LONGEST_GAP_D or (day < last and math.floor(day) != math.floor(last)):
+        if day - last > READINGS.longest_gap_d or (day < last and math.floor(day) != math.floor(last)):
             self.days.clear()
         one = Day(
             day,
@@ -70,7 +61,7 @@ class LeakHistory:
             # A clock that was set back within the day does not turn the order of its readings.
             self.days.append(replace(one, day=max(day, last)) if same else one)
         self._step_next = False
-        self.days = [d for d in self.days if day - d.day <= OLDEST_D][-MOST_DAYS:]
+        self.days = [d for d in self.days if day - d.day <= READINGS.oldest_d][-READINGS.most_days :]
         return True
 
     def mark_step(self) -> None:
@@ -120,7 +111,7 @@ class LeakHistory:
         except (KeyError, TypeError, IndexError) as error:
             raise ValueError(f"the saved days of the tyres are none: {error}") from error
         rising = all(one.day <= other.day for one, other in pairwise(days))
-        if not rising or len(days) > MOST_DAYS or not isinstance(step_next, bool):
+        if not rising or len(days) > READINGS.most_days or not isinstance(step_next, bool):
             raise ValueError("the saved days of the tyres are none")
         out.days, out._step_next = days, step_next
         return out
@@ -128,7 +119,7 @@ class LeakHistory:
 
 def _merged(one: Day, other: Day) -> Day:
     """The mean over the drives of a day."""
-    n = min(one.drives, MOST_DRIVES)
+    n = min(one.drives, READINGS.most_drives)
     difference, variance = list(other.difference_m), list(other.variance_m2)
     for k in range(2):
         if math.isfinite(difference[k]) and math.isfinite(one.difference_m[k]):
@@ -148,7 +139,7 @@ def _day(entry: list[Any]) -> Day:
     day, front, rear, front_m2, rear_m2, drives, known = entry
     if not isinstance(known, bool):
         raise ValueError("the saved days of the tyres are none")
-    most = MOST_DIFFERENCE_M
+    most = READINGS.most_difference_m
     difference = tuple(math.nan if x is None else number(x, -most, most, "difference") for x in (front, rear))
     variance = tuple(
         math.nan if x is None else number(x, 0.0, most**2, "variance") for x in (front_m2, rear_m2)
@@ -157,7 +148,7 @@ def _day(entry: list[Any]) -> Day:
         number(day, -1e6, 1e6, "day"),
         (difference[0], difference[1]),
         (variance[0], variance[1]),
-        whole(drives, 1, MOST_DRIVES + 1, "number of drives"),
+        whole(drives, 1, READINGS.most_drives + 1, "number of drives"),
         known,
     )
 

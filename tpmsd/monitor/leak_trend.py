@@ -25,51 +25,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from tpmsd.monitor.settings import TREND, TrendSettings
 from tpmsd.wheels import FloatArray
 
 WEEK_D = 7.0
-FINER = np.exp(np.linspace(-0.25, 0.25, 11))
+FINER = np.exp(np.linspace(-TREND.finer_logs, TREND.finer_logs, TREND.finer_rates))
 """Rates that are tried about the best of the coarse ones, relative to it."""
-
-
-@dataclass(frozen=True, slots=True)
-class TrendSettings:
-    """What a leak is; rates in per cent of pressure per week."""
-
-    step_penalty: float = 10.0
-    """Nats: a step about once a month in daily readings (log 30), the Occam factor of its level, and the
-    freedom of its place."""
-    gap_d: float = 6.0
-    """After so long without a drive a step is free: a refill then would pass for a steep trend."""
-    healthy_rate: float = 0.8
-    """Diffusion of 1 to 3 % per month: two tyres differ by at most 0.5 % a week; wear adds up to 0.2."""
-    least_rate: float = 1.0
-    """A tyre at this rate is 20 % low after 20 weeks."""
-    sure_rate: float = 1.3
-    """Beyond what is healthy, even if the rate is two standard deviations too high."""
-    most_rate: float = 12.0
-    """Faster leaks are 20 % low in less than two weeks, which is left to the alarm `deflation`."""
-    rates: int = 9
-    onsets: int = 10
-    """Coarse grid of rates and of the day on which the leak began; about the best it is made finer."""
-    least_days: int = 14
-    """Days with readings within the trend, ..."""
-    least_span_d: float = 21.0
-    """... and the time they span: shorter trends are load, weather, or chance."""
-    least_fall: float = 6.0
-    """Per cent of pressure that the leak has cost: 0.4 mm of radius."""
-    raise_gain: float = 8.0
-    """Nats by which a leak must explain the days better, ..."""
-    clear_gain: float = 3.0
-    """... and by which no leak must explain those since the notice better than the leak that was noticed."""
-    scatter_floor: float = 0.7
-    """Per cent of pressure: 0.05 mm, below which no day's reading is known."""
-    outlier: float = 2.5
-    """Standard deviations from the median of five days at which a reading is cut off."""
-    low_percent: float = 20.0
-
-
-SETTINGS = TrendSettings()
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +52,7 @@ class Trend:
     low_in_d: tuple[float, float, float]
     """Days from the last reading until 20 % are lost: 2.5 %, 50 % and 97.5 % quantile; not below zero."""
 
-    def noticeable(self, settings: TrendSettings = SETTINGS) -> bool:
+    def noticeable(self, settings: TrendSettings = TREND) -> bool:
         """Whether it is a leak beyond doubt."""
         return (
             self.gain >= settings.raise_gain
@@ -102,7 +63,7 @@ class Trend:
         )
 
 
-def scatter(values: FloatArray, settings: TrendSettings = SETTINGS) -> float:
+def scatter(values: FloatArray, settings: TrendSettings = TREND) -> float:
     """Standard deviation of one day's reading (n,), from differences of successive days: trends and steps
     hardly show in them."""
     if values.size < 3:
@@ -117,7 +78,7 @@ def _weights(variance: FloatArray, std: float, settings: TrendSettings) -> Float
     return np.asarray(1.0 / (beyond + np.minimum(variance, (4.0 * std) ** 2)))
 
 
-def without_outliers(values: FloatArray, std: float, settings: TrendSettings = SETTINGS) -> FloatArray:
+def without_outliers(values: FloatArray, std: float, settings: TrendSettings = TREND) -> FloatArray:
     """(n,) each reading held to the median of the five around it."""
     padded = np.pad(values, 2, mode="edge")
     middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
@@ -160,7 +121,7 @@ def find_trend(
     value: FloatArray,
     variance: FloatArray,
     known_steps: NDArray[np.bool_],
-    settings: TrendSettings = SETTINGS,
+    settings: TrendSettings = TREND,
 ) -> Trend | None:
     """The best leak of either side; None with too few days.
 
@@ -241,7 +202,7 @@ def has_ended(
     variance: FloatArray,
     left: bool,
     rate: float,
-    settings: TrendSettings = SETTINGS,
+    settings: TrendSettings = TREND,
 ) -> bool:
     """Whether these days, as for `find_trend`, speak against a leak of this side and rate going on."""
     if day.size < settings.least_days // 2:

@@ -32,18 +32,13 @@ from tpmsd.monitor.records import (
     WheelState,
 )
 from tpmsd.monitor.saved_alarms import alarm_from_json, alarm_to_json
+from tpmsd.monitor.settings import JUDGE
 from tpmsd.monitor.signal_watch import SignalWatch, Watching
 from tpmsd.monitor.slow_leak import SlowLeakWatch
 from tpmsd.monitor.tyre_sets import TyreSets
 from tpmsd.resonance.evidence import ResonanceEvidence
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import WHEELS
-
-JUDGE_EVERY_S = 1.0
-SEEN_SHARE = 1.5
-"""Standard deviation of a wheel against the others, relative to the threshold of a deflation, up to which a
-tyre that has lost 20 % (1.8 thresholds) is seen."""
-SEEN_FRESH_S = 2.5
 
 
 class Monitor:
@@ -68,7 +63,7 @@ class Monitor:
         self._since_seen_s = math.inf
         """Since the wheels were last known well enough to see a soft one."""
         radius = float(np.mean(np.array(vehicle.wheel_radius_m)[self._wheels]))
-        self._seen_m = SEEN_SHARE * settings.deflation_percent / 100.0 * radius
+        self._seen_m = JUDGE.seen_share * settings.deflation_percent / 100.0 * radius
         self._alarms = {
             (kind, wheel): Hysteresis(
                 settings.raise_probability,
@@ -137,7 +132,7 @@ class Monitor:
             self._sets.judging.forget_recent()
         elif estimate.informative:
             self._since_judged_s += tick.dt_s
-            if self._since_judged_s >= JUDGE_EVERY_S:
+            if self._since_judged_s >= JUDGE.every_s:
                 events += self._judge_now(tick, estimate, self._since_judged_s)
                 self._since_judged_s = 0.0
         events += self._leaks.update(tick, estimate, self.baseline, self._sets.name, self._trusted)
@@ -154,7 +149,7 @@ class Monitor:
 
     def _watching(self) -> Watching:
         """Whether a soft tyre would be seen now."""
-        sees = self._since_seen_s <= SEEN_FRESH_S
+        sees = self._since_seen_s <= JUDGE.seen_fresh_s
         return Watching(sees, self._sets.undecided, self._configuration.contradiction)
 
     def _judge_now(self, tick: Tick, estimate: RadiusEstimate, elapsed_s: float) -> list[AlarmEvent]:

@@ -32,6 +32,7 @@ import numpy as np
 from tpmsd.bounds import covariance, vector, whole
 from tpmsd.config.model import VehicleConfig
 from tpmsd.monitor.conditions import Conditions
+from tpmsd.monitor.settings import REFERENCE
 from tpmsd.wheels import IS_FRONT, FloatArray
 
 OWN, GROWTH_OWN, SPEED = slice(0, 4), slice(4, 8), slice(8, 13)
@@ -42,9 +43,7 @@ CAR = 20
 LOAD, DAY, WANDER, WANDER_OWN = slice(20, 22), 22, 23, slice(24, 28)
 SIZE = 28
 
-KNOTS_MPS = np.array([8.0, 16.0, 24.0, 32.0, 40.0])
-PER_SPEED2 = 1000.0
-"""Unit of speed squared: 32 m/s."""
+KNOTS_MPS = np.array(REFERENCE.knots_mps)
 OWN_STD = 0.01
 GROWTH_PRIOR = (3.0e-3, 2.0e-3)
 """k of 1e-6 s2/m, give or take two thirds, on 0.316 m."""
@@ -63,10 +62,7 @@ LOAD_STD = (1.5e-4, 4e-4)
 """Front and rear: 0.13 mm are 250 N on each rear tyre; a full car is four times that."""
 DAY_STD = 3e-4
 """0.1 mm: 3.5 K."""
-WANDER_STD, WANDER_OWN_STD, WANDER_S = 2e-4, 2e-4, 900.0
-FAR = 10.0
-"""Prior standard deviations by which a saved parameter may be off: 10 % of a radius."""
-MOST_SAMPLES = 1_000_000
+WANDER_STD, WANDER_OWN_STD = 2e-4, 2e-4
 
 
 class Reference:
@@ -99,7 +95,7 @@ class Reference:
     def features(self, at: Conditions) -> FloatArray:
         """(4, SIZE) how each parameter acts on each wheel, relative to its radius."""
         out = np.zeros((4, SIZE))
-        speed2 = at.speed2 / PER_SPEED2
+        speed2 = at.speed2 / REFERENCE.per_speed2
         driven = np.where(IS_FRONT, self._driven[0], self._driven[1])
         out[:, OWN] = np.eye(4)
         out[:, GROWTH_OWN] = np.eye(4) * speed2
@@ -122,7 +118,7 @@ class Reference:
 
     def own_growth_m(self, at: Conditions) -> FloatArray:
         """(4,) what each wheel grows with speed beyond the others, as far as it is learned."""
-        return np.asarray(self.mean[GROWTH_OWN] * at.speed2 / PER_SPEED2 * self._radius)
+        return np.asarray(self.mean[GROWTH_OWN] * at.speed2 / REFERENCE.per_speed2 * self._radius)
 
     def learn(
         self,
@@ -156,7 +152,7 @@ class Reference:
 
     def wander(self, seconds: float) -> None:
         """Driving goes on: what comes and goes within a drive has come and gone a little."""
-        decay = math.exp(-seconds / WANDER_S)
+        decay = math.exp(-seconds / REFERENCE.wander_s)
         factor = np.ones(SIZE)
         factor[WANDER] = factor[WANDER_OWN] = decay
         self.mean = self.mean * factor
@@ -202,12 +198,12 @@ class Reference:
         try:
             mean = vector(saved["mean"], SIZE, "baseline")
             spread = covariance(saved["covariance"], std**2, "baseline's covariance")
-            ranges = [whole(n, 0, MOST_SAMPLES, "number of samples") for n in saved["ranges"]]
+            ranges = [whole(n, 0, REFERENCE.most_samples, "number of samples") for n in saved["ranges"]]
         except (KeyError, TypeError) as error:
             raise ValueError(f"the saved baseline is not one: {error}") from error
         if len(ranges) != KNOTS_MPS.size:
             raise ValueError("the saved baseline has another shape")
-        if np.any(np.abs(mean - prior_mean) > FAR * std):
+        if np.any(np.abs(mean - prior_mean) > REFERENCE.far_stds * std):
             raise ValueError("the saved baseline is absurd (far from what any car has)")
         out.mean, out.covariance, out.ranges = mean, spread, ranges
         return out

@@ -12,10 +12,8 @@ from typing import Any
 from tpmsd.bounds import LARGEST, number
 from tpmsd.monitor.first_start import BEFORE
 from tpmsd.monitor.records import AlarmEvent, AlarmKind
+from tpmsd.monitor.settings import TYRE_SETS
 from tpmsd.wheels import WHEELS
-
-MOST_REASON = 500
-"""Characters of a saved reason."""
 
 
 def alarm_to_json(event: AlarmEvent) -> dict[str, Any]:
@@ -43,7 +41,7 @@ def alarm_from_json(entry: dict[str, Any], known: Container[tuple[AlarmKind, int
         deviation_m=math.nan,
         std_m=math.nan,
         probability=number(entry["probability"], 0.0, 1.0, "probability"),
-        reason=str(entry["reason"])[:MOST_REASON],
+        reason=str(entry["reason"])[: TYRE_SETS.most_reason],
         pressure_loss=_or_nan(entry.get("pressure_loss")),
         pressure_loss_std=_or_nan(entry.get("pressure_loss_std")),
         since=BEFORE if entry.get("since") else "",

@@ -19,31 +19,14 @@ from tpmsd.config.model import MonitorConfig
 from tpmsd.estimators.agreement import AGREED, Agreement
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.records import AlarmEvent, AlarmKind
+from tpmsd.monitor.settings import SIGNALS
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import RL, RR, WHEELS
 
-GNSS_FRESH_S = 10.0
-MOVING_MPS = 2.0
-DRIVING_MPS = 40.0 / 3.6
-"""From here on UN R141 counts driving time."""
-BLIND_S = 600.0
-"""UN R141, 5.3.3: a malfunction is said within ten minutes of driving."""
-TURNING_RAD = 0.1
-"""Rotation in a tick from which a wheel turns."""
-FORGIVE_AFTER_S = 1.0
-"""Time in good order that takes back the bad time counted so far."""
-CLEAR_SHARE = 0.1
-MIN_CLEAR_S = 2.0
 AT_ONCE_S = 1e-9
 """Limit of what is a malfunction with the first tick of it."""
 
 
-FAULT_FRESH_S = 2.5
-"""A fault of an input that lasts is reported at least once a second."""
-DISAGREE_MPS, DISAGREE_SHARE = 3.0, 0.2
-"""Beyond both, speeds of wheels and receiver are of two cars; braking and a lag of the receiver are less."""
-SPEED_FRESH_S = 2.0
-CHORD_S = 1.0
 _ESTIMATED = 6
 """GGA quality of dead reckoning: no witness."""
 
@@ -68,14 +51,14 @@ class ReceiverSpeed:
                 self._speed_mps, self._time_s = fix.speed_mps, fix.time_s
             else:
                 self._by_position(fix)
-        return self._speed_mps if 0.0 <= tick.time_s - self._time_s <= SPEED_FRESH_S else math.nan
+        return self._speed_mps if 0.0 <= tick.time_s - self._time_s <= SIGNALS.speed_fresh_s else math.nan
 
     def _by_position(self, fix: Fix) -> None:
         anchor = self._anchor
-        if anchor is not None and 0.0 <= fix.time_s - anchor.time_s < CHORD_S:
+        if anchor is not None and 0.0 <= fix.time_s - anchor.time_s < SIGNALS.chord_s:
             return
         self._anchor = fix
-        if anchor is not None and 0.0 < fix.time_s - anchor.time_s <= 2.0 * CHORD_S:
+        if anchor is not None and 0.0 < fix.time_s - anchor.time_s <= 2.0 * SIGNALS.chord_s:
             way_m = math.hypot(fix.east_m - anchor.east_m, fix.north_m - anchor.north_m)
             self._speed_mps, self._time_s = way_m / (fix.time_s - anchor.time_s), fix.time_s
 
@@ -112,13 +95,13 @@ class _Malfunction:
             self.good_s = 0.0
         elif good:
             self.good_s += tick.dt_s
-            if self.good_s > FORGIVE_AFTER_S:
+            if self.good_s > SIGNALS.forgive_after_s:
                 self.bad_s = 0.0
         if self.raised is None and self.bad_s >= limit_s:
             self.raised = self._event("raised", self.reason, tick)
             return [self.raised]
         if self.raised is not None and self.good_s >= min(
-            max(CLEAR_SHARE * limit_s, MIN_CLEAR_S), self.clear_s
+            max(SIGNALS.clear_share * limit_s, SIGNALS.min_clear_s), self.clear_s
         ):
             self.raised, self.bad_s = None, 0.0
             return [self._event("cleared", f"over: {self.reason}", tick)]
@@ -191,7 +174,7 @@ class SignalWatch:
         for wheel in self._wheels:
             if valid[wheel]:
                 self._last_valid_s[wheel] = tick.time_s
-        moving = estimate.speed_mps > MOVING_MPS
+        moving = estimate.speed_mps > SIGNALS.moving_mps
         rear = bool(valid[RL] and valid[RR])
         if rear:
             self._stood = not moving
@@ -208,15 +191,15 @@ class SignalWatch:
         # The estimator uses no fix without the rear wheels, nor one that is withheld: then the receiver's own
         # silence counts.
         own = not rear or agreement.withheld
-        stale = (tick.time_s - self._last_fix_s if own else estimate.gnss_age_s) > GNSS_FRESH_S
+        stale = (tick.time_s - self._last_fix_s if own else estimate.gnss_age_s) > SIGNALS.gnss_fresh_s
         events += self._gnss.update(stale and moving, not stale, self._settings.gnss_malfunction_s, tick)
         events += self._faults(tick)
         receiver_mps = self._receiver.update(tick)
-        driving = max(_known(estimate.speed_mps), _known(receiver_mps)) > DRIVING_MPS
+        driving = max(_known(estimate.speed_mps), _known(receiver_mps)) > SIGNALS.driving_mps
         sees = watching.sees
-        events += self._blind.update(driving and not sees, sees, BLIND_S, tick)
+        events += self._blind.update(driving and not sees, sees, SIGNALS.blind_s, tick)
         undecided = watching.undecided
-        events += self._undecided.update(driving and undecided, not undecided, BLIND_S, tick)
+        events += self._undecided.update(driving and undecided, not undecided, SIGNALS.blind_s, tick)
         if watching.contradiction:
             self._contradicted.reason = f"the drive contradicts the configuration: {watching.contradiction}"
         wrong = bool(watching.contradiction)
@@ -227,7 +210,7 @@ class SignalWatch:
             agreement.withheld or (known and not good), known and good, limit_s, tick
         )
         events += self._unsteady.update(agreement.unsteady, not agreement.unsteady, limit_s, tick)
-        turning = bool(np.any(tick.rotation_rad > TURNING_RAD))  # false for NaN
+        turning = bool(np.any(tick.rotation_rad > SIGNALS.turning_rad))  # false for NaN
         for wheel, malfunction in self._wheels.items():
             events += malfunction.update(not valid[wheel] and turning, bool(valid[wheel]), limit_s, tick)
         return events
@@ -239,7 +222,7 @@ class SignalWatch:
             if fault.kind in self._heard_s:
                 self._heard_s[fault.kind] = tick.time_s
         for kind, malfunction in (("unplugged", self._unplugged), ("spoofed", self._spoofed)):
-            bad = tick.time_s - self._heard_s[kind] <= max(FAULT_FRESH_S, tick.dt_s)
+            bad = tick.time_s - self._heard_s[kind] <= max(SIGNALS.fault_fresh_s, tick.dt_s)
             events += malfunction.update(bad, not bad, self._settings.malfunction_s, tick)
         broke = self._heard_s["restarted"] == tick.time_s
         good = tick.time_s - self._heard_s["restarted"] > self._settings.malfunction_s
@@ -251,5 +234,9 @@ class SignalWatch:
         """Whether both speeds are known, and whether they agree."""
         known = rear and math.isfinite(receiver_mps + wheels_mps)
         apart = abs(wheels_mps - receiver_mps)
-        limit = max(DISAGREE_MPS, DISAGREE_SHARE * max(abs(wheels_mps), receiver_mps)) if known else 0.0
+        limit = (
+            max(SIGNALS.disagree_mps, SIGNALS.disagree_share * max(abs(wheels_mps), receiver_mps))
+            if known
+            else 0.0
+        )
         return known, apart <= limit

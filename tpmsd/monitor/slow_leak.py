@@ -24,22 +24,12 @@ from tpmsd.monitor.baseline import Baseline
 from tpmsd.monitor.leak_history import LeakHistory
 from tpmsd.monitor.leak_trend import Trend
 from tpmsd.monitor.records import AlarmEvent, AlarmKind
+from tpmsd.monitor.settings import READINGS
 from tpmsd.physics.tyre import tyre_model
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import FL, FR, RL, RR, WHEELS, FloatArray
 
 DAY_S = 86400.0
-WARM_S, FULL_S, LEAST_S = 120.0, 600.0, 240.0
-"""Informative driving before the first sample, for a full reading, and for the least that is one."""
-SAMPLE_S = 20.0
-NEW_DRIVE_S = 1800.0
-"""A standstill from which the next reading is another drive's."""
-STANDING_MPS = 0.5
-MOST_STD_M = 4e-4
-"""A difference known less well says nothing of a leak that costs 0.14 mm a week."""
-EARLIEST_S = 1.5e9
-"""2017: a host's clock before has not been set, and has no dates."""
-MOST_SETS = 9
 AXLES = ((FL, FR), (RL, RR))
 _EPOCH = date(1970, 1, 1).toordinal()
 _LAST_DAY = date(9999, 12, 31).toordinal() - _EPOCH
@@ -59,7 +49,7 @@ class DriveReading:
         """Let informative driving pass; whether a sample is to be taken."""
         self._driven_s += dt_s
         self._since_s += dt_s
-        return self._driven_s >= WARM_S and self._since_s >= SAMPLE_S and not self._taken
+        return self._driven_s >= READINGS.warm_s and self._since_s >= READINGS.sample_s and not self._taken
 
     def add(self, difference_m: FloatArray, variance_m2: FloatArray) -> None:
         """Take a sample; (2,) each."""
@@ -69,7 +59,7 @@ class DriveReading:
 
     def result(self, *, over: bool) -> tuple[FloatArray, FloatArray] | None:
         """Difference and variance (2,) once there is a reading, and only once; `over`: the drive is."""
-        enough = WARM_S + (LEAST_S if over else FULL_S)
+        enough = READINGS.warm_s + (READINGS.least_s if over else READINGS.full_s)
         if self._taken or self._driven_s < enough or not self._samples:
             return None
         self._taken = True
@@ -107,13 +97,13 @@ class SlowLeakWatch:
         """Take one tick. `baseline` knows what each wheel grows with speed beyond the others; `tyres`: the
         set that is driven; `trusted`: whether wheels and receiver agree."""
         events = self._changed(tyres, tick)
-        begins = tick.time_s - self._moved_s > NEW_DRIVE_S
+        begins = tick.time_s - self._moved_s > READINGS.new_drive_s
         if begins:
             events += self._commit(tick, over=True)
             self._reading = DriveReading()
-        if not estimate.speed_mps < STANDING_MPS:
+        if not estimate.speed_mps < READINGS.standing_mps:
             self._moved_s = tick.time_s
-        if not (estimate.informative and trusted and tick.host_time_s >= EARLIEST_S):
+        if not (estimate.informative and trusted and tick.host_time_s >= READINGS.earliest_s):
             return events
         if not self._reading.due(tick.dt_s):
             return events
@@ -124,7 +114,7 @@ class SlowLeakWatch:
             left, right = AXLES[axle]
             spread = estimate.covariance_m2
             variance[axle] = spread[left, left] + spread[right, right] - 2.0 * spread[left, right]
-            if 0.0 <= variance[axle] <= MOST_STD_M**2:
+            if 0.0 <= variance[axle] <= READINGS.most_std_m**2:
                 difference[axle] = radius[left] - radius[right]
         if np.isfinite(difference[self._axles]).all():
             self._reading.add(difference, variance)
@@ -148,7 +138,7 @@ class SlowLeakWatch:
         if reading is None or self._tyres is None:
             return []
         history = self._histories.setdefault(self._tyres, LeakHistory())
-        while len(self._histories) > MOST_SETS:
+        while len(self._histories) > READINGS.most_sets:
             del self._histories[next(iter(self._histories))]
         if not history.add(self._day, *reading):
             return []
@@ -193,7 +183,7 @@ class SlowLeakWatch:
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"the saved trends are none: {type(error).__name__}: {error}") from error
         known = {wheel for axle in self._axles for wheel in AXLES[axle]}
-        if len(histories) > MOST_SETS or not notices.keys() <= known:
+        if len(histories) > READINGS.most_sets or not notices.keys() <= known:
             raise ValueError("the saved trends are not those of this car")
         if tyres is not None and not isinstance(tyres, str):
             raise ValueError("the saved trends are none")

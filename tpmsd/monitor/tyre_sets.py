@@ -16,25 +16,16 @@ from typing import Any, Literal
 from tpmsd.config.model import VehicleConfig
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.baseline import Baseline
-from tpmsd.monitor.first_start import FIRST_S
 from tpmsd.monitor.judge import Judge
 from tpmsd.monitor.records import LearningReport
+from tpmsd.monitor.settings import FIRST_START, TYRE_SETS
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import WHEELS, FloatArray
 
 DEFAULT_SET = "default"
-MAX_SETS = 8
 NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,23}")
 """Names of sets: they go into files, sentences and JSON."""
-SOFT_PROBABILITY = 0.9
-MOST_REASON = 500
-"""Characters of a saved reason."""
 
-ALLOWANCE, COST_SAME, COST_OTHER = 10.0, 3.0, 1.0
-"""A reset to the same set costs 3 of an allowance of 10, one to another set 1, ..."""
-REFILL_PER_S = 1.0 / 200.0
-"""... and it fills up by one in 200 s: three at once, then one in ten minutes. A leak that is reset away
-every minute would else never be a change."""
 
 TOO_MANY = "too many resets in a short time: ask again in ten minutes"
 
@@ -57,14 +48,14 @@ class TyreSets:
         self.state: ResetState = "none"
         self.reason = ""
         self._requests = 0
-        self._allowance = ALLOWANCE
+        self._allowance = TYRE_SETS.allowance
 
     def _fresh(self) -> Baseline:
         return Baseline(self._vehicle, self._wheels, self._learn_s)
 
     def update(self, tick: Tick, estimate: RadiusEstimate) -> None:
         """Take every tick."""
-        self._allowance = min(self._allowance + REFILL_PER_S * tick.dt_s, ALLOWANCE)
+        self._allowance = min(self._allowance + TYRE_SETS.refill_per_s * tick.dt_s, TYRE_SETS.allowance)
         self.baseline.update(tick, estimate)
         if self._before is not None:
             self._before.update(tick, estimate)
@@ -80,7 +71,7 @@ class TyreSets:
             if wanted == self.name:
                 self._requests += 1
                 return True, self.reason
-            if self._allowance < COST_OTHER:
+            if self._allowance < TYRE_SETS.cost_other:
                 return False, TOO_MANY
         taken = self._take(name, standing)
         return taken, self.reason
@@ -94,9 +85,13 @@ class TyreSets:
             return self._refuse(
                 f"the alarm of {' '.join(standing)} stands: inflate the tyre and drive on until it is cleared"
             )
-        if wanted != self.name and wanted not in self._others and len(self._others) + 1 >= MAX_SETS:
-            return self._refuse(f"{MAX_SETS} sets of tyres are kept already")
-        cost = COST_SAME if wanted == self.name else COST_OTHER
+        if (
+            wanted != self.name
+            and wanted not in self._others
+            and len(self._others) + 1 >= TYRE_SETS.most_sets
+        ):
+            return self._refuse(f"{TYRE_SETS.most_sets} sets of tyres are kept already")
+        cost = TYRE_SETS.cost_same if wanted == self.name else TYRE_SETS.cost_other
         if self._allowance < cost:
             return self._refuse(TOO_MANY)
         self._allowance -= cost
@@ -138,7 +133,7 @@ class TyreSets:
         if changes is None:
             return None
         soft = self._judge.soft_after_reset(changes[0], self.name != self._name_before)
-        named = [WHEELS[w] for w in self._wheels if soft[w] >= SOFT_PROBABILITY]
+        named = [WHEELS[w] for w in self._wheels if soft[w] >= TYRE_SETS.soft_probability]
         before, self._before = self._before, None
         if not named:
             self.state, self.reason = "accepted", f"{self.name} is learned anew"
@@ -161,7 +156,7 @@ class TyreSets:
     def is_first(self, reported: bool) -> bool:
         """Whether these tyres have never been held against others: no reset yet, and either they are being
         learned for the first time, or one was `reported` then."""
-        early = self.baseline.learned_s < FIRST_S
+        early = self.baseline.learned_s < FIRST_START.first_s
         driven = self.baseline.ready or self.baseline.learned_s >= self._learn_s
         return self.state == "none" and driven and (early or reported)
 
@@ -211,7 +206,7 @@ class TyreSets:
         """Take up what was saved; ValueError (nothing taken up) if it does not fit."""
         try:
             names = [saved["tyres"], saved["tyres_before"], *saved["others"]]
-            state, reason = saved["reset"], str(saved["reset_reason"])[:MOST_REASON]
+            state, reason = saved["reset"], str(saved["reset_reason"])[: TYRE_SETS.most_reason]
             baseline = self._read(saved["baseline"])
             others = {name: self._read(entry).to_json() for name, entry in saved["others"].items()}
             before = None if saved["before"] is None else self._read(saved["before"])
@@ -219,7 +214,7 @@ class TyreSets:
             raise ValueError(f"the saved sets of tyres are none: {error}") from error
         if not all(isinstance(name, str) and NAME.fullmatch(name) for name in names):
             raise ValueError("a saved set of tyres has no name")
-        if state not in ("none", "learning", "accepted", "refused") or len(others) >= MAX_SETS:
+        if state not in ("none", "learning", "accepted", "refused") or len(others) >= TYRE_SETS.most_sets:
             raise ValueError("the saved sets of tyres are none")
         self.name, self._name_before = names[0], names[1]
         self.baseline, self._others, self._before = baseline, others, before

@@ -1,0 +1,358 @@
+"""The settings of the monitor, with their units and reasons.
+
+In: nothing. Out: `SETTINGS`, with one record per concern. What the operator may set is in
+`config.model.MonitorConfig`. What decides on alarms was fixed on the benchmark's development seeds
+(`python -m bench run alarms`), slow leaks on `python -m bench run slow-leak`. Relative values are relative to
+the wheel's nominal radius.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tpmsd.monitor.nuisance import Nuisance
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionSettings:
+    """How the car is driven: what radii depend on."""
+
+    memory_s: tuple[float, float] = (4.0, 40.0)
+    """Shortest and longest memory of an estimate that is believed."""
+    standing_mps: float = 0.5
+    """Below, the car stands."""
+    parked_s: float = 90.0
+    """From so long a standstill the car may have been loaded otherwise."""
+    new_day_s: float = 3600.0
+    """After so long tyres and air may have another temperature."""
+    warming_s: tuple[float, float] = (400.0, 1000.0)
+    """Two time constants of warm-up by driving; real ones lie between (`thermal_growth`: ten minutes, give
+    or take)."""
+    cooling_s: float = 1800.0
+    """Time constant of cooling down at a standstill."""
+    most_speed2: float = 1e5
+    """(m/s)^2; no car is that fast."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceSettings:
+    """The regression of radii on conditions; its priors are in `physics.priors`."""
+
+    knots_mps: tuple[float, ...] = (8.0, 16.0, 24.0, 32.0, 40.0)
+    """Of the ranges of speed that are learned each for itself: 30 km/h apart, from town to motorway."""
+    per_speed2: float = 1000.0
+    """Unit of speed squared, (m/s)^2: 32 m/s."""
+    wander_s: float = 900.0
+    """Time constant of what comes and goes within a drive."""
+    far_stds: float = 10.0
+    """Prior standard deviations by which a saved parameter may be off: 10 % of a radius."""
+    most_samples: int = 1_000_000
+    """A saved number of samples beyond is none: 230 days of driving."""
+
+
+@dataclass(frozen=True, slots=True)
+class BaselineSettings:
+    """What is learned of the car, and when."""
+
+    sample_every_s: float = 20.0
+    """Between two samples: the estimate's memory is 4 to 40 s."""
+    range_samples: int = 40
+    """After which a range of speed is frozen: a quarter of an hour in it."""
+    drive_samples: int = 8
+    """In which load and day are learned after a standstill: three minutes."""
+    max_contrast_std: float = 0.0008
+    """Learning goes on until the contrast between the wheels is known this well, relative."""
+    fit_probability: float = 0.999
+    """A sample that fits worse than this quantile of chi-square is not learned."""
+    recent_samples: int = 9
+    """Samples that are held against the baseline together: three minutes."""
+    settled_samples: int = 45
+    """From so many (15 min of driving) on a drive is held against what was known before it, ..."""
+    next_drive_samples: int = 20
+    """... and on the next drive from so many."""
+    doubt_s: float = 180.0
+    """Time constant of the share of driving during which something was suspected."""
+    unsettled_share: float = 0.5
+    """Of the growth that the estimate's memory has yet to follow: how well its lag is known."""
+    unsettled_speed2: float = 150.0
+    """(m/s)^2; while speed changes faster, nothing is learned."""
+    longest_s: float = 1e9
+    """Thirty years of driving: a saved time beyond is none."""
+    steep: Nuisance = Nuisance(common=2e-3, axle=3e-3, side=0.0, own=2e-4)
+    """Per m/s2 of slope: heights are known late, and slip is not quite in proportion to force."""
+
+
+@dataclass(frozen=True, slots=True)
+class JudgeSettings:
+    """Losses that are compared, their prior probabilities, and what is harmless."""
+
+    losses: tuple[float, float, int] = (0.0008, 0.05, 24)
+    """Least and greatest relative loss considered and their number, in equal ratios: 0.46 % is a 20 % loss
+    of pressure, 5 % a flat tyre."""
+    prior_by_size: tuple[float, float, float, float] = (1e-3, 3e-4, 1e-4, 1e-3)
+    """Prior probability of each subset of one to four wheels: one tyre loses air more often than two or
+    three at once; all four lose it together, by diffusion and neglect."""
+    prior_larger: float = 1e-5
+    """Prior probability of each wheel that it is larger than was learned: a new tyre of which nobody told.
+    Of a pair alone nothing tells which wheel has changed: there it is the one that lost."""
+    harmless: Nuisance = Nuisance(common=3e-4, axle=4e-4, side=3e-4, own=3e-4)
+    """What comes and goes within seconds beyond what the baseline explains: wind, camber, ruts, load in
+    bends."""
+    unexplained: Nuisance = Nuisance(common=0.0025, axle=0.0012, side=0.0003, own=0.0003)
+    """What speed, warmth, load and slip can do where they are not compensated: a radius that is off by this
+    is no wrong tyre."""
+    other_tyres: Nuisance = Nuisance(common=0.02, axle=0.01, side=0.0, own=5e-4)
+    """How tyres of another set differ: by size and wear of all and of an axle, and little among
+    themselves."""
+    full_samples: int = 7
+    """Of the mean, from which it speaks of several tyres: two minutes of driving."""
+    undecided: float = 0.5
+    """A probability that neither raises nor clears."""
+    suspicious: float = 0.5
+    """Log-likelihood ratio of a loss to none from which nothing is learned: what might be a fault must not
+    become normal, however improbable faults are beforehand."""
+    suspicious_at_first: float = 3.0
+    """The same while the car is learned for the first time. A baseline of a few samples is off by half a
+    millimetre; held to the former limit it would take its own error for a fault and never learn better."""
+    every_s: float = 1.0
+    """Between two judgements."""
+    seen_share: float = 1.5
+    """Standard deviation of a wheel against the others, relative to the threshold of a deflation, up to
+    which a tyre that has lost 20 % (1.8 thresholds) is seen."""
+    seen_fresh_s: float = 2.5
+    """After the last judgement with such a standard deviation: two may fail."""
+
+
+@dataclass(frozen=True, slots=True)
+class FirstStartSettings:
+    """Tyres that are soft before they were ever learned."""
+
+    car_std: float = 0.01
+    """A guessed nominal radius, relative."""
+    axle_std: float = 0.005
+    """Front and rear, each way: another size, load or wear."""
+    first_s: float = 600.0
+    """Informative driving, from the first start on, in which tyres are held against the prior."""
+    changed_share: float = 0.0023
+    """Change since the baseline, relative, from which a difference may be younger than it: half of a loss
+    of 20 % of the pressure."""
+    within_std: tuple[tuple[float, float], ...] = ((0.95, 0.001), (0.05, 0.003))
+    """Left against right of an axle: share of cars and standard deviation of the difference, for one set and
+    for a mixed or unevenly worn one."""
+    losses: tuple[float, float, int] = (0.0046, 0.05, 20)
+    """Least and greatest relative loss and their number: from a loss of 20 % of the pressure to a flat
+    tyre."""
+    soft_prior: float = 0.01
+    """Of each wheel: every hundredth tyre on the road is soft by 20 % and more alone (3 % of cars have one
+    tyre that is 25 % low: assumed)."""
+    larger_prior: float = 0.0005
+    """A single larger tyre is a mixed one, and rare."""
+
+
+@dataclass(frozen=True, slots=True)
+class SignalSettings:
+    """Inputs that fail."""
+
+    gnss_fresh_s: float = 10.0
+    """A fix that is older is missing."""
+    moving_mps: float = 2.0
+    """Estimated speed from which wheels that do not turn are silent."""
+    driving_mps: float = 40.0 / 3.6
+    """From here on UN R141 counts driving time."""
+    blind_s: float = 600.0
+    """UN R141, 5.3.3: a malfunction is said within ten minutes of driving."""
+    turning_rad: float = 0.1
+    """Rotation in a tick from which a wheel turns."""
+    forgive_after_s: float = 1.0
+    """Time in good order that takes back the bad time counted so far."""
+    clear_share: float = 0.1
+    """Good time after which a malfunction is cleared, as a share of the bad time that raises it, ..."""
+    min_clear_s: float = 2.0
+    """... and at least this."""
+    fault_fresh_s: float = 2.5
+    """A fault of an input that lasts is reported at least once a second."""
+    disagree_mps: float = 3.0
+    disagree_share: float = 0.2
+    """Beyond both, speeds of wheels and receiver are of two cars; braking and a lag of the receiver are
+    less."""
+    speed_fresh_s: float = 2.0
+    """After a fix, how long its speed is that of the car."""
+    chord_s: float = 1.0
+    """Between two positions that make a speed, where the receiver states none: at least this, and at most
+    twice."""
+
+
+@dataclass(frozen=True, slots=True)
+class ConfigurationSettings:
+    """The drive against the configuration (`configuration_watch`)."""
+
+    look_s: float = 600.0
+    """Driving during which the configuration is held against the drive."""
+    slowest_mps: float = 5.0
+    """Below, the receiver's course and speed are noise."""
+    step_s: tuple[float, float] = (0.9, 2.5)
+    """Between two fixes that make one interval."""
+    least_turn_radps: float = 0.02
+    """Below, a course is noise; at 20 m/s a bend of 1 km."""
+    least_turns_rad2: float = 0.05
+    """Sum of squared changes of course, each of at most a second: three bends of 90 degrees, ..."""
+    least_intervals: int = 15
+    """... and the number of intervals that turned."""
+    wrong_correlation: float = -0.5
+    """Correlation from which a sign is wrong, ..."""
+    right_correlation: float = 0.5
+    """... and from which it is right and no longer looked at."""
+    radius_share: float = 0.05
+    """Relative: five standard deviations of a nominal radius (1 %, docs/explanation/alarms.md)."""
+    radius_intervals: int = 120
+    """Of which the median is taken: two minutes, in which no bend or slope lasts."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExplanationSettings:
+    """What is kept so that an alarm can be explained."""
+
+    keep_every_s: float = 10.0
+    """Of driving, between two moments that are kept."""
+    kept: int = 60
+    """Moments: the last ten minutes."""
+    kept_alarms: int = 16
+    """Alarms whose moments are kept: what a workshop may ask for, in bounded memory."""
+    around: int = 12
+    """Moments that are kept with an alarm."""
+    best: int = 6
+    """Alternatives that are listed."""
+    recent_s: float = 60.0
+    """Time constant of the shares of driving."""
+    seen_stds: float = 2.33
+    """Standard deviations beyond the threshold at which a loss has a probability of 0.99."""
+
+
+@dataclass(frozen=True, slots=True)
+class TyreSetSettings:
+    """Sets of tyres, and the resets that a driver may ask for."""
+
+    most_sets: int = 8
+    """Summer, winter, two drivers' spares: more is a mistake of who asks."""
+    soft_probability: float = 0.9
+    """Of a soft tyre, from which a reset to the same set is refused."""
+    most_reason: int = 500
+    """Characters of a saved reason."""
+    allowance: float = 10.0
+    """Resets are paid from this, ..."""
+    cost_same: float = 3.0
+    """... one to the same set costs so much, ..."""
+    cost_other: float = 1.0
+    """... one to another set so much, ..."""
+    refill_per_s: float = 1.0 / 200.0
+    """... and it fills up by one in 200 s: three at once, then one in ten minutes. A leak that is reset away
+    every minute would else never be a change."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReadingSettings:
+    """A drive's reading of left against right, and the history of such readings."""
+
+    warm_s: float = 120.0
+    """Informative driving before the first sample, ..."""
+    full_s: float = 600.0
+    """... for a full reading, ..."""
+    least_s: float = 240.0
+    """... and for the least that is one."""
+    sample_s: float = 20.0
+    """Between two samples, as in the baseline."""
+    new_drive_s: float = 1800.0
+    """A standstill from which the next reading is another drive's."""
+    standing_mps: float = 0.5
+    """Below, the car stands."""
+    most_std_m: float = 4e-4
+    """A difference known less well says nothing of a leak that costs 0.14 mm a week."""
+    earliest_s: float = 1.5e9
+    """2017: a host's clock before has not been set, and has no dates."""
+    most_sets: int = 9
+    """Sets of tyres with a history: all that `tyre_sets` keeps, and the present one."""
+    most_days: int = 72
+    """Days with readings that are kept: the search over onsets grows with their square."""
+    oldest_d: float = 120.0
+    """Readings further back say nothing of a leak that is not 20 % low yet at 1 % per week."""
+    longest_gap_d: float = 45.0
+    """After so long without a drive, or a clock that steps by so much, the readings before are forgotten."""
+    stepped_back_d: float = 2.0
+    """A clock that is behind the last reading by less is waited for."""
+    most_difference_m: float = 0.05
+    """A saved difference of radii beyond is none."""
+    most_drives: int = 1000
+    """On a day; a saved number beyond is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrendSettings:
+    """What a leak is; rates in per cent of pressure per week."""
+
+    step_penalty: float = 10.0
+    """Nats: a step about once a month in daily readings (log 30), the Occam factor of its level, and the
+    freedom of its place."""
+    gap_d: float = 6.0
+    """After so long without a drive a step is free: a refill then would pass for a steep trend."""
+    healthy_rate: float = 0.8
+    """Diffusion of 1 to 3 % per month: two tyres differ by at most 0.5 % a week; wear adds up to 0.2."""
+    least_rate: float = 1.0
+    """A tyre at this rate is 20 % low after 20 weeks."""
+    sure_rate: float = 1.3
+    """Beyond what is healthy, even if the rate is two standard deviations too high."""
+    most_rate: float = 12.0
+    """Faster leaks are 20 % low in less than two weeks, which is left to the alarm `deflation`."""
+    rates: int = 9
+    onsets: int = 10
+    """Coarse grid of rates and of the day on which the leak began; about the best it is made finer."""
+    finer_logs: float = 0.25
+    finer_rates: int = 11
+    """Rates that are tried about the best of the coarse ones: logarithm of the farthest, and their number."""
+    least_days: int = 14
+    """Days with readings within the trend, ..."""
+    least_span_d: float = 21.0
+    """... and the time they span: shorter trends are load, weather, or chance."""
+    least_fall: float = 6.0
+    """Per cent of pressure that the leak has cost: 0.4 mm of radius."""
+    raise_gain: float = 8.0
+    """Nats by which a leak must explain the days better, ..."""
+    clear_gain: float = 3.0
+    """... and by which no leak must explain those since the notice better than the leak that was noticed."""
+    scatter_floor: float = 0.7
+    """Per cent of pressure: 0.05 mm, below which no day's reading is known."""
+    outlier: float = 2.5
+    """Standard deviations from the median of five days at which a reading is cut off."""
+    low_percent: float = 20.0
+    """Loss of pressure at which UN R141 wants a tyre to be called low, and `low_on` says when."""
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorSettings:
+    """All of them, by concern."""
+
+    conditions: ConditionSettings = ConditionSettings()
+    reference: ReferenceSettings = ReferenceSettings()
+    baseline: BaselineSettings = BaselineSettings()
+    judge: JudgeSettings = JudgeSettings()
+    first_start: FirstStartSettings = FirstStartSettings()
+    signals: SignalSettings = SignalSettings()
+    configuration: ConfigurationSettings = ConfigurationSettings()
+    explanation: ExplanationSettings = ExplanationSettings()
+    tyre_sets: TyreSetSettings = TyreSetSettings()
+    readings: ReadingSettings = ReadingSettings()
+    trend: TrendSettings = TrendSettings()
+
+
+SETTINGS = MonitorSettings()
+"""The ones in use; below, by concern."""
+CONDITIONS = SETTINGS.conditions
+REFERENCE = SETTINGS.reference
+BASELINE = SETTINGS.baseline
+JUDGE = SETTINGS.judge
+FIRST_START = SETTINGS.first_start
+SIGNALS = SETTINGS.signals
+CONFIGURATION = SETTINGS.configuration
+EXPLANATION = SETTINGS.explanation
+TYRE_SETS = SETTINGS.tyre_sets
+READINGS = SETTINGS.readings
+TREND = SETTINGS.trend
