@@ -15,12 +15,12 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from tpmsd.inference.noise import Noise
 from tpmsd.inference.recording import Recording
 from tpmsd.inference.trajectory import WINDOW_S
 from tpmsd.inference.windows import Reader
+from tpmsd.physics.first_order import accumulated
 from tpmsd.physics.forward import antenna_truth, gyro_rates, wheel_angles
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import FloatArray
@@ -47,7 +47,7 @@ def gauss_markov(rng: np.random.Generator, count: int, std: float, keep: float) 
     """(count,) a stationary first-order Gauss-Markov sequence of this standard deviation and correlation."""
     steps = std * rng.standard_normal(count)
     steps[1:] *= math.sqrt(1.0 - keep**2)
-    return np.asarray(lfilter([1.0], [1.0, -keep], steps))
+    return accumulated(steps, keep)
 
 
 def _kept(tau_s: float, step_s: float) -> float:

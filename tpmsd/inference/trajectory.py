@@ -11,10 +11,10 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, median_filter
 
 from tpmsd.inference.least_speed import least_speed
 from tpmsd.inference.recording import Recording
+from tpmsd.inference.smoothing import NEAREST, gaussian, running_median
 from tpmsd.physics.kinematics import wheel_speeds
 from tpmsd.physics.motion import GRAVITY_MPS2, Car, Motion, integrate
 from tpmsd.wheels import FL, FR, RL, RR, FloatArray
@@ -147,8 +147,8 @@ def twiced(values: FloatArray, sigma: float) -> FloatArray:
 
     A single pass flattens every swing, and with it the answer of the channels to a latency or to slip.
     """
-    once = gaussian_filter1d(values, sigma)
-    return np.asarray(once + gaussian_filter1d(values - once, sigma))
+    once = gaussian(values, sigma)
+    return np.asarray(once + gaussian(values - once, sigma))
 
 
 def _yaw_and_speed(recording: Recording, car: Car) -> tuple[FloatArray, FloatArray]:
@@ -219,9 +219,9 @@ def _heading(
     drift = _drift(time_s[moving], course[moving] - np.interp(time_s[moving], edges, turned))
     turned, yaw = turned + drift * edges, yaw + drift
     off = np.unwrap(course[moving] - np.interp(time_s[moving], edges, turned))
-    off = median_filter(off, size=9, mode="nearest")
+    off = running_median(off, 9)
     grid = np.interp(edges, time_s[moving], off)
-    lead = gaussian_filter1d(grid, HEADING_SMOOTHING_S / recording.dt_s, mode="nearest")
+    lead = gaussian(grid, HEADING_SMOOTHING_S / recording.dt_s, NEAREST)
     return turned + lead, yaw + np.gradient(lead, recording.dt_s)
 
 
@@ -256,7 +256,7 @@ def _courses(recording: Recording) -> tuple[FloatArray, FloatArray]:
 def _slope(height_m: FloatArray, speed: FloatArray, sigma: float, dt: float) -> FloatArray:
     """(n + 1,) rise over way of heights smoothed by a Gaussian of `sigma` ticks."""
     height = twiced(height_m, sigma)
-    way = gaussian_filter1d(speed, sigma, mode="nearest")
+    way = gaussian(speed, sigma, NEAREST)
     slope = np.where(way > 1.0, np.gradient(height, dt) / np.maximum(way, 1.0), 0.0)
     return np.asarray(np.clip(slope, -0.25, 0.25))
 
@@ -301,7 +301,7 @@ def _grade(recording: Recording, speed: FloatArray, accel: FloatArray) -> tuple[
         width_s = _smoothing_s(time_s, up, float(np.median(speed[moving])))
         return np.arcsin(_slope(np.interp(edges, time_s, up), speed, width_s / dt, dt)), "heights"
     gravity = (to_edges(force, 1.0) - accel) / GRAVITY_MPS2
-    gravity = gaussian_filter1d(gravity, GRADE_SMOOTHING_S / dt, mode="nearest")
+    gravity = gaussian(gravity, GRADE_SMOOTHING_S / dt, NEAREST)
     moving = speed > 3.0
     if have_heights and moving.sum() > 100:
         gravity = gravity - float(np.mean((gravity - slow)[moving]))

@@ -18,10 +18,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
 
 from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.recording import Recording
+from tpmsd.inference.smoothing import NEAREST, gaussian
 from tpmsd.inference.trajectory import Reference
 from tpmsd.physics.kinematics import wheel_speeds
 from tpmsd.physics.motion import integrate
@@ -119,13 +119,13 @@ def _prepared(
     sigma = SETTINGS.counters.ripple_high_pass_s / recording.dt_s
 
     def rapid(values: FloatArray) -> FloatArray:
-        return np.asarray(values - gaussian_filter1d(values, sigma, axis=0, mode="nearest"))
+        return np.asarray(values - gaussian(values, sigma, NEAREST))
 
     rows = rapid(off)
     rows = rows - rows.mean(axis=1, keepdims=True)
     regressors = np.stack([rapid(np.sin(angle)), rapid(np.cos(angle))], axis=2)
     whole = np.concatenate([[False], reference.valid]) & np.concatenate([reference.valid, [False]])
-    broken = gaussian_filter1d((~whole).astype(np.float64), sigma) > 0.02
+    broken = gaussian((~whole).astype(np.float64), sigma) > 0.02
     use = ~broken & (motion.speed_mps > SETTINGS.counters.ripple_from_mps)
     rows, regressors, turns_hz = rows[use], regressors[use], turns_hz[use]
     if not len(rows):

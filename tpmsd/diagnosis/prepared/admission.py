@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from tpmsd.diagnosis.counters.miscount import all_recounted, one_recounted
 from tpmsd.diagnosis.settings import SETTINGS
@@ -85,6 +84,8 @@ def other_road(recorded: Reader, simulated: Reader) -> str:
         way, driven = (float(one.reference.motion.distance_m[-1]) for one in (recorded, simulated))
         far = abs(way - driven) > 0.3 * max(way, driven)
         return f"{driven / 1e3:.1f} km long, the recording {way / 1e3:.1f} km" if far else ""
+    from scipy.spatial import cKDTree  # of two drives only
+
     off, _ = cKDTree(other).query(path)
     share = float(
         np.mean(off < SETTINGS.preparation.near_m + SETTINGS.preparation.near_share * np.hypot(*path.T))

@@ -7,7 +7,6 @@ after) and `Ground` (the drive's map with the mismatch at every place).
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from tpmsd.diagnosis.assessment.result import Ground, Trace
 from tpmsd.diagnosis.prepared.study import Study
@@ -17,6 +16,7 @@ from tpmsd.diagnosis.selection.described import usual
 from tpmsd.diagnosis.selection.selector import Selector
 from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence
+from tpmsd.inference.smoothing import running_mean
 from tpmsd.inference.windows import EAST, NORTH
 from tpmsd.wheels import FloatArray
 
@@ -83,7 +83,7 @@ def ground(study: Study, selection: Selection, evidence: Evidence) -> Ground | N
             continue
         before = (drive.residual(rolling.design, rolling.values) ** 2).sum(axis=1)
         after = (drive.residual(selection.fit.design, selection.fit.values) ** 2).sum(axis=1)
-        mismatch = uniform_filter1d(0.5 * (before - after), 9)
+        mismatch = running_mean(0.5 * (before - after), 9)
         east, north = measured[known, EAST], measured[known, NORTH]
         if parts:
             # Each drive has an origin of its own.

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.physics.effect import Effect, Grid, Look, Parameter, Prior, TextParameter
+from tpmsd.physics.first_order import accumulated
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.physics.spans import wheel_mask
 from tpmsd.wheels import FloatArray
@@ -68,10 +69,8 @@ class BrakeHeat(Effect):
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) k times the energy that is left, on its wheels."""
-        from scipy.signal import lfilter
-
         power = np.maximum(-motion.specific_force_long_mps2, 0.0) * motion.speed_mps
         step = float(motion.time_s[1] - motion.time_s[0]) if len(motion) > 1 else 1.0
         left = math.exp(-step / self.cooling_s)
-        heat = lfilter([self.cooling_s * (1.0 - left)], [1.0, -left], power)
+        heat = accumulated(self.cooling_s * (1.0 - left) * power, left)
         return np.asarray(self.growth * heat[:, None] * wheel_mask(self.wheels))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.physics.first_order import accumulated
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.wheels import FloatArray
 
@@ -76,8 +77,6 @@ class GnssSmoothing(Effect):
 
 def low_passed(values: FloatArray, time_s: FloatArray, time_constant_s: float) -> FloatArray:
     """(n,) after a first-order low-pass that has settled at the first value; evenly spaced times."""
-    from scipy.signal import lfilter
-
     if len(values) < 2 or time_constant_s <= 0.0:
         return values.copy()
     step = (time_s[-1] - time_s[0]) / (len(time_s) - 1)
@@ -85,5 +84,5 @@ def low_passed(values: FloatArray, time_s: FloatArray, time_constant_s: float) -
     # Exact for values that are linear between the samples.
     new = 1.0 - (1.0 - kept) * time_constant_s / step
     old = (1.0 - kept) - new
-    start = values[:1] * (1.0 - new)
-    return np.asarray(lfilter([new, old], [1.0, -kept], values, zi=start)[0])
+    fresh = new * values + old * np.concatenate([values[:1], values[:-1]])
+    return accumulated(fresh, kept, float(values[0]))

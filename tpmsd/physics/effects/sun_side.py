@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.physics.effect import Effect, Look, Parameter, Prior
+from tpmsd.physics.first_order import accumulated
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.wheels import IS_LEFT, FloatArray
 
@@ -64,11 +65,9 @@ class SunSide(Effect):
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) the lagged exposure, positive on the left."""
-        from scipy.signal import lfilter
-
         heading = motion.heading_rad
         shining = -self.east_m * np.sin(heading) + self.north_m * np.cos(heading)
         step = float(motion.time_s[1] - motion.time_s[0]) if len(motion) > 1 else 1.0
         share = 1.0 - np.exp(-step / LAG_S)
-        warm = lfilter([share], [1.0, share - 1.0], shining, zi=[(1.0 - share) * shining[0]])[0]
+        warm = accumulated(share * shining, 1.0 - share, float(shining[0]))
         return np.asarray(warm[:, None] * np.where(IS_LEFT, 1.0, -1.0))
