@@ -17,13 +17,11 @@ NAMES += [("smooth", "rl", "speed", str(k)) for k in range(FREE)]
 
 def seen(white: FloatArray, found: bool) -> Seen:
     """A drive whose calibration is the constant, and whose model holds the effect if it was found."""
-    rows = white.reshape(WINDOWS // 30, -1, len(NAMES))
     unit = np.eye(len(NAMES))
     return Seen(
         white=white,
         measured=np.ones((WINDOWS, 9), dtype=bool),
         blocks=BLOCKS,
-        by_block=np.einsum("bri,brj->bij", rows, rows),
         names=NAMES,
         calibration=unit[:, 1:2],
         model=unit[:, 1:3] if found else unit[:, 1:2],

@@ -10,12 +10,12 @@ columns of its own; which of them are one and the same number is said by a commo
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
 
+from tpmsd.inference.gram import Grams
 from tpmsd.wheels import FloatArray
 
 FOLDS = 5
@@ -42,59 +42,52 @@ class Fit:
 class Part:
     """One drive's Gram matrices, and where its columns stand in the common index."""
 
-    by_block: FloatArray
-    """(blocks, n, n) over the drive's own columns."""
+    grams: Grams
+    """Of the drive's own n columns, the data first."""
     here: np.ndarray
     """(m,) places in the common index, each once."""
     local: np.ndarray
     """(m,) which own column stands at each; one column may stand at several places."""
+    data: FloatArray | None = None
+    """(n,) what is taken for the data: a combination of own columns; None for the first of them."""
+
+    @property
+    def blocks(self) -> int:
+        """Of the drive."""
+        return self.grams.blocks
 
     def own(self, design: FloatArray) -> FloatArray:
         """(n, k) a common design in the drive's own columns."""
-        out = np.zeros((self.by_block.shape[1], design.shape[1]))
+        out = np.zeros((self.grams.width, design.shape[1]))
         np.add.at(out, self.local, design[self.here])
+        return out
+
+    @property
+    def total(self) -> FloatArray:
+        """(n, n) Gram matrix of the data and the columns."""
+        total = self.grams.total
+        if self.data is None:
+            return total
+        out, cross = total.copy(), total @ self.data
+        out[0] = out[:, 0] = cross
+        out[0, 0] = cross @ self.data
         return out
 
     def small(self, design: FloatArray) -> FloatArray:
         """(blocks, 1 + k, 1 + k) Gram matrices of the data and a common design's columns."""
-        own = self.own(design)
-        used = np.any(own != 0.0, axis=1)
-        used[0] = True
-        rows = np.flatnonzero(used)
-        into = np.zeros((len(rows), 1 + design.shape[1]))
-        into[0, 0] = 1.0
-        into[:, 1:] = own[rows]
-        return np.asarray(into.T @ (self.by_block[:, rows[:, None], rows[None, :]] @ into))
+        data = np.eye(self.grams.width, 1) if self.data is None else self.data[:, None]
+        own = np.concatenate([data, self.own(design)], axis=1)
+        rows = np.flatnonzero(np.any(own != 0.0, axis=1))
+        into = own[rows]
+        return np.asarray(into.T @ (self.grams.by_block(rows) @ into))
 
 
 def part(
     white: FloatArray, blocks: np.ndarray, here: np.ndarray | None = None, local: np.ndarray | None = None
 ) -> Part:
     """The `Part` of a drive's rows `white` (w, 9, n); `blocks` (w,) numbers each window's block from 0."""
-    width = white.shape[2]
-    parts = [rows.T @ rows for rows in _by_block(white, blocks)]
-    by_block = np.array(parts).reshape(-1, width, width)
-    every = np.arange(width)
-    return Part(by_block, every if here is None else here, every if local is None else local)
-
-
-def extended(by_block: FloatArray, white: FloatArray, blocks: np.ndarray) -> FloatArray:
-    """(blocks, n, n) Gram matrices of rows `white` (w, 9, n), given those of the first of its columns."""
-    known, width = by_block.shape[1], white.shape[2]
-    out = np.empty((len(by_block), width, width))
-    out[:, :known, :known] = by_block
-    for block, rows in enumerate(_by_block(white, blocks)):
-        more = rows[:, known:].T @ rows
-        out[block, known:] = more
-        out[block, :, known:] = more.T
-    return out
-
-
-def _by_block(white: FloatArray, blocks: np.ndarray) -> list[FloatArray]:
-    """(m, n) rows of each block; neighbouring windows are in one block or in the next."""
-    ends = np.flatnonzero(np.diff(blocks)) + 1
-    bounds = [0, *ends.tolist(), len(blocks)] if len(blocks) else [0]
-    return [white[first:last].reshape(-1, white.shape[2]) for first, last in pairwise(bounds)]
+    every = np.arange(white.shape[2])
+    return Part(Grams(white, blocks), every if here is None else here, every if local is None else local)
 
 
 class Evidence:
@@ -105,9 +98,8 @@ class Evidence:
         self.parts = list(parts)
         self.total = np.zeros((width, width))
         for one in self.parts:
-            gram = one.by_block.sum(axis=0)
-            self.total[np.ix_(one.here, one.here)] += gram[np.ix_(one.local, one.local)]
-        count = sum(len(one.by_block) for one in self.parts)
+            self.total[np.ix_(one.here, one.here)] += one.total[np.ix_(one.local, one.local)]
+        count = sum(one.blocks for one in self.parts)
         self.blocks = count
         self.folds = [np.flatnonzero(np.arange(count) % FOLDS == fold) for fold in range(min(FOLDS, count))]
 
@@ -118,11 +110,9 @@ class Evidence:
         parts = []
         for one in self.parts:
             own = one.own(taken[:, None])[:, 0]
-            by_block = one.by_block.copy()
-            cross = by_block @ own
-            by_block[:, 0, :] = by_block[:, :, 0] = cross
-            by_block[:, 0, 0] = cross @ own
-            parts.append(Part(by_block, one.here, one.local))
+            if one.data is not None:
+                own = own + own[0] * (one.data - np.eye(len(own))[0])
+            parts.append(replace(one, data=own))
         return Evidence(parts, self.width)
 
     @property

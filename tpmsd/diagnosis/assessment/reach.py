@@ -17,6 +17,7 @@ from scipy.special import chdtrc
 
 from tpmsd.diagnosis.hypotheses.terms import Name
 from tpmsd.diagnosis.settings import SETTINGS
+from tpmsd.inference.gram import Grams
 from tpmsd.inference.least_squares import FOLDS
 from tpmsd.inference.windows import CHANNEL_NAMES
 from tpmsd.physics.catalogue import ALWAYS
@@ -75,8 +76,6 @@ class Seen:
     """(w, 9)"""
     blocks: np.ndarray
     """(w,) the block of each window."""
-    by_block: FloatArray
-    """(blocks, n, n) Gram matrices."""
     names: Sequence[Name]
     """Of the columns; there may be further columns, which belong to the model alone."""
     calibration: FloatArray
@@ -89,22 +88,20 @@ def reach(drives: Sequence[Seen]) -> Reach:
     """Compare three models on held-out blocks (every fifth, of each drive)."""
     gains = [np.zeros((2, *one.measured.shape)) for one in drives]
     residuals = [np.zeros(one.measured.shape) for one in drives]
+    folds = [Grams(one.white, one.blocks).by_fold(FOLDS) for one in drives]
     for fold in range(FOLDS):
-        trained = [np.arange(len(one.by_block)) % FOLDS != fold for one in drives]
+        trained = [np.delete(one, fold, axis=0).sum(axis=0) for one in folds]
         values = [_fitted(drives, trained, name) for name in _MODELS]
-        for one, kept, gain, left in zip(drives, trained, gains, residuals, strict=True):
-            here = ~kept[one.blocks]
+        for one, gram, gain, left in zip(drives, trained, gains, residuals, strict=True):
+            here = one.blocks % FOLDS == fold
             rolling, found = (_weights(one, name, v) for name, v in zip(_MODELS, values, strict=True))
-            free = found - _flexible(one, found, kept)
+            free = found - _flexible(one, found, gram)
             rows = [one.white[here] @ weights for weights in (rolling, found, free)]
             gain[0, here] = 0.5 * (rows[0] ** 2 - rows[1] ** 2)
             gain[1, here] = 0.5 * (rows[1] ** 2 - rows[2] ** 2)
             left[here] = rows[1]
     by_block = np.concatenate(
-        [
-            np.bincount(one.blocks, gain[1].sum(axis=1), len(one.by_block))
-            for one, gain in zip(drives, gains, strict=True)
-        ]
+        [np.bincount(one.blocks, gain[1].sum(axis=1)) for one, gain in zip(drives, gains, strict=True)]
     )
     measured = np.concatenate([one.measured for one in drives])
     found_gain, left_gain = (np.concatenate([gain[k] for gain in gains]) for k in range(2))
@@ -120,13 +117,13 @@ def reach(drives: Sequence[Seen]) -> Reach:
     )
 
 
-def _fitted(drives: Sequence[Seen], trained: Sequence[np.ndarray], which: str) -> FloatArray:
-    """(k,) values of a design, fitted to the trained blocks of all drives."""
+def _fitted(drives: Sequence[Seen], trained: Sequence[FloatArray], which: str) -> FloatArray:
+    """(k,) values of a design, fitted to Gram matrices (n, n) of all drives' trained blocks."""
     gram: FloatArray = np.zeros(0)
-    for one, kept in zip(drives, trained, strict=True):
+    for one, whole in zip(drives, trained, strict=True):
         design = getattr(one, which)
         into = np.concatenate([np.eye(len(design), 1), design], axis=1)
-        part = into.T @ one.by_block[kept].sum(axis=0) @ into
+        part = into.T @ whole @ into
         gram = part if not gram.size else gram + part
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram)[1:], 1e-300))
     A = gram[1:, 1:] * np.outer(scale, scale) + 1e-9 * np.eye(len(scale))
@@ -140,13 +137,13 @@ def _weights(one: Seen, which: str, values: FloatArray) -> FloatArray:
     return weights
 
 
-def _flexible(one: Seen, found: FloatArray, kept: np.ndarray) -> FloatArray:
-    """(n,) weights of what the flexible model takes out of the found model's residual, by the blocks `kept`.
+def _flexible(one: Seen, found: FloatArray, gram: FloatArray) -> FloatArray:
+    """(n,) weights of what the flexible model takes out of the found model's residual, by the Gram matrix
+    (n, n) of the trained blocks.
 
     Its values are shrunk by the factor under which the data are likeliest (MacKay, Neural Computation 4,
     1992); the calibration is fitted along.
     """
-    gram = one.by_block[kept].sum(axis=0)
     data = gram @ found
     base = one.calibration[:, np.any(one.calibration != 0.0, axis=0)]
     base = base / np.sqrt(np.maximum((base * (gram @ base)).sum(axis=0), 1e-300))

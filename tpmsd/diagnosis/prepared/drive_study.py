@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,7 +22,8 @@ from tpmsd.diagnosis.hypotheses.response import (
 )
 from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Name, Term
 from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import Part, extended, part
+from tpmsd.inference.gram import Grams
+from tpmsd.inference.least_squares import Part
 from tpmsd.inference.noise import Noise
 from tpmsd.inference.recording import Recording
 from tpmsd.inference.trajectory import reference
@@ -86,10 +87,13 @@ class Whitened:
     noise: Noise
     inflate: FloatArray | None
     whitener: Whitener
-    white: FloatArray
-    """(w, 9, n)"""
-    by_block: FloatArray
-    """(blocks, n, n) Gram matrices."""
+    grams: Grams
+    """Of the whitened columns (w, 9, n)."""
+
+    @property
+    def white(self) -> FloatArray:
+        """(w, 9, n)"""
+        return self.grams.white
 
 
 class DriveStudy:
@@ -219,7 +223,7 @@ class DriveStudy:
 
     def part(self) -> Part:
         """Gram matrices of the columns under the present noise."""
-        return Part(self.present.by_block, self.here, self.local)
+        return Part(self.present.grams, self.here, self.local)
 
     def residual(self, design: FloatArray, values: FloatArray) -> FloatArray:
         """(w, 9) whitened residual of a fit."""
@@ -247,13 +251,11 @@ class DriveStudy:
         if found is None:
             here = np.isfinite(self.columns[:, :, 0])
             whitener = Whitener.of(self.reader.windows, self.noise, here, self.inflate)
-            white = whitener.apply(self.columns)
-            found = Whitened(self.noise, self.inflate, whitener, white, part(white, self.blocks).by_block)
+            grams = Grams(whitener.apply(self.columns), self.blocks)
+            found = Whitened(self.noise, self.inflate, whitener, grams)
         elif found.white.shape[2] < width:
             more = found.whitener.apply(self.columns[:, :, found.white.shape[2] :])
-            white = np.concatenate([found.white, more], axis=2)
-            by_block = extended(found.by_block, white, self.blocks)
-            found = Whitened(self.noise, self.inflate, found.whitener, white, by_block)
+            found = replace(found, grams=found.grams.extended(more))
         self._kept = [*self._kept[-(SETTINGS.preparation.noises_kept - 1) :], found]
         return found
 

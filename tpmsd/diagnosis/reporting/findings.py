@@ -44,7 +44,7 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
     """Write the answer down; `notes` are what the reader must know of what was left out."""
     seconds = study.driving_s
     rows = sum(int(np.isfinite(drive.reader.windows.measured).sum()) for drive in study.examined)
-    blocks = slice(0, sum(len(part.by_block) for part in evidence.parts[: len(study.examined)]))
+    blocks = slice(0, sum(part.blocks for part in evidence.parts[: len(study.examined)]))
     versus = compared(study, selection)
     stds = nonlinear_stds(study, selection)
     terms = [one.term for one in selection.chosen]
@@ -132,12 +132,11 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
                     drive.white,
                     np.isfinite(drive.reader.windows.measured),
                     drive.blocks,
-                    part.by_block,
                     drive.names,
                     drive.own(study.hypotheses.nuisance),
                     drive.own(selection.fit.design),
                 )
-                for drive, part in zip(study.drives, evidence.parts, strict=True)
+                for drive in study.drives
             ]
         ),
         inner=Inner(

@@ -1,0 +1,90 @@
+"""Gram matrices of one drive's whitened columns, each made when it is asked for.
+
+In: whitened columns and the block of each window. Out: `Grams`: of all windows together, by block for the few
+columns that a model holds, and by fold. All columns by block would take tens of times the memory of the
+columns themselves, and nobody asks for more than some dozens of them.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from tpmsd.wheels import FloatArray
+
+
+class Grams:
+    """What it says never changes; what was made is kept."""
+
+    def __init__(self, white: FloatArray, blocks: np.ndarray) -> None:
+        """`white` (w, 9, n); `blocks` (w,) numbers each window's block from 0, never falling."""
+        self.white = white
+        self._of_window = blocks
+        rows = white.shape[1]
+        ends = np.flatnonzero(np.diff(blocks)) + 1
+        bounds = [0, *ends.tolist(), len(blocks)] if len(blocks) else [0]
+        self._spans = [(rows * first, rows * last) for first, last in pairwise(bounds)]
+        self._place: dict[int, int] = {}
+        """Of the columns that are known by block, in `_compact` and `_by_block`."""
+        self._compact: FloatArray = np.empty((white.shape[0] * rows, 0))
+        self._by_block: FloatArray = np.empty((self.blocks, 0, 0))
+
+    @property
+    def width(self) -> int:
+        """n"""
+        return int(self.white.shape[2])
+
+    @property
+    def blocks(self) -> int:
+        """How many there are."""
+        return len(self._spans)
+
+    @cached_property
+    def total(self) -> FloatArray:
+        """(n, n) of all windows."""
+        flat = self.white.reshape(-1, self.width)
+        return np.asarray(flat.T @ flat)
+
+    def by_block(self, columns: np.ndarray) -> FloatArray:
+        """(blocks, k, k) of some columns (k,)."""
+        missing = [int(k) for k in dict.fromkeys(columns.tolist()) if k not in self._place]
+        if missing:
+            self._know(missing)
+        at = np.array([self._place[int(k)] for k in columns], dtype=np.intp)
+        return np.asarray(self._by_block[:, at[:, None], at[None, :]])
+
+    def by_fold(self, folds: int) -> FloatArray:
+        """(folds, n, n) of every so many-th block, from the first, the second... on."""
+        out = np.empty((folds, self.width, self.width))
+        for fold in range(folds):
+            rows = self.white[self._of_window % folds == fold].reshape(-1, self.width)
+            np.matmul(rows.T, rows, out=out[fold])
+        return out
+
+    def extended(self, columns: FloatArray) -> Grams:
+        """With further whitened columns (w, 9, k) at the end."""
+        out = Grams(np.concatenate([self.white, columns], axis=2), self._of_window)
+        flat, more = out.white.reshape(-1, out.width), columns.reshape(-1, columns.shape[2])
+        total = np.empty((out.width, out.width))
+        total[: self.width, : self.width] = self.total
+        total[:, self.width :] = flat.T @ more
+        total[self.width :] = total[:, self.width :].T
+        out.__dict__["total"] = total
+        out._place, out._compact, out._by_block = dict(self._place), self._compact, self._by_block
+        return out
+
+    def _know(self, columns: list[int]) -> None:
+        """Make some more columns known by block."""
+        known = len(self._place)
+        more = self.white[:, :, columns].reshape(-1, len(columns))
+        both = np.concatenate([self._compact, more], axis=1)
+        by_block = np.empty((self.blocks, both.shape[1], both.shape[1]))
+        by_block[:, :known, :known] = self._by_block
+        for block, (first, last) in enumerate(self._spans):
+            cross = both[first:last].T @ more[first:last]
+            by_block[block, :, known:] = cross
+            by_block[block, known:] = cross.T
+        self._place |= {column: known + k for k, column in enumerate(columns)}
+        self._compact, self._by_block = both, by_block
