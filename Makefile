@@ -20,6 +20,7 @@ DEMO_ARGS ?=
 BENCH_ARGS ?=
 SOAK_ARGS ?=
 FUZZ_ARGS ?=
+MUTATION_ARGS ?=
 HIL_ARGS ?=
 
 # Where `make install` puts things; DESTDIR comes before all of them.
@@ -30,7 +31,7 @@ DOCDIR ?= /usr/local/share/doc/tpmsd
 MANDIR ?= /usr/local/share/man
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-fast docs release lint format bench bench-live bench-calibrate bench-diagnose bench-origins bench-alarms test-hil test-connect test-web install uninstall deb bench-vehicle-state bench-estimators bench-fleet soak fuzz clean
+.PHONY: help demo test test-fast docs release lint format bench bench-live bench-calibrate bench-diagnose bench-origins bench-alarms test-hil test-connect test-web install uninstall deb bench-vehicle-state bench-estimators bench-fleet soak fuzz mutation clean
 
 help:  ## this list
 	@sed -n -e 's/^##@ /\n/p' -e 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | \
@@ -73,6 +74,10 @@ soak: $(DEV)  ## a day of driving with one fault after the other, in logical tim
 fuzz: $(DEV)  ## all that takes bytes, guided by coverage (FUZZ_ARGS="--seconds 600 nmea")
 	@$(PY) -c 'import atheris' 2>/dev/null || $(PIP) install -e '.[fuzz]'
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tests.fuzz.run $(FUZZ_ARGS)
+
+mutation: $(DEV)  ## are the tests tested: mutants of monitor, counters, epochs, state, health, links (MUTATION_ARGS=--named)
+	@$(PY) -c 'import cosmic_ray' 2>/dev/null || $(PIP) install -e '.[mutation]'
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tests.mutation.run $(MUTATION_ARGS)
 
 ##@ Install and publish
 

@@ -6,7 +6,7 @@ import logging
 import struct
 from pathlib import Path
 
-from tests.daemon.fakes import FakeBus, car
+from tests.daemon.fakes import FakeBus, car, wheels_frame
 from tests.gnss.sentences import nmea
 from tpmsd.config.load import load_config
 from tpmsd.daemon.bus_link import BusLink
@@ -75,3 +75,29 @@ def test_a_receiver_on_the_bus_is_shown_as_any_other(tmp_path: Path) -> None:
 
     assert ["waiting", "ok", "silent"] == states
     assert ("on CAN", 10) == (gnss["device"], gnss["fixes"])
+
+
+def test_an_input_is_silent_after_its_time_and_late_frames_are_counted(tmp_path: Path) -> None:
+    """The bus is silent after 2 s without a frame, a receiver after 3 s without a fix; what came too late for
+    its tick is counted."""
+    config, database = car(tmp_path, '[gnss]\ndevice = "none"\n')
+    bus = FakeBus()
+    link = BusLink(lambda: bus.opener()(config.can, None, "fake"), "CAN fake", LOG)
+    link.service(0.0)
+    bus.waiting.append(wheels_frame(1000.0))
+    link.read(0.0)
+    receiver = ReceiverLink(configured_receiver(config.gnss), "receiver none", LOG)
+    receiver._is_down = False
+    pipeline, queue = Pipeline(config, database), InputQueue()
+    queue.counts["late"] = 2
+    pipeline.assembler.counts["fixes"] = 1
+    health = Health(config, link, receiver, queue, 0.0)
+    health.frames_came(10.0)
+    health.stepped([], pipeline, 10.0)
+    states = []
+    for age_s in (1.9, 2.1, 2.9, 3.1):
+        document = health.document(pipeline, 10.0 + age_s, 0)
+        states.append((document["can"]["state"], document["gnss"]["state"]))
+
+    assert [("ok", "ok"), ("silent", "ok"), ("silent", "ok"), ("silent", "silent")] == states
+    assert 2 == document["can"]["faults"]["too_late"]

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.daemon.fakes import car
@@ -84,6 +85,56 @@ def test_a_disk_that_fails_is_tried_again(tmp_path: Path, caplog: pytest.LogCapt
     assert 2 == len(caplog.messages)
     assert caplog.messages[0].endswith("; trying again later")
     assert caplog.messages[1].endswith("saved again")
+
+
+def test_each_failure_of_the_disk_is_said_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """A disk that fails, works and fails again is reported both times."""
+    caplog.set_level(logging.INFO)
+    state, config = keeper(tmp_path)
+    assert config.state.file is not None
+    for n, works in enumerate((False, False, True, True, False, False, True)):
+        if not works and not config.state.file.is_dir():
+            config.state.file.unlink(missing_ok=True)
+            config.state.file.mkdir()
+        elif works and config.state.file.is_dir():
+            config.state.file.rmdir()
+        state.save(60.0 * n, {"n": n})
+
+    assert ["later", "again", "later", "again"] == [message.split()[-1] for message in caplog.messages]
+
+
+class HalfRestored:
+    """A pipeline that fails in the middle of taking up a snapshot."""
+
+    def __init__(self, error: Exception) -> None:
+        self._error = error
+        self.changed = False
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Take up half of it."""
+        self.changed = True
+        raise self._error
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        *(ValueError("n"), KeyError("n"), IndexError(), TypeError("n"), AttributeError("n")),
+        *(OverflowError("n"), ZeroDivisionError("n"), np.linalg.LinAlgError("n")),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_whatever_a_snapshot_breaks_is_made_anew(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, error: Exception
+) -> None:
+    """A snapshot by which restoring fails is set aside with one line; a pipeline without any of it runs."""
+    state, config = keeper(tmp_path)
+    state.save(0.0, {"n": 1})
+    pipeline = StateKeeper(config, LOG).restored(lambda: HalfRestored(error))  # type: ignore[return-value, arg-type]
+
+    assert not pipeline.changed  # type: ignore[attr-defined]
+    assert (tmp_path / "state.json.other").is_file()
+    assert [True] == ["does not fit: " in message for message in caplog.messages]
 
 
 def test_the_state_of_another_car_is_set_aside(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -317,6 +317,24 @@ def test_leap_second_is_no_repetition():
     assert not any(math.isnan(fix.latitude_deg) for fix in got)
 
 
+def test_a_sentence_at_the_deadline_still_belongs_to_the_epoch():
+    """At 1 Hz VTG a quarter of a second after GGA is of that epoch, and a millisecond later of none."""
+    for late_s, speeds in ((0.25, [10.0]), (0.251, [])):
+        lines = [(float(i), gga(T + i, at=along(i))) for i in range(4)]
+        lines.append((3.0 + late_s, vtg(10.0)))
+        said = [fix.speed_mps for fix in fixes(run(lines)) if fix.latitude_deg > 0.0]
+        assert speeds == pytest.approx([speed for speed in said if not math.isnan(speed)])
+
+
+def test_a_clock_that_steps_back_ends_the_epoch_and_jitter_does_not():
+    """VTG stamped an hour before its GGA is of another epoch; one stamped 0.2 s before it is of the same."""
+    for step_s, speeds in ((0.2, [10.0]), (3600.0, [])):
+        lines = [(float(i), gga(T + i, at=along(i))) for i in range(4)]
+        lines.append((3.0 - step_s, vtg(10.0)))
+        said = [fix.speed_mps for fix in fixes(run(lines)) if fix.latitude_deg > 0.0]
+        assert speeds == pytest.approx([speed for speed in said if not math.isnan(speed)])
+
+
 def test_host_clock_steps_back():
     """A host clock that is set back an hour ends the epoch and loses none."""
     lines = [(T + 0.1 * i - (3600 if i > 2 else 0), gga(T + 0.1 * i, at=along(i))) for i in range(6)]

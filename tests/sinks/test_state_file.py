@@ -263,6 +263,20 @@ def test_a_step_that_fails_leaves_a_whole_state_and_says_why(tmp_path: Path, err
     assert fail_at > 5
 
 
+def test_a_link_that_appears_in_the_last_moment_is_not_followed(tmp_path: Path) -> None:
+    """A link put under the temporary name after that was cleared: refused, and its target is untouched."""
+    path, other = tmp_path / "state.json", tmp_path / "other"
+    other.write_text("not ours", encoding="utf-8")
+
+    def unlink(name: str) -> None:
+        Path(name).unlink(missing_ok=True)
+        Path(name).symlink_to(other)
+
+    with pytest.raises(StateError, match="File exists"):
+        save_state(path, NEW, files=FileSystem(unlink=unlink))
+    assert ("not ours", False) == (other.read_text("utf-8"), path.exists())
+
+
 @pytest.mark.parametrize("kind", ["fifo", "link", "file"])
 def test_what_stands_under_the_temporary_name_is_neither_waited_for_nor_followed(
     tmp_path: Path, kind: str

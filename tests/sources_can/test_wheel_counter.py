@@ -224,6 +224,19 @@ def test_a_reset_is_a_new_segment() -> None:
     assert {"rl.reset": 1} == dict(wheel.faults.counts)
 
 
+def test_a_low_level_beyond_reach_is_a_jump() -> None:
+    """A new level that no wheel could have counted to since zero is a jump; so is one that is not low."""
+    for bits, level in ((16, 400), (8, 100)):
+        wheel = Wheel(bits)
+        total = wheel.drive(0.0, 1.0, 2.0, start=0 if bits == 8 else 30000)
+        at_s = 1.01 if bits == 16 else 1.15
+        raw = level if bits == 16 else total - total % 256 + 256 + level
+        assert [] == wheel.feed(at_s, raw)
+        (sample,) = wheel.feed(at_s + 0.01, raw + 1)
+        assert (1, 0.0) == (sample.segment, sample.angle_rad)
+        assert {"rl.jump": 1} == dict(wheel.faults.counts)
+
+
 def test_a_plausible_gap_keeps_the_segment() -> None:
     """A second without frames on a 16-bit counter has one answer only."""
     wheel = Wheel()

@@ -1,0 +1,225 @@
+"""Are the tests tested? Changes the program in one place at a time and sees whether a test fails.
+
+In: rooms, and how many places of each (`tests/mutation/table.py`). Out: a line per mutant that no test
+killed, and the share killed. Exit code 1 if a mutation by name survived or the share of the sample is below
+the bar. Works on a copy below build/mutation. Needs the extra `mutation`: cosmic-ray's operators make the
+sample. `make mutation` runs it.
+
+    python -m tests.mutation.run --named
+    python -m tests.mutation.run --sample 30 --seed 2 state_file health
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import compileall
+import difflib
+import importlib
+import os
+import shutil
+import signal
+import sys
+import time
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+
+from tests.mutation.table import NAMED, ROOMS
+
+REPO = Path(__file__).resolve().parents[2]
+TREE = REPO / "build" / "mutation"
+BAR = 0.85
+OPERATORS_LEFT_OUT = ("VariableReplacer", "VariableInserter", "RemoveDecorator")
+"""The first two take arguments; decorators say how a class is stored (slots, frozen), not what it does."""
+PATIENCE = 10.0
+"""A mutant that takes this many times the time of the tests has hung, and is killed by that."""
+WARM = ("can", "cantools", "hypothesis", "numpy", "pytest", "scipy.special", "scipy.stats", "serial")
+"""Imported once; each mutant's tests run in a fork of this process."""
+
+
+class _Plain(ast.NodeTransformer):
+    """Takes out what is no behaviour: annotations, docstrings, decorators."""
+
+    def _function(self, node: ast.FunctionDef | ast.ClassDef) -> ast.AST:
+        node.decorator_list = []
+        if isinstance(node, ast.FunctionDef):
+            node.returns = None
+        self.generic_visit(node)
+        return node
+
+    visit_FunctionDef = visit_ClassDef = _function  # noqa: N815
+
+    def visit_arg(self, node: ast.arg) -> ast.AST:
+        node.annotation = None
+        return node
+
+    def visit_AnnAssign(self, node: ast.AnnAssign) -> ast.AST:
+        node.annotation = ast.Constant(None)
+        self.generic_visit(node)
+        return node
+
+    def visit_Expr(self, node: ast.Expr) -> ast.AST:
+        if isinstance(node.value, ast.Constant):
+            node.value = ast.Constant(None)
+        self.generic_visit(node)
+        return node
+
+
+def behaviour(source: str) -> str:
+    """The program's text as far as it acts; empty if it is none."""
+    try:
+        return ast.dump(_Plain().visit(ast.parse(source)))
+    except SyntaxError:
+        return ""
+
+
+def places(source: str) -> list[list[tuple[str, int]]]:
+    """Where cosmic-ray's operators apply: of each place, operators with the number of their occurrence."""
+    from cosmic_ray.ast import ast_nodes, get_ast
+    from cosmic_ray.plugins import get_operator, operator_names
+
+    tree, found = get_ast(source), defaultdict(list)
+    for name in sorted(operator_names()):
+        if name.endswith(OPERATORS_LEFT_OUT):
+            continue
+        operator, occurrence = get_operator(name)(), 0
+        for node in ast_nodes(tree):
+            for place in operator.mutation_positions(node):
+                found[place].append((name, occurrence))
+                occurrence += 1
+    return [found[place] for place in sorted(found)]
+
+
+def sampled(modules: tuple[str, ...], count: int, rng: np.random.Generator) -> list[tuple[str, str]]:
+    """Up to `count` mutants, (module, its mutated text): places without replacement, one operator each."""
+    from cosmic_ray.mutating import mutate_code
+    from cosmic_ray.plugins import get_operator
+
+    sources = {module: (REPO / module).read_text("utf-8") for module in modules}
+    everywhere = [(module, place) for module in modules for place in places(sources[module])]
+    mutants: list[tuple[str, str]] = []
+    for index in rng.permutation(len(everywhere)):
+        if len(mutants) == count:
+            break
+        module, place = everywhere[index]
+        name, occurrence = place[rng.integers(len(place))]
+        text = mutate_code(sources[module], get_operator(name)(), occurrence)
+        if text is not None and behaviour(text) not in ("", behaviour(sources[module])):
+            mutants.append((module, text))
+    return mutants
+
+
+def named() -> list[tuple[str, str, tuple[str, ...]]]:
+    """The mutations by name: (module, its mutated text, tests)."""
+    return [
+        (one.module, (REPO / one.module).read_text("utf-8").replace(one.old, one.new), one.tests)
+        for one in NAMED
+    ]
+
+
+def copy_tree() -> None:
+    """The program and its tests where they may be changed, with everything compiled."""
+    shutil.rmtree(TREE, ignore_errors=True)
+    ignore = shutil.ignore_patterns("__pycache__", ".hypothesis")
+    for name in ("tpmsd", "tests", "dbc", "bench"):
+        shutil.copytree(REPO / name, TREE / name, ignore=ignore)
+    shutil.copy(REPO / "pyproject.toml", TREE)
+    compileall.compile_dir(TREE / "tpmsd", quiet=1)
+
+
+def fails(tests: tuple[str, ...], left_out: str, limit_s: float) -> bool:
+    """Whether the tests of the copy fail as it is now (or hang), in a process of their own."""
+    child = os.fork()
+    if child == 0:
+        os.setsid()
+        signal.alarm(int(limit_s) + 1)
+        os.chdir(TREE)
+        os.environ["PYTHONPATH"] = str(TREE)
+        sys.path.insert(0, str(TREE))
+        for name in [name for name in sys.modules if name.split(".")[0] in ("tests", "tpmsd")]:
+            del sys.modules[name]
+        for descriptor, mode in ((1, os.O_WRONLY), (2, os.O_WRONLY)):
+            os.dup2(os.open("build.log", mode | os.O_CREAT | os.O_TRUNC), descriptor)
+        import pytest
+
+        options = ["-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *tests]
+        os._exit(pytest.main(options + (["-k", f"not ({left_out})"] if left_out else [])))
+    _, status = os.waitpid(child, 0)
+    if os.WIFEXITED(status) and os.WEXITSTATUS(status) in (4, 5):
+        raise SystemExit(f"no tests ran: {tests}; see {TREE / 'build.log'}")
+    return status != 0
+
+
+def killed(module: str, text: str, tests: tuple[str, ...], left_out: str, limit_s: float) -> bool:
+    """Whether the tests notice the mutant; the copy is whole again afterwards."""
+    target = TREE / module
+    for compiled in (target.parent / "__pycache__").glob(f"{target.stem}.*"):
+        compiled.unlink()
+    target.write_text(text, "utf-8")
+    try:
+        return fails(tests, left_out, limit_s)
+    finally:
+        shutil.copy(REPO / module, target)
+
+
+def shown(module: str, text: str) -> str:
+    """What the mutant changed, on one line."""
+    before = (REPO / module).read_text("utf-8").splitlines()
+    changes = difflib.unified_diff(before, text.splitlines(), n=0, lineterm="")
+    at, lines = "?", []
+    for line in list(changes)[2:]:
+        if line.startswith("@@"):
+            at = line.split()[1][1:].partition(",")[0]
+        else:
+            lines.append(f"{line[0]} {line[1:].strip()}")
+    return f"{module}:{at}  {'   '.join(lines)}"
+
+
+def main() -> int:
+    """Run the mutations by name, or the sample of the rooms."""
+    parser = argparse.ArgumentParser(description="mutation testing")
+    parser.add_argument("--named", action="store_true", help="only the mutations by name")
+    parser.add_argument("--sample", type=int, default=25, help="places of each room")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("rooms", nargs="*", help=f"default: all of {' '.join(ROOMS)}")
+    args = parser.parse_args()
+    if unknown := sorted(set(args.rooms) - set(ROOMS)):
+        parser.error(f"no such room: {' '.join(unknown)}")
+    sys.dont_write_bytecode = True
+    copy_tree()
+    for name in WARM:
+        importlib.import_module(name)
+    work: list[tuple[str, list[tuple[str, str]], tuple[str, ...], str]] = []
+    if args.named:
+        work = [(f"named {module}", [(module, text)], tests, "") for module, text, tests in named()]
+    else:
+        rng = np.random.default_rng(args.seed)
+        for name in args.rooms or ROOMS:
+            room = ROOMS[name]
+            work.append((name, sampled(room.modules, args.sample, rng), room.tests, room.left_out))
+    total = dead = 0
+    limits: dict[tuple[str, ...], float] = {}
+    for name, mutants, tests, left_out in work:
+        if tests not in limits:
+            began = time.monotonic()
+            if fails(tests, left_out, 3600.0):
+                raise SystemExit(f"{' '.join(tests)} fail without a mutation; see {TREE / 'build.log'}")
+            limits[tests] = 20.0 + PATIENCE * (time.monotonic() - began)
+        survivors = [
+            (module, text)
+            for module, text in mutants
+            if not killed(module, text, tests, left_out, limits[tests])
+        ]
+        total, dead = total + len(mutants), dead + len(mutants) - len(survivors)
+        if not args.named:
+            print(f"{name:14s} {len(mutants) - len(survivors):3d} of {len(mutants):3d} killed", flush=True)
+        for module, text in survivors:
+            print(f"  survived: {shown(module, text)}", flush=True)
+    print(f"{dead} of {total} killed, {100.0 * dead / max(total, 1):.0f} %")
+    return 0 if dead >= (total if args.named else BAR * total) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
