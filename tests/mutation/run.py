@@ -112,7 +112,12 @@ def sampled(modules: tuple[str, ...], count: int, rng: np.random.Generator) -> l
 
 
 def named() -> list[tuple[str, str, tuple[str, ...]]]:
-    """The mutations by name: (module, its mutated text, tests)."""
+    """The mutations by name: (module, its mutated text, tests). The program has moved on where one does not fit."""
+    stale = [
+        f"{m.module}: {m.old!r}" for m in NAMED if (REPO / m.module).read_text("utf-8").count(m.old) != 1
+    ]
+    if stale:
+        raise SystemExit("\n".join(["not found exactly once:", *stale]))
     return [
         (one.module, (REPO / one.module).read_text("utf-8").replace(one.old, one.new), one.tests)
         for one in NAMED

@@ -58,6 +58,7 @@ ROOMS = {
 _KEEPER, _HEALTH = "tests/daemon/test_state_keeper.py", "tests/daemon/test_health.py"
 _EPOCH, _COUNTER = "tests/gnss/test_nmea_epoch.py", "tests/sources_can/test_wheel_counter.py"
 _SIGNALS, _LEARNS = "tests/monitor/test_signal_watch.py", "tests/monitor/test_learns_in_order.py"
+_SETTINGS = "tpmsd/monitor/settings.py"
 _LATE, _BACK = "time_s > self.deadline_s", "time_s < burst.last_s - self._interval.gap_s"
 _BURST_ENDS = f"({_LATE} or {_BACK})"
 
@@ -113,12 +114,12 @@ NAMED = (
     Named("tpmsd/sources/wheel_counter.py", "min(way, self._modulus / 4)", "way", (_COUNTER,)),
     Named("tpmsd/sources/wheel_counter.py", "min(way, self._modulus / 4)", "self._modulus / 4", (_COUNTER,)),
     Named("tpmsd/sources/wheel_counter.py", "min(way, self._modulus / 4)", "0", (_COUNTER,)),
-    Named("tpmsd/monitor/signal_watch.py", "GNSS_FRESH_S = 10.0", "GNSS_FRESH_S = 5.0", (_SIGNALS,)),
-    Named("tpmsd/monitor/signal_watch.py", "GNSS_FRESH_S = 10.0", "GNSS_FRESH_S = 20.0", (_SIGNALS,)),
-    Named("tpmsd/monitor/signal_watch.py", "SHARE = 3.0, 0.2", "SHARE = 6.0, 0.2", (_SIGNALS,)),
-    Named("tpmsd/monitor/signal_watch.py", "SHARE = 3.0, 0.2", "SHARE = 1.5, 0.2", (_SIGNALS,)),
-    Named("tpmsd/monitor/signal_watch.py", "SHARE = 3.0, 0.2", "SHARE = 3.0, 0.4", (_SIGNALS,)),
-    Named("tpmsd/monitor/signal_watch.py", "SHARE = 3.0, 0.2", "SHARE = 3.0, 0.1", (_SIGNALS,)),
+    Named(_SETTINGS, "gnss_fresh_s: float = 10.0", "gnss_fresh_s: float = 5.0", (_SIGNALS,)),
+    Named(_SETTINGS, "gnss_fresh_s: float = 10.0", "gnss_fresh_s: float = 20.0", (_SIGNALS,)),
+    Named(_SETTINGS, "disagree_mps: float = 3.0", "disagree_mps: float = 6.0", (_SIGNALS,)),
+    Named(_SETTINGS, "disagree_mps: float = 3.0", "disagree_mps: float = 1.5", (_SIGNALS,)),
+    Named(_SETTINGS, "disagree_share: float = 0.2", "disagree_share: float = 0.4", (_SIGNALS,)),
+    Named(_SETTINGS, "disagree_share: float = 0.2", "disagree_share: float = 0.1", (_SIGNALS,)),
     Named("tpmsd/monitor/signal_watch.py", "fix.quality == _ESTIMATED", "False", (_SIGNALS,)),
     # A baseline does not learn while an alarm stands, or while a loss is likelier than none.
     Named(
@@ -127,6 +128,6 @@ NAMED = (
         "judging.settled)",
         (_LEARNS,),
     ),
-    Named("tpmsd/monitor/judge.py", "SUSPICIOUS = 0.5", "SUSPICIOUS = 50.0", (_LEARNS,)),
-    Named("tpmsd/monitor/judge.py", "SUSPICIOUS = 0.5", "SUSPICIOUS = -50.0", (_LEARNS,)),
+    Named(_SETTINGS, "suspicious: float = 0.5", "suspicious: float = 50.0", (_LEARNS,)),
+    Named(_SETTINGS, "suspicious: float = 0.5", "suspicious: float = -50.0", (_LEARNS,)),
 )
