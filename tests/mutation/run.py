@@ -112,7 +112,7 @@ def sampled(modules: tuple[str, ...], count: int, rng: np.random.Generator) -> l
 
 
 def named() -> list[tuple[str, str, tuple[str, ...]]]:
-    """The mutations by name: (module, its mutated text, tests). The program has moved on where one does not fit."""
+    """The mutations by name: (module, its mutated text, tests). None may be stale."""
     stale = [
         f"{m.module}: {m.old!r}" for m in NAMED if (REPO / m.module).read_text("utf-8").count(m.old) != 1
     ]
