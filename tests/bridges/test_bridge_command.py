@@ -52,6 +52,32 @@ def test_a_bus_that_is_none(
     assert reason in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (["--databroker", "h:x"], "--databroker 'h:x': HOST or HOST:PORT"),
+        (["--databroker", "h", "--period", "0"], "--period 0"),
+        (["--databroker", "h", "--ca", "/nowhere.pem"], "/nowhere.pem: No such file"),
+        (["--databroker", "far.example", "--token-file", __file__], "longer than 4096 bytes"),
+    ],
+)
+def test_wrong_options_of_a_databroker_are_refused(
+    options: list[str], reason: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line that names the option, exit code 2."""
+    assert 2 == main(["bridge", "vss", *options])
+    assert reason in capsys.readouterr().err
+
+
+def test_a_token_is_not_sent_in_the_clear(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A token to another machine needs TLS."""
+    (tmp_path / "token").write_text("s3cret\n", "utf-8")
+    options = ["--databroker", "far.example", "--token-file", str(tmp_path / "token")]
+
+    assert 2 == main(["bridge", "vss", *options])
+    assert "a token to far.example without TLS" in capsys.readouterr().err
+
+
 def test_a_password_is_not_sent_in_the_clear(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A password to another machine needs TLS; and no option takes one from the command line."""
     (tmp_path / "pw").write_text("s3cret\n", "utf-8")

@@ -21,7 +21,7 @@ def samples(player: Player) -> int:
 
 
 def test_nothing_is_learned_while_an_alarm_stands() -> None:
-    """Radii that are as learned again teach nothing before the alarm is cleared; then they do."""
+    """Radii that are as learned again are not learned from before the alarm is cleared; then they are."""
     player = driven()
     player.play(40.0, one(2, -0.02))
     assert (AlarmKind.DEFLATION, "rl") in player.active()
@@ -49,7 +49,7 @@ def test_a_loss_just_short_of_an_alarm_is_not_learned() -> None:
 
 
 def test_radii_as_learned_refine_the_baseline() -> None:
-    """Ten minutes without a suspicion teach a sample every 20 s, and also those after the first learning."""
+    """Without a suspicion there is a sample every 20 s, also after the first learning."""
     player = driven(minutes=10)
     before = samples(player)
     player.play(600.0, speed_mps=26.0)

@@ -1,7 +1,7 @@
-"""`tpmsd bridge mqtt | prometheus | dbus`: the daemon's state to other systems, in a process of its own.
+"""`tpmsd bridge mqtt | prometheus | dbus | vss`: the daemon's state to other systems, in its own process.
 
-In: the daemon's status socket. Out: MQTT messages, metrics over HTTP, or D-Bus signals, until SIGTERM or
-Ctrl-C.
+In: the daemon's status socket. Out: MQTT messages, metrics over HTTP, D-Bus signals, or signals of the
+Vehicle Signal Specification, until SIGTERM or Ctrl-C.
 """
 
 from __future__ import annotations
@@ -24,16 +24,18 @@ from tpmsd.errors import ConfigError
 if TYPE_CHECKING:
     from tpmsd.bridges.dbus import DbusBridge
     from tpmsd.bridges.mqtt import MqttBridge, MqttSettings
+    from tpmsd.bridges.vss import VssBridge
 
 MQTT_PORT, MQTT_TLS_PORT, METRICS_PORT = 1883, 8883, 9838
 CREDENTIAL = "tpmsd-mqtt-password"
+VSS_PORT, VSS_CREDENTIAL = 55555, "tpmsd-vss-token"
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _TOPIC = re.compile(r"[A-Za-z0-9_./-]{1,128}")
 
 _DESCRIPTION = """\
 Hands the daemon's state and alarms to another system. A bridge is a process of its own: it reads the status
 socket, and the daemon neither knows nor waits for it. Each needs a package: pip install 'tpmsd[mqtt]',
-'tpmsd[prometheus]' or 'tpmsd[dbus]'.
+'tpmsd[prometheus]', 'tpmsd[dbus]' or 'tpmsd[vss]'.
 """
 _EPILOG = f"""\
 examples:
@@ -41,8 +43,10 @@ examples:
   tpmsd bridge mqtt --broker mqtt.example.org --ca ca.pem --user car --password-file /etc/tpmsd/mqtt-password
   tpmsd bridge prometheus                      metrics on http://127.0.0.1:{METRICS_PORT}/metrics
   tpmsd bridge dbus                            signals of org.tpmsd.Tpmsd1 on the system bus
+  tpmsd bridge vss --databroker localhost      Tire.IsPressureLow of each wheel to a KUKSA databroker
 
-A password comes from a file, or from the systemd credential {CREDENTIAL}; never from the command line.
+A password or token comes from a file, or from the systemd credential {CREDENTIAL} or {VSS_CREDENTIAL};
+never from the command line.
 """
 
 
@@ -50,7 +54,7 @@ def add_parser(subparsers: Subparsers) -> None:
     """Declare the command's arguments."""
     parser = subparsers.add_parser(
         "bridge",
-        help="hand state and alarms to MQTT (Home Assistant), Prometheus or D-Bus",
+        help="hand state and alarms to MQTT (Home Assistant), Prometheus, D-Bus or VSS (KUKSA)",
         description=_DESCRIPTION,
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -86,7 +90,14 @@ def add_parser(subparsers: Subparsers) -> None:
     dbus.add_argument(
         "--bus", metavar="BUS", default="system", help="system, session or unix:path=... (default: system)"
     )
-    for kind in (mqtt, metrics, dbus):
+    vss = kinds.add_parser("vss", help="soft tyres to a KUKSA databroker (Vehicle Signal Specification)")
+    vss.add_argument("--databroker", metavar="HOST[:PORT]", required=True, help=f"default port: {VSS_PORT}")
+    vss.add_argument(
+        "--period", metavar="S", type=float, default=10.0, help="all values every S seconds (10)"
+    )
+    vss.add_argument("--ca", metavar="FILE", type=Path, help="TLS with this authority (PEM)")
+    vss.add_argument("--token-file", metavar="FILE", type=Path, help="file with the databroker's token")
+    for kind in (mqtt, metrics, dbus, vss):
         where = kind.add_mutually_exclusive_group()
         where.add_argument("--socket", metavar="PATH", type=Path, help="the daemon's socket")
         where.add_argument(
@@ -121,14 +132,28 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _bridge(args: argparse.Namespace, log: logging.Logger) -> MqttBridge | DbusBridge:
+def _bridge(args: argparse.Namespace, log: logging.Logger) -> MqttBridge | DbusBridge | VssBridge:
     if args.bridge == "dbus":
         from tpmsd.bridges.dbus import DbusBridge
 
         return DbusBridge(args.bus, log)
+    if args.bridge == "vss":
+        return _vss(args, log)
     from tpmsd.bridges.mqtt import MqttBridge
 
     return MqttBridge(_mqtt_settings(args), log)
+
+
+def _vss(args: argparse.Namespace, log: logging.Logger) -> VssBridge:
+    from tpmsd.bridges.secrets import secret
+    from tpmsd.bridges.vss import VssBridge, VssSettings
+
+    host, port = _address("--databroker", args.databroker, VSS_PORT)
+    token = secret(args.token_file, VSS_CREDENTIAL, os.environ)
+    _check_period(args.period)
+    if token is not None and args.ca is None:
+        _refuse_in_the_clear("a token", host, "--ca")
+    return VssBridge(VssSettings(host, port, args.period, args.ca, token), log)
 
 
 class _Stop(Exception):  # noqa: N818 -- no error
@@ -161,19 +186,16 @@ def _mqtt_settings(args: argparse.Namespace) -> MqttSettings:
             raise ConfigError(f"{option} {value!r}: letters, digits, _ and - (and / . in topics) make a name")
     if args.discovery and _TOPIC.fullmatch(args.discovery) is None:
         raise ConfigError(f"--discovery {args.discovery!r} is no topic")
-    if not 0.1 <= args.period <= 86400.0:
-        raise ConfigError(f"--period {args.period:g}: 0.1 to 86400 s")
+    _check_period(args.period)
     if (args.cert is None) != (args.key is None):
         raise ConfigError("--cert and --key go together")
     tls = args.tls or args.ca is not None or args.cert is not None
-    host, port = _broker(args.broker, MQTT_TLS_PORT if tls else MQTT_PORT)
+    host, port = _address("--broker", args.broker, MQTT_TLS_PORT if tls else MQTT_PORT)
     password = secret(args.password_file, CREDENTIAL, os.environ)
     if password is not None and args.user is None:
         raise ConfigError("a password without --user")
-    if password is not None and not tls and host not in ("localhost", "127.0.0.1", "::1"):
-        raise ConfigError(
-            f"a password to {host} without TLS: everybody on the way could read it (--tls or --ca)"
-        )
+    if password is not None and not tls:
+        _refuse_in_the_clear("a password", host, "--tls or --ca")
     return MqttSettings(
         host=host,
         port=port,
@@ -187,11 +209,21 @@ def _mqtt_settings(args: argparse.Namespace) -> MqttSettings:
     )
 
 
-def _broker(text: str, default_port: int) -> tuple[str, int]:
+def _check_period(period_s: float) -> None:
+    if not 0.1 <= period_s <= 86400.0:
+        raise ConfigError(f"--period {period_s:g}: 0.1 to 86400 s")
+
+
+def _refuse_in_the_clear(what: str, host: str, options: str) -> None:
+    if host not in ("localhost", "127.0.0.1", "::1"):
+        raise ConfigError(f"{what} to {host} without TLS: everybody on the way could read it ({options})")
+
+
+def _address(option: str, text: str, default_port: int) -> tuple[str, int]:
     match = re.fullmatch(r"(?:\[([0-9A-Fa-f:.]+)\]|([A-Za-z0-9.\-]+))(?::(\d{1,5}))?", text)
     port = default_port if match is None or match[3] is None else int(match[3])
     if match is None or not 1 <= port <= 65535:
-        raise ConfigError(f"--broker {text!r}: HOST or HOST:PORT")
+        raise ConfigError(f"{option} {text!r}: HOST or HOST:PORT")
     return match[1] or match[2], port
 
 

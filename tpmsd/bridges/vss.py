@@ -1,0 +1,150 @@
+"""`tpmsd bridge vss`: which tyre is soft, to a KUKSA databroker as signals of the VSS.
+
+In: the status socket, a databroker (gRPC, kuksa.val.v2). Out: `Tire.IsPressureLow` of each wheel
+(`vss_names.py`): true or false while the wheel is monitored, no value while nobody knows. A value counts as
+told once the databroker has taken it; after a failure all of them are told again, and every `period_s` in any
+case, for a databroker that was restarted has forgotten them.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tpmsd.bridges.summary import MALFUNCTION, Summary, summarise
+from tpmsd.bridges.vss_names import IS_PRESSURE_LOW, MEANS_LOW
+from tpmsd.errors import ConfigError
+
+CALL_S = 2.0
+"""How long the databroker may take for one value."""
+RETRY_S = 1.0
+"""From a failure to the next try."""
+CHANNEL = (
+    ("grpc.initial_reconnect_backoff_ms", 200),
+    ("grpc.max_reconnect_backoff_ms", 5000),
+    ("grpc.enable_http_proxy", 0),
+)
+"""gRPC's own waits would be two minutes; a databroker is not behind a web proxy."""
+WATCHED = frozenset({"monitoring", "alarm"})
+"""States of a wheel in which it is known whether it is soft."""
+
+
+@dataclass(frozen=True, slots=True)
+class VssSettings:
+    """Where the databroker is, and how it is spoken to."""
+
+    host: str
+    port: int
+    period_s: float = 10.0
+    ca: Path | None = None
+    """TLS with this authority (PEM)."""
+    token: str | None = None
+    """JSON Web Token, where the databroker asks for one."""
+
+
+def pressure_low(summary: Summary) -> dict[str, bool | None]:
+    """Of each wheel whether its pressure is low; None where that is not known."""
+    low = {alarm.wheel for alarm in summary.alarms if alarm.kind in MEANS_LOW}
+    blind = {alarm.wheel for alarm in summary.alarms if alarm.kind == MALFUNCTION}
+    states = {wheel.name: wheel.state for wheel in summary.wheels}
+    return {
+        wheel: True
+        if wheel in low
+        else False
+        if states.get(wheel) in WATCHED and wheel not in blind
+        else None
+        for wheel in IS_PRESSURE_LOW
+    }
+
+
+class VssBridge:
+    """One databroker, one daemon."""
+
+    def __init__(self, settings: VssSettings, log: logging.Logger) -> None:
+        """ConfigError where kuksa-client is not installed or the authority cannot be read."""
+        try:
+            import grpc
+            from kuksa.val.v2 import types_pb2, val_pb2, val_pb2_grpc
+        except ImportError:
+            raise ConfigError("kuksa-client is not installed: pip install 'tpmsd[vss]'") from None
+        self._settings, self._log = settings, log
+        self._types, self._requests = types_pb2, val_pb2
+        self._error, self._unknown = grpc.RpcError, grpc.StatusCode.NOT_FOUND
+        target = f"{settings.host}:{settings.port}"
+        if settings.ca is None:
+            self._channel = grpc.insecure_channel(target, options=CHANNEL)
+        else:
+            try:
+                credentials = grpc.ssl_channel_credentials(settings.ca.read_bytes())
+            except OSError as error:
+                raise ConfigError(f"{settings.ca}: {error.strerror or error}") from None
+            self._channel = grpc.secure_channel(target, credentials, options=CHANNEL)
+        self._stub = val_pb2_grpc.VALStub(self._channel)
+        self._header = [] if settings.token is None else [("authorization", f"Bearer {settings.token}")]
+        self._told: dict[str, bool | None] = {}
+        self._absent: set[str] = set()
+        """Wheels for which the databroker's specification has no signal."""
+        self._due_s = self._again_s = -math.inf
+        self._said = ""
+
+    def run(self, documents: Iterable[dict[str, Any] | None]) -> None:
+        """Tell what the documents say until they end; in the end nothing is known any more."""
+        try:
+            for document in documents:
+                self.step(document, time.monotonic())
+        finally:
+            self.step(None, math.inf)
+            self._channel.close()
+
+    def step(self, document: dict[str, Any] | None, now_s: float) -> None:
+        """Take one document, and tell what is new in it."""
+        values: dict[str, bool | None] = dict.fromkeys(IS_PRESSURE_LOW)
+        if document is not None:
+            summary = summarise(document)
+            if not summary.ready:
+                return
+            values = pressure_low(summary)
+        if now_s >= self._due_s:
+            self._told, self._due_s = {}, now_s + self._settings.period_s
+        if now_s < self._again_s:
+            return
+        for wheel, low in values.items():
+            if wheel in self._absent or (wheel in self._told and self._told[wheel] == low):
+                continue
+            if not self._publish(wheel, low):
+                self._told, self._again_s = {}, now_s + RETRY_S
+                return
+            self._told[wheel] = low
+
+    def _publish(self, wheel: str, low: bool | None) -> bool:
+        """Tell one value; False if it is to be tried again."""
+        point = self._types.Datapoint()
+        point.timestamp.GetCurrentTime()
+        if low is not None:
+            point.value.bool = low
+        request = self._requests.PublishValueRequest(
+            signal_id=self._types.SignalID(path=IS_PRESSURE_LOW[wheel]), data_point=point
+        )
+        try:
+            self._stub.PublishValue(request, timeout=CALL_S, metadata=self._header)
+        except self._error as error:
+            if error.code() is not self._unknown:
+                self._say(f"the databroker does not take values ({error.code().name.lower()})")
+                return False
+            self._absent.add(wheel)
+            self._log.warning("the databroker does not know %s: left out", IS_PRESSURE_LOW[wheel])
+            return True
+        if self._said:
+            self._log.info("the databroker takes values again")
+            self._said = ""
+        return True
+
+    def _say(self, text: str) -> None:
+        if text != self._said:
+            self._log.warning("%s; trying again", text)
+        self._said = text
