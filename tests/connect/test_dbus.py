@@ -81,12 +81,12 @@ def test_alarms_are_signals(tmp_path: Path) -> None:
     with served(tmp_path / "s") as daemon, bus(tmp_path), listener(tmp_path) as ear, bridge(tmp_path):
         assert ("ok",) == heard(ear, "HealthChanged")
         daemon.document = document(alarm())
-        assert ("deflation", "rl", -2.0, "soft") == heard(ear, "AlarmRaised")
+        assert ("deflation", "rl", 1000.0, -2.0, "soft") == heard(ear, "AlarmRaised")
         state = new_method_call(DBusAddress(PATH, NAME, NAME), "GetState")
         (answer,) = unwrap_msg(ear.send_and_get_reply(state, timeout=10.0))
         assert "deflation" == json.loads(answer)["alarms"][0]["kind"]
         daemon.document = document()
-        assert ("deflation", "rl") == heard(ear, "AlarmCleared")
+        assert ("deflation", "rl", 1000.0) == heard(ear, "AlarmCleared")
 
 
 def test_a_bus_that_is_restarted_loses_no_alarm(tmp_path: Path) -> None:
@@ -102,4 +102,4 @@ def test_a_bus_that_is_restarted_loses_no_alarm(tmp_path: Path) -> None:
             process.send_signal(signal.SIGSTOP)
             with bus(tmp_path), listener(tmp_path) as ear:
                 process.send_signal(signal.SIGCONT)
-                assert ("deflation", "fr", -2.0, "soft") == heard(ear, "AlarmRaised")
+                assert ("deflation", "fr", 1000.0, -2.0, "soft") == heard(ear, "AlarmRaised")

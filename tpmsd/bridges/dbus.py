@@ -2,13 +2,15 @@
 
 In: the status socket, a message bus. Out: signals `AlarmRaised`, `AlarmCleared`, `HealthChanged` of
 `org.tpmsd.Tpmsd1`, and answers to `GetState`. An alarm counts as told once the bus has taken its signal, so a
-bus that is restarted loses none.
+bus that is restarted loses none. A bridge remembers nothing over its own end: a new one raises anew what
+stands. So who listens drops what it was told whenever the name gets another owner.
 """
 
 from __future__ import annotations
 
 import json
 import logging
+import math
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
@@ -30,9 +32,10 @@ OWNER, ALREADY_OWNER = 1, 4
 INTROSPECTION = f"""<!DOCTYPE node PUBLIC "-//freedesktop//DTD D-BUS Object Introspection 1.0//EN"
  "http://www.freedesktop.org/standards/dbus/1.0/introspect.dtd">
 <node><interface name="{NAME}">
- <signal name="AlarmRaised"><arg name="kind" type="s"/><arg name="wheel" type="s"/>
+ <signal name="AlarmRaised"><arg name="kind" type="s"/><arg name="wheel" type="s"/><arg name="time" type="d"/>
   <arg name="deviation_mm" type="d"/><arg name="reason" type="s"/></signal>
- <signal name="AlarmCleared"><arg name="kind" type="s"/><arg name="wheel" type="s"/></signal>
+ <signal name="AlarmCleared"><arg name="kind" type="s"/><arg name="wheel" type="s"/>
+  <arg name="time" type="d"/></signal>
  <signal name="HealthChanged"><arg name="health" type="s"/></signal>
  <method name="GetState"><arg name="status_json" type="s" direction="out"/></method>
 </interface></node>"""
@@ -91,13 +94,12 @@ class DbusBridge:
             return
         stands = {alarm.key: alarm for alarm in summary.alarms}
         for key in [key for key in self._alarms if key not in stands]:
-            alarm = self._alarms[key]
-            self._send("AlarmCleared", "ss", (alarm.kind, alarm.wheel or ""))
+            self._send("AlarmCleared", "ssd", _identity(self._alarms[key]))
             del self._alarms[key]
         for key, alarm in stands.items():
             if key not in self._alarms:
-                deviation = float("nan") if alarm.deviation_mm is None else alarm.deviation_mm
-                self._send("AlarmRaised", "ssds", (alarm.kind, alarm.wheel or "", deviation, alarm.reason))
+                what = (*_identity(alarm), _or_nan(alarm.deviation_mm), alarm.reason)
+                self._send("AlarmRaised", "ssdds", what)
                 self._alarms[key] = alarm
         self._tell_health(summary.health)
 
@@ -162,3 +164,12 @@ class DbusBridge:
         if text != self._said:
             self._log.warning("%s; trying again", text)
         self._said = text
+
+
+def _identity(alarm: Alarm) -> tuple[str, str, float]:
+    """Kind, wheel and time: the same for the same alarm, whoever tells it and however often."""
+    return alarm.kind, alarm.wheel or "", _or_nan(alarm.time_s)
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else value
