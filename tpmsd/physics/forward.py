@@ -7,14 +7,81 @@ world and by the diagnosis as its prediction.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
+from tpmsd.physics.effect import Effect
 from tpmsd.physics.kinematics import wheel_speeds
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.physics.motion import Car, Motion, integrate
 from tpmsd.wheels import FloatArray
+
+WHEELS_READ, GYRO_READ, RECEIVER_READ = "wheels", "gyro", "receiver"
+"""Groups of channels."""
+_OF_MOTION = ("axle_course_rad", "grade_factor")
+_OF_TYRES = ("radius_change_m", "wheel_slip")
+_OF_TEETH = ("tooth_angle_error_rad", "true_teeth_per_rev")
+_HOOKS = {
+    WHEELS_READ: (*_OF_MOTION, *_OF_TYRES, *_OF_TEETH, "track_error_m"),
+    GYRO_READ: ("grade_factor", "read_yaw_rate", "yaw_rate_error_radps"),
+    RECEIVER_READ: (
+        *_OF_MOTION,
+        *("horizontal_factor", "antenna_offset_m", "fix_age_s", "velocity_age_s"),
+        *("gnss_speed_error_mps", "gnss_course_error_rad"),
+    ),
+}
+"""What of an effect the readings of each group depend on, as the functions below do."""
+
+
+def acts_on(effect: Effect) -> frozenset[str]:
+    """The groups of channels on which an effect may act: those of the hooks that it overrides."""
+    return frozenset(group for group, hooks in _HOOKS.items() if _overrides(effect, hooks))
+
+
+def acts_by_tyres(effect: Effect) -> bool:
+    """Whether an effect acts on the wheels by changes of radius and slip alone."""
+    others = tuple(hook for hook in _HOOKS[WHEELS_READ] if hook not in _OF_TYRES)
+    return _overrides(effect, _OF_TYRES) and not _overrides(effect, others)
+
+
+def acts_by_teeth(effect: Effect) -> bool:
+    """Whether an effect changes what counters show of the wheels' angles."""
+    return _overrides(effect, _OF_TEETH)
+
+
+def _overrides(effect: Effect, hooks: Iterable[str]) -> bool:
+    return any(getattr(type(effect), hook) is not getattr(Effect, hook) for hook in hooks)
+
+
+@dataclass(frozen=True, slots=True)
+class Rolling:
+    """How the wheels turn at a model, in pieces, so that one more effect costs little; arrays (n, 4)."""
+
+    speeds_mps: FloatArray
+    """Of the hubs, along their rolling directions."""
+    stretched: FloatArray
+    """1 + slip."""
+    radii_m: FloatArray
+    rates: FloatArray
+    """(rad/s)"""
+
+    @classmethod
+    def of(cls, motion: Motion, car: Car, model: ExtendedModel) -> Rolling:
+        """At a model, for a motion on slopes as the wheels feel them."""
+        speeds, radii = _hub_speeds(motion, car, model), wheel_radii(motion, car, model)
+        stretched = 1.0 + model.wheel_slip(motion, car)
+        return cls(speeds, stretched, radii, speeds * stretched / radii)
+
+    def with_effect(self, effect: Effect, motion: Motion, car: Car) -> FloatArray:
+        """(n, 4) rates (rad/s) with one more effect, which acts by the tyres alone."""
+        longer = self.stretched
+        if _overrides(effect, ("wheel_slip",)):
+            longer = longer + effect.wheel_slip(motion, car)
+        if not _overrides(effect, ("radius_change_m",)):
+            return np.asarray(self.speeds_mps * longer / self.radii_m)
+        return np.asarray(self.speeds_mps * longer / (self.radii_m + effect.radius_change_m(motion, car)))
 
 
 def wheel_radii(motion: Motion, car: Car, model: ExtendedModel) -> FloatArray:
@@ -29,11 +96,16 @@ def wheel_rates(
 
     `radii_m` (n, 4) takes the place of the modelled radii (where the world adds roughness or offsets).
     """
-    lateral = motion.speed_mps * np.tan(model.axle_course_rad(motion))
-    geometry = car.with_tracks(*model.track_error_m())
-    speeds = wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, geometry, lateral)
+    speeds = _hub_speeds(motion, car, model)
     radii = wheel_radii(motion, car, model) if radii_m is None else radii_m
     return np.asarray(speeds * (1.0 + model.wheel_slip(motion, car)) / radii)
+
+
+def _hub_speeds(motion: Motion, car: Car, model: ExtendedModel) -> FloatArray:
+    """(n, 4) speeds of the hubs along their rolling directions, m/s."""
+    lateral = motion.speed_mps * np.tan(model.axle_course_rad(motion))
+    geometry = car.with_tracks(*model.track_error_m())
+    return wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, geometry, lateral)
 
 
 def wheel_angles(

@@ -19,7 +19,6 @@ from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.trajectory import WINDOW_S
 from tpmsd.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED, Reader
 from tpmsd.physics.catalogue import EFFECTS, FAULT, RADIUS, make_effect, probes
-from tpmsd.physics.effect import Effect
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import WHEELS, FloatArray
 
@@ -39,7 +38,7 @@ class Columns:
     def add(self, name: tuple[str, ...], array: FloatArray) -> None:
         """Append one; what is not finite (not measured) counts as no response."""
         self.names.append(name)
-        self.arrays.append(np.nan_to_num(array))
+        self.arrays.append(array if np.isfinite(array).all() else np.nan_to_num(array))
 
     def index(self) -> dict[tuple[str, ...], int]:
         """Place of each name."""
@@ -91,13 +90,11 @@ def radius_columns(reader: Reader) -> Columns:
     out = Columns()
     for wheel in reader.recording.wheels:
         out.add((RADIUS.name, WHEELS[wheel]), _of_radius(reader, wheel))
-    here, start = available(reader), None
+    here = available(reader)
     for probe in probes():
         effect = EFFECTS[probe.effect]
         if effect.always_fitted and effect is not RADIUS and here >= set(effect.needs):
-            start = reader.predict(ExtendedModel()) if start is None else start
-            more = reader.predict(ExtendedModel((probe.made(),))) - start
-            out.add(probe.key, more / (probe.value - probe.neutral))
+            out.add(probe.key, reader.change(ROLLING, probe.made()) / (probe.value - probe.neutral))
     return out
 
 
@@ -105,16 +102,15 @@ def catalogue_columns(
     reader: Reader, base: ExtendedModel | None = None, only: frozenset[str] | None = None
 ) -> Columns:
     """One column per probe of the catalogue (of `only` these effects) that the drive can show, at `base`."""
-    base = ExtendedModel() if base is None else base
-    start, here = reader.predicted(base), available(reader)
+    base = ROLLING if base is None else base
+    here = available(reader)
     out = Columns()
     for probe in probes():
         effect = EFFECTS[probe.effect]
         if only is not None and probe.effect not in only:
             continue
         if not effect.always_fitted and here >= set(effect.needs):
-            response = (reader.predict(base.plus(probe.made())) - start) / (probe.value - probe.neutral)
-            out.add(probe.key, response)
+            out.add(probe.key, reader.change(base, probe.made()) / (probe.value - probe.neutral))
     return out
 
 
@@ -123,8 +119,8 @@ def grid_column(
 ) -> FloatArray:
     """(w, 9) response to an effect's linear parameter where its nonlinear one has this value, at `base`."""
     probe = replace(next(one for one in probes() if one.effect == effect and one.place == place), at=at)
-    change = _change(reader, probe.made(), ExtendedModel() if base is None else base)
-    return change / (probe.value - probe.neutral)
+    change = reader.change(ROLLING if base is None else base, probe.made())
+    return np.asarray(change / (probe.value - probe.neutral))
 
 
 def ramp_column(
@@ -145,11 +141,6 @@ def ramp_column(
     return out
 
 
-def _change(reader: Reader, effect: Effect, base: ExtendedModel) -> FloatArray:
-    """(w, 9) what one more effect changes; zero where nothing is measured."""
-    return np.nan_to_num(reader.predict(base.plus(effect)) - reader.predicted(base))
-
-
 def ramp_knots(reader: Reader) -> FloatArray:
     """(RAMP_KNOTS + 1,) knots of the radius ramps: equal shares of the driving, as times."""
     index = reader.windows.index
@@ -166,10 +157,10 @@ def ramp_columns(reader: Reader) -> Columns:
     knots = ramp_knots(reader)
     time_s = reader.windows.time_s
     for wheel in reader.recording.wheels:
-        per_metre = _of_radius(reader, wheel)
+        per_metre = _of_radius(reader, wheel)[:, wheel]
         for k in range(SETTINGS.hypotheses.ramp_knots):
             share = np.clip((time_s - knots[k]) / max(knots[k + 1] - knots[k], 1e-9), 0.0, 1.0)
-            out.add(("ramp", WHEELS[wheel], str(k)), per_metre * share[:, None])
+            out.add(("ramp", WHEELS[wheel], str(k)), _on(wheel, per_metre * share))
     return out
 
 
@@ -220,9 +211,22 @@ def smooth_columns(reader: Reader, knots: dict[str, FloatArray]) -> Columns:
     for covariate, at in knots.items():
         hats = hat_functions(reader.windows.covariates[covariate], at)
         for place, response in responses.items():
+            channel = channel_of(place)
             for k in range(first_hat(place), hats.shape[1]):
                 name = ("smooth", place, covariate, str(k - first_hat(place)))
-                out.add(name, response * hats[:, k : k + 1])
+                out.add(name, _on(channel, response[:, channel] * hats[:, k]))
+    return out
+
+
+def channel_of(place: str) -> int:
+    """The channel of a wheel or a reading."""
+    return WHEELS.index(place) if place in WHEELS else READINGS[place]
+
+
+def _on(channel: int, values: FloatArray) -> FloatArray:
+    """(w, 9) values (w,) of one channel, zero elsewhere."""
+    out = np.zeros((len(values), CHANNELS))
+    out[:, channel] = values
     return out
 
 
