@@ -1,8 +1,10 @@
 #!/bin/sh
-# Draws the picture of the README anew: a simulated drive, replayed. Run from the clone's root; TPMSD names the program.
+# Draws the pictures of README and docs anew: a simulated drive, replayed; the pages in Chromium. Run from the clone's root; TPMSD
+# names the program, PY the Python with the extras dev.
 set -eu
 tpmsd="${TPMSD:-.venv/bin/tpmsd}"
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 "$tpmsd" simulate "$folder/slow-puncture" --duration 600 --seed 1 --leak rl --at 300 --over 90 --loss-percent 0.7 --outage 420:450
 "$tpmsd" replay "$folder/slow-puncture" --plot docs/images/slow-puncture.png
+"${PY:-.venv/bin/python}" -m tests.browser.screenshots docs/images

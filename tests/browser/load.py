@@ -113,29 +113,33 @@ def measure(folder: Path, clients: int, seconds: float, rounds: int) -> Load:
                     if loaded:
                         events += map(int, line_with(counts, "UPDATES").split()[1:])
                 time.sleep(1.0)  # the server has seen them go
-        stamps = _stamps(ticks)
-    late_ms = 1e3 * lateness_s(stamps)
+        stamps, late_s = _ticks(ticks)
 
     def stretch(begun: float, ended: float) -> tuple[float, float]:
-        return _summary(late_ms[(stamps >= begun) & (stamps < ended)])
+        return _summary(1e3 * late_s[(stamps >= begun) & (stamps < ended)])
 
     measured = tuple(Round(stretch(*one[False]), stretch(*one[True])) for one in spans)
     return Load(measured, tuple(events))
 
 
-def lateness_s(stamps: np.ndarray) -> np.ndarray:
-    """(n,) of ticks at a fixed period, against the earliest one of all."""
-    late = stamps - PERIOD_S * np.round((stamps - stamps[0]) / PERIOD_S)
-    return np.asarray(late - late.min())
-
-
-def _stamps(lines: queue.Queue[str]) -> np.ndarray:
+def _ticks(lines: queue.Queue[str]) -> tuple[np.ndarray, np.ndarray]:
+    """(n,) when each tick was done (monotonic, s), and how late within its period (s)."""
     found = []
     while not lines.empty():
-        word, _, rest = lines.get().partition(" ")
-        if word == "TICK":
-            found.append(float(rest))
-    return np.array(found)
+        line = lines.get()
+        if line.startswith("TICK "):
+            found.append(float(line.split()[1]))
+    done = np.array(found)
+    return done, lateness_s(done)
+
+
+def lateness_s(done: np.ndarray) -> np.ndarray:
+    """(n,) since the deadline, which is where the widest span of the period without any tick ends."""
+    phase = done % PERIOD_S
+    ordered = np.sort(phase)
+    gaps = np.diff(ordered, append=ordered[0] + PERIOD_S)
+    deadline = ordered[(int(np.argmax(gaps)) + 1) % ordered.size]
+    return np.asarray((phase - deadline) % PERIOD_S)
 
 
 def _summary(late_ms: np.ndarray) -> tuple[float, float]:

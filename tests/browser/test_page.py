@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import base64
-import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -13,11 +12,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.browser.load import PATIENCE_S, line_with, measure, process
+from tests.browser.chromium import MissingBrowserError, emulate, opened, wait_until
+from tests.browser.load import line_with, measure, process
 
 pytestmark = pytest.mark.browser
 
-webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
+pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
 
 AXE = Path(__file__).parents[1] / "web" / "vendor" / "axe.min.js"
 SPEED_UP = 5.0
@@ -26,33 +26,13 @@ STATES = "return ['fl','fr','rl','rr'].map(id => document.getElementById(id).cla
 
 @contextmanager
 def browser(width: int = 1200, height: int = 900) -> Iterator[Any]:
-    """Headless Chromium of Debian's package."""
-    chromium, driver = shutil.which("chromium"), shutil.which("chromedriver")
-    if chromium is None or driver is None:
-        pytest.skip("Chromium and its driver are not installed: apt-get install chromium chromium-driver")
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
-    for argument in ("headless=new", "no-sandbox", "disable-gpu", "disable-dev-shm-usage", "no-first-run"):
-        options.add_argument(f"--{argument}")
-    for argument in ("background-networking", "component-update", "sync", "quic"):
-        options.add_argument(f"--disable-{argument}")
-    options.add_argument(f"--window-size={width},{height}")
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    one = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    """A browser, or the test is skipped."""
     try:
-        yield one
-    finally:
-        one.quit()
-
-
-def wait_until(what: str, true: Callable[[], bool], patience_s: float = PATIENCE_S) -> None:
-    """Ask again until it is so."""
-    end = time.monotonic() + patience_s
-    while time.monotonic() < end:
-        if true():
-            return
-        time.sleep(0.05)
-    raise AssertionError(f"not so within {patience_s:g} s: {what}")
+        chromium = opened(width, height)
+    except MissingBrowserError as error:
+        pytest.skip(str(error))
+    with chromium as page:
+        yield page
 
 
 def violations(page: Any) -> list[str]:
@@ -161,10 +141,7 @@ def test_reports_fit_every_screen(reports: dict[str, Path], name: str) -> None:
     """Light and dark, phone and desktop: nothing is cut, no rule of WCAG 2.2 AA is broken."""
     with browser() as page:
         for width, theme in SCREENS:
-            features = [{"name": "prefers-color-scheme", "value": theme}]
-            page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "screen", "features": features})
-            size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 600}
-            page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+            emulate(page, width, theme)
             page.get(reports[name].as_uri())
             wait_until("ready", lambda: page.execute_script("return document.body.dataset.ready === '1'"))
             shown = page.execute_script("return document.querySelectorAll('figure.live .uplot').length")

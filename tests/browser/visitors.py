@@ -47,4 +47,5 @@ def request(port: int) -> bytes:
 
 if __name__ == "__main__":
     os.nice(19)
-    print("UPDATES", *asyncio.run(look_on(*map(int, sys.argv[1:3]), float(sys.argv[3]))), flush=True)
+    port, clients, seconds = sys.argv[1:]
+    print("UPDATES", *asyncio.run(look_on(int(port), int(clients), float(seconds))), flush=True)

@@ -67,7 +67,7 @@ def report_page(document: Mapping[str, Any], tables: Mapping[str, list[Row]]) ->
 def _tiles(document: Mapping[str, Any]) -> list[Tile]:
     cars = len({row["car"] for row in document["attention"]})
     return [
-        Tile(str(document["cars"]), "Vehicles", f"Of {len(document['models'])} models."),
+        Tile(str(document["cars"]), "Vehicles", f"Models: {len(document['models'])}."),
         Tile(str(cars), "Need attention", "An alarm stands, a trend was found, or a drive cannot be used."),
         Tile(str(document["drives"]), "Drives", "All in the store, those that could not be used among them."),
         Tile(f"{document['distance_km']:.0f} km", "Distance", "By the estimated speed."),

@@ -14,8 +14,6 @@ from tpmsd.diagnosis.assessment.identifiability import Telling
 from tpmsd.physics.catalogue import EFFECTS, probes, sentence_of
 from tpmsd.physics.effect import Effect, Kind, Parameter
 
-MISSING = "\u2014"
-
 
 def effects_document(names: Sequence[str], drive: str = "", told: Sequence[Telling] = ()) -> dict[str, Any]:
     """The effects of these names; with a drive also what it tells of each."""
@@ -131,7 +129,7 @@ def effects_page() -> str:
             effect.kind.value,
             f"{sentence_of(name)}: {effect.formula}",
             "<br>".join(_parameter(p) for p in effect.parameters) or "none",
-            " ".join(effect.needs) or MISSING,
+            " ".join(effect.needs),
             source_of(effect),
         ]
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
@@ -144,15 +142,17 @@ def _coverage() -> list[str]:
         "",
         "## What a car has, what is covered, what remains open",
         "",
+        "Effects are looked for in windows of a second, unless the second column says otherwise.",
+        "",
         "| effect | looked for in | told by | reads the same on every drive |",
         "| --- | --- | --- | --- |",
     ]
     windows = {probe.effect for probe in probes()}
     for name, effect in EFFECTS.items():
         if effect.kind not in (Kind.NUISANCE, Kind.FREE):
-            same = " ".join(f"`{other}`" for other in effect.confounded) or MISSING
+            same = " ".join(f"`{other}`" for other in effect.confounded)
             place = _looked_for_in(effect, name in windows)
-            lines.append(f"| {name} | {place} | {effect.telling_drive or MISSING} | {same} |")
+            lines.append(f"| {name} | {place} | {effect.telling_drive} | {same} |")
     return [
         *lines,
         "",
@@ -174,7 +174,7 @@ def _looked_for_in(effect: type[Effect], windows: bool) -> str:
         return "spans of time"
     if effect.ramp:
         return "steps and ramps over time"
-    return "windows of a second" if windows else "nothing: calibration takes it up"
+    return "" if windows else "nothing: calibration takes it up"
 
 
 OPEN = (

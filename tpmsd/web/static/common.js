@@ -97,6 +97,13 @@ export function keepFitting(plots) {
   };
   addEventListener("resize", fit);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
-    for (const [, plot] of plots()) plot.redraw(false);
+    for (const [, plot] of plots()) {
+      plot.redraw(false);
+      for (const entry of plot.root.querySelectorAll(".u-series")) {
+        const series = plot.series.find((one) => one.label && one.label === entry.querySelector(".u-label")?.textContent);
+        const marker = entry.querySelector(".u-marker");
+        if (series && marker) marker.style.borderColor = series.stroke(plot);
+      }
+    }
   });
 }

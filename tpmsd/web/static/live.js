@@ -78,6 +78,12 @@ function showHealth(document_) {
 const box = byId("timeline");
 let plot = null;
 
+/** Times of day as the visitor writes them; seconds where the ticks are closer than a minute. */
+function daytimes(_, ticks) {
+  const fine = ticks.length > 1 && ticks[1] - ticks[0] < 60 ? { second: "2-digit" } : {};
+  return ticks.map((seconds) => new Date(1000 * seconds).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit", ...fine }));
+}
+
 function data() {
   const scale = units.value === "imperial" ? 1000 / MM_PER_INCH : 1;
   const out = [rows.map((row) => row.time)];
@@ -100,7 +106,7 @@ function draw() {
   plot = new uPlot({
     width: Math.max(box.clientWidth, 200), height: 260, series, bands,
     scales: { x: { time: true } },
-    axes: [axis(""), axis(units.value === "imperial" ? "change of radius (thou)" : "change of radius (mm)", { size: 60 })],
+    axes: [axis("", { values: daytimes, space: 90 }), axis(units.value === "imperial" ? "change of radius (thou)" : "change of radius (mm)", { size: 60 })],
     legend: { show: true, live: false }, plugins: [alarmLines(() => alarms, (alarm) => alarm.time)],
   }, data(), box);
   for (const [k, entry] of [...box.querySelectorAll(".u-series")].entries()) if (k % 3) entry.remove(); // the edges of a band have no entry
