@@ -75,16 +75,10 @@ class Pipeline:
             self.timeline.observe = self.resonance.add
 
     def on_frame(
-        self,
-        time_s: float,
-        arbitration_id: int,
-        is_extended: bool,
-        data: bytes,
-        is_fd: bool = False,
-        bus: int = 0,
+        self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
     ) -> list[Step]:
         """Take one CAN data frame; `bus` as in `CanDecoder.decode`."""
-        steps = self._run(self._source.on_frame(time_s, arbitration_id, is_extended, data, is_fd, bus))
+        steps = self._run(self._source.on_frame(time_s, arbitration_id, is_extended, data, bus))
         if bus == 0 and arbitration_id == self._reset_id and is_extended == self._extended:
             self._asked(time_s, data)
         return steps

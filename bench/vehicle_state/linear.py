@@ -21,16 +21,13 @@ from bench.vehicle_state.model import (
 )
 from tpmsd.physics.motion import GRAVITY_MPS2
 from tpmsd.vehicle_state.car import CarDynamics
-from tpmsd.vehicle_state.tyre import dugoff_gradients
 from tpmsd.wheels import FloatArray
 
 
 def _force_gradients(car: CarDynamics, state: FloatArray, inputs: Inputs) -> tuple[FloatArray, FloatArray]:
     """(3,) derivatives of lateral acceleration and of yaw acceleration by the state."""
     at = wheels(car, state, inputs)
-    forces = dugoff_gradients(
-        at.slip, at.slip_angle_rad, at.load_n, car.longitudinal_n, car.cornering_n, car.friction
-    )
+    forces = car.tyres.gradients(at.slip, at.slip_angle_rad, at.load_n)
     # d(angle) = -d atan2(left, along); a hub slower than MIN_SPEED_MPS has its along speed held.
     free = at.hub_along_mps > MIN_SPEED_MPS
     along = np.maximum(at.hub_along_mps, MIN_SPEED_MPS)

@@ -25,7 +25,7 @@ import numpy as np
 from tpmsd.physics.motion import GRAVITY_MPS2
 from tpmsd.vehicle_state.car import CarDynamics
 from tpmsd.vehicle_state.loads import wheel_loads
-from tpmsd.vehicle_state.tyre import TyreForces, dugoff
+from tpmsd.vehicle_state.tyre import TyreForces
 from tpmsd.wheels import FloatArray
 
 V, U, R = range(3)
@@ -82,7 +82,7 @@ def wheels(car: CarDynamics, state: FloatArray, inputs: Inputs) -> Wheels:
     angle = steer - np.arctan2(left, np.maximum(along, MIN_SPEED_MPS))
     load = wheel_loads(car, np.asarray(inputs.accel_long_mps2), state[..., U] * state[..., R])
     slip = carried_slip(car, inputs.accel_long_mps2)
-    forces = dugoff(slip, angle, load, car.longitudinal_n, car.cornering_n, car.friction)
+    forces = car.tyres.forces(slip, angle, load)
     return Wheels(np.broadcast_to(slip, load.shape), angle, load, forces, along, left)
 
 

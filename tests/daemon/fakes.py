@@ -14,6 +14,10 @@ from tests.sources_can.build import COUNTERS_DBC
 from tpmsd.config.load import load_config
 from tpmsd.config.model import CanConfig, Config
 from tpmsd.daemon.bus_link import OpenBus
+from tpmsd.daemon.clock import Clock
+from tpmsd.daemon.loop import Daemon
+from tpmsd.pipeline import Step
+from tpmsd.sinks.sd_notify import Notifier
 from tpmsd.sources.can_decoder import load_database
 from tpmsd.sources.can_frame import CanFrame
 from tpmsd.sources.can_live import CanDown
@@ -49,6 +53,19 @@ def car(folder: Path, extra: str = "", channel: str = "fake") -> tuple[Config, D
     (folder / "vehicle.toml").write_text(VEHICLE.format(channel=channel) + extra, encoding="utf-8")
     config = load_config(folder)
     return config, load_database(config.can.dbc)
+
+
+def listening(
+    config: Config,
+    database: Database,
+    clock: Clock,
+    open_bus: OpenBus,
+    watch: Callable[[Step], None],
+    **more: Any,
+) -> Daemon:
+    """A daemon without a service manager that takes the bus's own stamps and tells `watch` of every step."""
+    same = {"open_bus": open_bus, "on_step": watch, "frame_time": lambda stamp_s: stamp_s}
+    return Daemon(config, database, clock, Notifier(None), **same, **more)
 
 
 def wheels_frame(time_s: float, turned_rad: float = 0.0) -> CanFrame:

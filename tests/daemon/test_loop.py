@@ -16,7 +16,7 @@ import pytest
 from cantools.database.can import Database
 
 from tests.conftest import REPO
-from tests.daemon.fakes import DrivingBus, FakeBus, ServiceManagerSocket, car
+from tests.daemon.fakes import DrivingBus, FakeBus, ServiceManagerSocket, car, listening
 from tpmsd.config.model import CanConfig, Config
 from tpmsd.daemon.bus_link import Bus
 from tpmsd.daemon.clock import Clock
@@ -54,9 +54,9 @@ class Stalling(Pipeline):
         return self._cut(super().advance(time_s))
 
     def on_frame(
-        self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, is_fd: bool = False
+        self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
     ) -> list[Step]:
-        return self._cut(super().on_frame(time_s, arbitration_id, is_extended, data, is_fd))
+        return self._cut(super().on_frame(time_s, arbitration_id, is_extended, data, bus))
 
     def _cut(self, steps: list[Step]) -> list[Step]:
         kept = steps[: self.left]
@@ -248,17 +248,7 @@ def test_a_bus_that_is_missing_from_the_start_does_not_stop_the_ticks(tmp_path: 
         documents.append(daemon.document())
         bus.is_up = clock.now() - start_s > 15.0
 
-    daemon = Daemon(
-        config,
-        database,
-        clock,
-        Notifier(None),
-        open_bus=bus.opener(),
-        on_step=watch,
-        frame_time=lambda stamp_s: stamp_s,
-        grace_s=GRACE_S,
-        log=LOG,
-    )
+    daemon = listening(config, database, clock, bus.opener(), watch, grace_s=GRACE_S, log=LOG)
     daemon.run(30.0)
 
     assert ("down", "Network is down") == (documents[0]["can"]["state"], documents[0]["can"]["detail"])
@@ -279,14 +269,12 @@ def test_alarms_go_to_a_bus_of_their_own(tmp_path: Path) -> None:
     def watch(step: Step) -> None:
         buses["other"].is_up = clock.now() - start_s > 10.0
 
-    daemon = Daemon(
+    daemon = listening(
         config,
         database,
         clock,
-        Notifier(None),
-        open_bus=lambda can, filters, channel: buses[channel].opener()(can, filters, channel),
-        on_step=watch,
-        frame_time=lambda stamp_s: stamp_s,
+        lambda can, filters, channel: buses[channel].opener()(can, filters, channel),
+        watch,
         grace_s=GRACE_S,
         log=LOG,
     )
@@ -351,10 +339,10 @@ def test_a_process_that_is_held_up_loses_no_frame(tmp_path: Path, own_stamps: bo
 
     class Counting(Pipeline):
         def on_frame(
-            self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, is_fd: bool = False
+            self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
         ) -> list[Step]:
             taken.append(time_s)
-            return super().on_frame(time_s, arbitration_id, is_extended, data, is_fd)
+            return super().on_frame(time_s, arbitration_id, is_extended, data, bus)
 
     clock = Clock(wall=lambda: 1.7e9 + monotonic(), monotonic=monotonic)
     bus = HeldUpBus(clock.now, before)

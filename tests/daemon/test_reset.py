@@ -5,15 +5,13 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
-from tests.daemon.fakes import DrivingBus, car
+from tests.daemon.fakes import DrivingBus, car, listening
 from tpmsd.config.model import AlarmsConfig
 from tpmsd.daemon.bus_link import reset_filters
 from tpmsd.daemon.clock import Clock
-from tpmsd.daemon.loop import Daemon
 from tpmsd.daemon.recorder import DriveRecorder
 from tpmsd.pipeline import Pipeline, Step
 from tpmsd.sinks.reset_request import ResetRequest, to_frame, to_sentence
-from tpmsd.sinks.sd_notify import Notifier
 from tpmsd.sources.can_frame import CanFrame
 from tpmsd.sources.drive import Drive
 
@@ -34,15 +32,13 @@ def test_a_reset_is_recorded_and_its_replay_resets_at_the_same_tick(tmp_path: Pa
             answers.append(daemon.reset("winter"))
             answers.append(daemon.reset("No name"))
 
-    daemon = Daemon(
+    daemon = listening(
         config,
         database,
         clock,
-        Notifier(None),
-        open_bus=DrivingBus(clock.now).opener(),
+        DrivingBus(clock.now).opener(),
+        watch,
         recorder=recorder,
-        on_step=watch,
-        frame_time=lambda stamp_s: stamp_s,
         grace_s=0.05 * SCALE,
     )
     daemon.run(30.0)

@@ -9,12 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.daemon.fakes import DrivingBus, car
+from tests.daemon.fakes import DrivingBus, car, listening
 from tests.faults.drives import FOUND, Item, played
 from tpmsd.daemon.clock import Clock
-from tpmsd.daemon.loop import Daemon
 from tpmsd.pipeline import Step
-from tpmsd.sinks.sd_notify import Notifier
 
 SCALE = 20.0
 
@@ -50,14 +48,12 @@ def test_five_seconds_without_the_processor_lose_no_frame(tmp_path: Path) -> Non
         if len(steps) == 30:
             time.sleep(5.0 / SCALE)
 
-    daemon = Daemon(
+    daemon = listening(
         config,
         database,
         clock,
-        Notifier(None),
-        open_bus=DrivingBus(clock.now).opener(),
-        on_step=watch,
-        frame_time=lambda stamp_s: stamp_s,
+        DrivingBus(clock.now).opener(),
+        watch,
         grace_s=0.05 * SCALE,
         log=logging.getLogger("tests.faults"),
     )

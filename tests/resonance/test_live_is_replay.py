@@ -11,7 +11,7 @@ from tests.daemon.fakes import car
 from tests.resonance.test_watch import RADIUS_M, RATE_HZ, drive, readings
 from tpmsd.config.load import load_config
 from tpmsd.config.model import Config
-from tpmsd.estimators.agreement import AGREED, Agreement
+from tpmsd.estimators.agreement import Agreement
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.estimators.build import monitored_wheels
 from tpmsd.monitor.monitor import Monitor
@@ -39,11 +39,11 @@ class Listening(Monitor):
         tick: Tick,
         estimate: RadiusEstimate,
         resonance: ResonanceEvidence | None = None,
-        agreement: Agreement = AGREED,
+        *more: Agreement,
     ) -> MonitorReport:
         """As the monitor."""
         self.heard.append((tick.time_s, resonance))
-        return super().update(tick, estimate, resonance, agreement)
+        return super().update(tick, estimate, resonance, *more)
 
 
 @pytest.fixture(scope="module")

@@ -235,9 +235,11 @@ def test_big_endian_signals_of_a_short_frame_keep_their_place() -> None:
 
 def test_longer_frames_decode_alike() -> None:
     """CAN FD pads frames; what is beyond the message's own bytes changes nothing."""
-    assert counter_decoder().decode(1.0, 0xB0, False, counts_frame(1, 2, 3, 4)) == counter_decoder().decode(
-        1.0, 0xB0, False, counts_frame(1, 2, 3, 4) + bytes(range(40)), is_fd=True
-    )
+    data = counts_frame(1, 2, 3, 4)
+
+    padded = counter_decoder().decode(1.0, 0xB0, False, data + bytes(range(40)))
+
+    assert counter_decoder().decode(1.0, 0xB0, False, data) == padded
 
 
 def test_invalid_values_are_no_readings() -> None:

@@ -49,9 +49,7 @@ def one_by_one(folder: Path) -> dict[str, Any]:
         if isinstance(item, CanFrame):
             if not (item.is_error or item.is_remote):
                 bus = stream.buses.get(item.channel, 0)
-                ticks += source.on_frame(
-                    item.time_s, item.arbitration_id, item.is_extended, item.data, item.is_fd, bus
-                )
+                ticks += source.on_frame(item.time_s, item.arbitration_id, item.is_extended, item.data, bus)
         else:
             ticks += source.on_sentence(item.time_s, item.line)
     ticks += source.finish()

@@ -22,16 +22,10 @@ class LongWay(TickSource):
     """Every frame goes through all stages."""
 
     def on_frame(
-        self,
-        time_s: float,
-        arbitration_id: int,
-        is_extended: bool,
-        data: bytes,
-        is_fd: bool = False,
-        bus: int = 0,
+        self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
     ) -> list[Tick]:
         ticks = self.advance(time_s)
-        for event in self.decoder.decode(time_s, arbitration_id, is_extended, data, is_fd, bus):
+        for event in self.decoder.decode(time_s, arbitration_id, is_extended, data, bus):
             ticks += self.timeline.add(event)
         return ticks
 

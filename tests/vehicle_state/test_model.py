@@ -15,7 +15,7 @@ from tests.vehicle_state.cars import PAPER_CAR, steering
 from tpmsd.physics.motion import GRAVITY_MPS2
 from tpmsd.vehicle_state.car import CarDynamics, typical
 from tpmsd.vehicle_state.loads import wheel_loads
-from tpmsd.vehicle_state.tyre import dugoff
+from tpmsd.vehicle_state.tyre import DugoffTyre
 
 ACCEL = st.floats(-9.0, 9.0)
 
@@ -24,7 +24,7 @@ ACCEL = st.floats(-9.0, 9.0)
 
 
 def forces(slip: float, angle: float, load: float, friction: float = 0.9) -> tuple[float, float]:
-    out = dugoff(np.array(slip), np.array(angle), np.array(load), 80e3, 50e3, friction)
+    out = DugoffTyre(80e3, 50e3, friction).forces(np.array(slip), np.array(angle), np.array(load))
     return float(out.along_n), float(out.left_n)
 
 

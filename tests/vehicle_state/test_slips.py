@@ -16,7 +16,7 @@ from tests.vehicle_state.cars import PAPER_CAR, steering
 from tpmsd.vehicle_state.loads import wheel_loads
 from tpmsd.vehicle_state.settings import SETTINGS
 from tpmsd.vehicle_state.slips import angle_for_force, slip_traces, wheel_slips
-from tpmsd.vehicle_state.tyre import dugoff
+from tpmsd.vehicle_state.tyre import DugoffTyre
 
 NONE = np.zeros(1)
 
@@ -27,7 +27,7 @@ def test_the_turned_tyre_gives_back_the_force(share: float, load: float) -> None
     """angle_for_force is the inverse of Dugoff's side force, up to `max_use` of the limit."""
     wanted = SETTINGS.max_use * share * 0.9 * load
     angle = angle_for_force(np.array(wanted), np.array(load), 50e3, 0.9)
-    back = dugoff(np.array(0.0), angle, np.array(load), 80e3, 50e3, 0.9).left_n
+    back = DugoffTyre(80e3, 50e3, 0.9).forces(np.array(0.0), angle, np.array(load)).left_n
     assert wanted == pytest.approx(float(back), rel=1e-6, abs=1e-6)
 
 
@@ -47,7 +47,7 @@ def test_wheel_slips_carry_the_acceleration() -> None:
         load = wheel_loads(car, np.array([accel]), np.array([lateral]))
         rear_angle = 0.02 if lateral else 0.0
         angles = np.array([[front_angle, front_angle, rear_angle, rear_angle]])
-        along = dugoff(slips, angles, load, car.longitudinal_n, car.cornering_n, car.friction).along_n
+        along = car.tyres.forces(slips, angles, load).along_n
         backwards = car.mass_kg * lateral * car.rear_m / car.wheelbase_m * math.sin(steer)
         assert car.mass_kg * accel + backwards == pytest.approx(float(along.sum()), rel=0.02, abs=1.0)
 

@@ -61,13 +61,7 @@ class Core(Protocol[Out]):
         ...
 
     def on_frame(
-        self,
-        time_s: float,
-        arbitration_id: int,
-        is_extended: bool,
-        data: bytes,
-        is_fd: bool = False,
-        bus: int = 0,
+        self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
     ) -> list[Out]:
         """Take one CAN data frame."""
         ...
@@ -208,7 +202,7 @@ def play(
             elif not (item.is_error or item.is_remote):
                 number = stream.buses.get(item.channel, 0)
                 identifier, extended = item.arbitration_id, item.is_extended
-                yield from core.on_frame(time_s, identifier, extended, item.data, item.is_fd, number)
+                yield from core.on_frame(time_s, identifier, extended, item.data, number)
         if done >= told:
             start, told = time_s if start is None else start, done + PROGRESS_EVERY
             progress(time_s - start)

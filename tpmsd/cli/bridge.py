@@ -17,8 +17,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tpmsd.cli.daemon_socket import add_socket_options, daemon_socket
 from tpmsd.cli.output import Subparsers
-from tpmsd.config.model import StatusConfig
 from tpmsd.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -98,11 +98,7 @@ def add_parser(subparsers: Subparsers) -> None:
     vss.add_argument("--ca", metavar="FILE", type=Path, help="TLS with this authority (PEM)")
     vss.add_argument("--token-file", metavar="FILE", type=Path, help="file with the databroker's token")
     for kind in (mqtt, metrics, dbus, vss):
-        where = kind.add_mutually_exclusive_group()
-        where.add_argument("--socket", metavar="PATH", type=Path, help="the daemon's socket")
-        where.add_argument(
-            "--config", metavar="FILE", type=Path, help="take the socket from this configuration"
-        )
+        add_socket_options(kind)
         kind.add_argument("-v", "--verbose", action="store_true", help="log more")
 
 
@@ -111,7 +107,7 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.daemon.journal import set_up_logging
 
     log = set_up_logging(args.verbose)
-    path = _socket_path(args)
+    path = daemon_socket(args)
     if args.bridge == "prometheus":
         from tpmsd.bridges.prometheus import serve
 
@@ -225,13 +221,3 @@ def _address(option: str, text: str, default_port: int) -> tuple[str, int]:
     if match is None or not 1 <= port <= 65535:
         raise ConfigError(f"{option} {text!r}: HOST or HOST:PORT")
     return match[1] or match[2], port
-
-
-def _socket_path(args: argparse.Namespace) -> Path:
-    if args.socket is not None:
-        return Path(args.socket)
-    if args.config is not None:
-        from tpmsd.config.load import load_config
-
-        return load_config(args.config).status.socket
-    return StatusConfig().socket

@@ -14,8 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from tpmsd.diagnosis.assessment.result import Diagnosis
     from tpmsd.physics.model import ExtendedModel
     from tpmsd.report.alarms_compared import AlarmsCompared
@@ -36,12 +34,7 @@ class AlarmReplays:
         self._before = [self._start(drive, None) for drive in self._drives]
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._pool.shutdown(wait=kind is None, cancel_futures=True)
 
     def _start(self, drive: Path, model: ExtendedModel | None) -> Future[ReplayResult]:

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from tpmsd.cli.daemon_socket import daemon_socket
 from tpmsd.cli.output import Progress, Subparsers, add_json_option, json_text
 from tpmsd.cli.outputs import Outputs
 from tpmsd.config.load import load_config
@@ -63,12 +64,7 @@ def run(args: argparse.Namespace) -> int:
 def _of_daemon(args: argparse.Namespace) -> dict[str, Any]:
     from tpmsd.sinks.status_client import read_explanation
 
-    path = StatusConfig().socket
-    if args.socket is not None:
-        path = args.socket
-    elif args.config is not None:
-        path = load_config(args.config).status.socket
-    return {**provenance(SCHEMA, [], args.config), **read_explanation(path)}
+    return {**provenance(SCHEMA, [], args.config), **read_explanation(daemon_socket(args))}
 
 
 def _of_drive(folder: Path, config_file: Path | None) -> dict[str, Any]:

@@ -7,13 +7,11 @@ from __future__ import annotations
 
 import argparse
 import time
-from pathlib import Path
 from typing import Any
 
+from tpmsd.cli.daemon_socket import add_socket_options, daemon_socket
 from tpmsd.cli.output import Subparsers, add_json_option, json_text
 from tpmsd.cli.outputs import Outputs
-from tpmsd.config.load import load_config
-from tpmsd.config.model import StatusConfig
 from tpmsd.errors import TpmsdError
 from tpmsd.provenance import provenance
 from tpmsd.sinks.status_client import printable, read_status, request_reset
@@ -43,24 +41,14 @@ def add_parser(subparsers: Subparsers) -> None:
         epilog=_EPILOG,
     )
     parser.add_argument("--tyres", metavar="NAME", help="the set of tyres that is on the car now")
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument(
-        "--socket", metavar="PATH", type=Path, help=f"the daemon's socket ({StatusConfig().socket})"
-    )
-    where.add_argument(
-        "--config", metavar="FILE", type=Path, help="take the socket from this configuration: [status] socket"
-    )
+    add_socket_options(parser)
     add_json_option(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Ask, wait for the tick that takes it, and say what became of it."""
     outputs = Outputs(("--json", args.json))
-    path = StatusConfig().socket
-    if args.socket is not None:
-        path = args.socket
-    elif args.config is not None:
-        path = load_config(args.config).status.socket
+    path = daemon_socket(args)
     before = _resets(request_reset(path, args.tyres))
     until_s = time.monotonic() + WAIT_S
     while _resets(document := read_status(path)) <= before:

@@ -14,10 +14,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import IO, Any
 
+from tpmsd.cli.daemon_socket import add_socket_options, daemon_socket
 from tpmsd.cli.output import Subparsers, dumps, write_json
 from tpmsd.cli.outputs import Outputs
 from tpmsd.cli.status_table import WIDTH, render_status
-from tpmsd.config.model import StatusConfig
 from tpmsd.errors import TpmsdError
 from tpmsd.sinks.status_client import read_status, watch_status
 
@@ -42,13 +42,7 @@ def add_parser(subparsers: Subparsers) -> None:
         description="Shows how each tyre is, how the daemon's inputs are, and which alarms stand.",
         epilog=_EPILOG,
     )
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument(
-        "--socket", metavar="PATH", type=Path, help=f"the daemon's socket ({StatusConfig().socket})"
-    )
-    where.add_argument(
-        "--config", metavar="FILE", type=Path, help="take the socket from this configuration: [status] socket"
-    )
+    add_socket_options(parser)
     parser.add_argument(
         "--json",
         metavar="FILE",
@@ -62,7 +56,7 @@ def add_parser(subparsers: Subparsers) -> None:
 def run(args: argparse.Namespace) -> int:
     """Ask and show; raises TpmsdError with one line where the daemon cannot be asked."""
     Outputs(("--json", args.json))  # before the daemon is asked
-    path = _socket_path(args)
+    path = daemon_socket(args)
     if not args.watch:
         document = read_status(path)
         if args.json is None:
@@ -115,16 +109,6 @@ def colour_wanted(out: IO[str], environment: Mapping[str, str] | None = None) ->
     """Colours only on a terminal that knows them, and where nobody objects (https://no-color.org)."""
     environment = os.environ if environment is None else environment
     return can_move(out, environment) and not environment.get("NO_COLOR")
-
-
-def _socket_path(args: argparse.Namespace) -> Path:
-    if args.socket is not None:
-        return Path(args.socket)
-    if args.config is not None:
-        from tpmsd.config.load import load_config  # takes its time, and is seldom needed
-
-        return load_config(args.config).status.socket
-    return StatusConfig().socket
 
 
 def terminal_width(out: IO[str]) -> int | None:

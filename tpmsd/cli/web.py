@@ -12,8 +12,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tpmsd.cli.daemon_socket import add_socket_options, daemon_socket
 from tpmsd.cli.output import Progress, Subparsers
-from tpmsd.config.model import StatusConfig
 from tpmsd.errors import ConfigError, TpmsdError
 
 if TYPE_CHECKING:
@@ -41,9 +41,7 @@ def add_parser(subparsers: Subparsers) -> None:
         epilog=_EPILOG,
     )
     parser.add_argument("drive", metavar="DRIVE", nargs="?", type=Path, help="a drive folder to look into")
-    where = parser.add_mutually_exclusive_group()
-    where.add_argument("--socket", metavar="PATH", type=Path, help="the daemon's status socket")
-    where.add_argument("--config", metavar="FILE", type=Path, help="configuration that names the socket")
+    add_socket_options(parser)
     server = parser.add_argument_group("the server")
     server.add_argument("--host", metavar="NAME", default="127.0.0.1", help="address (default: 127.0.0.1)")
     server.add_argument("--port", metavar="N", type=int, default=8377, help="default: 8377; 0: any free one")
@@ -127,14 +125,7 @@ def _app(args: argparse.Namespace, settings: WebSettings) -> Starlette:
     from tpmsd.web.app import drive_app, live_app
 
     if args.drive is None:
-        socket = StatusConfig().socket
-        if args.socket is not None:
-            socket = args.socket
-        elif args.config is not None:
-            from tpmsd.config.load import load_config
-
-            socket = load_config(args.config).status.socket
-        return live_app(socket, settings)
+        return live_app(daemon_socket(args), settings)
     from tpmsd.api.drive import load
     from tpmsd.api.functions import replay
     from tpmsd.cli.drive_reading import span_s

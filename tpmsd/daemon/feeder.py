@@ -88,10 +88,10 @@ class Feeder:
         if isinstance(item, CanFrame):
             if self._recorder is not None:
                 self._recorder.frame(item)
-            time_s, channel, identifier, extended, is_fd, _, _, data, _ = item
+            time_s, channel, identifier, extended, _, _, _, data, _ = item
             if bus := self._buses.get(channel, 0):
-                return self._pipeline.on_frame(time_s, identifier, extended, data, is_fd, bus)
-            return self._pipeline.on_frame(time_s, identifier, extended, data, is_fd)
+                return self._pipeline.on_frame(time_s, identifier, extended, data, bus)
+            return self._pipeline.on_frame(time_s, identifier, extended, data)
         if self._recorder is not None:
             self._recorder.sentence(item.time_s, item.line)
         return self._pipeline.on_sentence(item.time_s, item.line)

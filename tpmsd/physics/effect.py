@@ -21,6 +21,7 @@ from tpmsd.physics.motion import Car, Motion
 from tpmsd.physics.parameters import (
     MAX_ENTRIES,
     AnyParameter,
+    GroupParameter,
     Parameter,
     Prior,
     Std,
@@ -36,6 +37,7 @@ __all__ = [
     "AnyParameter",
     "Effect",
     "Grid",
+    "GroupParameter",
     "Kind",
     "Look",
     "Parameter",
@@ -155,6 +157,8 @@ class Effect:
     `steering`, `clock`. It is looked for in these."""
     confounded: ClassVar[tuple[str, ...]] = ()
     """Effects that read the same on every drive, whatever is driven."""
+    stays: ClassVar[str] = ""
+    """Why `--model` leaves it in the ticks, whatever the bus has; empty: it is taken out."""
     shortens: ClassVar[bool] = False
     """Whether it is the geometry by which slopes shorten the horizontal: in every world there is."""
     ratio_limits: ClassVar[tuple[float, float] | None] = None
@@ -214,7 +218,7 @@ class Effect:
 
     def not_compensated(self, signals: frozenset[str]) -> str | None:
         """Why it stays in the ticks on a bus with these roles; None if it is taken out."""
-        return None
+        return self.stays or None
 
     def left_in(self) -> str | None:
         """What of it stays in the ticks although the rest is taken out; None if nothing."""

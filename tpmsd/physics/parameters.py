@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tpmsd.physics.spans import wheel_mask
 from tpmsd.wheels import WHEELS
 
 Value = float | str | tuple[float, ...]
@@ -100,6 +101,17 @@ class TextParameter:
         if not isinstance(value, str) or not value.strip():
             raise ValueError(f"{self.name} = {value!r} is not a name")
         return " ".join(value.split())
+
+
+@dataclass(frozen=True, slots=True)
+class GroupParameter(TextParameter):
+    """Wheels by name or group: `rl rr`, `rear`, `all`."""
+
+    def check(self, value: object) -> Value:
+        """The names, blanks put in order; ValueError with the reason if there is no such wheel or group."""
+        names = str(TextParameter.check(self, value))
+        wheel_mask(names)
+        return names
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.errors import ConfigError
 from tpmsd.physics.effect import Effect
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.physics.spans import wheel_mask, within
@@ -23,21 +22,11 @@ SHORTEST_S, LONGEST_S = 2.0, 120.0
 class SlipEvent(Effect):
     """Wheels that slip by a constant share within a time span; an effect says the sign and when it fits."""
 
+    stays = "it belongs to the drive on which it was found"
     wheels: str
     slip: float
     onset_s: float
     duration_s: float
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        try:
-            wheel_mask(self.wheels)
-        except ValueError as error:
-            raise ConfigError(f"effect {self.name}: {error}") from None
-
-    def not_compensated(self, signals: frozenset[str]) -> str | None:
-        """It belongs to its drive."""
-        return "it belongs to the drive on which it was found"
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) the slip on its wheels within its span, zero elsewhere."""

@@ -143,17 +143,11 @@ class CanDecoder:
         return WheelSpeedIntegrator(wheel, radius_m, self._faults)
 
     def decode(
-        self,
-        time_s: float,
-        arbitration_id: int,
-        is_extended: bool,
-        data: bytes,
-        is_fd: bool = False,
-        bus: int = 0,
+        self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
     ) -> list[Event]:
         """Events of one data frame (remote and error frames carry no data: do not pass them).
 
-        `time_s`: host time stamp. CAN FD frames are decoded like classic ones; `is_fd` changes nothing.
+        `time_s`: host time stamp. CAN FD frames are decoded like classic ones.
         `bus`: 0 for the bus of [can], else the number of the further bus.
         """
         self.counts["frames"] += 1

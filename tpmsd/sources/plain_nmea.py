@@ -34,7 +34,7 @@ def clock_offset(items: Iterable[object], decoder: CanDecoder, radius_m: float) 
         if isinstance(item, CanFrame):
             if item.is_error or item.is_remote:
                 continue
-            events = decoder.decode(item.time_s, item.arbitration_id, item.is_extended, item.data, item.is_fd)
+            events = decoder.decode(item.time_s, item.arbitration_id, item.is_extended, item.data)
         else:
             time_s, line = item[0], item[1]  # type: ignore[index]
             events = assembler.feed(time_s, line)

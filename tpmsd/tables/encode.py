@@ -16,6 +16,7 @@ import numpy as np
 
 from tpmsd.sources.can_frame import CanFrame
 from tpmsd.sources.drive import Sentence
+from tpmsd.tables.roles import INERTIAL_UNITS
 from tpmsd.tables.signals import Fixes, Series, Signals
 from tpmsd.wheels import WHEELS
 
@@ -29,15 +30,6 @@ FIRST_NMEA_S = 315_964_800.0
 CHANNEL = "can0"
 KNOT_MPS = 1852.0 / 3600.0
 _MODES = {1: "A", 2: "D", 3: "P", 4: "R", 5: "F", 6: "E", 8: "S"}
-INERTIAL_UNITS = {
-    "yaw_rate": "rad/s",
-    "accel_long": "m/s2",
-    "accel_lat": "m/s2",
-    "steering_wheel_angle": "rad",
-    "brake_pressure": "Pa",
-    "drive_torque": "Nm",
-    "ambient_temp": "K",
-}
 
 
 @dataclass(frozen=True)

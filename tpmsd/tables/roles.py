@@ -48,7 +48,7 @@ STD_ROLES = tuple(f"wheel_rotation_std_{wheel}" for wheel in WHEELS)
 SPEED_ROLES = tuple(f"wheel_speed_{wheel}" for wheel in WHEELS)
 COUNT_ROLES = tuple(f"wheel_count_{wheel}" for wheel in WHEELS)
 ROLES = (*ANGLE_ROLES, *STD_ROLES, *SPEED_ROLES, *COUNT_ROLES, *OPTIONAL_ROLES, *GNSS_UNITS)
-_DEFAULTS = {
+INERTIAL_UNITS = {
     "yaw_rate": "rad/s",
     "accel_long": "m/s2",
     "accel_lat": "m/s2",
@@ -96,7 +96,7 @@ def scale_of(role: str, unit: str | None) -> Scale:
         if unit not in units:
             raise ConfigError(f"no unit of {role}: {unit!r}; allowed: {' '.join(units)}")
         return units[unit]
-    default = "rad/s" if role in SPEED_ROLES else _DEFAULTS[role]
+    default = "rad/s" if role in SPEED_ROLES else INERTIAL_UNITS[role]
     return to_si(role, default if unit is None else unit)
 
 

@@ -94,16 +94,10 @@ class BlockSource:
         return self._source.decoder
 
     def on_frame(
-        self,
-        time_s: float,
-        arbitration_id: int,
-        is_extended: bool,
-        data: bytes,
-        is_fd: bool = False,
-        bus: int = 0,
+        self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
     ) -> list[Tick]:
         """As of a `TickSource`."""
-        return self._source.on_frame(time_s, arbitration_id, is_extended, data, is_fd, bus)
+        return self._source.on_frame(time_s, arbitration_id, is_extended, data, bus)
 
     def on_sentence(self, time_s: float, line: bytes) -> list[Tick]:
         """As of a `TickSource`."""
@@ -153,15 +147,15 @@ class BlockSource:
             for place, frame in enumerate(ahead.block.frames(start, self._at), start):
                 bus = int(self._bus[ahead.block.channel[place]])
                 # What they hold was handed on already.
-                decoder.decode(frame.time_s, frame.arbitration_id, frame.is_extended, frame.data, bus=bus)
+                decoder.decode(frame.time_s, frame.arbitration_id, frame.is_extended, frame.data, bus)
 
     def _one_by_one(self, block: FrameBlock, stop: int) -> Iterator[Tick]:
         source, first = self._source, self._at
         for place, frame in enumerate(block.frames(first, stop), first):
-            time_s, _, identifier, is_extended, is_fd, _, _, data, _ = frame
+            time_s, _, identifier, is_extended, _, _, _, data, _ = frame
             self._at = place + 1
             bus = int(self._bus[block.channel[place]])
-            yield from source.on_frame(time_s, identifier, is_extended, data, is_fd, bus)
+            yield from source.on_frame(time_s, identifier, is_extended, data, bus)
 
     def _look_ahead(self, block: FrameBlock, told: int) -> _Ahead | None:
         """A stretch that begins with the next frame and ends before `told`, if it is time to try and there is

@@ -59,13 +59,7 @@ class TickSource:
         return self._on_bus is None and self.timeline.due_s > -math.inf and self.decoder.rolls
 
     def on_frame(
-        self,
-        time_s: float,
-        arbitration_id: int,
-        is_extended: bool,
-        data: bytes,
-        is_fd: bool = False,
-        bus: int = 0,
+        self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
     ) -> list[Tick]:
         """Take one CAN data frame; `bus` as in `CanDecoder.decode`."""
         decoder = self.decoder
@@ -80,7 +74,7 @@ class TickSource:
             return []
         ticks = self.advance(time_s)
         add = self.timeline.add
-        for event in self.decoder.decode(time_s, arbitration_id, is_extended, data, is_fd, bus):
+        for event in self.decoder.decode(time_s, arbitration_id, is_extended, data, bus):
             if isinstance(event, InertialSample) and event.role in GNSS_ROLES:
                 if self._on_bus is not None:
                     ticks += self._take(self._on_bus.take(event))

@@ -13,6 +13,7 @@ import numpy as np
 
 from tpmsd.physics.motion import GRAVITY_MPS2
 from tpmsd.vehicle_state.settings import SETTINGS
+from tpmsd.vehicle_state.tyre import DugoffTyre
 from tpmsd.wheels import FloatArray
 
 
@@ -47,6 +48,7 @@ class CarDynamics:
     """(4,) hubs to the left of it."""
     cornering_n: FloatArray = field(init=False, repr=False, compare=False)
     """(4,) C_alpha, N/rad."""
+    tyres: DugoffTyre = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for name in ("mass_kg", "yaw_inertia_kgm2", "front_m", "rear_m", "track_front_m", "track_rear_m"):
@@ -64,6 +66,7 @@ class CarDynamics:
         }
         for name, values in per_wheel.items():  # made once: the filters ask for them thousands of times
             object.__setattr__(self, name, np.array(values))
+        object.__setattr__(self, "tyres", DugoffTyre(self.longitudinal_n, self.cornering_n, self.friction))
 
     @property
     def wheelbase_m(self) -> float:

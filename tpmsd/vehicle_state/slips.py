@@ -14,7 +14,6 @@ import numpy as np
 from tpmsd.vehicle_state.car import CarDynamics
 from tpmsd.vehicle_state.loads import wheel_loads
 from tpmsd.vehicle_state.settings import SETTINGS
-from tpmsd.vehicle_state.tyre import dugoff
 from tpmsd.wheels import FloatArray
 
 
@@ -56,7 +55,7 @@ def slip_traces(
     rear_angle = angle_for_force(rear, load[..., 2:].sum(axis=-1), 2 * car.cornering_rear_n, car.friction)
     slips = wheel_slips(car, accel_long_mps2, accel_lat_mps2, -rear_angle, front_angle, steer)
     angles = np.stack([front_angle, front_angle, rear_angle, rear_angle], axis=-1)
-    forces = dugoff(slips, angles, load, car.longitudinal_n, car.cornering_n, car.friction)
+    forces = car.tyres.forces(slips, angles, load)
     limit = np.maximum(car.friction * load, 1.0)
     used = np.hypot(forces.along_n, forces.left_n) / limit
     return SlipTraces(-rear_angle, front_angle, slips, used)
@@ -101,7 +100,7 @@ def wheel_slips(
     angle = np.stack([front_angle_rad, front_angle_rad, -side_slip_rad, -side_slip_rad], axis=-1)
     slip = _slip(wanted)
     for _ in range(4):
-        out = dugoff(slip, angle, load, car.longitudinal_n, car.cornering_n, car.friction)
+        out = car.tyres.forces(slip, angle, load)
         linear = car.longitudinal_n * slip / (1.0 + slip)
         grip = np.where(linear != 0.0, out.along_n / np.where(linear != 0.0, linear, 1.0), 1.0)
         better = _slip(wanted / np.maximum(grip, 0.05))

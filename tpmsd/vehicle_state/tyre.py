@@ -37,51 +37,47 @@ class TyreGradients:
     left_by_load: FloatArray
 
 
-def dugoff(
-    slip: FloatArray,
-    slip_angle_rad: FloatArray,
-    load_n: FloatArray,
-    longitudinal_n: float | FloatArray,
-    cornering_n: float | FloatArray,
-    friction: float,
-) -> TyreForces:
-    """Longitudinal and lateral force; all arrays broadcast together.
+@dataclass(frozen=True, slots=True)
+class DugoffTyre:
+    """Dugoff's model, with the stiffnesses of one tyre or of several, (w,)."""
 
-    A wheel without load has no force. The sum of both forces never exceeds friction * load: with
-    D = hypot(C_sigma sigma, C_alpha tan alpha) it is friction * load * (1 - lambda / 2) when sliding
-    (lambda < 1), and D / (1 + sigma) <= friction * load / 2 when not.
-    """
-    along = longitudinal_n * slip
-    left = cornering_n * np.tan(slip_angle_rad)
-    lengthened = 1.0 + slip
-    linear = np.maximum(np.hypot(along, left), _STILL_N)
-    limit = np.minimum(friction * np.maximum(load_n, 0.0) * lengthened / (2.0 * linear), 1.0)
-    share = (2.0 - limit) * limit / lengthened  # f(lambda), which is 1 at lambda = 1 and stays so
-    return TyreForces(along * share, left * share)
+    longitudinal_n: float | FloatArray
+    """Force per unit of slip, N."""
+    cornering_n: float | FloatArray
+    """N/rad."""
+    friction: float
 
+    def forces(self, slip: FloatArray, slip_angle_rad: FloatArray, load_n: FloatArray) -> TyreForces:
+        """Longitudinal and lateral force; all arrays broadcast together.
 
-def dugoff_gradients(
-    slip: FloatArray,
-    slip_angle_rad: FloatArray,
-    load_n: FloatArray,
-    longitudinal_n: float | FloatArray,
-    cornering_n: float | FloatArray,
-    friction: float,
-) -> TyreGradients:
-    """Derivatives of `dugoff` by slip angle and load, the slip held."""
-    tangent = np.tan(slip_angle_rad)
-    linear = np.maximum(np.hypot(longitudinal_n * slip, cornering_n * tangent), _STILL_N)
-    limit_by_load = np.where(load_n > 0.0, friction * (1.0 + slip) / (2.0 * linear), 0.0)
-    limit = limit_by_load * load_n
-    share = np.where(limit < 1.0, (2.0 - limit) * limit, 1.0)
-    by_limit = np.where(limit < 1.0, 2.0 - 2.0 * limit, 0.0)
-    along = longitudinal_n * slip / (1.0 + slip)
-    left = cornering_n * tangent / (1.0 + slip)
-    limit_by_tangent = -limit * np.square(cornering_n) * tangent / linear**2
-    by_angle = 1.0 + tangent**2
-    return TyreGradients(
-        along_by_angle=along * by_limit * limit_by_tangent * by_angle,
-        left_by_angle=(cornering_n / (1.0 + slip) * share + left * by_limit * limit_by_tangent) * by_angle,
-        along_by_load=along * by_limit * limit_by_load,
-        left_by_load=left * by_limit * limit_by_load,
-    )
+        A wheel without load has no force. The sum of both forces never exceeds friction * load: with
+        D = hypot(C_sigma sigma, C_alpha tan alpha) it is friction * load * (1 - lambda / 2) when sliding
+        (lambda < 1), and D / (1 + sigma) <= friction * load / 2 when not.
+        """
+        along = self.longitudinal_n * slip
+        left = self.cornering_n * np.tan(slip_angle_rad)
+        lengthened = 1.0 + slip
+        linear = np.maximum(np.hypot(along, left), _STILL_N)
+        limit = np.minimum(self.friction * np.maximum(load_n, 0.0) * lengthened / (2.0 * linear), 1.0)
+        share = (2.0 - limit) * limit / lengthened  # f(lambda), which is 1 at lambda = 1 and stays so
+        return TyreForces(along * share, left * share)
+
+    def gradients(self, slip: FloatArray, slip_angle_rad: FloatArray, load_n: FloatArray) -> TyreGradients:
+        """Derivatives of `forces` by slip angle and load, the slip held."""
+        tangent = np.tan(slip_angle_rad)
+        linear = np.maximum(np.hypot(self.longitudinal_n * slip, self.cornering_n * tangent), _STILL_N)
+        limit_by_load = np.where(load_n > 0.0, self.friction * (1.0 + slip) / (2.0 * linear), 0.0)
+        limit = limit_by_load * load_n
+        share = np.where(limit < 1.0, (2.0 - limit) * limit, 1.0)
+        by_limit = np.where(limit < 1.0, 2.0 - 2.0 * limit, 0.0)
+        along = self.longitudinal_n * slip / (1.0 + slip)
+        left = self.cornering_n * tangent / (1.0 + slip)
+        limit_by_tangent = -limit * np.square(self.cornering_n) * tangent / linear**2
+        by_angle = 1.0 + tangent**2
+        return TyreGradients(
+            along_by_angle=along * by_limit * limit_by_tangent * by_angle,
+            left_by_angle=(self.cornering_n / (1.0 + slip) * share + left * by_limit * limit_by_tangent)
+            * by_angle,
+            along_by_load=along * by_limit * limit_by_load,
+            left_by_load=left * by_limit * limit_by_load,
+        )

@@ -31,6 +31,7 @@ class AccelerometerBias(Effect):
     shows_in = ("accel_lat", "time")
     reads = ("accel_long", "accel_lat")
     confounded = ("accelerometer_tilt", "road_bank")
+    stays = "no estimate depends on the accelerometers' zero"
     parameters = (
         Parameter(
             "long_mps2",
@@ -62,10 +63,6 @@ class AccelerometerBias(Effect):
         if abs(value) - 2.0 * std > USUAL_MPS2:
             return ""
         return f"an accelerometer reads {value:.2f} +- {std:.2f} m/s2 more than acts, as they do"
-
-    def not_compensated(self, signals: frozenset[str]) -> str | None:
-        """No estimate uses its constant."""
-        return "no estimate depends on the accelerometers' zero"
 
     def accel_error_mps2(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 2) the constants."""

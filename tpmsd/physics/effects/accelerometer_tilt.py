@@ -33,6 +33,7 @@ class AccelerometerTilt(Effect):
     telling_drive = "brake firmly on a straight and take bends at a constant speed, ten times each"
     shows_in = ("accel_lat", "accel_long")
     reads = ("accel_long", "accel_lat")
+    stays = "no estimate depends on the accelerometers' mount"
     parameters = (
         Parameter(
             "yaw_rad",
@@ -59,10 +60,6 @@ class AccelerometerTilt(Effect):
         if abs(value) - 2.0 * std > USUAL_RAD:
             return ""
         return f"the accelerometers are turned by {value:.3f} +- {std:.3f} rad, as brackets are"
-
-    def not_compensated(self, signals: frozenset[str]) -> str | None:
-        """No estimate uses it."""
-        return "no estimate depends on the accelerometers' mount"
 
     def accel_error_mps2(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 2) what the turns leak."""

@@ -27,6 +27,7 @@ class AmbientPressure(Effect):
     needs = ("gnss", "slopes")
     one_sign = True
     looks = Look.COMMON
+    stays = "the height since the start is not kept"
     parameters = (
         Parameter(
             "per_m",
@@ -40,10 +41,6 @@ class AmbientPressure(Effect):
         ),
     )
     per_m: float
-
-    def not_compensated(self, signals: frozenset[str]) -> str | None:
-        """The daemon keeps no height since the start."""
-        return "the height since the start is not kept"
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) k times the height climbed since the start."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Grid, Look, Parameter, Prior, TextParameter
+from tpmsd.physics.effect import Effect, Grid, GroupParameter, Look, Parameter, Prior
 from tpmsd.physics.first_order import accumulated
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.physics.spans import wheel_mask
@@ -41,7 +41,7 @@ class BrakeHeat(Effect):
     )
     """Discs and rims take two to ten minutes."""
     parameters = (
-        TextParameter("wheels", "front", "wheels that warm up: their names, or front, rear"),
+        GroupParameter("wheels", "front", "wheels that warm up: their names, or front, rear"),
         Parameter(
             "growth",
             "s2/m",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.physics.effect import Kind, Parameter, Prior, TextParameter
+from tpmsd.physics.effect import GroupParameter, Kind, Parameter, Prior
 from tpmsd.physics.slip_event import LONGEST_S, SlipEvent
 
 THINNEST, THICKEST = 0.01, 0.06
@@ -28,7 +28,7 @@ class Chains(SlipEvent):
     own_per_drive = True
     span = True
     parameters = (
-        TextParameter("wheels", "front", "wheels with chains, by name, or front, rear"),
+        GroupParameter("wheels", "front", "wheels with chains, by name, or front, rear"),
         Parameter(
             "slip",
             "1",

@@ -32,6 +32,7 @@ class ClockDrift(Effect):
     shows_in = ("clock", "time")
     reads = ("clock",)
     own_per_drive = True
+    stays = "the clock is followed as it drifts"
     parameters = (
         Parameter(
             "rate",
@@ -56,10 +57,6 @@ class ClockDrift(Effect):
         if abs(value) - 2.0 * std > USUAL_RATE:
             return ""
         return f"the host's clock gains {1e6 * value:.0f} +- {1e6 * std:.0f} ppm on UTC, as crystals do"
-
-    def not_compensated(self, signals: frozenset[str]) -> str | None:
-        """It is followed anyway."""
-        return "the clock is followed as it drifts"
 
     def clock_error_s(self, time_s: FloatArray) -> FloatArray:
         """(n,) ramp and step."""

@@ -31,6 +31,7 @@ class ComplianceSteer(Effect):
     telling_drive = "drive the same bend slowly and fast, to both sides"
     shows_in = ("steering", "accel_lat")
     reads = ("steering",)
+    stays = "no estimate depends on the steering wheel"
     parameters = (
         Parameter(
             "coefficient",
@@ -52,10 +53,6 @@ class ComplianceSteer(Effect):
         if value + 2.0 * std < low or value - 2.0 * std > high:
             return ""
         return f"the car understeers by {value:.4f} +- {std:.4f} rad per m/s2, as cars do"
-
-    def not_compensated(self, signals: frozenset[str]) -> str | None:
-        """No estimate uses it."""
-        return "no estimate depends on the steering wheel"
 
     def steering_error_rad(self, motion: Motion, car: Car) -> FloatArray:
         """(n,) ratio * c * a_y."""

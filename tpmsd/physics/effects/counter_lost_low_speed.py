@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.errors import ConfigError
-from tpmsd.physics.effect import Effect, Kind, Parameter, Prior, TextParameter
+from tpmsd.physics.effect import Effect, GroupParameter, Kind, Parameter, Prior
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.physics.spans import wheel_mask
 from tpmsd.wheels import FloatArray
@@ -30,8 +29,9 @@ class CounterLostLowSpeed(Effect):
     shows_in = ("wheel", "speed")
     needs = ("gnss_speed",)
     at_walking_pace = True
+    stays = "what was not counted cannot be put back"
     parameters = (
-        TextParameter("wheels", "all", "wheels that lose counts: their names, or all"),
+        GroupParameter("wheels", "all", "wheels that lose counts: their names, or all"),
         Parameter(
             "below_mps",
             "m/s",
@@ -48,17 +48,6 @@ class CounterLostLowSpeed(Effect):
     wheels: str
     below_mps: float
     lost: float = 1.0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        try:
-            wheel_mask(self.wheels)
-        except ValueError as error:
-            raise ConfigError(f"effect {self.name}: {error}") from None
-
-    def not_compensated(self, signals: frozenset[str]) -> str | None:
-        """What was not counted cannot be put back."""
-        return "what was not counted cannot be put back"
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) minus the lost share on its wheels below the speed, zero above."""

@@ -30,6 +30,7 @@ class DopplerHeadingError(Effect):
     shows_in = ("gnss_speed", "time")
     needs = ("gnss_speed",)
     own_per_drive = True
+    stays = "it belongs to the drive on which it was found"
     parameters = (
         Parameter(
             "east_mps",
@@ -54,10 +55,6 @@ class DopplerHeadingError(Effect):
     )
     east_mps: float = 0.0
     north_mps: float = 0.0
-
-    def not_compensated(self, signals: frozenset[str]) -> str | None:
-        """Other satellites, another error."""
-        return "it belongs to the drive on which it was found"
 
     def gnss_speed_error_mps(self, motion: Motion, car: Car) -> FloatArray:
         """(n,) the part along the heading."""

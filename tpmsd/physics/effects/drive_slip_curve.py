@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Grid, Parameter, Prior
+from tpmsd.physics.drive_slip import SLIP_BY_DRAG, DriveSlip
+from tpmsd.physics.effect import Grid, Parameter, Prior
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.physics.priors import DRIVE_SLIP_S2PM
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.wheels import FloatArray
 
 MOST = 0.9
 """Share of the grip beyond which the slip stays: there the inverse of the tyre's curve runs away."""
@@ -21,7 +22,7 @@ LIVELY_MPS2 = 1.0
 
 
 @dataclass(frozen=True)
-class DriveSlipCurve(Effect):
+class DriveSlipCurve(DriveSlip):
     """omega * r = v * (1 + s + d * v^2) on driven wheels; with u = a_x / A, s = c * a_x up to |u| = 1/2, and
     beyond s = sign(u) * c * A / (4 * (1 - |u|)): the slip that Dugoff's tyre needs for a force. d is the
     drag's share, small enough to be linear.
@@ -38,11 +39,7 @@ class DriveSlipCurve(Effect):
     )
     sentence = "driven wheels slip more than in proportion to the drive force"
     telling_drive = "accelerate gently and as firmly as the road allows, ten times each"
-    shows_in = ("wheel_ratio", "accel_long")
-    one_sign = True
     limit = "longitudinal_slip"
-    ratio_limits = (0.0, 5e-3)
-    """One tyre under two forces: d/c is half a rho c_d A / m, 3e-4 /m for a car, 1e-3 for a tall one."""
     grid = Grid(
         "saturation_mps2",
         values=(1.3, 2.6, 5.2),
@@ -64,16 +61,7 @@ class DriveSlipCurve(Effect):
             prior=DRIVE_SLIP_S2PM,
             fitted=(0.0, 0.1),
         ),
-        Parameter(
-            "slip_per_speed2",
-            "s2/m2",
-            5e-7,
-            -1e-4,
-            1e-4,
-            "d, slip per speed squared, from drag",
-            probe=1e-8,
-            prior=Prior(8e-7, 8e-7, "half rho c_d A / m, 2.7e-4 /m, times the slip per m/s2"),
-        ),
+        SLIP_BY_DRAG,
         Parameter(
             "saturation_mps2",
             "m/s2",
@@ -93,11 +81,6 @@ class DriveSlipCurve(Effect):
         """Where the driving is lively enough for a bend in the curve."""
         force = np.abs(motion.specific_force_long_mps2[motion.speed_mps > MOVING_MPS])
         return bool(force.size) and float(np.quantile(force, 0.99)) > LIVELY_MPS2
-
-    @classmethod
-    def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
-        """The driven ones."""
-        return tuple(wheel for wheel, drives in zip(WHEELS, car.driven, strict=True) if drives)
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) the curve and the drag's share on the driven wheels, zero on the others."""

@@ -35,6 +35,7 @@ class GnssSmoothing(Effect):
     needs = ("gnss_speed",)
     beside = ("velocity_lag",)
     one_sign = True
+    stays = "what a low-pass took away cannot be given back"
     parameters = (
         Parameter(
             "time_constant_s",
@@ -61,10 +62,6 @@ class GnssSmoothing(Effect):
         if value - 2.0 * std > USUAL_S:
             return ""
         return f"the receiver smooths its speed over {value:.2f} +- {std:.2f} s; taken into account"
-
-    def not_compensated(self, signals: frozenset[str]) -> str | None:
-        """What is smoothed away is gone."""
-        return "what a low-pass took away cannot be given back"
 
     def gnss_speed_error_mps(self, motion: Motion, car: Car) -> FloatArray:
         """(n,) smoothed minus true speed."""

@@ -28,6 +28,7 @@ class GyroDrift(Effect):
     needs = ("yaw_rate",)
     own_per_drive = True
     drifts_into = "yaw_rate"
+    stays = "it belongs to the drive on which it was found"
     parameters = (
         Parameter(
             "rate",
@@ -41,10 +42,6 @@ class GyroDrift(Effect):
         ),
     )
     rate: float
-
-    def not_compensated(self, signals: frozenset[str]) -> str | None:
-        """Another day starts at another temperature."""
-        return "it belongs to the drive on which it was found"
 
     def yaw_rate_error_radps(self, motion: Motion, car: Car) -> FloatArray:
         """(n,) rate times the time since the start."""

@@ -35,6 +35,7 @@ class LoadStatic(Effect):
     looks = Look.WHEEL
     own_per_drive = True
     kind = Kind.PHYSICS
+    stays = "it belongs to the drive on which it was found"
     parameters = (
         Parameter(
             "rear_m",
@@ -72,10 +73,6 @@ class LoadStatic(Effect):
         """Those of the axles that were fitted."""
         axle = ("front_m", "front_m", "rear_m", "rear_m")
         return tuple(wheel for wheel, name in zip(WHEELS, axle, strict=True) if name in fitted)
-
-    def not_compensated(self, signals: frozenset[str]) -> str | None:
-        """It belongs to its drive."""
-        return "it belongs to the drive on which it was found"
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) the change on each axle, zero before the stop's end."""

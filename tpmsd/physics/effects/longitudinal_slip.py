@@ -6,14 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Parameter, Prior
+from tpmsd.physics.drive_slip import SLIP_BY_DRAG, DriveSlip
+from tpmsd.physics.effect import Parameter
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.physics.priors import DRIVE_SLIP_S2PM
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.wheels import FloatArray
 
 
 @dataclass(frozen=True)
-class LongitudinalSlip(Effect):
+class LongitudinalSlip(DriveSlip):
     """A driven wheel that pushes turns faster than it rolls: omega * r = v * (1 + c * a_x + d * v^2).
 
     a_x is the specific force (kinematic acceleration plus g*sin(grade)), that is, the drive force per mass
@@ -28,10 +29,6 @@ class LongitudinalSlip(Effect):
     in_calibration = (("slip_long", "slip_per_accel", "s2/m"),)
     sentence = "driven wheels slip under drive force"
     telling_drive = "accelerate firmly and coast at the same speeds on a straight, ten times"
-    shows_in = ("wheel_ratio", "accel_long")
-    one_sign = True
-    ratio_limits = (0.0, 5e-3)
-    """One tyre under two forces: d/c is half a rho c_d A / m, 3e-4 /m for a car, 1e-3 for a tall one."""
     parameters = (
         Parameter(
             "slip_per_accel",
@@ -43,16 +40,7 @@ class LongitudinalSlip(Effect):
             probe=1e-5,
             prior=DRIVE_SLIP_S2PM,
         ),
-        Parameter(
-            "slip_per_speed2",
-            "s2/m2",
-            5e-7,
-            -1e-4,
-            1e-4,
-            "d, slip per speed squared, from drag",
-            probe=1e-8,
-            prior=Prior(8e-7, 8e-7, "half rho c_d A / m, 2.7e-4 /m, times the slip per m/s2"),
-        ),
+        SLIP_BY_DRAG,
     )
     slip_per_accel: float
     slip_per_speed2: float = 0.0
@@ -63,8 +51,3 @@ class LongitudinalSlip(Effect):
             self.slip_per_accel * motion.specific_force_long_mps2 + self.slip_per_speed2 * motion.speed_mps**2
         )
         return slip[:, None] * car.driven.astype(np.float64)
-
-    @classmethod
-    def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
-        """The driven ones."""
-        return tuple(wheel for wheel, drives in zip(WHEELS, car.driven, strict=True) if drives)

@@ -33,6 +33,7 @@ class RoadBank(Effect):
     telling_drive = "drive the same bends at two speeds, and flat ones"
     shows_in = ("accel_lat", "accel_lat")
     reads = ("accel_lat",)
+    stays = "it belongs to the road"
     parameters = (
         Parameter(
             "bank_share",
@@ -63,10 +64,6 @@ class RoadBank(Effect):
         if abs(value) - 2.0 * std > USUAL:
             return ""
         return f"a share of {value:.2f} +- {std:.2f} of the lateral acceleration is not read; bodies roll so"
-
-    def not_compensated(self, signals: frozenset[str]) -> str | None:
-        """The bank of a road is not known before."""
-        return "it belongs to the road"
 
     def accel_error_mps2(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 2) nothing forward, the bank and the crown to the left."""

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Kind, Look, Parameter, Prior
+from tpmsd.physics.effect import Parameter, Prior
 from tpmsd.physics.motion import Car, Motion
+from tpmsd.physics.speed_signal import SpeedSignalFault
 from tpmsd.wheels import FloatArray
 
 LEAST_MPS = 1.0
@@ -15,20 +16,15 @@ LEAST_MPS = 1.0
 
 
 @dataclass(frozen=True)
-class SpeedRoundingOffset(Effect):
+class SpeedRoundingOffset(SpeedSignalFault):
     """The bus shows v + offset: a control unit that cuts off digits shows half a step too little in the mean.
 
     Source: truncation to a step q has a mean error of -q / 2; steps of 0.01 to 1 km/h are met on buses.
     """
 
     name = "speed_rounding_offset"
-    kind = Kind.INSTRUMENT
     formula = "speed shown = speed + offset_mps on all wheels"
     sentence = "the bus's wheel speeds have a constant offset"
-    telling_drive = "hold several speeds from 5 to 35 m/s for a minute each"
-    shows_in = ("wheel", "speed")
-    needs = ("speeds", "gnss")
-    looks = Look.COMMON
     parameters = (
         Parameter(
             "offset_mps",

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Kind, Look, Parameter, Prior
+from tpmsd.physics.effect import Parameter, Prior
 from tpmsd.physics.motion import Car, Motion
+from tpmsd.physics.speed_signal import SpeedSignalFault
 from tpmsd.wheels import FloatArray
 
 
 @dataclass(frozen=True)
-class SpeedScaleNonlinearity(Effect):
+class SpeedScaleNonlinearity(SpeedSignalFault):
     """The bus shows v * (1 + k * v): a control unit that corrects speeds by a table, or by time stamps of
     edges that are late by a constant share of a tooth.
 
@@ -21,13 +22,8 @@ class SpeedScaleNonlinearity(Effect):
     """
 
     name = "speed_scale_nonlinearity"
-    kind = Kind.INSTRUMENT
     formula = "speed shown = v * (1 + k * v) on all wheels"
     sentence = "the scale of the bus's wheel speeds changes with speed"
-    telling_drive = "hold several speeds from 5 to 35 m/s for a minute each"
-    shows_in = ("wheel", "speed")
-    needs = ("speeds", "gnss")
-    looks = Look.COMMON
     parameters = (
         Parameter(
             "per_mps",

@@ -29,6 +29,7 @@ class SteeringOffset(Effect):
     telling_drive = "drive straight on for a minute there and back"
     shows_in = ("steering", "time")
     reads = ("steering",)
+    stays = "no estimate depends on the steering wheel"
     parameters = (
         Parameter(
             "offset_rad",
@@ -49,10 +50,6 @@ class SteeringOffset(Effect):
         if abs(value) - 2.0 * std > USUAL_RAD:
             return ""
         return f"the steering wheel reads {value:.3f} +- {std:.3f} rad on the straight, as they do"
-
-    def not_compensated(self, signals: frozenset[str]) -> str | None:
-        """No estimate uses it."""
-        return "no estimate depends on the steering wheel"
 
     def steering_error_rad(self, motion: Motion, car: Car) -> FloatArray:
         """(n,) the offset."""

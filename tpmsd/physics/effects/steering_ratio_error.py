@@ -29,6 +29,7 @@ class SteeringRatioError(Effect):
     telling_drive = "drive full circles slowly, to both sides: nothing slips sideways there"
     shows_in = ("steering", "steering")
     reads = ("steering",)
+    stays = "no estimate depends on the steering wheel"
     parameters = (
         Parameter(
             "ratio",
@@ -50,10 +51,6 @@ class SteeringRatioError(Effect):
         if abs(value) - 2.0 * std > USUAL:
             return ""
         return f"the steering's ratio is {1.0 + value:.3f} +- {std:.3f} of the configured one"
-
-    def not_compensated(self, signals: frozenset[str]) -> str | None:
-        """No estimate uses it."""
-        return "no estimate depends on the steering wheel"
 
     def steering_error_rad(self, motion: Motion, car: Car) -> FloatArray:
         """(n,) the difference that the ratio makes."""

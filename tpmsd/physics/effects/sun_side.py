@@ -34,6 +34,7 @@ class SunSide(Effect):
     looks = Look.WHEEL
     own_per_drive = True
     contrast = True
+    stays = "it belongs to the drive on which it was found"
     parameters = (
         Parameter(
             "east_m",
@@ -58,10 +59,6 @@ class SunSide(Effect):
     )
     east_m: float = 0.0
     north_m: float = 0.0
-
-    def not_compensated(self, signals: frozenset[str]) -> str | None:
-        """The sun stands elsewhere on another day."""
-        return "it belongs to the drive on which it was found"
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) the lagged exposure, positive on the left."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.physics.effect import Kind, Parameter, Prior, TextParameter
+from tpmsd.physics.effect import GroupParameter, Kind, Parameter, Prior
 from tpmsd.physics.slip_event import LEAST_SLIP, LONGEST_S, SHORTEST_S, SlipEvent
 
 
@@ -25,7 +25,7 @@ class WheelSpin(SlipEvent):
     own_per_drive = True
     span = True
     parameters = (
-        TextParameter("wheels", "front", "wheels that slip, by name, or front, rear"),
+        GroupParameter("wheels", "front", "wheels that slip, by name, or front, rear"),
         Parameter(
             "slip",
             "1",

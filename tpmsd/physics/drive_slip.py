@@ -1,0 +1,38 @@
+"""What the two laws of slip under drive force share.
+
+In: nothing. Out: their base class, and the parameter of the drag's share.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tpmsd.physics.effect import Effect, Parameter, Prior
+from tpmsd.physics.motion import Car
+from tpmsd.wheels import WHEELS
+
+SLIP_BY_DRAG = Parameter(
+    "slip_per_speed2",
+    "s2/m2",
+    5e-7,
+    -1e-4,
+    1e-4,
+    "d, slip per speed squared, from drag",
+    probe=1e-8,
+    prior=Prior(8e-7, 8e-7, "half rho c_d A / m, 2.7e-4 /m, times the slip per m/s2"),
+)
+
+
+@dataclass(frozen=True)
+class DriveSlip(Effect):
+    """Driven wheels turn faster under the force that drives the car, the more the greater its drag is."""
+
+    shows_in = ("wheel_ratio", "accel_long")
+    one_sign = True
+    ratio_limits = (0.0, 5e-3)
+    """One tyre under two forces: d/c is half a rho c_d A / m, 3e-4 /m for a car, 1e-3 for a tall one."""
+
+    @classmethod
+    def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
+        """The driven ones."""
+        return tuple(wheel for wheel, drives in zip(WHEELS, car.driven, strict=True) if drives)

@@ -1,0 +1,21 @@
+"""What errors of the bus's own wheel speeds share.
+
+In: nothing. Out: the base class of such effects.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tpmsd.physics.effect import Effect, Kind, Look
+
+
+@dataclass(frozen=True)
+class SpeedSignalFault(Effect):
+    """All wheels are read alike, so that only the receiver shows it, and only on a bus without counts."""
+
+    kind = Kind.INSTRUMENT
+    telling_drive = "hold several speeds from 5 to 35 m/s for a minute each"
+    shows_in = ("wheel", "speed")
+    needs = ("speeds", "gnss")
+    looks = Look.COMMON
