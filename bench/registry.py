@@ -93,5 +93,6 @@ CAMPAIGNS = {
         _campaign("fleet", "cost of a fleet: workers against a plain loop, the joint inference"),
         _campaign("replicates", "seconds for bootstrap replicates of a drive, design fixed and anew"),
         _campaign("injected", "effects injected into real recordings"),
+        _campaign("recorded-losses", "losses of radius injected into real drives; drives in a row"),
     )
 }

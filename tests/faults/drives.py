@@ -88,14 +88,14 @@ class Outcome:
 
 
 @functools.cache
-def drive(kind: str = "counts16") -> tuple[Config, tuple[Item, ...]]:
+def drive(kind: str = "counts16", duration_s: float = DURATION_S) -> tuple[Config, tuple[Item, ...]]:
     """Configuration and items of the drive on a bus of some kind; wheels and yaw rate are configured."""
     folder = Path(tempfile.mkdtemp(prefix="tpmsd-faults-"))
     fault = Fault("puncture", 2.0, "percent", "rl", ONSET_S, 8.0)
     write_drive(
         folder,
         simulate_drive(
-            DriveSpec("motorway", DURATION_S, SEED, faults=(fault,), bus=BusSpec(kind=kind)),
+            DriveSpec("motorway", duration_s, SEED, faults=(fault,), bus=BusSpec(kind=kind)),
         ),
     )
     config = load_config(folder)
