@@ -74,6 +74,7 @@ CAMPAIGNS = {
             "alarms.run",
             "alarms.md",
         ),
+        _campaign("first-start", "tyres that were soft before the first start"),
         _campaign(
             "estimators",
             "filters side by side on the published comparison",

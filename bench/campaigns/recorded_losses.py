@@ -1,6 +1,7 @@
 """Losses of radius injected into real motorway drives, and these drives in a row with the state kept.
 
-    python -m bench run recorded-losses [DRIVE ...] [--loss-mm 1.4] [--onsets 0.3,0.5] [--ramps 1,60] [--state]
+    python -m bench run recorded-losses [DRIVE ...] [--loss-mm 1.4] [--onsets 0.5] [--ramps 1,60]
+    python -m bench run recorded-losses --state
 
 Roads, noise, counters and receiver are real; a wheel whose radius is smaller by d turns more by d / r from
 the onset (a share of the drive) on. Each drive is a first start: what the car is like has to be learned from
@@ -16,8 +17,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from bench.places import RECORDINGS
 from bench.statistics import percent, share
@@ -142,7 +141,7 @@ def options(parser: argparse.ArgumentParser) -> None:
     """Its options."""
     parser.add_argument("drives", nargs="*", type=Path, metavar="DRIVE", help="default: the five motorways")
     parser.add_argument("--loss-mm", type=float, default=1.4, help="20 %% of the pressure are 1.4 mm")
-    parser.add_argument("--onsets", default="0.3,0.5", help="shares of the drive")
+    parser.add_argument("--onsets", default="0.5", help="shares of the drive")
     parser.add_argument("--ramps", default="1,60", help="seconds until all is lost")
     parser.add_argument("--state", action="store_true", help="as they are, in turn, with the state kept")
 
@@ -157,7 +156,8 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
             print(f"{row['drive']}: {told or 'nothing judged'}")
             for one in row["said"]:
                 since = f" ({one['since']})" if one["since"] else ""
-                print(f"  {one['at_s']:6.1f} s  {one['kind']} {one['wheel']} {one['state']}{since}: {one['reason']}")
+                what = f"{one['kind']} {one['wheel']} {one['state']}{since}"
+                print(f"  {one['at_s']:6.1f} s  {what}: {one['reason']}")
         return {"in_a_row": rows}
     rows = []
     for folder in folders:
@@ -170,8 +170,9 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
                     delay = "not found" if row["delay_s"] is None else f"after {row['delay_s']:.0f} s"
                     named = ", ".join(f"{w} at {t:.0f} s" for w, t, _ in row["named"])
                     print(
-                        f"{drive.name} {row['wheel']} from {row['onset_s']:.0f} s in {ramp:g} s: {delay}; named "
-                        f"{named or 'none'}; change {row['change_mm']:+.2f} +- {row['change_std_mm']:.2f} mm",
+                        f"{drive.name} {row['wheel']} from {row['onset_s']:.0f} s in {ramp:g} s: {delay}; "
+                        f"named {named or 'none'}; at the end {row['change_mm']:+.2f} +- "
+                        f"{row['change_std_mm']:.2f} mm",
                         flush=True,
                     )
     found, wrong = sum(row["found"] for row in rows), sum(_wrong(row) for row in rows)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tpmsd.monitor.hypotheses import LOSS_GRID, Verdict, compare
-from tpmsd.monitor.nuisance import Nuisance
+from tpmsd.monitor.nuisance import Nuisance, mean_share
 from tpmsd.monitor.settings import JUDGE
 from tpmsd.wheels import WHEELS, FloatArray
 
@@ -200,3 +200,23 @@ def test_the_priors_leave_room_for_nothing_having_happened() -> None:
     total = sum(math.comb(4, size) * prior for size, prior in enumerate(JUDGE.prior_by_size, 1))
     assert 0.0 < total < 0.01
     assert len(WHEELS) == len(JUDGE.prior_by_size)
+
+
+# -- the mean over minutes -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("samples", "correlation"), [(1, 0.5), (2, 0.5), (9, 0.5134), (9, 0.0), (40, 0.9)])
+def test_the_variance_of_a_mean_is_that_of_its_covariance_matrix(samples: int, correlation: float) -> None:
+    """Ones over n on both sides of the Toeplitz matrix of powers of the correlation."""
+    lag = np.abs(np.subtract.outer(np.arange(samples), np.arange(samples)))
+    weight = np.full(samples, 1.0 / samples)
+    expected = float(weight @ correlation ** lag.astype(float) @ weight)
+    assert expected == pytest.approx(mean_share(samples, correlation))
+
+
+def test_what_axles_and_all_wheels_do_is_not_averaged_out() -> None:
+    """A ninth of the variance is left by side and by wheel; the common part and that of an axle stay."""
+    harmless = Nuisance(common=1e-3, axle=2e-3, side=3e-3, own=4e-3)
+    left = harmless.averaged(1.0 / 9.0)
+    assert (1e-3, 2e-3) == (left.common, left.axle)
+    assert (1e-3, 4e-3 / 3.0) == pytest.approx((left.side, left.own))

@@ -15,8 +15,8 @@ from scipy.special import ndtr
 from tpmsd.config.model import MonitorConfig, TyreConfig, VehicleConfig
 from tpmsd.monitor.baseline import Change
 from tpmsd.monitor.hypotheses import Verdict, compare, subsets
-from tpmsd.monitor.nuisance import Nuisance
-from tpmsd.monitor.settings import JUDGE
+from tpmsd.monitor.nuisance import Nuisance, mean_share
+from tpmsd.monitor.settings import BASELINE, JUDGE
 from tpmsd.physics.tyre import tyre_model
 from tpmsd.resonance.evidence import ResonanceEvidence
 from tpmsd.wheels import FloatArray
@@ -70,6 +70,7 @@ class Judge:
     ) -> None:
         self._wheels = wheels
         self._radius = np.array(vehicle.wheel_radius_m)[wheels]
+        self._harmless = harmless
         self.harmless_m2 = harmless.covariance(wheels, self._radius)
         self._unexplained_m2 = JUDGE.unexplained.covariance(wheels, self._radius)
         self._tyres = [tyre_model(tyre, float(radius)) for radius in self._radius]
@@ -97,7 +98,11 @@ class Judge:
         if resonance is not None and resonance.wheels:
             sets = subsets(len(self._wheels))
             ratios = np.array([resonance.log_ratio([self._wheels[i] for i in one]) for one in sets])
-        verdicts = [self._compare(c, harmless_m2, ratios, other_tyres) for c in (now, mean)]
+        averaged_m2 = harmless_m2 - self.harmless_m2 + self._harmless_of_mean_m2(mean.samples)
+        verdicts = [
+            self._compare(change, harmless, ratios, other_tyres)
+            for change, harmless in ((now, harmless_m2), (mean, averaged_m2))
+        ]
         # What shows in the mean alone is slow; what shows now alone is fast.
         likelier = verdicts[int(verdicts[1].deflated.max() > verdicts[0].deflated.max())]
         wide = np.sqrt(np.diag(now.covariance_m2 + self._unexplained_m2 + harmless_m2 - self.harmless_m2))
@@ -142,6 +147,11 @@ class Judge:
         harmless_m2 = self.harmless_m2 + self._tolerance_m2(other_tyres)
         return self._on_all(self._compare(change, harmless_m2).deflated)
 
+    def _harmless_of_mean_m2(self, samples: int) -> FloatArray:
+        """(d, d) of what comes and goes in a mean of so many samples."""
+        share = mean_share(samples, math.exp(-BASELINE.sample_every_s / JUDGE.harmless_s))
+        return self._harmless.averaged(share).covariance(self._wheels, self._radius)
+
     def _tolerance_m2(self, other_tyres: bool) -> FloatArray:
         d = len(self._wheels)
         return JUDGE.other_tyres.covariance(self._wheels, self._radius) if other_tyres else np.zeros((d, d))
@@ -171,8 +181,9 @@ def _contrast_std(covariance_m2: FloatArray) -> float:
 def _deflated(now: Verdict, mean: Verdict, samples: int) -> FloatArray:
     """(d,) probability of a deflation by what both say.
 
-    One tyre alone stands out at once. Two or more look like slip, slopes or load for a while: so they are
-    believed of the mean over minutes, and what shows of them now is only reason not to clear.
+    One tyre alone stands out at once, or once what comes and goes is averaged out. Two or more look like
+    slip, slopes or load for a while: so they are believed of the mean over minutes, and what shows of them
+    now is only reason not to clear.
     """
-    at_once = np.maximum(now.alone, np.minimum(now.deflated, JUDGE.undecided))
+    at_once = np.maximum(np.maximum(now.alone, mean.alone), np.minimum(now.deflated, JUDGE.undecided))
     return np.maximum(at_once, mean.deflated) if samples >= JUDGE.full_samples else at_once

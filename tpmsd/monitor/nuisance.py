@@ -5,7 +5,8 @@ In: standard deviations. Out: a covariance over wheels.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,3 +30,16 @@ class Nuisance:
             sign = np.where(contrast, 1.0, -1.0)
             out += np.outer(sign, sign) * std**2
         return out * np.outer(radius_m, radius_m)
+
+    def averaged(self, share: float) -> Nuisance:
+        """What is left in a mean in which the variance of what comes and goes quickly, by side and by wheel,
+        has fallen to `share`. What axles and all wheels do together lasts for minutes and stays."""
+        quick = math.sqrt(share)
+        return replace(self, side=self.side * quick, own=self.own * quick)
+
+
+def mean_share(samples: int, correlation: float) -> float:
+    """Variance of the mean of so many samples in a row, relative to that of one, where neighbours have this
+    correlation and those further apart its powers (first-order Gauss-Markov)."""
+    lags = np.arange(1, samples)
+    return float(1.0 + 2.0 * np.sum((1.0 - lags / samples) * correlation**lags)) / samples
