@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from tpmsd.config.coarse_speed import coarse_speeds
 from tpmsd.config.model import Config
 from tpmsd.errors import ConfigError, InputError
+from tpmsd.lean import no_collection
 from tpmsd.sources.can_block import FrameBlock
 from tpmsd.sources.can_channels import bus_numbers, channel_names, choose_channel
 from tpmsd.sources.can_decoder import CanDecoder
@@ -230,7 +231,8 @@ def read_ticks(
 ) -> list[Tick]:
     """All ticks of a drive, made as the daemon's own core makes them, without an estimator."""
     stream, database = recording.open(config, note)
-    return list(play(stream, BlockSource(TickSource(config, database, rate_hz)), progress, note))
+    with no_collection():
+        return list(play(stream, BlockSource(TickSource(config, database, rate_hz)), progress, note))
 
 
 def _align_clocks(stream: FolderStream, config: Config, decoder: CanDecoder, note: Note) -> None:

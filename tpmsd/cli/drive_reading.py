@@ -15,6 +15,7 @@ from tpmsd.api import reading
 from tpmsd.api.reading import DESK_RATE_HZ, Core, FolderRecording, Out
 from tpmsd.cli.output import Progress
 from tpmsd.config.model import Config
+from tpmsd.lean import no_collection
 from tpmsd.sources.drive import Drive
 from tpmsd.timeline.block_source import BlockSource
 from tpmsd.timeline.tick import Tick
@@ -54,4 +55,6 @@ def play(drive: Drive, core: Core[Out], label: str) -> Iterator[Out]:
 def read_ticks(folder: Path, config: Config, rate_hz: float = DESK_RATE_HZ) -> list[Tick]:
     """All ticks of a drive, made as the daemon's own core makes them, without an estimator."""
     drive, database = open_drive(folder, config)
-    return list(play(drive, BlockSource(TickSource(config, database, rate_hz)), folder.name or str(folder)))
+    source = BlockSource(TickSource(config, database, rate_hz))
+    with no_collection():
+        return list(play(drive, source, folder.name or str(folder)))

@@ -15,8 +15,6 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import repeat
-from typing import Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +23,6 @@ from tpmsd.sources.can_arrival import Verdict
 from tpmsd.sources.can_block import ERROR, REMOTE, FrameBlock
 from tpmsd.sources.can_decoder import CanDecoder, Group
 from tpmsd.sources.even_readings import Even, even_counts, even_speeds
-from tpmsd.sources.events import InertialSample, RotationSample
 from tpmsd.sources.signal_bits import RawArray, numbers, raw_bits
 from tpmsd.sources.signal_plan import BUS_SHIFT, BitField, ConditionPlan, MessagePlan, SignalPlan
 from tpmsd.sources.wheel_counter import WheelCounter
@@ -48,16 +45,33 @@ class Odd(Exception):  # noqa: N818  (no error: it ends a try)
         self.place = place
 
 
-Sample = TypeVar("Sample", RotationSample, InertialSample)
-
-
 @dataclass(frozen=True, slots=True)
-class Samples(Generic[Sample]):
-    """Of one wheel or role, in the order of their frames."""
+class Angles:
+    """Of one wheel, in the order of their frames; as many `RotationSample`s in columns."""
 
     places: list[int]
     """Of their frames in the block."""
-    records: list[Sample]
+    time_s: list[float]
+    angle_rad: list[float]
+    wheel: int
+    segment: int
+    quantum_rad: float
+
+    def part(self, first: int, last: int) -> Angles:
+        """Those of a range."""
+        here = slice(first, last)
+        columns = self.places[here], self.time_s[here], self.angle_rad[here]
+        return Angles(*columns, self.wheel, self.segment, self.quantum_rad)
+
+
+@dataclass(frozen=True, slots=True)
+class Values:
+    """Of one other role, all finite."""
+
+    places: list[int]
+    time_s: list[float]
+    value: list[float]
+    role: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +80,8 @@ class Stretch:
 
     start: int
     stop: int
-    wheels: tuple[Samples[RotationSample], ...]
-    readings: tuple[Samples[InertialSample], ...]
+    wheels: tuple[Angles, ...]
+    readings: tuple[Values, ...]
     settle: Settle
     """Makes the decoder one that has decoded these frames."""
 
@@ -121,8 +135,8 @@ class _Try:
         self._start, self._stop = start, stop
         self._odd = stop
         self._settle: list[Settle] = []
-        self._wheels: list[Callable[[], Samples[RotationSample]]] = []
-        self._readings: list[Callable[[], Samples[InertialSample]]] = []
+        self._wheels: list[Callable[[], Angles]] = []
+        self._readings: list[Callable[[], Values]] = []
         self._held: dict[int, tuple[Places, NDArray[np.bool_]]] = {}
         """Condition -> frames that told it, and whether it held."""
 
@@ -338,16 +352,9 @@ class _Try:
         quantum = tracker.rad_per_bit if isinstance(tracker, WheelCounter) else 0.0
         wheel, segment = tracker.wheel, tracker.segment
 
-        def made() -> Samples[RotationSample]:
-            angles = zip(
-                time_s.tolist(),
-                repeat(wheel),
-                even.angle_rad.tolist(),
-                repeat(quantum),
-                repeat(segment),
-                strict=False,
-            )
-            return Samples(places.tolist(), list(map(RotationSample._make, angles)))
+        def made() -> Angles:
+            columns = places.tolist(), time_s.tolist(), even.angle_rad.tolist()
+            return Angles(*columns, wheel, segment, quantum)
 
         self._wheels.append(made)
         heard_s, last_s = self._decoder.heard_s, float(time_s[-1])
@@ -355,8 +362,4 @@ class _Try:
         self._settle.append(lambda: heard_s.__setitem__(tracker.wheel, last_s))
 
     def _inertial(self, role: str, places: Places, time_s: FloatArray, value: FloatArray) -> None:
-        def made() -> Samples[InertialSample]:
-            values = zip(time_s.tolist(), repeat(role), value.tolist(), strict=False)
-            return Samples(places.tolist(), list(map(InertialSample._make, values)))
-
-        self._readings.append(made)
+        self._readings.append(lambda: Values(places.tolist(), time_s.tolist(), value.tolist(), role))

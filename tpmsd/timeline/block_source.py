@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 from tpmsd.sources.can_block import FrameBlock
 from tpmsd.sources.can_decoder import CanDecoder
-from tpmsd.sources.events import RotationSample
-from tpmsd.sources.stretch import BlockPlaces, Stretch, foresee
+from tpmsd.sources.stretch import Angles, BlockPlaces, Stretch, foresee
 from tpmsd.timeline.tick import Tick
 from tpmsd.timeline.tick_source import TickSource
 from tpmsd.timeline.timeline import Timeline
@@ -57,18 +56,18 @@ class _Ahead:
     def hand_on(self, timeline: Timeline, place: int) -> None:
         """Give the timeline the samples of all frames before a place that it has not got."""
         wheels, readings, given = self.stretch.wheels, self.stretch.readings, self._given
-        taken: list[tuple[list[int], list[RotationSample]]] = []
-        for number, samples in enumerate(wheels):
-            first, last = given[number], bisect_left(samples.places, place, given[number])
+        taken: list[Angles] = []
+        for number, angles in enumerate(wheels):
+            first, last = given[number], bisect_left(angles.places, place, given[number])
             if last > first:
                 given[number] = last
-                taken.append((samples.places[first:last], samples.records[first:last]))
+                taken.append(angles.part(first, last))
         timeline.take_rotations(taken)
         for number, values in enumerate(readings, len(wheels)):
             first, last = given[number], bisect_left(values.places, place, given[number])
             if last > first:
                 given[number] = last
-                timeline.take_readings(values.records[first:last])
+                timeline.take_readings(values.role, values.time_s[first:last], values.value[first:last])
 
 
 class BlockSource:

@@ -8,8 +8,7 @@ because the angles are exact, rotations of adjoining ticks add up to the counter
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Sequence
+from bisect import bisect_left
 
 from tpmsd.sources.events import RotationSample
 
@@ -17,53 +16,77 @@ MAX_BRIDGE_S = 0.6
 """Readings further apart than this are not interpolated between."""
 
 
+Instant = tuple[float, int, float]
+"""Angle (rad), segment and quantum (rad) at an instant."""
+
+
 class RotationTrack:
     """Recent readings of one wheel."""
 
     def __init__(self) -> None:
-        self._samples: deque[RotationSample] = deque()
+        self._times: list[float] = []
+        self._angles: list[float] = []
+        self._marks: list[tuple[int, float]] = []
+        """Segment and quantum of each."""
+        self._found: tuple[float, Instant] | None = None
+        """What was asked for last: a tick begins where the one before ended."""
 
     def add(self, sample: RotationSample) -> None:
         """Take a reading; readings that are not newer than the last are left out."""
-        if self._samples and sample.time_s <= self._samples[-1].time_s:
-            return
-        self._samples.append(sample)
+        self._add(sample.time_s, sample.angle_rad, (sample.segment, sample.quantum_rad))
 
-    def extend(self, samples: Sequence[RotationSample]) -> None:
-        """Take readings, each newer than the one before it."""
-        if samples and self._samples and samples[0].time_s <= self._samples[-1].time_s:
-            for sample in samples:
-                self.add(sample)
+    def _add(self, time_s: float, angle_rad: float, mark: tuple[int, float]) -> None:
+        if self._times and time_s <= self._times[-1]:
+            return
+        self._times.append(time_s)
+        self._angles.append(angle_rad)
+        self._marks.append(mark)
+
+    def extend(self, times_s: list[float], angles_rad: list[float], segment: int, quantum_rad: float) -> None:
+        """Take readings of one segment, each newer than the one before it."""
+        mark = (segment, quantum_rad)
+        if times_s and self._times and times_s[0] <= self._times[-1]:
+            for time_s, angle_rad in zip(times_s, angles_rad, strict=True):
+                self._add(time_s, angle_rad, mark)
         else:
-            self._samples.extend(samples)
+            self._times += times_s
+            self._angles += angles_rad
+            self._marks += [mark] * len(times_s)
 
     def forget_before(self, time_s: float) -> None:
         """Drop readings no longer needed to interpolate at `time_s` or later."""
-        while len(self._samples) > 2 and self._samples[1].time_s < time_s:
-            self._samples.popleft()
+        older = min(bisect_left(self._times, time_s) - 1, len(self._times) - 2)
+        if older > 0:
+            del self._times[:older], self._angles[:older], self._marks[:older]
 
     def clear(self) -> None:
         """Drop all."""
-        self._samples.clear()
+        self._times.clear()
+        self._angles.clear()
+        self._marks.clear()
+        self._found = None
 
-    def at(self, time_s: float) -> tuple[float, int, float] | None:
-        """(angle, segment, quantum) at an instant, or None where no two readings of one segment enclose
-        it."""
-        before: RotationSample | None = None
-        for sample in self._samples:
-            if sample.time_s >= time_s:
-                if sample.time_s == time_s:
-                    return sample.angle_rad, sample.segment, sample.quantum_rad
-                if before is None or before.segment != sample.segment:
-                    return None
-                span = sample.time_s - before.time_s
-                if span > MAX_BRIDGE_S:
-                    return None
-                share = (time_s - before.time_s) / span
-                angle = before.angle_rad + share * (sample.angle_rad - before.angle_rad)
-                return angle, sample.segment, sample.quantum_rad
-            before = sample
-        return None
+    def at(self, time_s: float) -> Instant | None:
+        """What is known at an instant, or None where no two readings of one segment enclose it."""
+        if self._found is not None and self._found[0] == time_s:
+            return self._found[1]
+        after = bisect_left(self._times, time_s)
+        if after == len(self._times):
+            return None
+        segment, quantum = self._marks[after]
+        there_s, angle = self._times[after], self._angles[after]
+        if there_s != time_s:
+            if after == 0 or self._marks[after - 1][0] != segment:
+                return None
+            before_s = self._times[after - 1]
+            span = there_s - before_s
+            if span > MAX_BRIDGE_S:
+                return None
+            before = self._angles[after - 1]
+            angle = before + (time_s - before_s) / span * (angle - before)
+        # Later readings are newer: they change nothing of it.
+        self._found = time_s, (angle, segment, quantum)
+        return self._found[1]
 
 
 def rotation_between(track: RotationTrack, begin_s: float, end_s: float) -> tuple[float, float]:

@@ -12,10 +12,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from tpmsd.sources.events import Event, GnssFix, InertialSample, RotationSample, SourceFault
+from tpmsd.sources.stretch import Angles
 from tpmsd.timeline.host_clock import BACKWARD_STEP_S, HostClock
 from tpmsd.timeline.local_plane import LocalPlane
 from tpmsd.timeline.reading_track import ReadingTrack
@@ -192,30 +194,27 @@ class Timeline:
         clock = self._clock
         clock.latest_s = max(clock.latest_s, clock.placed(host_time_s))
 
-    def take_rotations(self, wheels: Sequence[tuple[list[int], list[RotationSample]]]) -> None:
-        """As `add` of each sample, at stamps to which time has passed. `wheels`: for each wheel the numbers
-        of its frames, and its samples (one at least)."""
+    def take_rotations(self, wheels: Sequence[Angles]) -> None:
+        """As `add` of each sample, at stamps to which time has passed; of each wheel one at least."""
         shift_s = self.shift_s
         if shift_s:
-            wheels = [
-                (places, [sample._replace(time_s=sample.time_s + shift_s) for sample in samples])
-                for places, samples in wheels
-            ]
-        for _, samples in wheels:
-            self._tracks[samples[0].wheel].extend(samples)
+            wheels = [replace(one, time_s=[time_s + shift_s for time_s in one.time_s]) for one in wheels]
+        for one in wheels:
+            self._tracks[one.wheel].extend(one.time_s, one.angle_rad, one.segment, one.quantum_rad)
         if self.observe is not None:
             # In the order of the frames, and within one in the order of its wheels.
-            shown = [(at, number) for number, (places, _) in enumerate(wheels) for at in enumerate(places)]
-            for (row, _), number in sorted(shown, key=lambda one: (one[0][1], one[1])):
-                self.observe(wheels[number][1][row])
+            shown = [(place, k, row) for k, one in enumerate(wheels) for row, place in enumerate(one.places)]
+            for _, k, row in sorted(shown):
+                one = wheels[k]
+                sample = one.time_s[row], one.wheel, one.angle_rad[row], one.quantum_rad, one.segment
+                self.observe(RotationSample(*sample))
 
-    def take_readings(self, samples: Sequence[InertialSample]) -> None:
+    def take_readings(self, role: str, times_s: list[float], values: list[float]) -> None:
         """The same for samples of one other signal, all finite."""
-        if samples and samples[0].role in FIELDS:
-            placed = self._clock.placed
-            self._readings(samples[0].role).extend(
-                [placed(sample.time_s) for sample in samples], [sample.value for sample in samples]
-            )
+        if role in FIELDS:
+            if shift_s := self.shift_s:
+                times_s = [time_s + shift_s for time_s in times_s]
+            self._readings(role).extend(times_s, values)
 
     def _readings(self, role: str) -> ReadingTrack:
         if role not in self._inertial:
