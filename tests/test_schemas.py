@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +14,21 @@ import pytest
 from tests.daemon.fakes import DrivingBus, car
 from tests.daemon.test_loop import SCALE
 from tests.daemon.test_loop import run as run_daemon
+from tests.fleet.test_report import fleet_tables
+from tpmsd.bridges.mqtt_messages import Announcer, Topics, state_document
+from tpmsd.bridges.summary import Alarm, Summary, summarise
 from tpmsd.cli.main import main
 from tpmsd.cli.output import json_text
 from tpmsd.daemon.clock import Clock
+from tpmsd.fleet.report import report_document
+from tpmsd.fleet.work import make_result
 from tpmsd.schemas import NAMES, schema_of
+from tpmsd.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.simulator.drive_writer import write_drive
 
 PACKAGE = Path(__file__).resolve().parent.parent / "tpmsd"
-OWN_TABLES = {"tpmsd.ticks/1", "tpmsd.vehicle/1", "tpmsd.fleet/1", "tpmsd.fleet.drive/1", "tpmsd.mqtt/1"}
-"""Names that are no JSON document of a command: tables, a configuration, a row of a store, a message."""
+OWN_TABLES = {"tpmsd.ticks/1", "tpmsd.vehicle/1", "tpmsd.fleet/1"}
+"""Names that are no JSON document: tables, a configuration, a store."""
 
 
 @pytest.fixture(scope="module")
@@ -45,13 +53,37 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any
         assert main([*line, "--json", str(file)]) in (0, 4), line
         document = json.loads(file.read_text(encoding="utf-8"))
         found[document["schema"]] = document
+    found |= written_by_fleet(here)
     config, database = car(here / "car")
     clock = Clock(SCALE)
     daemon = run_daemon(config, database, clock, DrivingBus(clock.now), 10.0)
     status = json.loads(json_text(daemon.document()))
     head = {key: status[key] for key in ("program", "input")}
     found["tpmsd.status/2"] = status
+    found["tpmsd.mqtt/1"] = state_document(summarise(status))
     found["tpmsd.reset/2"] = {"schema": "tpmsd.reset/2", **head, "baseline": status["baseline"]}
+    return found
+
+
+def written_by_fleet(here: Path) -> dict[str, dict[str, Any]]:
+    """Of a store with one drive, which cannot be read: what is made of it is a row with its reason."""
+    drive, store = here / "van" / "monday", here / "store"
+    write_drive(drive, simulate_drive(DriveSpec(duration_s=10.0)))
+    (drive / "can.log").unlink()
+    found = {"tpmsd.fleet.drive/1": make_result(str(drive))}
+    for action, *words in (
+        ["add", str(drive)],
+        ["run", "--jobs", "1"],
+        ["status"],
+        ["report"],
+        ["sql", "select 1 as n"],
+    ):
+        file = here / f"fleet-{action}.json"
+        assert 0 == main(["fleet", action, str(store), *words, "--json", str(file)])
+        document = json.loads(file.read_text(encoding="utf-8"))
+        found[document["schema"]] = document
+    report = found["tpmsd.fleet.report/1"]
+    found["tpmsd.fleet.report/1"] = report | report_document(fleet_tables())
     return found
 
 
@@ -73,10 +105,29 @@ def test_what_is_not_so_is_not_valid(name: str, written: dict[str, dict[str, Any
     for wrong in (
         {key: value for key, value in document.items() if key != schema["required"][-1]},
         {**document, "schema": "tpmsd.other/2"},
-        {**document, "input": "here"},
+        {**document, schema["required"][1]: 7},
     ):
         with pytest.raises(jsonschema.ValidationError):
             jsonschema.validate(wrong, schema)
+
+
+@pytest.mark.parametrize("state", ["raised", "cleared"])
+def test_an_event_of_mqtt_is_as_its_schema_says(state: str) -> None:
+    """An alarm with its state; `event` in the schema of the state's message."""
+    announcer = Announcer(Topics("car"), 10.0)
+    announcer.recall(None)
+    alarm = Alarm("deflation", "rl", 1.0, -2.0, "soft")
+    quiet = Summary("1", True, (), (), False, "ok", "ok")
+    announcer.take(replace(quiet, alarms=(alarm,)))
+    announcer.take(quiet)
+    event = json.loads(announcer.events[["raised", "cleared"].index(state)].payload)
+    schema = schema_of("tpmsd.mqtt/1")
+    validator = jsonschema.Draft202012Validator({**schema["$defs"]["event"], "$defs": schema["$defs"]})
+
+    assert state == event["state"]
+    validator.validate(event)
+    assert not validator.is_valid({key: value for key, value in event.items() if key != "state"})
+    assert not validator.is_valid(event | {"time": "now"})
 
 
 def test_every_name_in_the_code_has_its_schema() -> None:

@@ -111,7 +111,12 @@ def _add(args: argparse.Namespace) -> int:
             unusable.append(str(error))
     for line in unusable:
         print(f"tpmsd: {line}", file=sys.stderr)
-    document = {**_head("add", args.store), "added": added, "known": known, "unusable": unusable}
+    document = {
+        **_head("tpmsd.fleet.add/1", args.store),
+        "added": added,
+        "known": known,
+        "unusable": unusable,
+    }
     if not outputs.fill_stdout:
         print(f"{added} drives added, {known} were there already; the store has {len(store.entries())}")
     outputs.write({"--json": lambda: json_text(document)})
@@ -134,7 +139,7 @@ def _run(args: argparse.Namespace) -> int:
     shown.close()
     rows = write_tables(store)
     document = {
-        **_head("run", args.store),
+        **_head("tpmsd.fleet.run/1", args.store),
         "worked_on": tally.done,
         "outcomes": tally.outcomes,
         "elapsed_s": tally.elapsed_s,
@@ -154,7 +159,7 @@ def _status(args: argparse.Namespace) -> int:
     from tpmsd.fleet.store import Store
 
     outputs = Outputs(("--json", args.json))
-    document = {**_head("status", args.store), **status_document(Store.open(args.store))}
+    document = {**_head("tpmsd.fleet.status/1", args.store), **status_document(Store.open(args.store))}
     if not outputs.fill_stdout:
         print(_summary(document))
     outputs.write({"--json": lambda: json_text(document)})
@@ -173,7 +178,7 @@ def _report(args: argparse.Namespace) -> int:
         check_report_packages()
     store = Store.open(args.store)
     tables = rows_of(store)
-    document = {**_head("report", args.store), **report_document(tables)}
+    document = {**_head("tpmsd.fleet.report/1", args.store), **report_document(tables)}
     if not outputs.fill_stdout:
         print(report_text(document))
     outputs.write({"--html": lambda: report_page(document, tables), "--json": lambda: json_text(document)})
@@ -189,15 +194,15 @@ def _sql(args: argparse.Namespace) -> int:
     if not outputs.fill_stdout:
         print(as_text(names, rows))
     made = [dict(zip(names, row, strict=True)) for row in rows]
-    outputs.write({"--json": lambda: json_text({**_head("sql", args.store), "rows": made})})
+    outputs.write({"--json": lambda: json_text({**_head("tpmsd.fleet.sql/1", args.store), "rows": made})})
     return 0
 
 
-def _head(action: str, store: Path) -> dict[str, Any]:
+def _head(schema: str, store: Path) -> dict[str, Any]:
     """The keys `schema`, `program` and `input`; a store's hash would take as long as reading all of it."""
     from tpmsd.provenance import provenance
 
-    head = provenance(f"tpmsd.fleet.{action}/1")
+    head = provenance(schema)
     head["input"] = {"paths": [str(store)], "configuration": None, "configuration_hash": None, "hash": None}
     return {**head, "store": str(store)}
 
