@@ -41,29 +41,26 @@ def scalar_update(
     covariances allow for them, their own mean and covariance stay. Returns the log-likelihood (N,) under a
     Student-t of the same scale.
     """
+    # Hypotheses last: in this order those of the mixture lie in memory (`error_state.side_by_side`).
+    state, spread, size = mean.T, covariance.transpose(1, 2, 0), mean.shape[1]
     if row.ndim == 2:
-        gain = np.matmul(covariance, row[:, :, None])[:, :, 0]
-        projected = np.einsum("ij,ij->i", gain, row)
+        gain = np.einsum("jkn,nk->jn", spread, row)
+        projected = np.einsum("jn,nj->n", gain, row)
     else:
-        count, size = mean.shape
-        gain = (covariance.reshape(-1, size) @ row).reshape(count, size)
-        projected = gain @ row
+        gain = (row @ spread.reshape(size, -1)).reshape(size, -1)
+        projected = row @ gain
     total = projected + variance
     squared = innovation**2 / total
     dof = SETTINGS.innovation_dof
     log = -0.5 * (dof + 1.0) * np.log1p(squared / dof) - 0.5 * np.log(total)
     total = projected + variance / weights(np.sqrt(squared))
     # K g' with K = g / total, formed from one scaled copy of g, so that rounding keeps it symmetric.
-    pull = innovation / total
-    root = gain / np.sqrt(total)[:, None]
+    root = gain / np.sqrt(total)
+    first = slice(frozen_from)
+    state[first] += gain[first] * (innovation / total)
+    spread[first] -= root[first, None] * root
     if frozen_from is not None:
-        kept = covariance[:, frozen_from:, frozen_from:].copy()
-        mean[:, :frozen_from] += gain[:, :frozen_from] * pull[:, None]
-    else:
-        mean += gain * pull[:, None]
-    covariance -= root[:, :, None] * root[:, None, :]
-    if frozen_from is not None:
-        covariance[:, frozen_from:, frozen_from:] = kept
+        spread[frozen_from:, first] -= root[frozen_from:, None] * root[first]
     return np.asarray(log)
 
 

@@ -3,6 +3,9 @@
 In: rotation of the rear wheels. Out: mean and covariance of N hypotheses, propagated through [Lundquist
 2013, eq. 7].
 
+Arrays are (N, n) and (N, n, n), but the hypotheses lie side by side in memory (`side_by_side`): what is done
+to one place of the state is then done to all hypotheses in one pass over neighbouring numbers.
+
 Beside pose and radii the state holds what confounds them and acts linearly; the names are those of the
 effects in `physics.catalogue`, which describes each one's physics:
 
@@ -20,6 +23,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -56,11 +60,16 @@ PRIORS: Mapping[int, tuple[float, float]] = MappingProxyType(
 """Mean and standard deviation of what confounds the radii: the effects' own."""
 
 
+def side_by_side(count: int, *shape: int) -> FloatArray:
+    """(count, *shape) zeros of which the first axis is the fastest in memory."""
+    return np.moveaxis(np.zeros((*shape, count)), -1, 0)
+
+
 def initial_state(count: int, nominal_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Prior mean (count, n) and covariance (count, n, n); nominal_m (d,) in the order rl, rr[, fl, fr]."""
     wheels = nominal_m.size
-    mean = np.zeros((count, MU + wheels))
-    covariance = np.zeros((count, MU + wheels, MU + wheels))
+    mean = side_by_side(count, MU + wheels)
+    covariance = side_by_side(count, MU + wheels, MU + wheels)
     for place, (value, std) in PRIORS.items():
         mean[:, place] = value
         covariance[:, place, place] = std**2
@@ -97,44 +106,70 @@ class Motion:
     """Curvature by the steering, eq. (38c), where it replaces the wheels' turn."""
 
 
+class _Bend(NamedTuple):
+    """Derivative B (N, 3, n) of a tick's change of E, N, PSI by the state: what of it is not zero."""
+
+    across: FloatArray
+    """(2, N) of E and N by PSI."""
+    by_radius: FloatArray
+    """(2, 2, N) of E and N by each rear radius, which comes first."""
+    by_slip: FloatArray | None
+    """(2, N) of E and N by SLIP, where the rear axle is driven."""
+    by_track: FloatArray | float = 0.0
+    """(N,) of PSI by TRK, or of all hypotheses alike."""
+    by_load: FloatArray | None = None
+    """(3,) of PSI by LOAD and the rear radii, of all hypotheses alike; None where steering tells the turn."""
+
+    def add_to(self, rows: FloatArray) -> None:
+        """Add B times `rows` (n, k, N) to them, in place."""
+        place, heading = rows[E : N + 1], rows[PSI]
+        place += self.across[:, None] * heading
+        for by_radius, radius in zip(self.by_radius, rows[MU : MU + 2], strict=True):
+            place += by_radius[:, None] * radius
+        if self.by_slip is not None:
+            place += self.by_slip[:, None] * rows[SLIP]
+        if self.by_load is not None:
+            together = rows[LOAD : MU + 2]  # LOAD, then the rear radii
+            heading += (self.by_load @ together.reshape(3, -1)).reshape(heading.shape)
+            heading += self.by_track * rows[TRK]
+
+
 class ProcessModel:
-    """Moves all hypotheses through a tick, in arrays that it keeps."""
+    """Moves all hypotheses through a tick."""
 
     def __init__(self, nominal_m: FloatArray, track_rear_m: float, driven_rear: bool) -> None:
-        self._nominal = nominal_m
+        self._rear_m = nominal_m[:2, None].copy()
+        """(2, 1) nominal radii of the pair that rolls."""
         self._track = track_rear_m
         self._driven_rear = driven_rear
         self._wheels = nominal_m.size
         self.drift = drift_covariance(self._wheels)
         self._drift_common = np.full((self._wheels, self._wheels), SETTINGS.drift_common_m**2)
         self._drift_own = self.drift - self._drift_common
-        size = MU + self._wheels
-        self._fade, self._noise = np.ones((size, size)), np.zeros((size, size))
-        self._bend = np.zeros((0, 3, size))
+        self._noise = np.zeros((GYRO + 1, 1))
 
     def drift_at(self, levels: FloatArray) -> FloatArray:
-        """(N, n, n) growth of the covariance per second by the radii's drift at levels (N, d) of each wheel,
-        which are relative to `drift_own_m` and `drift_axle_m`; `drift_common_m` follows the lowest of them
-        down to `calm_common` only and never up."""
+        """(N, d, d) growth of the radii's covariance per second at levels (N, d) of each wheel, which are
+        relative to `drift_own_m` and `drift_axle_m`; `drift_common_m` follows the lowest of them down to
+        `calm_common` only and never up."""
         common = np.clip(levels.min(axis=1), SETTINGS.calm_common, 1.0)[:, None, None]
         own = levels[:, :, None] * levels[:, None, :]
-        out = np.zeros((levels.shape[0], *self._noise.shape))
-        out[:, MU:, MU:] = own * self._drift_own + np.square(common) * self._drift_common
+        out = side_by_side(*own.shape)
+        out[:] = own * self._drift_own + np.square(common) * self._drift_common
         return out
 
     def way_and_turn(self, mean: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
         """(N,) way of the rear axle's middle and turn of each hypothesis, eqs (6a), (6b)."""
-        left, right = float(motion.rear_rad[0]), float(motion.rear_rad[1])
-        rolled_left = left * (self._nominal[0] + mean[:, MU])
-        rolled_right = right * (self._nominal[1] + mean[:, MU + 1])
-        way = (rolled_left + rolled_right) * (0.5 * motion.horizontal)
+        state = mean.T
+        left, right = (state[MU : MU + 2] + self._rear_m) * motion.rear_rad[:, None]
+        way = (left + right) * (0.5 * motion.horizontal)
         if self._driven_rear:
-            way *= 1.0 - mean[:, SLIP] * motion.accel_long_mps2
+            way *= 1.0 - state[SLIP] * motion.accel_long_mps2
         if motion.steered_curvature is not None:
             return way, way * motion.steered_curvature
-        turn = (rolled_right - rolled_left) * (1.0 + mean[:, TRK])
+        turn = (right - left) * (1.0 + state[TRK])
         turn /= self._track
-        turn += mean[:, LOAD] * self.load_turn(motion)
+        turn += state[LOAD] * self.load_turn(motion)
         return way, turn
 
     def load_turn(self, motion: Motion) -> float:
@@ -153,72 +188,69 @@ class ProcessModel:
         """Move mean (N, n) and covariance (N, n, n) through eq. (7), heading at mid-step, in place; mean way
         and turn of the tick.
 
-        `drift` (N, n, n): growth of the covariance per second of each hypothesis (`drift_at`); None: that at
-        level 1.
+        `drift` (N, d, d): growth of the radii's covariance per second of each hypothesis (`drift_at`); None:
+        that at level 1.
         """
         count = mean.shape[0]
-        if self._bend.shape[0] != count:
-            self._bend = np.zeros((count, *self._bend.shape[1:]))
+        state, spread = mean.T, covariance.transpose(1, 2, 0)
         way, turn = self.way_and_turn(mean, motion)
         middle = turn * 0.5
-        middle += mean[:, PSI]
-        cos, sin = np.cos(middle), np.sin(middle)
-        bend = self._pose_by_state(way, turn, cos, sin, motion)
-        mean[:, E] += way * cos
-        mean[:, N] += way * sin
-        mean[:, PSI] += turn
-        decay = math.exp(-motion.dt_s / SETTINGS.bias_tau_s)
-        mean[:, BE : BN + 1] *= decay
-        mean_way, mean_turn = float(way.sum()) / count, float(turn.sum()) / count
+        middle += state[PSI]
+        along = np.empty((2, count))
+        np.cos(middle, out=along[0])
+        np.sin(middle, out=along[1])
+        step = along * way
         # F P F' with F = I + B, of which only the pose's rows hold anything: P + B P in those rows, then
         # (P + B P) B' in their first columns; the other rows of the first columns are these, mirrored.
-        pose = covariance[:, : PSI + 1, :]
-        pose += np.matmul(bend, covariance)
-        pose[:, :, : PSI + 1] += np.matmul(pose, bend.swapaxes(1, 2))
-        covariance[:, PSI + 1 :, : PSI + 1] = pose[:, :, PSI + 1 :].swapaxes(1, 2)
-        # The receiver's slow error fades; over all places at once, for that is one pass through memory.
-        fade, noise = self._fade, self._noise
-        fade[BE : BN + 1] = fade[:, BE : BN + 1] = decay
-        fade[BE : BN + 1, BE : BN + 1] = decay**2
-        covariance *= fade
+        bend = self._bend(along, step, way, turn, motion)
+        pose = spread[: PSI + 1]
+        bend.add_to(spread)
+        bend.add_to(pose.swapaxes(0, 1))
+        spread[PSI + 1 :, : PSI + 1] = pose[:, PSI + 1 :].swapaxes(0, 1)
+        state[E : N + 1] += step
+        state[PSI] += turn
+        # The receiver's slow error fades.
+        decay = math.exp(-motion.dt_s / SETTINGS.bias_tau_s)
+        state[BE : BN + 1] *= decay
+        spread[BE : BN + 1] *= decay
+        spread[:, BE : BN + 1] *= decay
+        mean_way, mean_turn = float(np.add.reduce(way)) / count, float(np.add.reduce(turn)) / count
+        noise = self._noise
         self._set_noise(noise, motion, abs(mean_way), mean_turn)
-        noise[BE, BE] = noise[BN, BN] = position_std_m**2 * (1.0 - decay**2)
-        covariance += noise
-        covariance += (
-            self.drift_at(np.ones((count, self._wheels))) if drift is None else drift
-        ) * motion.dt_s
+        noise[BE : BN + 1] = position_std_m**2 * (1.0 - decay**2)
+        diagonal = np.einsum("iij->ij", spread)
+        diagonal[: GYRO + 1] += noise
+        if drift is None:
+            drift = self.drift_at(np.ones((count, self._wheels)))
+        spread[MU:, MU:] += drift.transpose(1, 2, 0) * motion.dt_s
         return mean_way, mean_turn
 
-    def _pose_by_state(
-        self, way: FloatArray, turn: FloatArray, cos: FloatArray, sin: FloatArray, motion: Motion
-    ) -> FloatArray:
-        """(N, 3, n) derivative of the tick's change of E, N, PSI by the state."""
-        out = self._bend
-        across_east, across_north = -way * sin, way * cos
-        out[:, E, PSI], out[:, N, PSI] = across_east, across_north
+    def _bend(
+        self, along: FloatArray, step: FloatArray, way: FloatArray, turn: FloatArray, motion: Motion
+    ) -> _Bend:
+        """Of a tick; along (2, N): cosine and sine of the heading at mid-step, step (2, N): way along it."""
         by_wheels = motion.steered_curvature is None
-        for k, sign in enumerate((-1.0, 1.0)):
-            angle = float(motion.rear_rad[k])
-            half, turned = 0.5 * angle * motion.horizontal, sign * angle / self._track * by_wheels
-            out[:, E, MU + k] = half * cos + (0.5 * turned) * across_east
-            out[:, N, MU + k] = half * sin + (0.5 * turned) * across_north
-            out[:, PSI, MU + k] = turned
-        if self._driven_rear:
-            slip = way * -motion.accel_long_mps2
-            out[:, E, SLIP], out[:, N, SLIP] = slip * cos, slip * sin
+        across = np.empty_like(step)
+        np.negative(step[1], out=across[0])
+        across[1] = step[0]
+        left, right = motion.rear_rad.tolist()
+        by_way = motion.rear_rad * (0.5 * motion.horizontal)
+        turned = [-left / self._track, right / self._track] if by_wheels else [0.0, 0.0]
+        by_radius = by_way[:, None, None] * along
+        if by_wheels:
+            by_radius += np.array(turned)[:, None, None] * (0.5 * across)
+        by_slip = along * (way * -motion.accel_long_mps2) if self._driven_rear else None
+        if not by_wheels:
+            return _Bend(across, by_radius, by_slip)
         # The wheels' own reading error here would be taken for a track (errors in variables).
-        witness = turn if motion.witness_turn_rad is None else motion.witness_turn_rad
-        out[:, PSI, TRK] = witness if by_wheels else 0.0
-        out[:, PSI, LOAD] = self.load_turn(motion) if by_wheels else 0.0
-        return out
+        by_track = turn if motion.witness_turn_rad is None else motion.witness_turn_rad
+        return _Bend(across, by_radius, by_slip, by_track, np.array([self.load_turn(motion), *turned]))
 
     def _set_noise(self, out: FloatArray, motion: Motion, distance: float, turn: float) -> None:
-        """What a tick adds to the covariance of every hypothesis (n, n), but for BE, BN and the radii."""
+        """What a tick adds to the variances of every hypothesis (GYRO + 1, 1), but for BE and BN."""
         rough = not motion.informative
-        out[E, E] = out[N, N] = (
-            SETTINGS.way_noise**2 * distance + (SETTINGS.rough_way * distance) ** 2 * rough
-        )
+        out[E : N + 1] = SETTINGS.way_noise**2 * distance + (SETTINGS.rough_way * distance) ** 2 * rough
         heading = SETTINGS.turn_noise**2 * distance + (SETTINGS.turn_relative * turn) ** 2
-        out[PSI, PSI] = heading + (SETTINGS.rough_turn * distance / self._track) ** 2 * rough
-        out[LAT, LAT] = SETTINGS.latency_drift**2 * motion.dt_s
-        out[GYRO, GYRO] = SETTINGS.gyro_drift**2 * motion.dt_s
+        out[PSI] = heading + (SETTINGS.rough_turn * distance / self._track) ** 2 * rough
+        out[LAT] = SETTINGS.latency_drift**2 * motion.dt_s
+        out[GYRO] = SETTINGS.gyro_drift**2 * motion.dt_s

@@ -47,8 +47,8 @@ class Bank:
 
     def weights(self) -> FloatArray:
         """(N,) normalised."""
-        weights = np.exp(self.log_weights - self.log_weights.max())
-        return np.asarray(weights / weights.sum())
+        weights = np.exp(self.log_weights - np.maximum.reduce(self.log_weights))
+        return np.asarray(weights / np.add.reduce(weights))
 
     def rescale(self) -> None:
         """Let the best log-weight be 0, so that none overflows."""

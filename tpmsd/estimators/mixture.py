@@ -188,8 +188,12 @@ class MixtureBelief:
     def _reading_heading(self, tick: Tick) -> float:
         """The counters' reading error at one instant (half of a tick's variance) as an error of heading,
         rad."""
-        rolls = tick.rotation_std_rad[list(self._car.order[:2])] * self._car.nominal_m[:2]
-        return math.hypot(*np.nan_to_num(rolls)) / math.sqrt(2.0) / self._car.geometry.track_rear_m
+        rolls = [
+            float(tick.rotation_std_rad[wheel] * radius_m)
+            for wheel, radius_m in zip(self._car.order[:2], self._car.nominal_m, strict=False)
+        ]
+        known = [roll for roll in rolls if roll == roll]
+        return math.hypot(*known) / math.sqrt(2.0) / self._car.geometry.track_rear_m
 
     def _update(self, scalar: measurements.Scalar, weights: Weights = square_weights) -> None:
         """Update all hypotheses; in ticks that are not informative, the radii and what acts on them stay as
@@ -270,40 +274,35 @@ class MixtureBelief:
 
     # -- out ------------------------------------------------------------------------------------------------
 
-    def _mixture(self, places: slice, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Mean and covariance of these places of the state over the mixture."""
-        own = self.bank.mean[:, places]
-        mean = weights @ own
-        centred = own - mean
-        within = self.bank.covariance[:, places][:, :, places].reshape(weights.size, -1)
-        size = mean.size
-        return mean, (weights @ within).reshape(size, size) + (centred * weights[:, None]).T @ centred
+    def _mixture(self, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Mean (n,) and covariance (n, n) of the state over the mixture."""
+        state, spread = self.bank.mean.T, self.bank.covariance.transpose(1, 2, 0)
+        size = len(state)
+        mean = state @ weights
+        off = state - mean[:, None]
+        within = (spread.reshape(size * size, -1) @ weights).reshape(size, size)
+        return mean, within + (off * weights) @ off.T
 
     def moments(self) -> Moments:
         """Of all hypotheses together."""
-        bank = self.bank
-        weights = bank.weights()
-        self._radii, radii_m2 = self._mixture(slice(MU, None), weights)
-        own = bank.mean[:, : PSI + 1]
-        centre = weights @ own
-        spread = own - centre
-        spread *= spread
-        spread += np.einsum("ijj->ij", bank.covariance[:, : PSI + 1, : PSI + 1])
-        east, north, heading = centre.tolist()
-        east_m2, north_m2, heading_rad2 = np.maximum(weights @ spread, 0.0).tolist()
+        weights = self.bank.weights()
+        mean, covariance = self._mixture(weights)
+        self._radii = mean[MU:]
+        east, north, heading = mean[: PSI + 1].tolist()
+        east_m2, north_m2, heading_rad2 = covariance.diagonal()[: PSI + 1].tolist()
         pose = Pose(
             east_m=east,
             north_m=north,
             heading_rad=wrapped(heading),
-            position_std_m=math.sqrt((east_m2 + north_m2) / 2),
-            heading_std_rad=math.sqrt(heading_rad2),
+            position_std_m=math.sqrt(max((east_m2 + north_m2) / 2, 0.0)),
+            heading_std_rad=math.sqrt(max(heading_rad2, 0.0)),
         )
-        return Moments(self._radii, radii_m2, self._noise_std, pose, effective_number(weights))
+        return Moments(self._radii, covariance[MU:, MU:], self._noise_std, pose, effective_number(weights))
 
     def snapshot(self) -> dict[str, Any]:
         """Mean and covariance of everything but the pose."""
-        mean, cov = self._mixture(slice(LAT, None), self.bank.weights())
-        radii, others = slice(MU - LAT, None), slice(0, MU - LAT)
+        mean, cov = self._mixture(self.bank.weights())
+        radii, others = slice(MU, None), slice(LAT, MU)
         return {
             "mean_m": mean[radii].tolist(),
             "covariance_m2": cov[radii, radii].tolist(),

@@ -132,9 +132,10 @@ class ConditionTracker:
 
 def _memory_s(estimate: RadiusEstimate) -> float:
     """Memory of the estimate for what acts on all wheels."""
-    known = np.isfinite(np.diag(estimate.covariance_m2))
-    if not known.any():
-        return CONDITIONS.memory_s[1]
-    spread = estimate.covariance_m2 if known.all() else estimate.covariance_m2[np.ix_(known, known)]
-    variance = float(spread.mean())
+    variance = float(np.add.reduce(estimate.covariance_m2, axis=None)) / estimate.covariance_m2.size
+    if not math.isfinite(variance):
+        known = np.isfinite(np.diag(estimate.covariance_m2))
+        if not known.any():
+            return CONDITIONS.memory_s[1]
+        variance = float(estimate.covariance_m2[np.ix_(known, known)].mean())
     return min(max(variance / SETTINGS.drift_common_m**2, CONDITIONS.memory_s[0]), CONDITIONS.memory_s[1])

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,18 @@ from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import IS_FRONT, IS_LEFT, WHEELS, FloatArray
 
 
+@dataclass(frozen=True, slots=True)
+class _Judged:
+    """A judgement and what it was made from; put into words only when somebody asks."""
+
+    time_s: float
+    estimate: RadiusEstimate
+    change: Change
+    verdict: Verdict
+    judgement: Judgement
+    resonance: ResonanceEvidence | None
+
+
 class Explanation:
     """What one monitor has to say for itself."""
 
@@ -37,9 +50,9 @@ class Explanation:
         self._threshold_m = threshold_m
         self._moments: deque[dict[str, Any]] = deque(maxlen=EXPLANATION.kept)
         self._alarms: deque[dict[str, Any]] = deque(maxlen=EXPLANATION.kept_alarms)
-        self._latest: dict[str, Any] | None = None
-        self._alternatives: list[dict[str, Any]] = []
-        self._judgement: Judgement | None = None
+        self._judged: _Judged | None = None
+        self._told: tuple[_Judged, dict[str, Any]] | None = None
+        """The last judgement that was put into words."""
         self._kept_s = -math.inf
         self._time_s = math.nan
         self._moving = self._taught = 0.0
@@ -62,21 +75,21 @@ class Explanation:
         resonance: ResonanceEvidence | None,
     ) -> None:
         """Take a judgement of the wheels (`change` and `verdict` by them alone)."""
-        self._judgement = judgement
-        self._alternatives = self._ranked(verdict)
-        self._latest = self._moment(estimate, change, judgement, resonance)
+        self._judged = _Judged(self._time_s, estimate, change, verdict, judgement, resonance)
         if abs(self._time_s - self._kept_s) >= EXPLANATION.keep_every_s:
             self._kept_s = self._time_s
-            self._moments.append(self._latest)
+            self._moments.append(self._in_words(self._judged))
 
     def alarm(self, event: AlarmEvent) -> None:
         """An alarm was raised or cleared: keep what spoke for it."""
         evidence = list(self._moments)[-EXPLANATION.around :]
-        if self._latest is not None and (not evidence or evidence[-1] is not self._latest):
-            evidence.append(self._latest)
         before = None
-        if self._latest is not None and event.wheel in self._latest["wheels"]:
-            before = self._latest["wheels"][event.wheel]["before_mm"]
+        if self._judged is not None:
+            latest = self._in_words(self._judged)
+            if not evidence or evidence[-1] is not latest:
+                evidence.append(latest)
+            if event.wheel in latest["wheels"]:
+                before = latest["wheels"][event.wheel]["before_mm"]
         self._alarms.append(
             {
                 "time": _number(event.time_s),
@@ -88,7 +101,7 @@ class Explanation:
                 **event.additions(),
                 "before_mm": before,
                 "evidence": evidence,
-                "alternatives": list(self._alternatives),
+                "alternatives": self._alternatives(),
                 "clears_when": self._clears(event) if event.state == "raised" else "it is cleared",
             }
         )
@@ -134,7 +147,7 @@ class Explanation:
             "time": _number(self._time_s),
             "alarms": list(self._alarms),
             "wheels": wheels,
-            "alternatives": list(self._alternatives),
+            "alternatives": self._alternatives(),
             "evidence": list(self._moments),
             "missing": {
                 "motion": {
@@ -172,10 +185,9 @@ class Explanation:
         return out
 
     def _wheel(self, wheel: int) -> dict[str, Any]:
-        judged = self._judgement
-        if judged is None or self._latest is None:
+        if self._judged is None:
             return {"why_no_alarm": "nothing was judged yet"}
-        now = self._latest["wheels"][WHEELS[wheel]]
+        judged, now = self._judged.judgement, self._in_words(self._judged)["wheels"][WHEELS[wheel]]
         std = float(judged.change_std_m[wheel])
         seen = self._threshold_m + EXPLANATION.seen_stds * math.hypot(std, 3e-4 * 0.3)
         return {
@@ -187,13 +199,19 @@ class Explanation:
             ),
         }
 
-    def _moment(
-        self,
-        estimate: RadiusEstimate,
-        change: Change,
-        judgement: Judgement,
-        resonance: ResonanceEvidence | None,
-    ) -> dict[str, Any]:
+    def _in_words(self, judged: _Judged) -> dict[str, Any]:
+        """One moment of the evidence."""
+        if self._told is None or self._told[0] is not judged:
+            self._told = (judged, self._moment(judged))
+        return self._told[1]
+
+    def _moment(self, judged: _Judged) -> dict[str, Any]:
+        estimate, judgement, change, resonance = (
+            judged.estimate,
+            judged.judgement,
+            judged.change,
+            judged.resonance,
+        )
         wheels = {}
         for wheel in self._wheels:
             deviation, moved = float(estimate.deviation_m[wheel]), float(judgement.change_m[wheel])
@@ -220,7 +238,7 @@ class Explanation:
                 if w in resonance.wheels
             }
         return {
-            "time": _number(self._time_s),
+            "time": _number(judged.time_s),
             "speed_mps": _number(estimate.speed_mps),
             "wheels": wheels,
             "witnesses": {**witnesses, "resonance_log_ratio": heard},
@@ -237,8 +255,11 @@ class Explanation:
         out["rl_minus_rr"] = np.where(~front, np.where(left, 1.0, -1.0), 0.0)
         return out
 
-    def _ranked(self, verdict: Verdict) -> list[dict[str, Any]]:
+    def _alternatives(self) -> list[dict[str, Any]]:
         """What may have happened, the most probable first, with why it lost."""
+        if self._judged is None:
+            return []
+        verdict = self._judged.verdict
         entries: list[dict[str, Any]] = [
             {"what": "no tyre has changed", "wheels": [], "probability": verdict.none, "gain_nats": 0.0}
         ]

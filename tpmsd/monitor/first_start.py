@@ -56,13 +56,12 @@ def judge_first(
     d = len(wheels)
     x, noise = deviation_m / radius_m, covariance_m2 / np.outer(radius_m, radius_m)
     shifts, log_priors = _shifts(d)
-    total = np.full(len(shifts), -math.inf)
-    for share, prior in _healthy(tuple(wheels)):
-        whitener = np.linalg.inv(np.linalg.cholesky(prior + noise))
-        rest = (x - shifts) @ whitener.T
-        log = math.log(share) + float(np.log(np.diag(whitener)).sum()) - 0.5 * np.sum(rest**2, axis=1)
-        total = np.logaddexp(total, log)
-    total = total + log_priors
+    shares, priors = _healthy(tuple(wheels))
+    whitener = np.linalg.inv(np.linalg.cholesky(priors + noise))
+    rest = (x - shifts) @ whitener.swapaxes(1, 2)
+    scale = np.log(shares * np.prod(np.diagonal(whitener, axis1=1, axis2=2), axis=1))
+    logs = scale[:, None] - 0.5 * np.einsum("khd,khd->kh", rest, rest)
+    total = np.logaddexp.reduce(logs) + log_priors
     posterior = np.exp(total - total.max())
     posterior /= posterior.sum()
     kinds = posterior[1:].reshape(2, d, LOSS_GRID.size)
@@ -114,8 +113,8 @@ def _shifts(d: int) -> tuple[FloatArray, FloatArray]:
 
 
 @functools.cache
-def _healthy(wheels: tuple[int, ...]) -> list[tuple[float, FloatArray]]:
-    """Mixture of what healthy cars have: share and covariance (d, d), relative."""
+def _healthy(wheels: tuple[int, ...]) -> tuple[FloatArray, FloatArray]:
+    """Mixture of what healthy cars have: shares (k,) and covariances (k, d, d), relative."""
     index = list(wheels)
     front, left = IS_FRONT[index], np.where(IS_LEFT[index], 1.0, -1.0)
     side = np.where(front, 1.0, -1.0)
@@ -123,14 +122,15 @@ def _healthy(wheels: tuple[int, ...]) -> list[tuple[float, FloatArray]]:
         side, side
     )
     axles = [mask for mask in (front, ~front) if mask.any()]
-    out = []
+    shares, covariances = [], []
     for parts in itertools.product(FIRST_START.within_std, repeat=len(axles)):
         covariance = base + 1e-12 * np.eye(len(index))
         for mask, (_, std) in zip(axles, parts, strict=True):
             apart = np.where(mask, left, 0.0) / 2.0
             covariance = covariance + std**2 * np.outer(apart, apart)
-        out.append((math.prod(share for share, _ in parts), covariance))
-    return out
+        shares.append(math.prod(share for share, _ in parts))
+        covariances.append(covariance)
+    return np.array(shares), np.array(covariances)
 
 
 @dataclass(frozen=True, slots=True)

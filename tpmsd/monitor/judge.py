@@ -50,6 +50,19 @@ class Judgement:
         """Whether the baseline may learn; `settled`: whether it has been learned once."""
         return self.suspicion < (JUDGE.suspicious if settled else JUDGE.suspicious_at_first)
 
+    def by_wheel(self) -> list[tuple[float, ...]]:
+        """For each of four wheels its change, standard deviation, probabilities of a deflation and of a
+        deviation (0 where nothing was judged), lost pressure and standard deviation."""
+        probabilities = np.nan_to_num(np.stack([self.deflated, self.deviates]))
+        columns = [
+            self.change_m,
+            self.change_std_m,
+            *probabilities,
+            self.pressure_loss,
+            self.pressure_loss_std,
+        ]
+        return [tuple(row) for row in np.stack(columns, axis=1).tolist()]
+
     @classmethod
     def unknown(cls) -> Judgement:
         """Before anything was judged."""

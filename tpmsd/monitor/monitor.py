@@ -58,6 +58,8 @@ class Monitor:
         self._sets = TyreSets(vehicle, self._wheels, settings.learn_s, self._judge)
         self._since_judged_s = 0.0
         self._judged = Judgement.unknown()
+        self._told = (self._judged, self._judged.by_wheel())
+        """What was judged, and the same as plain numbers."""
         self._trusted = True
         self._restored = False
         self._since_seen_s = math.inf
@@ -140,7 +142,7 @@ class Monitor:
             self._why.alarm(event)
         return MonitorReport(
             time_s=tick.host_time_s,
-            wheels=tuple(self._wheel_report(i, tick, estimate) for i in range(4)),
+            wheels=self._wheel_reports(tick, estimate),
             active=(*self._standing.values(), *self._leaks.standing, *self._signals.standing),
             events=tuple(events),
             learning_fraction=self.baseline.fraction,
@@ -316,28 +318,27 @@ class Monitor:
 
     # -- reports ---------------------------------------------------------------------------------------------
 
-    def _wheel_report(self, wheel: int, tick: Tick, estimate: RadiusEstimate) -> WheelReport:
-        blind = self._signals.unusable or not math.isfinite(float(estimate.deviation_m[wheel]))
-        if wheel not in self._wheels or blind or self._signals.is_lost(wheel, tick.time_s):
-            state = WheelState.UNAVAILABLE
-        elif any(standing == wheel for _, standing in self._standing):
-            state = WheelState.ALARM
-        else:
-            learned = self.baseline.ready and not self._sets.undecided
-            state = WheelState.MONITORING if learned else WheelState.LEARNING
-        judged = self._judged
-        return WheelReport(
-            wheel=WHEELS[wheel],
-            state=state,
-            deviation_m=float(estimate.deviation_m[wheel]) if self._trusted else math.nan,
-            std_m=_std(float(estimate.covariance_m2[wheel, wheel])) if self._trusted else math.nan,
-            change_m=float(judged.change_m[wheel]),
-            change_std_m=float(judged.change_std_m[wheel]),
-            deflation_probability=_known(judged.deflated[wheel]),
-            deviation_probability=_known(judged.deviates[wheel]),
-            pressure_loss=float(judged.pressure_loss[wheel]),
-            pressure_loss_std=float(judged.pressure_loss_std[wheel]),
-        )
+    def _wheel_reports(self, tick: Tick, estimate: RadiusEstimate) -> tuple[WheelReport, ...]:
+        if self._told[0] is not self._judged:
+            self._told = (self._judged, self._judged.by_wheel())
+        unusable = self._signals.unusable
+        learned = self.baseline.ready and not self._sets.undecided
+        alarmed = {wheel for _, wheel in self._standing}
+        deviation, variance = estimate.deviation_m.tolist(), estimate.covariance_m2.diagonal().tolist()
+        reports: list[WheelReport] = []
+        for wheel, (name, off_m, told) in enumerate(zip(WHEELS, deviation, self._told[1], strict=True)):
+            blind = unusable or not math.isfinite(off_m)
+            if wheel not in self._wheels or blind or self._signals.is_lost(wheel, tick.time_s):
+                state = WheelState.UNAVAILABLE
+            elif wheel in alarmed:
+                state = WheelState.ALARM
+            else:
+                state = WheelState.MONITORING if learned else WheelState.LEARNING
+            std_m = _std(variance[wheel])
+            if not self._trusted:
+                off_m = std_m = math.nan
+            reports.append(WheelReport(name, state, off_m, std_m, *told))
+        return tuple(reports)
 
     # -- what survives a restart -----------------------------------------------------------------------------
 
@@ -383,12 +384,6 @@ class Monitor:
             self._standing[key] = event
         self._first.stand(key for key, event in self._standing.items() if event.since)
         self._learning = self.learning()
-
-
-def _known(probability: float) -> float:
-    """The probability, 0 where nothing has been judged."""
-    value = float(probability)
-    return value if value == value else 0.0
 
 
 def _std(variance: float) -> float:
