@@ -20,19 +20,19 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import gammaincinv
 
 from tpmsd.bounds import number, whole
 from tpmsd.config.model import VehicleConfig
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.conditions import ConditionTracker
+from tpmsd.monitor.probability import chi_square_quantile
 from tpmsd.monitor.reference import GROWTH_PRIOR, KNOTS_MPS, Reference, speed_range
 from tpmsd.monitor.settings import BASELINE, CONDITIONS, REFERENCE
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import FloatArray
 
-FIT_LIMIT = 2.0 * gammaincinv(np.arange(5) / 2.0, BASELINE.fit_probability)
-"""(5,) largest squared distance of a sample that is learned, by number of wheels: quantile of chi-square."""
+FIT_LIMIT = {count: chi_square_quantile(BASELINE.fit_probability, count) for count in range(1, 5)}
+"""Largest squared distance of a sample that is learned, by number of wheels: quantile of chi-square."""
 
 
 _Sample = tuple[FloatArray, FloatArray, FloatArray, FloatArray]

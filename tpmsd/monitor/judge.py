@@ -10,12 +10,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
 
 from tpmsd.config.model import MonitorConfig, TyreConfig, VehicleConfig
 from tpmsd.monitor.baseline import Change
 from tpmsd.monitor.hypotheses import Verdict, compare, subsets
 from tpmsd.monitor.nuisance import Nuisance, mean_share
+from tpmsd.monitor.probability import normal_cdf
 from tpmsd.monitor.settings import BASELINE, JUDGE
 from tpmsd.physics.tyre import tyre_model
 from tpmsd.resonance.evidence import ResonanceEvidence
@@ -120,7 +120,8 @@ class Judge:
         likelier = verdicts[int(verdicts[1].deflated.max() > verdicts[0].deflated.max())]
         wide = np.sqrt(np.diag(now.covariance_m2 + self._unexplained_m2 + harmless_m2 - self.harmless_m2))
         limit, change = self._limit_m, now.change_m
-        deviates = ndtr((-limit - change) / wide) + ndtr((change - limit) / wide)
+        beyond = np.stack([-limit - change, change - limit]) / wide
+        deviates = np.array([normal_cdf(below) + normal_cdf(above) for below, above in beyond.T.tolist()])
         std = np.sqrt(np.diag(now.covariance_m2))
         steady_std = np.sqrt(np.diag(mean.covariance_m2 + self.harmless_m2))
         pressure = [

@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 from tpmsd.errors import ConfigError
-from tpmsd.physics.catalogue import make_effect
 from tpmsd.physics.effect import Effect, Std, Value
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.toml_text import check_integers, parse_toml
@@ -84,6 +83,9 @@ def _effect_of(table: dict[str, Any], number: int) -> tuple[Effect, dict[str, St
         if len(word) > LONGEST_WORD:
             raise ConfigError(f"effect {number}: {shown(word)} is no name of an effect or a parameter")
     std = table.pop("std", {})
+    # Only here: it brings in every effect, and most runs have no model.
+    from tpmsd.physics.catalogue import make_effect
+
     effect = make_effect(name, **table)
     if not isinstance(std, dict):
         raise ConfigError(f"effect {name}: std must be a table")
