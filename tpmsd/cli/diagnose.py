@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 from tpmsd.cli.output import Progress, Subparsers, add_json_option, json_text
 from tpmsd.cli.outputs import Outputs
 from tpmsd.errors import ConfigError, InputError, TpmsdError
+from tpmsd.lean import keep_freed_memory
 
 if TYPE_CHECKING:
     from tpmsd.diagnosis.assessment.result import Proposal
@@ -108,6 +109,7 @@ def run(args: argparse.Namespace) -> int:
     # Thousands of small matrices: threads of the linear algebra only get in each other's way.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+    keep_freed_memory()
     import numpy as np
 
     from tpmsd.cli.diagnose_alarms import AlarmReplays

@@ -22,7 +22,7 @@ import scipy.linalg
 from scipy.optimize import OptimizeResult, minimize
 
 from tpmsd.inference.noise import LIMITS, PRIORS, Noise
-from tpmsd.inference.state_space import Diagonals, Geometry, diagonals, geometry
+from tpmsd.inference.state_space import Diagonals, Geometry, changed_diagonals, diagonals, geometry
 from tpmsd.inference.whitening import Derivatives, Whitener
 from tpmsd.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED, Linearised
 from tpmsd.wheels import FloatArray
@@ -239,18 +239,16 @@ def _orthonormal(data: Data, made: Whitener) -> tuple[FloatArray, FloatArray, fl
 def _chained(data: Data, noise: Noise, diagonal: Diagonals, name: str, by: Derivatives) -> float:
     """Derivative by one free coordinate."""
     here = _free(name, float(getattr(noise, name)))
-    moved = diagonals(data.space, _noise(noise, [name], np.array([here + _PROBE])), data.inflate)
+    moved = _noise(noise, [name], np.array([here + _PROBE]))
+    parts = changed_diagonals(data.space, moved, name, data.inflate)
     out = sum(
-        float(np.sum(getattr(by, part) * (getattr(moved, part) - getattr(diagonal, part)))) / _PROBE
-        for part in _PARTS
+        float(np.sum(getattr(by, part)[..., at] * (after - getattr(diagonal, part)[..., at]))) / _PROBE
+        for part, at, after in parts
     )
     if name in data.priors:
         middle, spread = data.priors[name]
         out -= math.log(getattr(noise, name) / middle) / spread**2
     return out
-
-
-_PARTS = tuple(part.name for part in dataclasses.fields(Diagonals))
 
 
 def _free(name: str, value: float) -> float:

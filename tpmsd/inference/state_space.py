@@ -14,12 +14,13 @@ Only diagonals depend on the noise: `Geometry` holds the rest and is made once.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from tpmsd.inference.blocks import PE, PN, PSI, QOLD, Layout, Q, Steps, V, W
+from tpmsd.inference.blocks import PE, PN, PSI, QOLD, WHITE, Layout, Q, Steps, V, W
 from tpmsd.inference.layouts import DRIFTING_RADII
 from tpmsd.inference.noise import Noise
 from tpmsd.inference.trajectory import WINDOW_S
@@ -77,6 +78,13 @@ class Geometry:
         moved = out[:, :, PE : PN + 1] @ self.turn[:, :, None]
         out[:, :, self.layout.turning] += moved
         return out
+
+    @cached_property
+    def joint_of_carried(self) -> FloatArray:
+        """(w, c + 9, c) what of these the carried states before give, had they not faded."""
+        came_to = self.layout.carried.copy()
+        came_to[Q : Q + 4] = np.arange(QOLD, QOLD + 4)
+        return np.ascontiguousarray(self.joint[:, :, came_to])
 
     @cached_property
     def from_motion(self) -> FloatArray:
@@ -149,16 +157,33 @@ def geometry(windows: Linearised, here: np.ndarray, layout: Layout = DRIFTING_RA
 
 def diagonals(space: Geometry, noise: Noise, inflate: FloatArray | None = None) -> Diagonals:
     """What a noise decides; `inflate` (w, 9) multiplies the variances of single readings."""
+    return Diagonals(
+        _variances(space, noise, inflate), *space.layout.steps(noise, _steps(space, noise, inflate))
+    )
+
+
+def changed_diagonals(
+    space: Geometry, noise: Noise, name: str, inflate: FloatArray | None = None
+) -> Iterator[tuple[str, slice, FloatArray]]:
+    """Those parts of `diagonals` that one parameter of the noise decides: field, columns and new values."""
+    if name in WHITE:
+        yield "variance", slice(None), _variances(space, noise, inflate)
+    steps, first = _steps(space, noise, inflate), 0
+    for block in space.layout.blocks:
+        at = slice(first, first + len(block.names))
+        first = at.stop
+        if name in block.parameters:
+            yield from zip(("decay", "fresh", "start"), (at,) * 3, block.steps(noise, steps), strict=True)
+
+
+def _steps(space: Geometry, noise: Noise, inflate: FloatArray | None) -> Steps:
     v = space.speed_mps
-    variance = _variances(space, noise)
     jump = np.ones(len(v))
     if inflate is not None:
-        variance = variance * inflate
         # A position that is far off may be the first of many: the slow error has jumped.
         jump = np.minimum(inflate[:, EAST:].max(axis=1), LARGEST_JUMP)
     read = np.square(noise.reading_m)[None, :] + (noise.stamp_s * v[:, None]) ** 2
-    steps = Steps(gap=space.gap, jump=jump, read=read)
-    return Diagonals(variance, *space.layout.steps(noise, steps))
+    return Steps(gap=space.gap, jump=jump, read=read)
 
 
 def state_space(
@@ -180,7 +205,7 @@ def _motion_variances(windows: Linearised) -> FloatArray:
     return np.asarray(g @ g.transpose(0, 2, 1))
 
 
-def _variances(space: Geometry, noise: Noise) -> FloatArray:
+def _variances(space: Geometry, noise: Noise, inflate: FloatArray | None) -> FloatArray:
     """(w, 9) of what is new in every window."""
     v, number = space.speed_mps, space.fixes
     out = np.empty((len(v), CHANNELS))
@@ -189,4 +214,4 @@ def _variances(space: Geometry, noise: Noise) -> FloatArray:
     out[:, SPEED] = noise.speed_white_mps**2 / number[:, 0]
     out[:, COURSE] = noise.cross_white_mps**2 / v**2 / number[:, 1] + noise.course_floor_rad**2
     out[:, EAST] = out[:, NORTH] = noise.white_m**2 / number[:, 2]
-    return out
+    return out if inflate is None else out * inflate

@@ -243,10 +243,9 @@ def whiten(
 
 def _moved(space: Geometry, diagonal: Diagonals) -> FloatArray:
     """(w, c + 9, c) M: carried states and channels of a window as functions of the carried states before."""
-    decay, joint, carried = diagonal.decay, space.joint, space.layout.carried
-    out = joint[:, :, carried] * decay[:, None, carried]
-    out[:, :, Q : Q + 4] = joint[:, :, QOLD : QOLD + 4] * decay[:, None, QOLD : QOLD + 4]
-    return np.asarray(out)
+    decay = diagonal.decay[:, space.layout.carried]
+    decay[:, Q : Q + 4] = diagonal.decay[:, QOLD : QOLD + 4]
+    return np.asarray(space.joint_of_carried * decay[:, None])
 
 
 def _fresh(space: Geometry, diagonal: Diagonals) -> FloatArray:
