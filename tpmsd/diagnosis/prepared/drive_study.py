@@ -143,7 +143,8 @@ class DriveStudy:
         """
         used = np.flatnonzero(fitted)
         left = self.columns[:, :, 0] - self.columns[:, :, 1 + used] @ fitted[used]
-        self._moved_to(base, radii_m, values, left, self.inflate)
+        made = Whitener.of(self.reader.windows, self.noise, np.isfinite(left), self.inflate)
+        self._moved_to(base, radii_m, values, left, made)
 
     def _moved_to(
         self,
@@ -151,11 +152,11 @@ class DriveStudy:
         radii_m: FloatArray,
         values: FloatArray,
         left: FloatArray,
-        inflate: FloatArray | None,
+        made: Whitener,
     ) -> None:
-        """All columns anew, about the motion that what is left (w, 9) of the channels shows."""
+        """All columns anew, about the motion that what is left (w, 9) of the channels shows by the gains
+        `made` of before."""
         self.base, self.values = base, values
-        made = Whitener.of(self.reader.windows, self.noise, np.isfinite(left), inflate)
         errors = made.smooth(made.apply(left[:, :, None])[:, :, 0])
         self.reader.recalibrate(radii_m, base, errors)
         arrays = linear_columns(self.reader, self.knots, base).arrays
@@ -185,7 +186,7 @@ class DriveStudy:
         left = residual - sum(value * column for value, column in zip(fitted, calibration, strict=True))
         radii = out.reader.reference.car.radius_m.copy()
         radii[recording.wheels] += fitted[: len(recording.wheels)]
-        out._moved_to(self.base, radii, self.values, left, None)
+        out._moved_to(self.base, radii, self.values, left, made)
         return out
 
     def append(self, columns: FloatArray) -> None:

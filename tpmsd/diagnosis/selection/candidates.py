@@ -22,6 +22,9 @@ class Candidates:
     def __init__(self, evidence: Evidence, hypotheses: Hypotheses) -> None:
         self.evidence = evidence
         self.hypotheses = hypotheses
+        self._gains: dict[tuple[Term, ...], float] = {}
+        self._found: dict[tuple[tuple[Term, ...], bool], list[tuple[float, list[Term]]]] = {}
+        """What was asked for before: the steps of a search ask for much of it again."""
 
     def design(self, terms: Sequence[Term]) -> FloatArray:
         """Calibration and these terms."""
@@ -29,7 +32,10 @@ class Candidates:
 
     def gain(self, terms: Sequence[Term]) -> float:
         """Log-likelihood of calibration and these terms."""
-        return self.evidence.fit(self.design(terms)).gain
+        key = tuple(terms)
+        if key not in self._gains:
+            self._gains[key] = self.evidence.fit(self.design(terms)).gain
+        return self._gains[key]
 
     def heldout(self, terms: Sequence[Term]) -> float:
         """Log-likelihood of blocks held out, of calibration and these terms."""
@@ -37,6 +43,12 @@ class Candidates:
 
     def candidates(self, chosen: Sequence[Term], everything: bool = True) -> list[tuple[float, list[Term]]]:
         """(gain less penalty, terms) of what may be added to these terms, the best first."""
+        key = tuple(chosen), everything
+        if key not in self._found:
+            self._found[key] = self._looked_for(chosen, everything)
+        return self._found[key]
+
+    def _looked_for(self, chosen: Sequence[Term], everything: bool) -> list[tuple[float, list[Term]]]:
         gram, b = self.evidence.projected(self.design(chosen))
         taken = {term.key for term in chosen}
         total = np.diag(self.evidence.total)[1:]
