@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import threading
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,9 @@ import pytest
 from tests.daemon.fakes import car
 from tpmsd.config.model import Config
 from tpmsd.daemon.state_keeper import StateKeeper, fingerprint
+from tpmsd.daemon.state_writer import StateWriter
 from tpmsd.pipeline import Pipeline
-from tpmsd.sinks.state_file import load_state
+from tpmsd.sinks.state_file import load_state, write_state
 
 LOG = logging.getLogger("tests.state")
 
@@ -26,9 +28,52 @@ def saved(config: Config) -> Any:
     return None if payload is None else payload["pipeline"]
 
 
+class PromptWriter(StateWriter):
+    """A disk that is done at once."""
+
+    def begin(self, file: Path, content: bytes) -> None:
+        """Write, and wait for it."""
+        super().begin(file, content)
+        self._done.wait()
+
+
 def keeper(folder: Path) -> tuple[StateKeeper, Config]:
     config, _ = car(folder)
-    return StateKeeper(config, LOG), config
+    return StateKeeper(config, LOG, PromptWriter()), config
+
+
+def test_a_disk_that_hangs_holds_up_nobody(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """While a write hangs the loop goes on; what changes in this time is saved after it."""
+    config, _ = car(tmp_path)
+    go_on, begun = threading.Event(), []
+
+    def write(file: Path, content: bytes) -> None:
+        begun.append(content)
+        go_on.wait(60.0)
+        write_state(file, content)
+
+    state = StateKeeper(config, LOG, StateWriter(write))
+    state.service(0.0, lambda: {"n": 0})
+    for now_s in range(60, 400):
+        state.service(float(now_s), lambda now_s=now_s: {"n": now_s})  # type: ignore[misc]
+        state.alarm_changed()
+    state.save(400.0, {"n": 400}, wait_s=0.01)
+    assert (1, None) == (len(begun), saved(config))
+    assert [f"{config.state.file}: not saved: the disk does not answer"] == caplog.messages
+    go_on.set()
+    while saved(config) != {"n": 401}:
+        state.service(401.0, lambda: {"n": 401})
+    assert 2 == len(begun)
+
+
+def test_without_memory_for_a_thread_the_state_is_saved_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where no thread can be started the write is made in the loop."""
+    monkeypatch.setattr(threading.Thread, "start", lambda _: (_ for _ in ()).throw(RuntimeError("no thread")))
+    state, config = keeper(tmp_path)
+    state.save(0.0, {"n": 1})
+    assert {"n": 1} == saved(config)
 
 
 def test_the_state_is_saved_at_its_interval(tmp_path: Path) -> None:

@@ -17,22 +17,32 @@ from tpmsd.pipeline import Step
 SCALE = 20.0
 
 
-@pytest.mark.parametrize("step_s", [-3600.0, 3600.0])
-def test_a_clock_set_by_an_hour_costs_three_ticks(step_s: float) -> None:
-    """At second 75 of the drive all stamps step: told, half a second of rotation lost at most, none false."""
+DECADES_S = 20 * 365.25 * 86400.0
+
+
+@pytest.mark.parametrize("step_s", [-3600.0, 3600.0, -DECADES_S, DECADES_S, "from 1970"])
+def test_a_clock_that_is_set_costs_three_ticks(step_s: float | str) -> None:
+    """At second 75 of the drive all stamps step by an hour, by decades, or from 1970 to today: told, half a
+    second of rotation lost at most, none false."""
 
     def stepped(items: list[Item], start_s: float) -> list[Item]:
-        return [i._replace(time_s=i.time_s + (step_s if i.time_s - start_s > 75.0 else 0.0)) for i in items]
+        after_s = step_s if isinstance(step_s, float) else 0.0
+        before_s = 0.0 if isinstance(step_s, float) else 30.0 - start_s
+        return [
+            i._replace(time_s=i.time_s + (after_s if i.time_s - start_s > 75.0 else before_s)) for i in items
+        ]
 
     outcome = played(stepped)
 
     assert FOUND == outcome.alarms
     assert outcome.blind(0.0, 1e9) <= 0.6
+    if isinstance(step_s, str):
+        step_s = outcome.start_s - 30.0
     if step_s < 0.0:
         assert 1 == outcome.faults[("clock", "step_back")]
         assert outcome.counts["clock_step"] >= 4
     else:
-        assert 3595.0 < max(step.tick.gap_s for step in outcome.steps) < 3601.0
+        assert step_s - 5.0 < max(step.tick.gap_s for step in outcome.steps) < step_s + 1.0
     lost_s = 150.0 - sum(step.tick.dt_s for step in outcome.steps)
     assert lost_s < 2.0
 

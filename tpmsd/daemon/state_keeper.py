@@ -1,8 +1,8 @@
 """When the learned state is saved and how it is taken up again.
 
-In: the pipeline's snapshot, monotonic time. Out: the state file; one log line for everything that goes
-wrong with it. The state belongs to one car: its payload carries the fingerprint of the vehicle and the
-signals.
+In: the pipeline's snapshot, monotonic time. Out: the state file, written beside the loop; one log line for
+everything that goes wrong with it. The state belongs to one car: its payload carries the fingerprint of the
+vehicle and the signals.
 """
 
 from __future__ import annotations
@@ -17,11 +17,14 @@ from pathlib import Path
 from typing import Any
 
 from tpmsd.config.model import Config
+from tpmsd.daemon.state_writer import StateWriter
 from tpmsd.pipeline import Pipeline
-from tpmsd.sinks.state_file import StateDamaged, StateError, load_state, save_state
+from tpmsd.sinks.state_file import StateDamaged, StateError, encode_state, load_state
 
 ALARM_INTERVAL_S = 5.0
 """Alarms that come and go are not saved more often than this: flash memory wears."""
+FINISH_S = 5.0
+"""How long the end of the daemon waits for one write; systemd gives it 15 s for two."""
 SET_ASIDE = "other"
 """Suffix of a state that is whole but of no use."""
 
@@ -42,14 +45,17 @@ def fingerprint(config: Config) -> str:
 class StateKeeper:
     """One state file; does nothing where the configuration has none."""
 
-    def __init__(self, config: Config, log: logging.Logger) -> None:
+    def __init__(self, config: Config, log: logging.Logger, writer: StateWriter | None = None) -> None:
         self._file: Path | None = config.state.file
         self._interval_s = config.state.interval_s
         self._fingerprint = fingerprint(config)
         self._log = log
+        self._writer = writer or StateWriter()
         self._saved: Snapshot | None = None
+        self._writing: Snapshot | None = None
+        """What the write that is under way saves."""
         self._tried_s = -math.inf
-        self._urgent = False
+        self._urgent = self._was_urgent = False
         self._complained = False
 
     def restored(self, make: Callable[[], Pipeline]) -> Pipeline:
@@ -92,32 +98,61 @@ class StateKeeper:
         """Save if that is due."""
         if self._file is None:
             return
+        self._look()
+        if self._writer.busy:
+            return
         wait_s = min(ALARM_INTERVAL_S, self._interval_s) if self._urgent else self._interval_s
         if self._tried_s == -math.inf and not self._urgent:
             self._tried_s = now_s  # nothing was learned in the first moment
         elif now_s - self._tried_s >= wait_s:
-            self.save(now_s, snapshot())
+            self._begin(now_s, snapshot())
 
-    def save(self, now_s: float, snapshot: Snapshot) -> None:
-        """Save now, unless nothing has changed."""
+    def save(self, now_s: float, snapshot: Snapshot, wait_s: float = FINISH_S) -> None:
+        """Save now, unless nothing has changed; wait up to `wait_s` for it, and for one before."""
+        self._look(wait_s)
+        if not self._writer.busy:
+            self._begin(now_s, snapshot)
+            self._look(wait_s)
+        if self._writer.busy:
+            self._log.error("%s: not saved: the disk does not answer", self._file)
+
+    def _begin(self, now_s: float, snapshot: Snapshot) -> None:
+        """Start to save, unless nothing has changed."""
         if self._file is None:
             return
         self._tried_s = now_s
+        self._was_urgent, self._urgent = self._urgent, False
         if snapshot == self._saved:
-            self._urgent = False
             return
         try:
-            save_state(self._file, {"fingerprint": self._fingerprint, "pipeline": snapshot})
+            payload = {"fingerprint": self._fingerprint, "pipeline": snapshot}
+            content = encode_state(self._file, payload)
         except StateError as error:
-            if not self._complained:
-                self._log.error("%s; trying again later", error)
-            self._complained = True
+            self._failed(error)
+            return
+        self._writing = snapshot
+        self._writer.begin(self._file, content)
+
+    def _look(self, wait_s: float = 0.0) -> None:
+        """What has become of the write that is under way."""
+        if not self._writer.busy:
+            return
+        try:
+            if not self._writer.over(wait_s):
+                return
+        except StateError as error:
+            self._failed(error)
             return
         if self._complained:
             self._log.info("%s: saved again", self._file)
         self._complained = False
-        self._urgent = False
-        self._saved = snapshot
+        self._saved = self._writing
+
+    def _failed(self, error: StateError) -> None:
+        if not self._complained:
+            self._log.error("%s; trying again later", error)
+        self._complained = True
+        self._urgent |= self._was_urgent
 
     def _report_damage(self, damaged: StateDamaged) -> None:
         self._log.warning("%s", damaged)

@@ -47,8 +47,9 @@ def state_lock(file: Path | None) -> Iterator[None]:
                 f"{file}: another tpmsd{_holder(descriptor)} keeps its state there; "
                 "--state FILE gives this one a file of its own"
             ) from None
-        os.ftruncate(descriptor, 0)
-        os.pwrite(descriptor, f"{os.getpid()}\n".encode("ascii"), 0)
+        with contextlib.suppress(OSError):  # a full disk: the lock holds without its holder's name
+            os.ftruncate(descriptor, 0)
+            os.pwrite(descriptor, f"{os.getpid()}\n".encode("ascii"), 0)
         yield
     finally:
         os.close(descriptor)

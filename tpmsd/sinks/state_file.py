@@ -71,8 +71,12 @@ def save_state(path: Path, payload: dict[str, Any], *, files: FileSystem | None 
 
     Raises StateError if it cannot be written or is no JSON; what can be loaded is then still whole.
     """
+    write_state(path, encode_state(path, payload), files=files)
+
+
+def write_state(path: Path, content: bytes, *, files: FileSystem | None = None) -> None:
+    """Replace the file by `content`, as `encode_state` made it. Raises StateError."""
     files = files or FileSystem()
-    content = _encode(path, payload)
     temporary = path.with_name(f".{path.name}.new")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -125,7 +129,8 @@ def _digest(payload: dict[str, Any]) -> str:
     return hashlib.sha256(_canonical(payload).encode("ascii")).hexdigest()
 
 
-def _encode(path: Path, payload: dict[str, Any]) -> bytes:
+def encode_state(path: Path, payload: dict[str, Any]) -> bytes:
+    """What the file will hold; `path` is for the message. Raises StateError where the payload is no JSON."""
     try:
         # Once there and back, so that the digest is over what a reader will see (keys become strings).
         plain = json.loads(json.dumps(payload))

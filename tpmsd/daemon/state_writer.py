@@ -1,0 +1,54 @@
+"""Writes the state beside the loop: a slow disk holds up no tick.
+
+In: a file and its content. Out: whether it is on the disk. Old SD cards take seconds to sync a file, and a
+save syncs twice; in the loop that would hold up the ticks, and systemd's watchdog would end the daemon.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+from tpmsd.sinks.state_file import StateError, write_state
+
+
+class StateWriter:
+    """One write at a time, in a thread of its own."""
+
+    def __init__(self, write: Callable[[Path, bytes], None] = write_state) -> None:
+        """`write` raises StateError where it fails."""
+        self._write = write
+        self._done = threading.Event()
+        self._error: StateError | None = None
+        self.busy = False
+        """Whether a write is under way, or `over` has not yet told its outcome."""
+
+    def begin(self, file: Path, content: bytes) -> None:
+        """Start a write; only while none is under way."""
+        assert not self.busy
+        self.busy, self._error = True, None
+        self._done.clear()
+        # A daemon thread: a disk that hangs for ever must not keep the process from its end.
+        thread = threading.Thread(target=self._run, args=(file, content), name="state", daemon=True)
+        try:
+            thread.start()
+        except RuntimeError:  # no memory for its stack
+            self._run(file, content)
+
+    def _run(self, file: Path, content: bytes) -> None:
+        try:
+            self._write(file, content)
+        except StateError as error:
+            self._error = error
+        finally:
+            self._done.set()
+
+    def over(self, wait_s: float = 0.0) -> bool:
+        """Whether the write is over, within `wait_s`. Raises StateError once if it has failed."""
+        if not self._done.wait(wait_s):
+            return False
+        self.busy = False
+        if self._error is not None:
+            raise self._error
+        return True
