@@ -56,7 +56,7 @@ def exists_at_last(path: Path) -> bool:
 
 
 def test_a_full_disk_costs_the_state_alone(tmp_path: Path, small_disk: Path) -> None:
-    """On a full disk (ENOSPC) saving fails with one line, also from the start on; with room it works again."""
+    """On a full disk (ENOSPC) saving fails with one line, after a start too; with room it works again."""
     config, _ = car(tmp_path / "car", SAVED)
     state, ballast = small_disk / "state.json", small_disk / "ballast"
     options = ("--config", tmp_path / "car", "--state", state, *FAST)

@@ -45,7 +45,7 @@ ROOMS = {
         ("tpmsd/sources/nmea_epoch.py", "tpmsd/sources/nmea_checks.py"), ("tests/gnss/test_nmea_epoch.py",)
     ),
     "state_file": Room(
-        ("tpmsd/sinks/state_file.py", "tpmsd/daemon/state_keeper.py"),
+        ("tpmsd/sinks/state_file.py", "tpmsd/daemon/state_keeper.py", "tpmsd/daemon/state_writer.py"),
         ("tests/sinks/test_state_file.py", "tests/daemon/test_state_keeper.py"),
     ),
     "health": Room(("tpmsd/daemon/health.py",), ("tests/daemon/test_health.py", "tests/daemon/test_loop.py")),
@@ -96,8 +96,8 @@ NAMED = (
     # A disk that fails a second time is told a second time.
     Named(
         "tpmsd/daemon/state_keeper.py",
-        "        self._complained = False\n        self._urgent = False\n        self._saved = snapshot",
-        "        self._urgent = False\n        self._saved = snapshot",
+        "        self._complained = False\n        self._saved = self._writing",
+        "        self._saved = self._writing",
         (_KEEPER,),
     ),
     Named("tpmsd/daemon/health.py", "BUS_SILENT_S = 2.0", "BUS_SILENT_S = 3.0", (_HEALTH,)),
