@@ -19,6 +19,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import can as can_module
 import numpy as np
 from cantools.database.can import Database
 
@@ -200,6 +201,38 @@ def trc(data: bytes) -> None:
     log("trc", data)
 
 
+def blf(data: bytes) -> None:
+    """A BLF file."""
+    log("blf", data)
+
+
+def mf4(data: bytes) -> None:
+    """An MF4 file."""
+    log("mf4", data)
+
+
+def dbc(data: bytes) -> None:
+    """A DBC file: read with notes, or refused with a line."""
+    try:
+        for message in load_database(file("any.dbc", data)).messages:
+            assert all(1 <= signal.length <= 64 for signal in message.signals)
+    except TpmsdError as error:
+        assert "\n" not in str(error)
+
+
+@functools.cache
+def packed(suffix: str) -> bytes:
+    """A small log by python-can's own writers."""
+    path = folder() / f"seed.{suffix}"
+    with can_module.Logger(path) as writer:
+        for k in range(20):
+            data = bytes([k] * (k % 9))
+            writer.on_message_received(
+                can_module.Message(1719820800.0 + 0.01 * k, 0xB0 + k, bool(k % 2), data=data, channel=0)
+            )
+    return path.read_bytes()
+
+
 def nmea_log(data: bytes) -> None:
     """Lines of a log of sentences."""
     try:
@@ -346,6 +379,9 @@ TARGETS: dict[str, Callable[[bytes], None]] = {
     "candump": candump,
     "asc": asc,
     "trc": trc,
+    "blf": blf,
+    "mf4": mf4,
+    "dbc": dbc,
     "nmea_log": nmea_log,
     "toml": toml,
     "model": model,
@@ -366,6 +402,9 @@ SEEDS: dict[str, Callable[[], list[bytes]]] = {
     "candump": lambda: [LOG],
     "asc": lambda: [ASC],
     "trc": lambda: [TRC],
+    "blf": lambda: [packed("blf")],
+    "mf4": lambda: [packed("mf4")],
+    "dbc": lambda: [DBC.encode("ascii")],
     "nmea_log": lambda: [b"(1719820800.1) " + sentences.nmea(RMC) + b"\n", sentences.nmea(RMC) + b"\n"],
     "toml": lambda: [_configuration_seed()],
     "model": lambda: [b'[[effect]]\nname = "centrifugal_growth"\ncoefficient = 2e-06\n[effect.std]\n'],

@@ -21,6 +21,7 @@ from tpmsd.lean import bring_in_mf4
 from tpmsd.sources.can_frame import CanFrame
 from tpmsd.sources.can_log_lines import AscLines, LogLines
 from tpmsd.sources.candump_line import EXTENDED_MASK
+from tpmsd.sources.packed_bounds import check_blf, check_mf4
 
 LONGEST_BYTES = 64
 """Data of a CAN FD frame."""
@@ -66,6 +67,8 @@ def _read_text(
 def _read_blf(path: Path, note: Note) -> Iterator[CanFrame]:
     size = path.stat().st_size
     try:
+        with path.open("rb") as file:
+            check_blf(file)
         with can.BLFReader(path) as reader:
             for message in reader:
                 yield _frame(message)
@@ -82,6 +85,8 @@ def _read_mf4(path: Path, note: Note) -> Iterator[CanFrame]:
     except ImportError:
         raise InputError(path, "MF4 needs the package asammdf: pip install 'tpmsd[mf4]'") from None
     try:
+        with path.open("rb") as file:
+            check_mf4(file)
         with _open_mf4(path) as reader:
             for message in reader:
                 yield _frame(message)
