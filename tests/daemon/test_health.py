@@ -3,20 +3,26 @@
 from __future__ import annotations
 
 import logging
+import math
 import struct
+from dataclasses import replace
 from pathlib import Path
+
+import pytest
 
 from tests.daemon.fakes import FakeBus, car, wheels_frame
 from tests.gnss.sentences import nmea
 from tpmsd.config.load import load_config
 from tpmsd.daemon.bus_link import BusLink
-from tpmsd.daemon.health import GNSS_FAULTS, Health
+from tpmsd.daemon.health import GNSS_FAULTS, Health, tyres_line
 from tpmsd.daemon.input_queue import InputQueue
 from tpmsd.daemon.receiver_link import ReceiverLink, configured_receiver
+from tpmsd.monitor.records import AlarmEvent, AlarmKind, MonitorReport, WheelReport, WheelState
 from tpmsd.pipeline import Pipeline
 from tpmsd.sources.databases import load_database
 from tpmsd.sources.nmea_epoch import NmeaAssembler
 from tpmsd.sources.nmea_sentence import HANDLED
+from tpmsd.wheels import WHEELS
 
 LOG = logging.getLogger("tests.health")
 GPS = """BO_ 1536 GPS: 8 CAR
@@ -101,3 +107,60 @@ def test_an_input_is_silent_after_its_time_and_late_frames_are_counted(tmp_path:
 
     assert [("ok", "ok"), ("silent", "ok"), ("silent", "ok"), ("silent", "silent")] == states
     assert 2 == document["can"]["faults"]["too_late"]
+
+
+def report(
+    *states: str, alarms: tuple[tuple[str, str | None], ...] = (), learned: float = 1.0
+) -> MonitorReport:
+    """A report of wheels in these states, with these alarms."""
+    nan = math.nan
+    wheels = [
+        WheelReport(name, WheelState(state), nan, nan, nan, nan, 0.0, 0.0)
+        for name, state in zip(WHEELS, states, strict=True)
+    ]
+    active = [
+        AlarmEvent(0.0, AlarmKind(kind), wheel, "raised", nan, nan, 1.0, "soft") for kind, wheel in alarms
+    ]
+    return MonitorReport(0.0, tuple(wheels), tuple(active), (), learned)
+
+
+GONE, LEARNS, WATCHED = "unavailable", "learning", "monitoring"
+
+
+@pytest.mark.parametrize(
+    ("said", "line"),
+    [
+        (report(*[WATCHED] * 4), "monitoring 4 wheels, no alarm"),
+        (report(GONE, GONE, WATCHED, WATCHED), "monitoring 2 wheels, no alarm"),
+        (report(GONE, LEARNS, WATCHED, WATCHED, learned=0.455), "learning 3 wheels, 46 %"),
+        (report(*[GONE] * 4), "no wheel to watch"),
+        (
+            report(*[WATCHED] * 4, alarms=(("malfunction", None), ("deflation", "rl"), ("deflation", "rl"))),
+            "ALARM: deflation rl, malfunction",
+        ),
+    ],
+)
+def test_the_tyres_in_a_few_words(said: MonitorReport, line: str) -> None:
+    """Alarms before all else, each once; then what is watched, and how far the learning is."""
+    assert line == tyres_line(said)
+
+
+def test_the_line_is_of_the_last_step(tmp_path: Path) -> None:
+    """Of several steps the last one counts; its speed is in km/h, and an unknown one is left out."""
+    config, database = car(tmp_path)
+    bus = FakeBus()
+    link = BusLink(lambda: bus.opener()(config.can, None, "fake"), "CAN fake", LOG)
+    health, pipeline = Health(config, link, None, InputQueue(), 0.0), Pipeline(config, database)
+    steps = []
+    for k in range(40):
+        steps += pipeline.on_frame(1000.0 + 0.1 * k, 0xB0, False, wheels_frame(0.0, 0.1 * k).data)
+    first = replace(steps[0], report=report(*[GONE] * 4))
+    for speed_mps, words in ((20.0, " 72 km/h;"), (math.nan, " bus ")):
+        last = replace(
+            steps[-1],
+            report=report(*[WATCHED] * 4),
+            estimate=replace(steps[-1].estimate, speed_mps=speed_mps),
+        )
+        health.stepped([first, last], pipeline, 1.0)
+        assert health.line(pipeline, 1.0, 3).startswith(f"monitoring 4 wheels, no alarm;{words}")
+    assert health.line(pipeline, 1.0, 3).endswith("; bus waiting; receiver off; 4 ticks, 3 late")

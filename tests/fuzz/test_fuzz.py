@@ -13,6 +13,8 @@ from tests.fuzz.targets import SEEDS, TARGETS
 
 FOUND = Path(__file__).parent / "found"
 PATIENCE_S = 5.0
+EXAMPLES = {"mf4": 8}
+"""Of slow readers fewer; `make fuzz` has the time."""
 
 
 @st.composite
@@ -39,7 +41,7 @@ def damaged(draw: st.DrawFn, seeds: list[bytes]) -> bytes:
 def test_damaged_input_is_borne(name: str) -> None:
     """Whatever is damaged in a sound input, the reader of it neither raises nor hangs."""
 
-    @settings(derandomize=True, deadline=None, max_examples=60, database=None)
+    @settings(derandomize=True, deadline=None, max_examples=EXAMPLES.get(name, 60), database=None)
     @given(damaged(SEEDS[name]()))
     def borne(data: bytes) -> None:
         began = time.monotonic()
@@ -53,7 +55,7 @@ def test_damaged_input_is_borne(name: str) -> None:
 def test_any_bytes_are_borne(name: str) -> None:
     """Bytes without any sense, up to some thousand of them."""
 
-    @settings(derandomize=True, deadline=None, max_examples=40, database=None)
+    @settings(derandomize=True, deadline=None, max_examples=EXAMPLES.get(name, 40), database=None)
     @given(st.one_of(st.binary(max_size=300), st.binary(min_size=2000, max_size=6000)))
     def borne(data: bytes) -> None:
         TARGETS[name](data)

@@ -34,7 +34,7 @@ def blf(*containers: bytes, method: int = 2) -> bytes:
     out = b"LOGG" + struct.pack("<L", 144) + bytes(136)
     for content in containers:
         body = struct.pack("<H6xL4x", method, len(content)) + (
-            zlib.compress(content, 9) if method == 2 else content
+            zlib.compress(content, 1) if method == 2 else content
         )
         out += struct.pack("<4sHHLL", b"LOBJ", 16, 1, 16 + len(body), 10) + body
         out += bytes(len(body) % 4)
@@ -48,20 +48,20 @@ def inner(size: int, kind: int = 1, body: bytes = bytes(32)) -> bytes:
 
 def mf4(unpacked: int, data: bytes) -> bytes:
     """A start of MF4 and one packed block."""
-    body = zlib.compress(data, 9)
+    body = zlib.compress(data, 1)
     block = struct.pack("<4s4xQQ2sBBLQQ", b"##DZ", 48 + len(body), 0, b"DT", 0, 0, 0, unpacked, len(body))
     return b"MDF     4.10    python  " + bytes(40) + block + body
 
 
 HOSTILE = {
-    "bomb.blf": (lambda: blf(bytes(400 * MB)), "a container that unpacks to more than 16 MB"),
-    "many bombs.blf": (lambda: blf(*[inner(900 * MB) + bytes(15 * MB)] * 40), "an object of 943718400 bytes"),
+    "bomb.blf": (lambda: blf(bytes(320 * MB)), "a container that unpacks to more than 16 MB"),
+    "many bombs.blf": (lambda: blf(*[inner(900 * MB) + bytes(15 * MB)] * 22), "an object of 943718400 bytes"),
     "no size.blf": (lambda: blf(inner(0)), "an object of 0 bytes"),
-    "no size, unknown.blf": (lambda: blf(inner(0, body=bytes(32)).replace(b"\x01\x00", b"\x07\x00")), "of 0 bytes"),
+    "no size, unknown.blf": (lambda: blf(inner(0).replace(b"\x01\x00", b"\x07\x00")), "of 0 bytes"),
     "huge object.blf": (lambda: blf() + struct.pack("<4sHHLL", b"LOBJ", 16, 1, 0xFFFFFFFF, 10), "4294967295"),
-    "bomb.mf4": (lambda: mf4(MB, bytes(400 * MB)), "a packed block that unpacks to more than 16 MB"),
+    "bomb.mf4": (lambda: mf4(MB, bytes(320 * MB)), "a packed block that unpacks to more than 16 MB"),
     "huge.mf4": (lambda: mf4(1 << 40, bytes(MB)), "a packed block of 1099511627776 bytes"),
-    "many.mf4": (lambda: mf4(0, b"") + b"".join(mf4(15 * MB, bytes(15 * MB)) for _ in range(20)), "256 MB of data"),
+    "many.mf4": (lambda: mf4(15 * MB, bytes(15 * MB)) * 18, "256 MB of data"),
 }  # fmt: skip
 
 
