@@ -16,8 +16,8 @@ from tpmsd.sources.can_log import read_can_log
 from tpmsd.sources.packed_bounds import MOST_CONTAINER_BYTES, check_blf, check_mf4
 
 MB = 1 << 20
-READ = """
-import resource, sys
+READ = r"""
+import re, sys
 from pathlib import Path
 from tpmsd.errors import InputError
 from tpmsd.sources.can_log import read_can_log
@@ -25,7 +25,8 @@ try:
     print(sum(1 for _ in read_can_log(Path(sys.argv[1]))), "frames")
 except InputError as error:
     print(error)
-print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024)
+# Not ru_maxrss, which counts the parent before the fork.
+print(int(re.search(r"VmHWM:\s+(\d+)", Path("/proc/self/status").read_text())[1]) // 1024)
 """
 
 
