@@ -42,7 +42,8 @@ ROOMS = {
         ("tests/sources_can/test_wheel_counter.py", "tests/sources_can/test_can_decoder.py"),
     ),
     "epochs": Room(
-        ("tpmsd/sources/nmea_epoch.py", "tpmsd/sources/nmea_checks.py"), ("tests/gnss/test_nmea_epoch.py",)
+        ("tpmsd/sources/nmea_epoch.py", "tpmsd/sources/nmea_checks.py"),
+        ("tests/gnss/test_nmea_epoch.py", "tests/gnss/test_nmea_checks.py"),
     ),
     "state_file": Room(
         ("tpmsd/sinks/state_file.py", "tpmsd/daemon/state_keeper.py", "tpmsd/daemon/state_writer.py"),
