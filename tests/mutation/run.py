@@ -200,9 +200,8 @@ def main() -> int:
     if args.named:
         work = [(f"named {module}", [(module, text)], tests, "") for module, text, tests in named()]
     else:
-        rng = np.random.default_rng(args.seed)
         for name in args.rooms or ROOMS:
-            room = ROOMS[name]
+            room, rng = ROOMS[name], np.random.default_rng([args.seed, *name.encode("ascii")])
             work.append((name, sampled(room.modules, args.sample, rng), room.tests, room.left_out))
     total = dead = 0
     limits: dict[tuple[str, ...], float] = {}

@@ -146,6 +146,20 @@ def test_a_repeated_value_at_speed_is_not_a_reading() -> None:
     assert [0] == [sample.segment for sample in wheel.feed(1.02, total + 10)]
 
 
+def test_a_wheel_that_stops_impossibly_says_so_until_it_turns() -> None:
+    """A value that stands still at speed is impossible; one that stands after braking is not."""
+    wheel = Wheel()
+    total = wheel.drive(0.0, 1.0, 20.0)
+    assert not wheel.counter.stopped_impossibly
+    for step in range(1, 20):
+        wheel.feed(1.0 + 0.01 * step, total)
+    assert wheel.counter.stopped_impossibly
+    standing = Wheel()
+    for step in range(300):
+        standing.feed(0.01 * step, 500)
+    assert not standing.counter.stopped_impossibly
+
+
 def test_the_same_value_of_a_creeping_wheel_is_a_reading() -> None:
     """Below a count per frame equal values are the rule, not a fault."""
     wheel = Wheel()
