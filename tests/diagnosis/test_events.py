@@ -53,6 +53,24 @@ def test_both_wheels_of_an_axle_that_spin_on_ice_are_one_finding() -> None:
     assert pytest.approx((200.0, 212.0), abs=2.0) == (begin, end)
 
 
+def test_a_strong_spin_between_the_knots_of_a_long_drive_is_no_noise() -> None:
+    """1.2 % for 25 s of 20 min, nine seconds off the next knots: what the grid leaves is many millimetres."""
+    recording = recording_of(drive(Spec(duration_s=1200.0, road="rural", driven="front"), 8))
+    times = recording.edges_s[:-1]
+    spinning = (times >= 300.0) & (times < 325.0)
+    factor = 1.0 + 0.012 * spinning[:, None] * np.array([1.0, 1.0, 0.0, 0.0])
+
+    (finding,) = diagnose([replace(recording, rotation_rad=recording.rotation_rad * factor)]).findings
+
+    values = {name: quantity.value for name, quantity in finding.parameters.items()}
+    assert ("wheel_spin", "fl fr") == (finding.effect, values["wheels"])
+    assert pytest.approx((0.012, 300.0, 25.0), rel=0.02) == (
+        values["slip"],
+        values["onset_s"],
+        values["duration_s"],
+    )
+
+
 def test_what_robust_weights_took_away_is_told_with_its_place() -> None:
     """Readings of two blocks weigh a quarter: three quarters of a channel's data there, and their span."""
     drive = SimpleNamespace(

@@ -48,7 +48,8 @@ def refine(study: Study, selection: Selection, evidence: Evidence, again: bool) 
             if not again and int(np.flatnonzero(term.design[:, 0])[0]) >= study.grid:
                 continue
             others = [other for j, other in enumerate(terms) if j != k]
-            point, column = _best(study, evidence, others, term)
+            design = Selector(evidence, study.hypotheses).design(others)
+            point, column = _best(study, evidence, design, term)
             added.append((term, point))
             columns.append((_refined(term, point), column))
     shapes = [] if study.simulation else _shapes(study, evidence, terms)
@@ -58,19 +59,25 @@ def refine(study: Study, selection: Selection, evidence: Evidence, again: bool) 
         shape.add_to(study, places[at : at + len(shape.columns)])
         at += len(shape.columns)
     for (term, point), place in zip(added, places[: len(columns)], strict=True):
-        if term.ramp:
-            onset = point.first - point.second / 2
-            study.hypotheses.add_ramp(term.wheel, (onset, onset + point.second), place)
-        elif term.pulse:
-            study.hypotheses.add_pulse(term, (point.first, point.second), place)
-        else:
-            study.hypotheses.add_off_grid(term, point.first, place)
-        _of_its_drive(study, term)
+        _add(study, term, point, place)
     return bool(added or shapes)
 
 
+def _add(study: Study, term: Term, point: Point, place: int) -> None:
+    """Make a hypothesis of a term at a point off its grid, whose column stands at that place."""
+    if term.ramp:
+        onset = point.first - point.second / 2
+        study.hypotheses.add_ramp(term.wheel, (onset, onset + point.second), place)
+    elif term.pulse:
+        study.hypotheses.add_pulse(term, (point.first, point.second), place)
+    else:
+        study.hypotheses.add_off_grid(term, point.first, place)
+    _of_its_drive(study, term)
+
+
 def plainest_shape(study: Study, evidence: Evidence, design: FloatArray) -> Term | None:
-    """The spline term that brings most beyond a design, on its finest knots; None if none is plain.
+    """The term that brings most beyond a design: a spline on its finest knots, a ramp or a pulse with its
+    exact span; None if none is plain.
 
     It is a hypothesis like all others from then on.
     """
@@ -90,11 +97,22 @@ def plainest_shape(study: Study, evidence: Evidence, design: FloatArray) -> Term
         coarse = [one for _, one in found if _is_coarse(one)][: SETTINGS.refinement.compared]
         scores = [best_knots(study, design, one).score for one in coarse]
         if not scores or max(scores) <= gain - term.penalty:
-            return term
+            return exact(study, evidence, design, term)
         term = coarse[scores.index(max(scores))]
     shape = finest_shape(study, term)
     shape.add_to(study, study.append(shape.columns))
     return next(one for one in hypotheses.catalogue if one.knots == shape.knots and one.key == term.key)
+
+
+def exact(study: Study, evidence: Evidence, design: FloatArray, term: Term) -> Term:
+    """A ramp or pulse off its grid.
+
+    Knots are up to half a minute off: what a strong event leaves there would pass for noise.
+    """
+    point, column = _best(study, evidence, design, term)
+    (place,) = study.append([(_refined(term, point), column)])
+    _add(study, term, point, place)
+    return study.hypotheses.catalogue[-1]
 
 
 def _of_its_drive(study: Study, term: Term) -> None:
@@ -156,11 +174,10 @@ def _trials(term: Term, centre: Point, width: Point) -> list[Point]:
 
 
 def _best(
-    study: Study, evidence: Evidence, others: list[Term], term: Term
+    study: Study, evidence: Evidence, design: FloatArray, term: Term
 ) -> tuple[Point, dict[int, FloatArray]]:
-    """The point of greatest likelihood with all linear values fitted along, and its column by drive: of
-    several values of the term, the first one's, which the point shapes."""
-    design = Selector(evidence, study.hypotheses).design(others)
+    """The point of greatest likelihood with all linear values of a design fitted along, and its column by
+    drive: of several values of the term, the first one's, which the point shapes."""
     design = np.concatenate([design, term.design[:, 1:]], axis=1)
     believed = sum(part.small(design).sum(axis=0) for part in evidence.parts)
     acting = [(number, study.drives[number]) for number in study.acting(term)]

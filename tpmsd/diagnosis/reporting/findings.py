@@ -13,7 +13,17 @@ import numpy as np
 
 from tpmsd.diagnosis.assessment.explanatory import explanatory
 from tpmsd.diagnosis.assessment.reach import Seen, reach
-from tpmsd.diagnosis.assessment.result import CONSISTENT, MISMATCH, Diagnosis, Finding, Inner, Quantity, Where
+from tpmsd.diagnosis.assessment.result import (
+    CONSISTENT,
+    FINDING,
+    MISMATCH,
+    SUSPICION,
+    Diagnosis,
+    Finding,
+    Inner,
+    Quantity,
+    Where,
+)
 from tpmsd.diagnosis.assessment.simulated import compared, simulated_effects, whole_model
 from tpmsd.diagnosis.assessment.tangent import nonlinear_stds
 from tpmsd.diagnosis.assessment.teeth import teeth
@@ -25,6 +35,7 @@ from tpmsd.diagnosis.reporting.down_weighted import down_weighted
 from tpmsd.diagnosis.reporting.information import speed_ranges
 from tpmsd.diagnosis.reporting.traces import ground, traces
 from tpmsd.diagnosis.reporting.where import where_of, whole_range
+from tpmsd.diagnosis.robustness.certify import without
 from tpmsd.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.diagnosis.selection.described import neutral_of, nonlinear_of, usual, words_of
 from tpmsd.diagnosis.selection.empirical import empirical_effect, shape_of
@@ -69,7 +80,7 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
             notes = (*notes, note)
             continue
         rest = terms[:k] + terms[k + 1 :]
-        without = float(evidence.heldout(selector.design(rest))[blocks].sum())
+        left_out = float(evidence.heldout(selector.design(rest))[blocks].sum())
         quantities = _quantities(_in_full(study, selection, k), stds.get(k, {}))
         findings.append(
             Finding(
@@ -77,7 +88,7 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
                 confidence=one.confidence,
                 parameters=_reported(quantities),
                 where=where_of(study, one),
-                rms_before=_rms(without, rows),
+                rms_before=_rms(left_out, rows),
                 rms_after=_rms(whole, rows),
                 loglik_gain_per_s=one.heldout_gain / seconds,
                 gain=one.heldout_gain,
@@ -87,6 +98,8 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
                 drives=_drives(study, terms, one.term),
                 held_by=versus[k].by if versus else "",
                 simulated=_quantities(versus[k].simulated, {}) if versus else {},
+                # With the variance from block to block it does not pay for what was tried.
+                status=FINDING if one.admitted_by > 0.0 else SUSPICION,
             )
         )
         if one.term.drive is None:  # the model is the car's, not that of one day
@@ -110,7 +123,7 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
     log_variance = sum(drive.log_variance for drive in study.examined)
     constant = -0.5 * log_variance - 0.5 * rows * math.log(2 * math.pi)
     return Diagnosis(
-        verdict=MISMATCH if findings else CONSISTENT,
+        verdict=MISMATCH if any(one.status == FINDING for one in findings) else CONSISTENT,
         reason="",
         findings=tuple(sorted(findings, key=lambda finding: -finding.gain)),
         driving_s=seconds,
@@ -118,7 +131,7 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
         baseline_loglik_per_s=(baseline + constant) / seconds,
         model_rms=_rms(whole, rows),
         unexplained=_unexplained(study, selector, terms) or _wandering(study),
-        model=ExtendedModel(tuple(effects), tuple(effect_stds)),
+        model=without(ExtendedModel(tuple(effects), tuple(effect_stds)), findings),
         evidence=_alone(study, selector),
         baseline=("simulation",) if study.simulation else ("rolling",),
         simulation=simulated_effects(study, selection),

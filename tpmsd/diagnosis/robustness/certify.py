@@ -15,7 +15,8 @@ Drawing stops early (Besag and Clifford, Biometrika 78, 1991) once every finding
 or is beyond doubt. Where no replicate reaches a finding, its p-value is that of the Gumbel distribution of
 the replicates' maxima (as Knijnenburg et al., Bioinformatics 25, 2009, extend the tail of permutations).
 Findings are those that stand at a false discovery rate of 1 % (Benjamini and Hochberg, Journal of the Royal
-Statistical Society B 57, 1995) and gain more than the negative control.
+Statistical Society B 57, 1995) and gain more than the negative control. What is a suspicion by the variance
+from block to block stays one.
 """
 
 from __future__ import annotations
@@ -103,7 +104,10 @@ def certified(
     ]
     control = negative_control(study, selection)
     certain = discoveries(p_values, SETTINGS.robustness.false_discovery_rate)
-    stand = [sure and one.value > control for sure, one in zip(certain, statistics, strict=True)]
+    stand = [
+        sure and one.value > control and finding.status == FINDING
+        for sure, one, finding in zip(certain, statistics, diagnosis.findings, strict=True)
+    ]
     findings = tuple(
         replace(finding, p_value=p, status=FINDING if stands else SUSPICION)
         for finding, p, stands in zip(diagnosis.findings, p_values, stand, strict=True)
