@@ -5,23 +5,26 @@ motion, and what they see of the parameters (X), such that y = H s + X theta + n
 `LEANING_CAR`.
 
 The motion (speed and yaw rate of each window, heading, position) is as unknown as the parameters: each
-wheel, the gyro and the receiver merely measure it, and none of them is trusted alone.
+wheel, the gyro and the receiver merely measure it, and none of them is trusted alone. What the channels see
+of an effect is the catalogue's own forward model (`inference.windows`), as in the diagnosis.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tpmsd.calibration.nominal import Nominal, Vehicle, calibrated_wheels
 from tpmsd.inference.recording import Recording
-from tpmsd.inference.trajectory import WINDOW_S
-from tpmsd.inference.windows import CHANNELS, COURSE, EAST, GYRO, NORTH, SPEED, Linearised
-from tpmsd.physics.kinematics import wheel_speeds
-from tpmsd.physics.motion import GRAVITY_MPS2
-from tpmsd.wheels import IS_FRONT, IS_LEFT, WHEELS, FloatArray
+from tpmsd.inference.trajectory import WINDOW_S, Reference
+from tpmsd.inference.windows import CHANNELS, EAST, GYRO, Linearised, Reader
+from tpmsd.physics.catalogue import EFFECTS, Probe, make_effect
+from tpmsd.physics.effect import Parameter
+from tpmsd.physics.model import ExtendedModel
+from tpmsd.physics.motion import Motion, integrate
+from tpmsd.wheels import WHEELS, FloatArray
 
 V, W, PSI = 0, 1, 2
 """Columns of a `Linearised` design."""
@@ -80,6 +83,18 @@ class Equations(Linearised):
         return np.concatenate([np.nan_to_num(self.y)[:, :, None], self.X], axis=2)
 
 
+def probes() -> dict[str, Probe]:
+    """By the name in a calibration, the effect's parameter that it is."""
+    out = {}
+    for effect in EFFECTS.values():
+        numbers = {one.name: one for one in effect.parameters if isinstance(one, Parameter)}
+        for name, what, _ in effect.in_calibration:
+            alike = (one for one in numbers.values() if one.name.split("_")[0] == what.split("_")[0])
+            one = numbers.get(what) or next(alike)
+            out[name] = Probe(effect.name, one.name, one.neutral + one.probe, one.neutral)
+    return out
+
+
 def make_equations(
     recording: Recording, motion: Nominal, car: Vehicle, reference_speed_mps: float = 0.0
 ) -> Equations:
@@ -87,203 +102,118 @@ def make_equations(
 
     A radius is that at the reference speed: `growth` acts on v^2 beyond its square.
     """
-    m = max(round(WINDOW_S / recording.dt_s), 1)
-    mid = _Mid(recording, motion, car, m, recording.ticks // m)
-    k = mid.k
-    rows = _Rows(
-        np.full((k, CHANNELS), math.nan), np.zeros((k, CHANNELS, 3)), np.zeros((k, CHANNELS, len(COLUMNS)))
-    )
-    _wheel_rows(recording, car, mid, rows, reference_speed_mps)
-    _gyro_row(recording, mid, rows)
-    fixes, after, accel = _receiver_rows(recording, motion, mid, rows)
-    at_s = (np.arange(k) + 0.5) / max(k, 1) * PIECES
-    for piece in range(PIECES):
-        course = np.clip(at_s - piece, 0.0, 1.0)
-        for wheel in range(4):
-            rows.X[:, wheel, len(PARAMETERS) + wheel * PIECES + piece] = rows.X[:, wheel, wheel] * course
-    rows.X[~np.isfinite(rows.y)] = 0.0
+    seen = _where_moving(recording, motion)
+    rolling = ExtendedModel(tuple(make_effect(one.name) for one in EFFECTS.values() if one.shortens))
+    k = recording.ticks // round(WINDOW_S / recording.dt_s)
+    load = make_effect(_PROBES["load_lateral"].effect, coefficient=car.load_lateral_s2)
+    reader = Reader(seen, _reference(recording, motion, car), kept=np.arange(k), base=rolling.plus(load))
+    windows = reader.windows
+    y = windows.measured - reader.predicted(rolling)
+    y[:, [wheel for wheel in range(4) if wheel not in calibrated_wheels(recording)]] = math.nan
+    ways = np.abs(np.stack([windows.measured[:, :4], windows.measured[:, :4] - y[:, :4]]))
+    y[:, :4][(ways < _STOPPED_MPS * WINDOW_S).all(axis=0)] = math.nan
+    X = _columns(reader, rolling, car, reference_speed_mps)
+    X[~np.isfinite(y)] = 0.0
+    design = windows.design.copy()
+    after = _after_fixes(seen, k)
+    _position_rows(design, windows, recording, motion, after[:, 2])
     inflate = np.ones((k, CHANNELS))
-    inflate[np.abs(mid.accel) > MAX_ACCEL_MPS2, :GYRO] = SLIPPING
+    inflate[np.abs(windows.covariates["accel_kinematic"]) > MAX_ACCEL_MPS2, :GYRO] = SLIPPING
     return Equations(
-        index=np.arange(k),
-        fixes=fixes,
+        index=windows.index,
+        fixes=windows.fixes,
         after_fixes=after,
-        covariates={"speed": mid.speed, "yaw_rate": mid.yaw, "accel_kinematic": accel},
-        design=np.nan_to_num(rows.design),
-        to_east_north=mid.grow,
-        y=rows.y,
-        X=rows.X,
+        covariates=windows.covariates,
+        design=np.where(np.isfinite(y)[:, :, None], design, 0.0),
+        to_east_north=windows.to_east_north,
+        y=y,
+        X=X,
         inflate=inflate,
     )
 
 
-@dataclass(frozen=True)
-class _Rows:
-    """What is filled in channel by channel; shapes as in `Equations`."""
-
-    y: FloatArray
-    design: FloatArray
-    X: FloatArray
-
-    @classmethod
-    def empty(cls, count: int) -> _Rows:
-        """Nothing measured."""
-        y = np.full((count, CHANNELS), math.nan)
-        return cls(y, np.zeros((count, CHANNELS, 3)), np.zeros((count, CHANNELS, len(COLUMNS))))
+def _where_moving(recording: Recording, motion: Nominal) -> Recording:
+    """The recording without the receiver's speeds and courses where the car is slow."""
+    moving = np.interp(recording.fix_time_s, motion.time_s, motion.speed_mps) > MOVING_MPS
+    return replace(
+        recording,
+        speed_mps=np.where(moving, recording.speed_mps, math.nan),
+        course_rad=np.where(moving, recording.course_rad, math.nan),
+    )
 
 
-class _Mid:
-    """The nominal motion's means over the windows."""
-
-    def __init__(self, recording: Recording, motion: Nominal, car: Vehicle, m: int, k: int) -> None:
-        self.m, self.k, self.T = m, k, m * recording.dt_s
-        dt = recording.dt_s
-        n = k * m
-
-        def ticks(edges: FloatArray) -> FloatArray:
-            return (0.5 * (edges[1:] + edges[:-1]))[:n].reshape(k, m)
-
-        v, w = ticks(motion.speed_mps), ticks(motion.yaw_rate_radps)
-        grade = ticks(motion.grade_rad)
-        self.v, self.w = v, w
-        self.speed, self.yaw = v.mean(axis=1), w.mean(axis=1)
-        self.accel = ticks(motion.accel_mps2).mean(axis=1)
-        self.force = self.accel + GRAVITY_MPS2 * np.sin(grade).mean(axis=1)
-        self.lateral = (v * w).mean(axis=1)
-        heading = ticks(motion.heading_rad)
-        cos, sin, flat = np.cos(heading), np.sin(heading), np.cos(grade)
-        since = (np.arange(m) + 0.5) * dt
-        way = v * flat * dt
-        self.grow = np.stack(
-            [
-                np.stack(
-                    [(flat * cos).sum(1) * dt, -(way * since * sin).sum(1), -(way * sin).sum(1)], axis=1
-                ),
-                np.stack([(flat * sin).sum(1) * dt, (way * since * cos).sum(1), (way * cos).sum(1)], axis=1),
-            ],
-            axis=1,
-        )
-        self.paths = wheel_speeds(v, w, car.geometry) * dt
-        self.wheelbase = car.geometry.wheelbase_m
-
-
-def _wheel_rows(
-    recording: Recording,
-    car: Vehicle,
-    mid: _Mid,
-    rows: _Rows,
-    reference_mps: float,
-) -> None:
-    """Way by a wheel's rotation minus the way of its hub."""
-    y, H, X = rows.y, rows.design, rows.X
-    n = mid.k * mid.m
-    geometry = car.geometry
-    angle = recording.rotation_rad[:n].reshape(mid.k, mid.m, 4).sum(axis=1)
-    way = angle * car.radius_m
-    paths = mid.paths.sum(axis=1)
-    half = (geometry.track_front_m / 2, geometry.track_front_m / 2, geometry.track_rear_m / 2)
-    for wheel in calibrated_wheels(recording):
-        side = -1.0 if IS_LEFT[wheel] else 1.0
-        arm = half[min(wheel, 2)]
-        along = mid.v + side * mid.w * arm
-        if IS_FRONT[wheel]:
-            lateral = mid.w * mid.wheelbase
-            hub = np.maximum(np.hypot(along, lateral), 1e-3)
-            by_v = (along / hub).mean(axis=1)
-            by_w = ((along * side * arm + lateral * mid.wheelbase) / hub).mean(axis=1)
-            by_track = (along / hub * side * mid.w * arm).mean(axis=1)
-        else:
-            by_v, by_w = np.ones(mid.k), np.full(mid.k, side * arm)
-            by_track = side * mid.yaw * arm
-        standing = (paths[:, wheel] < _STOPPED_MPS * mid.T) & (np.abs(way[:, wheel]) < _STOPPED_MPS * mid.T)
-        y[:, wheel] = np.where(standing, math.nan, way[:, wheel] - paths[:, wheel])
-        # What load transfer makes a wheel show grows with speed and yaw rate, so it sees their errors, too.
-        leaning = np.nan_to_num(angle[:, wheel]) * side * car.load_lateral_s2
-        H[:, wheel, V], H[:, wheel, W] = by_v * mid.T + leaning * mid.yaw, by_w * mid.T + leaning * mid.speed
-        full = np.nan_to_num(angle[:, wheel])
-        X[:, wheel, wheel] = -full * car.radius_m[wheel]
-        X[:, wheel, _at("track_front" if IS_FRONT[wheel] else "track_rear")] = by_track * mid.T
-        X[:, wheel, _at("load_lateral")] = full * side * mid.lateral
-        X[:, wheel, _at("slip_long")] = float(car.driven[wheel]) * paths[:, wheel] * mid.force
-        X[:, wheel, _at("growth")] = -full * (mid.speed**2 - reference_mps**2)
-
-
-def _gyro_row(recording: Recording, mid: _Mid, rows: _Rows) -> None:
-    gyro = recording.inertial["yaw_rate_radps"][: mid.k * mid.m].reshape(mid.k, mid.m)
-    rows.y[:, GYRO] = gyro.mean(axis=1) - mid.yaw
-    rows.design[:, GYRO, W] = 1.0
-    rows.X[:, GYRO, _at("gyro_gain")] = mid.yaw
-
-
-def _receiver_rows(
-    recording: Recording, motion: Nominal, mid: _Mid, rows: _Rows
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Speeds, courses and positions minus those of the nominal antenna, averaged over each window: how many
-    there were (w, 3), which share of the window follows them (w, 3), the acceleration at the speeds (w,)."""
-    y, H, X = rows.y, rows.design, rows.X
-    forward, left = recording.car.antenna_forward_m, recording.car.antenna_left_m
-    t = recording.fix_time_s
-    at = {name: np.interp(t, motion.time_s, getattr(motion, name)) for name in _AT_FIXES}
-    v, w, psi = at["speed_mps"] * np.cos(at["grade_rad"]), at["yaw_rate_radps"], at["heading_rad"]
-    cos, sin = np.cos(psi), np.sin(psi)
-    vx, vy = v - w * left, w * forward
-    moving = v > MOVING_MPS
-    course = psi + np.arctan2(vy, np.maximum(vx, 0.1))
-    parts = {
-        SPEED: np.where(moving, recording.speed_mps - np.hypot(vx, vy), math.nan),
-        COURSE: np.where(
-            moving, np.remainder(recording.course_rad - course + math.pi, 2 * math.pi) - math.pi, math.nan
+def _reference(recording: Recording, motion: Nominal, car: Vehicle) -> Reference:
+    """The nominal motion as the reference of a `Reader`."""
+    speed, yaw = motion.speed_mps, motion.yaw_rate_radps
+    curvature = np.divide(yaw, speed, out=np.zeros_like(speed), where=speed > 1.0)
+    return Reference(
+        motion=Motion(
+            time_s=motion.time_s,
+            distance_m=integrate(speed, motion.time_s),
+            speed_mps=speed,
+            accel_long_mps2=motion.accel_mps2,
+            accel_lat_mps2=speed * yaw,
+            yaw_rate_radps=yaw,
+            grade_rad=motion.grade_rad,
+            heading_rad=motion.heading_rad,
+            steering_rad=np.arctan(car.geometry.wheelbase_m * curvature),
         ),
-        EAST: recording.east_m - (at["east_m"] + forward * cos - left * sin),
-        NORTH: recording.north_m - (at["north_m"] + forward * sin + left * cos),
-    }
-    place = np.floor(t / mid.T).astype(int)
-    inside = (place >= 0) & (place < mid.k)
-    late = 1.0 - (t / mid.T - place)  # share of the window that follows the fix
-    numbers, shares, accel = np.zeros((mid.k, 3)), np.zeros((mid.k, 3)), np.zeros(mid.k)
-    for column, channel in ((0, SPEED), (1, COURSE), (2, EAST), (2, NORTH)):
-        use = inside & np.isfinite(parts[channel])
-        count = np.bincount(place[use], minlength=mid.k).astype(np.float64)
-        numbers[:, column] = count
-
-        def mean(values: FloatArray, use: np.ndarray = use, count: FloatArray = count) -> FloatArray:
-            total = np.bincount(place[use], weights=values[use], minlength=mid.k)
-            out = np.full(mid.k, math.nan)
-            np.divide(total, count, out=out, where=count > 0)
-            return out
-
-        y[:, channel] = mean(parts[channel])
-        after = mean(late)
-        shares[:, column] = np.nan_to_num(after)
-        if channel == SPEED:
-            H[:, SPEED, V], H[:, SPEED, W] = 1.0, -left
-            accel = mean(at["accel_mps2"])
-            X[:, SPEED, _at("latency")] = X[:, SPEED, _at("doppler_lag")] = -accel
-            X[:, SPEED, _at("antenna_left")] = -mean(w)
-        elif channel == COURSE:
-            yaw, speed = mean(w), mean(np.maximum(v, 1.0))
-            H[:, COURSE, PSI] = 1.0
-            H[:, COURSE, W] = mean(forward / np.maximum(v, 1.0))
-            X[:, COURSE, _at("latency")] = X[:, COURSE, _at("doppler_lag")] = -yaw
-            X[:, COURSE, _at("antenna_forward")] = yaw / speed
-            X[:, COURSE, _at("slip_lateral")] = -mid.lateral
-        else:
-            axis = channel - EAST
-            grow = mid.grow[:, axis]
-            arm = mean(-forward * sin - left * cos if axis == 0 else forward * cos - left * sin)
-            velocity = mean(vx * cos - vy * sin if axis == 0 else vx * sin + vy * cos)
-            H[:, channel, W] = 0.5 * after**2 * mid.T * grow[:, 2] - after * mid.T * arm
-            H[:, channel, PSI] = arm
-            X[:, channel, _at("latency")] = -velocity
-            X[:, channel, _at("antenna_forward")] = mean(cos if axis == 0 else sin)
-            X[:, channel, _at("antenna_left")] = mean(-sin if axis == 0 else cos)
-            drift = -mid.lateral * grow[:, 2]
-            X[:, channel, _at("slip_lateral")] = np.cumsum(drift) - after * drift
-    return numbers, shares, np.nan_to_num(accel)
+        car=replace(recording.car, radius_m=car.radius_m, geometry=car.geometry),
+        valid=np.ones(recording.ticks, dtype=bool),
+        grade_known=True,
+        grade_by="heights",
+        least_mps=0.0,
+    )
 
 
-_AT_FIXES = ("speed_mps", "yaw_rate_radps", "heading_rad", "grade_rad", "east_m", "north_m", "accel_mps2")
+def _columns(reader: Reader, rolling: ExtendedModel, car: Vehicle, reference_mps: float) -> FloatArray:
+    """(w, 9, p) response of the channels to each of `COLUMNS`."""
+    k = len(reader.windows)
+    X = np.zeros((k, CHANNELS, len(COLUMNS)))
+    always = np.ones(len(reader.reference.motion.time_s))
+    at = (np.arange(k) + 0.5) / max(k, 1) * PIECES
+    for wheel in range(4):
+        per_m = reader.by_radius(wheel, always, rolling)
+        X[:, wheel, wheel] = per_m * car.radius_m[wheel]
+        X[:, wheel, _at("growth")] -= per_m * reference_mps**2
+        for piece in range(PIECES):
+            share = np.clip(at - piece, 0.0, 1.0)
+            X[:, wheel, len(PARAMETERS) + wheel * PIECES + piece] = X[:, wheel, wheel] * share
+    for name, probe in _PROBES.items():
+        size = (probe.value - probe.neutral) / getattr(car.geometry, f"{name}_m", 1.0)  # tracks: relative
+        X[:, :, _at(name)] += reader.change(rolling, probe.made()) / size
+    return X
+
+
+def _after_fixes(recording: Recording, count: int) -> FloatArray:
+    """(w, 3) share of each window that follows its speeds, courses and positions, in the mean."""
+    place, late = np.divmod(recording.fix_time_s / WINDOW_S, 1.0)
+    out = np.zeros((count, 3))
+    for column, values in enumerate((recording.speed_mps, recording.course_rad, recording.east_m)):
+        use = np.isfinite(values) & (place >= 0) & (place < count)
+        where = place[use].astype(int)
+        number = np.bincount(where, minlength=count)
+        total = np.bincount(where, weights=1.0 - late[use], minlength=count)
+        np.divide(total, number, out=out[:, column], where=number > 0)
+    return out
+
+
+def _position_rows(
+    design: FloatArray, windows: Linearised, recording: Recording, motion: Nominal, after: FloatArray
+) -> None:
+    """What positions see of yaw rate and heading at their own instant: by the antenna's arm and by the way
+    that follows them in the window. `Reader` takes them in the middle."""
+    forward, left = recording.car.antenna_forward_m, recording.car.antenna_left_m
+    middle = np.interp(windows.time_s, motion.time_s, motion.heading_rad)
+    cos, sin = np.cos(middle), np.sin(middle)
+    arms = np.stack([-forward * sin - left * cos, forward * cos - left * sin], axis=1)
+    grow = windows.to_east_north[:, :, 2]
+    design[:, EAST:, W] = 0.5 * after[:, None] ** 2 * WINDOW_S * grow - after[:, None] * WINDOW_S * arms
+    design[:, EAST:, PSI] = arms
 
 
 def _at(name: str) -> int:
     return PARAMETERS.index(name)
+
+
+_PROBES = probes()

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tpmsd.calibration.equations import CHANGES, COLUMNS, LOCAL, Equations, make_equations
+from tpmsd.calibration.equations import CHANGES, COLUMNS, LOCAL, Equations, make_equations, probes
 from tpmsd.calibration.nominal import Vehicle, nominal
 from tpmsd.inference.fit import gram, solved
 from tpmsd.inference.layouts import LEANING_CAR
@@ -44,12 +44,10 @@ FREE = 0.2
 def _usual() -> dict[str, tuple[float, float]]:
     """Of what confounds radii: mean and standard deviation as the effects state them, from neutral."""
     out = {}
-    for effect in EFFECTS.values():
-        numbers = {one.name: one for one in effect.parameters if isinstance(one, Parameter)}
-        for name, what, _ in effect.in_calibration:
-            one = numbers.get(what, next(iter(numbers.values())))
-            if one.prior is not None:
-                out[name] = (one.prior.mean - one.neutral, one.prior.std)
+    for name, probe in probes().items():
+        for one in EFFECTS[probe.effect].parameters:
+            if isinstance(one, Parameter) and one.name == probe.parameter and one.prior is not None:
+                out[name] = (one.prior.mean - probe.neutral, one.prior.std)
     return out
 
 

@@ -97,8 +97,10 @@ class Reader:
         reference: Reference,
         limit: int = MAX_WINDOWS,
         kept: np.ndarray | None = None,
+        base: ExtendedModel | None = None,
     ) -> None:
-        """`limit` windows at most are compared, or those `kept` (w,); `left_out` counts the others."""
+        """`limit` windows at most are compared, or those `kept` (w,); `left_out` counts the others. `base` is
+        the model where the windows' design is taken."""
         self.recording = recording
         self.reference = reference
         self._per = round(WINDOW_S / recording.dt_s)
@@ -108,7 +110,7 @@ class Reader:
         self._kept = spread(driven, limit)
         self.left_out = len(driven) - len(self._kept)
         self._window_of_fix = np.floor(recording.fix_time_s / WINDOW_S).astype(int)
-        self.windows = self._windows(ExtendedModel())
+        self.windows = self._windows(ExtendedModel() if base is None else base)
         self._rolled: FloatArray | None = None
         self._turning: tuple[ExtendedModel, FloatArray] | None = None
         self._base: tuple[ExtendedModel, FloatArray] | None = None
