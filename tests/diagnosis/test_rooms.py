@@ -13,13 +13,9 @@ HOME = REPO / "tpmsd" / "diagnosis"
 FLOORS = 6
 THROUGH_OTHERS = {
     "assessment.explanatory",
-    "assessment.identifiability",
     "assessment.simulated",
     "assessment.teeth",
     "assessment.walking_pace",
-    "counters.miscount",
-    "hypotheses.advice",
-    "hypotheses.joint_terms",
     "refinement.finer",
     "refinement.refine",
     "refinement.relinearise",
@@ -27,8 +23,6 @@ THROUGH_OTHERS = {
     "reporting.traces",
     "reporting.where",
     "robustness.drifting",
-    "selection.chosen",
-    "selection.described",
 }
 """Modules that tests reach through `diagnose` alone; the list only shrinks."""
 

@@ -1,0 +1,128 @@
+"""Parts of the diagnosis that are plain functions: terms as effects, miscounted rings, advice, names."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.calibration.test_parts import CIRCLE, perfect
+from tpmsd.diagnosis.assessment.identifiability import usual_size
+from tpmsd.diagnosis.counters.miscount import all_recounted, one_recounted, wrong_teeth
+from tpmsd.diagnosis.hypotheses.advice import advice
+from tpmsd.diagnosis.hypotheses.joint_terms import is_copied, is_own
+from tpmsd.diagnosis.hypotheses.terms import Term
+from tpmsd.diagnosis.selection.chosen import Chosen
+from tpmsd.diagnosis.selection.described import effect_of, neutral_of, nonlinear_of, usual, words_of
+from tpmsd.inference.recording import Recording
+from tpmsd.physics.catalogue import EFFECTS
+
+
+def term(effect: str, *parameters: str, **more: object) -> Term:
+    """A term without columns."""
+    return Term(effect, np.zeros((1, len(parameters))), parameters, 0.0, **more)  # type: ignore[arg-type]
+
+
+def counted(teeth: float, *shown: float) -> Recording:
+    """A minute of a circle on rings of 48 teeth as configured, of which the wheels really have `shown`."""
+    drive = perfect(CIRCLE)
+    rotation = drive.rotation_rad[:, :1] * np.array(shown) / teeth
+    return replace(drive, rotation_rad=rotation, quantum_rad=np.full(4, 0.13), counts_per_rev=(None,) * 4)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1.002])
+def test_a_ring_of_another_number_of_teeth_is_told_by_its_radius(scale: float) -> None:
+    """47 teeth for 48: the radius looks 48/47 as large, and a common factor of all radii changes nothing."""
+    drive = counted(48.0, 48.0, 48.0, 48.0, 48.0)
+    radii = drive.car.radius_m * scale * np.array([1.0, 48.0 / 47.0, 1.0, 1.0])
+
+    assert [("fr", 47.0)] == wrong_teeth(drive, radii)
+
+
+def test_a_radius_a_little_off_is_no_other_ring() -> None:
+    """Half a per cent is wear."""
+    drive = counted(48.0, 48.0, 48.0, 48.0, 48.0)
+
+    assert [] == wrong_teeth(drive, drive.car.radius_m * np.array([1.0, 1.005, 1.0, 1.0]))
+
+
+def test_the_angles_of_one_miscounted_wheel_are_put_right() -> None:
+    """44 teeth read as 48: the wheel shows 44/48 of its turns; afterwards it turns like the others."""
+    put_right = one_recounted(counted(48.0, 48.0, 48.0, 44.0, 48.0))
+
+    assert (None, None, 44.0, None) == put_right.counts_per_rev
+    assert np.allclose(put_right.rotation_rad[:, 2], put_right.rotation_rad[:, 3], rtol=1e-12)
+
+
+def test_all_rings_are_put_right_together_only_where_no_tyre_explains_it() -> None:
+    """43 teeth for 48 make all radii look 12 % too large; 2 % are another tyre."""
+    drive = counted(48.0, 43.0, 43.0, 43.0, 43.0)
+
+    assert (43.0,) * 4 == all_recounted(drive, drive.car.radius_m * 48.0 / 43.0).counts_per_rev
+    assert drive is all_recounted(drive, drive.car.radius_m * 1.02)
+
+
+def test_a_term_becomes_the_effect_with_its_values_within_bounds() -> None:
+    """Differences from neutral become values; what lies beyond the bounds stays at them."""
+    scale = EFFECTS["yaw_rate_scale"]
+    number = scale.parameters[0]
+
+    made = effect_of(term("yaw_rate_scale", number.name), np.array([0.01]))
+    far = effect_of(term("yaw_rate_scale", number.name), np.array([1e6]))
+
+    assert made is not None and far is not None
+    assert 1.0 == neutral_of("yaw_rate_scale", number.name)
+    assert {number.name: pytest.approx(1.01)} == made[0].values()
+    assert far[1][0] < 1e6
+    assert number.check(far[1][0] + 1.0) == far[0].values()[number.name]
+
+
+def test_a_term_says_where_and_when_it_acts() -> None:
+    """Groups of wheels are written out; a ramp shorter than a window is a step in its middle."""
+    lock = term("wheel_lock", "slip", place="rear", span_s=(10.0, 14.0))
+    step = term("radius_change", "deviation_m", wheel="rl", span_s=(100.0, 102.0))
+
+    assert {"wheels": "rl rr"} == words_of(lock)
+    assert {"onset_s": 10.0, "duration_s": 4.0} == nonlinear_of(lock)
+    assert {"wheel": "rl"} == words_of(step)
+    assert {"onset_s": 101.0, "duration_s": 0.0} == nonlinear_of(step)
+
+
+def test_what_instruments_usually_do_is_said_and_no_finding() -> None:
+    """A receiver's velocity lag of 50 ms is its own; half a second is not."""
+
+    def chosen(lag_s: float) -> Chosen:
+        lag = term("velocity_lag", "lag_s")
+        return Chosen(lag, 50.0, 40.0, 30.0, 1.0, (), np.array([lag_s]), np.array([0.005]))
+
+    assert "0.050 +- 0.005 s" in usual(chosen(0.05), speeds=False)
+    assert "" == usual(chosen(0.5), speeds=False)
+
+
+def test_the_usual_size_of_an_effect_is_that_of_its_prior() -> None:
+    """The larger of mean and standard deviation; one where there is no number."""
+    growth = EFFECTS["centrifugal_growth"]
+
+    assert 1e-6 == usual_size(growth, "coefficient")
+    assert 0.03 == pytest.approx(usual_size(EFFECTS["yaw_rate_scale"], "scale"))
+    assert 1.0 == usual_size(EFFECTS["road_grade"], "")
+
+
+def test_time_belongs_to_each_drive_unless_all_are_of_one_road() -> None:
+    """Slopes of a drive's time are its own; an effect of speed stands for all drives and for each."""
+    over_time, over_speed = ("smooth", "rl", "time", "3"), ("smooth", "rl", "speed", "3")
+
+    assert [True, False] == [is_own(over_time, same_road) for same_road in (False, True)]
+    assert not is_own(over_speed, same_road=False)
+    assert [False, True] == [is_copied(over_speed, same_road) for same_road in (False, True)]
+    assert is_copied(("centrifugal_growth", "coefficient"), same_road=False)
+
+
+def test_advice_names_the_drives_of_both_effects_once() -> None:
+    """Effects that the same drive tells share its sentence; without a rival there is nothing to say."""
+    rounding, scale = "speed_rounding_offset", "speed_scale_nonlinearity"
+
+    assert "" == advice("centrifugal_growth", ())
+    assert 1 == advice(rounding, (scale,)).count(EFFECTS[rounding].telling_drive)
+    assert advice("road_grade", ("wear",)).startswith("to tell road_grade from wear: ")
