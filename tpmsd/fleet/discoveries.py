@@ -13,18 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from tpmsd.fleet.hierarchy import RIDGE, ModelFit, Stack, fit_with, sampled, shrunken, spreads
+from tpmsd.fleet.hierarchy import ModelFit, Stack, fit_with, sampled, shrunken, spreads
 from tpmsd.fleet.parameters import BACK, PARAMETERS_OF_FLEET, SCALES
 from tpmsd.fleet.settings import SETTINGS, FleetSettings
 from tpmsd.wheels import WHEELS, FloatArray
 
 DAYS_PER_WEEK = 7.0
-OUTLIER_P = 1e-3
-"""Cars that differ at this level by themselves do not take part in estimating what cars of the model are
-like: a faulty car would widen the spread that it is held against."""
-ROUNDS = 5
-WELL_KNOWN = 3.0
-"""A value whose standard deviation is beyond so many scales is not known at all, and not tested."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +46,7 @@ def model_effects(model: str, fit: ModelFit) -> list[Discovery]:
     """Tests of every parameter's population mean against what the rolling model says: zero."""
     found = []
     for k, parameter in enumerate(PARAMETERS_OF_FLEET):
-        if not parameter.null or fit.std[k] > WELL_KNOWN:
+        if not parameter.null or fit.std[k] > SETTINGS.well_known_scales:
             continue
         p_value = 2.0 * float(stats.t.sf(abs(fit.mean[k] / fit.std[k]), fit.freedom[k]))
         found.append(_discovery("model", model, "", "effect", k, fit.mean[k], fit.std[k], p_value))
@@ -62,14 +56,14 @@ def model_effects(model: str, fit: ModelFit) -> list[Discovery]:
 def robust_fit(stack: Stack) -> tuple[ModelFit, NDArray[np.bool_]]:
     """The fit of a model by the cars that are alike, and (m,) which cars those are.
 
-    Cars that differ at `OUTLIER_P` are taken out of mean and spread, and judged again in the next round.
+    Cars that differ at `outlier_p` are taken out of mean and spread, and judged again in the next round.
     """
     alike = np.ones(stack.cars, dtype=np.bool_)
-    for _ in range(ROUNDS):
+    for _ in range(SETTINGS.outlier_rounds):
         cars, drives = spreads(sampled(stack.of(alike)))
         fit = _with_population(stack, alike, cars, drives)
         p_values = differences(fit, alike)[2]
-        level = OUTLIER_P / max(p_values.shape[1], 1)
+        level = SETTINGS.outlier_p / max(p_values.shape[1], 1)
         now = ~np.any(p_values < level, axis=1)
         if now.sum() < max(2, stack.cars // 2) or np.array_equal(now, alike):
             break
@@ -95,11 +89,11 @@ def differences(fit: ModelFit, alike: NDArray[np.bool_]) -> tuple[FloatArray, Fl
     variance = own_variance + np.square(fit.car_spread)
     weight = np.where(alike[:, None], 1.0 / variance, 0.0)
     others = weight.sum(axis=0) - weight
-    mean = ((weight * fit.own).sum(axis=0) - weight * fit.own) / np.maximum(others, RIDGE)
-    std = np.sqrt(variance + 1.0 / np.maximum(others, RIDGE))
+    mean = ((weight * fit.own).sum(axis=0) - weight * fit.own) / np.maximum(others, SETTINGS.ridge)
+    std = np.sqrt(variance + 1.0 / np.maximum(others, SETTINGS.ridge))
     counted = np.maximum(alike.sum() - 1.0 - alike, 1.0)[:, None]
     p_values = 2.0 * stats.t.sf(np.abs(fit.own - mean) / std, counted)
-    known = (np.sqrt(own_variance) < WELL_KNOWN) & (fit.drives > 0)[:, None]
+    known = (np.sqrt(own_variance) < SETTINGS.well_known_scales) & (fit.drives > 0)[:, None]
     return fit.own - mean, std, np.where(known, p_values, 1.0)
 
 
@@ -145,7 +139,7 @@ def trends(
         t = t[known]
         cross = np.einsum("d,dij->ij", t, Kc)[:, :4]
         slopes = np.einsum("d,dij->ij", t * t, Kc)[:4, :4]
-        total = np.block([[Kc.sum(axis=0), cross], [cross.T, slopes]]) + RIDGE * np.eye(p + 4)
+        total = np.block([[Kc.sum(axis=0), cross], [cross.T, slopes]]) + SETTINGS.ridge * np.eye(p + 4)
         right = np.concatenate([kc.sum(axis=0), (t @ kc)[:4]])
         covariance = np.asarray(np.linalg.inv(total), dtype=np.float64)
         slope, of_slope = (covariance @ right)[p:], covariance[p:, p:]

@@ -22,21 +22,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tpmsd.fleet.settings import SETTINGS
 from tpmsd.wheels import FloatArray
-
-MAX_ITERATIONS = 60
-STILL = 2e-3
-"""Converged when no standard deviation moves by more than this share of itself, or of `SMALL` scales."""
-SMALL = 0.2
-VARIANCE_DRIVES = 3_000
-"""Drives (whole cars, evenly chosen) from which the spreads are estimated, to some per cent."""
-RIDGE = 1e-8
-"""Information, in scaled units, that everything has: what no drive tells gets a standard deviation of 10,000
-scales instead of a singular matrix."""
-START = 0.3
-"""First standard deviations of cars and drives, in scales."""
-CHUNK = 10_000
-"""Drives whose matrices are in work at a time."""
 
 
 @dataclass(frozen=True)
@@ -106,13 +93,13 @@ def fit_with(stack: Stack, car_variance: FloatArray, drive_variance: FloatArray)
     p = stack.vector.shape[1]
     K, k = by_car(stack, drive_variance)
     M, m = shrunken(K, k, car_variance)
-    total = M.sum(axis=0) + RIDGE * np.eye(p)
+    total = M.sum(axis=0) + SETTINGS.ridge * np.eye(p)
     V = _symmetric(np.linalg.inv(total))
     mu = V @ m.sum(axis=0)
     G = np.diag(car_variance)
     gain = np.eye(p) - G @ M
     shrunk = mu + np.einsum("ij,cj->ci", G, m - M @ mu)
-    own_covariance = _symmetric(np.linalg.inv(K + RIDGE * np.eye(p)))
+    own_covariance = _symmetric(np.linalg.inv(K + SETTINGS.ridge * np.eye(p)))
     return ModelFit(
         mean=mu,
         covariance=V,
@@ -133,13 +120,15 @@ def spreads(stack: Stack) -> tuple[FloatArray, FloatArray]:
     A level that the data cannot show (one car; one drive per car) has the variance zero.
     """
     p = stack.vector.shape[1]
-    cars = np.full(p, START**2 if stack.cars > 1 else 0.0)
-    drives = np.full(p, START**2 if len(stack.car) > stack.cars else 0.0)
-    for _ in range(MAX_ITERATIONS):
+    cars = np.full(p, SETTINGS.first_scales**2 if stack.cars > 1 else 0.0)
+    drives = np.full(p, SETTINGS.first_scales**2 if len(stack.car) > stack.cars else 0.0)
+    for _ in range(SETTINGS.most_iterations):
         before = np.sqrt(np.concatenate([cars, drives]))
         cars, drives = _improved(stack, cars, drives)
         after = np.sqrt(np.concatenate([cars, drives]))
-        if np.all(np.abs(after - before) < STILL * np.maximum(after, SMALL)):
+        if np.all(
+            np.abs(after - before) < SETTINGS.converged_share * np.maximum(after, SETTINGS.small_scales)
+        ):
             break
     return cars, drives
 
@@ -150,7 +139,7 @@ def _improved(stack: Stack, cars: FloatArray, drives: FloatArray) -> tuple[Float
     Kd, kd = shrunken(stack.information, stack.vector, drives)
     K, k = _summed(stack, Kd), _summed(stack, kd)
     M, m = shrunken(K, k, cars)
-    V = np.linalg.inv(M.sum(axis=0) + RIDGE * np.eye(p))
+    V = np.linalg.inv(M.sum(axis=0) + SETTINGS.ridge * np.eye(p))
     mu = V @ m.sum(axis=0)
     score = m - M @ mu
     information = np.einsum("cii->ci", M) - np.einsum("cij,jk,cki->ci", M, V, M)
@@ -167,7 +156,7 @@ def _improved(stack: Stack, cars: FloatArray, drives: FloatArray) -> tuple[Float
 
 def _step(variance: FloatArray, score: FloatArray, information: FloatArray) -> FloatArray:
     squares, total = np.square(score).sum(axis=0), information.sum(axis=0)
-    ratio = np.divide(squares, total, out=np.ones_like(total), where=total > RIDGE)
+    ratio = np.divide(squares, total, out=np.ones_like(total), where=total > SETTINGS.ridge)
     return np.asarray(variance * np.clip(ratio, 0.05, 20.0))
 
 
@@ -175,8 +164,8 @@ def by_car(stack: Stack, drive_variance: FloatArray) -> tuple[FloatArray, FloatA
     """(m, p, p) and (m, p): what the drives of each car tell of it together."""
     p = stack.vector.shape[1]
     K, k = np.zeros((stack.cars, p, p)), np.zeros((stack.cars, p))
-    for begin in range(0, len(stack.car), CHUNK):
-        part = slice(begin, begin + CHUNK)
+    for begin in range(0, len(stack.car), SETTINGS.chunk_drives):
+        part = slice(begin, begin + SETTINGS.chunk_drives)
         Kd, kd = shrunken(stack.information[part], stack.vector[part], drive_variance)
         np.add.at(K, stack.car[part], Kd)
         np.add.at(k, stack.car[part], kd)
@@ -219,10 +208,10 @@ def _freedom(M: FloatArray, V: FloatArray, car_variance: FloatArray) -> FloatArr
 
 
 def sampled(stack: Stack) -> Stack:
-    """Whole cars, evenly chosen, with at most about `VARIANCE_DRIVES` drives."""
-    if len(stack.car) <= VARIANCE_DRIVES:
+    """Whole cars, evenly chosen, with at most about `spread_drives` drives."""
+    if len(stack.car) <= SETTINGS.spread_drives:
         return stack
-    wanted = max(2, round(stack.cars * VARIANCE_DRIVES / len(stack.car)))
+    wanted = max(2, round(stack.cars * SETTINGS.spread_drives / len(stack.car)))
     chosen = np.zeros(stack.cars, dtype=np.bool_)
     chosen[np.linspace(0, stack.cars - 1, wanted).round().astype(np.int64)] = True
     return stack.of(chosen)

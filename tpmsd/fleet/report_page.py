@@ -15,17 +15,13 @@ from typing import Any
 import numpy as np
 
 from tpmsd.fleet.report import utc
+from tpmsd.fleet.settings import SETTINGS
 from tpmsd.report.figures import Chart, Curve
 from tpmsd.report.page import Cell, Drawn, Origin, Table, Tile, drawn, render
 from tpmsd.report.wording import parameter_name, plain_name, wheel_name
 from tpmsd.wheels import WHEELS
 
 Row = dict[str, Any]
-MAX_DRIVES = 2_000
-"""Of which the page shows details, the newest of each car first: the page stays under some megabytes."""
-MAX_PICTURES = 20
-"""Cars whose plot is a picture too, those that need attention first; each takes 0.1 s and 20 kB. The others'
-plots take JavaScript; their tables do not."""
 _ORDER = {"now": 0, "soon": 1, "look": 2}
 
 
@@ -142,8 +138,8 @@ def _cars(tables: Mapping[str, list[Row]], first: Sequence[str]) -> Iterable[Car
     cars: dict[str, list[Row]] = defaultdict(list)
     for row in tables["drives"]:
         cars[row["car"]].append(row)
-    pictured = set(list(dict.fromkeys([*first, *sorted(cars)]))[:MAX_PICTURES])
-    each = max(1, MAX_DRIVES // max(len(cars), 1))
+    pictured = set(list(dict.fromkeys([*first, *sorted(cars)]))[: SETTINGS.most_pictures])
+    each = max(1, SETTINGS.most_drives // max(len(cars), 1))
     heads = ("drive", "start (UTC)", "km", "status", *(f"{wheel} (mm)" for wheel in WHEELS), "alarms")
     for car, drives in sorted(cars.items()):
         drives.sort(key=lambda row: (row["start"] or 0.0, row["key"]))

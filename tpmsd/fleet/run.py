@@ -22,8 +22,6 @@ from tpmsd.fleet.store import Store
 from tpmsd.fleet.work import STAGES, is_missing, work_on
 from tpmsd.tables.extras import need
 
-CONNECT_S = 20.0
-
 
 @dataclass(frozen=True)
 class Tally:
@@ -99,7 +97,7 @@ def _client(distributed: Any, scheduler: str | None, jobs: int, memory: str) -> 
     with dask.config.set(quiet):
         if scheduler is not None:
             try:
-                client = distributed.Client(scheduler, timeout=CONNECT_S)
+                client = distributed.Client(scheduler, timeout=SETTINGS.connect_s)
             except (OSError, ValueError) as error:
                 reason = " ".join(str(error).split())[:200]
                 raise TpmsdError(f"scheduler {scheduler}: cannot be reached: {reason}") from None

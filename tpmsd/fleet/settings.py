@@ -31,6 +31,37 @@ class FleetSettings:
     soft_percent: float = 0.25
     """Loss of radius in per cent against the axle's other wheel from which a car needs attention: the
     daemon's default threshold of a deflation."""
+    outlier_p: float = 1e-3
+    """Cars that differ at this level by themselves do not take part in estimating what cars of the model are
+    like: a faulty car would widen the spread that it is held against."""
+    outlier_rounds: int = 5
+    """Of taking such cars out and judging all of them again."""
+    well_known_scales: float = 3.0
+    """A value whose standard deviation is beyond so many scales is not known at all, and not tested."""
+    most_iterations: int = 60
+    """Of the spreads' estimate (EM)."""
+    converged_share: float = 2e-3
+    """Converged when no standard deviation moves by more than this share of itself, or of `small_scales`."""
+    small_scales: float = 0.2
+    """Standard deviations below need no more than this precision."""
+    spread_drives: int = 3_000
+    """Drives (whole cars, evenly chosen) from which the spreads are estimated, to some per cent."""
+    ridge: float = 1e-8
+    """Information, in scaled units, that everything has: what no drive tells gets a standard deviation of
+    10,000 scales instead of a singular matrix."""
+    first_scales: float = 0.3
+    """First standard deviations of cars and drives, in scales."""
+    chunk_drives: int = 10_000
+    """Drives whose matrices are in work at a time."""
+    digits: int = 12
+    """Significant digits that are kept: sums in another order differ in the last ones."""
+    connect_s: float = 20.0
+    """For a scheduler to answer."""
+    most_drives: int = 2_000
+    """Of which a page shows details, the newest of each car first: the page stays under some megabytes."""
+    most_pictures: int = 20
+    """Cars whose plot is a picture too, those that need attention first; each takes 0.1 s and 20 kB. The
+    others' plots take JavaScript; their tables do not."""
 
 
 SETTINGS = FleetSettings()

@@ -21,8 +21,6 @@ from tpmsd.plain import plain
 
 SCHEMA = "tpmsd.fleet.drive/1"
 STAGES = ("replay", "calibrate", "diagnose")
-DIGITS = 12
-"""Significant digits that are kept: sums in another order differ in the last ones."""
 
 
 def program() -> str:
@@ -125,7 +123,7 @@ def _packed(statistics: Any) -> dict[str, Any]:
 
 def _rounded(value: Any) -> Any:
     if isinstance(value, float):
-        return float(f"{value:.{DIGITS}g}")
+        return float(f"{value:.{SETTINGS.digits}g}")
     if isinstance(value, dict):
         return {key: _rounded(one) for key, one in value.items()}
     if isinstance(value, list):
