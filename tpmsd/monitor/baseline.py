@@ -26,8 +26,9 @@ from tpmsd.config.model import VehicleConfig
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.conditions import ConditionTracker
 from tpmsd.monitor.probability import chi_square_quantile
-from tpmsd.monitor.reference import GROWTH_PRIOR, KNOTS_MPS, Reference, speed_range
+from tpmsd.monitor.reference import KNOTS_MPS, Reference, speed_range
 from tpmsd.monitor.settings import BASELINE, CONDITIONS, REFERENCE
+from tpmsd.physics.priors import GROWTH_S2PM
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import FloatArray
 
@@ -221,9 +222,9 @@ class Baseline:
     def _unsettled(self) -> FloatArray:
         """(d, d) covariance of what the baseline cannot follow: growth while speed changes, and slopes."""
         at = self._conditions.now
-        off = BASELINE.unsettled_share * GROWTH_PRIOR[0] * at.unsettled / REFERENCE.per_speed2
+        off = BASELINE.unsettled_share * GROWTH_S2PM.mean * at.unsettled
         slope = at.steep_mps2**2 * BASELINE.steep.covariance(self._wheels, self._radius)
-        return off**2 * np.outer(self._radius, self._radius) + slope
+        return off**2 * np.ones_like(slope) + slope
 
     def follow(self, other: Baseline) -> None:
         """Take over from another baseline of the same car how it is being driven."""

@@ -89,7 +89,9 @@ def compare(
     alone = (posterior[:, beyond].sum(axis=1) * (members.sum(axis=1) == 1.0)) @ members
     loss_m = (posterior @ LOSS_GRID) @ members * radius_m
     suspicion = float(fit[:, beyond].max()) - none
-    return Verdict(np.minimum(deflated, 1.0), none_lost, loss_m, alone, suspicion, chances, gains)
+    # Sums of rounded shares may exceed 1 by the last bit; a saved probability may not.
+    deflated, alone = np.minimum(deflated, 1.0), np.minimum(alone, 1.0)
+    return Verdict(deflated, none_lost, loss_m, alone, suspicion, chances, gains)
 
 
 def subsets(d: int) -> list[tuple[int, ...]]:

@@ -33,6 +33,7 @@ from tpmsd.bounds import covariance, vector, whole
 from tpmsd.config.model import VehicleConfig
 from tpmsd.monitor.conditions import Conditions
 from tpmsd.monitor.settings import REFERENCE
+from tpmsd.physics.priors import DRAG_SLIP_S2PM2, DRIVE_SLIP_S2PM, GROWTH_S2PM, WARMTH_M
 from tpmsd.wheels import IS_FRONT, FloatArray
 
 OWN, GROWTH_OWN, SPEED = slice(0, 4), slice(4, 8), slice(8, 13)
@@ -44,25 +45,6 @@ LOAD, DAY, WANDER, WANDER_OWN = slice(20, 22), 22, 23, slice(24, 28)
 SIZE = 28
 
 KNOTS_MPS = np.array(REFERENCE.knots_mps)
-OWN_STD = 0.01
-GROWTH_PRIOR = (3.0e-3, 2.0e-3)
-"""k of 1e-6 s2/m, give or take two thirds, on 0.316 m."""
-GROWTH_OWN_STD = 5e-4
-"""Between wheels of different load, tread and make."""
-DRAG_PRIOR = (1e-3, 8e-4)
-SPEED_STD = 1.5e-4
-WARM_PRIOR = (7e-4, 7e-4)
-"""Twice 0.22 mm: 15 K."""
-WARM_AXLE_STD = 2e-4
-HILL_PRIOR = (-5e-3, 3.5e-3)
-"""Of a driven axle, per m/s2: a slip of 0.23 % at Fx/Fz = 0.05 makes 9e-3 where half the weight drives."""
-HILL_FREE_STD = 3e-4
-"""Of an axle that is not driven: load."""
-LOAD_STD = (1.5e-4, 4e-4)
-"""Front and rear: 0.13 mm are 250 N on each rear tyre; a full car is four times that."""
-DAY_STD = 3e-4
-"""0.1 mm: 3.5 K."""
-WANDER_STD, WANDER_OWN_STD = 2e-4, 2e-4
 
 
 class Reference:
@@ -79,16 +61,22 @@ class Reference:
 
     def _prior(self) -> tuple[FloatArray, FloatArray]:
         mean, std = np.zeros(SIZE), np.zeros(SIZE)
-        mean[GROWTH], std[GROWTH] = GROWTH_PRIOR
-        mean[DRAG], std[DRAG] = DRAG_PRIOR
-        mean[WARM], std[WARM] = WARM_PRIOR
-        std[GROWTH_OWN], std[SPEED], std[WARM_AXLE] = GROWTH_OWN_STD, SPEED_STD, WARM_AXLE_STD
+        radius_m = float(self._radius.mean())
+        warmths = WARM.stop - WARM.start
+        for place, prior, unit in (
+            (GROWTH, GROWTH_S2PM, REFERENCE.per_speed2 / radius_m),
+            (DRAG, DRAG_SLIP_S2PM2, REFERENCE.per_speed2),
+            (WARM, WARMTH_M, 1.0 / warmths / radius_m),
+        ):
+            mean[place], std[place] = prior.mean * unit, prior.std * unit
+        std[GROWTH_OWN], std[SPEED] = REFERENCE.growth_own_std, REFERENCE.speed_std
+        std[WARM_AXLE] = REFERENCE.warm_axle_std
         share = 1.0 / max(int(self._driven.sum()), 1)
-        mean[HILL] = np.where(self._driven, HILL_PRIOR[0] * share, 0.0)
-        std[HILL] = np.where(self._driven, HILL_PRIOR[1], HILL_FREE_STD)
+        mean[HILL] = np.where(self._driven, -DRIVE_SLIP_S2PM.mean * share, 0.0)
+        std[HILL] = np.where(self._driven, DRIVE_SLIP_S2PM.std, REFERENCE.hill_free_std)
         covariance = np.diag(std**2)
         # A guessed nominal is wrong for all wheels alike; wheels differ among themselves by half as much.
-        covariance[OWN, OWN] = OWN_STD**2 * (0.75 + 0.25 * np.eye(4))
+        covariance[OWN, OWN] = REFERENCE.own_std**2 * (0.75 + 0.25 * np.eye(4))
         covariance[CAR:, CAR:] = np.diag(_drive_std() ** 2)
         return mean, covariance
 
@@ -190,14 +178,14 @@ class Reference:
     def from_json(cls, saved: dict[str, Any], vehicle: VehicleConfig) -> Reference:
         """Back from the state file; ValueError if it is no baseline.
 
-        Learning only ever narrows the prior, so no variance may be wider and no parameter far from it.
+        Learning only ever narrows the prior, so no variance may be much wider and no parameter far from it.
         """
         out = cls(vehicle)
         prior_mean, prior = out._prior()
         std = np.sqrt(np.diag(prior))
         try:
             mean = vector(saved["mean"], SIZE, "baseline")
-            spread = covariance(saved["covariance"], std**2, "baseline's covariance")
+            spread = covariance(saved["covariance"], (REFERENCE.wider * std) ** 2, "baseline's covariance")
             ranges = [whole(n, 0, REFERENCE.most_samples, "number of samples") for n in saved["ranges"]]
         except (KeyError, TypeError) as error:
             raise ValueError(f"the saved baseline is not one: {error}") from error
@@ -212,9 +200,9 @@ class Reference:
 def _drive_std() -> FloatArray:
     """(SIZE - CAR,) prior standard deviations of what belongs to the drive."""
     out = np.empty(SIZE - CAR)
-    for place, std in ((LOAD, LOAD_STD), (DAY, DAY_STD), (WANDER, WANDER_STD), (WANDER_OWN, WANDER_OWN_STD)):
-        span = slice(place.start - CAR, place.stop - CAR) if isinstance(place, slice) else place - CAR
-        out[span] = std
+    out[LOAD.start - CAR : LOAD.stop - CAR] = REFERENCE.load_std
+    out[DAY - CAR], out[WANDER - CAR] = REFERENCE.day_std, REFERENCE.wander_std
+    out[WANDER_OWN.start - CAR :] = REFERENCE.wander_own_std
     return out
 
 

@@ -36,16 +36,35 @@ class ConditionSettings:
 
 @dataclass(frozen=True, slots=True)
 class ReferenceSettings:
-    """The regression of radii on conditions; its priors are in `physics.priors`."""
+    """The regression of radii on conditions; priors that it shares with effects are in `physics.priors`."""
 
     knots_mps: tuple[float, ...] = (8.0, 16.0, 24.0, 32.0, 40.0)
     """Of the ranges of speed that are learned each for itself: 30 km/h apart, from town to motorway."""
     per_speed2: float = 1000.0
     """Unit of speed squared, (m/s)^2: 32 m/s."""
+    own_std: float = 0.01
+    """A guessed nominal radius: 1 % by make, tread and pressure."""
+    growth_own_std: float = 5e-4
+    """Growth at 32 m/s between wheels of different load, tread and make."""
+    speed_std: float = 1.5e-4
+    """What all wheels do else by speed, in each range: 0.05 mm."""
+    warm_axle_std: float = 2e-4
+    """Front against rear when warm: the engine's heat, brakes; 0.06 mm."""
+    hill_free_std: float = 3e-4
+    """Per m/s2 of slope, of an axle that is not driven: load."""
+    load_std: tuple[float, float] = (1.5e-4, 4e-4)
+    """Front and rear: 0.13 mm are 250 N on each rear tyre; a full car is four times that."""
+    day_std: float = 3e-4
+    """0.1 mm: 3.5 K."""
+    wander_std: float = 2e-4
+    wander_own_std: float = 2e-4
+    """What comes and goes within a drive, of all wheels and of one: 0.06 mm, as the recordings show."""
     wander_s: float = 900.0
     """Time constant of what comes and goes within a drive."""
     far_stds: float = 10.0
     """Prior standard deviations by which a saved parameter may be off: 10 % of a radius."""
+    wider: float = 1.5
+    """A saved standard deviation over the prior's: priors of earlier versions were as wide on large tyres."""
     most_samples: int = 1_000_000
     """A saved number of samples beyond is none: 230 days of driving."""
 
@@ -172,6 +191,8 @@ class SignalSettings:
     """Good time after which a malfunction is cleared, as a share of the bad time that raises it, ..."""
     min_clear_s: float = 2.0
     """... and at least this."""
+    at_once_s: float = 1e-9
+    """Limit of what is a malfunction with the first tick of it."""
     fault_fresh_s: float = 2.5
     """A fault of an input that lasts is reported at least once a second."""
     disagree_mps: float = 3.0

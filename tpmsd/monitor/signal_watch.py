@@ -21,10 +21,6 @@ from tpmsd.monitor.settings import SIGNALS
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import RL, RR, WHEELS
 
-AT_ONCE_S = 1e-9
-"""Limit of what is a malfunction with the first tick of it."""
-
-
 _ESTIMATED = 6
 """GGA quality of dead reckoning: no witness."""
 
@@ -204,7 +200,7 @@ class SignalWatch:
         if watching.contradiction:
             self._contradicted.reason = f"the drive contradicts the configuration: {watching.contradiction}"
         wrong = bool(watching.contradiction)
-        events += self._contradicted.update(wrong, not wrong, AT_ONCE_S, tick)
+        events += self._contradicted.update(wrong, not wrong, SIGNALS.at_once_s, tick)
         known, good = self._compared(rear, estimate.speed_mps, receiver_mps)
         good = good and not agreement.withheld
         events += self._disagree.update(
@@ -227,7 +223,7 @@ class SignalWatch:
             events += malfunction.update(bad, not bad, self._settings.malfunction_s, tick)
         broke = self._heard_s["restarted"] == tick.time_s
         good = tick.time_s - self._heard_s["restarted"] > self._settings.malfunction_s
-        events += self._restarted.update(broke, good, AT_ONCE_S, tick)
+        events += self._restarted.update(broke, good, SIGNALS.at_once_s, tick)
         return events
 
     @staticmethod

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.physics.effect import Effect, Parameter, Prior
+from tpmsd.physics.effect import Effect, Parameter
 from tpmsd.physics.motion import Car
+from tpmsd.physics.priors import DRAG_SLIP_S2PM2
 from tpmsd.wheels import WHEELS
 
 SLIP_BY_DRAG = Parameter(
@@ -19,7 +20,7 @@ SLIP_BY_DRAG = Parameter(
     1e-4,
     "d, slip per speed squared, from drag",
     probe=1e-8,
-    prior=Prior(8e-7, 8e-7, "half rho c_d A / m, 2.7e-4 /m, times the slip per m/s2"),
+    prior=DRAG_SLIP_S2PM2,
 )
 
 

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Look, Parameter, Prior
+from tpmsd.physics.effect import Effect, Look, Parameter
 from tpmsd.physics.motion import Car, Motion
+from tpmsd.physics.priors import GROWTH_S2PM
 from tpmsd.wheels import FloatArray
 
 
@@ -37,9 +38,7 @@ class CentrifugalGrowth(Effect):
             2e-5,
             "k in delta_r = k * v^2",
             probe=1e-8,
-            prior=Prior(
-                1e-6, 7e-7, "Besselink, Schmeitz, Pacejka 2010: 1.1 mm from 10 to 36 m/s on a 205/60R15"
-            ),
+            prior=GROWTH_S2PM,
         ),
     )
     coefficient: float

@@ -9,6 +9,7 @@ import numpy as np
 
 from tpmsd.physics.effect import Effect, Grid, Look, Parameter, Prior
 from tpmsd.physics.motion import Car, Motion
+from tpmsd.physics.priors import WARMTH_M
 from tpmsd.wheels import FloatArray
 
 
@@ -46,7 +47,7 @@ class ThermalGrowth(Effect):
             1e-2,
             "A, reached after several time constants",
             probe=1e-5,
-            prior=Prior(5e-4, 5e-4, "20 K is 0.56 mm on a 205/60R15"),
+            prior=WARMTH_M,
         ),
         Parameter(
             "time_constant_s",

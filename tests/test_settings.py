@@ -1,0 +1,96 @@
+"""Numbers that someone may tune stand in a package's settings, each with its reason (`tests/diagnosis` has
+the same for the diagnosis)."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from tests.diagnosis.test_settings import has_number
+
+PACKAGE = Path(__file__).resolve().parents[1] / "tpmsd"
+SETTLED = ("diagnosis", "fleet", "monitor")
+"""Packages whose numbers are all in their settings."""
+STRUCTURE = {
+    "monitor.leak_trend.WEEK_D": "a unit",
+    "monitor.probability.MOST_STEPS": "terms of a series, by which it has converged to the last bit",
+    "monitor.reference.CAR": "a place in an array, like the others of this module",
+    "monitor.reference.GROWTH": "a place",
+    "monitor.reference.LOAD": "a place",
+    "monitor.reference.OWN": "a place",
+    "monitor.reference.SIZE": "a size",
+    "monitor.reference.WARM": "a place",
+    "monitor.signal_watch._ESTIMATED": "a code of NMEA 0183",
+    "monitor.slow_leak.DAY_S": "a unit",
+    "monitor.slow_leak._EPOCH": "the calendar",
+    "monitor.slow_leak._LAST_DAY": "the calendar",
+    "fleet.discoveries.DAYS_PER_WEEK": "a unit",
+    "fleet.joint.SECONDS_PER_DAY": "a unit",
+    "fleet.parameters.BACK": "radii of contrasts, by their definition",
+    "fleet.parameters.PARAMETERS_OF_FLEET": "units in which the parameters are counted",
+    "fleet.store._UMASK": "what the process has",
+}
+"""What is no setting, and why."""
+AT_MOST = {
+    "sources": 130,
+    "physics": 70,
+    "calibration": 60,
+    "resonance": 50,
+    "inference": 60,
+    "timeline": 50,
+    "discovery": 50,
+    "sinks": 50,
+    "daemon": 50,
+    "config": 50,
+    "estimators": 45,
+    "simulator": 45,
+    "report": 35,
+    "cli": 35,
+    "tables": 30,
+    "bridges": 30,
+    "planning": 10,
+    "web": 10,
+    "api": 5,
+    "vehicle_state": 1,
+}
+"""Such constants in packages that are not settled: sources, sinks and config hold codes and limits of
+formats, which stay; the others shrink."""
+
+
+def numbers_of(package: str) -> list[str]:
+    """Names of module constants with a number, outside the package's settings."""
+    out = []
+    for path in sorted((PACKAGE / package).rglob("*.py")):
+        if path.name == "settings.py":
+            continue
+        module = ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            value = node.value if isinstance(node, ast.Assign | ast.AnnAssign) else None
+            if value is not None and has_number(value):
+                target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+                first = target.elts[0] if isinstance(target, ast.Tuple) else target
+                out.append(f"{module}.{ast.unparse(first)}")
+    return out
+
+
+@pytest.mark.parametrize("package", SETTLED)
+def test_no_number_stands_outside_the_settings_of_a_package(package: str) -> None:
+    """But what is structure, with its reason."""
+    assert [] == sorted(set(numbers_of(package)) - set(STRUCTURE))
+
+
+def test_nothing_is_excused_that_is_not_there() -> None:
+    """The list of exceptions only shrinks."""
+    there = {name for package in SETTLED for name in numbers_of(package)}
+
+    assert set() == set(STRUCTURE) - there
+
+
+def test_other_packages_gain_no_more_constants() -> None:
+    """A new number goes into settings, with unit and reason; every package is counted."""
+    packages = {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").exists()}
+    counts = {package: len(numbers_of(package)) for package in packages - set(SETTLED)}
+
+    assert {} == {name: count for name, count in counts.items() if count > AT_MOST.get(name, 0)}
