@@ -1,4 +1,4 @@
-"""Fifty mistakes that one makes at a terminal: each ends in one line that says what to do, its exit code,
+"""Mistakes that one makes at a terminal: each ends in one line that says what to do, its exit code,
 and no loss."""
 
 from __future__ import annotations
@@ -50,6 +50,11 @@ def write(file: str, data: bytes = b"") -> Setup:
 def remove(file: str) -> Setup:
     """Takes one away."""
     return lambda here: (here / file).unlink()
+
+
+def link(to: str) -> Setup:
+    """Puts a symbolic link there."""
+    return lambda here: (here / "link").symlink_to(here / to)
 
 
 def cut(file: str, length: int) -> Setup:
@@ -159,6 +164,20 @@ MISTAKES = (
     Mistake("no fix at all", "calibrate d", 3, "fix", write(NMEA, b"(1719820800.000000) $GNZDA\n")),
     Mistake("no daemon", "status --socket nowhere.sock", 1, "is tpmsd running?"),
     Mistake("no daemon to reset", "reset --socket nowhere.sock", 1, "is tpmsd running?"),
+    # names and links
+    Mistake("a name too long", f"replay {'x' * 5000}", 1, "File name too long"),
+    Mistake("a link that leads nowhere", "replay link", 3, "link: no such drive folder", link("nowhere")),
+    Mistake("a link that leads to itself", "replay link", 3, "link: no such drive folder", link("link")),
+    Mistake("a link to a file", "replay link", 3, "not a folder", link(LOG)),
+    Mistake("a file where the new drive goes", f"simulate {LOG} --duration 20", 2, "not a folder"),
+    Mistake("a drive below a file", f"simulate {LOG}/x --duration 20", 1, "Not a directory"),
+    Mistake("an empty receiver's log", "replay d", 3, "gnss.nmea: holds no line", write(NMEA)),
+    Mistake("an empty configuration", "replay d", 2, "no wheel signals", write(TOML)),
+    Mistake("an empty DBC", "replay d", 2, "not a bus description", write(DBC)),
+    Mistake("one file for two outputs", "replay d --json x --csv x", 1, "goes there already"),
+    Mistake("a table that is none", "import d/can.log out", 3, "not a known kind of table"),
+    Mistake("an effect to plan that is none", "plan gnss_latenzy", 2, "gnss_latency"),
+    Mistake("a port that is none", "web d --port 99999", 2, "0 to 65535"),
 )
 
 

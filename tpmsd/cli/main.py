@@ -81,10 +81,19 @@ def main(argv: Sequence[str] | None = None, commands: Commands = COMMANDS) -> in
             traceback.print_exc()
         if isinstance(error, OSError):
             _forget_stdout()  # it may be the disk under standard output that is full
+            if error.filename is not None and error.strerror:
+                _say(f"{_shortened(str(error.filename))}: {error.strerror}")
+                return 1
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         _say(f"internal error: {reason} (set TPMSD_DEBUG=1 for the traceback)")
         return 1
     return code
+
+
+def _shortened(name: str, longest: int = 100) -> str:
+    """A file's name on one line; of a long one the beginning."""
+    name = " ".join(name.split())
+    return name if len(name) <= longest else f"{name[:longest]}..."
 
 
 def _run(arguments: list[str], commands: Commands) -> int:
