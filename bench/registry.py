@@ -92,6 +92,7 @@ CAMPAIGNS = {
         _campaign("independent-look", "plain least squares on recordings, apart from the diagnosis"),
         _campaign("slow-leak", "notices of slow leaks over years of simulated cars"),
         _campaign("fleet", "cost of a fleet: workers against a plain loop, the joint inference"),
+        _campaign("diagnosis-memory", "peak memory of the diagnosis over 1, 5 and 15 drives"),
         _campaign("replicates", "seconds for bootstrap replicates of a drive, design fixed and anew"),
         _campaign("injected", "effects injected into real recordings"),
         _campaign("recorded-losses", "losses of radius injected into real drives; drives in a row"),
