@@ -106,8 +106,6 @@ _CANONICAL: Final[dict[str, str]] = {unit.casefold(): unit for unit in UNITS} | 
     spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings
 }
 
-_NO_UNIT = ("-", "--", "1", "none", "n/a", "na", "unitless", "[]", "[-]", "unit_none")
-
 _ROLE_KINDS: Final[dict[str, tuple[Kind, ...]]] = {
     "yaw_rate": ("angular speed",),
     "accel_long": ("acceleration",),

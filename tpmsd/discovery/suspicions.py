@@ -46,7 +46,6 @@ _OTHER_TEETH_STD = 0.06
 _PLACE_FLOOR_M = {"antenna_left_m": 0.15, "antenna_forward_m": 0.5}
 """Standard deviation of an antenna's place beyond that of the regression; lateral slip moves the forward
 one."""
-_NEVER_SEEN_S = 10.0
 _UNITS = ("km/h", "m/s", "mph", "knots")
 _SIGNED = ("yaw_rate", "accel_lat", "accel_long", "steering_wheel_angle")
 

@@ -28,9 +28,6 @@ class FleetSettings:
     """Of a car, for a trend: two parameters and a spread, with some to spare."""
     min_span_days: float = 1.0
     """Between the first and the last drive, for a trend: tyres warm up and cool down within a day."""
-    soft_percent: float = 0.25
-    """Loss of radius in per cent against the axle's other wheel from which a car needs attention: the
-    daemon's default threshold of a deflation."""
     outlier_p: float = 1e-3
     """Cars that differ at this level by themselves do not take part in estimating what cars of the model are
     like: a faulty car would widen the spread that it is held against."""

@@ -132,11 +132,6 @@ class ReplayResult:
     """The torsional resonance of each wheel, in the order of WHEELS; empty where nobody looked."""
 
     @property
-    def thresholds_m(self) -> dict[str, FloatArray]:
-        """The thresholds by alarm kind, each (4,)."""
-        return {"deflation": self.thresholds.deflation_m, "radius_deviation": self.thresholds.deviation_m}
-
-    @property
     def states(self) -> dict[str, WheelState]:
         """The state of each wheel at the end."""
         return {outcome.wheel: outcome.state for outcome in self.wheels}

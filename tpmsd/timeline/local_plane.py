@@ -34,10 +34,9 @@ _NEAR_M = 20e3
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """A point's horizon: its latitude's sine and cosine, and the unit vectors there, earth-centred."""
+    """A point's horizon: its latitude's sine, and the unit vectors there, earth-centred."""
 
     sin_latitude: float
-    cos_latitude: float
     east: Vector
     north: Vector
     up: Vector
@@ -151,7 +150,6 @@ def _horizon(latitude_rad: float, longitude_rad: float) -> _Place:
     sin_lon, cos_lon = math.sin(longitude_rad), math.cos(longitude_rad)
     return _Place(
         sin_lat,
-        cos_lat,
         east=(-sin_lon, cos_lon, 0.0),
         north=(-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat),
         up=(cos_lat * cos_lon, cos_lat * sin_lon, sin_lat),
