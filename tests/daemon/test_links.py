@@ -11,12 +11,15 @@ from pathlib import Path
 import pytest
 
 from tests.daemon.fakes import FakeBus, wheels_frame
-from tpmsd.config.model import CanConfig, GnssConfig
-from tpmsd.daemon.bus_link import BusLink, open_can
-from tpmsd.daemon.receiver_link import ReceiverLink, configured_receiver
+from tpmsd.config.model import AlarmsConfig, CanConfig, GnssConfig
+from tpmsd.daemon.bus_link import BusLink, open_can, own_filters, reset_filters
+from tpmsd.daemon.receiver_link import ReceiverLink, configured_receiver, configured_stream
 from tpmsd.simulator.live import PtyPort
 from tpmsd.sinks.can_frames import OutFrame
 from tpmsd.sources.can_live import CanDown
+from tpmsd.sources.gnss_net_live import TcpReceiver, UdpReceiver
+from tpmsd.sources.gnss_stream import GpsdStream, NmeaStream
+from tpmsd.sources.serial_live import SerialReceiver
 
 LOG = logging.getLogger("tests.links")
 FRAME = OutFrame(0x6F0, False, bytes(8))
@@ -25,6 +28,35 @@ CONFIG = CanConfig({}, Path("bus.dbc"))
 
 def link_of(bus: FakeBus) -> BusLink:
     return BusLink(lambda: bus.opener()(CONFIG, None, "fake"), "CAN fake", LOG)
+
+
+@pytest.mark.parametrize(
+    ("config", "receiver", "stream"),
+    [
+        (GnssConfig(device="/dev/gnss"), SerialReceiver, NmeaStream),
+        (GnssConfig(), SerialReceiver, NmeaStream),
+        (GnssConfig(source="tcp://localhost:1"), TcpReceiver, NmeaStream),
+        (GnssConfig(source="udp://localhost:1"), UdpReceiver, NmeaStream),
+        (GnssConfig(source="gpsd://localhost"), TcpReceiver, GpsdStream),
+    ],
+)
+def test_each_source_has_its_receiver(config: GnssConfig, receiver: type, stream: type) -> None:
+    """A serial line, a stream over TCP or datagrams over UDP; gpsd alone speaks its own language."""
+    assert (receiver, stream) == (type(configured_receiver(config)), type(configured_stream(config)))
+
+
+@pytest.mark.parametrize(("extended", "mask"), [(False, 0x7FF), (True, 0x1FFFFFFF)])
+def test_filters_let_only_the_configured_identifiers_through(extended: bool, mask: int) -> None:
+    """What is sent and a request for a reset, each with all its bits; without a request no filter."""
+    alarms = AlarmsConfig(alarm_id=0x123, reset_id=0x456, extended_ids=extended)
+    assert [{"can_id": 0x123, "can_mask": mask, "extended": extended}] == own_filters(alarms)
+    assert [{"can_id": 0x456, "can_mask": mask, "extended": extended}] == reset_filters(alarms)
+    assert [] == reset_filters(AlarmsConfig())
+
+
+def test_nothing_is_dropped_by_a_bus_that_was_never_open() -> None:
+    """The kernel's count is zero before the first opening."""
+    assert 0 == link_of(FakeBus()).dropped
 
 
 def test_a_missing_bus_is_tried_again_with_growing_pauses(caplog: pytest.LogCaptureFixture) -> None:
