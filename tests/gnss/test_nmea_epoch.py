@@ -326,6 +326,17 @@ def test_a_sentence_at_the_deadline_still_belongs_to_the_epoch():
         assert speeds == pytest.approx([speed for speed in said if not math.isnan(speed)])
 
 
+def test_a_sentence_damaged_on_its_way_keeps_the_epoch_open_and_noise_does_not():
+    """A wrong checksum is a sentence of the epoch: VTG 0.2 s after it joins in; not so after noise."""
+    for kind, middle, speeds in (("checksum", b"$GPGSV,1,1,00*00", [10.0]), ("garbage", b"\xff\x00#", [])):
+        lines = [(float(i), gga(T + i, at=along(i))) for i in range(4)]
+        lines += [(3.2, middle), (3.4, vtg(10.0))]
+        events = run(lines)
+        said = [fix.speed_mps for fix in fixes(events) if fix.latitude_deg > 0.0]
+        assert [(3.2, kind)] == faults(events)
+        assert speeds == pytest.approx([speed for speed in said if not math.isnan(speed)])
+
+
 def test_a_clock_that_steps_back_ends_the_epoch_and_jitter_does_not():
     """VTG stamped an hour before its GGA is of another epoch; one stamped 0.2 s before it is of the same."""
     for step_s, speeds in ((0.2, [10.0]), (3600.0, [])):
