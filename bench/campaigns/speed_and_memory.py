@@ -247,6 +247,7 @@ def options(parser: argparse.ArgumentParser) -> None:
         "--against", metavar="COMMIT", help="measure another commit in turn as well, and tell the ratios"
     )
     parser.add_argument("--only-against", action="store_true", help="the ratios alone")
+    parser.add_argument("--only", metavar="NAME", default="", help="of the ratios those whose names begin so")
 
 
 def main(args: argparse.Namespace) -> dict[str, Any]:
@@ -257,7 +258,9 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
     print(f"{platform.machine()}, {os.cpu_count()} CPUs, Python {platform.python_version()}", file=out)
     print(f"{'':<40} {'median':>9} {'':<9} {'least .. greatest':>20}", file=out)
     if args.against is not None:
-        compared = ratios(args.against, args.runs, lambda one: print(one.line(), file=out, flush=True))
+        compared = ratios(
+            args.against, args.runs, lambda one: print(one.line(), file=out, flush=True), args.only
+        )
         if args.only_against:
             return {"against": args.against, "ratios": compared}
     else:

@@ -177,3 +177,18 @@ def test_a_healthy_drive_goes_in_blocks(tmp_path: Path) -> None:
         (tmp_path / file).write_bytes(content)
     (tmp_path / "can.log").write_text("\n".join(log) + "\n", "ascii")
     assert_same(tmp_path, 0.6)
+
+
+def test_a_standing_car_on_a_full_bus(tmp_path: Path) -> None:
+    """Frames that nobody needs pass together while the car stands, too: errors among them are no frames."""
+    log, others = lines()
+    for file, content in others.items():
+        (tmp_path / file).write_bytes(content)
+    full = []
+    for number, line in enumerate(log):
+        stamp = line.split(" ")[0]
+        full += [line, *(f"{stamp} can0 7A{k:X}#{number:016X}" for k in range(9))]
+        if number % 50 == 7:
+            full.append(f"{stamp} can0 20000080#0000000000000000")
+    (tmp_path / "can.log").write_text("\n".join(full) + "\n", "ascii")
+    assert_same(tmp_path, 0.93)

@@ -183,10 +183,10 @@ class CanDecoder:
         key = arbitration_id | EXTENDED if is_extended else arbitration_id
         return (bus << BUS_SHIFT | key if bus else key) not in self.plans
 
-    def count_ignored(self) -> None:
-        """Count a frame that was not given to `decode` because it carries nothing."""
-        self.counts["frames"] += 1
-        self.counts["ignored"] += 1
+    def count_ignored(self, frames: int = 1) -> None:
+        """Count frames that were not given to `decode` because they carry nothing."""
+        self.counts["frames"] += frames
+        self.counts["ignored"] += frames
 
     def is_calm(self, time_s: float) -> bool:
         """Whether no message can be overdue at this time: `poll` would say nothing."""

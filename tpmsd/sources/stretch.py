@@ -103,6 +103,12 @@ class BlockPlaces:
             elif key >> BUS_SHIFT:
                 continue
             self.of[key] = np.flatnonzero(mine)
+        self._telling: list[int] = np.sort(np.concatenate([*self.of.values()])).tolist() if self.of else []
+
+    def telling_from(self, start: int) -> int:
+        """The first frame from a place on that belongs to a message."""
+        number = bisect_left(self._telling, start)
+        return self._telling[number] if number < len(self._telling) else len(self.block)
 
     def told_until(self, start: int) -> int:
         """The first frame from a place on that has no data: a remote or an error frame."""

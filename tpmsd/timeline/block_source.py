@@ -121,10 +121,14 @@ class BlockSource:
                 self._at += 1
                 continue
             ahead = self._ahead or self._look_ahead(block, told)
-            if ahead is None:
-                yield from self._one_by_one(block, min(stop, told, max(self._retry_at, self._at + 1)))
-            else:
+            if ahead is not None:
                 yield from self._serve(ahead, min(stop, ahead.stretch.stop))
+                continue
+            nothing = block.time_s[self._at : min(stop, told, self._places.telling_from(self._at))]
+            passed = self._source.pass_by(nothing.tolist()) if len(nothing) else 0
+            self._at += passed
+            if not passed:
+                yield from self._one_by_one(block, min(stop, told, max(self._retry_at, self._at + 1)))
 
     def hand_on(self) -> None:
         """A tick is about to be made: give the timeline what was decoded of the frames played so far."""

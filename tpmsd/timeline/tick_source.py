@@ -62,15 +62,8 @@ class TickSource:
         self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
     ) -> list[Tick]:
         """Take one CAN data frame; `bus` as in `CanDecoder.decode`."""
-        decoder = self.decoder
-        if (
-            time_s <= self.assembler.deadline_s
-            and decoder.is_calm(time_s)
-            and decoder.ignores(arbitration_id, is_extended, bus)
-            and self.timeline.pass_by(time_s)
-        ):
-            # Most frames of a bus carry nothing and meet nothing that is due: as below, only quicker.
-            decoder.count_ignored()
+        # Most frames of a bus carry nothing and meet nothing that is due: as below, only quicker.
+        if self.decoder.ignores(arbitration_id, is_extended, bus) and self.pass_by((time_s,)):
             return []
         ticks = self.advance(time_s)
         add = self.timeline.add
@@ -81,6 +74,17 @@ class TickSource:
                 continue
             ticks += add(event)
         return ticks
+
+    def pass_by(self, times_s: Iterable[float]) -> int:
+        """Take frames that carry nothing, up to the first that meets something due; how many those were."""
+        decoder, pass_by, deadline_s = self.decoder, self.timeline.pass_by, self.assembler.deadline_s
+        frames = 0
+        for time_s in times_s:
+            if not (time_s <= deadline_s and decoder.is_calm(time_s) and pass_by(time_s)):
+                break
+            frames += 1
+        decoder.count_ignored(frames)
+        return frames
 
     def on_sentence(self, time_s: float, line: bytes) -> list[Tick]:
         """Take one NMEA line; it counts for nothing where the receiver is on the bus."""
