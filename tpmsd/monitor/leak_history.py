@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
-import numpy as np
-
 from tpmsd.bounds import number, whole
-from tpmsd.monitor.leak_trend import Trend, find_trend, has_ended
+from tpmsd.monitor.leak_filter import LEFT, RIGHT, LeakFilter
+from tpmsd.monitor.leak_trend import Trend, has_ended, trend_of
 from tpmsd.monitor.settings import READINGS, TREND, TrendSettings
 from tpmsd.wheels import FloatArray
 
@@ -39,6 +38,8 @@ class LeakHistory:
     def __init__(self, settings: TrendSettings = TREND) -> None:
         self._settings = settings
         self.days: list[Day] = []
+        self._filters: dict[tuple[int, float], LeakFilter] = {}
+        """By axle and metres per per cent, of all days but the last; after a restart made from `days`."""
         self._step_next = False
 
     def add(self, day: float, difference_m: FloatArray, variance_m2: FloatArray) -> bool:
@@ -48,6 +49,7 @@ class LeakHistory:
             return False
         if day - last > READINGS.longest_gap_d or (day < last and math.floor(day) != math.floor(last)):
             self.days.clear()
+            self._filters.clear()
         one = Day(
             day,
             (float(difference_m[0]), float(difference_m[1])),
@@ -71,25 +73,35 @@ class LeakHistory:
     def forget_before(self, day: float) -> None:
         """What was before has been dealt with."""
         self.days = [d for d in self.days if d.day >= day]
+        self._filters.clear()
 
     def trend(self, axle: int, metres_per_percent: float) -> Trend | None:
-        """The best leak on an axle (0 front, 1 rear); None with too few days."""
-        day, value, variance, known = self._series(axle, metres_per_percent, -math.inf)
-        return find_trend(day, value, variance, known, self._settings)
+        """The likeliest leak on an axle (0 front, 1 rear); None with too few days."""
+        if not self.days:
+            return None
+        # The last day may have further drives: it is taken for good when it is over.
+        past = self._filters.setdefault((axle, metres_per_percent), LeakFilter(self._settings))
+        over = -math.inf if past.day is None else past.day
+        self._play(past, [d for d in self.days[:-1] if d.day > over], axle, metres_per_percent)
+        now = past.copy()
+        self._play(now, self.days[-1:], axle, metres_per_percent)
+        return trend_of(now, self._settings)
 
-    def ended(self, axle: int, metres_per_percent: float, left: bool, rate: float, since_day: float) -> bool:
-        """Whether the days from `since_day` on speak against a leak of this side and rate going on."""
-        day, value, variance, _ = self._series(axle, metres_per_percent, since_day)
-        return has_ended(day, value, variance, left, rate, self._settings)
+    def ended(
+        self, axle: int, metres_per_percent: float, left: bool, rate: tuple[float, float], since_day: float
+    ) -> bool:
+        """Whether the days from `since_day` on speak against a leak of this side going on; `rate` and its
+        standard deviation in per cent per week."""
+        since = LeakFilter(self._settings, (LEFT if left else RIGHT, *rate))
+        self._play(since, [d for d in self.days if d.day >= since_day], axle, metres_per_percent)
+        return has_ended(since, self._settings)
 
-    def _series(self, axle: int, metres_per_percent: float, since_day: float) -> tuple[Any, ...]:
-        days = [d for d in self.days if d.day >= since_day and math.isfinite(d.difference_m[axle])]
-        return (
-            np.array([d.day for d in days]),
-            np.array([d.difference_m[axle] for d in days]) / metres_per_percent,
-            np.array([d.variance_m2[axle] for d in days]) / metres_per_percent**2,
-            np.array([d.known_step for d in days], dtype=bool),
-        )
+    @staticmethod
+    def _play(into: LeakFilter, days: list[Day], axle: int, metres_per_percent: float) -> None:
+        for one in days:
+            value = one.difference_m[axle] / metres_per_percent
+            if math.isfinite(value):
+                into.add(one.day, value, one.variance_m2[axle] / metres_per_percent**2, one.known_step)
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers for the state file."""

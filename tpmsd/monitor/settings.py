@@ -296,7 +296,7 @@ class ReadingSettings:
     most_sets: int = 9
     """Sets of tyres with a history: all that `tyre_sets` keeps, and the present one."""
     most_days: int = 72
-    """Days with readings that are kept: the search over onsets grows with their square."""
+    """Days with readings that are kept for a new start."""
     oldest_d: float = 120.0
     """Readings further back say nothing of a leak that is not 20 % low yet at 1 % per week."""
     longest_gap_d: float = 45.0
@@ -311,44 +311,61 @@ class ReadingSettings:
 
 @dataclass(frozen=True, slots=True)
 class TrendSettings:
-    """What a leak is; rates in per cent of pressure per week."""
+    """How the left-right difference of an axle moves over weeks: per cent of pressure, and per week."""
 
-    step_penalty: float = 10.0
-    """Nats: a step about once a month in daily readings (log 30), the Occam factor of its level, and the
-    freedom of its place."""
+    scatters: tuple[float, ...] = (0.6, 1.1, 2.0, 3.5)
+    """Standard deviations of a day's reading beyond what its estimates state; 1 % is 0.07 mm of radius."""
+    stated_share: float = 1.3
+    """Variance of the estimates relative to the stated one."""
+    outlier_share: float = 0.06
+    outlier_variance: float = 12.0
+    """One reading in sixteen scatters by 3.5 times as much: errors have heavy tails."""
+    first_level_std: float = 15.0
+    """Left against right at first: 1 mm."""
+    level_walks: tuple[float, ...] = (0.1,)
+    """Per square root of a day: 1 % in a quarter; with 0.05 and 0.4 fewer leaks are found in time (bench)."""
+    healthy_rate_std: float = 0.25
+    """Diffusion of 1 to 3 % per month, unequal by a third, and wear that is unequal by a tenth."""
+    rate_walk: float = 0.01
+    """Per square root of a day: 0.1 % in a quarter."""
+    refill_every_d: float = 60.0
+    refill_std: float = 4.0
+    """Air is put in every other month; gauges of a petrol station differ by 2 to 3 % from wheel to wheel."""
+    change_every_d: float = 240.0
+    change_std: float = 12.0
+    """Wheels are changed or rotated, by 0.8 mm of radius."""
+    step_at_reset: tuple[float, float] = (0.35, 0.25)
+    """Probabilities of a refill and of changed wheels where the driver asked for a reset, ..."""
+    step_after_gap: tuple[float, float] = (0.3, 0.1)
     gap_d: float = 6.0
-    """After so long without a drive a step is free: a refill then would pass for a steep trend."""
-    healthy_rate: float = 0.8
-    """Diffusion of 1 to 3 % per month: two tyres differ by at most 0.5 % a week; wear adds up to 0.2."""
+    """... and at least, after so long without a drive."""
+    leak_every_d: float = 4000.0
+    """A leak per axle in so many days, ..."""
+    leak_rates: tuple[tuple[float, float, float], ...] = (
+        *((1.4, 0.35, 0.3), (2.3, 0.6, 0.3), (3.9, 1.0, 0.25), (6.5, 1.8, 0.15)),
+    )
+    """... with these rates: mean, standard deviation and share of leaks; faster ones are a `deflation`."""
+    onsets_from: int = 12
+    """Likeliest hypotheses without a leak in which one may begin."""
+    kept: int = 40
+    """Hypotheses without a leak, with one on the left, and with one on the right."""
     least_rate: float = 1.0
     """A tyre at this rate is 20 % low after 20 weeks."""
-    sure_rate: float = 1.3
-    """Beyond what is healthy, even if the rate is two standard deviations too high."""
-    most_rate: float = 12.0
-    """Faster leaks are 20 % low in less than two weeks, which is left to the alarm `deflation`."""
-    rates: int = 9
-    onsets: int = 10
-    """Coarse grid of rates and of the day on which the leak began; about the best it is made finer."""
-    finer_logs: float = 0.25
-    finer_rates: int = 11
-    """Rates that are tried about the best of the coarse ones: logarithm of the farthest, and their number."""
-    least_days: int = 14
-    """Days with readings within the trend, ..."""
-    least_span_d: float = 21.0
-    """... and the time they span: shorter trends are load, weather, or chance."""
-    least_fall: float = 6.0
-    """Per cent of pressure that the leak has cost: 0.4 mm of radius."""
-    raise_gain: float = 8.0
-    """Nats by which a leak must explain the days better, ..."""
+    raise_probability: float = 0.6
+    """Of a leak of `least_rate` and more, from which it is noticed (bench)."""
+    least_days: int = 7
+    """Days with readings since it began, ..."""
+    least_span_d: float = 14.0
+    """... and the time since: shorter trends are load, weather, or chance."""
     clear_gain: float = 3.0
-    """... and by which no leak must explain those since the notice better than the leak that was noticed."""
-    scatter_floor: float = 0.7
-    """Per cent of pressure: 0.05 mm, below which no day's reading is known."""
-    outlier: float = 2.5
-    """Standard deviations from the median of five days at which a reading is cut off."""
+    """Nats by which no leak must explain the days since the notice better than the leak that was noticed."""
+    diffusion: tuple[float, float] = (0.45, 0.15)
+    """What the fellow loses: 1 to 3 % per month."""
+    softness_std: float = 0.15
+    """Of a tyre whose size is known: radius per pressure, relative (docs/explanation/alarms.md)."""
+    strata: int = 5  # quantiles per unknown from which the date is computed
     low_percent: float = 20.0
-    """Loss of pressure at which UN R141 wants a tyre to be called low (assumed: its text was not at hand),
-    and `low_on` says when."""
+    """Loss of pressure that is low by UN R141 (assumed: its text was not at hand); `low_on` says when."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -153,7 +153,8 @@ class SlowLeakWatch:
         for wheel in standing:
             notice = self._notices[wheel]
             since, left = notice.time_s / DAY_S, wheel == AXLES[axle][0]
-            if history.ended(axle, per_percent, left, notice.rate_percent_per_week, since):
+            rate = (notice.rate_percent_per_week, notice.rate_std_percent_per_week)
+            if history.ended(axle, per_percent, left, rate, since):
                 del self._notices[wheel]
                 history.forget_before(since)
                 return [_cleared(notice, tick, "the drives since then show no leak")]
@@ -196,7 +197,8 @@ def notice_of(wheel: int, trend: Trend, time_s: float) -> AlarmEvent:
     early, middle, late = (_date(time_s / DAY_S + in_d) for in_d in trend.low_in_d)
     reason = (
         f"loses {trend.rate:.1f} +- {trend.rate_std:.1f} % of its pressure per week against its fellow, by "
-        f"{trend.days} days of driving in {trend.span_d:.0f} days; 20 % low on {middle} ({early} to {late})"
+        f"{trend.days:.0f} days of driving in {trend.span_d:.0f} days; 20 % low on {middle} "
+        f"({early} to {late})"
     )
     return AlarmEvent(
         time_s=time_s,
@@ -205,7 +207,7 @@ def notice_of(wheel: int, trend: Trend, time_s: float) -> AlarmEvent:
         state="raised",
         deviation_m=math.nan,
         std_m=math.nan,
-        probability=1.0 / (1.0 + math.exp(-min(trend.gain, 50.0))),
+        probability=min(trend.probability, 1.0),
         reason=reason,
         pressure_loss=trend.lost / 100.0,
         rate_percent_per_week=trend.rate,
