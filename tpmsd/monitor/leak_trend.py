@@ -8,13 +8,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from statistics import NormalDist
 
 import numpy as np
-from scipy.special import ndtr, ndtri
 
 from tpmsd.monitor.leak_filter import LEFT, LOST, NONE, RATE, RIGHT, WEEK_D, Hypotheses, LeakFilter
+from tpmsd.monitor.probability import normal_cdf
 from tpmsd.monitor.settings import TREND, TrendSettings
 from tpmsd.wheels import FloatArray
+
+
+NORMAL = NormalDist()
+"""The standard normal distribution."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,8 +86,8 @@ def has_ended(filter_: LeakFilter, settings: TrendSettings = TREND) -> bool:
 def _beyond(leak: Hypotheses, settings: TrendSettings) -> float:
     """Probability of a leak on this side at `least_rate` and more."""
     rates = -leak.side * leak.mean[:, RATE]
-    beyond = ndtr((rates - settings.least_rate) / np.sqrt(leak.covariance[:, RATE, RATE]))
-    return float(np.exp(leak.log_weight) @ beyond)
+    z = (rates - settings.least_rate) / np.sqrt(leak.covariance[:, RATE, RATE])
+    return float(np.exp(leak.log_weight) @ [normal_cdf(float(one)) for one in z])
 
 
 def _low_in_d(
@@ -90,7 +95,7 @@ def _low_in_d(
 ) -> tuple[float, float, float]:
     """Quantiles over what is not known: hypothesis, rate and loss so far, what the difference does not show
     (stratified normal quantiles of each)."""
-    steps = ndtri((np.arange(settings.strata) + 0.5) / settings.strata)
+    steps = [NORMAL.inv_cdf((k + 0.5) / settings.strata) for k in range(settings.strata)]
     first, second, third, fourth = (axis.ravel() for axis in np.meshgrid(steps, steps, steps, steps))
     std = np.sqrt(leak.covariance[:, RATE, RATE])
     shared = -leak.side * leak.covariance[:, RATE, LOST] / std
