@@ -14,7 +14,10 @@ PACKAGE = Path(__file__).resolve().parents[1] / "tpmsd"
 SETTLED = ("diagnosis", "fleet", "monitor")
 """Packages whose numbers are all in their settings."""
 STRUCTURE = {
-    "monitor.leak_trend.WEEK_D": "a unit",
+    "monitor.leak_filter.LEAST_CHANCE": "keeps a logarithm finite",
+    "monitor.leak_filter.LEFT": "a sign",
+    "monitor.leak_filter.RIGHT": "a sign",
+    "monitor.leak_filter.WEEK_D": "a unit",
     "monitor.probability.MOST_STEPS": "terms of a series, by which it has converged to the last bit",
     "monitor.reference.CAR": "a place in an array, like the others of this module",
     "monitor.reference.GROWTH": "a place",

@@ -34,7 +34,7 @@ WEEK_D = 7.0
 LEVEL, RATE, LOST = range(3)
 NONE, LEFT, RIGHT = 0.0, 1.0, -1.0
 LEAST_CHANCE = 1e-6
-"""That nothing has happened, after however long."""
+"""That nothing has happened, after however long: its logarithm stays finite."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,6 @@ from tpmsd.monitor.probability import normal_cdf
 from tpmsd.monitor.settings import TREND, TrendSettings
 from tpmsd.wheels import FloatArray
 
-
 NORMAL = NormalDist()
 """The standard normal distribution."""
 
