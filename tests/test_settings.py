@@ -15,8 +15,8 @@ SETTLED = ("diagnosis", "fleet", "monitor")
 """Packages whose numbers are all in their settings."""
 STRUCTURE = {
     "monitor.leak_filter.LEAST_CHANCE": "keeps a logarithm finite",
-    "monitor.leak_filter.LEFT": "a sign",
-    "monitor.leak_filter.RIGHT": "a sign",
+    "monitor.leak_filter.LEVEL": "a place",
+    "monitor.leak_filter.NONE": "a sign",
     "monitor.leak_filter.WEEK_D": "a unit",
     "monitor.probability.MOST_STEPS": "terms of a series, by which it has converged to the last bit",
     "monitor.reference.CAR": "a place in an array, like the others of this module",
