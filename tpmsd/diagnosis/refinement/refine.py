@@ -76,8 +76,8 @@ def _add(study: Study, term: Term, point: Point, place: int) -> None:
 
 
 def plainest_shape(study: Study, evidence: Evidence, design: FloatArray) -> Term | None:
-    """The term that brings most beyond a design: a spline on its finest knots, a ramp or a pulse with its
-    exact span; None if none is plain.
+    """The term that brings most beyond a design: a spline on its finest knots (over time on the first
+    ones), a ramp or a pulse with its exact span; None if none is plain.
 
     It is a hypothesis like all others from then on.
     """
@@ -97,7 +97,7 @@ def plainest_shape(study: Study, evidence: Evidence, design: FloatArray) -> Term
         coarse = [one for _, one in found if _is_coarse(one)][: SETTINGS.refinement.compared]
         scores = [best_knots(study, design, one).score for one in coarse]
         if not scores or max(scores) <= gain - term.penalty:
-            return exact(study, evidence, design, term)
+            return exact(study, evidence, design, term) if term.ramp or term.pulse else term
         term = coarse[scores.index(max(scores))]
     shape = finest_shape(study, term)
     shape.add_to(study, study.append(shape.columns))
