@@ -17,8 +17,9 @@ import numpy as np
 
 from tpmsd.config.model import VehicleConfig
 from tpmsd.discovery.frames import BusLog
-from tpmsd.discovery.geometry import tyre_radius_m
+from tpmsd.discovery.tooth_count import tyre_radius_m
 from tpmsd.physics.catalogue import make_effect
+from tpmsd.physics.effect import Effect
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
 from tpmsd.simulator.frame_layout import MessageLayout, SignalLayout, dbc_text
@@ -73,6 +74,7 @@ TYRES = (
     "235/60R18",
 )
 COPY_DELAY_S = 0.06
+_OFF_CENTRE_RAD = 2e-3
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,8 @@ class DrawnBus:
     drive: SimulatedDrive
     tyre: str
     """Size on the side wall."""
+    uneven: bool
+    """Whether the rings are off their centres (every second car); else they are perfect."""
     spec: DriveSpec = field(repr=False, default_factory=DriveSpec)
 
 
@@ -101,6 +105,7 @@ def draw(seed: int, duration_s: float = 900.0, layout: WheelLayout | None = None
     driven = str(rng.choice(["front", "rear"]))
     tyre = str(rng.choice(TYRES))
     radius = (tyre_radius_m(tyre) or 0.3) * (1 + 0.008 * float(rng.standard_normal()))
+    uneven = seed % 2 == 0
     vehicle = VehicleConfig(
         wheel_radius_m=(radius,) * 4,
         track_front_m=(track := float(rng.uniform(1.44, 1.66))),
@@ -120,7 +125,7 @@ def draw(seed: int, duration_s: float = 900.0, layout: WheelLayout | None = None
         vehicle=vehicle,
         antenna_forward_m=float(rng.uniform(0.0, 2.0)),
         antenna_left_m=float(rng.uniform(-0.5, 0.5)),
-        model=ExtendedModel((slip,)),
+        model=ExtendedModel((slip, *(_rings(seed) if uneven else ()))),
         receiver=ReceiverSpec(
             rate_hz=float(rng.choice([5.0, 10.0])), latency_s=float(rng.uniform(0.02, 0.25))
         ),
@@ -139,8 +144,23 @@ def draw(seed: int, duration_s: float = 900.0, layout: WheelLayout | None = None
         raw_truth,
         drive,
         tyre,
+        uneven,
         spec,
     )
+
+
+def _rings(seed: int) -> list[Effect]:
+    """Rings off their centre, each as far as the effect's prior has it (0.1 mm of 50 mm)."""
+    rng = np.random.default_rng([seed, 48])
+    return [
+        make_effect(
+            "tone_ring_error",
+            wheel=wheel,
+            amplitude_rad=_OFF_CENTRE_RAD * float(rng.standard_normal()),
+            phase_rad=float(rng.uniform(-np.pi, np.pi)),
+        )
+        for wheel in WHEELS
+    ]
 
 
 def gnss_fixes(drive: SimulatedDrive) -> list[GnssFix]:

@@ -17,10 +17,10 @@ from tpmsd.api.raw_drive import read_drive
 from tpmsd.api.reading import MemoryRecording
 from tpmsd.discovery.discover import discover as discover_raw
 from tpmsd.discovery.frames import BusLog
-from tpmsd.discovery.geometry import tyre_radius_m
 from tpmsd.discovery.result import Discovery as DiscoveryResult
 from tpmsd.discovery.result import FoundRole
 from tpmsd.discovery.text import vehicle_text
+from tpmsd.discovery.tooth_count import tyre_radius_m
 from tpmsd.errors import ConfigError
 from tpmsd.palette import STYLES
 from tpmsd.plain import plain

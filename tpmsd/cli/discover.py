@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.api.raw_drive import read_drive
     from tpmsd.cli.drive_reading import say
     from tpmsd.discovery.discover import discover
-    from tpmsd.discovery.geometry import tyre_radius_m
+    from tpmsd.discovery.tooth_count import tyre_radius_m
     from tpmsd.provenance import provenance
     from tpmsd.sources.databases import load_database
 

@@ -14,13 +14,14 @@ from cantools.database.can import Database
 from tpmsd.config.units import UNITS, canonical_unit
 from tpmsd.discovery.assign import Assignment, assign
 from tpmsd.discovery.frames import BusLog
-from tpmsd.discovery.geometry import CarGeometry, counts_per_rev, driven_axle, per_metre, tyre_radius_m
+from tpmsd.discovery.geometry import CarGeometry, driven_axle, per_metre
 from tpmsd.discovery.library import Car, Match, match_car
 from tpmsd.discovery.material import Material, dbc_fields, prepare
 from tpmsd.discovery.other_roles import other_roles
 from tpmsd.discovery.result import Discovery, Estimate, FoundRole, Undecided
-from tpmsd.discovery.series import Field
+from tpmsd.discovery.series import Counter, Field, unwrap
 from tpmsd.discovery.settings import SETTINGS, Settings
+from tpmsd.discovery.tooth_count import ToothCount, tooth_count, tyre_radius_m
 from tpmsd.discovery.wheels import (
     Follower,
     anchor_of,
@@ -102,17 +103,15 @@ def decide(
         has_dbc=material.has_dbc,
     )
     if assignment.kind == "counts":
-        counted, counted_std = per_metre([role.follower for role in assignment.roles])
-        counts, sure, radius = counts_per_rev(counted, counted_std, tyre, settings)
-        if car is not None and car.teeth_per_rev is not None:
-            counts, sure = Estimate(car.teeth_per_rev, 0.0), settings.max_probability
-            radius = car.teeth_per_rev / (2 * np.pi * counted)
-        found = replace(found, counts_per_rev=counts, counts_probability=sure)
+        teeth = _teeth(assignment, material, tyre, car, settings)
+        counts = Estimate(teeth.value, teeth.std)
+        found = replace(
+            found, counts_per_rev=counts, counts_probability=teeth.probability, counts_rivals=teeth.rivals
+        )
+        radius = teeth.radius_m
         radius_std = counts.std / max(counts.value, 1.0) * radius
-        if sure < settings.decided:
-            why = "counts per metre are known to a thousandth, but not the tyre's radius"
-            wanted = "give the tyre's size (--tyre 205/55R16)" if tyre is None else "count one turn by hand"
-            undecided.append(Undecided("vehicle.teeth_per_rev", why, wanted))
+        if teeth.probability < settings.decided:
+            undecided.append(_unknown_teeth(teeth, tyre))
     else:
         radius = (tyre_radius_m(tyre, settings) if tyre else None) or settings.radius_m
         radius_std = radius * settings.tyre_radius_std if tyre else settings.radius_std_m
@@ -138,6 +137,34 @@ def decide(
             if one.probability < settings.decided
         ]
     return replace(found, driven_axle=axle, geometry=measures, gnss=geometry.gnss, undecided=tuple(undecided))
+
+
+def _teeth(
+    assignment: Assignment, material: Material, tyre: str | None, car: Car | None, settings: Settings
+) -> ToothCount:
+    """Counts per revolution; those of a known car are taken as they are."""
+    followers_found = [role.follower for role in assignment.roles]
+    counted, counted_std = per_metre(followers_found)
+    if car is not None and car.teeth_per_rev is not None:
+        radius = car.teeth_per_rev / (2 * np.pi * counted)
+        return ToothCount(car.teeth_per_rev, 0.0, settings.max_probability, radius)
+    wheels: list[tuple[Counter, float]] = []
+    for one in followers_found:
+        field = one.series.field
+        log = material.logs[field.key]
+        counter = unwrap(field, log, log.bits(field.place))
+        if counter is not None:
+            wheels.append((counter, abs(field.scale)))
+    return tooth_count(counted, counted_std, tyre, wheels, settings)
+
+
+def _unknown_teeth(teeth: ToothCount, tyre: str | None) -> Undecided:
+    rivals = ", ".join(f"{value:g} {p:.2f}" for value, p in teeth.rivals)
+    why = f"{teeth.value:g} {teeth.probability:.2f}" + (f", {rivals}" if rivals else "")
+    why += ": the rolling radius is not known well enough, and no ripple of a revolution is seen"
+    size = "give the tyre's size (--tyre 205/55R16), or " if tyre is None else ""
+    drive = f"{size}twenty minutes at a steady 50 to 100 km/h; one turn of a wheel counted by hand decides"
+    return Undecided("vehicle.teeth_per_rev", why, drive)
 
 
 def _best_assignment(material: Material, match: Match | None, settings: Settings) -> Assignment | None:

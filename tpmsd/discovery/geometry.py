@@ -19,7 +19,6 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import norm
 
-from tpmsd.config.rules import TYRE_SIZE
 from tpmsd.discovery.assign import Assignment
 from tpmsd.discovery.reference import Reference
 from tpmsd.discovery.regress import Fit, fit
@@ -29,64 +28,12 @@ from tpmsd.discovery.wheels import Follower
 from tpmsd.wheels import FloatArray
 
 _WINDOW_CELLS = 4
-_INCH_M = 0.0254
 _SLIP_FLOOR_S2PM = 0.0007
 """Difference of the axles' slip that load transfer alone makes: 1e-4 s2 over 0.32 m, both axles."""
-_USUAL_COUNTS: dict[int, float] = {
-    48: 5.0,
-    96: 3.0,
-    44: 2.0,
-    47: 1.5,
-    43: 1.5,
-    46: 1.2,
-    50: 1.2,
-    52: 1.2,
-    60: 1.0,
-    86: 1.0,
-    88: 1.0,
-    92: 1.0,
-    94: 1.0,
-    100: 1.0,
-    72: 0.6,
-    120: 0.6,
-}
-"""Weights of ring sizes, counts on one or both edges, against 0.15 for any other number."""
 _WIDEST_M, _LONGEST_M = 2.0, 8.0
 """Antennas are on the car; what is farther out, or as uncertain, is not told."""
 _TRACK_FLOOR = 0.004
 """Relative: what steering geometry and unequal slip do to a track told by the wheels."""
-
-
-def tyre_radius_m(size: str, settings: Settings = SETTINGS) -> float | None:
-    """Rolling radius of a tyre by its size; None if it is no size."""
-    match = TYRE_SIZE.match(size.strip())
-    if match is None:
-        return None
-    width, aspect, rim = float(match[1]), float(match[2]), float(match[3])
-    return settings.rolling_share * (0.5 * rim * _INCH_M + 1e-3 * width * aspect / 100.0)
-
-
-def counts_per_rev(
-    per_metre: float, per_metre_std: float, tyre: str | None, settings: Settings = SETTINGS
-) -> tuple[Estimate, float, float]:
-    """The likeliest whole number of counts, its probability, and the radius that goes with it.
-
-    `per_metre`: counts per metre of road. Finer rings than 300 counts are not told to the count.
-    """
-    radius = tyre_radius_m(tyre, settings) if tyre else None
-    mean = radius or settings.radius_m
-    std = mean * settings.tyre_radius_std if radius else settings.radius_std_m
-    expected, spread = 2 * math.pi * mean * per_metre, 2 * math.pi * per_metre * std
-    spread = math.hypot(spread, expected * per_metre_std / per_metre)
-    if expected > 300:
-        return Estimate(float(round(expected)), spread), 0.0, mean
-    numbers = np.arange(max(1, int(expected - 5 * spread)), int(expected + 5 * spread) + 2)
-    weight = norm.pdf(numbers, expected, spread) * [_USUAL_COUNTS.get(int(n), 0.15) for n in numbers]
-    weight = weight / weight.sum()
-    best = int(np.argmax(weight))
-    found = float(numbers[best])
-    deviation = float(np.sqrt(weight @ (numbers - found) ** 2))
-    return Estimate(found, deviation), float(weight[best]), found / (2 * math.pi * per_metre)
 
 
 def driven_axle(assignment: Assignment) -> tuple[str, float] | None:

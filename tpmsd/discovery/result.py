@@ -71,6 +71,8 @@ class Discovery:
     roles: dict[str, FoundRole] = field(default_factory=dict)
     counts_per_rev: Estimate | None = None
     counts_probability: float = 0.0
+    counts_rivals: tuple[tuple[float, float], ...] = ()
+    """Other numbers and their probability."""
     driven_axle: tuple[str, float] | None = None
     geometry: dict[str, Estimate] = field(default_factory=dict)
     gnss: dict[str, Estimate] = field(default_factory=dict)
@@ -108,7 +110,11 @@ class Discovery:
             "kind": self.kind,
             "counts_per_rev": None
             if self.counts_per_rev is None
-            else {**self.counts_per_rev.document(), "probability": self.counts_probability},
+            else {
+                **self.counts_per_rev.document(),
+                "probability": self.counts_probability,
+                "rivals": [{"value": value, "probability": p} for value, p in self.counts_rivals],
+            },
             "driven_axle": None if axle is None else {"value": axle[0], "probability": axle[1]},
             "geometry": {key: one.document() for key, one in self.geometry.items()},
             "gnss": {key: one.document() for key, one in self.gnss.items()},

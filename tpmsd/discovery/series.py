@@ -76,8 +76,36 @@ def as_value(field: Field, log: MessageLog, raw: RawArray, edges: FloatArray) ->
     return Series(field, "value", cell_means(log.time_s, value, edges), period_s=log.period_s)
 
 
+@dataclass(frozen=True, slots=True)
+class Counter:
+    """A counter whose roll-overs are taken out."""
+
+    time_s: FloatArray
+    """(n,) stamps of the frames with a valid number."""
+    counts: FloatArray
+    """(n,) raw counts since the first of them."""
+    modulus: int
+    """Number of values."""
+    modulus_seen: bool
+    """Whether roll-overs told the modulus; else it is the field's width."""
+
+
 def as_count(field: Field, log: MessageLog, raw: RawArray, edges: FloatArray) -> Series | None:
     """The field as a counter that rolls over; None if its steps are not those of one."""
+    counter = unwrap(field, log, raw)
+    if counter is None:
+        return None
+    time_s = counter.time_s
+    rate = np.diff(np.interp(edges, time_s, counter.counts)) / np.diff(edges)
+    inside = (edges >= time_s[0]) & (edges <= time_s[-1])
+    known = inside[1:] & inside[:-1]
+    return Series(
+        field, "count", np.where(known, rate, np.nan), counter.modulus, counter.modulus_seen, log.period_s
+    )
+
+
+def unwrap(field: Field, log: MessageLog, raw: RawArray) -> Counter | None:
+    """The counts of a field that rolls over; None if its steps are not those of a counter."""
     if field.place.length < 4 or len(raw) < 20:
         return None
     time_s, number = log.time_s, raw
@@ -103,10 +131,7 @@ def as_count(field: Field, log: MessageLog, raw: RawArray, edges: FloatArray) ->
         usual = np.interp(time_s[:-1], time_s[:-1][~long], (step / np.maximum(gap, 1e-6))[~long])
         step = step + np.where(long, modulus * np.rint((usual * gap - step) / modulus), 0.0)
     counts = np.concatenate([[0.0], np.cumsum(step)])
-    rate = np.diff(np.interp(edges, time_s, counts)) / np.diff(edges)
-    inside = (edges >= time_s[0]) & (edges <= time_s[-1])
-    known = inside[1:] & inside[:-1]
-    return Series(field, "count", np.where(known, rate, np.nan), round(modulus), seen, log.period_s)
+    return Counter(time_s, counts, round(modulus), seen)
 
 
 def _modulus(step: FloatArray, wrapped: np.ndarray, span: float, whole: float) -> tuple[float, bool]:

@@ -35,11 +35,22 @@ class Settings:
     radius_m: float = 0.322
     radius_std_m: float = 0.025
     """Prior of the rolling radius where no tyre size is given."""
-    tyre_radius_std: float = 0.012
-    """Relative: rolling radius of a tyre of known size, over makes, wear, load and pressure."""
+    tyre_radius_std: float = 0.010
+    """Relative: rolling radius of a tyre of known size. Diameter over makes 0.6 % (ETRTO allows about 1 %),
+    wear 0.5 % (0 to 6 mm), rolling share over constructions, load and pressure 0.6 %. Assumed."""
     rolling_share: float = 0.969
     """Rolling radius over the unloaded radius of the size (ETRTO: circumference at 60 km/h, 3.05 of the
     diameter for radial tyres, is 0.971 pi; at working load a little less)."""
+    ripple_window_s: float = 0.5
+    """Length of the smooth motion against which a wheel's ripple is seen: a car's speed changes in tenths of
+    seconds at most, a wheel at town speed turns several times."""
+    ripple_least_hz: float = 4.0
+    """Revolutions per second below which the ripple is as slow as the car's own changes of speed."""
+    ripple_block_s: float = 120.0
+    """Length of the stretches in which the ripple is coherent: with 48 counts, numbers 1/16 apart are told
+    apart, and a counter that loses counts spoils one stretch alone."""
+    ripple_least_rows: int = 200
+    """Samples of a stretch; fewer show no line."""
     contrast_floor_m: float = 0.06
     """Least standard deviation of a wheel's lateral place, for what the model of a rolling car leaves out."""
     curvature_floor_m2: float = 0.35

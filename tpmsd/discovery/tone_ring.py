@@ -1,0 +1,143 @@
+"""Counts per revolution by the wheel's own irregularity.
+
+In: the wheels' counters, candidates of counts per revolution. Out: the log evidence of each.
+
+No ring is cut, glued or mounted perfectly, and no tyre is round: the counts of a wheel run ahead of its mean
+turning and fall behind it once per revolution (0.1 mm off centre on a ring of 50 mm is 2e-3 rad, 0.015
+counts of 48). Against the counts themselves as abscissa this is a line at one cycle per revolution, whatever
+the speed; over thousands of revolutions it stands out of the rounding of the counts, which is no multiple
+of a revolution. Each candidate is a frequency. Its power, over the noise at frequencies between the
+candidates, is exponential where there is no line and (1 + s) times that where there is one (Schuster 1898;
+the amplitude a complex Gaussian), so the evidence is the mean over sizes s of the product over wheels and
+blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from tpmsd.discovery.series import Counter
+from tpmsd.discovery.settings import SETTINGS, Settings
+from tpmsd.wheels import FloatArray
+
+_SIZES = (0.0, *(float(s) for s in np.geomspace(0.03, 3000.0, 16)))
+"""Power of the line over that of the noise, per block; 0: a ring without fault."""
+_FAULTLESS = 0.5
+"""Prior of no line at all. Assumed: rings on simulated buses are perfect, real ones are not."""
+_LEAST_SAMPLES = 7
+_JUMP = 20.0
+"""Steps beyond this many usual ones are resets and long gaps: counts on either side share no phase."""
+_OUTLIER = 6.0
+"""Residuals beyond this many robust standard deviations are lost frames and bumps."""
+_BINS_PER_CYCLE = 16.0
+"""Bins smear a line by at most 0.7 % of its power."""
+_OVERSAMPLED = 8
+"""Frequencies per width of a line: between two of them 1.3 % of its power is lost at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class Blocks:
+    """Residuals of the counters against smooth turning, cut in blocks."""
+
+    counts: tuple[FloatArray, ...]
+    """Per block and wheel: counts at the samples, as the DBC scales them."""
+    residual: tuple[FloatArray, ...]
+    """Per block and wheel: counts ahead of smooth turning."""
+
+    @property
+    def longest(self) -> float:
+        """Counts in the longest block; 0 without blocks."""
+        return max((float(np.ptp(one)) for one in self.counts), default=0.0)
+
+
+def cut(wheels: Sequence[tuple[Counter, float]], expected: float, settings: Settings = SETTINGS) -> Blocks:
+    """The blocks of the wheels: `wheels` has counter and scale of each, `expected` counts per turn, roughly.
+
+    Only where the wheel turns so fast that a revolution is shorter than the smoothing.
+    """
+    counts: list[FloatArray] = []
+    residual: list[FloatArray] = []
+    for counter, scale in wheels:
+        number, ahead = counter.counts * scale, _ahead(counter, settings) * scale
+        rate = np.gradient(number, counter.time_s)
+        usable = np.isfinite(ahead) & (rate > settings.ripple_least_hz * expected)
+        block = _block_of(counter, settings)
+        for index in np.unique(block[usable]):
+            rows = usable & (block == index)
+            if rows.sum() < settings.ripple_least_rows:
+                continue
+            counts.append(number[rows] - number[rows][0])
+            residual.append(ahead[rows] - ahead[rows].mean())
+    return Blocks(tuple(counts), tuple(residual))
+
+
+def _block_of(counter: Counter, settings: Settings) -> NDArray[np.int64]:
+    """(n,) number of the block of each sample; a counter that jumps begins another."""
+    step = np.diff(counter.counts, prepend=counter.counts[0])
+    jump = (step < 0) | (step > _JUMP * max(float(np.median(step[step > 0])), 1.0))
+    period = np.floor((counter.time_s - counter.time_s[0]) / settings.ripple_block_s)
+    begins = jump | (np.diff(period, prepend=0.0) > 0)
+    return np.cumsum(begins, dtype=np.int64)
+
+
+def _ahead(counter: Counter, settings: Settings) -> FloatArray:
+    """(n,) counts beyond a cubic over the samples around (Savitzky, Golay 1964); NaN at lost frames."""
+    from scipy.signal import savgol_filter
+
+    if len(counter.time_s) < 4 * _LEAST_SAMPLES:
+        return np.full(len(counter.time_s), np.nan)
+    period = float(np.median(np.diff(counter.time_s)))
+    window = max(2 * int(0.5 * settings.ripple_window_s / period) + 1, _LEAST_SAMPLES)
+    if window > len(counter.counts):
+        return np.full(len(counter.time_s), np.nan)
+    ahead = counter.counts - savgol_filter(counter.counts, window, 3)
+    spread = 1.4826 * float(np.median(np.abs(ahead)))
+    return np.where(np.abs(ahead) <= _OUTLIER * spread, ahead, np.nan)
+
+
+def powers(blocks: Blocks, per_turn: FloatArray) -> FloatArray:
+    """(blocks, k) power at one cycle per `per_turn` (k,) counts; of mean 1 for white noise.
+
+    By a Fourier transform over the counts, gathered in bins of a small part of a cycle.
+    """
+    out = np.empty((len(blocks.counts), len(per_turn)))
+    width = float(per_turn.min()) / _BINS_PER_CYCLE
+    for row, (counts, residual) in enumerate(zip(blocks.counts, blocks.residual, strict=True)):
+        binned = np.bincount(np.rint(counts / width).astype(np.int64), weights=residual)
+        size = 1 << int(np.ceil(np.log2(_OVERSAMPLED * len(binned))))
+        spectrum = np.fft.rfft(binned, size)
+        at = np.rint(size * width / per_turn).astype(np.int64)
+        out[row] = np.abs(spectrum[at]) ** 2 / max(float(residual @ residual), 1e-300)
+    return out
+
+
+def exact_powers(blocks: Blocks, per_turn: FloatArray) -> FloatArray:
+    """(blocks, k) the same for a few numbers, without bins."""
+    out = np.empty((len(blocks.counts), len(per_turn)))
+    for row, (counts, residual) in enumerate(zip(blocks.counts, blocks.residual, strict=True)):
+        wave = np.exp(np.outer(-2j * np.pi / per_turn, counts))
+        out[row] = np.abs(wave @ residual) ** 2 / max(float(residual @ residual), 1e-300)
+    return out
+
+
+def log_evidence(blocks: Blocks, candidates: FloatArray, between: FloatArray) -> FloatArray:
+    """(k,) log evidence of `candidates` (k,), up to a constant; `between`: where there is noise alone."""
+    if not blocks.counts:
+        return np.zeros(len(candidates))
+    # The median of an exponential variable is log 2 of its mean, and a line beside does not move it.
+    noise = np.median(powers(blocks, between), axis=1, keepdims=True) / np.log(2.0)
+    return _mixture(powers(blocks, candidates) / np.maximum(noise, 1e-12))
+
+
+def _mixture(power: FloatArray) -> FloatArray:
+    """(k,) log of the mean likelihood ratio over sizes of the line; `power` (blocks, k) over the noise."""
+    size = np.array(_SIZES)[:, None, None]
+    ratio = (power * size / (1.0 + size) - np.log1p(size)).sum(axis=1)
+    prior = np.full(len(_SIZES), (1.0 - _FAULTLESS) / (len(_SIZES) - 1))
+    prior[0] = _FAULTLESS
+    return np.asarray(logsumexp(ratio, axis=0, b=prior[:, None]))
