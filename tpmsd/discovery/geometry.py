@@ -8,7 +8,7 @@ axle, latency and lever arm, each with a standard deviation.
 
 (rigid body to first order in r x / v; c is the rear axle's side slip per lateral acceleration). The heading's
 rate is the wheels' difference over the track, whose noise is far below the receiver's: so the receiver is
-regressed on the wheels.
+regressed on the wheels (`course` for the course).
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ import numpy as np
 from scipy.stats import norm
 
 from tpmsd.discovery.assign import Assignment
+from tpmsd.discovery.course import course_fit
 from tpmsd.discovery.reference import Reference
-from tpmsd.discovery.regress import Fit, fit
+from tpmsd.discovery.regress import fit
 from tpmsd.discovery.result import Estimate
 from tpmsd.discovery.settings import SETTINGS, Settings
 from tpmsd.discovery.wheels import Follower
 from tpmsd.wheels import FloatArray
 
-_WINDOW_CELLS = 4
 _SLIP_FLOOR_S2PM = 0.0007
 """Difference of the axles' slip that load transfer alone makes: 1e-4 s2 over 0.32 m, both axles."""
 _WIDEST_M, _LONGEST_M = 2.0, 8.0
@@ -65,13 +65,23 @@ class CarGeometry:
         left, right = self._by_wheel["rl"], self._by_wheel["rr"]
         self._speed = 0.5 * (left.speed + right.speed)
         self._difference = right.speed - left.speed
-        self._course = self._course_fit()
         self.geometry: dict[str, Estimate] = {}
         self.gnss: dict[str, Estimate] = {}
         self.square_m2: Estimate | None = None
         """Square of the wheelbase; negative where the axles are exchanged. None if it is not seen."""
+        self._speed_fit()
+        self._course = course_fit(
+            self._speed, self._difference, reference, self.gnss.get("latency_s"), settings
+        )
         self._tracks(gyro)
-        self._antenna()
+        if self._course is not None:
+            forward = Estimate(float(self._course.value[3]), math.hypot(self._course.std(3), 0.1))
+            if abs(forward.value) < _LONGEST_M and forward.std < _LONGEST_M:
+                self.gnss["antenna_forward_m"] = forward
+        if "antenna_left_m" in self.gnss and "track_rear_m" in self.geometry:
+            # The speed's regression had yaw rates by the usual track.
+            place, share = self.gnss["antenna_left_m"], self.geometry["track_rear_m"].value / settings.track_m
+            self.gnss["antenna_left_m"] = Estimate(place.value * share, place.std * share)
 
     def motion(self) -> tuple[FloatArray, FloatArray]:
         """Speed (m/s) and yaw rate (rad/s) by the rear wheels, over the cells."""
@@ -82,58 +92,15 @@ class CarGeometry:
             difference = difference + self._course.value[1] / self._course.value[0] * self._speed
         return self._speed, difference / (track.value if track else self._settings.track_m)
 
-    def _windows(self, value: FloatArray) -> FloatArray:
-        """Means over windows of cells."""
-        count = len(value) // _WINDOW_CELLS * _WINDOW_CELLS
-        return np.asarray(value[:count].reshape(-1, _WINDOW_CELLS).mean(axis=1))
-
-    def _change(self, value: FloatArray) -> FloatArray:
-        """Rate of change over windows, by the values at their ends."""
-        at_edge = np.concatenate([[np.nan], 0.5 * (value[1:] + value[:-1]), [np.nan]])[::_WINDOW_CELLS]
-        change = np.diff(at_edge) / (_WINDOW_CELLS * self._settings.cell_s)
-        return np.asarray(change[: len(value) // _WINDOW_CELLS])
-
-    def _course_fit(self) -> Fit | None:
-        """Yaw rate by the course on the wheels' difference; columns as in the module's formula."""
-        reference, settings = self._reference, self._settings
-        speed = self._speed
-        yaw = self._difference / settings.track_m
-        with np.errstate(divide="ignore", invalid="ignore"):
-            per_speed = yaw / speed
-        usable = (speed > 3.0) & (np.abs(yaw) < 0.5 * speed)
-        target = np.where(usable, reference.yaw_radps, np.nan)
-        columns = [
-            self._windows(self._difference),
-            self._windows(speed),
-            self._change(yaw),
-            self._change(per_speed),
-            self._change(yaw * speed),
-        ]
-        blocks = np.floor(self._windows(reference.edge_s[:-1]) / settings.block_s)
-        return fit(np.column_stack(columns), self._windows(target), blocks)
-
     def _tracks(self, gyro: FloatArray | None) -> None:
         course, geometry = self._course, self.geometry
         if course is not None and course.value[0] > 0:
-            # Rounding of counts in the regressor makes the slope too small (errors in variables).
-            rounding = self._rounding_share()
-            track = 1.0 / (float(course.value[0]) * (1.0 + rounding))
-            std = math.hypot(course.std(0) * track**2, (_TRACK_FLOOR + 0.5 * rounding) * track)
+            track = 1.0 / float(course.value[0])
+            std = math.hypot(course.std(0) * track**2, _TRACK_FLOOR * track)
             if std < 0.5:
                 geometry["track_rear_m"] = Estimate(track, std)
         if "fl" in self._by_wheel and "track_rear_m" in geometry:
             self._front(geometry["track_rear_m"])
-
-    def _rounding_share(self) -> float:
-        """Variance of the wheels' difference that is rounding of counts, over all of it; 0 for speeds."""
-        ends = [self._by_wheel[wheel] for wheel in ("rl", "rr")]
-        if ends[0].series.kind != "count":
-            return 0.0
-        step_m = 1.0 / ends[0].per_mps
-        window_s = _WINDOW_CELLS * self._settings.cell_s
-        difference = self._windows(self._difference)
-        total = float(np.nanvar(difference[np.isfinite(difference)]))
-        return min(4.0 * step_m**2 / 12.0 / window_s**2 / max(total, 1e-12), 0.2)
 
     def _front(self, rear: Estimate) -> None:
         """Front track and wheelbase, exact for rolling wheels.
@@ -170,11 +137,11 @@ class CarGeometry:
             std = math.hypot(0.5 * base.std(0) / length, 0.02 * length)
             self.geometry["wheelbase_m"] = Estimate(length, std)
 
-    def _antenna(self) -> None:
+    def _speed_fit(self) -> None:
+        """Latency and the antenna's place across, by the receiver's speed."""
         reference, settings, gnss = self._reference, self._settings, self.gnss
-        track = self.geometry.get("track_rear_m")
         speed = self._speed
-        yaw = self._difference / (track.value if track else settings.track_m)
+        yaw = self._difference / settings.track_m
         accel = np.full(len(speed), np.nan)
         accel[1:-1] = (speed[2:] - speed[:-2]) / (2 * settings.cell_s)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -182,15 +149,12 @@ class CarGeometry:
         usable = (speed > settings.min_speed_mps) & (np.abs(yaw) < 0.5 * speed)
         blocks = np.floor(reference.edge_s[:-1] / settings.block_s)
         made = fit(np.column_stack(columns), np.where(usable, reference.speed_mps, np.nan), blocks)
-        if made is not None:
-            gnss["latency_s"] = Estimate(-float(made.value[2]), math.hypot(made.std(2), 0.006))
-            left = Estimate(-float(made.value[1]), math.hypot(made.std(1), 0.05))
-            if abs(left.value) < _WIDEST_M and left.std < _WIDEST_M:
-                gnss["antenna_left_m"] = left
-        if self._course is not None:
-            forward = Estimate(float(self._course.value[3]), math.hypot(self._course.std(3), 0.1))
-            if abs(forward.value) < _LONGEST_M and forward.std < _LONGEST_M:
-                gnss["antenna_forward_m"] = forward
+        if made is None:
+            return
+        gnss["latency_s"] = Estimate(-float(made.value[2]), math.hypot(made.std(2), 0.006))
+        left = Estimate(-float(made.value[1]), math.hypot(made.std(1), 0.05))
+        if abs(left.value) < _WIDEST_M and left.std < _WIDEST_M:
+            gnss["antenna_left_m"] = left
 
 
 def per_metre(followers: Sequence[Follower]) -> tuple[float, float]:

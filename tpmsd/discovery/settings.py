@@ -41,6 +41,12 @@ class Settings:
     rolling_share: float = 0.969
     """Rolling radius over the unloaded radius of the size (ETRTO: circumference at 60 km/h, 3.05 of the
     diameter for radial tyres, is 0.971 pi; at working load a little less)."""
+    side_slip: float = 3e-3
+    side_slip_std: float = 4e-3
+    """Prior of the rear axle's side slip per lateral acceleration, rad s2/m: from 0, of a car that rolls, to
+    9e-3 (650 kg on 1e5 N/rad make 6e-3; Gillespie 1992, ch. 6)."""
+    load_sure: float = 3.5
+    """Standard errors from which lateral load is taken up beside the track: cars that roll reach 3.3."""
     ripple_window_s: float = 0.5
     """Length of the smooth motion against which a wheel's ripple is seen: a car's speed changes in tenths of
     seconds at most, a wheel at town speed turns several times."""

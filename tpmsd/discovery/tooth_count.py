@@ -110,7 +110,7 @@ def _encoder(expected: float, spread: float, per_metre: float, blocks: Blocks) -
         return unknown
     step = min(expected**2 / blocks.longest / _GRID_PER_LINE, 0.25 * spread)
     trials = min(int(8 * spread / step) + 1, _MOST_TRIALS)
-    grid = expected + step * (np.arange(trials) - trials // 2)
+    grid = np.asarray(expected + step * (np.arange(trials) - trials // 2), dtype=np.float64)
     evidence = log_evidence(blocks, grid, grid) - 0.5 * ((grid - expected) / spread) ** 2
     best = int(np.argmax(evidence))
     if evidence[best] - float(np.median(evidence)) < _LINE_NATS or not 0 < best < trials - 1:

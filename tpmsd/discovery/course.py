@@ -1,0 +1,129 @@
+"""The receiver's course on the wheels' heading: track, antenna ahead, side slip.
+
+In: the rear wheels' speed and difference, the receiver's reference, its latency by the speed. Out: `Fit`.
+
+    course = constant + S(difference) / track + tyres S(v) + x_a r / v - tau r - c v r - l S(v^2 r)
+
+within each block, S the integral over time (rigid body to first order in r x / v; l is the share of a turn
+that the outer tyres' load feigns: their radius shrinks, so they turn faster). The heading is the integral of
+the wheels' difference, so that rounding of their counts does not add up, as it would in rates. A course is as
+uncertain as the receiver's velocity across the car over the speed; rows are weighted by the speed.
+
+A lever arm, a latency and a side slip differ in their power of the speed alone, and so do a track and the
+load of the outer tyres. So the latency comes from the speed's own regression, track and side slip have the
+prior of cars, and the load is taken up only where it is clear.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tpmsd.discovery.reference import Reference, cell_means
+from tpmsd.discovery.regress import Fit, fit, with_prior
+from tpmsd.discovery.result import Estimate
+from tpmsd.discovery.settings import SETTINGS, Settings
+from tpmsd.wheels import FloatArray
+
+_LEAST_CELLS = 6
+"""Cells of a stretch; its constant takes one of them."""
+
+
+def course_fit(
+    speed: FloatArray,
+    difference: FloatArray,
+    reference: Reference,
+    latency: Estimate | None,
+    settings: Settings = SETTINGS,
+) -> Fit | None:
+    """Coefficients: 1 / track, unequal tyres per metre, -latency, antenna ahead, -side slip, and -load
+    where the drive shows one.
+
+    `speed`, `difference` (n,) of the rear wheels over the cells, right minus left; None if it cannot be told.
+    """
+    made = _with_track(settings.track_m, speed, difference, reference, latency, settings)
+    if made is None or made.value[0] <= 0.0:
+        return made
+    return _with_track(1.0 / float(made.value[0]), speed, difference, reference, latency, settings)
+
+
+def _with_track(
+    track_m: float,
+    speed: FloatArray,
+    difference: FloatArray,
+    reference: Reference,
+    latency: Estimate | None,
+    settings: Settings,
+) -> Fit | None:
+    """The fit with yaw rates by this track."""
+    yaw = difference / track_m
+    with np.errstate(divide="ignore", invalid="ignore"):
+        per_speed = yaw / speed
+    course = cell_means(reference.fix_s, reference.fix_course_rad, reference.edge_s)
+    design = np.column_stack(
+        [
+            _integral(difference, settings),
+            _integral(speed, settings),
+            yaw,
+            per_speed,
+            yaw * speed,
+            _integral(yaw * speed**2, settings),
+        ]
+    )
+    usable = (speed > settings.min_speed_mps) & (np.abs(yaw) < 0.5 * speed) & np.isfinite(course)
+    block = np.floor(reference.edge_s[:-1] / settings.block_s)
+    rows, target = np.full(design.shape, np.nan), np.full(len(course), np.nan)
+    for cells in _stretches(usable, block):
+        weight = speed[cells]
+        share = weight**2 / (weight @ weight)
+        rows[cells] = (design[cells] - share @ design[cells]) * weight[:, None]
+        target[cells] = (course[cells] - share @ course[cells]) * weight
+    told = fit(rows, target, block)
+    if told is None or told.value[5] > -settings.load_sure * told.std(5):
+        # A load that the drive does not show costs more in the track than it mends.
+        rows = rows[:, :5]
+        told = fit(rows, target, block)
+    if told is None or not np.isfinite(told.cov).all():
+        return None
+    cov = told.cov.copy()
+    cov[0, 0] += (told.value[0] * _unexplained(rows, target, told)) ** 2 / 3.0
+    told = replace(told, cov=cov)
+    mean, std = np.zeros(len(told.value)), np.full(len(told.value), np.inf)
+    mean[0], std[0] = 1.0 / settings.track_m, settings.track_std_m / settings.track_m**2
+    mean[4], std[4] = -settings.side_slip, settings.side_slip_std
+    if latency is not None:
+        mean[2], std[2] = -latency.value, latency.std
+    return with_prior(told, mean, std)
+
+
+def _unexplained(rows: FloatArray, target: FloatArray, told: Fit) -> float:
+    """Share of the course that the heading leaves, the other columns taken out of both.
+
+    Noise of the heading makes the slope too small by at most this share: between the regression and the
+    reverse one lies the truth (Frisch 1934).
+    """
+    error = target - rows @ told.value
+    kept = np.abs(error) <= 4.0 * 1.4826 * np.nanmedian(np.abs(error))
+    others = rows[kept, 1:]
+    both = np.column_stack([rows[kept, 0], target[kept]])
+    both = both - others @ np.linalg.lstsq(others, both, rcond=None)[0]
+    return 1.0 - float(np.corrcoef(both.T)[0, 1]) ** 2
+
+
+def _integral(value: FloatArray, settings: Settings) -> FloatArray:
+    """(n,) integral up to the middle of each cell."""
+    known = np.where(np.isfinite(value), value, 0.0)
+    return settings.cell_s * (np.cumsum(known) - 0.5 * known)
+
+
+def _stretches(usable: NDArray[np.bool_], block: FloatArray) -> list[NDArray[np.int64]]:
+    """Cells of each run without a gap within a block."""
+    begins = np.concatenate([[True], ~usable[:-1] | (np.diff(block) != 0)])
+    number = np.cumsum(begins)
+    cells = np.flatnonzero(usable)
+    if not len(cells):
+        return []
+    parts = np.split(cells, np.flatnonzero(np.diff(number[cells])) + 1)
+    return [part for part in parts if len(part) >= _LEAST_CELLS]
