@@ -4,7 +4,8 @@
 
 Each car has a drawn layout, meaningless names, ten decoys and, half the time, a late copy of its wheels
 (`drawn_buses`); it is asked with its DBC and without. A result is right, undecided (the program says so) or
-wrong; shares come with 95 % Wilson intervals.
+wrong; shares come with 95 % Wilson intervals. The second table holds probabilities against what was right.
+Every second car has rings off their centres; the others' are perfect, as no real ring is.
 """
 
 from __future__ import annotations
@@ -13,16 +14,19 @@ import argparse
 import math
 import tempfile
 from collections import Counter
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 from bench.campaigns.drawn_buses import DrawnBus, draw
 from tpmsd.config.dbc import load_dbc
 from tpmsd.discovery.discover import discover
-from tpmsd.discovery.result import Discovery
+from tpmsd.discovery.result import Discovery, FoundRole
 from tpmsd.wheels import WHEELS
 
 _SURE = 0.95
+_BINS = (0.0, 0.5, 0.7, 0.85, 0.95, 0.99, 1.01)
+Claims = dict[str, list[tuple[float, bool]]]
 _BARS = {
     "track_rear_m": 0.02,
     "track_front_m": 0.02,
@@ -42,6 +46,7 @@ def options(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> dict[str, Any]:
     """Ask every car, print the table, and give the counts."""
     counts: Counter[str] = Counter()
+    claims: Claims = {"wheels": [], "counts per revolution": [], "driven axle": []}
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(args.first, args.first + args.cars):
             bus = draw(seed, 60.0 * args.minutes)
@@ -49,7 +54,19 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
             file.write_text(bus.dbc)
             for mode, database in (("with DBC", load_dbc(file)), ("raw", None)):
                 found = discover(bus.log, bus.fixes, database, bus.tyre)
-                _judge(counts, mode, bus, found)
+                _judge(counts, claims, mode, bus, found)
+    _table(counts)
+    _reliability(claims)
+    return {
+        "cars": args.cars,
+        "first": args.first,
+        "minutes": args.minutes,
+        "counts": dict(counts),
+        "claims": claims,
+    }
+
+
+def _table(counts: Counter[str]) -> None:
     rows = sorted({key.rsplit("|", 1)[0] for key in counts})
     print("| figure | right | undecided | wrong | right, 95 % interval |")
     print("| --- | --- | --- | --- | --- |")
@@ -57,14 +74,35 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
         right, unsure, wrong = (counts[f"{row}|{what}"] for what in ("right", "undecided", "wrong"))
         low, high = _wilson(right, right + unsure + wrong)
         print(f"| {row} | {right} | {unsure} | {wrong} | {100 * low:.0f} to {100 * high:.0f} % |")
-    return {"cars": args.cars, "first": args.first, "minutes": args.minutes, "counts": dict(counts)}
 
 
-def _judge(counts: Counter[str], mode: str, bus: DrawnBus, found: Discovery) -> None:
+def _reliability(claims: Claims) -> None:
+    """How often claims of a probability are right: roles without their DBC's names, teeth, axle."""
+    print("\n| claims of | probability | number | mean probability | right | 95 % interval |")
+    print("| --- | --- | --- | --- | --- | --- |")
+    for what in sorted(claims):
+        for low, high in pairwise(_BINS):
+            told = [(p, right) for p, right in claims[what] if low <= p < high]
+            if not told:
+                continue
+            right = sum(one for _, one in told)
+            mean = sum(p for p, _ in told) / len(told)
+            least, most = _wilson(right, len(told))
+            span = f"{low:g} to {min(high, 1.0):g}"
+            share = f"{right / len(told):.3f} | {least:.2f} to {most:.2f}"
+            print(f"| {what} | {span} | {len(told)} | {mean:.3f} | {share} |")
+
+
+def _judge(counts: Counter[str], claims: Claims, mode: str, bus: DrawnBus, found: Discovery) -> None:
     wheels = "undecided"
     if found.kind is not None:
         right = [_is_wheel(bus, found, wheel, mode) for wheel in WHEELS]
         sure = found.wheels_decided
+        claims["wheels"] += [
+            (role.probability, ok)
+            for role, ok in zip(_wheels_of(found), right, strict=True)
+            if role is not None
+        ]
         wheels = "undecided" if not sure else "right" if all(right) else "wrong"
     counts[f"four wheels, {mode}|{wheels}"] += 1
     if wheels != "right" or mode == "raw":
@@ -72,9 +110,14 @@ def _judge(counts: Counter[str], mode: str, bus: DrawnBus, found: Discovery) -> 
     if found.counts_per_rev is not None:
         sure = found.counts_probability >= _SURE
         same = found.counts_per_rev.value == bus.spec.vehicle.teeth_per_rev
-        counts[f"counts per revolution|{'undecided' if not sure else 'right' if same else 'wrong'}"] += 1
+        claims["counts per revolution"].append((found.counts_probability, same))
+        rings = "uneven" if bus.uneven else "perfect"
+        counts[
+            f"counts per revolution, {rings} rings|{'undecided' if not sure else 'right' if same else 'wrong'}"
+        ] += 1
     axle, sure_axle = found.driven_axle or ("front", 0.0)
     same = axle == bus.spec.vehicle.driven_axle
+    claims["driven axle"].append((sure_axle, same))
     counts[f"driven axle|{'undecided' if sure_axle < _SURE else 'right' if same else 'wrong'}"] += 1
     truth = {
         "track_rear_m": bus.spec.vehicle.track_rear_m,
@@ -91,6 +134,11 @@ def _judge(counts: Counter[str], mode: str, bus: DrawnBus, found: Discovery) -> 
             continue
         good = abs(one.value - truth[key]) <= max(limit, 2 * one.std)
         counts[f"{key} within the bar or two std|{'right' if good else 'wrong'}"] += 1
+
+
+def _wheels_of(found: Discovery) -> list[FoundRole | None]:
+    what = "" if found.kind is None else found.kind.removesuffix("s")
+    return [found.roles.get(f"wheel_{what}_{wheel}") for wheel in WHEELS]
 
 
 def _is_wheel(bus: DrawnBus, found: Discovery, wheel: str, mode: str) -> bool:
