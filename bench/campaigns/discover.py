@@ -112,9 +112,8 @@ def _judge(counts: Counter[str], claims: Claims, mode: str, bus: DrawnBus, found
         same = found.counts_per_rev.value == bus.spec.vehicle.teeth_per_rev
         claims["counts per revolution"].append((found.counts_probability, same))
         rings = "uneven" if bus.uneven else "perfect"
-        counts[
-            f"counts per revolution, {rings} rings|{'undecided' if not sure else 'right' if same else 'wrong'}"
-        ] += 1
+        result = "undecided" if not sure else "right" if same else "wrong"
+        counts[f"counts per revolution, {rings} rings|{result}"] += 1
     axle, sure_axle = found.driven_axle or ("front", 0.0)
     same = axle == bus.spec.vehicle.driven_axle
     claims["driven axle"].append((sure_axle, same))

@@ -19,7 +19,8 @@ def best_offset(
 ) -> tuple[float, float, float] | None:
     """Offset in s to add to the fixes' stamps, correlation there, and correlation as stamped (NaN if apart).
 
-    None where the recordings are too short or one of them stands still.
+    The offset lies where the parabola through the correlations, a second apart, has its top. None where the
+    recordings are too short or one of them stands still.
     """
     one, start_one = _resampled(wheel_s, wheel)
     other, start_other = _resampled(fix_s, speed)
@@ -44,9 +45,13 @@ def best_offset(
     lags = np.arange(-(len(other) - 1), len(one)) * _STEP_S
     best = int(np.argmax(r))
     offsets = lags + start_one - start_other
-    near = np.flatnonzero(np.abs(offsets) <= 2.5)
+    top = float(offsets[best])
+    if 0 < best < len(r) - 1 and min(r[best - 1], r[best + 1]) > 0.0:
+        before, after = r[best - 1] - r[best], r[best + 1] - r[best]
+        top += 0.5 * _STEP_S * float((before - after) / min(before + after, -1e-12))
+    near = np.flatnonzero(np.abs(offsets) < _STEP_S)
     here = float(r[near].max()) if len(near) else float("nan")
-    return float(offsets[best]), float(r[best]), here
+    return top, float(r[best]), here
 
 
 def _resampled(time_s: FloatArray, value: FloatArray) -> tuple[FloatArray, float]:

@@ -43,9 +43,16 @@ _SPEED_STD = 0.012
 """The same for a maker's scale of wheel speeds."""
 _OTHER_TEETH_STD = 0.06
 """Spread of the same where the number of teeth, or a unit, is wrong."""
-_PLACE_FLOOR_M = {"antenna_left_m": 0.15, "antenna_forward_m": 0.5}
-"""Standard deviation of an antenna's place beyond that of the regression; lateral slip moves the forward
-one."""
+_PLACE_FLOOR_M = {"antenna_left_m": 0.1, "antenna_forward_m": 0.15}
+"""Standard deviation of an antenna's place beyond that of the regression: the tape's, the phase centre's."""
+_PLACE_Z = 3.7
+"""Standard deviations from which a place is wrong: 1 in 4,600 right ones."""
+_CLOCK_S = 0.7
+"""Clocks this far apart are no latency of a receiver, beyond the one that the file states."""
+_CLOCK_NATS = 10.0
+"""Log-likelihood gain by which another offset must fit better."""
+_CORRELATED_S = 10.0
+"""Seconds of driving that count as one independent reading of the speed."""
 _UNITS = ("km/h", "m/s", "mph", "knots")
 _SIGNED = ("yaw_rate", "accel_lat", "accel_long", "steering_wheel_angle")
 
@@ -129,11 +136,17 @@ def _aligned(
     if best is None:
         return fixes, None
     offset_s, there, here = best
-    if abs(offset_s) <= 2.5 or there < 0.97 or (math.isfinite(here) and there - here < 0.05):
+    stated = config.gnss.latency_s or 0.0
+    if abs(offset_s + stated) <= _CLOCK_S or there < 0.97:
+        return fixes, None
+    readings = (edges[-1] - edges[0]) / _CORRELATED_S
+    if math.isfinite(here) and 0.5 * readings * math.log((1.0 - here**2) / (1.0 - there**2)) < _CLOCK_NATS:
         return fixes, None
     apart = fixes[0].arrival_s > message.time_s[-1] or fixes[-1].arrival_s < message.time_s[0]
     said = "the recordings do not overlap; " if apart else ""
-    suggest = f"{said}the fixes' stamps are {-offset_s:+.0f} s off: shift them by {offset_s:+.0f} s"
+    digits = 0 if abs(offset_s) >= 5.0 else 1
+    late, shift = f"{-offset_s:+.{digits}f}", f"{offset_s:+.{digits}f}"
+    suggest = f"{said}the fixes' stamps are {late} s off: shift them by {shift} s"
     moved = [replace(fix, arrival_s=fix.arrival_s + offset_s) for fix in fixes]
     return moved, Suspicion("gnss", "clock_offset", min(0.999, there), suggest)
 
@@ -288,7 +301,7 @@ def _antenna(config: Config, geometry: CarGeometry) -> list[Suspicion]:
         stated = float(getattr(config.gnss, key))
         z = abs(place.value - stated) / math.hypot(place.std, floor)
         sure = min(0.999, float(1.0 - 2 * norm.sf(z)))
-        if z > 4.0:
+        if z > _PLACE_Z:
             suggest = f"{key} = {place.value:.2f} (+- {place.std:.2f})"
             found.append(Suspicion(f"gnss.{key}", "wrong_antenna", sure, suggest))
     return found
