@@ -151,7 +151,7 @@ def _teeth(
     wheels: list[tuple[Counter, float]] = []
     for one in followers_found:
         field = one.series.field
-        log = material.logs[field.key]
+        log = material.logs[field.key].held(field.selectors)
         counter = unwrap(field, log, log.bits(field.place))
         if counter is not None:
             wheels.append((counter, abs(field.scale)))
@@ -284,6 +284,11 @@ def _speed_role(
     key: str, one: Follower, probability: float, rivals: tuple[tuple[str, float], ...]
 ) -> FoundRole:
     """A speed, its unit and scale held against the receiver."""
+    found = _in_unit(key, one, probability, rivals)
+    return replace(found, invalid=tuple(sorted(one.series.no_value)))
+
+
+def _in_unit(key: str, one: Follower, probability: float, rivals: tuple[tuple[str, float], ...]) -> FoundRole:
     known = one.series.field
     declared = canonical_unit(known.unit) or "km/h"
     kind, factor, _ = UNITS[declared]

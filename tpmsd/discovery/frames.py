@@ -6,6 +6,7 @@ In: frames in the order of their stamps. Out: `BusLog`: stamps and payloads by m
 from __future__ import annotations
 
 from array import array
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -35,6 +36,15 @@ class MessageLog:
     def period_s(self) -> float:
         """Median time between two frames; infinite for fewer than three."""
         return float(np.median(np.diff(self.time_s))) if len(self.time_s) > 2 else float("inf")
+
+    def held(self, selectors: Sequence[tuple[BitField, frozenset[int]]]) -> MessageLog:
+        """The frames of one branch of the multiplexers; all where there are none."""
+        if not selectors:
+            return self
+        kept = np.ones(len(self.time_s), dtype=np.bool_)
+        for place, numbers in selectors:
+            kept &= np.isin(self.bits(place), np.array(sorted(numbers), dtype=np.uint64))
+        return MessageLog(self.key, self.time_s[kept], self.data[kept])
 
     def bits(self, place: BitField) -> RawArray:
         """(n,) raw bits of a field; ValueError if the payload does not hold it."""

@@ -21,7 +21,7 @@ from tpmsd.discovery.settings import SETTINGS, Settings
 from tpmsd.errors import ConfigError
 from tpmsd.sources.events import GnssFix
 from tpmsd.sources.signal_bits import RawArray
-from tpmsd.sources.signal_plan import EXTENDED, bit_field
+from tpmsd.sources.signal_plan import EXTENDED, bit_field, invalid_bits, selector_chain
 from tpmsd.wheels import FloatArray
 
 
@@ -48,8 +48,8 @@ def prepare(
     fields = dbc_fields(database, logs) if database is not None else _all_raw(logs, settings)
     series: list[Series] = []
     for one in fields:
-        message = logs[one.key]
         try:
+            message = logs[one.key].held(one.selectors)
             raw = message.bits(one.place)
         except ValueError:
             continue
@@ -83,23 +83,18 @@ def _may_follow(log: MessageLog, raw: RawArray, reference: Reference) -> bool:
 
 
 def dbc_fields(database: Database, logs: Mapping[int, MessageLog]) -> list[Field]:
-    """Every signal of the DBC whose message is in the log and that is always in it."""
+    """Every signal of the DBC whose message is in the log."""
     found = []
     for message in database.messages:
         key = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
         if key not in logs:
             continue
         for signal in message.signals:
-            if signal.multiplexer_ids is not None:
-                continue
             try:
-                place = bit_field(signal)
+                place, selectors = bit_field(signal), selector_chain(message, signal)
             except ConfigError:
                 continue
             scale, offset = float(signal.scale), float(signal.offset)
-            invalid = frozenset(
-                int(raw) & place.mask for raw, text in (signal.choices or {}).items() if _says_none(str(text))
-            )
             if scale:
                 found.append(
                     Field(
@@ -110,15 +105,12 @@ def dbc_fields(database: Database, logs: Mapping[int, MessageLog]) -> list[Field
                         scale,
                         offset,
                         signal.unit or "",
-                        invalid,
+                        invalid_bits(signal, place),
                         0 if place.is_float else counter_modulus(signal),
+                        selectors,
                     )
                 )
     return found
-
-
-def _says_none(text: str) -> bool:
-    return any(word in text.lower() for word in ("sna", "invalid", "fault", "error", "not avail", "notavail"))
 
 
 def _all_raw(logs: Mapping[int, MessageLog], settings: Settings) -> list[Field]:

@@ -41,11 +41,19 @@ class FoundRole:
     sign: float = 1.0
     offset: float | None = None
     """The offset that goes with `scale`."""
+    invalid: tuple[int, ...] = ()
+    """Raw numbers that stand for no value and that the DBC does not declare."""
 
     @property
     def plain(self) -> bool:
         """Whether the name says all."""
-        return not self.modulus and self.unit is None and self.scale is None and self.sign > 0
+        return (
+            not self.modulus
+            and self.unit is None
+            and self.scale is None
+            and self.sign > 0
+            and not self.invalid
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +111,7 @@ class Discovery:
                     **({"modulus": found.modulus} if found.modulus else {}),
                     **({"unit": found.unit} if found.unit else {}),
                     **({"scale": found.scale} if found.scale is not None else {}),
+                    **({"invalid": list(found.invalid)} if found.invalid else {}),
                     **({"sign": found.sign} if found.sign < 0 else {}),
                 }
                 for role, found in self.roles.items()

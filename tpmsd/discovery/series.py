@@ -19,6 +19,8 @@ from tpmsd.wheels import FloatArray
 
 Kind = Literal["count", "value"]
 _LONG_GAP_PERIODS = 5.0
+_LEAST_CUSTOM, _CUSTOM_APART = 1023, 0.9
+"""Numbers of ten bits and more may be reserved, and a speed does not jump by a tenth between two frames."""
 _FEW_WRAPS = 3
 _STEP_STD = 0.7
 """Least standard deviation of a step against the mean of its neighbours, in counts: rounding of three."""
@@ -38,6 +40,8 @@ class Field:
     invalid: frozenset[int] = frozenset()
     stated_modulus: int = 0
     """Modulus that the DBC hints at; 0: none."""
+    selectors: tuple[tuple[BitField, frozenset[int]], ...] = ()
+    """Multiplexers above it, outermost first, and the numbers that select it."""
 
     @property
     def signal(self) -> str:
@@ -58,11 +62,15 @@ class Series:
     modulus_seen: bool = False
     """Whether roll-overs told the modulus; else it is the field's width."""
     period_s: float = 0.0
+    no_value: frozenset[int] = frozenset()
+    """Raw numbers that stand for no value, beside those that the DBC names."""
 
 
 def as_value(field: Field, log: MessageLog, raw: RawArray, edges: FloatArray) -> Series:
-    """The field as a number (signed and float as the field says)."""
+    """The field as a number (signed and float as the field says); what stands for no value is left out."""
     place = field.place
+    plain = not place.is_float and not place.signed and not field.invalid
+    no_value = _no_value(raw) if plain else frozenset()
     if place.is_float:
         width = {16: np.float16, 32: np.float32, 64: np.float64}[place.length]
         unsigned = {16: np.uint16, 32: np.uint32, 64: np.uint64}[place.length]
@@ -71,9 +79,20 @@ def as_value(field: Field, log: MessageLog, raw: RawArray, edges: FloatArray) ->
         value = raw.astype(np.float64)
         if place.signed:
             value[raw >> np.uint64(place.length - 1) > 0] -= 2.0**place.length
-    if field.invalid:
-        value[np.isin(raw, np.array(sorted(field.invalid), dtype=np.uint64))] = np.nan
-    return Series(field, "value", cell_means(log.time_s, value, edges), period_s=log.period_s)
+    if invalid := field.invalid | no_value:
+        value[np.isin(raw, np.array(sorted(invalid), dtype=np.uint64))] = np.nan
+    means = cell_means(log.time_s, value, edges)
+    return Series(field, "value", means, period_s=log.period_s, no_value=no_value)
+
+
+def _no_value(raw: RawArray) -> frozenset[int]:
+    """A greatest number that is all ones, far above all others: by custom it says that there is no value."""
+    greatest = int(raw.max()) if len(raw) else 0
+    if greatest < _LEAST_CUSTOM or greatest & (greatest + 1):
+        return frozenset()
+    others = raw[raw != greatest]
+    apart = len(others) > len(raw) // 2 and int(others.max()) < _CUSTOM_APART * greatest
+    return frozenset({greatest}) if apart else frozenset()
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,7 +32,7 @@ from tpmsd.discovery.series import Field, Series, as_count, as_value
 from tpmsd.discovery.settings import SETTINGS, Settings
 from tpmsd.discovery.wheels import Follower, followers, placed
 from tpmsd.sources.events import GnssFix
-from tpmsd.sources.signal_plan import EXTENDED, bit_field
+from tpmsd.sources.signal_plan import EXTENDED, bit_field, invalid_bits, selector_chain
 from tpmsd.wheels import WHEELS, FloatArray
 
 _LEAST = 0.95
@@ -106,7 +106,12 @@ def _fields(config: Config, database: Database) -> dict[str, Field]:
         if role.startswith("wheel_count_"):
             modulus = option.modulus or counter_modulus(signal)
             unit = f"modulus {modulus}"
-        fields[role] = Field(message.name, signal.name, key, bit_field(signal), scale, offset, unit)
+        place = bit_field(signal)
+        invalid = invalid_bits(signal, place) | {number & place.mask for number in option.invalid}
+        chain = selector_chain(message, signal)
+        fields[role] = Field(
+            message.name, signal.name, key, place, scale, offset, unit, invalid, selectors=chain
+        )
     return fields
 
 
@@ -118,7 +123,7 @@ def _aligned(
     reference = make_reference(fixes)
     if role is None or len(reference.fix_s) < 10:
         return fixes, None
-    message = logs[fields[role].key]
+    message = logs[fields[role].key].held(fields[role].selectors)
     edges = np.arange(np.ceil(message.time_s[0]), message.time_s[-1], 1.0)
     if len(edges) < 3:
         return fixes, None
@@ -159,7 +164,7 @@ def _wheels(
     for role, one in fields.items():
         if not role.startswith("wheel_") or one.key not in material.logs:
             continue
-        log = material.logs[one.key]
+        log = material.logs[one.key].held(one.selectors)
         raw = log.bits(one.place)
         if len(raw) < 20 or raw.min() == raw.max():
             continue

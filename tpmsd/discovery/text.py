@@ -64,6 +64,8 @@ def _signal(one: FoundRole) -> str:
     parts = [f"signal = {name}"]
     if one.modulus:
         parts.append(f"modulus = {one.modulus}")
+    if one.invalid:
+        parts.append(f"invalid = [{', '.join(str(number) for number in one.invalid)}]")
     if one.scale is not None:
         parts.append(f"scale = {one.scale:.10g}")
     if one.offset is not None:
@@ -77,7 +79,7 @@ def _signal(one: FoundRole) -> str:
 
 def _written_in_dbc(one: FoundRole) -> bool:
     """Whether the DBC is our own and says it all."""
-    return one.field.message.startswith("ID_") and not one.modulus
+    return one.field.message.startswith("ID_") and not one.modulus and not one.invalid
 
 
 def dbc_text(found: Discovery) -> str:

@@ -208,7 +208,7 @@ class _Conditions:
         plan = ConditionPlan(
             number,
             condition.signal,
-            _selectors(message, signal),
+            selector_chain(message, signal),
             bit_field(signal),
             float(signal.scale),
             float(signal.offset),
@@ -302,7 +302,7 @@ def _plan(config: Config, role: str, name: str, signal: Signal) -> SignalPlan:
         gain, bias = gain / radius_m, bias / radius_m
     if gain == 0.0:
         raise ConfigError(f"can.signals.{role}: {name} has the scale 0 in the DBC")
-    invalid = _invalid_bits(signal, field) | {number & field.mask for number in option.invalid}
+    invalid = invalid_bits(signal, field) | {number & field.mask for number in option.invalid}
     return SignalPlan(role, name, field, gain, bias, invalid, modulus)
 
 
@@ -313,7 +313,7 @@ _NO_VALUE = re.compile(
 _DENIED = re.compile(r"(?<![a-z])(no|not|non|without)[ _]*(error|fault|failure)")
 
 
-def _invalid_bits(signal: Signal, field: BitField) -> frozenset[int]:
+def invalid_bits(signal: Signal, field: BitField) -> frozenset[int]:
     """Raw bits by which a sender says that it has no value.
 
     These are the named choices that say so, and the value reserved for it by custom (all ones; for signed
@@ -340,7 +340,7 @@ def _invalid_bits(signal: Signal, field: BitField) -> frozenset[int]:
 def _message_plan(
     key: int, message: Message, signals: list[tuple[Signal, SignalPlan]], conditions: list[ConditionPlan]
 ) -> MessagePlan:
-    chains = [_selectors(message, signal) for signal, _ in signals]
+    chains = [selector_chain(message, signal) for signal, _ in signals]
     fields = [plan.field for _, plan in signals] + [field for chain in chains for field, _ in chain]
     fields += [c.field for c in conditions] + [field for c in conditions for field, _ in c.selectors]
     little = max((field.min_bytes for field in fields if not field.big_endian), default=0)
@@ -365,7 +365,7 @@ def _message_plan(
     return MessagePlan(key, message.name, little, big, groups, compared)
 
 
-def _selectors(message: Message, signal: Signal) -> tuple[tuple[BitField, frozenset[int]], ...]:
+def selector_chain(message: Message, signal: Signal) -> tuple[tuple[BitField, frozenset[int]], ...]:
     """The chain of multiplexers above a signal, outermost first (extended multiplexing nests them)."""
     chain: list[tuple[BitField, frozenset[int]]] = []
     seen: set[str] = set()
