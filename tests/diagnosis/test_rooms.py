@@ -17,7 +17,6 @@ THROUGH_OTHERS = {
     "assessment.teeth",
     "assessment.walking_pace",
     "refinement.finer",
-    "refinement.refine",
     "refinement.relinearise",
     "reporting.findings",
     "reporting.traces",
