@@ -16,8 +16,10 @@ from tpmsd.diagnosis.assessment.simulated import floored, widened
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.refinement.refine import plainest_shape, refine
 from tpmsd.diagnosis.refinement.relinearise import relinearise
+from tpmsd.diagnosis.robustness.accounts import changed
 from tpmsd.diagnosis.robustness.confirm import confirmed
 from tpmsd.diagnosis.robustness.drifting import drifting
+from tpmsd.diagnosis.robustness.outlying import lasting
 from tpmsd.diagnosis.robustness.together import together
 from tpmsd.diagnosis.selection.chosen import Selection
 from tpmsd.diagnosis.selection.selector import Selector
@@ -128,10 +130,14 @@ Alternative = Callable[[Study, Selection, Evidence, Selection], tuple[Selection,
 """Study, what is chosen, its evidence, and what was chosen before any alternative; the first two anew."""
 
 ALTERNATIVES: tuple[Alternative, ...] = (
+    # Outliers of the receiver, where it alone shows an event.
+    lambda study, selection, evidence, before: lasting(study, selection, evidence),
     # Slow noise at its likeliest without the term: the receiver's for what all wheels share, radius drift.
     lambda study, selection, evidence, before: confirmed(study, selection, evidence),
     # Usual radius drift, where one group of wheels has nearly all of it to itself.
     lambda study, selection, evidence, before: together(study, selection, evidence, before),
+    # Radius drift at its likeliest with and without a change of a radius.
+    lambda study, selection, evidence, before: changed(study, selection, evidence),
     # Usual drift of the gyro's zero, where it drifts far and smoothly.
     lambda study, selection, evidence, before: drifting(study, selection, evidence),
 )

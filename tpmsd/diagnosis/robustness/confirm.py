@@ -33,7 +33,7 @@ def confirmed(study: Study, selection: Selection, evidence: Evidence) -> tuple[S
     """Take out the terms that slow noise explains as well."""
     for one in selection.chosen:
         looks = one.term.kind_of.looks
-        common = looks is Look.COMMON or _of_all_read(study, one.term)
+        common = looks is Look.COMMON or of_all_read(study, one.term)
         wheel = looks is Look.WHEEL or one.term.covariate in ("time", "distance")
         clear = SETTINGS.robustness.clear_of_drift_nats if wheel else 0.0
         if one.gain > (SETTINGS.robustness.clear_of_receiver_nats if common else clear):
@@ -53,7 +53,7 @@ def confirmed(study: Study, selection: Selection, evidence: Evidence) -> tuple[S
     return _receivers_own(study, selection, evidence), evidence
 
 
-def _of_all_read(study: Study, term: Term) -> bool:
+def of_all_read(study: Study, term: Term) -> bool:
     """Whether a term acts on all wheels that are read, so that only the receiver shows it."""
     read = {WHEELS[k] for number in study.acting(term) for k in study.drives[number].reader.recording.wheels}
     return read <= set(PATTERNS.get(term.place, ()))

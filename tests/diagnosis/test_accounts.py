@@ -1,0 +1,52 @@
+"""Changes of a radius are told from radii that drift."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from bench.worlds.kinematic import Spec, drive
+from tests.diagnosis.recorded import recording_of
+from tpmsd.diagnosis.prepared.admission import admitted
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.robustness.accounts import changed
+from tpmsd.diagnosis.robustness.confirm import confirmed
+from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.inference.noise_fit import refit_wander
+from tpmsd.inference.recording import Recording
+from tpmsd.wheels import WHEELS, FloatArray
+
+DRIFT, MEMORY_S = 1.2e-3, 20.0
+"""Relative standard deviation of the radii's drift, as on real roads, and its time constant."""
+
+
+def drifting(changed_m: float) -> Recording:
+    """A car whose radii drift; that of the left rear wheel changes within a minute."""
+    recording = recording_of(drive(Spec(duration_s=300.0, road="rural"), 6))
+    rng = np.random.default_rng(6)
+    kept = np.exp(-recording.dt_s / MEMORY_S)
+    fresh = rng.normal(0.0, DRIFT * np.sqrt(1.0 - kept**2), recording.rotation_rad.shape)
+    drift: FloatArray = lfilter([1.0], [1.0, -kept], fresh, axis=0)
+    ramp = np.clip((recording.edges_s[:-1] - 100.0) / 60.0, 0.0, 1.0)
+    change = changed_m / recording.car.radius_m[0] * ramp[:, None] * (np.array(WHEELS) == "rl")
+    return replace(recording, rotation_rad=recording.rotation_rad / (1.0 + drift + change))
+
+
+@pytest.mark.parametrize(("changed_m", "wheels"), [(-3e-3, ["rl"]), (0.0, [])])
+def test_a_change_of_a_radius_is_told_from_drift(changed_m: float, wheels: list[str]) -> None:
+    """Beside the drift that is likeliest without it, it is nothing unusual; two accounts as wholes differ."""
+    readers, _ = admitted([drifting(changed_m)])
+    study = Study(readers)
+    car, windows = study.drives[0], readers[0].windows
+    plain = car.believed(study.hypotheses.nuisance)
+    car.noise = refit_wander(windows, plain, replace(car.noise, wander=1e-3), None)
+    evidence = study.evidence()
+    nothing = Selector(evidence, study.hypotheses, last=True).judged([])
+
+    found, under = changed(study, nothing, evidence)
+
+    assert wheels == [one.term.wheel for one in found.chosen]
+    assert () == confirmed(study, found, under)[0].chosen

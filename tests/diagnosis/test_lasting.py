@@ -1,0 +1,71 @@
+"""Wheels that slip are told from a receiver that errs, where only the receiver shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bench.worlds.kinematic import Spec, drive
+from tests.diagnosis.recorded import recording_of
+from tpmsd.diagnosis.prepared.admission import admitted
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.robustness.outlying import lasting
+from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.diagnosis.stages import estimate_noise
+from tpmsd.inference.noise_fit import Stage
+from tpmsd.inference.recording import Recording
+
+BEGIN_S = 120.0
+
+
+def two_wheels() -> Recording:
+    """A car of which the rear wheels are read, both driven."""
+    recording = recording_of(drive(Spec(duration_s=240.0, road="rural", driven="rear"), 8))
+    rotation = recording.rotation_rad.copy()
+    rotation[:, :2] = np.nan
+    return replace(recording, rotation_rad=rotation)
+
+
+def slipping(recording: Recording) -> Recording:
+    """Both wheels spin by 3 % for 12 s."""
+    times = recording.edges_s[:-1]
+    on = (times >= BEGIN_S) & (times < BEGIN_S + 12.0)
+    return replace(recording, rotation_rad=recording.rotation_rad * (1.0 + 0.03 * on[:, None]))
+
+
+def erring(recording: Recording) -> Recording:
+    """The receiver's speed is 2 m/s too low for 2 s, and so is the way that its positions make."""
+    times = recording.fix_time_s
+    on = (times >= BEGIN_S) & (times < BEGIN_S + 2.0)
+    behind = 2.0 * np.clip(times - BEGIN_S, 0.0, 2.0)
+    ahead = np.unwrap(recording.course_rad[np.isfinite(recording.course_rad)])
+    course = np.interp(times, times[np.isfinite(recording.course_rad)], ahead)
+    return replace(
+        recording,
+        speed_mps=recording.speed_mps - 2.0 * on,
+        east_m=recording.east_m - behind * np.cos(course) * on,
+        north_m=recording.north_m - behind * np.sin(course) * on,
+    )
+
+
+@pytest.mark.parametrize(("happens", "stands"), [(slipping, True), (erring, False)])
+def test_slip_that_only_the_receiver_shows_must_last(
+    happens: Callable[[Recording], Recording], stands: bool
+) -> None:
+    """Twelve seconds of slip stand; two seconds in which the receiver errs do not, though they gain more."""
+    usual, study = (Study(admitted([one])[0]) for one in (two_wheels(), happens(two_wheels())))
+    estimate_noise(usual, usual.hypotheses.nuisance, Stage.SECOND)
+    study.drives[0].noise = usual.drives[0].noise
+    evidence = study.evidence()
+    selector = Selector(evidence, study.hypotheses, last=True)
+    gram, b = evidence.projected(study.hypotheses.nuisance)
+    events = [entry for entry in study.hypotheses.pulse_gains(gram, b) if entry[1].place == "rear"]
+    gain, event = max(events, key=lambda entry: entry[0])
+    assert gain > 40.0
+
+    found, _ = lasting(study, selector.judged([event]), evidence)
+
+    assert stands == (len(found.chosen) == 1)

@@ -1,0 +1,93 @@
+"""Names the change of a radius, or the event, that the noise model took for radius drift.
+
+In: a `Study` and its `Selection`. Out: both, with the changes that a drive demands.
+
+How much radii drift is estimated from the drive, and a change that stays raises that estimate, the more the
+larger it is: a step of 2 mm makes a drift of 0.7 mm, in which it is nothing unusual. Gains under one noise
+cannot tell the two apart. So two accounts of the drive are compared as wholes, each with the drift that is
+likeliest in it (generalised likelihood ratio; the jump of Willsky and Jones, IEEE Transactions on Automatic
+Control 21, 1976): radii that drift alone, and radii that drift beside a change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from tpmsd.diagnosis.assessment.simulated import widened
+from tpmsd.diagnosis.hypotheses.terms import Term, group_gain
+from tpmsd.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.refinement.refine import exact
+from tpmsd.diagnosis.robustness.confirm import of_all_read
+from tpmsd.diagnosis.selection.chosen import Selection
+from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.diagnosis.settings import SETTINGS
+from tpmsd.inference.least_squares import Evidence
+from tpmsd.inference.noise import PRIORS, Noise
+from tpmsd.inference.noise_fit import log_posterior, refit_wander
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True)
+class Account:
+    """A model of a drive with the radius drift that is likeliest beside it."""
+
+    log_likelihood: float
+    noise: Noise
+
+
+def changed(study: Study, selection: Selection, evidence: Evidence) -> tuple[Selection, Evidence]:
+    """Add the change that is likelier than drift; sets a drive's noise where there is one. Asked of single
+    drives, and of one change: where radii drift far, what is left beside it is the road's own."""
+    drive = study.drives[0]
+    if len(study.drives) > 1 or drive.noise.wander < SETTINGS.robustness.drifts_from:
+        return selection, evidence
+    before = drive.noise
+    terms = [one.term for one in selection.chosen]
+    drifting = _account(drive, Selector(evidence, study.hypotheses).design(terms))
+    drive.noise = drifting.noise
+    term = _likeliest(study, terms, drifting)
+    if term is not None:
+        here = study.evidence()
+        term = exact(study, here, Selector(here, study.hypotheses).design(terms), term)
+        terms = [replace(one, design=widened(one.design, study.hypotheses.width)) for one in terms]
+        beside = _account(drive, Selector(study.evidence(), study.hypotheses).design([*terms, term]))
+        brings = beside.log_likelihood - drifting.log_likelihood
+        if brings > term.penalty + SETTINGS.selection.admit_nats:
+            terms, before = [*terms, term], beside.noise
+    drive.noise = before
+    evidence = study.evidence()
+    return Selector(evidence, study.hypotheses, last=True).judged(terms), evidence
+
+
+def _account(drive: DriveStudy, design: FloatArray) -> Account:
+    """The likeliest drift beside a design: there may be two, a far and slow one and a near and quick one."""
+    windows, columns = drive.reader.windows, drive.believed(design)
+    usual = replace(drive.noise, wander=PRIORS["wander"][0], wander_tau_s=PRIORS["wander_tau_s"][0])
+    found = [refit_wander(windows, columns, start, drive.inflate) for start in (drive.noise, usual)]
+    accounts = [Account(log_posterior(windows, columns, noise, drive.inflate), noise) for noise in found]
+    return max(accounts, key=lambda account: account.log_likelihood)
+
+
+def _likeliest(study: Study, terms: Sequence[Term], drifting: Account) -> Term | None:
+    """The change or event on the grid that goes with the likeliest account, over some sizes of the drift."""
+    drive = study.drives[0]
+    best: tuple[float, Term] | None = None
+    for share in SETTINGS.robustness.drift_levels:
+        drive.noise = replace(drifting.noise, wander=share * drifting.noise.wander)
+        selector = Selector(study.evidence(), study.hypotheses, last=True)
+        design = selector.design(terms)
+        gram, b = selector.evidence.projected(design)
+        alone = log_posterior(drive.reader.windows, drive.believed(design), drive.noise, drive.inflate)
+        found = study.hypotheses.ramp_gains(gram, b) + study.hypotheses.pulse_gains(gram, b)
+        own = [term for term in study.hypotheses.catalogue if term.ramp or term.pulse]
+        found += [(group_gain(term.design[1:], gram, b)[0], term) for term in own]
+        for gain, term in found:
+            worth = alone + gain - term.penalty
+            # What all wheels share is the receiver's to tell, and not against the drift of single radii.
+            out = of_all_read(study, term) or any(term.key == other.key for other in terms)
+            if not out and (best is None or worth > best[0]):
+                best = (worth, term)
+    drive.noise = drifting.noise
+    return None if best is None else best[1]

@@ -1,0 +1,45 @@
+"""Tells events of wheels from errors of the receiver, where the receiver alone shows them.
+
+In: a `Study` and its `Selection`. Out: both, without the events that a few readings make.
+
+An axle that slips is an event of its own while all others roll. Where the car has no other wheels, or all of
+them slip alike, what is left to compare with is the receiver, and a receiver that errs for two seconds shows
+as much as wheels that slip. What tells the two apart is how long it lasts: so the event is asked again with
+the readings down-weighted that are outliers without it, of which each then tells two standard deviations at
+most (Huber, Annals of Mathematical Statistics 35, 1964). Ten seconds of slip still stand; an error of the
+receiver does not.
+"""
+
+from __future__ import annotations
+
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.robustness.confirm import of_all_read
+from tpmsd.diagnosis.selection.chosen import Selection
+from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.diagnosis.settings import SETTINGS
+from tpmsd.inference.least_squares import Evidence
+from tpmsd.inference.noise_fit import single_outliers
+
+
+def lasting(study: Study, selection: Selection, evidence: Evidence) -> tuple[Selection, Evidence]:
+    """Take out the events of all wheels that are read which a few readings of the receiver make; sets the
+    weights of these readings."""
+    selector = Selector(evidence, study.hypotheses, last=True)
+    for one in selection.chosen:
+        if not (one.term.pulse and of_all_read(study, one.term)):
+            continue
+        terms = [other.term for other in selection.chosen if other is not one]
+        fit = evidence.fit(selector.design(terms))
+        before = [drive.inflate for drive in study.drives]
+        for number in study.acting(one.term):
+            drive = study.drives[number]
+            factor = single_outliers(drive.residual(fit.design, fit.values))
+            drive.inflate = factor if drive.inflate is None else drive.inflate * factor
+        calm = study.evidence()
+        asked = Selector(calm, study.hypotheses, last=True)
+        gain = asked.gain([*terms, one.term]) - asked.gain(terms)
+        if gain < one.term.penalty + SETTINGS.selection.admit_nats:
+            return lasting(study, asked.judged(terms), calm)
+        for drive, inflate in zip(study.drives, before, strict=True):
+            drive.inflate = inflate
+    return selection, evidence
