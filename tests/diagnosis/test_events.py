@@ -71,6 +71,18 @@ def test_a_strong_spin_between_the_knots_of_a_long_drive_is_no_noise() -> None:
     )
 
 
+def test_one_wheel_that_locks_for_a_while_has_a_name() -> None:
+    """2 % for 15 s: the event, and no nonparametric term on the same span."""
+    recording = recording_of(drive(Spec(duration_s=600.0, road="rural", driven="front"), 10))
+    times = recording.edges_s[:-1]
+    locking = (times >= 300.0) & (times < 315.0)
+    factor = 1.0 - 0.02 * locking[:, None] * np.array([0.0, 0.0, 0.0, 1.0])
+
+    findings = diagnose([replace(recording, rotation_rad=recording.rotation_rad * factor)]).findings
+
+    assert [("wheel_lock", ("rr",))] == [(finding.effect, finding.where.wheels) for finding in findings]
+
+
 def test_what_robust_weights_took_away_is_told_with_its_place() -> None:
     """Readings of two blocks weigh a quarter: three quarters of a channel's data there, and their span."""
     drive = SimpleNamespace(

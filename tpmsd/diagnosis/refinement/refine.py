@@ -8,6 +8,7 @@ one pass.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,22 +98,32 @@ def plainest_shape(study: Study, evidence: Evidence, design: FloatArray) -> Term
         coarse = [one for _, one in found if _is_coarse(one)][: SETTINGS.refinement.compared]
         scores = [best_knots(study, design, one).score for one in coarse]
         if not scores or max(scores) <= gain - term.penalty:
-            return exact(study, evidence, design, term) if term.ramp or term.pulse else term
+            if not (term.ramp or term.pulse):
+                return term
+            rivals = [one for _, one in found if one is not term and one.pulse and _same_span(one, term)]
+            return exact(study, evidence, design, term, rivals)
         term = coarse[scores.index(max(scores))]
     shape = finest_shape(study, term)
     shape.add_to(study, study.append(shape.columns))
     return next(one for one in hypotheses.catalogue if one.knots == shape.knots and one.key == term.key)
 
 
-def exact(study: Study, evidence: Evidence, design: FloatArray, term: Term) -> Term:
-    """A ramp or pulse off its grid.
+def exact(
+    study: Study, evidence: Evidence, design: FloatArray, term: Term, rivals: Sequence[Term] = ()
+) -> Term:
+    """A ramp or pulse off its grid, and so are the rivals that act on the same wheels and span.
 
     Knots are up to half a minute off: what a strong event leaves there would pass for noise.
     """
     point, column = _best(study, evidence, design, term)
     (place,) = study.append([(_refined(term, point), column)])
-    _add(study, term, point, place)
+    for one in (*rivals, term):
+        _add(study, one, point, place)
     return study.hypotheses.catalogue[-1]
+
+
+def _same_span(one: Term, other: Term) -> bool:
+    return (one.place, one.span_s) == (other.place, other.span_s)
 
 
 def _of_its_drive(study: Study, term: Term) -> None:
