@@ -60,8 +60,9 @@ def test_a_reset_is_recorded_and_its_replay_resets_at_the_same_tick(tmp_path: Pa
 
 
 def _tyres(steps: list[Step]) -> dict[float, tuple[str, int]]:
-    """Set of tyres and number of resets by the tick's time."""
-    reports = {step.tick.time_s: step.report.learning for step in steps}
+    """Set of tyres and number of resets by the tick's time in whole milliseconds: where the first tick is
+    another, the last bits of a time are."""
+    reports = {round(step.tick.time_s, 3): step.report.learning for step in steps}
     return {time_s: (one.tyres, one.resets) for time_s, one in reports.items() if one is not None}
 
 
