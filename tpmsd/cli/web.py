@@ -77,6 +77,7 @@ def run(args: argparse.Namespace) -> int:
     )
     try:
         listener = config.bind_socket()
+        listener.listen()  # before the address is said: who is quick waits instead of being refused
     except (OSError, SystemExit) as error:
         reason = error.strerror if isinstance(error, OSError) else None
         raise TpmsdError(
