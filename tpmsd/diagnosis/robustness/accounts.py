@@ -38,8 +38,8 @@ class Account:
 
 
 def changed(study: Study, selection: Selection, evidence: Evidence) -> tuple[Selection, Evidence]:
-    """Add the change that is likelier than drift; sets a drive's noise where there is one. Asked of single
-    drives, and of one change: where radii drift far, what is left beside it is the road's own."""
+    """Add the change that is likelier than drift; sets a drive's noise where there is one. Only single drives
+    are tested, and for one change: where radii drift far, what is left beside it is the road's own."""
     drive = study.drives[0]
     if len(study.drives) > 1 or drive.noise.wander < SETTINGS.robustness.drifts_from:
         return selection, evidence
@@ -85,7 +85,7 @@ def _likeliest(study: Study, terms: Sequence[Term], drifting: Account) -> Term |
         found += [(group_gain(term.design[1:], gram, b)[0], term) for term in own]
         for gain, term in found:
             worth = alone + gain - term.penalty
-            # What all wheels share is the receiver's to tell, and not against the drift of single radii.
+            # A term on all wheels is identified by the receiver, not by the drift of single radii.
             out = of_all_read(study, term) or any(term.key == other.key for other in terms)
             if not out and (best is None or worth > best[0]):
                 best = (worth, term)

@@ -15,8 +15,8 @@ Drawing stops early (Besag and Clifford, Biometrika 78, 1991) once every finding
 or is beyond doubt. Where no replicate reaches a finding, its p-value is that of the Gumbel distribution of
 the replicates' maxima (as Knijnenburg et al., Bioinformatics 25, 2009, extend the tail of permutations).
 Findings are those that stand at a false discovery rate of 1 % (Benjamini and Hochberg, Journal of the Royal
-Statistical Society B 57, 1995) and gain more than the negative control. What is a suspicion by the variance
-from block to block stays one.
+Statistical Society B 57, 1995) and gain more than the negative control. A suspicion stays one: a term whose
+log-likelihood gain, divided by the block-wise (sandwich) variance ratio, falls below the penalty.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ from tpmsd.physics.model import ExtendedModel
 
 @dataclass(frozen=True)
 class Statistic:
-    """What is asked of one finding."""
+    """The test statistic of one finding."""
 
     value: float
     """Its penalised gain, nats."""

@@ -4,10 +4,10 @@ In: a `Study` and its `Selection`. Out: both, without the events that a few read
 
 An axle that slips is an event of its own while all others roll. Where the car has no other wheels, or all of
 them slip alike, what is left to compare with is the receiver, and a receiver that errs for two seconds shows
-as much as wheels that slip. What tells the two apart is how long it lasts: so the event is asked again with
-the readings down-weighted that are outliers without it, of which each then tells two standard deviations at
-most (Huber, Annals of Mathematical Statistics 35, 1964). Ten seconds of slip still stand; an error of the
-receiver does not.
+as much as wheels that slip. The two differ in duration: so the event is fitted again with those readings
+down-weighted that are outliers without it; each of them then contributes two standard deviations at most
+(Huber, Annals of Mathematical Statistics 35, 1964). Ten seconds of slip remain significant; an error of the
+receiver of two seconds does not.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ def lasting(study: Study, selection: Selection, evidence: Evidence) -> tuple[Sel
             factor = single_outliers(drive.residual(fit.design, fit.values))
             drive.inflate = factor if drive.inflate is None else drive.inflate * factor
         calm = study.evidence()
-        asked = Selector(calm, study.hypotheses, last=True)
-        gain = asked.gain([*terms, one.term]) - asked.gain(terms)
+        robust = Selector(calm, study.hypotheses, last=True)
+        gain = robust.gain([*terms, one.term]) - robust.gain(terms)
         if gain < one.term.penalty + SETTINGS.selection.admit_nats:
-            return lasting(study, asked.judged(terms), calm)
+            return lasting(study, robust.judged(terms), calm)
         for drive, inflate in zip(study.drives, before, strict=True):
             drive.inflate = inflate
     return selection, evidence
