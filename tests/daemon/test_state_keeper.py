@@ -76,6 +76,26 @@ def test_without_memory_for_a_thread_the_state_is_saved_all_the_same(
     assert {"n": 1} == saved(config)
 
 
+def test_whatever_a_write_raises_is_a_failure(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """A write that ends in an exception of any type is said, is not taken for saved, and is tried again."""
+    config, _ = car(tmp_path)
+    failures: list[Exception] = [MemoryError(), ValueError("a defect")]
+
+    def write(file: Path, content: bytes) -> None:
+        if failures:
+            raise failures.pop(0)
+        write_state(file, content)
+
+    state, seen = StateKeeper(config, LOG, StateWriter(write)), []
+    for now_s in (0.0, 60.0, 120.0):
+        state.save(now_s, {"n": 1})
+        seen.append(saved(config))
+
+    assert [None, None, {"n": 1}] == seen
+    cannot = f"{config.state.file}: cannot save the state: MemoryError: ; trying again later"
+    assert [cannot] == caplog.messages
+
+
 def test_the_state_is_saved_at_its_interval(tmp_path: Path) -> None:
     """Sixty seconds after the start, and then every sixty, what is learned goes to the disk."""
     state, config = keeper(tmp_path)

@@ -17,7 +17,7 @@ class StateWriter:
     """One write at a time, in a thread of its own."""
 
     def __init__(self, write: Callable[[Path, bytes], None] = write_state) -> None:
-        """`write` raises StateError where it fails."""
+        """`write` raises StateError where it fails; anything else that it raises is told as one."""
         self._write = write
         self._done = threading.Event()
         self._error: StateError | None = None
@@ -41,6 +41,8 @@ class StateWriter:
             self._write(file, content)
         except StateError as error:
             self._error = error
+        except Exception as error:  # no memory, a defect: nothing is on the disk, which the loop must hear
+            self._error = StateError(f"{file}: cannot save the state: {type(error).__name__}: {error}")
         finally:
             self._done.set()
 
