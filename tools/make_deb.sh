@@ -21,7 +21,7 @@ maintainer="${DEBFULLNAME:-tpmsd developers} <${DEBEMAIL:-tpmsd@localhost}>"
 rm -rf build/deb
 source=build/deb/tpmsd-$version
 mkdir -p "$source"
-cp -r tpmsd dbc docs systemd tools packaging pyproject.toml README.md LICENSE "$source"
+cp -r tpmsd dbc docs systemd tools packaging pyproject.toml setup.py README.md LICENSE "$source"
 cp -r packaging/debian "$source/debian"
 find "$source" -name __pycache__ -type d -prune -exec rm -rf {} +
 sed -e '/^@LICENSE@$/{' -e "r LICENSE" -e 'd' -e '}' packaging/debian/copyright |
@@ -39,7 +39,7 @@ tpmsd ($version) unstable; urgency=medium
 END
 (
     cd "$source"
-    # -d: what it takes was looked for above; a compiler is not needed.
+    # -d: what it takes was looked for above; a compiler is not needed; with one the kernel is compiled.
     dpkg-buildpackage -b -us -uc -d
 ) >build/deb/build.log 2>&1 || {
     tail -n 20 build/deb/build.log >&2

@@ -23,7 +23,9 @@ rm -rf "$out" build/release-src
 mkdir -p "$out" build/release-src
 git archive HEAD | tar -x -C build/release-src
 find build/release-src -exec touch -h -d "@$SOURCE_DATE_EPOCH" {} +
-(cd build/release-src && "$PY" -m build --no-isolation --outdir "$out" . >"$out/../release.log" 2>&1) || die "see build/release.log"
+# The wheel is without the compiled kernel: it fits every machine.
+(cd build/release-src && "$PY" -m build --no-isolation --sdist --outdir "$out" . &&
+    TPMSD_NO_KERNEL=1 "$PY" -m build --no-isolation --wheel --outdir "$out" .) >build/release.log 2>&1 || die "see build/release.log"
 "$PY" tools/repack_sdist.py "$out"/*.tar.gz
 "$PY" -m twine check --strict "$out"/*.whl "$out"/*.tar.gz >>build/release.log 2>&1 || die "twine: see build/release.log"
 

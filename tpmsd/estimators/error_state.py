@@ -225,6 +225,33 @@ class ProcessModel:
         spread[MU:, MU:] += drift.transpose(1, 2, 0) * motion.dt_s
         return mean_way, mean_turn
 
+    def constants(self, motion: Motion, position_std_m: float) -> tuple[float, ...]:
+        """What `propagate` takes of a tick as plain numbers, in the order of `struct motion` in `_bank.c`;
+        NaN where there is no witness or no steering."""
+        nan, dt_s, track_m = math.nan, motion.dt_s, self._track
+        rough = 0.0 if motion.informative else 1.0
+        decay = math.exp(-dt_s / SETTINGS.bias_tau_s)
+        left_m, right_m = self._rear_m.ravel().tolist()
+        left_rad, right_rad = motion.rear_rad.tolist()
+        return (
+            *(left_m, right_m, left_rad, right_rad, 0.5 * motion.horizontal),
+            motion.accel_long_mps2 if self._driven_rear else 0.0,
+            -motion.accel_lat_mps2 * (left_rad + right_rad) / track_m,
+            track_m,
+            nan if motion.witness_turn_rad is None else motion.witness_turn_rad,
+            nan if motion.steered_curvature is None else motion.steered_curvature,
+            decay,
+            *(SETTINGS.way_noise**2, SETTINGS.rough_way**2 * rough),
+            *(
+                SETTINGS.turn_noise**2,
+                SETTINGS.turn_relative**2,
+                (SETTINGS.rough_turn / track_m) ** 2 * rough,
+            ),
+            *(SETTINGS.latency_drift**2 * dt_s, SETTINGS.gyro_drift**2 * dt_s),
+            position_std_m**2 * (1.0 - decay**2),
+            dt_s,
+        )
+
     def _bend(
         self, along: FloatArray, step: FloatArray, way: FloatArray, turn: FloatArray, motion: Motion
     ) -> _Bend:

@@ -21,6 +21,8 @@ from tpmsd.wheels import FloatArray
 
 UNUSED = -1e9
 """Log-weight of a place in the bank that holds no hypothesis yet."""
+ALIKE = 1e-6
+"""Log-weights closer than this are alike: which hypothesis is dropped must not hang on rounding."""
 
 
 @dataclass(slots=True)
@@ -49,6 +51,10 @@ class Bank:
         """(N,) normalised."""
         weights = np.exp(self.log_weights - np.maximum.reduce(self.log_weights))
         return np.asarray(weights / np.add.reduce(weights))
+
+    def ascending(self) -> NDArray[np.intp]:
+        """(N,) places by their weights, those alike in their order in the bank."""
+        return np.argsort(np.round(self.log_weights / ALIKE), kind="stable")
 
     def rescale(self) -> None:
         """Let the best log-weight be 0, so that none overflows."""
@@ -97,12 +103,12 @@ class JumpHypotheses:
         kinds = self.kinds(bank.level.shape[1])
         if bank.log_weights.size < 4 * len(kinds):
             return
-        best = int(np.argmax(bank.log_weights))
+        best = int(bank.ascending()[-1])
         least = bank.log_weights[best] + math.log(self.level_floor)
         for kind, (level, _) in enumerate(kinds):
-            if np.any(bank.log_weights[bank.kind == kind] >= least):
+            if np.any(bank.log_weights[bank.kind == kind] >= least - ALIKE):
                 continue
-            child = int(np.argmin(bank.log_weights))
+            child = int(bank.ascending()[0])
             bank.copy(child, best)
             bank.kind[child], bank.level[child], bank.log_weights[child] = kind, level, least
 
@@ -114,7 +120,7 @@ class JumpHypotheses:
         allows for some heading error too, for a rear wheel that changed has turned the heading before anyone
         supposed it. The wheels take turns when places are few: the wheel that is next after `next_wheel`.
         """
-        order = np.argsort(bank.log_weights)
+        order = bank.ascending()
         best = int(order[-1])
         chance = math.log(self.rate_per_s * duration_s)
         wheels = nominal_m.size

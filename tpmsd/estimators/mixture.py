@@ -26,7 +26,8 @@ import numpy as np
 
 from tpmsd.bounds import no_wider
 from tpmsd.estimators import measurements
-from tpmsd.estimators.batched_kalman import Weights, scalar_update, square_weights, symmetrise
+from tpmsd.estimators.bank_kernel import KERNEL, BankKernel
+from tpmsd.estimators.batched_kalman import Weights, square_weights, symmetrise
 from tpmsd.estimators.belief import (
     Car,
     Coasting,
@@ -60,7 +61,6 @@ from tpmsd.estimators.error_state import (
 from tpmsd.estimators.jump_hypotheses import JUMPS, JumpHypotheses
 from tpmsd.estimators.odometry_block import Block, BlockBuilder
 from tpmsd.estimators.pose_start import PoseStart
-from tpmsd.estimators.resampling import effective_number
 from tpmsd.estimators.settings import SETTINGS
 from tpmsd.physics.grade import GradeTracker
 from tpmsd.timeline.tick import Tick
@@ -79,13 +79,15 @@ class MixturePieces:
     changes: JumpHypotheses = JUMPS
     fix_weights: Weights = square_weights
     """Of positions, courses and Doppler speeds, by how they fit."""
+    kernel: BankKernel = KERNEL
+    """What does the arithmetic of the bank."""
 
 
 class MixtureBelief:
     """A `Belief`."""
 
     def __init__(self, car: Car, pieces: MixturePieces, count: int) -> None:
-        self._car, self._pieces = car, pieces
+        self._car, self._pieces, self._kernel = car, pieces, pieces.kernel
         self._process = ProcessModel(car.nominal_m, car.geometry.track_rear_m, car.driven_rear)
         self._noise_std = np.sqrt(np.diag(self._process.drift))
         self._grade = GradeTracker()
@@ -129,9 +131,8 @@ class MixtureBelief:
             witness_turn_rad=yaw_rate * tick.dt_s,
             steered_curvature=rolling.curvature,
         )
-        bank = self.bank
-        way, turn = self._process.propagate(
-            bank.mean, bank.covariance, motion, self._position_std_m, self._drift
+        way, turn = self._kernel.propagate(
+            self._process, self.bank, motion, self._position_std_m, self._drift
         )
         # By the present radii: with nominal ones a bend would be seen wherever left and right differ.
         slow = 1.0 - math.exp(-tick.dt_s / SETTINGS.slow_yaw_s)
@@ -165,7 +166,7 @@ class MixtureBelief:
     def distance(self, sight: Sight) -> tuple[float, float]:
         """Of the mixture's mean; the variance is the position's within the hypotheses and the fix's."""
         fix, bank = sight.fix, self.bank
-        east, north, _, _ = measurements.antenna_position(bank.mean, fix, sight.tick, self._present(sight))
+        east, north, _, _ = self._kernel.antenna_position(bank, fix, sight.tick, self._present(sight))
         weights = bank.weights()
         off = math.hypot(fix.east_m - float(weights @ east), fix.north_m - float(weights @ north))
         own = float(weights @ (bank.covariance[:, E, E] + bank.covariance[:, N, N]))
@@ -173,17 +174,17 @@ class MixtureBelief:
 
     def update(self, sight: Sight) -> None:
         """Hold the hypotheses against position and course."""
-        fix, tick, now, mean = sight.fix, sight.tick, self._present(sight), self.bank.mean
+        fix, tick, now, bank = sight.fix, sight.tick, self._present(sight), self.bank
         weights = self._pieces.fix_weights
         self._position_std_m = fix.position_std_m
         variance = measurements.position_variance(fix, now)
-        east, _, row, _ = measurements.antenna_position(mean, fix, tick, now)
+        east, _, row, _ = self._kernel.antenna_position(bank, fix, tick, now)
         self._update(measurements.Scalar(fix.east_m - east, row, variance), weights)
-        _, north, _, row = measurements.antenna_position(mean, fix, tick, now)
+        _, north, _, row = self._kernel.antenna_position(bank, fix, tick, now)
         self._update(measurements.Scalar(fix.north_m - north, row, variance), weights)
         if math.isfinite(fix.heading_rad) and now.speed_mps > SETTINGS.course_speed_mps:
             reading, interval_s = self._reading_heading(tick), min(sight.interval_s, 2.0)
-            self._update(measurements.course(mean, fix, tick, now, reading, interval_s), weights)
+            self._update(measurements.course(bank.mean, fix, tick, now, reading, interval_s), weights)
 
     def _reading_heading(self, tick: Tick) -> float:
         """The counters' reading error at one instant (half of a tick's variance) as an error of heading,
@@ -199,10 +200,7 @@ class MixtureBelief:
         """Update all hypotheses; in ticks that are not informative, the radii and what acts on them stay as
         they are."""
         frozen = None if self._informative else SLIP
-        bank = self.bank
-        bank.log_weights += scalar_update(
-            bank.mean, bank.covariance, scalar.innovation, scalar.row, scalar.variance, frozen, weights
-        )
+        self._kernel.update(self.bank, scalar, frozen, weights)
 
     # -- blocks of odometry ---------------------------------------------------------------------------------
 
@@ -285,19 +283,17 @@ class MixtureBelief:
 
     def moments(self) -> Moments:
         """Of all hypotheses together."""
-        weights = self.bank.weights()
-        mean, covariance = self._mixture(weights)
-        self._radii = mean[MU:]
-        east, north, heading = mean[: PSI + 1].tolist()
-        east_m2, north_m2, heading_rad2 = covariance.diagonal()[: PSI + 1].tolist()
+        said = self._kernel.summary(self.bank)
+        self._radii = said.mean[MU:]
+        east, north, heading = said.mean[: PSI + 1].tolist()
         pose = Pose(
             east_m=east,
             north_m=north,
             heading_rad=wrapped(heading),
-            position_std_m=math.sqrt(max((east_m2 + north_m2) / 2, 0.0)),
-            heading_std_rad=math.sqrt(max(heading_rad2, 0.0)),
+            position_std_m=math.sqrt(max((said.east_m2 + said.north_m2) / 2, 0.0)),
+            heading_std_rad=math.sqrt(max(said.heading_rad2, 0.0)),
         )
-        return Moments(self._radii, covariance[MU:, MU:], self._noise_std, pose, effective_number(weights))
+        return Moments(self._radii, said.radii_m2, self._noise_std, pose, said.effective)
 
     def snapshot(self) -> dict[str, Any]:
         """Mean and covariance of everything but the pose."""

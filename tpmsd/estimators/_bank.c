@@ -1,0 +1,449 @@
+/* Arithmetic of the hypothesis bank, compiled: the same formulas as `error_state`, `batched_kalman` and
+ * `measurements` have for NumPy arrays, which are the reference (tests/estimators/test_bank_kernel.py).
+ *
+ * In and out: C-contiguous double arrays in which the hypotheses lie side by side (`error_state.side_by_side`):
+ * mean [n][N], covariance [n][n][N]; n states, N hypotheses. Nothing is allocated. Floating-point contraction
+ * is off (setup.py), so that machines with and without fused multiply-add round alike.
+ */
+#define Py_LIMITED_API 0x030b0000
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+#include <math.h>
+
+/* Places in the state, as in `error_state`. */
+enum { E, N_, PSI, BE, BN, LAT, LATV, TRK, FWD, GYRO, GAIN, SLIP, LOAD, MU };
+enum { POSE = PSI + 1, MOST_STATES = MU + 4, TILE = 64 };
+
+/* ---- arguments ------------------------------------------------------------------------------------------ */
+
+static int get(PyObject *object, Py_buffer *view, int dimensions, int writable)
+{
+    int flags = PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (writable ? PyBUF_WRITABLE : 0);
+    if (PyObject_GetBuffer(object, view, flags) < 0)
+        return -1;
+    if (view->ndim == dimensions && view->format && view->format[0] == 'd' && !view->format[1])
+        return 0;
+    PyBuffer_Release(view);
+    PyErr_Format(PyExc_ValueError, "an array of %d dimensions of doubles is needed", dimensions);
+    return -1;
+}
+
+static void release(Py_buffer *views, int count)
+{
+    while (count--)
+        PyBuffer_Release(&views[count]);
+}
+
+static int get_all(PyObject *const *objects, Py_buffer *views, const int *dimensions, int count, int writable)
+{
+    for (int i = 0; i < count; i++)
+        if (get(objects[i], &views[i], dimensions[i], i < writable) < 0) {
+            release(views, i);
+            return -1;
+        }
+    return 0;
+}
+
+static int numbers(PyObject *const *objects, Py_ssize_t count, double *out)
+{
+    for (Py_ssize_t i = 0; i < count; i++) {
+        out[i] = PyFloat_AsDouble(objects[i]);
+        if (out[i] == -1.0 && PyErr_Occurred())
+            return -1;
+    }
+    return 0;
+}
+
+static PyObject *odd(const char *what)
+{
+    PyErr_SetString(PyExc_ValueError, what);
+    return NULL;
+}
+
+/* Whether mean [n][N] and covariance [n][n][N] belong together. */
+static int is_bank(const Py_buffer *mean, const Py_buffer *covariance)
+{
+    Py_ssize_t n = mean->shape[0], count = mean->shape[1];
+    return n > MU && n <= MOST_STATES && count > 0 && covariance->shape[0] == n && covariance->shape[1] == n &&
+           covariance->shape[2] == count;
+}
+
+/* ---- a tick --------------------------------------------------------------------------------------------- */
+
+struct motion {
+    double rear_m[2], rear_rad[2], half_horizontal, slip_accel, load_turn, track_m, witness_turn, curvature;
+    double bias_decay, way_noise, way_noise2, turn_noise, turn_noise2, turn_way_noise2, latency_noise;
+    double gyro_noise, bias_noise, dt_s;
+};
+enum { MOTION_NUMBERS = sizeof(struct motion) / sizeof(double) };
+
+/* Way and turn of hypotheses [from, to): [Lundquist 2013, eqs 6a, 6b]. */
+static void way_and_turn(const struct motion *m, const double *mean, Py_ssize_t count, Py_ssize_t from,
+                         Py_ssize_t to, double *way, double *turn)
+{
+    int steered = !isnan(m->curvature);
+    for (Py_ssize_t h = from; h < to; h++) {
+        double left = (mean[MU * count + h] + m->rear_m[0]) * m->rear_rad[0];
+        double right = (mean[(MU + 1) * count + h] + m->rear_m[1]) * m->rear_rad[1];
+        double w = (left + right) * m->half_horizontal * (1.0 - mean[SLIP * count + h] * m->slip_accel);
+        way[h - from] = w;
+        turn[h - from] = steered ? w * m->curvature
+                                 : (right - left) * (1.0 + mean[TRK * count + h]) / m->track_m +
+                                       mean[LOAD * count + h] * m->load_turn;
+    }
+}
+
+/* The derivative of a tick's change of E, N and PSI by the state, of a tile of hypotheses: what is not zero. */
+struct bend {
+    double across[2][TILE], by_radius[2][2][TILE], by_slip[2][TILE], by_track[TILE];
+    double load, turned[2];
+    int steered, slips;
+};
+
+/* Add B times a column of the covariance to it; `column` + place * stride: that place's hypotheses. */
+static void bend_column(const struct bend *b, double *column, Py_ssize_t stride, Py_ssize_t size)
+{
+    double *restrict east = column + E * stride, *restrict north = column + N_ * stride;
+    double *restrict heading = column + PSI * stride;
+    const double *restrict left = column + MU * stride, *restrict right = column + (MU + 1) * stride;
+    const double *restrict slip = column + SLIP * stride, *restrict load = column + LOAD * stride;
+    const double *restrict track = column + TRK * stride;
+    for (Py_ssize_t h = 0; h < size; h++) {
+        double psi = heading[h], l = left[h], r = right[h];
+        east[h] += b->across[0][h] * psi + b->by_radius[0][0][h] * l + b->by_radius[1][0][h] * r;
+        north[h] += b->across[1][h] * psi + b->by_radius[0][1][h] * l + b->by_radius[1][1][h] * r;
+    }
+    if (b->slips)
+        for (Py_ssize_t h = 0; h < size; h++) {
+            east[h] += b->by_slip[0][h] * slip[h];
+            north[h] += b->by_slip[1][h] * slip[h];
+        }
+    if (!b->steered)
+        for (Py_ssize_t h = 0; h < size; h++)
+            heading[h] += b->load * load[h] + b->turned[0] * left[h] + b->turned[1] * right[h] +
+                          b->by_track[h] * track[h];
+}
+
+/* Move hypotheses [from, to), at most TILE, through [Lundquist 2013, eq. 7], heading at mid-step; no noise. */
+static void move(const struct motion *m, double *mean, double *covariance, Py_ssize_t n, Py_ssize_t count,
+                 Py_ssize_t from, Py_ssize_t to, double *sum_way, double *sum_turn)
+{
+    double way[TILE], turn[TILE];
+    Py_ssize_t size = to - from, row = n * count;
+    double *state = mean + from, *spread = covariance + from;
+    struct bend b;
+    way_and_turn(m, mean, count, from, to, way, turn);
+    b.steered = !isnan(m->curvature);
+    b.slips = m->slip_accel != 0.0;
+    b.load = m->load_turn;
+    b.turned[0] = b.steered ? 0.0 : -m->rear_rad[0] / m->track_m;
+    b.turned[1] = b.steered ? 0.0 : m->rear_rad[1] / m->track_m;
+    for (Py_ssize_t h = 0; h < size; h++) {
+        double middle = state[PSI * count + h] + 0.5 * turn[h], along[2] = {cos(middle), sin(middle)};
+        double step[2] = {along[0] * way[h], along[1] * way[h]};
+        b.across[0][h] = -step[1];
+        b.across[1][h] = step[0];
+        for (int i = 0; i < 2; i++)
+            for (int axis = 0; axis < 2; axis++)
+                b.by_radius[i][axis][h] = m->rear_rad[i] * m->half_horizontal * along[axis] +
+                                          b.turned[i] * (0.5 * b.across[axis][h]);
+        for (int axis = 0; axis < 2; axis++)
+            b.by_slip[axis][h] = along[axis] * (way[h] * -m->slip_accel);
+        b.by_track[h] = isnan(m->witness_turn) ? turn[h] : m->witness_turn;
+        state[E * count + h] += step[0];
+        state[N_ * count + h] += step[1];
+        state[PSI * count + h] += turn[h];
+        *sum_way += way[h];
+        *sum_turn += turn[h];
+    }
+    /* F P F' with F = I + B: the pose's rows of P + B P, then their part B' in the first columns; the first
+     * columns of the other rows are these, mirrored. */
+    for (Py_ssize_t k = 0; k < n; k++)
+        bend_column(&b, spread + k * count, row, size);
+    for (Py_ssize_t j = 0; j < POSE; j++)
+        bend_column(&b, spread + j * row, count, size);
+    for (Py_ssize_t j = 0; j < POSE; j++)
+        for (Py_ssize_t k = POSE; k < n; k++)
+            for (Py_ssize_t h = 0; h < size; h++)
+                spread[k * row + j * count + h] = spread[j * row + k * count + h];
+    /* The receiver's slow error fades. */
+    for (Py_ssize_t j = BE; j <= BN; j++) {
+        for (Py_ssize_t h = 0; h < size; h++)
+            state[j * count + h] *= m->bias_decay;
+        for (Py_ssize_t k = 0; k < n; k++)
+            for (Py_ssize_t h = 0; h < size; h++)
+                spread[j * row + k * count + h] *= m->bias_decay;
+        for (Py_ssize_t k = 0; k < n; k++)
+            for (Py_ssize_t h = 0; h < size; h++)
+                spread[k * row + j * count + h] *= m->bias_decay;
+    }
+}
+
+/* propagate(mean, covariance, drift [d][d][N], *numbers of struct motion) -> (mean way, mean turn) */
+static PyObject *propagate(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    static const int dimensions[3] = {2, 3, 3};
+    Py_buffer views[3];
+    struct motion m;
+    if (given != 3 + MOTION_NUMBERS)
+        return odd("three arrays and the numbers of a motion are needed");
+    if (numbers(args + 3, MOTION_NUMBERS, (double *)&m) < 0 || get_all(args, views, dimensions, 3, 2) < 0)
+        return NULL;
+    Py_ssize_t n = views[0].shape[0], count = views[0].shape[1], wheels = n - MU;
+    if (!is_bank(&views[0], &views[1]) || views[2].shape[0] != wheels || views[2].shape[1] != wheels ||
+        views[2].shape[2] != count) {
+        release(views, 3);
+        return odd("the arrays do not belong together");
+    }
+    double *mean = views[0].buf, *covariance = views[1].buf, way = 0.0, turn = 0.0;
+    const double *drift = views[2].buf;
+    for (Py_ssize_t from = 0; from < count; from += TILE)
+        move(&m, mean, covariance, n, count, from, from + TILE < count ? from + TILE : count, &way, &turn);
+    way /= (double)count;
+    turn /= (double)count;
+    double distance = fabs(way), own[GYRO + 1] = {0.0};
+    own[E] = own[N_] = m.way_noise * distance + m.way_noise2 * distance * distance;
+    own[PSI] = m.turn_noise * distance + m.turn_noise2 * turn * turn + m.turn_way_noise2 * distance * distance;
+    own[BE] = own[BN] = m.bias_noise;
+    own[LAT] = m.latency_noise;
+    own[GYRO] = m.gyro_noise;
+    for (Py_ssize_t j = 0; j <= GYRO; j++)
+        for (Py_ssize_t h = 0; h < count; h++)
+            covariance[(j * n + j) * count + h] += own[j];
+    for (Py_ssize_t j = 0; j < wheels; j++)
+        for (Py_ssize_t k = 0; k < wheels; k++)
+            for (Py_ssize_t h = 0; h < count; h++)
+                covariance[((MU + j) * n + MU + k) * count + h] += drift[(j * wheels + k) * count + h] * m.dt_s;
+    release(views, 3);
+    return Py_BuildValue("dd", way, turn);
+}
+
+/* ---- a scalar measurement ------------------------------------------------------------------------------- */
+
+struct scalar {
+    double variance, robust_from, dof;
+};
+
+/* Update hypotheses [from, to), at most TILE. `row`: the place's numbers `row_step` doubles apart from the
+ * next place's, one per hypothesis where `row_each`, else one for all. */
+static void measure(const struct scalar *s, double *mean, double *covariance, double *log_weights,
+                    const double *innovation, const double *row, Py_ssize_t row_step, int row_each,
+                    Py_ssize_t frozen_from, Py_ssize_t n, Py_ssize_t count, Py_ssize_t from, Py_ssize_t to)
+{
+    double gain[MOST_STATES][TILE], projected[TILE], pull[TILE], scale[TILE];
+    Py_ssize_t size = to - from, places[MOST_STATES], used = 0;
+    double *state = mean + from, *spread = covariance + from;
+    for (Py_ssize_t k = 0; k < n; k++) { /* rows hold few numbers that are not zero */
+        const double *here = row + k * row_step + (row_each ? from : 0);
+        for (Py_ssize_t h = 0; h < (row_each ? size : 1); h++)
+            if (here[h] != 0.0) {
+                places[used++] = k;
+                break;
+            }
+    }
+    for (Py_ssize_t h = 0; h < size; h++)
+        projected[h] = 0.0;
+    for (Py_ssize_t j = 0; j < n; j++) {
+        for (Py_ssize_t h = 0; h < size; h++)
+            gain[j][h] = 0.0;
+        for (Py_ssize_t i = 0; i < used; i++) {
+            const double *here = row + places[i] * row_step + (row_each ? from : 0);
+            const double *of = spread + (j * n + places[i]) * count;
+            if (row_each)
+                for (Py_ssize_t h = 0; h < size; h++)
+                    gain[j][h] += of[h] * here[h];
+            else
+                for (Py_ssize_t h = 0; h < size; h++)
+                    gain[j][h] += of[h] * here[0];
+        }
+    }
+    for (Py_ssize_t i = 0; i < used; i++) {
+        const double *here = row + places[i] * row_step + (row_each ? from : 0);
+        for (Py_ssize_t h = 0; h < size; h++)
+            projected[h] += gain[places[i]][h] * here[row_each ? h : 0];
+    }
+    for (Py_ssize_t h = 0; h < size; h++) {
+        double off = innovation[from + h], total = projected[h] + s->variance, squared = off * off / total;
+        log_weights[from + h] += -0.5 * (s->dof + 1.0) * log1p(squared / s->dof) - 0.5 * log(total);
+        double beyond = sqrt(squared) / s->robust_from;
+        /* Not `beyond > 1.0`: what is not a number must stay so. */
+        total = projected[h] + s->variance * (beyond <= 1.0 ? 1.0 : beyond * beyond);
+        pull[h] = off / total;
+        scale[h] = 1.0 / sqrt(total);
+    }
+    for (Py_ssize_t j = 0; j < n; j++) {
+        if (j < frozen_from)
+            for (Py_ssize_t h = 0; h < size; h++)
+                state[j * count + h] += gain[j][h] * pull[h];
+        for (Py_ssize_t h = 0; h < size; h++)
+            gain[j][h] *= scale[h]; /* K g' with K = g / total, of one scaled copy of g: rounded symmetrically */
+    }
+    for (Py_ssize_t j = 0; j < frozen_from; j++) {
+        double *diagonal = spread + (j * n + j) * count;
+        for (Py_ssize_t h = 0; h < size; h++)
+            diagonal[h] -= gain[j][h] * gain[j][h];
+        for (Py_ssize_t k = j + 1; k < n; k++) {
+            double *here = spread + (j * n + k) * count, *mirrored = spread + (k * n + j) * count;
+            for (Py_ssize_t h = 0; h < size; h++) {
+                double less = gain[j][h] * gain[k][h];
+                here[h] -= less;
+                mirrored[h] -= less;
+            }
+        }
+    }
+}
+
+/* update(mean, covariance, log_weights [N], innovation [N], row [n] or [n][N], variance, frozen_from,
+ *        robust_from, dof) */
+static PyObject *update(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    static const int dimensions[4] = {2, 3, 1, 1};
+    Py_buffer views[5];
+    double values[4];
+    if (given != 9)
+        return odd("nine arguments are needed");
+    if (numbers(args + 5, 4, values) < 0 || get_all(args, views, dimensions, 4, 3) < 0)
+        return NULL;
+    int row_each = 1;
+    if (get(args[4], &views[4], 2, 0) < 0) {
+        PyErr_Clear();
+        row_each = 0;
+        if (get(args[4], &views[4], 1, 0) < 0) {
+            release(views, 4);
+            return NULL;
+        }
+    }
+    Py_ssize_t n = views[0].shape[0], count = views[0].shape[1], frozen_from = (Py_ssize_t)values[1];
+    if (!is_bank(&views[0], &views[1]) || views[2].shape[0] != count || views[3].shape[0] != count ||
+        views[4].shape[0] != n || (row_each && views[4].shape[1] != count) || frozen_from < 0 || frozen_from > n) {
+        release(views, 5);
+        return odd("the arrays do not belong together");
+    }
+    struct scalar s = {values[0], values[2], values[3]};
+    for (Py_ssize_t from = 0; from < count; from += TILE)
+        measure(&s, views[0].buf, views[1].buf, views[2].buf, views[3].buf, views[4].buf, row_each ? count : 1,
+                row_each, frozen_from, n, count, from, from + TILE < count ? from + TILE : count);
+    release(views, 5);
+    Py_RETURN_NONE;
+}
+
+/* ---- the mixture ---------------------------------------------------------------------------------------- */
+
+/* moments(mean_out [n], radii_out [d][d], weights_out [N], mean, covariance, log_weights)
+ * -> variances of east, north and heading, and the effective number of hypotheses */
+static PyObject *moments(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    static const int dimensions[6] = {1, 2, 1, 2, 3, 1};
+    Py_buffer views[6];
+    if (given != 6)
+        return odd("six arrays are needed");
+    if (get_all(args, views, dimensions, 6, 3) < 0)
+        return NULL;
+    Py_ssize_t n = views[3].shape[0], count = views[3].shape[1], wheels = n - MU;
+    if (!is_bank(&views[3], &views[4]) || views[0].shape[0] != n || views[1].shape[0] != wheels ||
+        views[1].shape[1] != wheels || views[2].shape[0] != count || views[5].shape[0] != count) {
+        release(views, 6);
+        return odd("the arrays do not belong together");
+    }
+    double *mean = views[0].buf, *radii = views[1].buf, *weights = views[2].buf;
+    const double *state = views[3].buf, *spread = views[4].buf, *logs = views[5].buf;
+    double best = logs[0], total = 0.0, squares = 0.0, pose[POSE];
+    for (Py_ssize_t h = 1; h < count; h++)
+        best = logs[h] > best || isnan(logs[h]) ? logs[h] : best;
+    for (Py_ssize_t h = 0; h < count; h++)
+        total += weights[h] = exp(logs[h] - best);
+    for (Py_ssize_t h = 0; h < count; h++) {
+        weights[h] /= total;
+        squares += weights[h] * weights[h];
+    }
+    for (Py_ssize_t j = 0; j < n; j++) {
+        mean[j] = 0.0;
+        for (Py_ssize_t h = 0; h < count; h++)
+            mean[j] += state[j * count + h] * weights[h];
+    }
+    for (Py_ssize_t j = 0; j < n; j++) {
+        if (j >= POSE && j < MU)
+            continue;
+        for (Py_ssize_t k = j; k < (j < POSE ? j + 1 : n); k++) {
+            double sum = 0.0;
+            for (Py_ssize_t h = 0; h < count; h++)
+                sum += weights[h] * (spread[(j * n + k) * count + h] +
+                                     (state[j * count + h] - mean[j]) * (state[k * count + h] - mean[k]));
+            if (j < POSE)
+                pose[j] = sum;
+            else
+                radii[(j - MU) * wheels + k - MU] = radii[(k - MU) * wheels + j - MU] = sum;
+        }
+    }
+    release(views, 6);
+    return Py_BuildValue("dddd", pose[E], pose[N_], pose[PSI], 1.0 / squares);
+}
+
+/* ---- positions ------------------------------------------------------------------------------------------ */
+
+/* antenna(east [N], north [N], east_row [n][N], north_row [n][N], mean, behind_s, speed_mps, yaw_rate_radps,
+ *         forward_m, left_m): as `measurements.antenna_position` */
+static PyObject *antenna(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    static const int dimensions[5] = {1, 1, 2, 2, 2};
+    Py_buffer views[5];
+    double values[5];
+    if (given != 10)
+        return odd("ten arguments are needed");
+    if (numbers(args + 5, 5, values) < 0 || get_all(args, views, dimensions, 5, 4) < 0)
+        return NULL;
+    Py_ssize_t n = views[4].shape[0], count = views[4].shape[1];
+    int fits = n > MU && n <= MOST_STATES;
+    for (int i = 0; i < 2; i++)
+        fits = fits && views[i].shape[0] == count && views[2 + i].shape[0] == n && views[2 + i].shape[1] == count;
+    if (!fits) {
+        release(views, 5);
+        return odd("the arrays do not belong together");
+    }
+    double *east = views[0].buf, *north = views[1].buf, *east_row = views[2].buf, *north_row = views[3].buf;
+    const double *mean = views[4].buf, speed = values[1], rate = values[2], left = values[4];
+    for (Py_ssize_t i = 0; i < n * count; i++)
+        east_row[i] = north_row[i] = 0.0;
+    for (Py_ssize_t h = 0; h < count; h++) {
+        /* Back along the arc: the chord has the heading halfway back, the lever arm that of the fix. */
+        double behind = values[0] + mean[LAT * count + h], turned = rate * behind, psi = mean[PSI * count + h];
+        double c = cos(psi - turned), s = sin(psi - turned);
+        double chord_c = cos(psi - turned / 2), chord_s = sin(psi - turned / 2);
+        double forward = values[3] + mean[FWD * count + h], back = speed * behind;
+        double arm_east = forward * c - left * s, arm_north = forward * s + left * c;
+        double east_off = arm_east - back * chord_c, north_off = arm_north - back * chord_s;
+        east[h] = mean[E * count + h] + mean[BE * count + h] + east_off;
+        north[h] = mean[N_ * count + h] + mean[BN * count + h] + north_off;
+        east_row[E * count + h] = east_row[BE * count + h] = 1.0;
+        north_row[N_ * count + h] = north_row[BN * count + h] = 1.0;
+        east_row[PSI * count + h] = -north_off;
+        north_row[PSI * count + h] = east_off;
+        east_row[LAT * count + h] = -speed * chord_c + rate * arm_north - rate * back / 2 * chord_s;
+        north_row[LAT * count + h] = -speed * chord_s - rate * arm_east + rate * back / 2 * chord_c;
+        east_row[FWD * count + h] = c;
+        north_row[FWD * count + h] = s;
+    }
+    release(views, 5);
+    Py_RETURN_NONE;
+}
+
+/* ---- the module ----------------------------------------------------------------------------------------- */
+
+#define FAST(name, doc) {#name, (PyCFunction)(void (*)(void))name, METH_FASTCALL, doc}
+static PyMethodDef methods[] = {
+    FAST(propagate, "Move all hypotheses through a tick."),
+    FAST(update, "Hold all hypotheses against a scalar measurement."),
+    FAST(moments, "Mean and covariance over the mixture."),
+    FAST(antenna, "Predicted position of the antenna and its derivatives."),
+    {NULL, NULL, 0, NULL},
+};
+static PyModuleDef_Slot slots[] = {{0, NULL}};
+static struct PyModuleDef module = {
+    PyModuleDef_HEAD_INIT, "tpmsd.estimators._bank", "Arithmetic of the hypothesis bank.", 0, methods, slots,
+    NULL, NULL, NULL,
+};
+
+PyMODINIT_FUNC PyInit__bank(void)
+{
+    return PyModuleDef_Init(&module);
+}

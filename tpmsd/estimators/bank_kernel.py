@@ -1,0 +1,175 @@
+"""What is done to all hypotheses of the bank at once, by NumPy arrays or, where it was built, by compiled
+code.
+
+In: a `Bank`. Out: the bank, changed in place, and what it says. `ArrayKernel` is the reference; `KERNEL` is
+the compiled one (`_bank.c`) where it can be imported. Both give the same within rounding
+(tests/estimators/test_bank_kernel.py), so nothing but time depends on which one runs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Protocol
+
+import numpy as np
+
+from tpmsd.estimators import measurements
+from tpmsd.estimators.batched_kalman import Weights, scalar_update, square_weights
+from tpmsd.estimators.error_state import MU, PSI, Motion, ProcessModel
+from tpmsd.estimators.jump_hypotheses import Bank
+from tpmsd.estimators.resampling import effective_number
+from tpmsd.estimators.settings import SETTINGS
+from tpmsd.timeline.tick import Fix, Tick
+from tpmsd.wheels import FloatArray
+
+try:
+    from tpmsd.estimators import _bank as compiled
+except ImportError:  # not built: there was no compiler, or it was left out
+    compiled: ModuleType | None = None  # type: ignore[no-redef]
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """Of all hypotheses together."""
+
+    mean: FloatArray
+    """(n,) of the state."""
+    radii_m2: FloatArray
+    """(d, d) covariance of the radii."""
+    east_m2: float
+    north_m2: float
+    heading_rad2: float
+    effective: float
+    """Effective number of hypotheses."""
+
+
+class BankKernel(Protocol):
+    """The arithmetic of the bank."""
+
+    def propagate(
+        self, process: ProcessModel, bank: Bank, motion: Motion, position_std_m: float, drift: FloatArray
+    ) -> tuple[float, float]:
+        """Move all hypotheses through a tick; mean way (m) and turn (rad). `drift`: of `drift_at`."""
+        ...
+
+    def update(
+        self, bank: Bank, scalar: measurements.Scalar, frozen_from: int | None, weights: Weights
+    ) -> None:
+        """Hold all hypotheses against a measurement, weights included (`batched_kalman.scalar_update`)."""
+        ...
+
+    def antenna_position(
+        self, bank: Bank, fix: Fix, tick: Tick, now: measurements.Present
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """As `measurements.antenna_position`."""
+        ...
+
+    def summary(self, bank: Bank) -> Summary:
+        """Mean and covariance over the mixture."""
+        ...
+
+
+class ArrayKernel:
+    """By NumPy."""
+
+    def propagate(
+        self, process: ProcessModel, bank: Bank, motion: Motion, position_std_m: float, drift: FloatArray
+    ) -> tuple[float, float]:
+        """As of `BankKernel`."""
+        return process.propagate(bank.mean, bank.covariance, motion, position_std_m, drift)
+
+    def update(
+        self, bank: Bank, scalar: measurements.Scalar, frozen_from: int | None, weights: Weights
+    ) -> None:
+        """As of `BankKernel`."""
+        bank.log_weights += scalar_update(
+            bank.mean, bank.covariance, scalar.innovation, scalar.row, scalar.variance, frozen_from, weights
+        )
+
+    def antenna_position(
+        self, bank: Bank, fix: Fix, tick: Tick, now: measurements.Present
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """As of `BankKernel`."""
+        return measurements.antenna_position(bank.mean, fix, tick, now)
+
+    def summary(self, bank: Bank) -> Summary:
+        """As of `BankKernel`."""
+        weights = bank.weights()
+        state, spread = bank.mean.T, bank.covariance.transpose(1, 2, 0)
+        mean = state @ weights
+        wheels = len(state) - MU
+        off = state[MU:] - mean[MU:, None]
+        within = (spread[MU:, MU:].reshape(wheels * wheels, -1) @ weights).reshape(wheels, wheels)
+        pose = np.einsum("iin->in", spread)[: PSI + 1] + (state[: PSI + 1] - mean[: PSI + 1, None]) ** 2
+        east_m2, north_m2, heading_rad2 = (pose @ weights).tolist()
+        radii_m2 = within + (off * weights) @ off.T
+        return Summary(mean, radii_m2, east_m2, north_m2, heading_rad2, effective_number(weights))
+
+
+class CompiledKernel:
+    """By compiled code; banks must lie in memory as `error_state.side_by_side` lays them."""
+
+    def __init__(self, module: ModuleType) -> None:
+        """`module`: `tpmsd.estimators._bank`."""
+        self._propagate, self._update = module.propagate, module.update
+        self._moments, self._antenna = module.moments, module.antenna
+        self._arrays = ArrayKernel()
+
+    def propagate(
+        self, process: ProcessModel, bank: Bank, motion: Motion, position_std_m: float, drift: FloatArray
+    ) -> tuple[float, float]:
+        """As of `BankKernel`."""
+        way, turn = self._propagate(
+            bank.mean.T,
+            bank.covariance.transpose(1, 2, 0),
+            drift.transpose(1, 2, 0),
+            *process.constants(motion, position_std_m),
+        )
+        return way, turn
+
+    def update(
+        self, bank: Bank, scalar: measurements.Scalar, frozen_from: int | None, weights: Weights
+    ) -> None:
+        """As of `BankKernel`."""
+        if weights is not square_weights:
+            self._arrays.update(bank, scalar, frozen_from, weights)
+            return
+        self._update(
+            bank.mean.T,
+            bank.covariance.transpose(1, 2, 0),
+            bank.log_weights,
+            scalar.innovation,
+            scalar.row.T,
+            scalar.variance,
+            bank.mean.shape[1] if frozen_from is None else frozen_from,
+            SETTINGS.robust_from,
+            SETTINGS.innovation_dof,
+        )
+
+    def antenna_position(
+        self, bank: Bank, fix: Fix, tick: Tick, now: measurements.Present
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """As of `BankKernel`."""
+        state = bank.mean.T
+        east, north = np.empty(state.shape[1]), np.empty(state.shape[1])
+        east_row, north_row = np.empty_like(state), np.empty_like(state)
+        behind_s = (1.0 - fix.fraction) * tick.dt_s
+        self._antenna(
+            *(east, north, east_row, north_row, state, behind_s, now.speed_mps, now.yaw_rate_radps),
+            *(now.antenna_forward_m, now.antenna_left_m),
+        )
+        return east, north, east_row.T, north_row.T
+
+    def summary(self, bank: Bank) -> Summary:
+        """As of `BankKernel`."""
+        count, size = bank.mean.shape
+        mean, radii_m2, weights = np.empty(size), np.empty((size - MU, size - MU)), np.empty(count)
+        pose = self._moments(
+            mean, radii_m2, weights, bank.mean.T, bank.covariance.transpose(1, 2, 0), bank.log_weights
+        )
+        return Summary(mean, radii_m2, *pose)
+
+
+KERNEL: BankKernel = ArrayKernel() if compiled is None else CompiledKernel(compiled)
+"""The one in use."""
