@@ -1,0 +1,38 @@
+"""A finding that its block-wise variance does not bear out is a suspicion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bench.worlds.kinematic import Spec, drive
+from tests.diagnosis.recorded import recording_of
+from tpmsd.diagnosis.prepared.admission import admitted
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.reporting.findings import report
+from tpmsd.diagnosis.robustness.certify import certified
+from tpmsd.diagnosis.stages import examine
+
+
+def test_a_gain_below_its_penalty_by_the_block_wise_variance_makes_no_mismatch() -> None:
+    """With the same evidence: no mismatch and no effect in the model, and no certificate makes it a finding."""
+    recording = recording_of(drive(Spec(duration_s=300.0, road="rural", driven="front"), 8))
+    times = recording.edges_s[:-1]
+    spinning = (times >= 150.0) & (times < 170.0)
+    factor = 1.0 + 0.012 * spinning[:, None] * np.array([1.0, 1.0, 0.0, 0.0])
+    study = Study(admitted([replace(recording, rotation_rad=recording.rotation_rad * factor)])[0])
+    selection, evidence = examine(study, lambda share: None)
+    (one,) = selection.chosen
+
+    sure = report(study, selection, evidence)
+    doubted = replace(selection, chosen=(replace(one, admitted_by=-1.0),))
+    unsure = report(study, doubted, evidence)
+    asked = certified(study, doubted, evidence, unsure, 3, np.random.default_rng(5))
+
+    assert ("mismatch", ["finding"]) == (sure.verdict, [finding.status for finding in sure.findings])
+    assert 1 == len(sure.model.effects)
+    for diagnosis in (unsure, asked):
+        assert "consistent" == diagnosis.verdict
+        assert ["suspicion"] == [finding.status for finding in diagnosis.findings]
+        assert () == diagnosis.model.effects
