@@ -117,11 +117,12 @@ def test_names(signal: str, wheel: str | None) -> None:
     assert wheel == named_wheel(signal)
 
 
-def test_the_van_without_its_configuration(recordings: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("drive", ["van-motorway-c", "van-motorway-d"])
+def test_the_van_without_its_configuration(recordings: Path, tmp_path: Path, drive: str) -> None:
     """On the real van both rear encoders are found on their sides, with a DBC and without."""
     for option in ([], ["--no-dbc"]):
         target = tmp_path / "out.json"
-        assert 0 == main(["discover", str(recordings / "van-motorway-d"), "--json", str(target), *option])
+        assert 0 == main(["discover", str(recordings / drive), "--json", str(target), *option])
         document = json.loads(target.read_text())
         left, right = (document["roles"][f"wheel_count_{wheel}"]["signal"] for wheel in ("rl", "rr"))
         assert (left, right) in (
@@ -130,6 +131,7 @@ def test_the_van_without_its_configuration(recordings: Path, tmp_path: Path) -> 
         )
         assert "counts" == document["kind"]
         assert pytest.approx(-0.74, abs=0.25) == document["gnss"]["antenna_left_m"]["value"]
+        assert pytest.approx(1.55, abs=0.12) == document["geometry"]["track_rear_m"]["value"]
         assert "tpmsd.discovery/2" == document["schema"]
 
 

@@ -10,8 +10,8 @@ of the wheels' difference, so that rounding of their counts does not add up, as 
 is as uncertain as the receiver's velocity across the car over the speed; rows are weighted by the speed.
 
 A lever arm, a latency and a side slip differ in their power of the speed alone, and so do a track and the
-load of the outer tyres. So the latency comes from the speed's own regression, track and side slip have the
-prior of cars, and the load is taken up only where it is clear.
+load of the outer tyres. So the latency comes from the speed's own regression, and track, side slip and load
+have the prior of cars.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from tpmsd.discovery.reference import Reference, cell_means
 from tpmsd.discovery.regress import Fit, fit, with_prior
 from tpmsd.discovery.result import Estimate
 from tpmsd.discovery.settings import SETTINGS, Settings
+from tpmsd.physics.priors import LATERAL_LOAD_S2
 from tpmsd.wheels import FloatArray
 
 _LEAST_CELLS = 6
@@ -38,8 +39,7 @@ def course_fit(
     latency: Estimate | None,
     settings: Settings = SETTINGS,
 ) -> Fit | None:
-    """Coefficients: 1 / track, unequal tyres per metre, -latency, antenna ahead, -side slip, and -load
-    where the drive shows one.
+    """Coefficients: 1 / track, unequal tyres per metre, -latency, antenna ahead, -side slip, -load.
 
     `speed`, `difference` (n,) of the rear wheels over the cells, right minus left; None if it cannot be told.
     """
@@ -81,10 +81,6 @@ def _with_track(
         rows[cells] = (design[cells] - share @ design[cells]) * weight[:, None]
         target[cells] = (course[cells] - share @ course[cells]) * weight
     told = fit(rows, target, block)
-    if told is None or told.value[5] > -settings.load_sure * told.std(5):
-        # A load that the drive does not show costs more in the track than it mends.
-        rows = rows[:, :5]
-        told = fit(rows, target, block)
     if told is None or not np.isfinite(told.cov).all():
         return None
     cov = told.cov.copy()
@@ -93,6 +89,8 @@ def _with_track(
     mean, std = np.zeros(len(told.value)), np.full(len(told.value), np.inf)
     mean[0], std[0] = 1.0 / settings.track_m, settings.track_std_m / settings.track_m**2
     mean[4], std[4] = -settings.side_slip, settings.side_slip_std
+    per_load = 2.0 / (settings.radius_m * settings.track_m)
+    mean[5], std[5] = -per_load * LATERAL_LOAD_S2.mean, per_load * LATERAL_LOAD_S2.std
     if latency is not None:
         mean[2], std[2] = -latency.value, latency.std
     return with_prior(told, mean, std)

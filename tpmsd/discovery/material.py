@@ -16,7 +16,7 @@ from tpmsd.discovery.frames import BusLog, MessageLog
 from tpmsd.discovery.other_roles import find_gyro
 from tpmsd.discovery.raw_fields import raw_fields
 from tpmsd.discovery.reference import Reference, make_reference
-from tpmsd.discovery.series import Field, Series, as_count, as_value
+from tpmsd.discovery.series import Field, Series, as_count, as_value, counts_up
 from tpmsd.discovery.settings import SETTINGS, Settings
 from tpmsd.errors import ConfigError
 from tpmsd.sources.events import GnssFix
@@ -76,10 +76,10 @@ def _may_follow(log: MessageLog, raw: RawArray, reference: Reference) -> bool:
         ranks = [np.argsort(np.argsort(x)) for x in (value, speed)]
         if np.corrcoef(ranks[0], ranks[1])[0, 1] > 0.7:
             return True
-    step = np.diff(raw[: min(len(raw), 6000)].astype(np.float64))
+    sample = np.arange(0, len(raw) - 1, 1 + len(raw) // SETTINGS.glance_steps)
+    step = raw[sample + 1].astype(np.float64) - raw[sample].astype(np.float64)
     moves = step[step != 0]
-    span = float(raw.max()) + 1.0
-    return len(moves) > 20 and bool((moves[moves > -0.5 * span] < 0).mean() < 0.02)
+    return counts_up(moves[moves > -0.5 * (float(raw.max()) + 1.0)])
 
 
 def dbc_fields(database: Database, logs: Mapping[int, MessageLog]) -> list[Field]:

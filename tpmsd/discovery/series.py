@@ -10,9 +10,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tpmsd.discovery.frames import MessageLog
 from tpmsd.discovery.reference import cell_means
+from tpmsd.discovery.settings import SETTINGS
 from tpmsd.sources.signal_bits import RawArray
 from tpmsd.sources.signal_plan import BitField
 from tpmsd.wheels import FloatArray
@@ -138,11 +140,15 @@ def unwrap(field: Field, log: MessageLog, raw: RawArray) -> Counter | None:
     step = np.diff(value)
     span = float(value.max()) + 1.0
     wrapped = step < -0.5 * span
-    forward = step[~wrapped & (step > 0)]
-    if len(forward) < 20 or (step[~wrapped] < 0).mean() > 0.02:
+    if not counts_up(step[~wrapped]):
         return None
-    modulus, seen = _modulus(step, wrapped, span, whole)
+    jitter = _jitter(step[~wrapped])
+    modulus, seen = _modulus(step, wrapped, wrapped | (step > span - 1.0 - jitter), span, whole)
+    if (wrong := _corrupt(step, modulus)).any():
+        time_s, value = time_s[~wrong], value[~wrong]
+        step = np.diff(value)
     step = np.where(step < -0.5 * modulus, step + modulus, step)
+    step = np.where(step > modulus - jitter, step - modulus, step)
     gap = np.diff(time_s)
     long = gap > _LONG_GAP_PERIODS * log.period_s
     if long.any():
@@ -153,11 +159,38 @@ def unwrap(field: Field, log: MessageLog, raw: RawArray) -> Counter | None:
     return Counter(time_s, counts, round(modulus), seen)
 
 
-def _modulus(step: FloatArray, wrapped: np.ndarray, span: float, whole: float) -> tuple[float, bool]:
-    """Number of values: a roll-over's step falls short of its neighbours' by just that."""
+def counts_up(step: FloatArray) -> bool:
+    """Whether steps without roll-overs are a counter's: some forward, hardly one back."""
+    return (step > 0).sum() >= 20 and bool((step < -_jitter(step)).mean() <= SETTINGS.backward_steps)
+
+
+def _jitter(step: FloatArray) -> float:
+    """Largest step back of an encoder at rest, in counts; 0 to 1 for toothed rings, which cannot go back."""
+    return SETTINGS.encoder_jitter * float(np.median(step[step > 0]))
+
+
+def _corrupt(step: FloatArray, modulus: float) -> NDArray[np.bool_]:
+    """(n,) single frames far off the counts of both their neighbours, which follow each other well."""
+    around = (step + 0.5 * modulus) % modulus - 0.5 * modulus
+    wrong = np.zeros(len(step) + 1, dtype=np.bool_)
+    limit = SETTINGS.corrupt_steps * float(np.percentile(np.abs(around), 99.0))
+    if 2.0 * limit < 0.5 * modulus:
+        apart = np.abs(around) > limit
+        both = np.abs((around[:-1] + around[1:] + 0.5 * modulus) % modulus - 0.5 * modulus)
+        wrong[1:-1] = apart[:-1] & apart[1:] & (both <= 2.0 * limit)
+    return wrong
+
+
+def _modulus(
+    step: FloatArray, wrapped: NDArray[np.bool_], either_way: NDArray[np.bool_], span: float, whole: float
+) -> tuple[float, bool]:
+    """Number of values: a roll-over's step falls short of its neighbours' by just that.
+
+    `either_way` (n,): roll-overs, and those back through zero.
+    """
     at = np.flatnonzero(wrapped)
     at = at[(at > 0) & (at < len(step) - 1)]
-    at = at[~wrapped[at - 1] & ~wrapped[at + 1]] if len(at) else at
+    at = at[~either_way[at - 1] & ~either_way[at + 1]] if len(at) else at
     if len(at) < _FEW_WRAPS:
         return whole, False
     missing = 0.5 * (step[at - 1] + step[at + 1]) - step[at]

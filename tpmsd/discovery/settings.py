@@ -45,8 +45,6 @@ class Settings:
     side_slip_std: float = 4e-3
     """Prior of the rear axle's side slip per lateral acceleration, rad s2/m: from 0, of a car that rolls, to
     9e-3 (650 kg on 1e5 N/rad make 6e-3; Gillespie 1992, ch. 6)."""
-    load_sure: float = 3.5
-    """Standard errors from which lateral load is taken up beside the track: cars that roll reach 3.3."""
     ripple_window_s: float = 0.5
     """Length of the smooth motion against which a wheel's ripple is seen: a car's speed changes in tenths of
     seconds at most, a wheel at town speed turns several times."""
@@ -57,6 +55,16 @@ class Settings:
     apart, and a counter that loses counts spoils one stretch alone."""
     ripple_least_rows: int = 200
     """Samples of a stretch; fewer show no line."""
+    encoder_jitter: float = 0.01
+    """Largest step back of a counter at rest, as a share of the median step forward: a quadrature encoder
+    counts the trembling of a standing car up and down (9 of 5,200 counts on a van with a running engine)."""
+    backward_steps: float = 0.02
+    """Share of larger steps back from which a field is no counter: frames out of order, resets."""
+    glance_steps: int = 6_000
+    """Steps of a field of raw frames, spread over the drive, in which it must count up to be looked at."""
+    corrupt_steps: float = 4.0
+    """Step, in 99th percentiles of the drive's steps, from which a count is not its neighbours': a car's
+    greatest speed is twice to three times its usual one."""
     contrast_floor_m: float = 0.06
     """Least standard deviation of a wheel's lateral place, for what the model of a rolling car leaves out."""
     curvature_floor_m2: float = 0.35
