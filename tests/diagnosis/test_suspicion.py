@@ -16,7 +16,7 @@ from tpmsd.diagnosis.stages import examine
 
 
 def test_a_gain_below_its_penalty_by_the_block_wise_variance_makes_no_mismatch() -> None:
-    """With the same evidence: no mismatch and no effect in the model, and no certificate makes it a finding."""
+    """With the same evidence: no mismatch and no effect in the model, and no certificate mends it."""
     recording = recording_of(drive(Spec(duration_s=300.0, road="rural", driven="front"), 8))
     times = recording.edges_s[:-1]
     spinning = (times >= 150.0) & (times < 170.0)
