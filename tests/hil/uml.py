@@ -165,10 +165,13 @@ def guest(
     memory: str = _MEMORY,
     build: Path,
     pace: float = 1.0,
+    root: Path = Path("/"),
+    init: Path = HERE / "init.sh",
 ) -> Iterator[Guest]:
     """Boot a guest that runs `job` (a shell script) in `mode` with `out` as its /out; ended by all means.
 
-    `pace` is how many seconds pass in it in a second of the machine (host_shim.c).
+    `pace` is how many seconds pass in it in a second of the machine (host_shim.c). `root` is the system that it
+    has below, with the kernel's modules in it; `init` its process 1, a path in that system.
     """
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
@@ -180,13 +183,13 @@ def guest(
             f"mem={memory}",
             "root=/dev/root",
             "rootfstype=hostfs",
-            "rootflags=/",
+            f"rootflags={root}",
             "ro",
             "con=null",
             "con0=null,fd:1",
         ),
-        *("quiet", "loglevel=1", "noreboot", f"init={HERE / 'init.sh'}", f"uml_dir={folder}", "umid=guest"),
-        *(f"HIL_STAGE={stage}", f"HIL_OUT={out}", f"HIL_JOB={script}", f"HIL_MODE={mode}"),
+        *("quiet", "loglevel=1", "noreboot", f"init={init}", f"uml_dir={folder}", "umid=guest"),
+        *(f"HIL_STAGE={stage}", f"HIL_OUT={out}", f"HIL_JOB=/out/{script.name}", f"HIL_MODE={mode}"),
     ]
     if mode == "systemd":
         words += ["systemd.unit=hil.target", "systemd.show_status=false", "systemd.log_level=warning"]
