@@ -22,7 +22,11 @@ SOAK_ARGS ?=
 FUZZ_ARGS ?=
 MUTATION_ARGS ?=
 HIL_ARGS ?=
+FROM_NOTHING_ARGS ?=
 
+# What `make install` and `make deb` bring along: extras of pyproject.toml, such as EXTRAS=report,mqtt.
+EXTRAS ?=
+export EXTRAS
 # Where `make install` puts things; DESTDIR comes before all of them.
 PREFIX ?= /opt/tpmsd
 BINDIR ?= /usr/local/bin
@@ -31,7 +35,7 @@ DOCDIR ?= /usr/local/share/doc/tpmsd
 MANDIR ?= /usr/local/share/man
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-fast docs release lint format bench bench-live bench-calibrate bench-diagnose bench-origins bench-alarms test-hil test-connect test-web install uninstall deb bench-vehicle-state bench-estimators bench-fleet soak fuzz mutation clean
+.PHONY: help demo test test-fast test-from-nothing docs release lint format bench bench-live bench-calibrate bench-diagnose bench-origins bench-alarms test-hil test-connect test-web install uninstall deb bench-vehicle-state bench-estimators bench-fleet soak fuzz mutation clean
 
 help:  ## this list
 	@sed -n -e 's/^##@ /\n/p' -e 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | \
@@ -62,6 +66,9 @@ format: $(DEV)  ## put the sources into the house style
 test-hil: $(DEV)  ## the daemon on a real CAN stack and as a real service (HIL_ARGS=..., TPMSD_SKIP_HIL=1)
 	$(PY) -m tests.hil.run $(HIL_ARGS)
 
+test-from-nothing: $(DEV)  ## README and docs from nothing on a new Debian 12 or 13: takes root (FROM_NOTHING_ARGS="--suite trixie")
+	$(PY) -m tests.hil.from_nothing $(FROM_NOTHING_ARGS)
+
 test-connect: $(DEV)  ## against real gpsd, mosquitto, prometheus, dbus (installed: gpsd mosquitto prometheus openssl dbus)
 	TPMSD_CONNECT=1 OMP_NUM_THREADS=1 $(PY) -m pytest -n 0 -rs tests/connect
 
@@ -83,13 +90,13 @@ mutation: $(DEV)  ## are the tests tested: mutants of monitor, counters, epochs,
 
 PLACES = DESTDIR="$(DESTDIR)" PREFIX="$(PREFIX)" BINDIR="$(BINDIR)" UNITDIR="$(UNITDIR)" DOCDIR="$(DOCDIR)" MANDIR="$(MANDIR)"
 
-install: $(RUNTIME)  ## program and service onto this machine (PREFIX=..., DESTDIR=...)
+install: $(RUNTIME)  ## program and service onto this machine (EXTRAS=report,mqtt PREFIX=..., DESTDIR=...)
 	@$(PLACES) PIP="$(PIP)" sh tools/install.sh install
 
 uninstall:  ## take them away again; configuration and what was learned stay
 	@$(PLACES) sh tools/install.sh uninstall
 
-deb: $(RUNTIME)  ## a Debian package, to build/deb
+deb: $(RUNTIME)  ## a Debian package, to build/deb (EXTRAS=...)
 	@PIP="$(abspath $(PY)) -m pip --disable-pip-version-check -q" sh tools/make_deb.sh
 
 docs: $(DEV)  ## the site, with its links checked, to build/site: works offline

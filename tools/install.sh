@@ -1,7 +1,7 @@
 #!/bin/sh
 # Puts tpmsd and all that belongs to it in place, or takes it away: `make install`, `make uninstall`, `make deb`.
-# In: what the Makefile exports: DESTDIR PREFIX BINDIR UNITDIR DOCDIR MANDIR, PIP (a pip 22.3 or newer) and PYTHON
-# (optional). Out: files below DESTDIR; those on the root itself are made known to systemd.
+# In: what the Makefile exports: DESTDIR PREFIX BINDIR UNITDIR DOCDIR MANDIR, PIP (a pip 22.3 or newer), EXTRAS (names
+# of pyproject.toml with commas between, optional) and PYTHON (optional). Out: files below DESTDIR; those on the root itself are made known to systemd.
 #
 # The program has a virtual environment of its own in PREFIX, made with the system's Python: one that lives in
 # somebody's home would be out of sight of the service. Nothing that is written here names DESTDIR.
@@ -28,6 +28,8 @@ reload_systemd() {
     [ -z "$DESTDIR" ] || return 0
     [ -d /run/systemd/system ] || return 0
     systemctl daemon-reload || true
+    # What runs is started anew: its modules were replaced.
+    systemctl try-restart tpmsd.service 'tpmsd@*.service' || true
 }
 
 find_python() {
@@ -46,7 +48,7 @@ make_environment() {
     "$python" -m venv --clear --without-pip "$program"
     # Modules that a former build left behind would be packed, too.
     rm -rf build/lib build/bdist.*
-    $PIP --python "$program/bin/python" install --no-compile --no-warn-script-location . ||
+    $PIP --python "$program/bin/python" install --no-compile --no-warn-script-location ".${EXTRAS:+[$EXTRAS]}" ||
         die "the run-time dependencies could not be installed"
     rm -rf build/lib build/bdist.*
 }

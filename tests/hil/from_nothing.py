@@ -38,39 +38,39 @@ MEMORY = "3G"
 RECORDING = "van-motorway-a"
 STEPS: tuple[tuple[str, str], ...] = (
     ("apt-get install make python3-venv git", "apt-get -q update && {apt} make python3-venv git"),
-    ("git clone", "git clone -q /root/tpmsd.bundle /root/tpmsd"),
-    ("make demo", "cd /root/tpmsd && make demo"),
-    ("pip install -e '.[report]'", "cd /root/tpmsd && .venv/bin/pip install -q -e '.[report]'"),
+    ("git clone", "git clone -q /srv/tpmsd.bundle /srv/tpmsd"),
+    ("make demo", "cd /srv/tpmsd && make demo"),
+    ("pip install -e '.[report]'", "cd /srv/tpmsd && .venv/bin/pip install -q -e '.[report]'"),
     (
         "first alarm: simulate, check, replay --html, explain",
-        "cd /root && . tpmsd/.venv/bin/activate && tpmsd simulate drives/first --duration 600 --puncture rl --at 300 --seed 1"
+        "cd /srv && . tpmsd/.venv/bin/activate && tpmsd simulate drives/first --duration 600 --puncture rl --at 300 --seed 1"
         " && tpmsd check drives/first/vehicle.toml"
         " && tpmsd replay drives/first --plot first.png --json first.json --html first.html"
         " && tpmsd explain drives/first && ls -l first.png first.json first.html && grep -q deflation first.json",
     ),
     (
         "discover on a recording",
-        "cd /root && . tpmsd/.venv/bin/activate && tpmsd discover recording --write car/vehicle.toml --json found.json"
+        "cd /srv && . tpmsd/.venv/bin/activate && mkdir car && tpmsd discover recording --write car/vehicle.toml --json found.json"
         " && tpmsd check car/vehicle.toml && grep -c wheel_ car/vehicle.toml",
     ),
     (
         "first report: diagnose the recording",
-        "cd /root && . tpmsd/.venv/bin/activate && tpmsd diagnose recording --certify 0 --html report.html --json report.json"
+        "cd /srv && . tpmsd/.venv/bin/activate && tpmsd diagnose recording --certify 0 --html report.html --json report.json"
         " && ls -l report.html report.json",
     ),
-    ("make install", "cd /root/tpmsd && make install && cd / && tpmsd --version && tpmsd check /root/drives/first"),
-    ("make uninstall", "cd /root/tpmsd && make uninstall && ! command -v tpmsd && ! test -e /opt/tpmsd"),
+    ("make install", "cd /srv/tpmsd && make install && cd / && tpmsd --version && tpmsd check /srv/drives/first"),
+    ("make uninstall", "cd /srv/tpmsd && make uninstall && ! command -v tpmsd && ! test -e /opt/tpmsd"),
     ("apt-get install debhelper dpkg-dev", "{apt} debhelper dpkg-dev"),
-    ("make deb", "cd /root/tpmsd && make deb"),
+    ("make deb", "cd /srv/tpmsd && make deb"),
     (
         "apt install the package, and remove it",
-        "cd /root/tpmsd && apt-get -qy install ./build/deb/tpmsd_*.deb && tpmsd --version"
+        "cd /srv/tpmsd && apt-get -qy install ./build/deb/tpmsd_*.deb && tpmsd --version"
         " && man_page=/usr/share/man/man1/tpmsd.1.gz && test -e $man_page"
         " && apt-get -qy purge tpmsd && ! test -e /usr/bin/tpmsd",
     ),
     (
         "make deb of the earlier version",
-        "git clone -q /root/tpmsd.bundle /root/earlier && cd /root/earlier && git checkout -q {earlier} && make deb",
+        "git clone -q /srv/tpmsd.bundle /srv/earlier && cd /srv/earlier && git checkout -q {earlier} && make deb",
     ),
     (
         "what the guest takes",
@@ -98,11 +98,11 @@ wait_for() { # SECONDS PATTERN: until the status shows it
 }
 alarm='"kind":"(deflation|radius_deviation)"'
 
-dpkg --force-unsafe-io -i /root/earlier/build/deb/tpmsd_*.deb
+dpkg --force-unsafe-io -i /srv/earlier/build/deb/tpmsd_*.deb
 step "install the package of the earlier version"
 
 mkdir -p /run/udev; cd /run
-chrt -f 10 /root/earlier/.venv/bin/tpmsd simulate /run/car --duration 1200 --route test-track --seed 4 --live vcan0 \
+chrt -f 10 /srv/earlier/.venv/bin/tpmsd simulate /run/car --duration 1200 --route test-track --seed 4 --live vcan0 \
     --pty /run/gnss --puncture rl --at 150 >/out/car.log 2>&1 &
 car=$!
 for _ in $(seq 60); do test -e /run/gnss && break; sleep 1; done
@@ -124,7 +124,7 @@ step "the car loses air: alarm in tpmsd status"
 sleep 3
 earlier=$(systemctl show --value -p MainPID tpmsd)
 
-dpkg --force-unsafe-io -i /root/tpmsd/build/deb/tpmsd_*.deb
+dpkg --force-unsafe-io -i /srv/tpmsd/build/deb/tpmsd_*.deb
 sleep 5
 now=$(systemctl show --value -p MainPID tpmsd)
 echo "main process $earlier before the upgrade, $now after it"
@@ -176,10 +176,10 @@ class Machine:
         """What the owner brings: the network's names and certificates, the sources, a recorded drive."""
         for name in ("/etc/resolv.conf", "/etc/ssl/certs/ca-certificates.crt"):
             shutil.copyfile(name, self.root / name.lstrip("/"))
-        bundle = ["git", "bundle", "create", "-q", str(self.root / "root/tpmsd.bundle"), "HEAD"]
+        bundle = ["git", "bundle", "create", "-q", str(self.root / "srv/tpmsd.bundle"), "HEAD"]
         subprocess.run(bundle, cwd=REPO, check=True)
         if recording is not None:
-            shutil.copytree(recording, self.root / "root/recording")
+            shutil.copytree(recording, self.root / "srv/recording")
         shutil.copytree(uml.MODULES, self.root / str(uml.MODULES).lstrip("/"))
         shutil.copy(REPO / "tests/hil/init.sh", self.root / "hil-init.sh")
 
@@ -209,7 +209,7 @@ class Machine:
         with uml.guest(
             SERVICE,
             out=out,
-            stage=self.root / "srv",
+            stage=self.root / "media",
             mode="systemd",
             memory=MEMORY,
             build=BUILD,

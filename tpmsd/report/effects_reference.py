@@ -120,16 +120,15 @@ def effects_page() -> str:
         "delta_r is the change of a wheel's effective rolling radius, a_x and a_y are specific",
         "forces (ISO 8855), v the speed.",
         "",
-        "| effect | kind | formula | parameters (unit): mean ± standard deviation | needs | source |",
-        "| --- | --- | --- | --- | --- | --- |",
+        "| effect | formula | parameters (unit): mean±standard deviation | source |",
+        "| --- | --- | --- | --- |",
     ]
     for name, effect in EFFECTS.items():
+        needs = f"<br>needs: {', '.join(effect.needs)}" if effect.needs else ""
         cells = [
             f"`{name}`",
-            effect.kind.value,
-            f"{sentence_of(name)}: {effect.formula}",
+            f"{effect.kind.value}: {sentence_of(name)}: {effect.formula}{needs}",
             "<br>".join(_parameter(p) for p in effect.parameters) or "none",
-            " ".join(effect.needs),
             source_of(effect),
         ]
         lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
@@ -137,24 +136,27 @@ def effects_page() -> str:
 
 
 def _coverage() -> list[str]:
-    """Where each effect is looked for, what tells it, and what stays open."""
+    """What tells each effect, in which data it is looked for, and what no effect covers."""
     lines = [
         "",
-        "## What a car has, what is covered, what remains open",
+        "## The drive that tells each effect",
         "",
-        "Effects are looked for in windows of a second, unless the second column says otherwise.",
+        "Effects are looked for in windows of a second, unless other data are named.",
         "",
-        "| effect | looked for in | told by | reads the same on every drive |",
-        "| --- | --- | --- | --- |",
     ]
     windows = {probe.effect for probe in probes()}
     for name, effect in EFFECTS.items():
         if effect.kind not in (Kind.NUISANCE, Kind.FREE):
-            same = " ".join(f"`{other}`" for other in effect.confounded)
-            place = _looked_for_in(effect, name in windows)
-            lines.append(f"| {name} | {place} | {effect.telling_drive} | {same} |")
+            notes = [_looked_for_in(effect, name in windows)]
+            if effect.confounded:
+                same = ", ".join(f"`{other}`" for other in effect.confounded)
+                notes.append(f"confounded with {same} on every drive")
+            note = "; ".join(filter(None, notes))
+            lines.append(f"- `{name}`: {effect.telling_drive}" + (f" ({note})" if note else ""))
     return [
         *lines,
+        "",
+        "## What no effect covers",
         "",
         "Not in the catalogue, for no drive that cars record tells it or no size is known:",
         "",
@@ -190,5 +192,5 @@ OPEN = (
 
 def _parameter(p: Any) -> str:
     unit = f" ({p.unit})" if p.unit else ""
-    usual = f": {p.prior.mean:g} ± {p.prior.std:g}" if isinstance(p, Parameter) and p.prior else ""
+    usual = f": {p.prior.mean:g}±{p.prior.std:g}" if isinstance(p, Parameter) and p.prior else ""
     return f"`{p.name}`{unit} {p.description}{usual}"

@@ -17,7 +17,7 @@ class CamberRoll(Effect):
     shoulder.
 
     Source: camber of 0.5 degrees per m/s2 on simple axles, and a loss of radius in proportion to its square
-    (Pacejka, Tyre and Vehicle Dynamics, 2012, section 4.3): 0.1 mm at 5 m/s2 is 4e-6 s4/m.
+    ([Pacejka 2012], section 4.3): 0.1 mm at 5 m/s2 is 4e-6 s4/m.
     """
 
     name = "camber_roll"

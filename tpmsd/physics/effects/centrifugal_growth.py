@@ -16,9 +16,8 @@ from tpmsd.wheels import FloatArray
 class CentrifugalGrowth(Effect):
     """The belt's own mass pulls it outwards: delta_r = k * v^2 on all wheels.
 
-    Source: the free radius r0 * (1 + q_V1 * (omega * r0 / v0)^2) of the Magic Formula 6.1 (Besselink,
-    Schmeitz, Pacejka, Vehicle System Dynamics 48, 2010). A 205/60R15 gains 1.1 mm from 10 to 36 m/s: k is
-    about 1e-6 s2/m.
+    Source: the free radius r0 * (1 + q_V1 * (omega * r0 / v0)^2) of the Magic Formula 6.1 ([Besselink 2010]).
+    A 205/60R15 gains 1.1 mm from 10 to 36 m/s: k is about 1e-6 s2/m.
     """
 
     name = "centrifugal_growth"

@@ -21,8 +21,8 @@ class ComplianceSteer(Effect):
 
     c is the understeer gradient: what rack and bushings give way by, and what the front tyres slip sideways
     more than the rear ones; the two are one number in all that a car records. Source: understeer gradients of
-    1 to 3 degrees per g, 1.8e-3 to 5e-3 rad per m/s2, on ordinary cars (Gillespie, Fundamentals of Vehicle
-    Dynamics, ch. 6); more with a loaded nose or worn bushings, less than zero where the tail breaks away.
+    1 to 3 degrees per g, 1.8e-3 to 5e-3 rad per m/s2, on ordinary cars ([Gillespie 1992], ch. 6); more with a
+    loaded nose or worn bushings, less than zero where the tail breaks away.
     """
 
     name = "compliance_steer"

@@ -22,9 +22,8 @@ class LoadStatic(Effect):
 
     Before the stop the load is that of the calibration, so that a drive without one shows nothing.
 
-    Source: 0.25 mm per 500 N and wheel by the Magic Formula 6.1 (Besselink, Schmeitz and Pacejka, Vehicle
-    System Dynamics 48, 2010): two people in the back, 1500 N, are -0.35 mm at the rear, a trailer's 750 N on
-    the hook -0.25 mm and +0.05 mm in front.
+    Source: 0.25 mm per 500 N and wheel by the Magic Formula 6.1 ([Besselink 2010]): two people in the back,
+    1500 N, are -0.35 mm at the rear, a trailer's 750 N on the hook -0.25 mm and +0.05 mm in front.
     """
 
     name = "load_static"

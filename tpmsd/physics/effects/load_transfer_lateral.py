@@ -17,7 +17,7 @@ class LoadTransferLateral(Effect):
     """More load, smaller effective radius: delta_r = -c * a_y on the right wheels, +c * a_y on the left.
 
     In a left turn (a_y > 0) the right wheels are the outer ones and carry more.
-    Source: moment balance in the lateral plane, Gillespie, Fundamentals of Vehicle Dynamics, ch. 6. About 270
+    Source: moment balance in the lateral plane, [Gillespie 1992], ch. 6. About 270
     N per wheel and m/s2 on a 1500 kg car, and 0.25 mm per 500 N, give c of about 1.3e-4 s2.
     """
 

@@ -17,8 +17,8 @@ class LoadTransferLongitudinal(Effect):
 
     a_x is the specific force (kinematic acceleration plus g*sin(grade)), because gravity's pull along the
     slope tips the car about its contact points just as inertia does: each rear wheel gains m*h*a_x /
-    (2*wheelbase). Source: moment balance about the front contact patch, e.g. Gillespie, Fundamentals of
-    Vehicle Dynamics, ch. 1. 156 N per m/s2 on a 1500 kg car, and 0.25 mm per 500 N, give c of about 8e-5 s2.
+    (2*wheelbase). Source: moment balance about the front contact patch, e.g. [Gillespie 1992], ch. 1. 156 N
+    per m/s2 on a 1500 kg car, and 0.25 mm per 500 N, give c of about 8e-5 s2.
     """
 
     name = "load_transfer_longitudinal"

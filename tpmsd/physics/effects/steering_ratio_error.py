@@ -19,7 +19,7 @@ class SteeringRatioError(Effect):
     """reading = ratio * configured ratio * road-wheel angle; `ratio` is the true one over the configured one.
 
     Source: makers state ratios of 12 to 20 for one model by engine and steering; variable racks change by a
-    tenth to a third over the lock (Gillespie, Fundamentals of Vehicle Dynamics, ch. 8).
+    tenth to a third over the lock ([Gillespie 1992], ch. 8).
     """
 
     name = "steering_ratio_error"

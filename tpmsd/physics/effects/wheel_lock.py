@@ -13,7 +13,7 @@ class WheelLock(SlipEvent):
     """Wheels turn slower than they roll, by a constant share (-1: they stand), from the onset on for so long.
 
     Source: a brake's force beyond what the ground gives; anti-lock systems hold slips of -0.05 to -0.2, and a
-    brake that drags on ice less (Pacejka, Tyre and Vehicle Dynamics, 2012, chapter 1).
+    brake that drags on ice less ([Pacejka 2012], chapter 1).
     """
 
     name = "wheel_lock"

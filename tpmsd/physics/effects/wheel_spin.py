@@ -13,7 +13,7 @@ class WheelSpin(SlipEvent):
     """Driven wheels turn faster than they roll, by a constant share, from the onset on for so long.
 
     Source: beyond the peak of the tyre's force (at a slip of 0.02 to 0.05 on ice, 0.1 on a dry road) the slip
-    is held by driver or traction control (Pacejka, Tyre and Vehicle Dynamics, 2012, chapter 1).
+    is held by driver or traction control ([Pacejka 2012], chapter 1).
     """
 
     name = "wheel_spin"
