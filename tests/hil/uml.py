@@ -170,8 +170,8 @@ def guest(
 ) -> Iterator[Guest]:
     """Boot a guest that runs `job` (a shell script) in `mode` with `out` as its /out; ended by all means.
 
-    `pace` is how many seconds pass in it in a second of the machine (host_shim.c). `root` is the system that it
-    has below, with the kernel's modules in it; `init` its process 1, a path in that system.
+    `pace` is how many seconds pass in it in a second of the machine (host_shim.c). `root` is the system that
+    it has below, with the kernel's modules in it; `init` its process 1, a path in that system.
     """
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
