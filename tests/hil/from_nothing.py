@@ -1,9 +1,9 @@
 """`make test-from-nothing`: what README and docs promise, on a Debian on which nothing was done before.
 
-In: the sources as committed, the name of a Debian (`--suite bookworm`, `trixie`), a recorded drive where there
-is one. Out: build/from-nothing/SUITE with the transcript, a table of steps with their times on standard output,
-and the exit code: 0 only if every step went well. Takes root, mmdebstrap, a network for apt and pip, and for the
-service User Mode Linux; some fifteen minutes.
+In: the sources as committed, the name of a Debian (`--suite bookworm`, `trixie`), a recorded drive where
+there is one. Out: build/from-nothing/SUITE with the transcript, a table of steps with their times on standard
+output, and the exit code: 0 only if every step went well. Takes root, mmdebstrap, a network for apt and pip,
+and for the service User Mode Linux; some fifteen minutes.
 
 The steps are in `nothing/steps.sh`; service, upgrade from an earlier commit and removal of the package
 (`nothing/service.sh`) run in a guest whose root is that Debian.
