@@ -2,7 +2,8 @@
 
 In: hours, a seed. Out: what a daemon made of it, hour by hour. The whole daemon runs, with its loop, queue,
 status socket and state file; only bus, receiver and clock are stand-ins, and the clock leaps from deadline to
-deadline, so that an hour takes about a minute.
+deadline, so that an hour takes about a minute. The drives are simulated in processes of their own
+(`soak_leg`), so that the resident memory is the daemon's.
 
     python -m tests.faults.soak --hours 24
 """
@@ -14,11 +15,14 @@ import contextlib
 import dataclasses
 import functools
 import gc
+import json
 import logging
+import math
 import operator
 import os
 import socket
 import statistics
+import subprocess
 import sys
 import tempfile
 import time
@@ -30,23 +34,23 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.config.load import load_config
-from tpmsd.config.model import CanConfig, Config
-from tpmsd.daemon.clock import Clock
-from tpmsd.daemon.loop import Daemon
-from tpmsd.pipeline import Step
-from tpmsd.simulator.bus import BusSpec
-from tpmsd.simulator.clock import Clocks
-from tpmsd.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
-from tpmsd.simulator.faults import Fault
-from tpmsd.simulator.receiver import ReceiverSpec
-from tpmsd.sinks.sd_notify import Notifier
-from tpmsd.sources.can_decoder import load_database
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.can_live import CanDown
-from tpmsd.sources.serial_live import ReceiverGone
+from tpmsd.lean import leave_out_mf4
 
-WHEELS, INERTIAL = 0xB0, 0xB4
+leave_out_mf4()  # as the daemon does: it takes as much memory as all the rest
+
+from tpmsd.config.load import load_config  # noqa: E402
+from tpmsd.config.model import CanConfig, Config  # noqa: E402
+from tpmsd.daemon.clock import Clock  # noqa: E402
+from tpmsd.daemon.loop import Daemon  # noqa: E402
+from tpmsd.pipeline import Step  # noqa: E402
+from tpmsd.sinks.sd_notify import Notifier  # noqa: E402
+from tpmsd.sources.can_decoder import load_database  # noqa: E402
+from tpmsd.sources.can_frame import CanFrame  # noqa: E402
+from tpmsd.sources.can_live import CanDown  # noqa: E402
+from tpmsd.sources.serial_live import ReceiverGone  # noqa: E402
+
+REPO = Path(__file__).resolve().parents[2]
+WHEELS = 0xB0
 OFFSET_M = (0.9e-3, -0.7e-3, -1.1e-3, 0.6e-3)
 """True minus nominal radii, the same all day."""
 START_S = 1_719_820_800.0
@@ -96,10 +100,27 @@ class DayClock(Clock):
         return 0.0
 
 
+def read_frames(path: Path) -> Iterator[tuple[float, int, bytes]]:
+    """Time, identifier and data of each frame of a leg."""
+    with path.open(encoding="ascii") as lines:
+        for line in lines:
+            time_s, number, data = line.split()
+            yield float(time_s), int(number), bytes.fromhex(data)
+
+
+def read_sentences(path: Path) -> Iterator[tuple[float, bytes]]:
+    """Time and text of each sentence of a leg."""
+    with path.open("rb") as lines:
+        for line in lines:
+            time_s, _, text = line.rstrip(b"\n").partition(b" ")
+            yield float(time_s), text
+
+
 @dataclass
 class Day:
     """What bus and receiver deliver, leg by leg."""
 
+    folder: Path
     seed: int
     legs: int
     clock: DayClock
@@ -127,45 +148,22 @@ class Day:
         """From leg to leg."""
         return self.leg_s + PARKED_S
 
-    def drive(self, leg: int) -> SimulatedDrive:
-        """One leg; the last one ends with a puncture."""
-        last = leg == self.legs - 1
-        faults = (Fault("puncture", 2.0, "percent", "rr", self.leg_s - PUNCTURE_S, 15.0),) if last else ()
-        receiver = ReceiverSpec(latitude_deg=self._place[0], longitude_deg=self._place[1])
-        spec = DriveSpec(
-            route=("mixed", "motorway", "rural")[leg % 3],
-            duration_s=self.leg_s,
-            seed=1000 * self.seed + leg,
-            radius_offset_m=OFFSET_M,
-            faults=faults,
-            bus=BusSpec(lost_fraction=0.001),
-            receiver=receiver,
-            clocks=Clocks(start_utc_s=START_S + leg * self.period_s),
-        )
-        return simulate_drive(spec)
-
     def next_leg(self) -> None:
         """Take the next leg."""
         self.leg += 1
-        made = self.drive(self.leg)
-        self._place = (float(made.epochs.track.latitude_deg[-1]), float(made.epochs.track.longitude_deg[-1]))
-        begin_s = self.leg * self.period_s
-        origin_s = float(made.truth()["start_host_s"])
-        kept = (made.frames.frame_id == WHEELS) | (
-            (made.frames.frame_id == INERTIAL) & (np.arange(len(made.frames)) % 4 == 0)
+        arguments = (self.folder, self.leg, self.legs, self.seed, self.leg_s, *self._place)
+        made = subprocess.run(
+            [sys.executable, "-m", "tests.faults.soak_leg", *map(str, arguments)],
+            check=True,
+            capture_output=True,
+            cwd=REPO,
         )
-        times = made.frames.time_s[kept] - origin_s + begin_s
-        self._frames = zip(
-            times.tolist(),
-            made.frames.frame_id[kept].tolist(),
-            (row.tobytes() for row in made.frames.data[kept]),
-            strict=True,
-        )
-        self._lines = iter(
-            [(line.time_s - origin_s + begin_s, line.text.encode("ascii")) for line in made.nmea]
-        )
+        latitude_deg, longitude_deg = json.loads(made.stdout)
+        self._place = (latitude_deg, longitude_deg)
+        self._frames = read_frames(self.folder / "frames")
+        self._lines = read_sentences(self.folder / "sentences")
         self._frame, self._line = next(self._frames, None), next(self._lines, None)
-        self.episodes = list(self._draw(begin_s))
+        self.episodes = list(self._draw(self.leg * self.period_s))
 
     def _draw(self, begin_s: float) -> Iterator[Episode]:
         end_s = begin_s + self.leg_s - (2.0 * CALM_S if self.leg == self.legs - 1 else 30.0)
@@ -383,12 +381,11 @@ class Soaked:
 
 
 def configuration(folder: Path) -> Config:
-    """The configuration of the simulator's car."""
-    made = simulate_drive(DriveSpec(duration_s=10.0, seed=1))
-    text = made.configuration("virtual", "day", "day")
+    """The configuration of the simulator's car, with a socket and a state file of its own."""
+    file = folder / "vehicle.toml"
+    text = file.read_text("utf-8")
     text += '\n[status]\nsocket = "status.sock"\n\n[state]\nfile = "state.json"\n'
-    (folder / "vehicle.toml").write_text(text, encoding="utf-8")
-    (folder / "bus.dbc").write_text(made.dbc, encoding="utf-8")
+    file.write_text(text, encoding="utf-8")
     config = load_config(folder)
     signals = {r: s for r, s in config.can.signals.items() if r.startswith("wheel_") or r == "yaw_rate"}
     return dataclasses.replace(config, can=dataclasses.replace(config.can, signals=signals))
@@ -402,10 +399,10 @@ def soak(
     leg_s: float = LEG_S,
 ) -> Soaked:
     """Drive so many legs; `told` hears of each."""
-    config = configuration(folder)
     clock = DayClock(START_S)
-    day = Day(seed, legs, clock, leg_s)
+    day = Day(folder, seed, legs, clock, leg_s)
     day.next_leg()
+    config = configuration(folder)
     bus, result = DayBus(day), Soaked(legs * day.period_s - PARKED_S - PUNCTURE_S)
     began = time.monotonic()
     log = logging.getLogger("tests.soak")
@@ -452,6 +449,24 @@ def soak(
     return result
 
 
+def settled(marks: list[Mark]) -> list[Mark]:
+    """The last two thirds of a day; in them nothing is seen for the first time."""
+    return marks[len(marks) // 3 :]
+
+
+def slope_mb_per_h(marks: list[Mark]) -> tuple[float, float]:
+    """Slope of the resident memory over the settled part, and its standard error (least squares)."""
+    warm = settled(marks)
+    if len(warm) < 3:
+        return math.nan, math.nan
+    hours = np.array([mark.elapsed_s for mark in warm]) / 3600.0
+    megabytes = np.array([mark.rss_kb for mark in warm]) / 1024.0
+    hours -= hours.mean()
+    slope = float(hours @ megabytes / (hours @ hours))
+    rest = megabytes - megabytes.mean() - slope * hours
+    return slope, math.sqrt(float(rest @ rest) / (len(warm) - 2) / float(hours @ hours))
+
+
 def main() -> int:
     """Soak, and say how it went; 1 if something is not as it should be."""
     parser = argparse.ArgumentParser(description="a day of driving in logical time, with faults")
@@ -478,15 +493,18 @@ def main() -> int:
     print(f"receiver: {result.document['gnss']['faults']}")
     print(f"tyre alarms: {[(round(t), *rest) for t, *rest in result.tyre_alarms]}")
     print(f"{result.marks[-1].elapsed_s / 3600:.2f} h in {result.real_s / 60:.1f} min")
+    highest_mb = max(mark.rss_kb for mark in result.marks) / 1024.0
+    slope, error = slope_mb_per_h(result.marks)
+    print(f"memory: at most {highest_mb:.1f} MB; slope {slope:+.2f} +- {error:.2f} MB/h")
     for problem in wrong:
         print(f"WRONG: {problem}")
     return 1 if wrong else 0
 
 
-GROWTH_KB, MANY_LEGS = 4 * 1024, 12
-"""Over the last two thirds of a day; in them nothing is seen for the first time."""
+GROWTH_KB, MANY_LEGS = 2 * 1024, 12
+"""Between the thirds of the settled part, the first of them and the last."""
 FEW_LEGS_KB = 40 * 1024
-"""In a few legs the simulator's own arrays are most of what comes and goes."""
+"""In a few legs most is seen for the first time."""
 RADIUS_TOLERANCE_M = 0.6e-3
 
 
@@ -502,7 +520,7 @@ def problems(result: Soaked) -> list[str]:
         wrong.append("the puncture at the end was not found")
     if any(wheel != "rr" for _, _, wheel, _ in found):
         wrong.append(f"another wheel was accused at the end: {found}")
-    warm = result.marks[len(result.marks) // 3 :]
+    warm = settled(result.marks)
     third = max(len(warm) // 3, 1)
     early, late = (statistics.median(m.rss_kb for m in part) for part in (warm[:third], warm[-third:]))
     growth_kb = late - early

@@ -128,7 +128,7 @@ def copy_tree() -> None:
     """The program and its tests where they may be changed, with everything compiled."""
     shutil.rmtree(TREE, ignore_errors=True)
     ignore = shutil.ignore_patterns("__pycache__", ".hypothesis")
-    for name in ("tpmsd", "tests", "dbc", "bench"):
+    for name in ("tpmsd", "tests", "dbc", "bench", "docs"):
         shutil.copytree(REPO / name, TREE / name, ignore=ignore)
     shutil.copy(REPO / "pyproject.toml", TREE)
     compileall.compile_dir(TREE / "tpmsd", quiet=1)
