@@ -28,6 +28,7 @@ from tpmsd.resonance.watch import ResonanceWatch
 from tpmsd.sinks.reset_request import PREFIX, ResetRequest, from_frame, from_sentence
 from tpmsd.sources.can_block import ERROR, REMOTE, FrameBlock
 from tpmsd.sources.events import Event
+from tpmsd.sources.obd_speed import speed_answer_kmh
 from tpmsd.sources.signal_plan import EXTENDED
 from tpmsd.timeline.block_source import BlockSource
 from tpmsd.timeline.compensation import Compensation, adjusted
@@ -66,7 +67,15 @@ class Pipeline:
         self.estimator = GuardedEstimator(
             self._new_estimator, wheels, np.array(config.vehicle.wheel_radius_m)
         )
-        self._reset_id, self._extended = config.alarms.reset_id, config.alarms.extended_ids
+        flag = EXTENDED if config.alarms.extended_ids else 0
+        self._reset_key = -1 if config.alarms.reset_id is None else config.alarms.reset_id | flag
+        self._speed_keys: frozenset[int] = frozenset()
+        self._speed_bus = config.obd.bus_number(config.can)
+        if config.obd.speed:
+            flag = EXTENDED if config.obd.extended_ids else 0
+            self._speed_keys = frozenset(number | flag for number in config.obd.answer_ids)
+        self._heeded = np.array(sorted({self._reset_key} | self._speed_keys), dtype=np.int64)
+        """Identifiers of frames that are for others than the decoder."""
         self._reset_s = -math.inf
         self.monitor = Monitor(config.vehicle, config.monitor, monitored_wheels(config), config.tyre)
         self.resonance: ResonanceWatch | None = None
@@ -79,20 +88,20 @@ class Pipeline:
     ) -> list[Step]:
         """Take one CAN data frame; `bus` as in `CanDecoder.decode`."""
         steps = self._run(self._source.on_frame(time_s, arbitration_id, is_extended, data, bus))
-        if bus == 0 and arbitration_id == self._reset_id and is_extended == self._extended:
-            self._asked(time_s, data)
+        self._heed(time_s, arbitration_id | EXTENDED if is_extended else arbitration_id, data, bus)
         return steps
 
     def on_frames(self, block: FrameBlock, start: int, stop: int, bus: NDArray[np.intp]) -> Iterator[Step]:
         """Take the data frames `start` to before `stop` of a block, as `on_frame` each in turn. `bus`
         (channels,): number of the bus of each channel."""
-        identifier = self._reset_id
-        key = -1 if identifier is None else identifier | (EXTENDED if self._extended else 0)
-        asking = start + np.flatnonzero(block.identifier[start:stop] == key)
-        for place in asking.tolist():
-            if bus[block.channel[place]] == 0 and not block.flags[place] & (ERROR | REMOTE):
+        identifiers = block.identifier[start:stop]
+        one = len(self._heeded) == 1
+        heeded = identifiers == self._reset_key if one else np.isin(identifiers, self._heeded)
+        for place in (start + np.flatnonzero(heeded)).tolist():
+            if not block.flags[place] & (ERROR | REMOTE):
                 yield from self._run_each(self._blocks.on_frames(block, start, place + 1, bus))
-                self._asked(float(block.time_s[place]), block.payload(place))
+                key, number = int(block.identifier[place]), int(bus[block.channel[place]])
+                self._heed(float(block.time_s[place]), key, block.payload(place), number)
                 start = place + 1
         yield from self._run_each(self._blocks.on_frames(block, start, stop, bus))
 
@@ -102,6 +111,15 @@ class Pipeline:
         if line.startswith(PREFIX) and (request := from_sentence(line)) is not None:
             self._reset(request)
         return steps
+
+    def _heed(self, time_s: float, key: int, data: bytes, bus: int) -> None:
+        """Take a frame that is for others than the decoder; `key`: its identifier, marked if of 29 bits."""
+        if key == self._reset_key and bus == 0:
+            self._asked(time_s, data)
+        elif key in self._speed_keys and bus == self._speed_bus:
+            kmh = speed_answer_kmh(data)
+            if kmh is not None:
+                self.monitor.car_states(kmh)
 
     def _asked(self, time_s: float, data: bytes) -> None:
         """A frame asks for a reset."""

@@ -104,6 +104,7 @@ def test_schema_and_records_have_the_same_keys() -> None:
         "vehicle": model.VehicleConfig,
         "can": model.CanConfig,
         "gnss": model.GnssConfig,
+        "obd": model.ObdConfig,
         "filter": model.FilterConfig,
         "monitor": model.MonitorConfig,
         "tyre": model.TyreConfig,

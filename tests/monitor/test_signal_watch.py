@@ -11,6 +11,7 @@ import pytest
 from tests.monitor.drives import ALL, RADIUS_M
 from tpmsd.config.model import MonitorConfig
 from tpmsd.estimators.base import RadiusEstimate
+from tpmsd.monitor.records import AlarmEvent
 from tpmsd.monitor.signal_watch import SignalWatch, Watching
 from tpmsd.timeline.tick import Fix, Tick
 
@@ -25,9 +26,19 @@ class Watched:
     settings: MonitorConfig = field(default_factory=MonitorConfig)
     told: list[tuple[str, str, float]] = field(default_factory=list)
     time_s: float = 0.0
+    watching: Watching = SEES
 
     def __post_init__(self) -> None:
         self._watch = SignalWatch(self.settings, ALL)
+
+    def car_states(self, kmh: int) -> None:
+        """The car states its speed over OBD-II."""
+        self._watch.car.state(kmh)
+
+    @property
+    def standing(self) -> tuple[AlarmEvent, ...]:
+        """The malfunctions that stand."""
+        return self._watch.standing
 
     def play(
         self,
@@ -48,7 +59,7 @@ class Watched:
                 self.time_s, np.zeros(4), np.eye(4) * 1e-8, NAN4, True, 0.0, wheels_mps, 0.0, 0.0, 0.0, 0.0,
                 1.0, 0.0, age_s, 40.0,
             )  # fmt: skip
-            for event in self._watch.update(tick, estimate, SEES):
+            for event in self._watch.update(tick, estimate, self.watching):
                 told.append((event.state, " ".join(event.reason.split()[:4]), self.time_s - begun))
         return told
 

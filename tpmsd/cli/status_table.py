@@ -48,6 +48,7 @@ def render_status(document: Mapping[str, Any], *, colour: bool = False, width: i
         "",
         _can_line(document, paint),
         _gnss_line(document, paint),
+        *_obd_lines(document),
         _loop_line(document),
     ]
     if width is not None:
@@ -194,6 +195,19 @@ def _gnss_line(document: Mapping[str, Any], paint: _Paint) -> str:
     counted = "" if fixes is None else f", {fixes:.0f} fixes"
     counted += "" if age_s is None else f", the last {age_s:.1f} s ago"
     return _source_line("receiver", gnss, "device", counted, paint)
+
+
+def _obd_lines(document: Mapping[str, Any]) -> list[str]:
+    """What the car itself says of its speed, where it is asked."""
+    obd = _dict(document, "obd")
+    if not obd:
+        return []
+    kmh, stopped = _number(obd, "speed_kmh"), _text(obd, "stopped")
+    said = "does not answer" if kmh is None else f"{kmh:.0f} km/h"
+    words = {"wheels_agree": "the wheels", "receiver_agrees": "the receiver"}
+    against = [word for key, word in words.items() if obd.get(key) is False]
+    said = f"not asked any more ({stopped})" if stopped else said
+    return [f"{'OBD speed':<9} {said}" + (f", contradicts {' and '.join(against)}" if against else "")]
 
 
 def _source_line(label: str, source: Mapping[str, Any], name_key: str, counted: str, paint: _Paint) -> str:

@@ -9,7 +9,14 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from typing import Any, Protocol
 
-from tpmsd.config.model import AlarmsConfig, GnssConfig, MonitorConfig, TyreConfig, VehicleConfig
+from tpmsd.config.model import (
+    AlarmsConfig,
+    GnssConfig,
+    MonitorConfig,
+    ObdConfig,
+    TyreConfig,
+    VehicleConfig,
+)
 from tpmsd.config.problems import BadValueError, show
 from tpmsd.config.schema import RADIUS
 from tpmsd.config.suggest import nearest
@@ -174,6 +181,17 @@ def gnss(settings: GnssConfig, roles: Collection[str], report: Reporter) -> None
     if settings.source == "can" and missing:
         needed = BadValueError(f"no signal of {' '.join(missing)}", show("can"), "both in [can.signals]")
         report(needed, "gnss", "source")
+
+
+def obd(settings: ObdConfig, allowed_ids: Collection[int], buses: Collection[str], report: Reporter) -> None:
+    """What asks the car must be on the list of what may be sent."""
+    if settings.bus is not None and settings.bus not in buses:
+        known = " ".join(buses) or "an entry of [can.buses]"
+        report(BadValueError("no such bus", show(settings.bus), known), "obd", "bus")
+    if settings.speed and settings.request_id not in allowed_ids:
+        needed = f"output_ids = [0x{settings.request_id:X}] in [can], the list of what may be sent"
+        bad = BadValueError(f"0x{settings.request_id:X}, which asks the car, may not be sent", allowed=needed)
+        report(bad, "obd", "speed")
 
 
 def tyre(settings: TyreConfig, given: Collection[str], report: Reporter) -> None:

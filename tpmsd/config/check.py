@@ -19,7 +19,7 @@ from tpmsd.config.coarse_speed import coarse_speed
 from tpmsd.config.dbc import NotedDatabase, counter_modulus, find_signal, load_dbc
 from tpmsd.config.document import read_document
 from tpmsd.config.load import Parsed, parse
-from tpmsd.config.model import GNSS_ROLES, SignalOptions
+from tpmsd.config.model import GNSS_ROLES, Config, SignalOptions
 from tpmsd.config.plan import TOP_SPEED_MPS, Plan, make_plan
 from tpmsd.config.problems import BadValueError, ConfigProblems, Problem, show
 from tpmsd.config.suggest import nearest
@@ -76,6 +76,7 @@ class _Checker:
             plan = make_plan(parsed.config, found)
             self._check_counters(plan)
             self._check_speeds(plan)
+            self._check_obd(parsed.config)
         return CheckResult(
             parsed.document.file,
             tuple(sorted(self._problems, key=_by_place)),
@@ -240,6 +241,12 @@ class _Checker:
             return
         if (what := coarse_speed(coarsest.speed_step_mps, coarsest.radius_m)) is not None:
             self._warn(f"{coarsest.source.signal}: {what}", "can.signals", coarsest.source.role)
+
+    def _check_obd(self, config: Config) -> None:
+        """Who asks the car writes on its bus."""
+        if config.obd.speed:
+            every = f"every {config.obd.period_s:g} s while the car moves"
+            self._warn(f"tpmsd sends 0x{config.obd.request_id:X} on the car's bus {every}", "obd", "speed")
 
 
 def _noted(path: Path, database: NotedDatabase) -> list[Problem]:

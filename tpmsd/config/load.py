@@ -23,6 +23,7 @@ from tpmsd.config.model import (
     GnssConfig,
     MonitorConfig,
     NotifyConfig,
+    ObdConfig,
     OutputConfig,
     SignalOptions,
     StateConfig,
@@ -104,9 +105,11 @@ class _Parser:
         agree.alarms(alarms, given["alarms"], self._report)
         gnss = agree.receiver(GnssConfig(**good["gnss"]), given["can.signals"])
         agree.gnss(gnss, given["can.signals"], self._report)
+        obd = ObdConfig(**good["obd"])
         dbc = self._dbc(dbc, good["can"])
         channel = good["can"].get("channel")
         buses = self._buses(good["can"], dbc, options)
+        agree.obd(obd, good["can"].get("output_ids", ()), buses, self._report)
         self._distinct(signals, options)
         outputs = self._outputs()
         config = None
@@ -120,6 +123,7 @@ class _Parser:
                     output=outputs,
                 ),
                 gnss=gnss,
+                obd=obd,
                 filter=FilterConfig(**good["filter"]),
                 monitor=monitor,
                 tyre=tyre,

@@ -194,6 +194,33 @@ class GnssConfig:
 
 
 @dataclass(frozen=True, slots=True)
+class ObdConfig:
+    """The car's own speed by OBD-II (SAE J1979, service 01, PID 0D), which has to be asked for."""
+
+    speed: bool = False
+    """Whether it is asked for: that sends a frame on the car's bus."""
+    period_s: float = 1.0
+    bus: str | None = None
+    """A name of [can.buses]; None: the bus of [can]."""
+    extended_ids: bool = False
+    """The 29-bit identifiers of ISO 15765-4; else those of 11 bits."""
+
+    @property
+    def request_id(self) -> int:
+        """The functional address: all control units that know the service answer."""
+        return 0x18DB33F1 if self.extended_ids else 0x7DF
+
+    @property
+    def answer_ids(self) -> range:
+        """The identifiers of the answers."""
+        return range(0x18DAF100, 0x18DAF200) if self.extended_ids else range(0x7E8, 0x7F0)
+
+    def bus_number(self, can: CanConfig) -> int:
+        """0 for the bus of [can], else 1 and up in the order of [can.buses]."""
+        return 0 if self.bus is None else 1 + list(can.buses).index(self.bus)
+
+
+@dataclass(frozen=True, slots=True)
 class FilterConfig:
     """The estimator."""
 
@@ -337,6 +364,7 @@ class Config:
     vehicle: VehicleConfig
     can: CanConfig
     gnss: GnssConfig = field(default_factory=GnssConfig)
+    obd: ObdConfig = field(default_factory=ObdConfig)
     filter: FilterConfig = field(default_factory=FilterConfig)
     monitor: MonitorConfig = field(default_factory=MonitorConfig)
     tyre: TyreConfig = field(default_factory=TyreConfig)

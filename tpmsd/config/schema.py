@@ -66,6 +66,12 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
             "latency_s": Number(0.0, 5.0, "s"),
             "host_clock": Choice(("free", "utc")),
         },
+        "obd": {
+            "speed": Flag(),
+            "period_s": Number(0.2, 60.0, "s"),
+            "bus": Text(),
+            "extended_ids": Flag(),
+        },
         "filter": {
             "method": Choice(FILTER_METHODS),
             "rate_hz": Number(1.0, 100.0, "Hz"),

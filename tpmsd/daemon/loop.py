@@ -16,7 +16,7 @@ import logging
 import math
 import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from errno import EADDRINUSE
 from functools import partial
 from typing import Any
@@ -35,6 +35,7 @@ from tpmsd.daemon.health import Health
 from tpmsd.daemon.input_queue import InputQueue
 from tpmsd.daemon.journal import LOGGER, log_alarm
 from tpmsd.daemon.notify import Notices
+from tpmsd.daemon.own_frames import OwnFrames
 from tpmsd.daemon.receiver_link import (
     OpenReceiver,
     ReceiverLink,
@@ -48,8 +49,7 @@ from tpmsd.daemon.state_keeper import StateKeeper
 from tpmsd.monitor.tyre_sets import NAME
 from tpmsd.pipeline import Pipeline, Step
 from tpmsd.provenance import provenance
-from tpmsd.sinks.can_frames import CanReporter
-from tpmsd.sinks.can_output import CanOutputs
+from tpmsd.sinks.can_frames import CanReporter, OutFrame
 from tpmsd.sinks.reset_request import PREFIX, ResetRequest, to_sentence
 from tpmsd.sinks.sd_notify import Notifier
 from tpmsd.sinks.status_server import StatusServer, StatusSocketError
@@ -110,8 +110,8 @@ class Daemon:
         self._state = StateKeeper(config, self._log)
         self._pipeline = self._state.restored(lambda: make_pipeline(config, database))
         self._queue = InputQueue()
-        self._outputs = CanOutputs(config, database)
-        filters = [*can_filters(config, database), *reset_filters(config.alarms), *self._outputs.filters(0)]
+        self._own = OwnFrames(config, database, self._log)
+        filters = [*can_filters(config, database), *reset_filters(config.alarms), *self._own.filters(0)]
         channel, out = config.can.channel, config.alarms.channel
         self._bus = BusLink(
             lambda: open_bus(config.can, filters, channel), f"CAN {channel}", self._log, kernel
@@ -161,7 +161,7 @@ class Daemon:
         settings = dataclasses.replace(
             self._config.can, interface=bus.interface, channel=bus.channel, fd=bus.fd, bitrate=bus.bitrate
         )
-        filters = [*can_filters(self._config, database, number), *self._outputs.filters(number)]
+        filters = [*can_filters(self._config, database, number), *self._own.filters(number)]
         return open_bus(settings, filters, bus.channel)
 
     @property
@@ -182,9 +182,8 @@ class Daemon:
     def document(self) -> dict[str, Any]:
         """The status document as it is now."""
         document = self._health.document(self._pipeline, self._clock.monotonic(), self._deadlines.missed)
-        if self._outputs:
-            document["can_output"] = self._outputs.status()
-        return {**self._provenance, **document}
+        own = self._own.status(self._pipeline.monitor.car_speed())
+        return {**self._provenance, **document, **own}
 
     def explain(self) -> dict[str, Any]:
         """Why alarms stand, or why none does."""
@@ -276,8 +275,7 @@ class Daemon:
         frames: list[CanFrame] = []
         for number, bus in enumerate((self._bus, *self._others)):
             came = bus.read(monotonic_s)
-            if self._outputs:
-                self._watch_outputs(number, came)
+            self._own.heard(number, came, monotonic_s)
             frames += came
         read_s = self._clock.now()
         for frame in frames:
@@ -305,6 +303,7 @@ class Daemon:
                 self._stamps.reset()
         self._state.service(monotonic_s, self._pipeline.snapshot)
         self._notices.service(monotonic_s / self._clock.scale)
+        self._send(self._own.asking(monotonic_s, self._health.last), monotonic_s)
         self._tell(monotonic_s)
         if self._second.due(monotonic_s):
             if self._server is not None:
@@ -322,16 +321,14 @@ class Daemon:
                 self._state.alarm_changed()
             # The tick's own time, not the host's: it only rises.
             self._out.send(self._reporter.frames(step.tick.time_s, step.report), monotonic_s)
-            for number, frames in self._outputs.frames(step.tick.time_s, step.report).items():
-                (self._bus, *self._others)[number].send(frames, monotonic_s)
+            self._send(self._own.of_step(step), monotonic_s)
             if self._on_step is not None:
                 self._on_step(step)
 
-    def _watch_outputs(self, number: int, frames: list[CanFrame]) -> None:
-        """A frame that another node sends under an identifier of ours ends that output."""
-        for frame in frames:
-            if told := self._outputs.heard(number, frame.arbitration_id, frame.is_extended):
-                self._log.warning("%s", told)
+    def _send(self, frames: Mapping[int, list[OutFrame]], monotonic_s: float) -> None:
+        """Send frames by the number of their bus."""
+        for number, of_bus in frames.items():
+            (self._bus, *self._others)[number].send(of_bus, monotonic_s)
 
     def _faults(self, time_s: float) -> list[SourceFault]:
         """For as long as an input is down, the monitor is told so with every tick."""

@@ -149,6 +149,15 @@ class Monitor:
             learning=self._learning,
         )
 
+    def car_states(self, kmh: int) -> None:
+        """A control unit of the car states its speed (OBD-II), 0 to 255 km/h."""
+        self._signals.car.state(kmh)
+
+    def car_speed(self) -> dict[str, Any]:
+        """Whether wheels and receiver agree with the car's own speed, for the status; null: not known."""
+        heard = self._signals.car.heard
+        return {"wheels_agree": heard.wheels, "receiver_agrees": heard.receiver}
+
     def _watching(self) -> Watching:
         """Whether a soft tyre would be seen now."""
         sees = self._since_seen_s <= JUDGE.seen_fresh_s

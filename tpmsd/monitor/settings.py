@@ -181,8 +181,7 @@ class SignalSettings:
     driving_mps: float = 40.0 / 3.6
     """From here on UN R141 counts driving time (40 km/h; assumed: its text was not at hand)."""
     blind_s: float = 600.0
-    """A malfunction is reported within ten minutes of driving, as UN R141 asks (assumed: its text was not
-    at hand; FMVSS 138, 49 CFR 571.138, has twenty)."""
+    """Driving to a malfunction: UN R141 (assumed: not at hand); FMVSS 138, 49 CFR 571.138, has twenty."""
     turning_rad: float = 0.1
     """Rotation in a tick from which a wheel turns."""
     forgive_after_s: float = 1.0
@@ -197,13 +196,14 @@ class SignalSettings:
     """A fault of an input that lasts is reported at least once a second."""
     disagree_mps: float = 3.0
     disagree_share: float = 0.2
-    """Beyond both, speeds of wheels and receiver are of two cars; braking and a lag of the receiver are
-    less."""
+    """Beyond both, speeds of wheels and receiver are of two cars; braking and lags are less."""
     speed_fresh_s: float = 2.0
     """After a fix, how long its speed is that of the car."""
     chord_s: float = 1.0
-    """Between two positions that make a speed, where the receiver states none: at least this, and at most
-    twice."""
+    """At least so long, at most twice, between positions that make a speed where the receiver has none."""
+    car_late_s: float = 2.0
+    car_scale_share: float = 0.08
+    """A speed that the car states by OBD-II may be so late, and so far off: other tyre sizes, UN R39."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,11 +16,13 @@ from typing import Literal
 from tpmsd.config.model import MonitorConfig
 from tpmsd.estimators.agreement import AGREED, Agreement
 from tpmsd.estimators.base import RadiusEstimate
+from tpmsd.monitor.car_speed import CarSpeed
 from tpmsd.monitor.records import AlarmEvent, AlarmKind
 from tpmsd.monitor.settings import SIGNALS
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import RL, RR, WHEELS
 
+DISAGREE = "wheels and receiver disagree on the speed (is it the right DBC?)"
 _ESTIMATED = 6
 """GGA quality of dead reckoning: no witness."""
 
@@ -117,7 +119,8 @@ class SignalWatch:
         self._gnss = _Malfunction("no usable fix from the receiver while driving")
         self._unplugged = _Malfunction("the receiver is unplugged or cannot be opened")
         self._spoofed = _Malfunction("another node sends the wheels' frames: they are rejected")
-        self._disagree = _Malfunction("wheels and receiver disagree on the speed (is it the right DBC?)")
+        self._disagree = _Malfunction(DISAGREE)
+        self._car_differs = _Malfunction("the wheels' speed is far from the car's own (OBD)")
         self._restarted = _Malfunction("the estimate of the radii broke down and is made anew")
         self._blind = _Malfunction(
             "driving for ten minutes, and no soft tyre would have been seen", None, 10.0
@@ -128,6 +131,7 @@ class SignalWatch:
         self._last_fix_s = -math.inf
         self._heard_s = {"unplugged": -math.inf, "spoofed": -math.inf, "restarted": -math.inf}
         self._receiver = ReceiverSpeed()
+        self.car = CarSpeed()
         self._wheels = {
             wheel: _Malfunction(f"no usable signal of wheel {WHEELS[wheel]} while the others turn", wheel)
             for wheel in wheels
@@ -140,7 +144,7 @@ class SignalWatch:
     def standing(self) -> tuple[AlarmEvent, ...]:
         """The malfunctions that stand now, each as it was raised."""
         inputs = (self._rear, self._gnss, self._unplugged, self._spoofed, self._disagree, self._unsteady)
-        own = (self._restarted, self._blind, self._undecided, self._contradicted)
+        own = (self._car_differs, self._restarted, self._blind, self._undecided, self._contradicted)
         everything = (*inputs, *own, *self._wheels.values())
         return tuple(m.raised for m in everything if m.raised is not None)
 
@@ -179,8 +183,11 @@ class SignalWatch:
             self._bus_down = False
         elif any(fault.kind == "down" and fault.source == "can" for fault in tick.faults):
             self._bus_down = True
+        receiver_mps = self._receiver.update(tick)
+        car = self.car.update(tick.time_s, estimate.speed_mps if rear else math.nan, receiver_mps)
         # A parked car's bus goes quiet: nothing is wrong, unless the interface itself is gone.
-        asleep = not any_valid and self._stood and not self._bus_down
+        parked = self._stood and car.least_mps < SIGNALS.moving_mps
+        asleep = not any_valid and parked and not self._bus_down
         limit_s = self._settings.malfunction_s
         events = self._rear.update(not rear and not asleep, rear, limit_s, tick)
         if any(math.isfinite(fix.east_m) for fix in tick.fixes):
@@ -191,8 +198,8 @@ class SignalWatch:
         stale = (tick.time_s - self._last_fix_s if own else estimate.gnss_age_s) > SIGNALS.gnss_fresh_s
         events += self._gnss.update(stale and moving, not stale, self._settings.gnss_malfunction_s, tick)
         events += self._faults(tick)
-        receiver_mps = self._receiver.update(tick)
-        driving = max(_known(estimate.speed_mps), _known(receiver_mps)) > SIGNALS.driving_mps
+        fastest_mps = max(_known(estimate.speed_mps), _known(receiver_mps), car.least_mps)
+        driving = fastest_mps > SIGNALS.driving_mps
         sees = watching.sees
         events += self._blind.update(driving and not sees, sees, SIGNALS.blind_s, tick)
         undecided = watching.undecided
@@ -203,9 +210,13 @@ class SignalWatch:
         events += self._contradicted.update(wrong, not wrong, SIGNALS.at_once_s, tick)
         known, good = self._compared(rear, estimate.speed_mps, receiver_mps)
         good = good and not agreement.withheld
+        self._disagree.reason = DISAGREE + car.sides_with
         events += self._disagree.update(
             agreement.withheld or (known and not good), known and good, limit_s, tick
         )
+        # Against wheels and receiver together it is outvoted.
+        differs = car.wheels is False and car.receiver is not False
+        events += self._car_differs.update(differs, car.wheels is True, limit_s, tick)
         events += self._unsteady.update(agreement.unsteady, not agreement.unsteady, limit_s, tick)
         turning = any(angle > SIGNALS.turning_rad for angle in turned)  # false for NaN
         for wheel, malfunction in self._wheels.items():

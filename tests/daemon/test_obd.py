@@ -1,0 +1,218 @@
+"""The daemon asks the car for its speed: only where it may, and only while that makes sense."""
+
+from __future__ import annotations
+
+import logging
+import re
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from tests.daemon.fakes import DrivingBus, LeapingClock, car
+from tests.daemon.test_loop import run
+from tpmsd import load, replay
+from tpmsd.cli.main import main
+from tpmsd.cli.status_table import render_status
+from tpmsd.config.load import load_config
+from tpmsd.config.model import Config, ObdConfig
+from tpmsd.daemon.loop import Daemon
+from tpmsd.daemon.obd_asker import AWAKE_S, LISTEN_S, RARELY_S, UNANSWERED, ObdAsker
+from tpmsd.sources.can_decoder import load_database
+from tpmsd.sources.can_frame import CanFrame
+
+ANSWER = 0x7E8
+
+
+def may_ask(folder: Path, obd: str = "speed = true", ids: str = "[0x7DF]") -> Path:
+    """Let the car of a folder be asked; its configuration file."""
+    file = folder / "vehicle.toml"
+    text = file.read_text("utf-8").replace("[can]\n", f"[can]\noutput_ids = {ids}\n")
+    file.write_text(f"{text}\n[obd]\n{obd}\n", "utf-8")
+    return file
+
+
+def asked_car(folder: Path) -> Config:
+    car(folder)
+    return load_config(may_ask(folder))
+
+
+class AnsweringBus(DrivingBus):
+    """A car at 20 m/s, one of whose control units answers at the functional address of ISO 15765-4."""
+
+    def __init__(self, clock: LeapingClock, kmh: int | None) -> None:
+        super().__init__(clock.now)
+        self._clock, self._kmh = clock, kmh
+        self._began_s = clock.now()
+        self.asked_s: list[float] = []
+
+    def send(self, arbitration_id: int, data: bytes, extended: bool = False) -> bool:
+        if not 0x6F0 <= arbitration_id <= 0x6F1:
+            assert (0x7DF, "02010d", 8, False) == (arbitration_id, data[:3].hex(), len(data), extended)
+            self.asked_s.append(self._clock.now() - self._began_s)
+            if self._kmh is not None:
+                self.say(ANSWER, bytes([3, 0x41, 0x0D, self._kmh, 0xAA, 0xAA, 0xAA, 0xAA]))
+        return super().send(arbitration_id, data, extended)
+
+    def say(self, identifier: int, data: bytes) -> None:
+        """A frame of the car, or of a tester."""
+        stamp_s = self._clock.now()
+        self.waiting.append(CanFrame(stamp_s, "fake", identifier, False, False, False, False, data))
+
+
+def driven(folder: Path, kmh: int | None, duration_s: float) -> tuple[AnsweringBus, Daemon]:
+    config, clock = asked_car(folder), LeapingClock()
+    bus = AnsweringBus(clock, kmh)
+    return bus, run(config, load_database(config.can.dbc), clock, bus, duration_s)
+
+
+def test_a_car_that_answers_is_asked_every_second(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """After three seconds of listening, once a second; the answer is in the status, a warning in the log."""
+    bus, daemon = driven(tmp_path, 72, 20.0)
+    obd = daemon.document()["obd"]
+
+    assert LISTEN_S <= bus.asked_s[0] <= LISTEN_S + 0.5
+    assert all(0.99 <= later - earlier <= 1.2 for earlier, later in pairwise(bus.asked_s))
+    assert len(bus.asked_s) >= 14
+    assert {"speed_kmh": 72, "stopped": "", "wheels_agree": True, "receiver_agrees": None} == {
+        key: obd[key] for key in ("speed_kmh", "stopped", "wheels_agree", "receiver_agrees")
+    }
+    assert 0 <= obd["asked"] - obd["answered"] <= 1
+    assert "OBD speed 72 km/h\n" in render_status(daemon.document())
+    warned = [r.getMessage() for r in caplog.records if r.levelno == logging.WARNING]
+    assert ["[obd] the car is asked for its speed: 0x7DF every 1 s on its bus"] == warned
+
+
+def test_a_speed_far_from_the_wheels_is_a_malfunction(tmp_path: Path) -> None:
+    """Wheels at 72 km/h, the car at 120: a malfunction with that reason, and no tyre is accused."""
+    _, daemon = driven(tmp_path, 120, 60.0)
+    alarms = daemon.document()["alarms"]
+
+    assert [("malfunction", "the wheels' speed is far from the car's own (OBD)")] == [
+        (alarm["kind"], alarm["reason"]) for alarm in alarms
+    ]
+    assert "OBD speed 120 km/h, contradicts the wheels\n" in render_status(daemon.document())
+
+
+def test_a_car_that_does_not_answer_is_asked_rarely(tmp_path: Path) -> None:
+    """Ten requests in vain, then one a minute; the status knows no speed."""
+    bus, daemon = driven(tmp_path, None, 90.0)
+    pauses_s = [later - earlier for earlier, later in pairwise(bus.asked_s)]
+
+    assert UNANSWERED - 1 == sum(pause < 1.5 for pause in pauses_s)
+    assert all(pause >= RARELY_S for pause in pauses_s[UNANSWERED - 1 :])
+    assert None is daemon.document()["obd"]["speed_kmh"]
+    assert "OBD speed does not answer" in render_status(daemon.document())
+
+
+def test_beside_a_tester_the_car_is_asked_no_more(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """One request of another node ends ours for good, and is told once; its answers are still heard."""
+    config, clock = asked_car(tmp_path), LeapingClock()
+    bus = AnsweringBus(clock, 72)
+
+    def watch(step: object) -> None:
+        if len(bus.asked_s) == 5:
+            bus.say(0x7DF, bytes.fromhex("02010c5555555555"))
+            bus.say(ANSWER, bytes.fromhex("03410d4655555555"))
+
+    daemon = run(config, load_database(config.can.dbc), clock, bus, 30.0, on_step=watch)
+
+    assert 5 == len(bus.asked_s)
+    assert (70, "another node sends 0x7DF") == tuple(
+        daemon.document()["obd"][key] for key in ("speed_kmh", "stopped")
+    )
+    assert 1 == sum("the car is asked no more" in text for text in caplog.messages)
+
+
+def test_a_parked_car_is_left_alone() -> None:
+    """Asking ends a minute after the last motion, and begins again when the bus wakes up: a gateway that is
+    kept awake would drain the battery."""
+    asker, asked = ObdAsker(ObdConfig(speed=True)), []
+    for tenth in range(10 * 1200):
+        now_s = 0.1 * tenth
+        # Driven for 100 s; the bus talks on until 500 s, sleeps, and wakes up at 1000 s.
+        if now_s < 500.0 or now_s >= 1000.0:
+            asker.heard(0x0B0, False, bytes(8), now_s)
+        if asker.frames(now_s, now_s < 100.0):
+            asked.append(now_s)
+            asker.heard(ANSWER, False, bytes([3, 0x41, 0x0D, 50 if now_s < 100.0 else 0]), now_s)
+
+    assert (LISTEN_S, 100.0 + AWAKE_S) == pytest.approx(
+        (asked[0], max(t for t in asked if t < 1000.0)), abs=1.1
+    )
+    assert 1000.0 + LISTEN_S == pytest.approx(min(t for t in asked if t >= 1000.0), abs=1.1)
+    assert 1000.0 + AWAKE_S == pytest.approx(asked[-1], abs=1.1)
+
+
+def test_a_car_whose_wheels_are_frozen_is_asked_on() -> None:
+    """An answer above zero is motion too, so that wheels that stand do not end the asking."""
+    asker, asked = ObdAsker(ObdConfig(speed=True)), 0
+    for second in range(600):
+        asker.heard(0x0B0, False, bytes(8), float(second))
+        if asker.frames(float(second), False):
+            asked += 1
+            asker.heard(ANSWER, False, bytes([3, 0x41, 0x0D, 50]), float(second))
+    assert 597 == asked
+
+
+def test_the_long_identifiers_are_those_of_the_standard() -> None:
+    """29 bits: 0x18DB33F1 asks, 0x18DAF1xx answers; a short frame of the same number is none."""
+    asker = ObdAsker(ObdConfig(speed=True, extended_ids=True))
+    for extended in (False, True):
+        asker.heard(0x18DAF110, extended, bytes([3, 0x41, 0x0D, 50]), 0.0)
+        assert (50 if extended else None) == asker.status()["speed_kmh"]
+    (frame,) = asker.frames(5.0, True)
+    assert (0x18DB33F1, True) == (frame.arbitration_id, frame.extended)
+
+
+@pytest.mark.parametrize(
+    ("obd", "ids", "reason"),
+    [
+        ("speed = true", "[]", "0x7DF, which asks the car, may not be sent"),
+        ("speed = true\nextended_ids = true", "[0x7DF]", "0x18DB33F1, which asks the car, may not be sent"),
+        ('speed = true\nbus = "x"', "[0x7DF]", "no such bus"),
+        ("speed = true\nperiod_s = 0.01", "[0x7DF]", "period_s: out of range"),
+        ("rpm = true", "[0x7DF]", "unknown key"),
+    ],
+)
+def test_what_may_not_be_asked_is_refused(
+    obd: str, ids: str, reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`check` says what is missing before the car may be asked; exit code 2."""
+    car(tmp_path)
+    assert 2 == main(["check", str(may_ask(tmp_path, obd, ids))])
+    assert reason in capsys.readouterr().err
+
+
+def test_check_warns_that_the_bus_is_written_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A configuration that asks the car is right, with a warning; without `[obd]` nothing is asked."""
+    _, database = car(tmp_path)
+    silent = load_config(tmp_path)
+    file = may_ask(tmp_path)
+    assert 0 == main(["check", str(file)])
+    heard = capsys.readouterr()
+    assert "tpmsd sends 0x7DF on the car's bus every 1 s while the car moves" in heard.out + heard.err
+    clock = LeapingClock()
+    bus = AnsweringBus(clock, 72)
+    assert "obd" not in run(silent, database, clock, bus, 10.0).document()
+    assert [] == bus.asked_s
+
+
+def test_a_replay_hears_the_answers_of_a_recording(tmp_path: Path) -> None:
+    """Answers in a log bear witness as on the road: wheels in a wrong scale, without a receiver."""
+    assert 0 == main(["simulate", str(tmp_path), "--route", "motorway", "--duration", "60"])
+    may_ask(tmp_path)
+    log, seconds = [], set()
+    for line in (tmp_path / "can.log").read_text("ascii").splitlines():
+        log.append(line)
+        stamp = re.match(r"\((\d+)", line)
+        assert stamp is not None
+        if stamp[1] not in seconds:
+            seconds.add(stamp[1])
+            log.append(f"{line.split()[0]} can0 7E8#03410D1E00000000")
+    (tmp_path / "can.log").write_text("\n".join(log) + "\n", "ascii")
+    (tmp_path / "gnss.nmea").unlink()
+    alarms = replay(load(tmp_path)).to_dict()["alarms"]
+
+    reason = "the wheels' speed is far from the car's own (OBD)"
+    assert [("malfunction", reason)] == [(alarm["kind"], alarm["reason"]) for alarm in alarms][:1]

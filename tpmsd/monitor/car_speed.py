@@ -1,0 +1,84 @@
+"""The car's own speed (OBD-II) as a weak witness: it says which of wheels and receiver is far off.
+
+In: whole km/h as the car's control units state them, speeds of wheels and receiver per tick. Out: `Heard`. A
+control unit rounds or truncates, computes with the circumference of some tyre, and answers late. So a
+statement is an interval, and what it is held against is the range of a speed over the last two seconds. Only
+where the two do not meet they contradict each other. What is measured turns with the same tyres and says
+nothing of their radii: it never moves an estimate, and takes no alarm back.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+from tpmsd.monitor.settings import SIGNALS
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """What the car's own speed says at a tick; None where it says nothing."""
+
+    least_mps: float = 0.0
+    """The car is at least so fast; 0 where that is not known."""
+    wheels: bool | None = None
+    """Whether the wheels' speed agrees with it."""
+    receiver: bool | None = None
+    """Whether the receiver's speed agrees with it."""
+
+    @property
+    def sides_with(self) -> str:
+        """With which of two that disagree it agrees, for the reason of an alarm; empty if with neither or
+        both."""
+        if (self.wheels, self.receiver) == (True, False):
+            return "; the car's own speed (OBD) agrees with the wheels"
+        if (self.wheels, self.receiver) == (False, True):
+            return "; the car's own speed (OBD) agrees with the receiver"
+        return ""
+
+
+NOTHING = Heard()
+
+
+class CarSpeed:
+    """Follows the statements of one car."""
+
+    def __init__(self) -> None:
+        self._stated_kmh: int | None = None
+        """Stated since the last tick."""
+        self._taken_s = -math.inf
+        self._recent: deque[tuple[float, float, float]] = deque()
+        self.heard = NOTHING
+
+    def state(self, kmh: int) -> None:
+        """A control unit states a speed, 0 to 255 km/h."""
+        self._stated_kmh = kmh
+
+    def update(self, time_s: float, wheels_mps: float, receiver_mps: float) -> Heard:
+        """Take one tick; a speed is NaN where it is not known."""
+        self._recent.append((time_s, wheels_mps, receiver_mps))
+        while self._recent[0][0] < time_s - SIGNALS.car_late_s:
+            self._recent.popleft()
+        if self._stated_kmh is not None:
+            self.heard, self._stated_kmh = self._compared(self._stated_kmh), None
+            self._taken_s = time_s
+        elif not 0.0 <= time_s - self._taken_s <= SIGNALS.speed_fresh_s:
+            self.heard = NOTHING
+        return self.heard
+
+    def _compared(self, kmh: int) -> Heard:
+        low_mps, high_mps = stated_range(kmh)
+        agree = []
+        for place in (1, 2):
+            speeds = [moment[place] for moment in self._recent if math.isfinite(moment[place])]
+            agree.append(low_mps <= max(speeds) and min(speeds) <= high_mps if speeds else None)
+        return Heard(low_mps, *agree)
+
+
+def stated_range(kmh: int) -> tuple[float, float]:
+    """Speeds over ground (m/s) that a statement of whole km/h allows; 255 is the most that can be stated."""
+    # SAE J1979 asks for whole km/h, and says not whether rounded, truncated or raised.
+    low_mps = max(kmh - 1, 0) / 3.6 / (1.0 + SIGNALS.car_scale_share)
+    high_mps = (kmh + 1) / 3.6 / (1.0 - SIGNALS.car_scale_share)
+    return low_mps, math.inf if kmh == 255 else high_mps
