@@ -10,11 +10,14 @@ import pytest
 
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
+from tpmsd.diagnosis.hypotheses.terms import Term
 from tpmsd.diagnosis.prepared.admission import admitted
 from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.robustness.outlying import lasting
+from tpmsd.diagnosis.refinement.refine import exact
+from tpmsd.diagnosis.robustness.outlying import jump_evidence, lasting
 from tpmsd.diagnosis.selection.selector import Selector
 from tpmsd.diagnosis.stages import estimate_noise
+from tpmsd.inference.least_squares import Evidence
 from tpmsd.inference.noise_fit import Stage
 from tpmsd.inference.recording import Recording
 
@@ -51,21 +54,42 @@ def erring(recording: Recording) -> Recording:
     )
 
 
+def looked_at(happens: Callable[[Recording], Recording]) -> tuple[Study, Evidence, Term]:
+    """A drive under the noise that it has without what happens, and the event that shows most."""
+    usual, study = (Study(admitted([one])[0]) for one in (two_wheels(), happens(two_wheels())))
+    estimate_noise(usual, usual.hypotheses.nuisance, Stage.SECOND)
+    study.drives[0].noise = usual.drives[0].noise
+    evidence = study.evidence()
+    gram, b = evidence.projected(study.hypotheses.nuisance)
+    events = [entry for entry in study.hypotheses.pulse_gains(gram, b) if entry[1].place == "rear"]
+    gain, event = max(events, key=lambda entry: entry[0])
+    assert gain > 40.0
+    return study, evidence, event
+
+
 @pytest.mark.parametrize(("happens", "stands"), [(slipping, True), (erring, False)])
 def test_slip_that_only_the_receiver_shows_must_last(
     happens: Callable[[Recording], Recording], stands: bool
 ) -> None:
     """Twelve seconds of slip stand; two seconds in which the receiver errs do not, though they gain more."""
-    usual, study = (Study(admitted([one])[0]) for one in (two_wheels(), happens(two_wheels())))
-    estimate_noise(usual, usual.hypotheses.nuisance, Stage.SECOND)
-    study.drives[0].noise = usual.drives[0].noise
-    evidence = study.evidence()
+    study, evidence, event = looked_at(happens)
     selector = Selector(evidence, study.hypotheses, last=True)
-    gram, b = evidence.projected(study.hypotheses.nuisance)
-    events = [entry for entry in study.hypotheses.pulse_gains(gram, b) if entry[1].place == "rear"]
-    gain, event = max(events, key=lambda entry: entry[0])
-    assert gain > 40.0
 
     found, _ = lasting(study, selector.judged([event]), evidence)
 
     assert stands == (len(found.chosen) == 1)
+
+
+@pytest.mark.parametrize(("happens", "by_wheels"), [(slipping, True), (erring, False)])
+def test_the_wheels_speed_separates_slip_from_an_error_of_the_receiver(
+    happens: Callable[[Recording], Recording], by_wheels: bool
+) -> None:
+    """Wheels that spin jump in their own speed; a receiver that errs leaves the wheels smooth."""
+    study, evidence, event = looked_at(happens)
+    event = exact(study, evidence, study.hypotheses.nuisance, event)
+    (one,) = Selector(study.evidence(), study.hypotheses).judged([event]).chosen
+
+    nats = jump_evidence(study.drives[0], one)
+
+    assert by_wheels == (nats > 5.0)
+    assert by_wheels != (nats < -5.0)

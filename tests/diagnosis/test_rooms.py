@@ -18,7 +18,6 @@ THROUGH_OTHERS = {
     "assessment.walking_pace",
     "refinement.finer",
     "refinement.relinearise",
-    "reporting.findings",
     "reporting.traces",
     "reporting.where",
     "robustness.drifting",

@@ -39,6 +39,8 @@ class HypothesisSettings:
     """Windows with a reading, below which a drive does not have it; of the receiver's, twice as many."""
     probe_m: float = 1e-5
     """Change of a radius small enough to be linear."""
+    tangent_share: float = 0.05
+    """Of an effect's value by which it is moved to take its tangent: no rounding, hardly a curvature."""
     smallest_radius_m: float = 3e-5
     """No road leaves a tyre's radius alone better than to this: a smaller change is not worth a name."""
     impossible_nats: float = 12.5
@@ -226,6 +228,8 @@ class RefinementSettings:
     """Numbers of intervals tried, in those of the first look."""
     finer_nats: float = 3.0
     """Penalised gain by which finer knots must be better."""
+    exact_rounds: int = 2
+    """Of Gauss-Newton with the exact response: the first leaves a tenth of the linearisation error."""
     most_calibration: float = 0.05
     """Relative change of a radius at one linearisation."""
 
@@ -278,6 +282,10 @@ class RobustnessSettings:
     """Factor by which so much drift may be greater than it seems: a drive holds but a few of its swings."""
     drift_levels: tuple[float, ...] = (1.0, 0.5, 0.25)
     """Shares of the estimated drift at which a change of radius is looked for: beside it there is less."""
+    student_freedom: float = 4.0
+    """Of Student's distribution, usual for outliers in regression (Lange, Little and Taylor 1989)."""
+    normal_median: float = 1.4826
+    """Standard deviation of a normal distribution in its median distance from the mean."""
     together_share: float = 0.85
     """Share of what four separate wheels gain that one group must gain."""
     gyro_walks_from: float = 4.0

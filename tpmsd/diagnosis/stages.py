@@ -14,6 +14,7 @@ import numpy as np
 
 from tpmsd.diagnosis.assessment.simulated import floored, widened
 from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.refinement.beyond_linear import needed_exactly
 from tpmsd.diagnosis.refinement.refine import plainest_shape, refine
 from tpmsd.diagnosis.refinement.relinearise import relinearise
 from tpmsd.diagnosis.robustness.accounts import changed
@@ -89,6 +90,8 @@ def choose(state: State) -> State:
         if refine(study, selection, evidence, again=most == 1):
             evidence = study.evidence()
             selection = Selector(evidence, study.hypotheses).select(most)
+    if not study.simulation:
+        selection = needed_exactly(study, selection, evidence)
     return replace(state, design=selection.fit.design, evidence=evidence, selection=selection)
 
 
@@ -114,6 +117,8 @@ def verdict(state: State) -> State:
     """Choose for the last time, by the rules of a verdict."""
     evidence = _present(state)
     selection = Selector(evidence, state.study.hypotheses, last=True).select()
+    if not state.study.simulation:
+        selection = needed_exactly(state.study, selection, evidence, last=True)
     return replace(state, design=selection.fit.design, evidence=evidence, selection=selection)
 
 

@@ -18,7 +18,7 @@ from tpmsd.diagnosis.hypotheses.wheel_slip import slip_columns
 from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.trajectory import WINDOW_S
 from tpmsd.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED, Reader
-from tpmsd.physics.catalogue import EFFECTS, FAULT, RADIUS, make_effect, probes
+from tpmsd.physics.catalogue import EFFECTS, FAULT, RADIUS, Probe, make_effect, probes
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import WHEELS, FloatArray
 
@@ -110,8 +110,21 @@ def catalogue_columns(
         if only is not None and probe.effect not in only:
             continue
         if not effect.always_fitted and here >= set(effect.needs):
-            out.add(probe.key, reader.change(base, probe.made()) / (probe.value - probe.neutral))
+            out.add(probe.key, _response(reader, probe, base))
     return out
+
+
+def _response(reader: Reader, probe: Probe, base: ExtendedModel) -> FloatArray:
+    """(w, 9) to a unit of a parameter: from neutral where the effect is not in the model, else the tangent at
+    the value that it has there (the response of a low-pass of 1 s is not a multiple of that of 0.1 s)."""
+    there = next((one for one in base if one.name == probe.effect), None)
+    if there is None or not probe.parameter or probe.place or probe.at is not None:
+        return reader.change(base, probe.made()) / (probe.value - probe.neutral)
+    value = float(getattr(there, probe.parameter))
+    step = SETTINGS.hypotheses.tangent_share * (value - probe.neutral) or probe.value - probe.neutral
+    moved = replace(there, **{probe.parameter: value + step})
+    model = ExtendedModel(tuple(moved if one is there else one for one in base))
+    return np.asarray((reader.predict(model) - reader.predicted(base)) / step)
 
 
 def grid_column(

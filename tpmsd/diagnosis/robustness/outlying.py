@@ -7,18 +7,23 @@ them slip alike, what is left to compare with is the receiver, and a receiver th
 as much as wheels that slip. The two differ in duration: so the event is fitted again with those readings
 down-weighted that are outliers without it; each of them then contributes two standard deviations at most
 (Huber, Annals of Mathematical Statistics 35, 1964). Ten seconds of slip remain significant; an error of the
-receiver of two seconds does not.
+receiver of two seconds does not. The wheels' own speed adds to the evidence: wheels that spin up depart from
+the smooth speed of a car, and where the receiver errs they do not.
 """
 
 from __future__ import annotations
 
+import numpy as np
+
+from tpmsd.diagnosis.prepared.drive_study import DriveStudy
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.robustness.confirm import of_all_read
-from tpmsd.diagnosis.selection.chosen import Selection
+from tpmsd.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.diagnosis.selection.selector import Selector
 from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence
 from tpmsd.inference.noise_fit import single_outliers
+from tpmsd.wheels import FloatArray
 
 
 def lasting(study: Study, selection: Selection, evidence: Evidence) -> tuple[Selection, Evidence]:
@@ -38,8 +43,30 @@ def lasting(study: Study, selection: Selection, evidence: Evidence) -> tuple[Sel
         calm = study.evidence()
         robust = Selector(calm, study.hypotheses, last=True)
         gain = robust.gain([*terms, one.term]) - robust.gain(terms)
+        gain += sum(jump_evidence(study.drives[number], one) for number in study.acting(one.term))
         if gain < one.term.penalty + SETTINGS.selection.admit_nats:
             return lasting(study, robust.judged(terms), calm)
         for drive, inflate in zip(study.drives, before, strict=True):
             drive.inflate = inflate
     return selection, evidence
+
+
+def jump_evidence(drive: DriveStudy, one: Chosen) -> float:
+    """Log-likelihood ratio (nats) by the second differences of the speed: the car has that of the wheels
+    less the event, or that of the wheels as it is."""
+    wheels, index = drive.reader.recording.wheels, drive.reader.windows.index
+    own = drive.own(one.term.design) @ one.values
+    used = np.flatnonzero(own)
+    event = (drive.columns[:, wheels][:, :, used] @ own[used]).mean(axis=1)
+    way = drive.reader.windows.measured[:, wheels].mean(axis=1)
+    together = (np.diff(index)[1:] == 1) & (np.diff(index)[:-1] == 1)
+    plain, less = (np.diff(course, 2)[together] for course in (way, way - event))
+    scale = SETTINGS.robustness.normal_median * float(np.median(np.abs(plain)))
+    return float(np.sum(_student(less, scale) - _student(plain, scale)))
+
+
+def _student(values: FloatArray, scale: float) -> FloatArray:
+    """Log-density of Student's distribution, up to a constant: its tails hold braking (Lange, Little and
+    Taylor, Journal of the American Statistical Association 84, 1989)."""
+    free = SETTINGS.robustness.student_freedom
+    return np.asarray(-0.5 * (free + 1.0) * np.log1p(np.square(values / scale) / free))

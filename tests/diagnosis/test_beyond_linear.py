@@ -1,0 +1,56 @@
+"""Terms that only explain what linearising another leaves are told from those that act."""
+
+from __future__ import annotations
+
+import pytest
+
+from bench.worlds.instruments import observe
+from bench.worlds.kinematic import Spec
+from tests.diagnosis.recorded import recording_of
+from tests.diagnosis.test_found_by_name import driven, smoothed
+from tpmsd.diagnosis.diagnose import diagnose
+from tpmsd.diagnosis.prepared.admission import admitted
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.refinement.beyond_linear import needed_exactly
+from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.diagnosis.stages import estimate_noise
+from tpmsd.inference.noise_fit import Stage
+from tpmsd.inference.recording import Recording
+
+LAG, SMOOTHING = "velocity_lag", "gnss_smoothing"
+
+
+def late(lag_s: float, time_constant_s: float = 0.0) -> Recording:
+    """A quiet receiver whose speed and course are late and, where asked for, smoothed."""
+    spec = Spec(
+        duration_s=240.0, road="city", stops=True, doppler_age_s=lag_s, doppler_mps=0.02, doppler_tau_s=0.05
+    )
+    way, rng = driven(spec, 5)
+    seen = observe(way, spec, rng, 5)
+    return recording_of(smoothed(seen, time_constant_s) if time_constant_s else seen)
+
+
+@pytest.mark.parametrize(("time_constant_s", "stay"), [(0.0, {LAG}), (1.0, {LAG, SMOOTHING})])
+def test_a_low_pass_stays_beside_a_lag_where_there_is_one(time_constant_s: float, stay: set[str]) -> None:
+    """Linearised, a lag of 0.4 s looks like one of 0.26 s with a low-pass; one of 1 s is there."""
+    study = Study(admitted([late(0.4, time_constant_s)])[0])
+    estimate_noise(study, study.hypotheses.everything, Stage.FIRST)
+    evidence = study.evidence()
+    both = [term for term in study.hypotheses.catalogue if term.effect in (LAG, SMOOTHING)]
+    linear = Selector(evidence, study.hypotheses).judged(both)
+    assert {LAG, SMOOTHING} == {one.term.effect for one in linear.chosen}
+
+    assert stay == {one.term.effect for one in needed_exactly(study, linear, evidence).chosen}
+
+
+def test_a_long_lag_is_told_with_its_size() -> None:
+    """0.4 s, and not 0.32 s beside a low-pass of 0.08 s."""
+    diagnosis = diagnose([late(0.4)])
+
+    (finding,) = diagnosis.findings
+    lag = finding.parameters["lag_s"]
+    assert LAG == finding.effect
+    assert isinstance(lag.value, float) and lag.std is not None
+    assert pytest.approx(0.4, abs=3.0 * lag.std) == lag.value
+    assert lag.std < 0.01
+    assert not diagnosis.notes
