@@ -36,8 +36,8 @@ FIT_WINDOWS, SLOW_WINDOWS = 300, 600
 OUTLIER = 3.5
 ROUGH_STRETCH = 1.6
 """Variance of a stretch, over the usual one, from which it is believed to be noisier."""
-NEAR_NATS = 0.05
-"""Gain of a step of the maximisation below which it ends."""
+NEAR_NATS, FIRST_NEAR_NATS = 0.05, 0.2
+"""Gain of a step of the maximisation below which it ends; the first stage's noise is a start for the second."""
 MAX_STEPS = 40
 _RIDGE = 1e-7
 _PROBE = 1e-5
@@ -86,7 +86,7 @@ def fit_noise(
     names = whole.estimable()
     if stage is Stage.FIRST:
         part = _apart(representative(whole, FIT_WINDOWS))
-        return maximised(part, start, [name for name in names if name not in WANDERING])
+        return maximised(part, start, [name for name in names if name not in WANDERING], FIRST_NEAR_NATS)
     if stage is Stage.LAST:
         slow = representative(whole, SLOW_WINDOWS)
         return maximised(slow, start, [name for name in names if name in WANDERING])
@@ -121,8 +121,9 @@ def log_posterior(
     return -0.5 * (float(left @ y) + made.logdet) + log_prior(noise)
 
 
-def maximised(data: Data, start: Noise, names: Sequence[str]) -> Noise:
-    """The noise of greatest restricted posterior in these parameters, from a start."""
+def maximised(data: Data, start: Noise, names: Sequence[str], near_nats: float = NEAR_NATS) -> Noise:
+    """The noise of greatest restricted posterior in these parameters, from a start; it ends with a step that
+    gains less than `near_nats`."""
     if not names:
         return start
     free = np.array([_free(name, float(getattr(start, name))) for name in names])
@@ -140,7 +141,7 @@ def maximised(data: Data, start: Noise, names: Sequence[str]) -> Noise:
         method="L-BFGS-B",
         bounds=bounds,
         options={"ftol": 0.0, "maxiter": MAX_STEPS, "maxfun": 2 * MAX_STEPS},
-        callback=_Still(NEAR_NATS),
+        callback=_Still(near_nats),
     )
     return _noise(start, names, found.x)
 
