@@ -1,0 +1,266 @@
+"""Steps of the diagnosis on the study of one short drive, against closed forms of what each says."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bench.worlds.kinematic import Spec, drive
+from tests.diagnosis.recorded import recording_of
+from tpmsd.diagnosis.assessment.explanatory import explanatory
+from tpmsd.diagnosis.assessment.result import CONSISTENT
+from tpmsd.diagnosis.hypotheses.terms import Term
+from tpmsd.diagnosis.hypotheses.wheel_slip import WHEEL_SLIP
+from tpmsd.diagnosis.prepared.admission import admitted
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.refinement.finer import best_knots, finest_shape
+from tpmsd.diagnosis.refinement.relinearise import relinearise
+from tpmsd.diagnosis.reporting.findings import evidence_gain, report
+from tpmsd.diagnosis.reporting.traces import ground, traces
+from tpmsd.diagnosis.reporting.where import place_of, where_of, whole_range
+from tpmsd.diagnosis.robustness.drifting import DRIFTS, drifting
+from tpmsd.diagnosis.selection.chosen import Chosen, Selection
+from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.diagnosis.settings import SETTINGS
+from tpmsd.inference.windows import CHANNEL_NAMES, GYRO, NORTH
+from tpmsd.wheels import WHEELS, FloatArray
+
+SECONDS = 300.0
+
+
+@pytest.fixture(scope="module")
+def studied() -> Study:
+    """A null drive on a rural road, under the noise that an estimate starts with."""
+    readers, notes = admitted([recording_of(drive(Spec(duration_s=SECONDS, road="rural"), 4))])
+    assert () == notes
+    return Study(readers)
+
+
+def own_copy(studied: Study) -> Study:
+    """A study whose drive and hypotheses may be changed."""
+    study = copy.copy(studied)
+    study.drives = [copy.copy(one) for one in studied.drives]
+    study.hypotheses = copy.copy(studied.hypotheses)
+    study.hypotheses.catalogue = list(studied.hypotheses.catalogue)
+    return study
+
+
+def injected(studied: Study, columns: FloatArray) -> Study:
+    """The study with a response (w, 9) added to the data."""
+    study = own_copy(studied)
+    (one,) = study.drives
+    one.columns = one.columns.copy()
+    one.columns[:, :, 0] += columns
+    one._kept = []
+    return study
+
+
+def chosen(study: Study, *terms: Term) -> Selection:
+    """The terms, judged."""
+    return Selector(study.evidence(), study.hypotheses).judged(list(terms))
+
+
+def shape(study: Study, place: str, covariate: str) -> Term:
+    """The smooth term of a place on its usual knots."""
+    gram, b = study.evidence().projected(study.hypotheses.nuisance)
+    found = [term for _, term in study.hypotheses.smooth_gains(gram, b)]
+    return next(term for term in found if (term.place, term.covariate) == (place, covariate))
+
+
+def rows(study: Study, columns: FloatArray) -> FloatArray:
+    """Whitened combinations of the drive's columns as rows."""
+    white = study.drives[0].white
+    return np.asarray((white @ columns).reshape(-1, columns.shape[1]))
+
+
+def left(y: FloatArray, X: FloatArray) -> FloatArray:
+    """What plain least squares leave of a column."""
+    return np.asarray(y - X @ np.linalg.lstsq(X, y, rcond=None)[0])
+
+
+def test_a_slip_explains_what_least_squares_with_its_columns_take_away(studied: Study) -> None:
+    """The gain is half the drop of the residual's sum of squares, calibration fitted before and after."""
+    evidence = studied.evidence()
+    (one,) = studied.drives
+    told = {entry.variable: entry for entry in explanatory(studied, [], evidence)}
+    y, X = rows(studied, np.eye(studied.width, 1))[:, 0], rows(studied, studied.hypotheses.nuisance)
+    at = [k for k, name in enumerate(one.names) if name[0] == WHEEL_SLIP]
+    slips = rows(studied, np.eye(studied.width)[:, at])
+    before, after = left(y, X), left(y, np.concatenate([X, slips], axis=1))
+
+    assert told[WHEEL_SLIP].alone == pytest.approx(0.5 * (before @ before - after @ after), rel=1e-3)
+    assert told[WHEEL_SLIP].beyond == told[WHEEL_SLIP].alone
+    assert () == told[WHEEL_SLIP].without
+
+
+@pytest.mark.parametrize("off", [-0.004, 0.003])
+def test_the_new_origin_does_not_depend_on_the_radii_that_were_configured(off: float) -> None:
+    """One step from radii 0.4 % too small or 0.3 % too large ends where one from right ones does."""
+    recording = recording_of(drive(Spec(duration_s=SECONDS, road="rural"), 4))
+    found_m = []
+    for factor in (1.0, 1.0 + off):
+        car = replace(recording.car, radius_m=recording.car.radius_m * factor)
+        study = Study(admitted([replace(recording, car=car)])[0])
+        relinearise(study, chosen(study))
+        found_m.append(study.drives[0].reader.reference.car.radius_m)
+
+    assert np.allclose(*found_m, rtol=0.01 * abs(off))
+
+
+def test_the_hats_of_a_reading_add_up_to_a_constant(studied: Study) -> None:
+    """Piecewise linear weights are a partition of one, so that together they are the gyro's bias."""
+    finest = finest_shape(studied, shape(studied, "yaw_rate", "speed"))
+    total = sum(columns[0] for _, columns in finest.columns)
+    expected = np.zeros((len(studied.drives[0].reader.windows), len(CHANNEL_NAMES)))
+    expected[:, GYRO] = 1.0
+
+    assert ("yaw_rate",) == finest.places
+    assert len(finest.knots) == len(finest.columns)
+    assert np.allclose(expected, total)
+
+
+def test_a_narrow_hump_takes_finer_knots_than_none(studied: Study) -> None:
+    """Knots are paid for by what they gain: a hump of one fine hat takes them, a null drive does not."""
+    term = shape(studied, "yaw_rate", "speed")
+    finest = finest_shape(studied, term)
+    middle = finest.columns[len(finest.columns) // 2][1][0]
+    hump = injected(studied, 0.02 * middle)
+
+    plain, fine = (best_knots(study, study.hypotheses.nuisance, term) for study in (studied, hump))
+
+    assert len(plain.at) < len(fine.at)
+    assert fine.score > 100.0 + plain.score
+    assert finest.knots[len(finest.columns) // 2] in fine.at
+
+
+def test_a_ramp_stands_from_its_onset_to_the_end_of_the_drive(studied: Study) -> None:
+    """A change of the left rear radius between 100 and 140 s lasts; all wheels being read, ratios show it."""
+    term = studied.hypotheses.ramp("rl", 0)
+    term = replace(term, span_s=(100.0, 140.0))
+    one = Chosen(term, 9.0, 9.0, 9.0, 1.0, (), np.array([1e-3]), np.array([1e-4]))
+
+    where = where_of(studied, one)
+
+    assert (("rl",), "wheel_ratio", "time") == (where.wheels, where.channel, where.covariate)
+    assert ((100.0, pytest.approx(SECONDS, abs=0.2)),) == where.time_spans
+    assert where.time_spans[0] == where.range
+
+
+def test_a_term_is_placed_where_its_response_has_its_energy(studied: Study) -> None:
+    """95 % of a hat's energy lie between the knots beside it; what was not chosen has the whole range."""
+    term = shape(studied, "yaw_rate", "speed")
+    knots = studied.knots(term)
+    heights = np.zeros(len(knots))
+    heights[2] = 1e-2
+    one = Chosen(term, 9.0, 9.0, 9.0, 1.0, (), heights, np.ones(len(knots)))
+    speed = studied.drives[0].reader.windows.covariates["speed"]
+
+    low, high = where_of(studied, one).range or (np.nan, np.nan)
+
+    assert knots[1] < low < knots[2] < high < knots[3]
+    assert (speed.min(), speed.max()) == whole_range(studied, term).range
+    assert ((), "yaw_rate", "speed") == place_of(studied, term)
+    assert (("rl", "rr"), "wheel_ratio", "speed") == place_of(studied, shape(studied, "rear", "speed"))
+
+
+def test_a_trace_ends_without_a_mean_and_begins_with_the_response(studied: Study) -> None:
+    """Least squares leave nothing along a fitted response; without the term its own energy is left."""
+    term = shape(studied, "yaw_rate", "speed")
+    heights = 0.01 * np.arange(term.design.shape[1])
+    (one,) = studied.drives
+    response = one.columns[:, :, one.local] @ (term.design @ heights)
+    study = injected(studied, response)
+    selection = chosen(study, term)
+
+    (trace,) = traces(study, selection, study.evidence())
+    energy = (study.drives[0].response(term.design, selection.chosen[0].values) ** 2).sum()
+
+    assert ("unknown", "speed") == (trace.effect, trace.covariate)
+    assert np.abs(trace.after).max() < 0.05 * np.abs(trace.before).max()
+    assert np.square(trace.before).sum() <= 1.05 * energy
+    assert np.all(np.diff(trace.middle) > 0.0)
+
+
+def test_the_map_shows_places_as_measured_and_what_the_model_gained_there(studied: Study) -> None:
+    """The gain of a window is half the drop of its squares, averaged over nine neighbours."""
+    term = shape(studied, "yaw_rate", "speed")
+    (one,) = studied.drives
+    study = injected(studied, 0.02 * one.columns[:, :, one.local] @ term.design.sum(axis=1))
+    selection, evidence = chosen(study, term), study.evidence()
+    rolling = evidence.fit(study.hypotheses.nuisance)
+    squares = [
+        (study.drives[0].residual(fit.design, fit.values) ** 2).sum(axis=1)
+        for fit in (rolling, selection.fit)
+    ]
+    gain = 0.5 * (squares[0] - squares[1])
+
+    found = ground(study, selection, evidence)
+
+    assert found is not None
+    measured = one.reader.windows.measured[:, NORTH]
+    known = np.isfinite(measured)
+    assert np.array_equal(measured[known], found.north_m)
+    assert gain[96:105].mean() == pytest.approx(found.mismatch[np.flatnonzero(known) == 100][0])
+
+
+def test_a_null_drive_is_consistent_and_its_size_is_that_of_the_noise(studied: Study) -> None:
+    """Nothing chosen: no finding, both models alike, each channel as large as its whitened residual."""
+    nothing, evidence = chosen(studied), studied.evidence()
+    (one,) = studied.drives
+
+    told = report(studied, nothing, evidence)
+    white = one.residual(nothing.fit.design, nothing.fit.values)[:, GYRO]
+
+    assert (CONSISTENT, ()) == (told.verdict, told.findings)
+    assert told.baseline_rms == told.model_rms
+    assert len(one.reader.windows) == told.driving_s
+    assert told.inner is not None
+    assert np.sqrt(np.square(white).mean()) == pytest.approx(told.inner.rms_by_channel["yaw_rate"][1])
+
+
+def test_a_term_without_an_effect_gains_nothing_on_data_left_out(studied: Study) -> None:
+    """Values that were fitted to noise predict worse; those of an injected response predict better."""
+    term = shape(studied, "yaw_rate", "speed")
+    (one,) = studied.drives
+    study = injected(studied, 0.02 * one.columns[:, :, one.local] @ term.design[:, 2])
+    without, with_it = (
+        evidence_gain(Selector(one.evidence(), one.hypotheses), [], term) for one in (studied, study)
+    )
+
+    assert without < 0.0
+    assert with_it > 100.0
+
+
+def test_a_gyro_that_walks_as_usual_is_not_asked_and_another_gets_its_noise_back(studied: Study) -> None:
+    """Without a bend over time nothing is found, and the noise is what it was."""
+    study = own_copy(studied)
+    (one,) = study.drives
+    nothing, evidence = chosen(study), study.evidence()
+    calm = replace(one.noise, gyro_drift_radps=0.9 * DRIFTS)
+    walks = replace(one.noise, gyro_drift_radps=1.1 * DRIFTS)
+
+    one.noise = calm
+    assert (nothing, evidence) == drifting(study, nothing, evidence)
+    one.noise = walks
+    found, _ = drifting(study, nothing, evidence)
+
+    assert nothing is found
+    assert walks == one.noise
+
+
+def test_the_settings_hold_a_step_of_the_radii_to_what_is_a_calibration(studied: Study) -> None:
+    """A radius moves by the share that the settings allow and no more, whatever the fit says."""
+    study = own_copy(studied)
+    (one,) = study.drives
+    one.reader = copy.copy(one.reader)
+    before_m = one.reader.reference.car.radius_m.copy()
+    fit = chosen(study).fit
+    absurd = replace(fit, values=np.where(np.arange(len(fit.values)) < len(WHEELS), 1.0, fit.values))
+
+    relinearise(study, replace(chosen(study), fit=absurd))
+    grown = one.reader.reference.car.radius_m / before_m - 1.0
+
+    assert np.allclose(SETTINGS.refinement.most_calibration, grown)
