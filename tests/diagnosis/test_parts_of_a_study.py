@@ -160,7 +160,11 @@ def test_a_term_is_placed_where_its_response_has_its_energy(studied: Study) -> N
 
     low, high = where_of(studied, one).range or (np.nan, np.nan)
 
+    hat = np.interp(speed, knots, heights) ** 2
+    inside = hat[(low <= speed) & (speed <= high)].sum() / hat.sum()
+
     assert knots[1] < low < knots[2] < high < knots[3]
+    assert inside == pytest.approx(0.95, abs=0.03)
     assert (speed.min(), speed.max()) == whole_range(studied, term).range
     assert ((), "yaw_rate", "speed") == place_of(studied, term)
     assert (("rl", "rr"), "wheel_ratio", "speed") == place_of(studied, shape(studied, "rear", "speed"))
