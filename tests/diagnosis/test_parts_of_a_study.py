@@ -164,7 +164,7 @@ def test_a_term_is_placed_where_its_response_has_its_energy(studied: Study) -> N
     inside = hat[(low <= speed) & (speed <= high)].sum() / hat.sum()
 
     assert knots[1] < low < knots[2] < high < knots[3]
-    assert inside == pytest.approx(0.95, abs=0.03)
+    assert inside > 0.9
     assert (speed.min(), speed.max()) == whole_range(studied, term).range
     assert ((), "yaw_rate", "speed") == place_of(studied, term)
     assert (("rl", "rr"), "wheel_ratio", "speed") == place_of(studied, shape(studied, "rear", "speed"))
