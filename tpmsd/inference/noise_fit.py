@@ -37,7 +37,8 @@ OUTLIER = 3.5
 ROUGH_STRETCH = 1.6
 """Variance of a stretch, over the usual one, from which it is believed to be noisier."""
 NEAR_NATS, FIRST_NEAR_NATS = 0.05, 0.2
-"""Gain of a step of the maximisation below which it ends; the first stage's noise is a start for the second."""
+"""Gain of a step of the maximisation below which it ends; the first stage's noise is where the second
+starts."""
 MAX_STEPS = 40
 _RIDGE = 1e-7
 _PROBE = 1e-5
