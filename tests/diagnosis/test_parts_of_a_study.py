@@ -122,14 +122,14 @@ def test_the_hats_of_a_reading_add_up_to_a_constant(studied: Study) -> None:
     assert np.allclose(expected, total)
 
 
-def test_a_narrow_hump_takes_finer_knots_than_none(studied: Study) -> None:
-    """Knots are paid for by what they gain: a hump of one fine hat takes them, a null drive does not."""
+def test_a_narrow_dip_takes_finer_knots_than_none(studied: Study) -> None:
+    """Knots are paid for by what they gain: a dip of one fine hat takes them, a null drive does not."""
     term = shape(studied, "yaw_rate", "speed")
     finest = finest_shape(studied, term)
     middle = finest.columns[len(finest.columns) // 2][1][0]
-    hump = injected(studied, 0.02 * middle)
+    dip = injected(studied, -0.02 * middle)
 
-    plain, fine = (best_knots(study, study.hypotheses.nuisance, term) for study in (studied, hump))
+    plain, fine = (best_knots(study, study.hypotheses.nuisance, term) for study in (studied, dip))
 
     assert len(plain.at) < len(fine.at)
     assert fine.score > 100.0 + plain.score
