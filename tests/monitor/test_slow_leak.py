@@ -17,10 +17,11 @@ from bench.worlds.tyre_years import Leak, draw_year
 from tests.monitor.drives import ALL, START_S, Player, monitor, said
 from tpmsd.monitor.leak_filter import LEFT, NONE, RIGHT, LeakFilter
 from tpmsd.monitor.leak_history import LeakHistory
+from tpmsd.monitor.leak_settings import TrendSettings
 from tpmsd.monitor.leak_trend import has_ended, trend_of
 from tpmsd.monitor.monitor import Monitor
 from tpmsd.monitor.records import AlarmEvent, WheelState
-from tpmsd.monitor.settings import READINGS, TREND, TrendSettings
+from tpmsd.monitor.settings import READINGS, TREND
 from tpmsd.wheels import FloatArray
 
 DAY_S = 86400.0

@@ -25,6 +25,7 @@ from tpmsd.bounds import number, whole
 from tpmsd.config.model import VehicleConfig
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.conditions import ConditionTracker
+from tpmsd.monitor.drive_evidence import Accounts, DriveEvidence
 from tpmsd.monitor.probability import chi_square_quantile
 from tpmsd.monitor.reference import KNOTS_MPS, Reference, speed_range
 from tpmsd.monitor.settings import BASELINE, CONDITIONS, REFERENCE
@@ -76,6 +77,8 @@ class Baseline:
         self._drive_samples = 0
         self._recent: deque[_Sample] = deque(maxlen=BASELINE.recent_samples)
         self._recent_s = 0.0
+        self._evidence: DriveEvidence | None = None
+        """Of this drive, once the car is known."""
 
     @property
     def fraction(self) -> float:
@@ -96,7 +99,7 @@ class Baseline:
             for reference in self._references():
                 reference.forget_drive(load_only=stood_s < CONDITIONS.new_day_s)
             self._drive_samples = 0
-            self._recent.clear()
+            self.forget_recent()
         if estimate.informative:
             self._since_s += tick.dt_s
             self._recent_s += tick.dt_s
@@ -138,14 +141,24 @@ class Baseline:
         if self._recent and self._jumped(now, harmless_m2):
             self._recent.clear()
         recent = [*self._recent, now]
+        if self._evidence is None and self.settled:
+            self._evidence = DriveEvidence(self.reference, self._wheels, self._radius)
         if self._recent_s >= BASELINE.sample_every_s:
             self._recent.append(now)
+            if self._evidence is not None:
+                self._evidence.take(*now, self._recent_s)
             self._recent_s = 0.0
         return self._change([now], harmless_m2), self._change(recent, harmless_m2)
 
     def forget_recent(self) -> None:
-        """What was seen in the last minutes is not to be believed."""
+        """What was seen in the last minutes is not to be believed, or is another drive's."""
         self._recent.clear()
+        self._evidence = None
+
+    @property
+    def accounts(self) -> Accounts | None:
+        """What the drive as a whole says; None as long as it is too short, or the car not known."""
+        return None if self._evidence is None else self._evidence.accounts
 
     def _jumped(self, now: _Sample, harmless_m2: FloatArray) -> bool:
         """Whether the radii are others than in the last minutes, so that a mean would mix two states."""

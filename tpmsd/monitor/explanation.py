@@ -12,20 +12,19 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from tpmsd.config.model import MonitorConfig
 from tpmsd.estimators.agreement import Agreement
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.baseline import Change
-from tpmsd.monitor.hypotheses import Verdict, hypotheses_of
-from tpmsd.monitor.judge import Judgement
+from tpmsd.monitor.hypotheses import hypotheses_of
+from tpmsd.monitor.judge import Finding, Judgement
 from tpmsd.monitor.records import AlarmEvent, AlarmKind, MonitorReport
-from tpmsd.monitor.settings import EXPLANATION, JUDGE
+from tpmsd.monitor.settings import DRIVE_EVIDENCE, EXPLANATION, JUDGE
 from tpmsd.monitor.tyre_sets import TyreSets
+from tpmsd.monitor.witnesses import contrasts, gains
 from tpmsd.resonance.evidence import ResonanceEvidence
 from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import IS_FRONT, IS_LEFT, WHEELS, FloatArray
+from tpmsd.wheels import WHEELS, FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +34,7 @@ class _Judged:
     time_s: float
     estimate: RadiusEstimate
     change: Change
-    verdict: Verdict
+    finding: Finding
     judgement: Judgement
     resonance: ResonanceEvidence | None
 
@@ -69,13 +68,13 @@ class Explanation:
     def judged(
         self,
         estimate: RadiusEstimate,
-        change: Change,
-        verdict: Verdict,
         judgement: Judgement,
         resonance: ResonanceEvidence | None,
     ) -> None:
-        """Take a judgement of the wheels (`change` and `verdict` by them alone)."""
-        self._judged = _Judged(self._time_s, estimate, change, verdict, judgement, resonance)
+        """Take a judgement of the wheels."""
+        if judgement.now is None or judgement.finding is None:
+            return
+        self._judged = _Judged(self._time_s, estimate, judgement.now, judgement.finding, judgement, resonance)
         if abs(self._time_s - self._kept_s) >= EXPLANATION.keep_every_s:
             self._kept_s = self._time_s
             self._moments.append(self._in_words(self._judged))
@@ -182,6 +181,12 @@ class Explanation:
             out.append("sky: wheels and receiver disagree; no tyre is judged until they agree again")
         if self._agreement is not None and self._agreement.unsteady:
             out.append("bus: the wheels' readings jump; no tyre is judged")
+        models = {} if self._judged is None else self._judged.judgement.drive_models
+        out += [
+            f"drive: {model.name} (probability {models[model.name]:.2f}) explains what differs; {model.hides}"
+            for model in DRIVE_EVIDENCE.models
+            if model.hides and models.get(model.name, 0.0) >= EXPLANATION.told_model
+        ]
         return out
 
     def _wheel(self, wheel: int) -> dict[str, Any]:
@@ -223,12 +228,15 @@ class Explanation:
                 "change_std_mm": _mm(float(judgement.change_std_m[wheel])),
                 "probability": _number(float(judgement.deflated[wheel])),
             }
+        finding, rows = judged.finding, contrasts(self._wheels)
+        adds = gains(rows, finding.change_m, finding.covariance_m2, -finding.verdict.best_loss_m)
         witnesses = {
             name: {
                 "change_mm": _mm(float(row @ change.change_m)),
                 "std_mm": _mm(_std(row, change.covariance_m2)),
+                "gain_nats": _number(adds[name]),
             }
-            for name, row in self._contrasts().items()
+            for name, row in rows.items()
         }
         heard = None
         if resonance is not None and resonance.wheels:
@@ -242,24 +250,15 @@ class Explanation:
             "speed_mps": _number(estimate.speed_mps),
             "wheels": wheels,
             "witnesses": {**witnesses, "resonance_log_ratio": heard},
+            "judged_over": finding.over,
+            "drive_models": {name: _number(chance) for name, chance in judgement.drive_models.items()},
         }
-
-    def _contrasts(self) -> dict[str, FloatArray]:
-        """(d,) each: which wheels are held against which, or against the receiver."""
-        index = np.array(self._wheels)
-        front, left = IS_FRONT[index], IS_LEFT[index]
-        out = {"receiver_all_wheels": np.full(index.size, 1.0 / index.size)}
-        if front.any():
-            out["front_minus_rear"] = np.where(front, 0.5, -0.5)
-            out["fl_minus_fr"] = np.where(front, np.where(left, 1.0, -1.0), 0.0)
-        out["rl_minus_rr"] = np.where(~front, np.where(left, 1.0, -1.0), 0.0)
-        return out
 
     def _alternatives(self) -> list[dict[str, Any]]:
         """What may have happened, the most probable first, with why it lost."""
         if self._judged is None:
             return []
-        verdict = self._judged.verdict
+        verdict = self._judged.finding.verdict
         entries: list[dict[str, Any]] = [
             {"what": "no tyre has changed", "wheels": [], "probability": verdict.none, "gain_nats": 0.0}
         ]

@@ -40,11 +40,16 @@ class Verdict:
     alone: FloatArray
     """(d,) probability that it has, and no other wheel with it."""
     suspicion: float
-    """Log-likelihood ratio of the best loss beyond the threshold to none at all, whatever its prior."""
+    """Log-likelihood ratio of the best loss beyond the threshold to none at all, whatever its prior, by the
+    likeliest account."""
     chances: FloatArray
     """(h,) posterior probability of each of `hypotheses_of`."""
     gains: FloatArray
-    """(h,) log-likelihood of each at its best loss, less that of none."""
+    """(h,) log-likelihood of each at its best loss, less that of none, by the likeliest account."""
+    best_loss_m: FloatArray
+    """(d,) loss of each wheel in the most probable hypothesis with a loss, by the likeliest account."""
+    accounts: FloatArray
+    """(n,) posterior probability of each account of the change."""
 
 
 def compare(
@@ -55,43 +60,74 @@ def compare(
     log_ratios: FloatArray | None = None,
     one_alone: bool = False,
 ) -> Verdict:
-    """Posterior over all subsets and losses.
+    """Posterior over all subsets and losses by one account of the change.
 
-    change_m (d,), covariance_m2 (d, d) of change including nuisance, radius_m (d,) nominal; threshold
-    relative. log_ratios (s,): log likelihood ratio of each of `subsets` to none lost by other, independent
-    evidence; None if there is none. It shifts the posterior, not the suspicion. one_alone: only losses of
-    one wheel are considered; where an axle may be of any size, others cannot be told from them.
+    change_m (d,), covariance_m2 (d, d) of change including nuisance; for the rest see `compare_accounts`.
     """
-    d = change_m.size
+    alone = np.zeros(1)
+    return compare_accounts(
+        change_m[None], covariance_m2[None], alone, radius_m, threshold, log_ratios, one_alone
+    )
+
+
+def compare_accounts(
+    change_m: FloatArray,
+    covariance_m2: FloatArray,
+    log_weight: FloatArray,
+    radius_m: FloatArray,
+    threshold: float,
+    log_ratios: FloatArray | None = None,
+    one_alone: bool = False,
+) -> Verdict:
+    """Posterior over all subsets and losses, and over accounts of the change.
+
+    change_m (n, d), covariance_m2 (n, d, d) of change including nuisance, log_weight (n,) of each account
+    if nothing is lost, radius_m (d,) nominal; threshold relative. log_ratios (s,): log likelihood ratio of
+    each of `subsets` to none lost by other, independent evidence; None if there is none. It shifts the
+    posterior, not the suspicion. one_alone: only losses of one wheel are considered; where an axle may be of
+    any size, others cannot be told from them.
+    """
+    d = radius_m.size
     whitener = np.linalg.inv(np.linalg.cholesky(covariance_m2))
-    seen = whitener @ change_m
+    seen = np.einsum("nij,nj->ni", whitener, change_m)
     members, weights = _hypotheses(d)
-    white = (members * radius_m) @ whitener.T
-    rest = seen + LOSS_GRID[None, :, None] * white[:, None, :]
-    fit = -0.5 * np.einsum("slk,slk->sl", rest, rest)
-    none = -0.5 * float(seen @ seen)
-    logs = fit + np.log(weights / LOSS_GRID.size)[:, None]
+    white = (members * radius_m) @ whitener.transpose(0, 2, 1)
+    # Log-likelihood of a loss less that of none: a parabola over the size of the loss.
+    slope = -np.einsum("ni,nsi->ns", seen, white)[:, :, None]
+    curvature = np.einsum("nsi,nsi->ns", white, white)[:, :, None]
+    fit = LOSS_GRID * (slope - 0.5 * LOSS_GRID * curvature)
+    logs = log_weight[:, None, None] + fit + np.log(weights / LOSS_GRID.size)[:, None]
     lost = slice(2**d - 1)
     if log_ratios is not None:
-        logs[lost] += log_ratios[:, None]
+        logs[:, lost] += log_ratios[:, None]
     if one_alone:
-        logs[d:] = -np.inf  # subsets come by size
-    log_none = none + math.log1p(-float(weights.sum()))
-    top = max(float(logs.max()), log_none)
-    posterior = np.exp(logs - top)
-    weight_none = math.exp(log_none - top)
-    total = weight_none + float(posterior.sum())
-    chances, gains = posterior.sum(axis=1) / total, fit.max(axis=1) - none
-    none_lost = (weight_none + float(posterior[lost.stop :].sum())) / total
-    posterior, members, fit = posterior[lost] / total, members[lost], fit[lost]
+        logs[:, d:] = -np.inf  # subsets come by size
+    log_none = log_weight + math.log1p(-float(weights.sum()))
+    top = max(float(logs.max()), float(log_none.max()))
+    posterior, weight_none = np.exp(logs - top), np.exp(log_none - top)
+    total = float(weight_none.sum() + posterior.sum())
+    posterior, weight_none = posterior / total, weight_none / total
+    accounts = weight_none + posterior.sum(axis=(1, 2))
+    best = int(accounts.argmax())
+    likeliest = fit[best]
+    of_best, size = np.unravel_index(int(posterior[best, lost].argmax()), likeliest[lost].shape)
+    found = posterior.sum(axis=0)
+    none_lost = float(weight_none.sum() + found[lost.stop :].sum())
+    of_losses, members = found[lost], members[lost]
     beyond = threshold <= LOSS_GRID
-    deflated = posterior[:, beyond].sum(axis=1) @ members
-    alone = (posterior[:, beyond].sum(axis=1) * (members.sum(axis=1) == 1.0)) @ members
-    loss_m = (posterior @ LOSS_GRID) @ members * radius_m
-    suspicion = float(fit[:, beyond].max()) - none
+    large = of_losses[:, beyond].sum(axis=1)
     # Sums of rounded shares may exceed 1 by the last bit; a saved probability may not.
-    deflated, alone = np.minimum(deflated, 1.0), np.minimum(alone, 1.0)
-    return Verdict(deflated, none_lost, loss_m, alone, suspicion, chances, gains)
+    return Verdict(
+        deflated=np.minimum(large @ members, 1.0),
+        none=none_lost,
+        loss_m=(of_losses @ LOSS_GRID) @ members * radius_m,
+        alone=np.minimum((large * (members.sum(axis=1) == 1.0)) @ members, 1.0),
+        suspicion=float(likeliest[lost][:, beyond].max()),
+        chances=found.sum(axis=1),
+        gains=likeliest.max(axis=1),
+        best_loss_m=members[of_best] * LOSS_GRID[size] * radius_m,
+        accounts=accounts,
+    )
 
 
 def subsets(d: int) -> list[tuple[int, ...]]:

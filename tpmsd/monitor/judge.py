@@ -7,19 +7,35 @@ probable a deflation and a deviation are, how much radius and how much pressure 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
 from tpmsd.config.model import MonitorConfig, TyreConfig, VehicleConfig
 from tpmsd.monitor.baseline import Change
-from tpmsd.monitor.hypotheses import Verdict, compare, subsets
+from tpmsd.monitor.drive_evidence import Accounts
+from tpmsd.monitor.hypotheses import Verdict, compare, compare_accounts, subsets
 from tpmsd.monitor.nuisance import Nuisance, mean_share
 from tpmsd.monitor.probability import normal_cdf
-from tpmsd.monitor.settings import BASELINE, JUDGE
+from tpmsd.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
+from tpmsd.physics.motion import driven_mask
 from tpmsd.physics.tyre import tyre_model
 from tpmsd.resonance.evidence import ResonanceEvidence
 from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What one comparison of hypotheses says, and of which change."""
+
+    over: Literal["now", "minutes", "drive"]
+    """The time over which the change was seen."""
+    verdict: Verdict
+    change_m: FloatArray
+    """(d,)"""
+    covariance_m2: FloatArray
+    """(d, d) with what is harmless."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,9 +58,11 @@ class Judgement:
     """How well the wheels are known against each other: the largest standard deviation of one wheel's change
     less the mean of all."""
     now: Change | None = None
-    """The change that was judged, ..."""
-    verdict: Verdict | None = None
-    """... and what the comparison of hypotheses says of it."""
+    """The change at this moment."""
+    finding: Finding | None = None
+    """What sees the most of a loss."""
+    drive_models: dict[str, float] = field(default_factory=dict)
+    """Posterior probability of each drive model; empty while the drive is too short."""
 
     def trusted(self, settled: bool) -> bool:
         """Whether the baseline may learn; `settled`: whether it has been learned once."""
@@ -93,6 +111,10 @@ class Judge:
             losses = [-one.radius_change_m(share) for one in self._tyres]
             self._threshold = float(np.mean(np.array(losses) / self._radius))
         self._limit_m = settings.deviation_percent / 100.0 * self._radius
+        grip = next(model for model in DRIVE_EVIDENCE.models if model.name == DRIVE_EVIDENCE.low_grip)
+        self._slip_m = np.where(driven_mask(vehicle.driven_axle)[wheels], grip.slip_std * self._radius, 0.0)
+        self._told: tuple[Accounts, bool, Finding, dict[str, float]] | None = None
+        """The last comparison of a drive: it changes with every sample, and is asked for every second."""
 
     def judge(
         self,
@@ -100,8 +122,10 @@ class Judge:
         mean: Change,
         resonance: ResonanceEvidence | None = None,
         other_tyres: bool = False,
+        accounts: Accounts | None = None,
     ) -> Judgement:
         """Judge both changes; what either says of a wheel counts. `resonance` bears witness beside them.
+        `accounts`: what the drive as a whole says of several wheels, once it is long enough.
 
         `other_tyres`: these may be others than those that were learned; what all of them or an axle do is
         then no loss, but one wheel that stands out is.
@@ -112,36 +136,77 @@ class Judge:
             sets = subsets(len(self._wheels))
             ratios = np.array([resonance.log_ratio([self._wheels[i] for i in one]) for one in sets])
         averaged_m2 = harmless_m2 - self.harmless_m2 + self._harmless_of_mean_m2(mean.samples)
-        verdicts = [
-            self._compare(change, harmless, ratios, other_tyres)
-            for change, harmless in ((now, harmless_m2), (mean, averaged_m2))
-        ]
-        # What shows in the mean alone is slow; what shows now alone is fast.
-        likelier = verdicts[int(verdicts[1].deflated.max() > verdicts[0].deflated.max())]
-        wide = np.sqrt(np.diag(now.covariance_m2 + self._unexplained_m2 + harmless_m2 - self.harmless_m2))
-        limit, change = self._limit_m, now.change_m
-        beyond = np.stack([-limit - change, change - limit]) / wide
-        deviates = np.array([normal_cdf(below) + normal_cdf(above) for below, above in beyond.T.tolist()])
+        at_once = self._find("now", now, harmless_m2, ratios, other_tyres)
+        lately = self._find("minutes", mean, averaged_m2, ratios, other_tyres)
+        of_drive: Finding | None = None
+        models: dict[str, float] = {}
+        if accounts is not None:
+            of_drive, models = self._of_drive(accounts, ratios, other_tyres)
+        # What shows in a mean alone is slow; what shows now alone is fast.
+        findings = [at_once, lately] if of_drive is None else [at_once, lately, of_drive]
+        finding = max(findings, key=lambda one: float(one.verdict.deflated.max()))
         std = np.sqrt(np.diag(now.covariance_m2))
-        steady_std = np.sqrt(np.diag(mean.covariance_m2 + self.harmless_m2))
+        steady, steady_m2 = mean.change_m, mean.covariance_m2 + self.harmless_m2
+        if finding is of_drive:
+            steady, steady_m2 = finding.change_m, finding.covariance_m2
         pressure = [
             tyre.pressure_loss(float(x), float(s))
-            for tyre, x, s in zip(self._tyres, mean.change_m, steady_std, strict=True)
+            for tyre, x, s in zip(self._tyres, steady, np.sqrt(np.diag(steady_m2)), strict=True)
         ]
         fits = now.fits and mean.fits
+        deflated = _deflated(
+            at_once.verdict, lately.verdict, mean.samples, None if of_drive is None else of_drive.verdict
+        )
+        low_grip = models.get(DRIVE_EVIDENCE.low_grip, 0.0)
         return Judgement(
-            change_m=self._on_all(change),
+            change_m=self._on_all(now.change_m),
             change_std_m=self._on_all(std),
-            deflated=self._on_all(_deflated(verdicts[0], verdicts[1], mean.samples)),
-            deviates=self._on_all(deviates),
-            loss_m=self._on_all(likelier.loss_m),
+            deflated=self._on_all(deflated),
+            deviates=self._on_all(self._deviates(now, harmless_m2 - self.harmless_m2, low_grip)),
+            loss_m=self._on_all(finding.verdict.loss_m),
             pressure_loss=self._on_all(np.array([loss for loss, _ in pressure])),
             pressure_loss_std=self._on_all(np.array([own for _, own in pressure])),
-            suspicion=max(v.suspicion for v in verdicts) if fits else math.inf,
+            suspicion=max(at_once.verdict.suspicion, lately.verdict.suspicion) if fits else math.inf,
             contrast_std_m=_contrast_std(now.covariance_m2),
             now=now,
-            verdict=verdicts[0],
+            finding=finding,
+            drive_models=models,
         )
+
+    def _deviates(self, now: Change, tolerance_m2: FloatArray, low_grip: float) -> FloatArray:
+        """(d,) probability of a change beyond the limit. What driven wheels slip at low grip is none."""
+        wide_m2 = now.covariance_m2 + self._unexplained_m2 + tolerance_m2
+        out = np.zeros(now.change_m.size)
+        for share, slip_m in ((1.0 - low_grip, 0.0), (low_grip, self._slip_m)):
+            std = np.sqrt(np.diag(wide_m2) + slip_m**2)
+            beyond = np.stack([-self._limit_m - now.change_m, now.change_m - self._limit_m]) / std
+            out += share * np.array([normal_cdf(a) + normal_cdf(b) for a, b in beyond.T.tolist()])
+        return out
+
+    def _of_drive(
+        self, accounts: Accounts, log_ratios: FloatArray | None, other_tyres: bool
+    ) -> tuple[Finding, dict[str, float]]:
+        """What the drive as a whole says, and of the drive models; computed once for each of its samples."""
+        told = self._told
+        if told is not None and told[0] is accounts and told[1] == other_tyres and log_ratios is None:
+            return told[2], told[3]
+        lasting = self._harmless.averaged(DRIVE_EVIDENCE.lasting_share)
+        harmless_m2 = lasting.covariance(self._wheels, self._radius) + self._tolerance_m2(other_tyres)
+        covariance_m2 = accounts.covariance_m2 + harmless_m2
+        verdict = compare_accounts(
+            accounts.change_m,
+            covariance_m2,
+            accounts.log_weight,
+            self._radius,
+            self._threshold,
+            log_ratios,
+            other_tyres,
+        )
+        best = int(verdict.accounts.argmax())
+        finding = Finding("drive", verdict, accounts.change_m[best], covariance_m2[best])
+        models = accounts.model_probabilities(verdict.accounts)
+        self._told = (accounts, other_tyres, finding, models)
+        return finding, models
 
     @property
     def threshold_m(self) -> float:
@@ -159,7 +224,7 @@ class Judge:
         by axle; a soft one among them still stands out.
         """
         harmless_m2 = self.harmless_m2 + self._tolerance_m2(other_tyres)
-        return self._on_all(self._compare(change, harmless_m2).deflated)
+        return self._on_all(self._find("now", change, harmless_m2).verdict.deflated)
 
     def _harmless_of_mean_m2(self, samples: int) -> FloatArray:
         """(d, d) of what comes and goes in a mean of so many samples."""
@@ -170,15 +235,19 @@ class Judge:
         d = len(self._wheels)
         return JUDGE.other_tyres.covariance(self._wheels, self._radius) if other_tyres else np.zeros((d, d))
 
-    def _compare(
+    def _find(
         self,
+        over: Literal["now", "minutes"],
         change: Change,
         harmless_m2: FloatArray,
         log_ratios: FloatArray | None = None,
         one_alone: bool = False,
-    ) -> Verdict:
+    ) -> Finding:
         covariance_m2 = change.covariance_m2 + harmless_m2
-        return compare(change.change_m, covariance_m2, self._radius, self._threshold, log_ratios, one_alone)
+        verdict = compare(
+            change.change_m, covariance_m2, self._radius, self._threshold, log_ratios, one_alone
+        )
+        return Finding(over, verdict, change.change_m, covariance_m2)
 
     def _on_all(self, values: FloatArray) -> FloatArray:
         out = np.full(4, math.nan)
@@ -192,12 +261,14 @@ def _contrast_std(covariance_m2: FloatArray) -> float:
     return math.sqrt(float(np.max(np.diag(centring @ covariance_m2 @ centring))))
 
 
-def _deflated(now: Verdict, mean: Verdict, samples: int) -> FloatArray:
-    """(d,) probability of a deflation by what both say.
+def _deflated(now: Verdict, mean: Verdict, samples: int, drive: Verdict | None) -> FloatArray:
+    """(d,) probability of a deflation by what all say.
 
     One tyre alone stands out at once, or once what comes and goes is averaged out. Two or more look like
-    slip, slopes or load for a while: so they are believed of the mean over minutes, and what shows of them
-    now is only reason not to clear.
+    slip, slopes or load for a while: so they are believed of the drive as a whole, or of the mean over
+    minutes where the car is not known yet, and what shows of them now is only reason not to clear.
     """
     at_once = np.maximum(np.maximum(now.alone, mean.alone), np.minimum(now.deflated, JUDGE.undecided))
+    if drive is not None:
+        return np.maximum(at_once, drive.deflated)
     return np.maximum(at_once, mean.deflated) if samples >= JUDGE.full_samples else at_once

@@ -27,7 +27,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.monitor.settings import TREND, TrendSettings
+from tpmsd.monitor.leak_settings import TrendSettings
+from tpmsd.monitor.settings import TREND
 from tpmsd.wheels import FloatArray
 
 WEEK_D = 7.0

@@ -13,8 +13,9 @@ from typing import Any
 
 from tpmsd.bounds import number, whole
 from tpmsd.monitor.leak_filter import LEFT, RIGHT, LeakFilter
+from tpmsd.monitor.leak_settings import TrendSettings
 from tpmsd.monitor.leak_trend import Trend, has_ended, trend_of
-from tpmsd.monitor.settings import READINGS, TREND, TrendSettings
+from tpmsd.monitor.settings import READINGS, TREND
 from tpmsd.wheels import FloatArray
 
 

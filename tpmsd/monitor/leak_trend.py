@@ -13,8 +13,9 @@ from statistics import NormalDist
 import numpy as np
 
 from tpmsd.monitor.leak_filter import LEFT, LOST, NONE, RATE, RIGHT, WEEK_D, Hypotheses, LeakFilter
+from tpmsd.monitor.leak_settings import TrendSettings
 from tpmsd.monitor.probability import normal_cdf
-from tpmsd.monitor.settings import TREND, TrendSettings
+from tpmsd.monitor.settings import TREND
 from tpmsd.wheels import FloatArray
 
 NORMAL = NormalDist()

@@ -172,12 +172,11 @@ class Monitor:
             changes = judging.changes(estimate, self._judge.harmless_m2)
             if changes is None:
                 return []
-            self._judged = self._judge.judge(*changes, self._resonance, self._sets.other_tyres)
+            self._judged = self._judge.judge(
+                *changes, self._resonance, self._sets.other_tyres, judging.accounts
+            )
             self._since_seen_s = 0.0 if self._judged.contrast_std_m <= self._seen_m else math.inf
-            if self._judged.now is not None and self._judged.verdict is not None:
-                self._why.judged(
-                    estimate, self._judged.now, self._judged.verdict, self._judged, self._resonance
-                )
+            self._why.judged(estimate, self._judged, self._resonance)
             trusted = self._judged.trusted(judging.settled) and not self._standing
             before = self._first.standing
             for (kind, wheel), alarm in self._alarms.items():

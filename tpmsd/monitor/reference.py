@@ -25,6 +25,7 @@ more than load and weather can do.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ import numpy as np
 from tpmsd.bounds import covariance, vector, whole
 from tpmsd.config.model import VehicleConfig
 from tpmsd.monitor.conditions import Conditions
+from tpmsd.monitor.drive_settings import DriveModel
 from tpmsd.monitor.settings import REFERENCE
 from tpmsd.physics.priors import DRAG_SLIP_S2PM2, DRIVE_SLIP_S2PM, GROWTH_S2PM, WARMTH_M
 from tpmsd.wheels import IS_FRONT, FloatArray
@@ -45,6 +47,18 @@ LOAD, DAY, WANDER, WANDER_OWN = slice(20, 22), 22, 23, slice(24, 28)
 SIZE = 28
 
 KNOTS_MPS = np.array(REFERENCE.knots_mps)
+
+
+@dataclass(frozen=True, slots=True)
+class Innovation:
+    """What one measurement update found, relative to the radii."""
+
+    value: FloatArray
+    """(d,) measured minus expected."""
+    spread: FloatArray
+    """(d, d) its covariance."""
+    gain: FloatArray
+    """(SIZE, d) Kalman's gain."""
 
 
 class Reference:
@@ -123,11 +137,19 @@ class Reference:
         consider update: what is not taught keeps its mean and covariance).
         """
         radius = self._radius[wheels]
-        h = self.features(at)[wheels]
         noise = covariance_m2 / np.outer(radius, radius)
-        innovation = deviation_m / radius - h @ self.mean
+        self.correct(deviation_m / radius, noise, self.features(at)[wheels], car=car)
+        if car:
+            self.ranges[speed_range(at)] += 1
+
+    def correct(
+        self, deviation: FloatArray, noise: FloatArray, h: FloatArray, *, car: bool = True
+    ) -> Innovation:
+        """Kalman's measurement update with relative deviations (d,), their covariance (d, d) and features
+        (d, SIZE); `car` as in `learn`."""
+        innovation = deviation - h @ self.mean
         spread = h @ self.covariance @ h.T + noise
-        gain = np.linalg.solve(spread, h @ self.covariance).T
+        gain = np.asarray(np.linalg.solve(spread, h @ self.covariance).T)
         if not car:
             gain[:CAR] = 0.0
         self.mean = self.mean + gain @ innovation
@@ -135,11 +157,11 @@ class Reference:
         kept = np.eye(SIZE) - gain @ h
         out = kept @ self.covariance @ kept.T + gain @ noise @ gain.T
         self.covariance = (out + out.T) / 2
-        if car:
-            self.ranges[speed_range(at)] += 1
+        return Innovation(innovation, spread, gain)
 
-    def wander(self, seconds: float) -> None:
-        """Driving goes on: what comes and goes within a drive has come and gone a little."""
+    def wander(self, seconds: float) -> FloatArray:
+        """Driving goes on: what comes and goes within a drive has come and gone a little. (SIZE,) the share
+        that is left of each parameter."""
         decay = math.exp(-seconds / REFERENCE.wander_s)
         factor = np.ones(SIZE)
         factor[WANDER] = factor[WANDER_OWN] = decay
@@ -148,6 +170,26 @@ class Reference:
         grown = (1.0 - decay**2) * _drive_std() ** 2
         for place in (WANDER, *range(WANDER_OWN.start, WANDER_OWN.stop)):
             self.covariance[place, place] += grown[place - CAR]
+        return factor
+
+    def widened(self, model: DriveModel) -> Reference:
+        """One in which this drive may differ from those before as `model` allows."""
+        out = self.copy()
+        slip_std = np.where(self._driven, model.slip_std, 0.0)
+        places = {DRAG: model.drag_std}
+        for axle in range(2):
+            places[LOAD.start + axle] = math.hypot(model.load_std[axle], slip_std[axle])
+            places[HILL.start + axle] = model.hill_std if self._driven[axle] else 0.0
+        for place, std in places.items():
+            out.covariance[place, place] += std**2
+        return out
+
+    def scatter(self, model: DriveModel) -> FloatArray:
+        """(4, 4) relative covariance of what `model` adds to every sample."""
+        axle = IS_FRONT[:, None] == IS_FRONT[None, :]
+        driven = np.where(IS_FRONT, self._driven[0], self._driven[1])
+        together = np.where(axle & driven[:, None], model.axle_scatter**2, 0.0)
+        return np.asarray(together + np.eye(4) * model.own_scatter**2)
 
     def forget_drive(self, load_only: bool) -> None:
         """The car has stood: its load is another, and unless `load_only` so is the day."""

@@ -54,7 +54,7 @@ def _alarm(alarm: Mapping[str, Any], start_s: float | None) -> list[str]:
         return [*lines, f"  clears when: {alarm['clears_when']}", ""]
     if alarm["before_mm"] is not None:
         lines.append(f"  believed before: {alarm['before_mm']:+.2f} mm from nominal")
-    lines.append("  evidence (change in mm):")
+    lines.append("  evidence (change in mm now; log-likelihood that each witness adds for the best loss):")
     for moment in alarm["evidence"][-SHOWN:]:
         parts = [
             f"{_NAMES[name]} {_pair(witness)}"
@@ -73,7 +73,8 @@ def _alternatives(entries: list[dict[str, Any]]) -> list[str]:
 def _pair(witness: Mapping[str, Any]) -> str:
     if witness["change_mm"] is None or witness["std_mm"] is None:
         return "-"
-    return f"{witness['change_mm']:+.2f} +- {witness['std_mm']:.2f}"
+    adds = f" ({witness['gain_nats']:+.1f} nats)" if witness.get("gain_nats") is not None else ""
+    return f"{witness['change_mm']:+.2f} +- {witness['std_mm']:.2f}{adds}"
 
 
 def _when(time_s: float | None, start_s: float | None) -> str:

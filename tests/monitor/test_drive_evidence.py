@@ -1,0 +1,131 @@
+"""A drive as a whole: changes beside all that is harmless, and what rivals a loss."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.monitor.drives import RADIUS_M, VEHICLE
+from tpmsd.config.model import MonitorConfig, TyreConfig
+from tpmsd.monitor.baseline import Change
+from tpmsd.monitor.change_bank import ChangeBank
+from tpmsd.monitor.conditions import Conditions
+from tpmsd.monitor.drive_evidence import DriveEvidence
+from tpmsd.monitor.judge import Judge, Judgement
+from tpmsd.monitor.reference import CAR, DRAG, GROWTH, SIZE, Reference
+from tpmsd.monitor.settings import DRIVE_EVIDENCE, JUDGE
+from tpmsd.wheels import FloatArray
+
+WHEELS = [0, 1, 2, 3]
+RADIUS = np.full(4, RADIUS_M)
+NOISE_M = 1.5e-4
+"""Of an estimate, each wheel."""
+KNOWN_SHARE = 0.1
+"""Of the prior standard deviations: how well the car has been learned where nothing else is said."""
+SPEEDS = 33.0 + 9.0 * np.sin(np.arange(60) / 3.0)
+"""An autobahn, m/s."""
+
+
+def learned_car() -> Reference:
+    """Radii and slip are learned; growth is not, as the car was never driven fast."""
+    reference = Reference(VEHICLE)
+    scale = np.full(SIZE, KNOWN_SHARE)
+    scale[GROWTH] = scale[CAR:] = 1.0
+    reference.covariance = reference.covariance * np.outer(scale, scale)
+    return reference
+
+
+def at(speed_mps: float) -> Conditions:
+    return Conditions(speed_mps**2, 0.0, (0.0, 0.0), 0.0, 0.0)
+
+
+def judged(truth: FloatArray, extra: FloatArray, seed: int = 1) -> Judgement:
+    """Of a drive in which the parameters are `truth` (SIZE,) and `extra` (n, 4) m comes on top."""
+    rng = np.random.default_rng(seed)
+    reference = learned_car()
+    evidence = DriveEvidence(reference, WHEELS, RADIUS)
+    noise_m2 = np.eye(4) * NOISE_M**2
+    for speed, more in zip(SPEEDS, extra, strict=True):
+        features = reference.features(at(float(speed)))
+        seen = features @ truth * RADIUS_M + more + rng.normal(0.0, NOISE_M, 4)
+        evidence.take(seen, noise_m2, np.zeros((4, 4)), features, 20.0)
+    expected, spread = reference.expected(at(float(SPEEDS[-1])))
+    change = Change(seen - expected, spread + noise_m2, 1, noise_m2, True)
+    mean = Change(seen - expected, spread + noise_m2, JUDGE.full_samples, noise_m2, True)
+    judge = Judge(VEHICLE, MonitorConfig(), TyreConfig(), WHEELS)
+    return judge.judge(change, mean, accounts=evidence.accounts)
+
+
+def test_changes_are_those_of_generalised_least_squares() -> None:
+    """Size, covariance and likelihood are those of one regression over all samples at once, parameters with
+    their prior and the change without one."""
+    rng = np.random.default_rng(4)
+    reference = learned_car()
+    mean, prior = reference.mean.copy(), reference.covariance.copy()
+    bank = ChangeBank(reference.copy(), np.zeros((4, 4)))
+    rows = [reference.features(at(float(v))) for v in SPEEDS[:12]]
+    noise = np.eye(4) * 4e-4**2
+    seen = [row @ mean + rng.normal(0.0, 1e-3, 4) for row in rows]
+    for row, sample in zip(rows, seen, strict=True):
+        bank.take(sample, noise, row, 0.0)
+    h, y = np.vstack(rows), np.concatenate(seen)
+    whole = h @ prior @ h.T + np.kron(np.eye(12), noise)
+    precision, off = np.linalg.inv(whole), y - h @ mean
+    likelihood = -0.5 * off @ precision @ off - 0.5 * np.linalg.slogdet(whole)[1]
+    assert likelihood == pytest.approx(bank.log_likelihood, rel=1e-9)
+    change, covariance, weight = bank.changes()
+    assert 1.0 == pytest.approx(float(np.exp(weight).sum()))
+    old = np.flatnonzero(12 - bank._onset >= JUDGE.full_samples)
+    assert {False, True} == set(bank._ramp[old].tolist())
+    for index, place in enumerate(old):
+        onset = int(bank._onset[place])
+        since = np.arange(12.0) - onset
+        share = np.maximum(since, 0.0) if bank._ramp[place] else (since >= 0.0).astype(float)
+        design = np.kron(share[:, None], np.eye(4)) / float(share[-1])
+        information = design.T @ precision @ design
+        size = np.linalg.solve(information, design.T @ precision @ off)
+        assert size == pytest.approx(change[index], rel=1e-4, abs=1e-8)
+        assert np.linalg.inv(information) == pytest.approx(covariance[index], rel=1e-4, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_four_soft_tyres_are_seen_beside_growth_that_was_never_learned(seed: int) -> None:
+    """All four lose 20 % in ten minutes of autobahn, on a car whose growth is one standard deviation off: the
+    present radii do not show it, the drive does, for it tells growth from loss by its speeds."""
+    reference = learned_car()
+    truth = reference.mean.copy()
+    truth[GROWTH] += math.sqrt(reference.covariance[GROWTH, GROWTH])
+    loss = -0.0048 * RADIUS_M * np.clip((np.arange(60.0) - 12.0) / 30.0, 0.0, 1.0)
+    found = judged(truth, np.tile(loss[:, None], 4), seed)
+    assert found.finding is not None
+    assert "drive" == found.finding.over
+    assert np.all(found.deflated > 0.99)
+    assert np.all(judged(truth, np.zeros((60, 4)), seed).deflated < 0.1)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_trailer_is_no_loss_of_the_driven_axle(seed: int) -> None:
+    """Three times the drag slip and 600 N on each rear wheel, from the start: no wheel is named, and the load
+    or the trailer is what explains it."""
+    truth = learned_car().mean.copy()
+    truth[DRAG] *= 3.0
+    extra = np.tile([5e-5, 5e-5, -3e-4, -3e-4], (60, 1))
+    found = judged(truth, extra, seed)
+    assert np.all(found.deflated < 0.2)
+    assert found.drive_models["a trailer"] + found.drive_models["another load"] > 0.8
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_driven_wheels_that_slip_at_low_grip_are_no_loss(seed: int) -> None:
+    """The driven front axle slips by 2 mm, give or take 1 mm from sample to sample: nothing is raised,
+    neither as a loss nor as a deviation, and low grip is what explains it."""
+    rng = np.random.default_rng(seed + 50)
+    slip = -2e-3 + 1e-3 * rng.standard_normal(60)
+    extra = np.stack([slip, slip, np.zeros(60), np.zeros(60)], axis=1)
+    found = judged(learned_car().mean.copy(), extra, seed)
+    settings = MonitorConfig()
+    assert np.all(found.deflated < settings.raise_probability)
+    assert np.all(found.deviates < settings.raise_probability)
+    assert found.drive_models[DRIVE_EVIDENCE.low_grip] > 0.99

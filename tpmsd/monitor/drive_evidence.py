@@ -1,0 +1,87 @@
+"""What a drive as a whole says of the radii, under each drive model: as learned, another load, a trailer, low
+grip.
+
+In: the `Reference` as the drive began and a sample every 20 s. Out: `Accounts`: change hypotheses with their
+covariances and log weights, for the comparison of hypotheses. A drive model is a rival of every loss: what it
+explains better is no loss.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.monitor.change_bank import ChangeBank
+from tpmsd.monitor.nuisance import Nuisance
+from tpmsd.monitor.reference import Reference
+from tpmsd.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Accounts:
+    """Change hypotheses of a drive, n of them over all drive models."""
+
+    change_m: FloatArray
+    """(n, d)"""
+    covariance_m2: FloatArray
+    """(n, d, d) without what is harmless."""
+    log_weight: FloatArray
+    """(n,) log of prior probability times likelihood of the drive, had no tyre changed."""
+    model: FloatArray
+    """(n,) index of the drive model."""
+
+    def model_probabilities(self, chances: FloatArray) -> dict[str, float]:
+        """Of each drive model by the posterior probabilities (n,) of the accounts."""
+        return {
+            model.name: float(chances[self.model == k].sum()) for k, model in enumerate(DRIVE_EVIDENCE.models)
+        }
+
+
+class DriveEvidence:
+    """One drive."""
+
+    def __init__(self, reference: Reference, wheels: list[int], radius_m: FloatArray) -> None:
+        """`radius_m` (d,) nominal, of the monitored wheels."""
+        index = np.ix_(wheels, wheels)
+        self._radius = radius_m
+        self._banks = [
+            ChangeBank(reference.widened(model), reference.scatter(model)[index])
+            for model in DRIVE_EVIDENCE.models
+        ]
+        # Neighbouring samples of what comes and goes are alike: each counts for less.
+        alike = math.exp(-BASELINE.sample_every_s / JUDGE.harmless_s)
+        quick = Nuisance(0.0, 0.0, JUDGE.harmless.side, JUDGE.harmless.own)
+        self._quick = quick.covariance(wheels, np.ones(len(wheels))) * (1.0 + alike) / (1.0 - alike)
+        self.accounts: Accounts | None = None
+        """By the samples so far; None as long as they are too few."""
+
+    def take(
+        self,
+        deviation_m: FloatArray,
+        estimate_m2: FloatArray,
+        unsettled_m2: FloatArray,
+        features: FloatArray,
+        elapsed_s: float,
+    ) -> None:
+        """Take a sample: radius minus nominal (d,), its covariance (d, d), that of what the estimate's memory
+        has not followed (d, d), and features (d, SIZE); `elapsed_s` of driving since the one before."""
+        scale = np.outer(self._radius, self._radius)
+        noise = (DRIVE_EVIDENCE.estimate_share * estimate_m2 + unsettled_m2) / scale + self._quick
+        for bank in self._banks:
+            bank.take(deviation_m / self._radius, noise, features, elapsed_s)
+        found = [bank.changes() for bank in self._banks]
+        if not found[0][0].size:
+            return
+        log_weights = [
+            math.log(model.prior) + bank.log_likelihood + log_weight
+            for model, bank, (_, _, log_weight) in zip(DRIVE_EVIDENCE.models, self._banks, found, strict=True)
+        ]
+        self.accounts = Accounts(
+            change_m=np.concatenate([change for change, _, _ in found]) * self._radius,
+            covariance_m2=np.concatenate([covariance for _, covariance, _ in found]) * scale,
+            log_weight=np.concatenate(log_weights),
+            model=np.repeat(np.arange(len(found)), [len(change) for change, _, _ in found]),
+        )

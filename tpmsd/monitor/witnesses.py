@@ -1,0 +1,40 @@
+"""What each witness says of a change: all wheels against the receiver, front and rear, left and right.
+
+In: a change of the wheels with its covariance, and what is supposed lost. Out: for each witness its part
+of the log-likelihood ratio. Nothing here decides anything.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tpmsd.wheels import IS_FRONT, IS_LEFT, FloatArray
+
+
+def contrasts(wheels: list[int]) -> dict[str, FloatArray]:
+    """(d,) each: which of the wheels are held against which, or against the receiver; together a basis."""
+    index = np.array(wheels)
+    front, left = IS_FRONT[index], IS_LEFT[index]
+    out = {"receiver_all_wheels": np.full(index.size, 1.0 / index.size)}
+    if front.any():
+        out["front_minus_rear"] = np.where(front, 0.5, -0.5)
+        out["fl_minus_fr"] = np.where(front, np.where(left, 1.0, -1.0), 0.0)
+    out["rl_minus_rr"] = np.where(~front, np.where(left, 1.0, -1.0), 0.0)
+    return out
+
+
+def gains(
+    rows: dict[str, FloatArray], change_m: FloatArray, covariance_m2: FloatArray, expected_m: FloatArray
+) -> dict[str, float]:
+    """Log-likelihood ratio (nats) of the change `expected_m` (d,) to none, by witness; their sum is that of
+    all of them.
+
+    Witnesses share errors. So they are asked from the last to the first, differences between wheels
+    before the receiver, and each adds what those before it have not said yet (chain rule of the likelihood).
+    """
+    names = list(rows)[::-1]
+    basis = np.stack([rows[name] for name in names])
+    whitener = np.linalg.inv(np.linalg.cholesky(basis @ covariance_m2 @ basis.T))
+    seen, mean = whitener @ (basis @ change_m), whitener @ (basis @ expected_m)
+    parts = 0.5 * seen**2 - 0.5 * (seen - mean) ** 2
+    return {name: float(parts[names.index(name)]) for name in rows}
