@@ -15,7 +15,9 @@ DEV := $(VENV)/.dev-$(SETUP_ID)
 # Tests run on all cores, one per process: numpy's own threads would only fight for the same cores.
 PYTEST_JOBS ?= auto
 PYTEST_ARGS ?=
-FAST = tests/test_house.py tests/config tests/cli tests/sinks tests/sources_can tests/timeline tests/gnss
+# Whole drives and every command's manual page are left to `make test`.
+FAST = tests/test_house.py tests/config tests/cli tests/sinks tests/sources_can tests/timeline tests/gnss \
+	--ignore=tests/cli/test_explain.py --ignore=tests/cli/test_completion.py
 DEMO_ARGS ?=
 BENCH_ARGS ?=
 SOAK_ARGS ?=

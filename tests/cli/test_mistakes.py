@@ -150,6 +150,12 @@ MISTAKES = (
     Mistake("a JSON into no folder", "replay d --json nowhere/x.json", 1, "there is no folder nowhere"),
     Mistake("a JSON where a folder is", "replay d --json d", 1, "a folder"),
     Mistake("a picture of an unknown kind", "replay d --plot x.bmp", 2, ".png"),
+    Mistake(
+        "an output where no file can be made",
+        "calibrate d --write /proc/x",
+        1,
+        "--write /proc/x: cannot be written",
+    ),
     Mistake("a full disk", "replay d --json /dev/full", 1, "/dev/full"),
     Mistake("a drive where another is", "simulate d --duration 20", 2, "--force"),
     Mistake(
@@ -166,6 +172,7 @@ MISTAKES = (
     Mistake("no daemon to reset", "reset --socket nowhere.sock", 1, "is tpmsd running?"),
     # names and links
     Mistake("a name too long", f"replay {'x' * 5000}", 1, "File name too long"),
+    Mistake("a name with a line end", "replay no\x01such", 2, r"'no\x01such': names and values"),
     Mistake("a link that leads nowhere", "replay link", 3, "link: no such drive folder", link("nowhere")),
     Mistake("a link that leads to itself", "replay link", 3, "link: no such drive folder", link("link")),
     Mistake("a link to a file", "replay link", 3, "not a folder", link(LOG)),

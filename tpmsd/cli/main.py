@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from tpmsd import __version__
 from tpmsd.cli.output import Subparsers
 from tpmsd.cli.parser import EXIT_CODES, Parser
-from tpmsd.errors import TpmsdError
+from tpmsd.errors import ConfigError, TpmsdError
 from tpmsd.lean import leave_out_mf4
 
 Commands = tuple[tuple[str, str, str], ...]
@@ -96,9 +96,17 @@ def _shortened(name: str, longest: int = 100) -> str:
     return name if len(name) <= longest else f"{name[:longest]}..."
 
 
+def _without_control_characters(arguments: Sequence[str]) -> None:
+    """ConfigError on an argument with a line end or the like: messages and logs are one line each."""
+    for argument in arguments:
+        if any(ord(letter) < 32 or ord(letter) == 127 for letter in argument) and "sql" not in arguments:
+            raise ConfigError(f"{argument!r}: names and values cannot hold line ends or control characters")
+
+
 def _run(arguments: list[str], commands: Commands) -> int:
     parser, subparsers = _top_parser()
     wanted = next((argument for argument in arguments if not argument.startswith("-")), None)
+    _without_control_characters(arguments)
     runner, chosen = None, parser
     for name, module_name, summary in commands:
         if importlib.util.find_spec(module_name) is None:

@@ -128,15 +128,18 @@ def _problem(option: str, target: str) -> str | None:
     try:
         if path.is_dir():
             return f"{option} {target}: a folder; the name of a file is wanted"
-        if path.exists():
-            writable = os.access(path, os.W_OK)
-        elif not path.resolve().parent.is_dir():
+        if path.exists() and not os.access(path, os.W_OK):
+            return f"{option} {target}: cannot be written: no permission"
+        if path.exists() and not path.is_file():
+            return None  # a device or a pipe
+        if not path.resolve().parent.is_dir():
             return f"{option} {target}: there is no folder {path.parent}"
-        else:
-            writable = os.access(path.resolve().parent, os.W_OK)
+        # Permissions say little of a file system (root on a read-only one, /proc): a file is made and removed.
+        tempfile.TemporaryFile(dir=path.resolve().parent).close()
     except (OSError, ValueError) as error:
-        return f"{option} {target}: {(error.strerror if isinstance(error, OSError) else None) or error}"
-    return None if writable else f"{option} {target}: cannot be written: no permission"
+        reason = (error.strerror if isinstance(error, OSError) else None) or error
+        return f"{option} {target}: cannot be written: {reason}"
+    return None
 
 
 def _to_stdout(content: str | bytes) -> None:
