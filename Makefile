@@ -18,6 +18,11 @@ PYTEST_ARGS ?=
 # Whole drives and every command's manual page are left to `make test`.
 FAST = tests/test_house.py tests/config tests/cli tests/sinks tests/sources_can tests/timeline tests/gnss \
 	--ignore=tests/cli/test_explain.py --ignore=tests/cli/test_completion.py
+# The live path, from frames to alarms; measured by the tests of these packages alone.
+CORE = config sources timeline estimators monitor sinks pipeline physics inference resonance vehicle_state
+CORE_TESTS = tests/config tests/sources_can tests/gnss tests/timeline tests/estimators tests/monitor tests/sinks \
+	tests/physics tests/inference tests/resonance tests/vehicle_state tests/test_pipeline.py \
+	tests/test_two_buses.py tests/test_plain_nmea.py
 DEMO_ARGS ?=
 BENCH_ARGS ?=
 SOAK_ARGS ?=
@@ -37,7 +42,7 @@ DOCDIR ?= /usr/local/share/doc/tpmsd
 MANDIR ?= /usr/local/share/man
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-fast test-from-nothing docs release lint format bench bench-live bench-calibrate bench-diagnose bench-origins bench-alarms test-hil test-connect test-web install uninstall deb bench-vehicle-state bench-estimators bench-fleet soak fuzz mutation clean
+.PHONY: help demo test test-fast coverage test-from-nothing docs release lint format bench bench-live bench-calibrate bench-diagnose bench-origins bench-alarms test-hil test-connect test-web install uninstall deb bench-vehicle-state bench-estimators bench-fleet soak fuzz mutation clean
 
 help:  ## this list
 	@sed -n -e 's/^##@ /\n/p' -e 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | \
@@ -64,6 +69,12 @@ lint: $(DEV)  ## style and types only
 format: $(DEV)  ## put the sources into the house style
 	$(PY) -m ruff check --fix .
 	$(PY) -m ruff format .
+
+coverage: $(DEV)  ## branch coverage of the core by its own tests, as a table by package (some minutes)
+	@mkdir -p build/coverage
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m pytest -n $(PYTEST_JOBS) --cov --cov-report= \
+		--cov-report=json:build/coverage/core.json $(CORE_TESTS) $(PYTEST_ARGS)
+	$(PY) tools/coverage_table.py build/coverage/core.json $(CORE)
 
 test-hil: $(DEV)  ## the daemon on a real CAN stack and as a real service (HIL_ARGS=..., TPMSD_SKIP_HIL=1)
 	$(PY) -m tests.hil.run $(HIL_ARGS)

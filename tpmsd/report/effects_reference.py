@@ -121,7 +121,7 @@ def effects_page() -> str:
         "forces (ISO 8855), v the speed.",
         "",
         "| effect | formula | parameters (unit): mean±standard deviation | source |",
-        "| --- | --- | --- | --- |",
+        "|---|---|---|---|",
     ]
     for name, effect in EFFECTS.items():
         needs = f"<br>needs: {', '.join(effect.needs)}" if effect.needs else ""

@@ -81,7 +81,7 @@ def _tiles(result: ReplayResult) -> list[Tile]:
         Tile(
             str(gnss.fixes),
             "GNSS fixes",
-            f"{gnss.outages} outages of more than {GNSS_GAP_S:.0f} s{longest}.",
+            f"{gnss.outages} outage{'s' * (gnss.outages != 1)} of more than {GNSS_GAP_S:.0f} s{longest}.",
         ),
     ]
 
