@@ -134,7 +134,7 @@ def _problem(option: str, target: str) -> str | None:
             return None  # a device or a pipe
         if not path.resolve().parent.is_dir():
             return f"{option} {target}: there is no folder {path.parent}"
-        # Permissions say little of a file system (root on a read-only one, /proc): a file is made and removed.
+        # Permissions say little (root on a read-only disk, /proc): a file is made and removed.
         tempfile.TemporaryFile(dir=path.resolve().parent).close()
     except (OSError, ValueError) as error:
         reason = (error.strerror if isinstance(error, OSError) else None) or error
