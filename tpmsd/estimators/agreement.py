@@ -20,7 +20,7 @@ from statistics import median
 
 import numpy as np
 
-from tpmsd.estimators.path_length import PathLength
+from tpmsd.estimators.path_length import WINDOWS_S, PathLength
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import FloatArray
 
@@ -81,7 +81,7 @@ class AgreementWatch:
         self._radii: list[float] = []
         self._mean_m = math.nan
         self._window: deque[tuple[float, bool]] = deque()
-        self._path = PathLength()
+        self._paths = [PathLength(window_s) for window_s in WINDOWS_S]
         self._anchor: Fix | None = None
         self._withheld = self._unsteady = False
         self._bad_s = self._good_s = 0.0
@@ -99,7 +99,8 @@ class AgreementWatch:
         share = SPEED_SHARE + 3.0 * radius_std_m / self._mean_m
         for fix in tick.fixes:
             self._compare(fix, share)
-            self._path.update(fix)
+            for path in self._paths:
+                path.update(fix)
         while self._window and self._window[0][0] < tick.time_s - WINDOW_S:
             self._window.popleft()
         was = self._withheld or self._unsteady
@@ -164,7 +165,7 @@ class AgreementWatch:
         if not enough:
             return
         off = sum(bad for _, bad in self._window) / len(self._window)
-        if off >= OFF_SHARE or self._path.apart:
+        if off >= OFF_SHARE or any(path.apart for path in self._paths):
             self._withheld, self._good_s = True, 0.0
             self._bad_s += dt_s
         elif self._withheld and off > FAIR_SHARE:
