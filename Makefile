@@ -22,7 +22,7 @@ FAST = tests/test_house.py tests/config tests/cli tests/sinks tests/sources_can 
 CORE = config sources timeline estimators monitor sinks pipeline physics inference resonance vehicle_state
 CORE_TESTS = tests/config tests/sources_can tests/gnss tests/timeline tests/estimators tests/monitor tests/sinks \
 	tests/physics tests/inference tests/resonance tests/vehicle_state tests/test_pipeline.py \
-	tests/test_two_buses.py tests/test_plain_nmea.py
+	tests/test_two_buses.py tests/test_plain_nmea.py tests/cli/test_explain.py
 DEMO_ARGS ?=
 BENCH_ARGS ?=
 SOAK_ARGS ?=

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tpmsd.api.reading import FolderRecording
+from tpmsd.config.load import load_config
+from tpmsd.simulator.clock import Clocks
+from tpmsd.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.simulator.drive_writer import write_drive
 from tpmsd.sources.align import align
 from tpmsd.wheels import FloatArray
 
@@ -54,3 +62,16 @@ def test_too_little_data_tells_no_offset() -> None:
     """A handful of fixes is refused rather than guessed from."""
     time_s = np.arange(0.0, 300.0, 0.1)
     assert align(time_s, _speed(time_s), time_s[:5], _speed(time_s[:5])) is None
+
+
+def test_a_log_without_host_times_is_put_onto_the_clock_of_the_bus(tmp_path: Path) -> None:
+    """The sentences' UTC is shifted by the 37.5 s that the bus's clock is ahead of it, and a note says so."""
+    spec = DriveSpec(duration_s=90.0, seed=3, clocks=Clocks(host_offset_s=37.5))
+    folder = write_drive(tmp_path / "drive", simulate_drive(spec))
+    log = folder / "gnss.nmea"
+    log.write_text(re.sub(r"^\(\d+\.\d+\) ", "", log.read_text("ascii"), flags=re.MULTILINE), "ascii")
+    notes: list[str] = []
+    stream, _ = FolderRecording(folder).open(load_config(folder / "vehicle.toml"), notes.append)
+
+    assert 37.5 == pytest.approx(stream.gnss_offset_s, abs=0.15)
+    assert [] != [note for note in notes if "shifted by +37." in note]
