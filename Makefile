@@ -42,7 +42,7 @@ DOCDIR ?= /usr/local/share/doc/tpmsd
 MANDIR ?= /usr/local/share/man
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-fast coverage test-from-nothing docs release lint format bench bench-live bench-calibrate bench-diagnose bench-origins bench-alarms test-hil test-connect test-web install uninstall deb bench-vehicle-state bench-estimators bench-fleet soak fuzz mutation clean
+.PHONY: help demo test test-fast coverage test-from-nothing docs release lint format bench bench-live bench-calibrate bench-diagnose bench-origins bench-alarms test-hil test-connect test-web test-qemu install uninstall deb bench-vehicle-state bench-estimators bench-fleet soak fuzz mutation clean
 
 help:  ## this list
 	@sed -n -e 's/^##@ /\n/p' -e 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | \
@@ -87,6 +87,9 @@ test-connect: $(DEV)  ## against real gpsd, mosquitto, prometheus, dbus (install
 
 test-web: $(DEV)  ## the pages of tpmsd web in a real browser (Chromium and its driver)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m pytest -m browser tests/browser -rs
+
+test-qemu: $(DEV)  ## smoke tests, one drive and instruction counts on aarch64 (installed: qemu-user mmdebstrap gcc)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tests.qemu.run
 
 soak: $(DEV)  ## a day of driving with one fault after the other, in logical time (SOAK_ARGS="--hours 1")
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tests.faults.soak $(SOAK_ARGS)

@@ -165,6 +165,11 @@ class Day:
         self._frame, self._line = next(self._frames, None), next(self._lines, None)
         self.episodes = list(self._draw(self.leg * self.period_s))
 
+    def hold(self) -> None:
+        """Take the leg into memory, without faults, so that a process that is forked has it of its own."""
+        self._frames, self._lines = iter(list(self._frames)), iter(list(self._lines))
+        self.episodes = []
+
     def _draw(self, begin_s: float) -> Iterator[Episode]:
         end_s = begin_s + self.leg_s - (2.0 * CALM_S if self.leg == self.legs - 1 else 30.0)
         at_s = begin_s + CALM_S
@@ -246,7 +251,7 @@ class Day:
             self._line = next(self._lines, None)
         return out
 
-    def hold(self, time_s: float, socket_path: Path) -> None:
+    def play(self, time_s: float, socket_path: Path) -> None:
         """Clock steps and clients: what concerns neither bus nor receiver."""
         episode = self.now(time_s)
         kind = "" if episode is None else episode.kind
@@ -380,11 +385,11 @@ class Soaked:
         return [alarm for alarm in self.alarms if alarm[1] != "malfunction"]
 
 
-def configuration(folder: Path) -> Config:
+def configuration(folder: Path, of_state: str = "") -> Config:
     """The configuration of the simulator's car, with a socket and a state file of its own."""
     file = folder / "vehicle.toml"
     text = file.read_text("utf-8")
-    text += '\n[status]\nsocket = "status.sock"\n\n[state]\nfile = "state.json"\n'
+    text += '\n[status]\nsocket = "status.sock"\n\n[state]\nfile = "state.json"\n' + of_state
     file.write_text(text, encoding="utf-8")
     config = load_config(folder)
     signals = {r: s for r, s in config.can.signals.items() if r.startswith("wheel_") or r == "yaw_rate"}
@@ -411,7 +416,7 @@ def soak(
     def watch(step: Step) -> None:
         now_s = clock.monotonic()
         result.alarms += [(now_s, str(e.kind), e.wheel, e.state) for e in step.report.events]
-        day.hold(now_s, config.status.socket)
+        day.play(now_s, config.status.socket)
         if now_s >= (day.leg + 1) * day.period_s - 1.0 and len(result.marks) == day.leg:
             mark(step)
             if day.leg + 1 < legs:

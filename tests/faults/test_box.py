@@ -17,6 +17,7 @@ import pytest
 
 from tests.daemon.fakes import car
 from tests.daemon.test_run_command import PATIENCE_S, daemon, ended, wait_for
+from tests.faults.brown_out import brown_out, problems
 from tests.faults.test_process import until
 from tpmsd.sinks.state_file import load_state
 from tpmsd.sinks.status_client import StatusError, read_status
@@ -160,6 +161,15 @@ def test_without_descriptors_ticks_go_on(tmp_path: Path) -> None:
     assert busy < 0.8, "the loop spins"
     assert "Traceback" not in log
     assert load_state(tmp_path / "state.json") is not None
+
+
+def test_power_that_fails_every_ten_seconds_loses_nothing_learned(tmp_path: Path) -> None:
+    """Killed at random ticks, with a clock that begins in 1970 each time: the first tick within two seconds,
+    what is learned only grows, no false alarm; once the power stays, a puncture is found."""
+    lives = brown_out(340.0, 2, tmp_path)
+
+    assert [] == problems(lives)
+    assert len(lives) > 15
 
 
 def cpu_s(pid: int) -> float:

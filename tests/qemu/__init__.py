@@ -1,0 +1,1 @@
+"""The program on another processor, by emulation: `make test-qemu`."""
