@@ -149,6 +149,18 @@ def test_a_daemon_that_stands_still_is_caught_by_the_watchdog() -> None:
     assert any("Watchdog timeout" in line for line in messages(UNIT))
 
 
+def test_one_that_takes_too_much_memory_is_restarted_with_what_it_had_learned() -> None:
+    """With `MemoryMax` below what it needs the kernel kills it; with the unit's own it is back by itself."""
+    before = int(show(UNIT, "NRestarts"))
+    systemctl("set-property", "--runtime", UNIT, "MemoryMax=8M")
+    wait_until(lambda: int(show(UNIT, "NRestarts")) > before, "it is killed and started again")
+    systemctl("set-property", "--runtime", UNIT, "MemoryMax=512M")
+    after = wait_until(watching, "its wheels are heard")
+
+    assert any("oom-kill" in line for line in messages(UNIT))
+    assert 1.0 == after["learning_fraction"]
+
+
 def test_the_receiver_may_go_and_come(machine: Car) -> None:
     """A status says what is there: bus and receiver are heard again after the restarts."""
     wait_until(
