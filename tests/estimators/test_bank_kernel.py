@@ -114,6 +114,18 @@ def test_the_mixture_is_summed_alike(fast: BankKernel) -> None:
         np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
+def test_covariances_are_made_symmetric_alike(fast: BankKernel) -> None:
+    """Both kernels take the mean of both halves and raise variances that rounding made negative."""
+    one = some_bank(40, 4, 2)
+    one.covariance += 1e-9 * np.random.default_rng(2).standard_normal(one.covariance.shape)
+    one.covariance[3, 5, 5] = -1e-12
+    other = copied(one)
+    ARRAYS.symmetrise(one)
+    fast.symmetrise(other)
+    np.testing.assert_array_equal(other.covariance, one.covariance)
+    assert one.covariance[3, 5, 5] > 0.0
+
+
 def test_positions_are_predicted_alike(fast: BankKernel) -> None:
     """The antenna's position and its derivatives agree in a bend, with the antenna off the axle."""
     bank = some_bank(40, 4, 1)

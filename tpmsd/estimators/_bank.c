@@ -327,6 +327,35 @@ static PyObject *update(PyObject *self, PyObject *const *args, Py_ssize_t given)
     Py_RETURN_NONE;
 }
 
+/* symmetrise(covariance, least): the mean of both halves, and no variance below `least` */
+static PyObject *symmetrise(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    Py_buffer view;
+    double least;
+    if (given != 2)
+        return odd("two arguments are needed");
+    if (numbers(args + 1, 1, &least) < 0 || get(args[0], &view, 3, 1) < 0)
+        return NULL;
+    Py_ssize_t n = view.shape[0], count = view.shape[2];
+    if (view.shape[1] != n) {
+        PyBuffer_Release(&view);
+        return odd("the array is no covariance");
+    }
+    double *spread = view.buf;
+    for (Py_ssize_t j = 0; j < n; j++) {
+        double *diagonal = spread + (j * n + j) * count;
+        for (Py_ssize_t h = 0; h < count; h++)
+            diagonal[h] = diagonal[h] < least ? least : diagonal[h];
+        for (Py_ssize_t k = j + 1; k < n; k++) {
+            double *here = spread + (j * n + k) * count, *mirrored = spread + (k * n + j) * count;
+            for (Py_ssize_t h = 0; h < count; h++)
+                here[h] = mirrored[h] = 0.5 * (here[h] + mirrored[h]);
+        }
+    }
+    PyBuffer_Release(&view);
+    Py_RETURN_NONE;
+}
+
 /* ---- the mixture ---------------------------------------------------------------------------------------- */
 
 /* moments(mean_out [n], radii_out [d][d], weights_out [N], mean, covariance, log_weights)
@@ -433,6 +462,7 @@ static PyObject *antenna(PyObject *self, PyObject *const *args, Py_ssize_t given
 static PyMethodDef methods[] = {
     FAST(propagate, "Move all hypotheses through a tick."),
     FAST(update, "Hold all hypotheses against a scalar measurement."),
+    FAST(symmetrise, "Undo the asymmetry that rounding leaves."),
     FAST(moments, "Mean and covariance over the mixture."),
     FAST(antenna, "Predicted position of the antenna and its derivatives."),
     {NULL, NULL, 0, NULL},

@@ -15,6 +15,7 @@ def update(
     dof: float,
     /,
 ) -> None: ...
+def symmetrise(covariance: FloatArray, least: float, /) -> None: ...
 def moments(
     mean_out: FloatArray,
     radii_out: FloatArray,

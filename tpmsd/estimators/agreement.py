@@ -81,6 +81,8 @@ class AgreementWatch:
         self._radii: list[float] = []
         self._mean_m = math.nan
         self._window: deque[tuple[float, bool]] = deque()
+        self._off = 0
+        """How many of the window are off."""
         self._paths = [PathLength(window_s) for window_s in WINDOWS_S]
         self._anchor: Fix | None = None
         self._withheld = self._unsteady = False
@@ -102,12 +104,14 @@ class AgreementWatch:
             for path in self._paths:
                 path.update(fix)
         while self._window and self._window[0][0] < tick.time_s - WINDOW_S:
-            self._window.popleft()
+            self._off -= self._window.popleft()[1]
         was = self._withheld or self._unsteady
         self._decide(tick.dt_s)
         self._count_faults(tick)
         now = self._withheld or self._unsteady
-        return Agreement(self._withheld, self._unsteady, now and not was)
+        if not now:
+            return AGREED
+        return Agreement(self._withheld, self._unsteady, not was)
 
     def _follow(self, tick: Tick) -> None:
         if tick.gap_s > 0.0:
@@ -146,6 +150,7 @@ class AgreementWatch:
             off = off or min(abs(one - chord) for one in wheels) > limit
         if math.isfinite(speed) or math.isfinite(chord):
             self._window.append((fix.time_s, off))
+            self._off += off
 
     def _chord(self, fix: Fix) -> float:
         """Speed by positions, of one second and more; NaN where it is not known (in a bend it is too small by
@@ -164,7 +169,7 @@ class AgreementWatch:
         enough = len(self._window) >= LEAST_FIXES and self._window[-1][0] - self._window[0][0] >= LEAST_SPAN_S
         if not enough:
             return
-        off = sum(bad for _, bad in self._window) / len(self._window)
+        off = self._off / len(self._window)
         if off >= OFF_SHARE or any(path.apart for path in self._paths):
             self._withheld, self._good_s = True, 0.0
             self._bad_s += dt_s
@@ -176,7 +181,7 @@ class AgreementWatch:
                 self._withheld, self._bad_s = False, 0.0
 
     def _count_faults(self, tick: Tick) -> None:
-        if any(fault.source == "can" and fault.kind in FAULT_KINDS for fault in tick.faults):
+        if tick.faults and any(fault.source == "can" and fault.kind in FAULT_KINDS for fault in tick.faults):
             bin_s = FAULT_BIN_S * math.floor(tick.time_s / FAULT_BIN_S)
             if not self._faulty or self._faulty[-1] != bin_s:
                 self._faulty.append(bin_s)

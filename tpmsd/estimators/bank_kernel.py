@@ -8,14 +8,13 @@ the compiled one (`_bank.c`) where it can be imported. Both give the same within
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from types import ModuleType
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from tpmsd.estimators import measurements
-from tpmsd.estimators.batched_kalman import Weights, scalar_update, square_weights
+from tpmsd.estimators.batched_kalman import LEAST_VARIANCE, Weights, scalar_update, square_weights, symmetrise
 from tpmsd.estimators.error_state import MU, PSI, Motion, ProcessModel
 from tpmsd.estimators.jump_hypotheses import Bank
 from tpmsd.estimators.resampling import effective_number
@@ -29,8 +28,7 @@ except ImportError:  # not built: there was no compiler, or it was left out
     compiled: ModuleType | None = None  # type: ignore[no-redef]
 
 
-@dataclass(frozen=True, slots=True)
-class Summary:
+class Summary(NamedTuple):
     """Of all hypotheses together."""
 
     mean: FloatArray
@@ -65,6 +63,10 @@ class BankKernel(Protocol):
         """As `measurements.antenna_position`."""
         ...
 
+    def symmetrise(self, bank: Bank) -> None:
+        """Undo the asymmetry of covariances that rounding leaves (`batched_kalman.symmetrise`)."""
+        ...
+
     def summary(self, bank: Bank) -> Summary:
         """Mean and covariance over the mixture."""
         ...
@@ -93,6 +95,10 @@ class ArrayKernel:
         """As of `BankKernel`."""
         return measurements.antenna_position(bank.mean, fix, tick, now)
 
+    def symmetrise(self, bank: Bank) -> None:
+        """As of `BankKernel`."""
+        symmetrise(bank.covariance)
+
     def summary(self, bank: Bank) -> Summary:
         """As of `BankKernel`."""
         weights = bank.weights()
@@ -114,6 +120,7 @@ class CompiledKernel:
         """`module`: `tpmsd.estimators._bank`."""
         self._propagate, self._update = module.propagate, module.update
         self._moments, self._antenna = module.moments, module.antenna
+        self._symmetrise = module.symmetrise
         self._arrays = ArrayKernel()
 
     def propagate(
@@ -160,6 +167,10 @@ class CompiledKernel:
             *(now.antenna_forward_m, now.antenna_left_m),
         )
         return east, north, east_row.T, north_row.T
+
+    def symmetrise(self, bank: Bank) -> None:
+        """As of `BankKernel`."""
+        self._symmetrise(bank.covariance.transpose(1, 2, 0), LEAST_VARIANCE)
 
     def summary(self, bank: Bank) -> Summary:
         """As of `BankKernel`."""

@@ -64,9 +64,13 @@ def scalar_update(
     return np.asarray(log)
 
 
+LEAST_VARIANCE = 1e-14
+"""What rounding leaves of a variance that has become nothing, in any of the states' units squared."""
+
+
 def symmetrise(covariance: FloatArray) -> None:
     """Undo the asymmetry and the loss of positive diagonals that rounding leaves, in place."""
     covariance += covariance.swapaxes(-1, -2)
     covariance *= 0.5
     diagonal = np.einsum("ijj->ij", covariance)
-    np.maximum(diagonal, 1e-14, out=diagonal)
+    np.maximum(diagonal, LEAST_VARIANCE, out=diagonal)

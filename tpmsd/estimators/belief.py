@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -39,12 +39,11 @@ class Car:
 
     def virtual_motion(self, rear_rad: FloatArray) -> tuple[float, float]:
         """Way and turn of a tick by nominal radii: [Lundquist 2013, eq. 4] times T."""
-        left, right = rear_rad[0] * self.nominal_m[0], rear_rad[1] * self.nominal_m[1]
-        return float(left + right) / 2, float(right - left) / self.geometry.track_rear_m
+        left, right = (rear_rad[:2] * self.nominal_m[:2]).tolist()
+        return (left + right) / 2, (right - left) / self.geometry.track_rear_m
 
 
-@dataclass(frozen=True, slots=True)
-class Pose:
+class Pose(NamedTuple):
     """Where the middle of the rear axle is believed to be, and how surely."""
 
     east_m: float
@@ -59,8 +58,7 @@ def wrapped(heading_rad: float) -> float:
     return math.remainder(heading_rad, 2 * math.pi) if math.isfinite(heading_rad) else math.nan
 
 
-@dataclass(frozen=True, slots=True)
-class Moments:
+class Moments(NamedTuple):
     """What a belief says."""
 
     mean_m: FloatArray
@@ -74,8 +72,7 @@ class Moments:
     """Effective number of particles or hypotheses; 1 where there are none."""
 
 
-@dataclass(frozen=True, slots=True)
-class Moment:
+class Moment(NamedTuple):
     """A tick, and what the gates make of it."""
 
     tick: Tick
@@ -88,8 +85,7 @@ class Moment:
     gyro_trusted: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Rolling:
+class Rolling(NamedTuple):
     """The rear wheels turned."""
 
     moment: Moment
@@ -118,8 +114,7 @@ class Coasting:
 Movement = Rolling | Standing | Coasting
 
 
-@dataclass(frozen=True, slots=True)
-class Sight:
+class Sight(NamedTuple):
     """A fix, and the motion in which it came."""
 
     fix: Fix

@@ -9,6 +9,7 @@ discrete states are by Fearnhead and Clifford (2003, J. R. Statist. Soc. B 65(4)
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -100,13 +101,16 @@ class JumpHypotheses:
 
         What a kind has lost beyond that it has lost with radii of its own; it begins again at the best ones.
         """
-        kinds = self.kinds(bank.level.shape[1])
+        kinds = _kinds(self, bank.level.shape[1])
         if bank.log_weights.size < 4 * len(kinds):
             return
+        least = float(np.maximum.reduce(bank.log_weights)) + math.log(self.level_floor)
+        in_play = set(bank.kind[bank.log_weights >= least - ALIKE].tolist())
+        if len(in_play) == len(kinds):
+            return
         best = int(bank.ascending()[-1])
-        least = bank.log_weights[best] + math.log(self.level_floor)
         for kind, (level, _) in enumerate(kinds):
-            if np.any(bank.log_weights[bank.kind == kind] >= least - ALIKE):
+            if kind in in_play:
                 continue
             child = int(bank.ascending()[0])
             bank.copy(child, best)
@@ -132,6 +136,11 @@ class JumpHypotheses:
             bank.log_weights[child] = bank.log_weights[best] + chance
             next_wheel = (next_wheel + 1) % wheels
         return next_wheel
+
+
+@functools.cache
+def _kinds(changes: JumpHypotheses, wheels: int) -> list[tuple[FloatArray, float]]:
+    return changes.kinds(wheels)
 
 
 JUMPS = JumpHypotheses()

@@ -7,7 +7,7 @@ layout: `error_state`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,8 +18,7 @@ from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class Scalar:
+class Scalar(NamedTuple):
     """One scalar measurement of all particles."""
 
     innovation: FloatArray
@@ -29,8 +28,7 @@ class Scalar:
     variance: float
 
 
-@dataclass(frozen=True, slots=True)
-class Present:
+class Present(NamedTuple):
     """What the measurement models know of the moment."""
 
     speed_mps: float

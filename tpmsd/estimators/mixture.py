@@ -27,7 +27,7 @@ import numpy as np
 from tpmsd.bounds import no_wider
 from tpmsd.estimators import measurements
 from tpmsd.estimators.bank_kernel import KERNEL, BankKernel
-from tpmsd.estimators.batched_kalman import Weights, square_weights, symmetrise
+from tpmsd.estimators.batched_kalman import Weights, square_weights
 from tpmsd.estimators.belief import (
     Car,
     Coasting,
@@ -220,7 +220,7 @@ class MixtureBelief:
             self._next_wheel = changes.branch(self.bank, block.duration_s, nominal, self._next_wheel)
             self._learn(block, moment.gyro_trusted)
         self._drift = self._process.drift_at(self.bank.level)
-        symmetrise(self.bank.covariance)
+        self._kernel.symmetrise(self.bank)
         self.bank.rescale()
 
     def _learn(self, block: Block, gyro_trusted: bool) -> None:

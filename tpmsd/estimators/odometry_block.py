@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -108,48 +109,51 @@ class BlockBuilder:
 
     def _build(self, radii: FloatArray, doppler: bool) -> Block:
         ticks = [t for t, _, _ in self._ticks]
-        share = np.ones(len(ticks))
+        shares = [1.0] * len(ticks)
         way = math.nan
         change = swing = 0.0
         noise = 1.0
         if doppler:
-            times = np.array([f.time_s for _, f in self._fixes])
-            speeds = np.array([f.speed_mps for _, f in self._fixes])
-            way = float(np.sum((speeds[1:] + speeds[:-1]) / 2 * np.diff(times)))
-            change = float(speeds[-1] - speeds[0])
-            noise = float(np.sqrt(np.mean([f.speed_noise**2 for _, f in self._fixes])))
-            swing = float(np.abs(np.diff(speeds)).max(initial=0.0)) + abs(change)
+            # Plain numbers: for so few numpy takes ten times as long.
+            fixes = [fix for _, fix in self._fixes]
+            first, last = fixes[0], fixes[-1]
+            steps = [(a.speed_mps, b.speed_mps, b.time_s - a.time_s) for a, b in pairwise(fixes)]
+            way = sum((before + after) / 2 * span_s for before, after, span_s in steps)
+            change = last.speed_mps - first.speed_mps
+            noise = math.sqrt(sum(fix.speed_noise**2 for fix in fixes) / len(fixes))
+            swing = max((abs(after - before) for before, after, _ in steps), default=0.0) + abs(change)
             for j, t in enumerate(ticks):
-                start = t.time_s - t.dt_s
-                share[j] = (min(t.time_s, times[-1]) - max(start, times[0])) / t.dt_s
-            share = np.clip(share, 0.0, 1.0)
-            if float(np.max(np.diff(times), initial=0.0)) > SETTINGS.block_max_s:
+                inside_s = min(t.time_s, last.time_s) - max(t.time_s - t.dt_s, first.time_s)
+                shares[j] = min(max(inside_s / t.dt_s, 0.0), 1.0)
+            if max((span_s for *_, span_s in steps), default=0.0) > SETTINGS.block_max_s:
                 way = math.nan
-        rotation = np.array([t.rotation_rad[self._order] for t in ticks]) * share[:, None]
-        quantum = np.array([t.rotation_std_rad[self._order] for t in ticks])
-        angle = rotation.sum(axis=0)
-        reading = np.nanmax(quantum, axis=0, initial=0.0)  # errors of the ticks between cancel
+        share = np.array(shares)
+        rotation = np.array([t.rotation_rad for t in ticks])[:, self._order] * share[:, None]
+        quantum = np.array([t.rotation_std_rad for t in ticks])[:, self._order]
+        angle = np.add.reduce(rotation)
+        reading = np.fmax.reduce(quantum, initial=0.0)  # errors of the ticks between cancel
         radius = self._nominal + radii
         times_s = np.array([t.dt_s for t in ticks])
         gyro = np.array([t.yaw_rate_radps for t in ticks])
-        roll = rotation[:, :2] * radius[:2]
-        ways, turns = roll.sum(axis=1) / 2, (roll[:, 1] - roll[:, 0]) / self._geometry.track_rear_m
+        left, right = rotation[:, 0] * radius[0], rotation[:, 1] * radius[1]
+        ways, turns = (left + right) / 2, (right - left) / self._geometry.track_rear_m
         front = (
             self._front(rotation, share, ways, turns, angle, reading, radius)
             if len(self._order) == 4
             else (None, None)
         )
         duration = float(share @ times_s)
-        accel_per_turn = float(ways.sum()) / max(duration, 1e-3) ** 2
-        reading_roll_m = float(np.hypot(reading[0] * radius[0], reading[1] * radius[1]))
+        way_m = float(np.add.reduce(ways))
+        accel_per_turn = way_m / max(duration, 1e-3) ** 2
+        reading_roll_m = math.hypot(reading[0] * radius[0], reading[1] * radius[1])
         return Block(
             duration_s=max(duration, 1e-3),
             informative=all(flag for _, flag, _ in self._ticks),
             angle_rad=angle,
-            way_m=float(ways.sum()),
+            way_m=way_m,
             doppler_way_m=way,
-            turn_rad=float(turns.sum()),
-            accel_mps2=float(np.mean([a for _, _, a in self._ticks])),
+            turn_rad=float(np.add.reduce(turns)),
+            accel_mps2=sum(a for _, _, a in self._ticks) / len(self._ticks),
             speed_change_mps=change,
             speed_noise=noise,
             speed_swing_mps=swing,
@@ -157,7 +161,7 @@ class BlockBuilder:
             front=front,
             at_radii=radii.copy(),
             gyro_turn_rad=float(share @ (gyro * times_s)),
-            load_per_turn=-accel_per_turn * float(angle[:2].sum()) / self._geometry.track_rear_m,
+            load_per_turn=-accel_per_turn * float(angle[0] + angle[1]) / self._geometry.track_rear_m,
             reading_turn_rad=reading_roll_m / self._geometry.track_rear_m,
         )
 
@@ -180,20 +184,17 @@ class BlockBuilder:
         paths = wheel_speeds(ways, turns, self._geometry, lateral)
         out: list[FrontResidual | None] = []
         ratio = self._geometry.track_front_m / self._geometry.track_rear_m
+        angles, readings, radii = angle.tolist(), reading.tolist(), radius.tolist()
         for column, wheel, side in ((2, FL, -1.0), (3, FR, 1.0)):
-            if not math.isfinite(angle[column]) or angle[column] <= 0.0:
+            if not math.isfinite(angles[column]) or angles[column] <= 0.0:
                 out.append(None)
                 continue
             # path ~ way + side * turn * track_front / 2; the hub's lateral part is second order.
-            by_rear = np.array([(1 - side * ratio) / 2 * angle[0], (1 + side * ratio) / 2 * angle[1]])
-            noise = math.hypot(
-                float(reading[column] * radius[column]),
-                float(
-                    np.hypot(reading[0] * (1 - side * ratio) / 2, reading[1] * (1 + side * ratio) / 2)
-                    * radius[0]
-                ),
-            )
-            residual = float(paths[:, wheel].sum() - angle[column] * radius[column])
+            to_left, to_right = (1 - side * ratio) / 2, (1 + side * ratio) / 2
+            by_rear = np.array([to_left * angles[0], to_right * angles[1]])
+            rear_m = math.hypot(readings[0] * to_left, readings[1] * to_right) * radii[0]
+            noise = math.hypot(readings[column] * radii[column], rear_m)
+            residual = float(np.add.reduce(paths[:, wheel])) - angles[column] * radii[column]
             out.append(FrontResidual(residual, by_rear, side * self._geometry.track_front_m / 2, noise))
         return out[0], out[1]
 

@@ -195,7 +195,7 @@ class RadiusFilter:
             full[self._grid] = said.covariance_m2
             noise[self._places] = said.noise_std_m
         else:
-            deviation, noise = said.mean_m[back], said.noise_std_m[back]
+            deviation, noise = said.mean_m.take(back), said.noise_std_m.take(back)
             full = said.covariance_m2.take(self._flat).reshape(4, 4)
         found, pose, time_s = self._located, said.pose, moment.tick.time_s
         return RadiusEstimate(

@@ -14,6 +14,7 @@ counts from the next drive on, unless something was suspected when this one ende
 
 from __future__ import annotations
 
+import functools
 import math
 from collections import deque
 from dataclasses import dataclass
@@ -41,6 +42,10 @@ _Sample = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 """Deviation (d,), its covariance, that of what the memory has not followed (d, d), features (d, n)."""
 
 
+def _added(one: _Sample, other: _Sample) -> _Sample:
+    return one[0] + other[0], one[1] + other[1], one[2] + other[2], one[3] + other[3]
+
+
 @dataclass(frozen=True, slots=True)
 class Change:
     """Radii against the baseline, of the monitored wheels."""
@@ -64,6 +69,9 @@ class Baseline:
         self._vehicle = vehicle
         self._wheels = wheels
         self._radius = np.array(vehicle.wheel_radius_m)[wheels]
+        self._radius2 = np.outer(self._radius, self._radius)
+        self._grid = np.ix_(wheels, wheels)
+        self._steep = BASELINE.steep.covariance(wheels, self._radius)
         self._learn_s = learn_s
         self._conditions = ConditionTracker()
         self.reference = Reference(vehicle)
@@ -76,6 +84,8 @@ class Baseline:
         self._since_s = 0.0
         self._drive_samples = 0
         self._recent: deque[_Sample] = deque(maxlen=BASELINE.recent_samples)
+        self._recent_sum: tuple[_Sample, _Sample] | None = None
+        """Sum of the recent samples, and the newest one in it."""
         self._recent_s = 0.0
         self._evidence: DriveEvidence | None = None
         """Of this drive, once the car is known."""
@@ -140,15 +150,20 @@ class Baseline:
         now = (*found, self._unsettled(), self.reference.features(self._conditions.now)[self._wheels])
         if self._recent and self._jumped(now, harmless_m2):
             self._recent.clear()
-        recent = [*self._recent, now]
         if self._evidence is None and self.settled:
             self._evidence = DriveEvidence(self.reference, self._wheels, self._radius)
+        one = self._change(now, 1, harmless_m2)
+        both = (
+            self._change(_added(self._sum(), now), len(self._recent) + 1, harmless_m2)
+            if self._recent
+            else one
+        )
         if self._recent_s >= BASELINE.sample_every_s:
             self._recent.append(now)
             if self._evidence is not None:
                 self._evidence.take(*now, self._recent_s)
             self._recent_s = 0.0
-        return self._change([now], harmless_m2), self._change(recent, harmless_m2)
+        return one, both
 
     def forget_recent(self) -> None:
         """What was seen in the last minutes is not to be believed, or is another drive's."""
@@ -162,23 +177,31 @@ class Baseline:
 
     def _jumped(self, now: _Sample, harmless_m2: FloatArray) -> bool:
         """Whether the radii are others than in the last minutes, so that a mean would mix two states."""
-        before = self._change(list(self._recent), harmless_m2)
-        change = now[0] - now[3] @ self.reference.mean * self._radius
-        off = change - before.change_m
-        covariance = now[1] + now[2] + harmless_m2 + before.own_m2
-        return bool(off @ np.linalg.solve(covariance, off) > FIT_LIMIT[off.size])
+        before, before_own = self._against_expected(self._sum(), len(self._recent))
+        change, own = self._against_expected(now, 1)
+        off = change - before
+        return bool(off @ np.linalg.solve(own + harmless_m2 + before_own, off) > FIT_LIMIT[off.size])
 
-    def _change(self, samples: list[_Sample], harmless_m2: FloatArray) -> Change:
-        """Mean of samples against the mean of what is expected."""
-        deviation, own, unsettled, h = (
-            sum(parts[1:], parts[0]) / len(samples) for parts in zip(*samples, strict=True)
-        )
-        scale = np.outer(self._radius, self._radius)
-        change = deviation - h @ self.reference.mean * self._radius
-        covariance = own / len(samples) + unsettled + h @ self.reference.covariance @ h.T * scale
+    def _sum(self) -> _Sample:
+        """Of the recent samples, of which there is one at least."""
+        if self._recent_sum is None or self._recent_sum[1] is not self._recent[-1]:
+            self._recent_sum = functools.reduce(_added, self._recent), self._recent[-1]
+        return self._recent_sum[0]
+
+    def _against_expected(self, total: _Sample, samples: int) -> tuple[FloatArray, FloatArray]:
+        """Mean of samples, whose sum is given, minus the mean of what is expected (d,), and the covariance
+        (d, d) of the mean alone."""
+        deviation, own, unsettled, h = total
+        change = (deviation - h @ self.reference.mean * self._radius) / samples
+        return change, (own / samples + unsettled) / samples
+
+    def _change(self, total: _Sample, samples: int, harmless_m2: FloatArray) -> Change:
+        """As `_against_expected`, with what is known of the expected."""
+        change, own_m2 = self._against_expected(total, samples)
+        h = total[3] / samples
+        covariance = own_m2 + h @ self.reference.covariance @ h.T * self._radius2
         nis = float(change @ np.linalg.solve(covariance + harmless_m2, change))
-        fits = bool(nis <= FIT_LIMIT[change.size])
-        return Change(change, covariance, len(samples), own / len(samples) + unsettled, fits)
+        return Change(change, covariance, samples, own_m2, bool(nis <= FIT_LIMIT[change.size]))
 
     def learn(
         self, estimate: RadiusEstimate, harmless_m2: FloatArray, trusted: bool, elapsed_s: float
@@ -227,8 +250,8 @@ class Baseline:
 
     def _known(self, estimate: RadiusEstimate) -> tuple[FloatArray, FloatArray] | None:
         deviation = estimate.deviation_m[self._wheels]
-        covariance = estimate.covariance_m2[np.ix_(self._wheels, self._wheels)]
-        if not (np.all(np.isfinite(deviation)) and np.all(np.isfinite(covariance))):
+        covariance = estimate.covariance_m2[self._grid]
+        if not (np.isfinite(deviation).all() and np.isfinite(covariance).all()):
             return None
         return deviation, covariance
 
@@ -236,8 +259,7 @@ class Baseline:
         """(d, d) covariance of what the baseline cannot follow: growth while speed changes, and slopes."""
         at = self._conditions.now
         off = BASELINE.unsettled_share * GROWTH_S2PM.mean * at.unsettled
-        slope = at.steep_mps2**2 * BASELINE.steep.covariance(self._wheels, self._radius)
-        return off**2 * np.ones_like(slope) + slope
+        return off**2 + at.steep_mps2**2 * self._steep
 
     def follow(self, other: Baseline) -> None:
         """Take over from another baseline of the same car how it is being driven."""

@@ -132,7 +132,8 @@ class ConditionTracker:
 
 def _memory_s(estimate: RadiusEstimate) -> float:
     """Memory of the estimate for what acts on all wheels."""
-    variance = float(np.add.reduce(estimate.covariance_m2, axis=None)) / estimate.covariance_m2.size
+    # Plain numbers: for so few numpy takes ten times as long, and this is asked every tick.
+    variance = sum(map(sum, estimate.covariance_m2.tolist())) / estimate.covariance_m2.size
     if not math.isfinite(variance):
         known = np.isfinite(np.diag(estimate.covariance_m2))
         if not known.any():

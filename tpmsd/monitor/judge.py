@@ -103,6 +103,8 @@ class Judge:
         self._radius = np.array(vehicle.wheel_radius_m)[wheels]
         self._harmless = harmless
         self.harmless_m2 = harmless.covariance(wheels, self._radius)
+        self._of_mean_m2: dict[int, FloatArray] = {}
+        """What comes and goes in a mean of so many samples (d, d)."""
         self._unexplained_m2 = JUDGE.unexplained.covariance(wheels, self._radius)
         self._tyres = [tyre_model(tyre, float(radius)) for radius in self._radius]
         self._threshold = settings.deflation_percent / 100.0
@@ -228,8 +230,11 @@ class Judge:
 
     def _harmless_of_mean_m2(self, samples: int) -> FloatArray:
         """(d, d) of what comes and goes in a mean of so many samples."""
-        share = mean_share(samples, math.exp(-BASELINE.sample_every_s / JUDGE.harmless_s))
-        return self._harmless.averaged(share).covariance(self._wheels, self._radius)
+        if samples not in self._of_mean_m2:
+            share = mean_share(samples, math.exp(-BASELINE.sample_every_s / JUDGE.harmless_s))
+            averaged = self._harmless.averaged(share)
+            self._of_mean_m2[samples] = averaged.covariance(self._wheels, self._radius)
+        return self._of_mean_m2[samples]
 
     def _tolerance_m2(self, other_tyres: bool) -> FloatArray:
         d = len(self._wheels)

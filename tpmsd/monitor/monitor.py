@@ -56,6 +56,7 @@ class Monitor:
         self._vehicle, self._tyre = vehicle, tyre or TyreConfig()
         self._judge = Judge(vehicle, settings, self._tyre, self._wheels)
         self._sets = TyreSets(vehicle, self._wheels, settings.learn_s, self._judge)
+        self._grid = np.ix_(self._wheels, self._wheels)
         self._since_judged_s = 0.0
         self._judged = Judgement.unknown()
         self._told = (self._judged, self._judged.by_wheel())
@@ -196,9 +197,10 @@ class Monitor:
 
     def _judge_first(self, tick: Tick, estimate: RadiusEstimate, elapsed_s: float) -> list[AlarmEvent]:
         """Hold the first radii of a car against what cars have."""
-        index = np.ix_(self._wheels, self._wheels)
-        deviation, spread = estimate.deviation_m[self._wheels], estimate.covariance_m2[index]
-        if not self._sets.is_first(bool(self._first.standing)) or not np.all(np.isfinite(deviation)):
+        if not self._sets.is_first(bool(self._first.standing)):
+            return []
+        deviation, spread = estimate.deviation_m[self._wheels], estimate.covariance_m2[self._grid]
+        if not np.isfinite(deviation).all():
             return []
         events = []
         ordinary = {wheel for (_, wheel), event in self._standing.items() if not event.since}
@@ -330,7 +332,9 @@ class Monitor:
         if self._told[0] is not self._judged:
             self._told = (self._judged, self._judged.by_wheel())
         unusable = self._signals.unusable
-        learned = self.baseline.ready and not self._sets.undecided
+        sound = WheelState.LEARNING
+        if self.baseline.ready and not self._sets.undecided:
+            sound = WheelState.MONITORING
         alarmed = {wheel for _, wheel in self._standing}
         deviation, variance = estimate.deviation_m.tolist(), estimate.covariance_m2.diagonal().tolist()
         reports: list[WheelReport] = []
@@ -341,7 +345,7 @@ class Monitor:
             elif wheel in alarmed:
                 state = WheelState.ALARM
             else:
-                state = WheelState.MONITORING if learned else WheelState.LEARNING
+                state = sound
             std_m = _std(variance[wheel])
             if not self._trusted:
                 off_m = std_m = math.nan

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from tpmsd.config.model import MonitorConfig
 from tpmsd.estimators.agreement import AGREED, Agreement
@@ -59,8 +59,7 @@ class ReceiverSpeed:
             self._speed_mps, self._time_s = way_m / (fix.time_s - anchor.time_s), fix.time_s
 
 
-@dataclass(frozen=True, slots=True)
-class Watching:
+class Watching(NamedTuple):
     """What the monitor says of itself."""
 
     sees: bool
@@ -136,6 +135,11 @@ class SignalWatch:
             wheel: _Malfunction(f"no usable signal of wheel {WHEELS[wheel]} while the others turn", wheel)
             for wheel in wheels
         }
+        inputs = (self._rear, self._gnss, self._unplugged, self._spoofed, self._disagree, self._unsteady)
+        own = (self._car_differs, self._restarted, self._blind, self._undecided, self._contradicted)
+        self._all = (*inputs, *own, *self._wheels.values())
+        self._blinding = (self._rear, self._disagree, self._unsteady, self._restarted, self._contradicted)
+        """Those by which no wheel at all is watched."""
         self._stood = False
         self._bus_down = False
         self._last_valid_s = dict.fromkeys(wheels, -math.inf)
@@ -143,10 +147,7 @@ class SignalWatch:
     @property
     def standing(self) -> tuple[AlarmEvent, ...]:
         """The malfunctions that stand now, each as it was raised."""
-        inputs = (self._rear, self._gnss, self._unplugged, self._spoofed, self._disagree, self._unsteady)
-        own = (self._car_differs, self._restarted, self._blind, self._undecided, self._contradicted)
-        everything = (*inputs, *own, *self._wheels.values())
-        return tuple(m.raised for m in everything if m.raised is not None)
+        return tuple([m.raised for m in self._all if m.raised is not None])
 
     def is_lost(self, wheel: int, time_s: float) -> bool:
         """Whether a wheel has had no usable signal for as long as a malfunction takes."""
@@ -155,10 +156,7 @@ class SignalWatch:
     @property
     def unusable(self) -> bool:
         """Whether a malfunction stands by which no wheel at all is watched."""
-        return any(
-            m.raised is not None
-            for m in (self._rear, self._disagree, self._unsteady, self._restarted, self._contradicted)
-        )
+        return any([m.raised is not None for m in self._blinding])  # noqa: C419 - a list is faster
 
     def update(
         self,
