@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tpmsd.errors import ConfigError, TpmsdError
-from tpmsd.sinks import status_server
+from tpmsd.sinks.socket_path import MAX_PATH_BYTES
 from tpmsd.sinks.status_server import (
     MAX_CLIENTS,
     MAX_PENDING_BYTES,
@@ -422,7 +422,7 @@ def test_a_file_that_is_no_socket_is_not_removed(tmp_path: Path) -> None:
 def test_a_path_too_long_for_a_socket_is_said_so(tmp_path: Path) -> None:
     """107 bytes are the most; the message gives both numbers."""
     folder = tmp_path
-    path = folder / ("s" * (status_server.MAX_PATH_BYTES - len(os.fsencode(folder))))
+    path = folder / ("s" * (MAX_PATH_BYTES - len(os.fsencode(folder))))
     assert 108 == len(os.fsencode(path))
     with pytest.raises(ConfigError) as caught:
         StatusServer(path, dict).open()

@@ -12,7 +12,6 @@ import contextlib
 import os
 import stat
 import sys
-import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -96,6 +95,8 @@ def write_whole(target: Path, content: str | bytes, backup: bool = False) -> Non
         if target.exists() and not stat.S_ISREG(target.stat().st_mode):
             target.write_bytes(data)
             return
+        import tempfile  # of use only here, and a tenth of what `tpmsd status` takes
+
         real = target.resolve()
         handle, beside = tempfile.mkstemp(prefix=f".{real.name}.", suffix=".new", dir=real.parent)
         with os.fdopen(handle, "wb") as file:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from tpmsd.errors import TpmsdError
-from tpmsd.sinks.status_server import check_socket_path
+from tpmsd.sinks.socket_path import check_socket_path
 from tpmsd.sinks.status_version import DOCUMENT_VERSION
 
 TIMEOUT_S = 5.0

@@ -28,10 +28,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tpmsd.errors import ConfigError, TpmsdError
+from tpmsd.errors import TpmsdError
+from tpmsd.sinks.socket_path import check_socket_path
 
-MAX_PATH_BYTES = 107
-"""What `sockaddr_un` holds (unix(7)), less the final NUL."""
 MAX_CLIENTS = 128
 MAX_WATCHERS = 112
 """The other places are for those who ask once: watchers stay for ever, and must not shut them out."""
@@ -325,15 +324,6 @@ class StatusServer:
         client.watching = False
         self._watch(client, 0)
         client.connection.close()
-
-
-def check_socket_path(path: Path) -> None:
-    """Raises ConfigError if the path is longer than the address of a Unix socket can be."""
-    length = len(os.fsencode(path))
-    if length > MAX_PATH_BYTES:
-        raise ConfigError(
-            f"the path of the status socket has {length} bytes, at most {MAX_PATH_BYTES} are possible: {path}"
-        )
 
 
 def _request(request: bytes) -> tuple[str, str | None]:
