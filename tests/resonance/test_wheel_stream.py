@@ -101,3 +101,27 @@ def test_a_standing_wheel_gives_no_block() -> None:
     still = [RotationSample(number / 100.0, 0, 0.0, 0.1, 0) for number in range(1100)]
 
     assert Counter() == Counter(block.counted for block in blocks(WheelStream(), still))
+
+
+def test_samples_in_runs_make_the_same_blocks() -> None:
+    """Runs of five samples, refused ones added singly, complete the very blocks of samples one by one: over a
+    gap, a new segment, stamps that stand still and another quantum."""
+    samples = counted(50.0, 35.0, 60.0)
+    later = counted(50.0, 30.0, 61.0, begin_s=40.0)
+    samples += [RotationSample(s.time_s, 0, s.angle_rad, s.quantum_rad, 1) for s in later]
+    samples[300] = RotationSample(samples[299].time_s, 0, samples[300].angle_rad, samples[300].quantum_rad, 0)
+    expected = blocks(WheelStream(), samples)
+
+    stream, found, taken = WheelStream(), list[SpeedBlock](), 0
+    for at in range(0, len(samples), 5):
+        run = samples[at : at + 5]
+        columns = [s.time_s for s in run], [s.angle_rad for s in run]
+        alike = all(s.segment == run[0].segment for s in run)
+        if alike and stream.extend(*columns, run[0].segment, run[0].quantum_rad):
+            taken += 1
+        else:
+            found += blocks(stream, run)
+    assert taken > 0.7 * len(samples) / 5
+    assert [block.rate_hz for block in expected] == [block.rate_hz for block in found]
+    for one, other in zip(expected, found, strict=True):
+        np.testing.assert_array_equal(one.speed_radps, other.speed_radps)

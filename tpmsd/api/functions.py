@@ -96,7 +96,7 @@ def replayed(
     watch = pipeline.resonance
     if watch is None:  # a report all the same
         watch = ResonanceWatch(config.vehicle.wheel_radius_m)
-        pipeline.timeline.observe = watch.add
+        pipeline.timeline.observe, pipeline.timeline.observe_run = watch.add, watch.extend
     for step in play(stream, pipeline, progress, note):
         recorder.add(step.tick, step.estimate, step.report)
         if ticks is not None:

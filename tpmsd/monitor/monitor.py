@@ -197,10 +197,8 @@ class Monitor:
 
     def _judge_first(self, tick: Tick, estimate: RadiusEstimate, elapsed_s: float) -> list[AlarmEvent]:
         """Hold the first radii of a car against what cars have."""
-        if not self._sets.is_first(bool(self._first.standing)):
-            return []
         deviation, spread = estimate.deviation_m[self._wheels], estimate.covariance_m2[self._grid]
-        if not np.isfinite(deviation).all():
+        if not (self._sets.is_first(bool(self._first.standing)) and np.isfinite(deviation).all()):
             return []
         events = []
         ordinary = {wheel for (_, wheel), event in self._standing.items() if not event.since}
@@ -332,9 +330,7 @@ class Monitor:
         if self._told[0] is not self._judged:
             self._told = (self._judged, self._judged.by_wheel())
         unusable = self._signals.unusable
-        sound = WheelState.LEARNING
-        if self.baseline.ready and not self._sets.undecided:
-            sound = WheelState.MONITORING
+        learned = self.baseline.ready and not self._sets.undecided
         alarmed = {wheel for _, wheel in self._standing}
         deviation, variance = estimate.deviation_m.tolist(), estimate.covariance_m2.diagonal().tolist()
         reports: list[WheelReport] = []
@@ -345,7 +341,7 @@ class Monitor:
             elif wheel in alarmed:
                 state = WheelState.ALARM
             else:
-                state = sound
+                state = WheelState.MONITORING if learned else WheelState.LEARNING
             std_m = _std(variance[wheel])
             if not self._trusted:
                 off_m = std_m = math.nan

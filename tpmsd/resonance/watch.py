@@ -164,6 +164,12 @@ class ResonanceWatch:
             if len(self._past) > MAX_PAST:  # nobody asks
                 self._past.popleft()
 
+    def extend(
+        self, wheel: int, times_s: list[float], angles_rad: list[float], segment: int, quantum_rad: float
+    ) -> bool:
+        """Take samples of one wheel if nothing comes of them (`WheelStream.extend`)."""
+        return self._wheels[wheel].stream.extend(times_s, angles_rad, segment, quantum_rad)
+
     def forget(self) -> None:
         """Learn the baselines anew."""
         for wheel in self._wheels:

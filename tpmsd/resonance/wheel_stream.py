@@ -87,6 +87,24 @@ class WheelStream:
         del self._angle_rad[:-1]
         return block
 
+    def extend(self, times_s: list[float], angles_rad: list[float], segment: int, quantum_rad: float) -> bool:
+        """Take samples, one at least, that go on without a gap and complete no block; False, and nothing is
+        taken, if they do not: then each is to be added."""
+        times = self._time_s
+        if not times or segment != self._segment or not math.isfinite(self.rate_hz):
+            return False
+        if times_s[-1] - times[0] >= BLOCK_S or len(times) + len(times_s) >= MAX_SAMPLES:
+            return False
+        gap_s, before = self._gap_s(), times[-1]
+        for time_s in times_s:
+            if not 0.0 < time_s - before <= gap_s:
+                return False
+            before = time_s
+        self._quantum_rad = quantum_rad
+        times += times_s
+        self._angle_rad += angles_rad
+        return True
+
     def _gap_s(self) -> float:
         times = self._time_s
         if math.isfinite(self.rate_hz):

@@ -60,6 +60,11 @@ def _nothing() -> None:
     """Has no samples ready."""
 
 
+def _not_taken(*_: object) -> bool:
+    """Takes samples one by one."""
+    return False
+
+
 class Timeline:
     """Merges events into ticks."""
 
@@ -83,6 +88,9 @@ class Timeline:
         """Called before ticks are made: for one who has samples ready."""
         self.observe: Callable[[RotationSample], None] | None = None
         """Is shown every rotation sample at its own stamp, for what ticks are too slow for."""
+        self.observe_run: Callable[[int, list[float], list[float], int, float], bool] = _not_taken
+        """Is offered many samples of one wheel (its number, times, angles, segment, quantum) instead; whether
+        it has taken them."""
         self.observe_fix: Callable[[GnssFix], None] | None = None
         """Is shown every fix as the receiver sent it, before it is put into the plane."""
         self.counts: dict[str, int] = {
@@ -202,6 +210,12 @@ class Timeline:
         for one in wheels:
             self._tracks[one.wheel].extend(one.time_s, one.angle_rad, one.segment, one.quantum_rad)
         if self.observe is not None:
+            run = self.observe_run
+            wheels = [
+                one
+                for one in wheels
+                if not run(one.wheel, one.time_s, one.angle_rad, one.segment, one.quantum_rad)
+            ]
             # In the order of the frames, and within one in the order of its wheels.
             shown = [(place, k, row) for k, one in enumerate(wheels) for row, place in enumerate(one.places)]
             for _, k, row in sorted(shown):
