@@ -95,7 +95,7 @@ def write_whole(target: Path, content: str | bytes, backup: bool = False) -> Non
         if target.exists() and not stat.S_ISREG(target.stat().st_mode):
             target.write_bytes(data)
             return
-        import tempfile  # of use only here, and a tenth of what `tpmsd status` takes
+        import tempfile  # a tenth of what `tpmsd status` takes, which writes no files
 
         real = target.resolve()
         handle, beside = tempfile.mkstemp(prefix=f".{real.name}.", suffix=".new", dir=real.parent)
@@ -135,6 +135,8 @@ def _problem(option: str, target: str) -> str | None:
             return None  # a device or a pipe
         if not path.resolve().parent.is_dir():
             return f"{option} {target}: there is no folder {path.parent}"
+        import tempfile
+
         # Permissions say little (root on a read-only disk, /proc): a file is made and removed.
         tempfile.TemporaryFile(dir=path.resolve().parent).close()
     except (OSError, ValueError) as error:
