@@ -42,7 +42,7 @@ def studied() -> Study:
 def own_copy(studied: Study) -> Study:
     """A study whose drive and hypotheses may be changed."""
     study = copy.copy(studied)
-    study.drives = [copy.copy(one) for one in studied.drives]
+    study.drives = tuple(one.under() for one in studied.drives)
     study.hypotheses = copy.copy(studied.hypotheses)
     study.hypotheses.catalogue = list(studied.hypotheses.catalogue)
     return study
@@ -236,6 +236,25 @@ def test_a_term_without_an_effect_gains_nothing_on_data_left_out(studied: Study)
 
     assert without < 0.0
     assert with_it > 100.0
+
+
+def test_what_is_tried_under_another_noise_leaves_the_study_as_it_is(studied: Study) -> None:
+    """Twice the noise of all wheels takes gain away in the trial alone; what is taken over is as tried."""
+    study = own_copy(studied)
+    (one,) = study.drives
+    before, noise = study.evidence().total, one.noise
+    tried = one.under(replace(noise, rough_m=2.0 * noise.rough_m))
+    weighed = one.under(inflate=np.full(one.columns.shape[:2], 4.0))
+
+    totals = [study.trial([other]).evidence().total for other in (tried, weighed)]
+
+    assert noise == one.noise
+    assert one.inflate is None
+    assert np.array_equal(before, study.evidence().total)
+    assert all(np.all(np.diag(total) <= (1.0 + 1e-9) * np.diag(before)) for total in totals)
+    assert all(total[0, 0] < before[0, 0] for total in totals)
+    one.take(tried)
+    assert np.array_equal(totals[0], study.evidence().total)
 
 
 def test_a_gyro_that_walks_as_usual_is_not_asked_and_another_gets_its_noise_back(studied: Study) -> None:

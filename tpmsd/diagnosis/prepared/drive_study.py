@@ -189,6 +189,19 @@ class DriveStudy:
         out._moved_to(self.base, radii, self.values, left, made)
         return out
 
+    def under(self, noise: Noise | None = None, inflate: FloatArray | None = None) -> DriveStudy:
+        """The same columns under another noise, or with other factors on the variances, to be tried; this
+        drive stays what it is."""
+        out = copy.copy(self)
+        out._kept = list(self._kept)
+        out.noise = self.noise if noise is None else noise
+        out.inflate = self.inflate if inflate is None else inflate
+        return out
+
+    def take(self, tried: DriveStudy) -> None:
+        """Take over what was tried `under` another noise, and what was whitened there."""
+        self.noise, self.inflate, self._kept = tried.noise, tried.inflate, tried._kept
+
     def append(self, columns: FloatArray) -> None:
         """Further columns (w, 9, k) at the end."""
         self.columns = np.concatenate([self.columns, columns], axis=2)

@@ -8,6 +8,7 @@ drive's own), a calibration constant is each drive's own.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -40,12 +41,13 @@ class Study:
         apart = () if simulation else ("time", "distance")
         stds = [covariate_stds(reader, first_noise(reader)) for reader in readers]
         common = _common_knots(readers, stds, apart) if len(readers) > 1 else {}
-        self.drives = []
+        drives = []
         for reader, own in zip(readers, stds, strict=True):
             knots = smooth_knots(reader.windows.covariates, own)
             if len(readers) > 1:
                 knots = {c: at for c, at in knots.items() if c in apart} | common
-            self.drives.append(DriveStudy(reader, knots, own, block_s))
+            drives.append(DriveStudy(reader, knots, own, block_s))
+        self.drives = tuple(drives)
         self.hypotheses = self._alone() if len(readers) == 1 else self._together()
         car = readers[0].reference.car
         self.hypotheses.bounds = bounds_of(car)
@@ -55,7 +57,7 @@ class Study:
         self.width = self.grid
 
     @property
-    def examined(self) -> list[DriveStudy]:
+    def examined(self) -> tuple[DriveStudy, ...]:
         """The drives whose physics is asked for: all but a simulation."""
         return self.drives[:1] if self.simulation else self.drives
 
@@ -68,6 +70,12 @@ class Study:
     def driving_s(self) -> float:
         """Windows that are compared."""
         return float(sum(len(drive.reader.windows) for drive in self.examined))
+
+    def trial(self, drives: Sequence[DriveStudy]) -> Study:
+        """The same question to drives `under` other noises; this study stays what it is."""
+        out = copy.copy(self)
+        out.drives = tuple(drives)
+        return out
 
     def evidence(self) -> Evidence:
         """Of all drives, under the present noise."""

@@ -75,11 +75,11 @@ def _likeliest(study: Study, terms: Sequence[Term], drifting: Account) -> Term |
     drive = study.drives[0]
     best: tuple[float, Term] | None = None
     for share in SETTINGS.robustness.drift_levels:
-        drive.noise = replace(drifting.noise, wander=share * drifting.noise.wander)
-        selector = Selector(study.evidence(), study.hypotheses, last=True)
+        tried = drive.under(replace(drifting.noise, wander=share * drifting.noise.wander))
+        selector = Selector(study.trial([tried]).evidence(), study.hypotheses, last=True)
         design = selector.design(terms)
         gram, b = selector.evidence.projected(design)
-        alone = log_posterior(drive.reader.windows, drive.believed(design), drive.noise, drive.inflate)
+        alone = log_posterior(drive.reader.windows, drive.believed(design), tried.noise, tried.inflate)
         found = study.hypotheses.ramp_gains(gram, b) + study.hypotheses.pulse_gains(gram, b)
         own = [term for term in study.hypotheses.catalogue if term.ramp or term.pulse]
         found += [(group_gain(term.design[1:], gram, b)[0], term) for term in own]
@@ -89,5 +89,4 @@ def _likeliest(study: Study, terms: Sequence[Term], drifting: Account) -> Term |
             out = of_all_read(study, term) or any(term.key == other.key for other in terms)
             if not out and (best is None or worth > best[0]):
                 best = (worth, term)
-    drive.noise = drifting.noise
     return None if best is None else best[1]

@@ -39,17 +39,16 @@ def drifting(study: Study, selection: Selection, evidence: Evidence) -> tuple[Se
     measured = bool(np.isfinite(drive.reader.windows.measured[:, GYRO]).any())
     if len(study.drives) > 1 or not measured or drive.noise.gyro_drift_radps < DRIFTS:
         return selection, evidence
-    noise = drive.noise
     terms = [one.term for one in selection.chosen]
     others = [term for term in terms if term.kind_of.drifts_into != READING]
-    drive.noise = replace(noise, gyro_drift_radps=USUAL)
-    selector = Selector(study.evidence(), study.hypotheses, last=True)
+    usual = drive.under(replace(drive.noise, gyro_drift_radps=USUAL))
+    selector = Selector(study.trial([usual]).evidence(), study.hypotheses, last=True)
     shape = _best_shape(selector, others)
     if shape is not None:
         # What drifts was in the gyro's white noise as well.
         design = drive.believed(selector.design([*others, shape]))
-        drive.noise = refit(drive.reader.windows, design, drive.noise, drive.inflate, GYRO_NOISE)
-        calm = study.evidence()
+        tried = drive.under(refit(drive.reader.windows, design, usual.noise, usual.inflate, GYRO_NOISE))
+        calm = study.trial([tried]).evidence()
         selector = Selector(calm, study.hypotheses, last=True)
         sure = selector.heldout([*others, shape]) - selector.heldout(terms) - shape.penalty
         if (
@@ -58,9 +57,9 @@ def drifting(study: Study, selection: Selection, evidence: Evidence) -> tuple[Se
         ):
             found = selector.judged([*others, shape])
             if any(one.term is shape for one in found.chosen):
+                drive.take(tried)
                 return _as_sure_as(found, shape, sure), calm
-    drive.noise = noise
-    return selection, study.evidence()
+    return selection, evidence
 
 
 def _best_shape(selector: Selector, others: list[Term]) -> Term | None:

@@ -35,19 +35,19 @@ def lasting(study: Study, selection: Selection, evidence: Evidence) -> tuple[Sel
             continue
         terms = [other.term for other in selection.chosen if other is not one]
         fit = evidence.fit(selector.design(terms))
-        before = [drive.inflate for drive in study.drives]
+        tried = list(study.drives)
         for number in study.acting(one.term):
             drive = study.drives[number]
             factor = single_outliers(drive.residual(fit.design, fit.values))
-            drive.inflate = factor if drive.inflate is None else drive.inflate * factor
-        calm = study.evidence()
+            tried[number] = drive.under(inflate=factor if drive.inflate is None else drive.inflate * factor)
+        calm = study.trial(tried).evidence()
         robust = Selector(calm, study.hypotheses, last=True)
         gain = robust.gain([*terms, one.term]) - robust.gain(terms)
         gain += sum(jump_evidence(study.drives[number], one) for number in study.acting(one.term))
         if gain < one.term.penalty + SETTINGS.selection.admit_nats:
+            for drive, robust_drive in zip(study.drives, tried, strict=True):
+                drive.take(robust_drive)
             return lasting(study, robust.judged(terms), calm)
-        for drive, inflate in zip(study.drives, before, strict=True):
-            drive.inflate = inflate
     return selection, evidence
 
 

@@ -39,9 +39,9 @@ def together(
         return selection, evidence
     if drive.noise.wander < SETTINGS.robustness.drifts_from:
         return selection, evidence
-    noise = drive.noise
-    drive.noise = replace(noise, wander=PRIORS["wander"][0], wander_tau_s=PRIORS["wander_tau_s"][0])
-    calm = study.evidence()
+    usual = replace(drive.noise, wander=PRIORS["wander"][0], wander_tau_s=PRIORS["wander_tau_s"][0])
+    tried = drive.under(usual)
+    calm = study.trial([tried]).evidence()
     selector = Selector(calm, study.hypotheses, last=True)
     terms = [one.term for one in selection.chosen]
     shape = _common_shape(selector, terms)
@@ -49,9 +49,9 @@ def together(
         shape = _changed_radius(selector, terms, shape, [one.term for one in before.chosen]) or shape
         found = selector.judged([*terms, shape])
         if any(one.term is shape for one in found.chosen):
+            drive.take(tried)
             return found, calm
-    drive.noise = noise
-    return selection, study.evidence()
+    return selection, evidence
 
 
 def _changed_radius(selector: Selector, terms: list[Term], shape: Term, before: list[Term]) -> Term | None:
