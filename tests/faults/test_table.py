@@ -1,20 +1,34 @@
-"""The table of faults in docs/reference/faults.md names tests that are there."""
+"""The tables of faults (docs/reference/faults.md) and attacks (SECURITY.md) name tests that are there."""
 
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 from tests.conftest import REPO
 
-DOCUMENT = REPO / "docs" / "reference" / "faults.md"
+FAULTS, ATTACKS = REPO / "docs" / "reference" / "faults.md", REPO / "SECURITY.md"
 NAME = re.compile(r"`(tests/[\w/]+\.py)::(test_\w+)`")
 
 
-def rows() -> list[list[str]]:
-    """The cells of each row of the tables, their heads left out."""
-    lines = [line for line in DOCUMENT.read_text("utf-8").splitlines() if line.startswith("| ")]
+def rows(document: Path = FAULTS, columns: int = 3) -> list[list[str]]:
+    """The cells of each row of the tables of so many columns, their heads left out."""
+    lines = [line for line in document.read_text("utf-8").splitlines() if line.startswith("| ")]
     cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
-    return [row for row in cells if row[0] != "fault" and not set(row[0]) <= set("- ")]
+    heads = {"fault", "who", "from"}
+    return [
+        row for row in cells if len(row) == columns and row[0] not in heads and not set(row[0]) <= set("- ")
+    ]
+
+
+def missing_tests(table: list[list[str]]) -> list[str]:
+    """Tests that a table names and that are not defined."""
+    return [
+        f"{file}::{name}"
+        for row in table
+        for file, name in NAME.findall(row[-1])
+        if not (REPO / file).is_file() or f"def {name}(" not in (REPO / file).read_text("utf-8")
+    ]
 
 
 def test_every_fault_names_a_test_that_is_there() -> None:
@@ -22,13 +36,15 @@ def test_every_fault_names_a_test_that_is_there() -> None:
     assert len(rows()) >= 45
     without = [row[0] for row in rows() if len(row) != 3 or not row[1] or not NAME.search(row[2])]
     assert [] == without
-    missing = [
-        f"{file}::{name}"
-        for row in rows()
-        for file, name in NAME.findall(row[2])
-        if not (REPO / file).is_file() or f"def {name}(" not in (REPO / file).read_text("utf-8")
-    ]
-    assert [] == missing
+    assert [] == missing_tests(rows())
+
+
+def test_every_attack_names_a_test_that_is_there() -> None:
+    """At least 25 attacks; each says who, how, what is done, and names a test that is defined."""
+    attacks = rows(ATTACKS, 5)
+    assert len(attacks) >= 25
+    assert [] == [row[1] for row in attacks if not (row[0] and row[1] and row[2] and NAME.search(row[4]))]
+    assert [] == missing_tests(attacks)
 
 
 def test_every_test_of_a_fault_is_named_in_the_table() -> None:
