@@ -67,6 +67,22 @@ def test_linear_slip_is_no_curve() -> None:
     assert "drive_slip_curve" not in found["longitudinal_slip"].indistinguishable_from
 
 
+def test_drive_on_one_axle_and_brakes_on_both_are_two_effects() -> None:
+    """Each wheel slips in proportion to its own force, as in a car: neither effect alone explains that."""
+    spec = Spec(duration_s=300.0, road="mixed", driven="rear", stops=True)
+    way, rng = driven(spec, 8)
+    power, braking = np.maximum(way.force, 0.0)[:, None], np.maximum(-way.force, 0.0)[:, None]
+    slip = 6e-3 * power * REAR - braking * (5e-3 * FRONT + 3e-3 * REAR)
+
+    found = findings(recording_of(observe(replace(way, spin=slip), spec, rng, 8)))
+
+    assert {"brake_slip", "longitudinal_slip"} == set(found)
+    values = numbers(found["longitudinal_slip"]) | numbers(found["brake_slip"])
+    for name, truth in (("slip_per_accel", 6e-3), ("front", 5e-3), ("rear", 3e-3 - 6e-3)):
+        assert pytest.approx(truth, abs=3.0 * values[name][1]) == values[name][0]
+        assert values[name][1] < 1e-3
+
+
 def test_people_who_got_in_behind_are_a_load() -> None:
     """Rear wheels of 0.4 mm less radius after the longest stop turn faster from there on."""
     spec = Spec(duration_s=420.0, road="mixed", stops=True)

@@ -12,11 +12,13 @@ from tpmsd.diagnosis.assessment.identifiability import usual_size
 from tpmsd.diagnosis.counters.miscount import all_recounted, one_recounted, wrong_teeth
 from tpmsd.diagnosis.hypotheses.advice import advice
 from tpmsd.diagnosis.hypotheses.joint_terms import is_copied, is_own
+from tpmsd.diagnosis.hypotheses.plausible import completions_of, with_completions
 from tpmsd.diagnosis.hypotheses.terms import Term
 from tpmsd.diagnosis.selection.chosen import Chosen
 from tpmsd.diagnosis.selection.described import effect_of, neutral_of, nonlinear_of, usual, words_of
 from tpmsd.inference.recording import Recording
 from tpmsd.physics.catalogue import EFFECTS
+from tpmsd.physics.motion import driven_mask
 
 
 def term(effect: str, *parameters: str, **more: object) -> Term:
@@ -126,3 +128,14 @@ def test_advice_names_the_drives_of_both_effects_once() -> None:
     assert "" == advice("centrifugal_growth", ())
     assert 1 == advice(rounding, (scale,)).count(EFFECTS[rounding].telling_drive)
     assert advice("road_grade", ("wear",)).startswith("to tell road_grade from wear: ")
+
+
+@pytest.mark.parametrize(("driven", "limited"), [("rear", [0.005, 0.003]), ("front", [0.011, -0.003])])
+def test_limits_of_brake_slip_hold_for_drive_and_brakes_together(driven: str, limited: list[float]) -> None:
+    """On the driven axle the slip of the drive adds to that of the brakes; on the other it does not."""
+    car = replace(perfect(CIRCLE).car, driven=driven_mask(driven))
+    terms = [term("brake_slip", "front", "rear"), term("longitudinal_slip", "slip_per_accel")]
+
+    into = with_completions(terms, completions_of(car))
+
+    assert pytest.approx([*limited, 0.006]) == into @ [0.005, -0.003, 0.006]

@@ -186,6 +186,12 @@ class Effect:
         return {p.name: (p.limits[0] - p.neutral, p.limits[1] - p.neutral) for p in numbers}
 
     @classmethod
+    def completed_by(cls, car: Car) -> Mapping[str, str]:
+        """By parameter, the parameter of other effects that adds to it on the same wheels of this car: limits
+        hold for the sum."""
+        return {}
+
+    @classmethod
     def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
         """On which wheels it shows, where these of its parameters were fitted."""
         return WHEELS

@@ -6,7 +6,7 @@ what the data say against two values that one force makes together.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -26,6 +26,25 @@ def bounds_of(car: Car) -> Bounds:
         for name, effect in EFFECTS.items()
         for parameter, limits in effect.limits(car).items()
     }
+
+
+def completions_of(car: Car) -> Mapping[tuple[str, str], str]:
+    """By effect and parameter, the parameter of other effects to which the limits of the sum apply."""
+    return {
+        (name, parameter): other
+        for name, effect in EFFECTS.items()
+        for parameter, other in effect.completed_by(car).items()
+    }
+
+
+def with_completions(terms: Sequence[Term], completions: Mapping[tuple[str, str], str]) -> FloatArray:
+    """(k, k) from all fitted values of the terms to the values that limits apply to."""
+    names = [(which, name) for which, term in enumerate(terms) for name in term.parameters]
+    out = np.eye(len(names))
+    for row, (which, name) in enumerate(names):
+        other = completions.get((terms[which].effect, name))
+        out[row] += [other == theirs and one != which for one, theirs in names]
+    return out
 
 
 def thinkable(term: Term, values: FloatArray, bounds: Bounds) -> bool:

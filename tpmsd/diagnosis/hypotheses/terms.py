@@ -38,7 +38,6 @@ Name = tuple[str, ...]
 RAMPED, SLIPPING = "deviation_m", "slip"
 """Parameter that is linear, of a ramp of the radius and of an event."""
 
-
 RAMPED_PLACES = ("fl", "fr", "rl", "rr", "front", "rear", "left", "right")
 """Wheels, axles and sides whose radii may change alike."""
 PULSED = ("fl", "fr", "rl", "rr", "front", "rear")
@@ -148,6 +147,8 @@ class Hypotheses:
 
     bounds: Mapping[tuple[str, str], tuple[float, float]] = MappingProxyType({})
     """Of the values, by effect and parameter: what may be fitted on this car."""
+    completions: Mapping[tuple[str, str], str] = MappingProxyType({})
+    """By effect and parameter, the other effects' parameter that its bounds include."""
     radius_m: FloatArray = np.full(4, 0.3)
     driven: np.ndarray = np.ones(4, dtype=np.bool_)
     """(4,) each, of the car."""

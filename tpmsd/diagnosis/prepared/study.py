@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tpmsd.diagnosis.hypotheses.joint_terms import JointHypotheses, OwnNames, is_copied, is_own
-from tpmsd.diagnosis.hypotheses.plausible import bounds_of
+from tpmsd.diagnosis.hypotheses.plausible import bounds_of, completions_of
 from tpmsd.diagnosis.hypotheses.response import (
     available,
     ramp_knots,
@@ -50,7 +50,7 @@ class Study:
         self.drives = tuple(drives)
         self.hypotheses = self._alone() if len(readers) == 1 else self._together()
         car = readers[0].reference.car
-        self.hypotheses.bounds = bounds_of(car)
+        self.hypotheses.bounds, self.hypotheses.completions = bounds_of(car), completions_of(car)
         self.hypotheses.radius_m, self.hypotheses.driven = car.radius_m, car.driven
         self.grid = self.hypotheses.width
         """Places in the common index from here on are of exact columns."""

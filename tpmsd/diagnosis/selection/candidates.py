@@ -6,6 +6,7 @@ term must beat an effect by a share of its gain: no effect's formula is the last
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -36,6 +37,15 @@ class Candidates:
         if key not in self._gains:
             self._gains[key] = self.evidence.fit(self.design(terms)).gain
         return self._gains[key]
+
+    def _worth(self, terms: Sequence[Term]) -> float:
+        """Log-likelihood of calibration and terms, less what these cost."""
+        return self.gain(terms) - sum(term.penalty for term in terms)
+
+    def _first(self, terms: Sequence[Term], which: int) -> float:
+        """The first value of one of the terms in the joint fit."""
+        start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in terms[:which])
+        return float(self.evidence.fit(self.design(terms)).values[start])
 
     def heldout(self, terms: Sequence[Term]) -> float:
         """Log-likelihood of blocks held out, of calibration and these terms."""
@@ -100,6 +110,23 @@ class Candidates:
                 if single[i].key != single[j].key:
                     price = single[i].penalty + single[j].penalty
                     out.append((float(gain[i, j]) - price, [single[i], single[j]]))
+        return sorted(out, key=lambda entry: -entry[0])
+
+    def pairs_over(self, covariate: str, chosen: Sequence[Term]) -> list[tuple[float, list[Term]]]:
+        """As `pairs`, for effects of any number of values that show over a covariate."""
+        gram, b = self.evidence.projected(self.design(chosen))
+        taken = {term.key for term in chosen}
+        over = [
+            term
+            for term in self.hypotheses.catalogue
+            if not term.free and term.kind_of.shows_in[1] == covariate and term.key not in taken
+        ]
+        out = []
+        for one, other in itertools.combinations(over, 2):
+            if one.key != other.key:
+                both = np.concatenate([one.design[1:], other.design[1:]], axis=1)
+                gain, _ = group_gain(both, gram, b)
+                out.append((gain - one.penalty - other.penalty, [one, other]))
         return sorted(out, key=lambda entry: -entry[0])
 
     def foremost(self, chosen: list[Term]) -> list[tuple[float, list[Term]]]:

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.plausible import against_ratio, ratio_limits, thinkable
+from tpmsd.diagnosis.hypotheses.plausible import against_ratio, ratio_limits, thinkable, with_completions
 from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term, group_gain
 from tpmsd.diagnosis.selection.candidates import Candidates
 from tpmsd.diagnosis.selection.chosen import Chosen, Selection
@@ -47,7 +47,7 @@ class Selector(Candidates):
             best = self._best_addition(chosen)
             if best is None:
                 break
-            exchanged = self._prune(self._exchanged_patterns(self._exchange(chosen + best)))
+            exchanged = self._prune(self._named(self._exchanged_patterns(self._exchange(chosen + best))))
             # What was exchanged may then fall for its scatter, and leave less than there was.
             added = exchanged if self._worth(exchanged) >= self._worth(chosen) else self._prune(chosen + best)
             if self._worth(added) < self._worth(chosen):
@@ -146,12 +146,15 @@ class Selector(Candidates):
         )
 
     def _fitted(self, terms: list[Term]) -> Iterator[tuple[Term, FloatArray, FloatArray]]:
-        """Each term with its values in the joint fit and their covariance."""
+        """Each term with the values in the joint fit that its limits apply to, and their covariance."""
         fit = self.evidence.fit(self.design(terms))
-        at = self.hypotheses.nuisance.shape[1]
+        first = self.hypotheses.nuisance.shape[1]
+        into = with_completions(terms, self.hypotheses.completions)
+        values, covariance = into @ fit.values[first:], into @ fit.covariance[first:, first:] @ into.T
+        at = 0
         for term in terms:
             here = slice(at, at + term.design.shape[1])
-            yield term, fit.values[here], fit.covariance[here, here]
+            yield term, values[here], covariance[here, here]
             at = here.stop
 
     def _possible(self, terms: list[Term]) -> bool:
@@ -295,18 +298,24 @@ class Selector(Candidates):
                     return self._exchanged_patterns(best)
         return chosen
 
-    def _worth(self, terms: Sequence[Term]) -> float:
-        """Log-likelihood of calibration and terms, less what these cost."""
-        return self.gain(terms) - sum(term.penalty for term in terms)
+    def _named(self, chosen: list[Term]) -> list[Term]:
+        """Replace a shape, and effects over the same covariate, by two effects that explain more.
+
+        Neither alone need explain it: driven wheels slip under power, all wheels under braking.
+        """
+        for shape in [term for term in chosen if term.free and not term.pulse]:
+            others = [term for term in chosen if term is not shape]
+            for rest in (others, [t for t in others if t.kind_of.shows_in[1] != shape.covariate]):
+                for _, terms in self.pairs_over(shape.covariate, rest)[: SETTINGS.selection.pairs_tried]:
+                    named = self._prune([*rest, *terms])
+                    better = self._worth(named) > self._worth(chosen) + SETTINGS.selection.exchange_nats
+                    if better and self._sane(named):
+                        return self._named(named)
+        return chosen
 
     def _independent(self, terms: list[Term], term: Term, gain: float) -> bool:
         """Whether a term brings most of its gain beside its rival too: then they explain different things."""
         return self.gain([*terms, term]) - self.gain(terms) > SETTINGS.selection.independent_share * gain
-
-    def _first(self, terms: Sequence[Term], which: int) -> float:
-        """The first value of one of the terms in the joint fit."""
-        start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in terms[:which])
-        return float(self.evidence.fit(self.design(terms)).values[start])
 
     def _prune(self, chosen: list[Term]) -> list[Term]:
         while len(chosen) > 1:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,8 +17,9 @@ class BrakeSlip(Effect):
     """omega * r = v * (1 - c * max(-a_x, 0)), c for each axle: brakes act on all wheels, in other shares than
     drive.
 
-    a_x is the specific force. Source: linear slip stiffness, F_x = C * s, and a brake balance of two thirds
-    in front (Gustafsson, Automatica 33(6), 1997; Gillespie, ch. 3): 1e-3 to 5e-3 s2/m.
+    a_x is the specific force. Slip under drive force acts for either sign of it: beside that, c of a driven
+    axle is what the brakes make beyond it. Source: linear slip stiffness, F_x = C * s, and a brake balance
+    of two thirds in front (Gustafsson, Automatica 33(6), 1997; Gillespie, ch. 3): 1e-3 to 5e-3 s2/m.
     """
 
     name = "brake_slip"
@@ -54,6 +56,12 @@ class BrakeSlip(Effect):
     )
     front: float
     rear: float
+
+    @classmethod
+    def completed_by(cls, car: Car) -> Mapping[str, str]:
+        """Slip per deceleration of a driven axle is that of drive and brakes together."""
+        axles = {"front": IS_FRONT, "rear": ~IS_FRONT}
+        return {name: "slip_per_accel" for name, axle in axles.items() if car.driven[axle].all()}
 
     @classmethod
     def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
