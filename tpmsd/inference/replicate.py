@@ -61,7 +61,7 @@ def _memory_s(correlation: float) -> float:
 
 def _rotation(reader: Reader, model: ExtendedModel, noise: Noise, rng: np.random.Generator) -> FloatArray:
     """(n, 4) turn of each wheel in each tick; NaN where it was not read."""
-    recording, motion, car = reader.recording, reader.reference.motion, reader.reference.car
+    recording, motion, car = reader.recording, reader.felt(model), reader.reference.car
     dt, n = recording.dt_s, recording.ticks
     speed = np.maximum(motion.speed_mps, 0.0)
     way = 0.5 * (speed[1:] + speed[:-1]) * dt
@@ -86,7 +86,7 @@ def _rotation(reader: Reader, model: ExtendedModel, noise: Noise, rng: np.random
 
 def _gyro(reader: Reader, model: ExtendedModel, noise: Noise, rng: np.random.Generator) -> FloatArray:
     """(n,) NaN where it was not read."""
-    recording, motion, car = reader.recording, reader.reference.motion, reader.reference.car
+    recording, motion, car = reader.recording, reader.felt(model), reader.reference.car
     dt, n = recording.dt_s, recording.ticks
     edges = gyro_rates(motion, car, model)
     bias = np.cumsum(noise.gyro_drift_radps * math.sqrt(dt / WINDOW_S) * rng.standard_normal(n))
@@ -99,7 +99,7 @@ def _fixes(
     reader: Reader, model: ExtendedModel, noise: Noise, rng: np.random.Generator
 ) -> dict[str, FloatArray]:
     """Positions, speeds and courses (m,) each; NaN where the receiver gave none."""
-    recording, motion, car = reader.recording, reader.reference.motion, reader.reference.car
+    recording, motion, car = reader.recording, reader.felt(model), reader.reference.car
     dt, n = recording.dt_s, recording.ticks
     time_s, count = recording.fix_time_s, len(recording.fix_time_s)
 
@@ -113,10 +113,11 @@ def _fixes(
     when = time_s - model.fix_age_s() - slow(noise.clock_s, noise.clock_tau_s)
     antenna = antenna_truth(motion, car, model)
 
-    def at(values: FloatArray) -> FloatArray:
-        return np.interp(when, motion.time_s, values)
+    def at(values: FloatArray, older_s: float = 0.0) -> FloatArray:
+        return np.interp(when - older_s, motion.time_s, values)
 
-    ve, vn = at(antenna.shown_east_mps), at(antenna.shown_north_mps)
+    lag = model.velocity_age_s()
+    ve, vn = at(antenna.shown_east_mps, lag), at(antenna.shown_north_mps, lag)
     speed = np.hypot(ve, vn)
     course = np.arctan2(vn, ve)
     across = slow(noise.cross_mps, memory_s) + white(noise.cross_white_mps)

@@ -158,7 +158,7 @@ class Reader:
 
     def predict(self, model: ExtendedModel, radii_m: FloatArray | None = None) -> FloatArray:
         """(w, 9) what the channels would read if the car moved as the reference does and the model acted."""
-        motion, car = self._felt(model), self.reference.car
+        motion, car = self.felt(model), self.reference.car
         out = np.empty((len(self._kept), CHANNELS))
         base = None if radii_m is None else radii_m + model.radius_change_m(motion, car)
         out[:, :GYRO] = self._ways(motion, model, base)
@@ -172,7 +172,7 @@ class Reader:
         Only the channels are predicted on which the effect acts.
         """
         before, model = self.predicted(base), base.plus(effect)
-        motion, acting = self._felt(model), acts_on(effect)
+        motion, acting = self.felt(model), acts_on(effect)
         out = np.zeros((len(self._kept), CHANNELS))
         rolling = self._rolling_at(base)
         if WHEELS_READ in acting and rolling is not None and acts_by_tyres(effect):
@@ -190,11 +190,11 @@ class Reader:
         """How the wheels turn at a model; None where it holds errors of teeth."""
         if self._wheels is None or self._wheels[0] is not base:
             teeth = any(acts_by_teeth(effect) for effect in base)
-            made = None if teeth else Rolling.of(self._felt(base), self.reference.car, base)
+            made = None if teeth else Rolling.of(self.felt(base), self.reference.car, base)
             self._wheels = base, made
         return self._wheels[1]
 
-    def _felt(self, model: ExtendedModel) -> Motion:
+    def felt(self, model: ExtendedModel) -> Motion:
         """The reference's motion on the slopes that the wheels feel."""
         motion = self.reference.motion
         if (felt := model.grade_factor()) == 1.0:
