@@ -36,7 +36,9 @@ def reader() -> Reader:
 def noise(reader: Reader) -> Noise:
     """Of no size; time constants as they are."""
     first = Noise.first(reader.recording.quantum_rad, reader.reference.car.radius_m)
-    sizes = {one.name: 0.0 for one in fields(first) if not one.name.endswith(("tau_s", "memory", "reading_m"))}
+    sizes = {
+        one.name: 0.0 for one in fields(first) if not one.name.endswith(("tau_s", "memory", "reading_m"))
+    }
     return replace(first, **sizes, reading_m=np.zeros(4))
 
 
@@ -47,7 +49,7 @@ def shown(reader: Reader, model: ExtendedModel, noise: Noise) -> FloatArray:
 
 
 def test_each_effect_acts_in_a_replicate_as_in_a_prediction(reader: Reader, noise: Noise) -> None:
-    """Every effect that is looked for changes a replicate by what it changes the prediction, alone and large."""
+    """Every effect, large ones too, changes a replicate by what it changes the prediction."""
     effects: list[Effect] = [*(probe.made() for probe in probes()), *LARGE]
     before, predicted = shown(reader, ExtendedModel(), noise), reader.predict(ExtendedModel())
     assert np.nan_to_num(before - predicted) == pytest.approx(np.zeros(before.shape), abs=1e-6)
