@@ -11,6 +11,10 @@ finding; its null distribution is that of the largest penalised gain among all a
 so that their number is accounted for (Westfall and Young, Resampling-Based Multiple Testing, 1993). What
 residual and covariates share by the reference motion, a replicate shares as well.
 
+A replicate holds all that the model says and no more. Where the recording does, the residual on held-out
+stretches is larger than expected, and log-likelihood ratios grow with it: they are divided by that
+dispersion, as in a quasi-likelihood (McCullagh and Nelder, Generalized Linear Models, 1989, chapter 9).
+
 Drawing stops early (Besag and Clifford, Biometrika 78, 1991) once every finding was exceeded several times,
 or is beyond doubt. Where no replicate reaches a finding, its p-value is that of the Gumbel distribution of
 the replicates' maxima (as Knijnenburg et al., Bioinformatics 25, 2009, extend the tail of permutations).
@@ -83,7 +87,8 @@ def certified(
     """The diagnosis with p-values from at most so many replicates."""
     if replicates < 1 or study.simulation:
         return diagnosis
-    statistics = [_statistic(study, selection, evidence, one) for one in diagnosis.findings]
+    dispersion = max(diagnosis.model_rms**2, 1.0)
+    statistics = [_statistic(study, selection, evidence, one, dispersion) for one in diagnosis.findings]
     statistics.append(_of_the_rest(study, selection, evidence))
     models = [_model(study, selection, number) for number in range(len(study.drives))]
     drawn: list[list[float]] = [[] for _ in statistics]
@@ -225,13 +230,16 @@ def _model(study: Study, selection: Selection, drive: int) -> ExtendedModel:
     return ExtendedModel(tuple(effects))
 
 
-def _statistic(study: Study, selection: Selection, evidence: Evidence, finding: Finding) -> Statistic:
+def _statistic(
+    study: Study, selection: Selection, evidence: Evidence, finding: Finding, dispersion: float
+) -> Statistic:
     if finding.p_value is not None:  # what it was found in is not drawn again
         return Statistic(finding.gain, lambda again: 0.0)
     which = _of(selection, finding)
     if which is None:
         return Statistic(finding.gain, _largest_ripple)
-    return _of_term(study, selection, evidence, which)
+    one = _of_term(study, selection, evidence, which)
+    return replace(one, value=one.value / dispersion)
 
 
 def _of_the_rest(study: Study, selection: Selection, evidence: Evidence) -> Statistic:
