@@ -1,4 +1,5 @@
-"""What a command leaves out until it is needed: modules, the collection of cycles, giving memory back.
+"""What a command leaves out until it is needed: modules, the collection of cycles, giving memory back; and
+what it must not wait for.
 
 In: nothing. Out: nothing; import system, collector or allocator are told. python-can imports asammdf
 wherever that is installed, and asammdf pandas: a second and 90 MB, of which only MF4 files make use.
@@ -71,3 +72,15 @@ def no_collection() -> Iterator[None]:
     finally:
         if before:
             gc.enable()
+
+
+_BLAS_SIZE = 128
+"""Rows of matrices that are too large for BLAS's kernels without a work space."""
+
+
+def reserve_linear_algebra() -> None:
+    """Let BLAS take its work space now: OpenBLAS ends the process where it gets none at a later first use."""
+    import numpy as np
+
+    square = np.eye(_BLAS_SIZE)
+    np.linalg.cholesky(square @ square)

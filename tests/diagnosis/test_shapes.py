@@ -85,10 +85,9 @@ def test_finer_knots_reach_into_the_tails_and_never_stand_on_too_little() -> Non
     assert hat_functions(values, knots).sum(axis=1) == pytest.approx(np.ones(len(values)))
 
 
-def test_what_the_form_of_a_shape_leaves_gets_no_name() -> None:
-    """Brakes of another balance than the engine's: each axle slips in its own way, by what no effect of the
-    catalogue says. The shape over acceleration is found, and no receiver is late because of what it leaves.
-    """
+def test_brakes_of_another_balance_than_the_engine_get_their_names() -> None:
+    """Each axle slips in its own way: the slip under drive and what brakes add to it, and no receiver is late
+    because of it."""
     spec = Spec(duration_s=800.0, road="mixed")
     rng = np.random.default_rng(51)
     plain = course(spec, rng)
@@ -99,6 +98,11 @@ def test_what_the_form_of_a_shape_leaves_gets_no_name() -> None:
     slipping = replace(plain, spin=spin)
     diagnosis = diagnose([recording_of(observe(slipping, spec, rng, 51))])
 
-    assert "unknown" in [finding.effect for finding in diagnosis.findings]
-    assert not {"gnss_latency", "longitudinal_slip"} & {finding.effect for finding in diagnosis.findings[1:]}
-    assert "accel_long" == diagnosis.findings[0].where.covariate
+    assert ["longitudinal_slip", "brake_slip"] == [finding.effect for finding in diagnosis.findings]
+    found = {**diagnosis.findings[0].parameters, **diagnosis.findings[1].parameters}
+    truth = {"slip_per_accel": 9e-3, "slip_per_speed2": 4e-6, "front": -3e-3, "rear": 3e-3}
+    for name, value in truth.items():
+        quantity = found[name]
+        assert isinstance(quantity.value, float)
+        assert quantity.std is not None
+        assert pytest.approx(value, abs=3.0 * quantity.std + 0.02 * abs(value)) == quantity.value

@@ -17,6 +17,7 @@ from tpmsd.config.gnss_source import parse_source
 from tpmsd.config.model import GnssConfig
 from tpmsd.config.problems import BadValueError
 from tpmsd.errors import ConfigError
+from tpmsd.lean import reserve_linear_algebra
 
 if TYPE_CHECKING:
     from tpmsd.config.model import Config
@@ -101,6 +102,7 @@ def run(args: argparse.Namespace) -> int:
         raise ConfigError(f"--duration {args.duration:g} is not a time to run")
     clock = Clock(args.speed_up)
     config, warnings = configuration(args)
+    reserve_linear_algebra()
     log = set_up_logging(args.verbose)
     for warning in warnings:
         log.warning("%s", warning)

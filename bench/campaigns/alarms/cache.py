@@ -159,6 +159,8 @@ def code_of(roots: list[str]) -> list[Path]:
         if found is None or found.origin is None:
             continue
         seen[name] = Path(found.origin)
+        if seen[name].suffix != ".py":  # a compiled kernel imports nothing of ours
+            continue
         for node in ast.walk(ast.parse(seen[name].read_text(encoding="utf-8"))):
             if isinstance(node, ast.ImportFrom) and node.module:
                 todo += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
