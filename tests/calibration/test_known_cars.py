@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.worlds.kinematic import Drive
+from bench.campaigns.diagnosis.draw import draw_case
+from bench.worlds.instruments import observe
+from bench.worlds.kinematic import Drive, course
 from tests.calibration.drives import configured, recorded, recording_of
 from tpmsd.calibration.calibrate import calibrate
 from tpmsd.calibration.joint import JointFit, fit
@@ -134,3 +136,17 @@ def test_what_confounds_radii_is_estimated_along(country: Drive) -> None:
     assert max(found.track_rear_std_m, found.track_front_std_m) < 0.06
     assert abs(load.value - physics["load_transfer_lateral"]["coefficient"]) < 3.3 * load.std < 5e-5
     assert abs(age.value - 0.15) < 3.3 * age.std + 0.01
+
+
+def test_a_late_receiver_is_linearised_about_its_latency() -> None:
+    """Courses of a receiver 0.16 s late bend within that time; what a linear column leaves is no drift of its
+    age, which took the place of the latency."""
+    case = draw_case("longitudinal_slip+gnss_latency", 2.0, 9)
+    spec = dataclasses.replace(case.spec, duration_s=480.0)
+    rng = np.random.default_rng(case.world_seed)
+    made = observe(course(spec, rng), spec, rng, case.world_seed)
+    age = calibrate([recording_of(made)], configured(spec))[0].effects["latency@0"]
+
+    truth = case.spec.physics["gnss_latency"]["latency_s"]
+    assert pytest.approx(truth, abs=2.0 * age.std) == age.value
+    assert age.std < 0.03
