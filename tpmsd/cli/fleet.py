@@ -73,6 +73,7 @@ def add_parser(subparsers: Subparsers) -> None:
     sql = parts.add_parser("sql", help="ask the tables: drives wheels alarms findings statistics")
     sql.add_argument("store", type=Path, metavar="STORE")
     sql.add_argument("query", metavar="QUERY")
+    sql.set_defaults(free_text=("query",))
     _optional_json(sql)
 
 

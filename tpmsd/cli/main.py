@@ -6,6 +6,7 @@ and `run(args) -> int`; only the one that is asked for is imported, since numpy 
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import importlib
 import importlib.util
@@ -14,6 +15,7 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
+from pathlib import Path
 
 from tpmsd import __version__
 from tpmsd.cli.output import Subparsers
@@ -96,17 +98,21 @@ def _shortened(name: str, longest: int = 100) -> str:
     return name if len(name) <= longest else f"{name[:longest]}..."
 
 
-def _without_control_characters(arguments: Sequence[str]) -> None:
-    """ConfigError on an argument with a line end or the like: messages and logs are one line each."""
-    for argument in arguments:
-        if any(ord(letter) < 32 or ord(letter) == 127 for letter in argument) and "sql" not in arguments:
-            raise ConfigError(f"{argument!r}: names and values cannot hold line ends or control characters")
+def _refuse_control_characters(args: argparse.Namespace) -> None:
+    """ConfigError on a value with a line end or the like: messages and logs are one line each. What a command
+    lists as `free_text` may hold them."""
+    for name, value in vars(args).items():
+        for one in value if isinstance(value, list) else [value]:
+            held = (
+                str(one) if isinstance(one, str | Path) and name not in getattr(args, "free_text", ()) else ""
+            )
+            if any(ord(letter) < 32 or ord(letter) == 127 for letter in held):
+                raise ConfigError(f"{held!r}: names and values cannot hold line ends or control characters")
 
 
 def _run(arguments: list[str], commands: Commands) -> int:
     parser, subparsers = _top_parser()
     wanted = next((argument for argument in arguments if not argument.startswith("-")), None)
-    _without_control_characters(arguments)
     runner, chosen = None, parser
     for name, module_name, summary in commands:
         if importlib.util.find_spec(module_name) is None:
@@ -126,6 +132,7 @@ def _run(arguments: list[str], commands: Commands) -> int:
     if runner is None:
         parser.print_help(sys.stderr)
         return 2
+    _refuse_control_characters(args)
     return int(runner(args))
 
 

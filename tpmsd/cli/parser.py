@@ -74,8 +74,8 @@ class Parser(argparse.ArgumentParser):
         super().__init__(*args, **kwargs)
 
     def error(self, message: str) -> NoReturn:
-        """Wrong usage."""
-        raise ConfigError(f"{message} (usage: {self.prog} --help)")
+        """Wrong usage, in one line whatever the arguments hold."""
+        raise ConfigError(f"{' '.join(message.split())} (usage: {self.prog} --help)")
 
     def refuse_unknown(self, unknown: list[str]) -> NoReturn:
         """Arguments that this command does not have, with the nearest option where one is near."""
