@@ -165,7 +165,7 @@ def test_without_descriptors_ticks_go_on(tmp_path: Path) -> None:
 
 def test_power_that_fails_every_ten_seconds_loses_nothing_learned(tmp_path: Path) -> None:
     """Killed at random ticks, with a clock that begins in 1970 each time: the first tick within two seconds,
-    what is taken up only grows, no false alarm; once the power stays, a puncture is found."""
+    what is learned only grows, no false alarm; once the power stays, a puncture is found."""
     lives = brown_out(340.0, 2, tmp_path)
 
     assert [] == problems(lives)
