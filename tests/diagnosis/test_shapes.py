@@ -99,6 +99,7 @@ def test_brakes_of_another_balance_than_the_engine_get_their_names() -> None:
     diagnosis = diagnose([recording_of(observe(slipping, spec, rng, 51))])
 
     assert ["longitudinal_slip", "brake_slip"] == [finding.effect for finding in diagnosis.findings]
+    assert "accel_long" == diagnosis.findings[0].where.covariate
     found = {**diagnosis.findings[0].parameters, **diagnosis.findings[1].parameters}
     truth = {"slip_per_accel": 9e-3, "slip_per_speed2": 4e-6, "front": -3e-3, "rear": 3e-3}
     for name, value in truth.items():
