@@ -4,10 +4,11 @@ In: the rear wheels' speed and difference, the receiver's reference, its latency
 
     course = constant + S(difference) / track + tyres S(v) + x_a r / v - tau r - c v r - l S(v^2 r)
 
-within each block, S the integral over time (rigid body to first order in r x / v). l is the share by which
-load on the outer tyres adds to a turn: their radius shrinks, so they turn faster. The heading is the integral
-of the wheels' difference, so that rounding of their counts does not add up, as it would in rates. A course
-is as uncertain as the receiver's velocity across the car over the speed; rows are weighted by the speed.
+within each block, S the integral over time (rigid body to first order in r x / v). Load on the outer tyres
+makes their radii smaller, R -+ c a_lat with a_lat = v r, so they turn faster in a bend: l = 2 c / (R track).
+The heading is the integral of the wheels' difference, so that rounding of their counts does not add up, as
+it would in rates. A course is as uncertain as the receiver's velocity across the car over the speed; rows
+are weighted by the speed.
 
 A lever arm, a latency and a side slip differ in their power of the speed alone, and so do a track and the
 load of the outer tyres. So the latency comes from the speed's own regression, and track, side slip and load
