@@ -18,18 +18,23 @@ from tpmsd.physics.catalogue import EFFECTS, EVENTS
 
 
 @pytest.mark.parametrize(
-    ("slip", "duration_s", "driven", "named"),
+    ("slip", "duration_s", "driven", "axle", "named"),
     [
-        (0.012, 40.0, True, ["wheel_spin"]),
-        (0.012, 40.0, False, []),
-        (-0.05, 5.0, False, ["wheel_lock"]),
-        (-0.005, 300.0, True, []),
-        (0.001, 40.0, True, []),
+        (0.012, 40.0, True, True, ["wheel_spin"]),
+        (0.012, 40.0, False, True, []),
+        (-0.05, 5.0, False, False, ["wheel_lock"]),
+        (-0.005, 300.0, True, True, []),
+        (-0.011, 300.0, True, True, ["chains"]),
+        (-0.011, 300.0, True, False, []),
+        (0.001, 40.0, True, True, []),
     ],
 )
-def test_what_may_be_an_event(slip: float, duration_s: float, driven: bool, named: list[str]) -> None:
-    """Only driven wheels spin; what is small or lasts for minutes is a change of the tyre or a warm brake."""
-    assert named == [name for name in EVENTS if EFFECTS[name].fits_span(slip, duration_s, driven)]
+def test_what_may_be_an_event(
+    slip: float, duration_s: float, driven: bool, axle: bool, named: list[str]
+) -> None:
+    """Only driven wheels spin, only whole axles bear chains; what is small or lasts for minutes is a
+    change of the tyre or a warm brake."""
+    assert named == [name for name in EVENTS if EFFECTS[name].fits_span(slip, duration_s, driven, axle)]
 
 
 def test_both_wheels_of_an_axle_that_spin_on_ice_are_one_finding() -> None:

@@ -215,10 +215,10 @@ class Effect:
         return 0.0
 
     @classmethod
-    def fits_span(cls, slip: float, duration_s: float, driven: bool) -> bool:
+    def fits_span(cls, slip: float, duration_s: float, driven: bool, axle: bool) -> bool:
         """Of an event: whether wheels that turn faster by this share for so long may show it.
 
-        `driven` says whether all of the wheels are driven.
+        `driven` says whether all of the wheels are driven, `axle` whether they are both of an axle.
         """
         return False
 

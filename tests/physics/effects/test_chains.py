@@ -18,18 +18,22 @@ def test_nine_millimetres_make_a_driven_axle_turn_slower_while_they_are_on() -> 
 
 
 @pytest.mark.parametrize(
-    ("slip", "duration_s", "driven", "fits"),
+    ("slip", "duration_s", "driven", "axle", "fits"),
     [
-        (-0.03, 600.0, True, True),
-        (-0.03, 600.0, False, False),
-        (-0.03, 60.0, True, False),
-        (0.03, 600.0, True, False),
-        (-0.004, 600.0, True, False),
-        (-0.2, 600.0, True, False),
+        (-0.03, 600.0, True, True, True),
+        (-0.03, 600.0, True, False, False),
+        (-0.03, 600.0, False, True, False),
+        (-0.03, 60.0, True, True, False),
+        (0.03, 600.0, True, True, False),
+        (-0.004, 600.0, True, True, False),
+        (-0.2, 600.0, True, True, False),
     ],
 )
-def test_it_is_long_and_of_the_driven_axle(slip: float, duration_s: float, driven: bool, fits: bool) -> None:
-    """What is shorter is a locked wheel, what is thinner a tyre; an axle without drive needs no chains."""
+def test_it_is_long_and_of_the_driven_axle(
+    slip: float, duration_s: float, driven: bool, axle: bool, fits: bool
+) -> None:
+    """What is shorter is a locked wheel, what is thinner a tyre; an axle without drive
+    needs no chains, and one wheel alone bears none."""
     cls = type(make_effect("chains", wheels="front", slip=-0.03, onset_s=0.0, duration_s=1.0))
 
-    assert fits == cls.fits_span(slip, duration_s, driven)
+    assert fits == cls.fits_span(slip, duration_s, driven, axle)

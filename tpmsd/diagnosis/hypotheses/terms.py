@@ -266,7 +266,7 @@ class Hypotheses:
 
     def mean_radius_m(self, place: str) -> float:
         """Of the wheels of a place."""
-        return float(np.mean([self.radius_m[WHEELS.index(wheel)] for wheel in PATTERNS[place]]))
+        return float(self.radius_m[list(wheels_of(place))].mean())
 
     def pulse_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
         """For each wheel and axle the best pulse (a ramp up between two knots, one down between two others),
@@ -301,8 +301,9 @@ class Hypotheses:
 
     def _events(self, place: str, slip: float, duration_s: float) -> list[str]:
         """Events that make these wheels slip so for so long."""
-        driven = all(self.driven[WHEELS.index(wheel)] for wheel in PATTERNS[place])
-        return [name for name in EVENTS if EFFECTS[name].fits_span(slip, duration_s, driven)]
+        wheels = list(wheels_of(place))
+        driven, axle = bool(self.driven[wheels].all()), len(wheels) == 2
+        return [name for name in EVENTS if EFFECTS[name].fits_span(slip, duration_s, driven, axle)]
 
     def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
         """For each wheel, and each pair that may change alike, the best ramp and its gain.
@@ -342,9 +343,8 @@ class Hypotheses:
             if name[0] == "smooth":
                 at = (name[1], name[2])
                 number[at] = max(number.get(at, 0), int(name[3]) + 1)
-        covariates = sorted({covariate for _, covariate in number})
         out = []
-        for covariate in covariates:
+        for covariate in sorted({covariate for _, covariate in number}):
             for pattern, places in _patterns():
                 if any(("smooth", place, covariate, "0") not in self.place for place, _ in places):
                     continue

@@ -44,6 +44,7 @@ class Chains(SlipEvent):
     )
 
     @classmethod
-    def fits_span(cls, slip: float, duration_s: float, driven: bool) -> bool:
-        """A driven axle that turns slower by the thickness of a chain, for longer than a wheel locks."""
-        return driven and -THICKEST <= slip <= -THINNEST and duration_s > LONGEST_S
+    def fits_span(cls, slip: float, duration_s: float, driven: bool, axle: bool) -> bool:
+        """A driven axle that turns slower by the thickness of a chain, for longer than a wheel locks; a wheel
+        alone bears no chain (it would pull the car aside)."""
+        return driven and axle and -THICKEST <= slip <= -THINNEST and duration_s > LONGEST_S
