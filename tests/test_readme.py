@@ -71,16 +71,6 @@ def test_the_readme_is_short() -> None:
     assert len(README.splitlines()) <= 120
 
 
-def test_the_docs_are_short() -> None:
-    """At most 25,000 words, the generated list of effects among them; bars of tables are none."""
-    words = {
-        page.name: len(re.findall(r"[^\s|]*\w[^\s|]*", page.read_text(encoding="utf-8")))
-        for page in (REPO / "docs").rglob("*.md")
-    }
-
-    assert sum(words.values()) <= 25_000, words
-
-
 def anchors(text: str) -> set[str]:
     """The anchors of a page's headings, as the forges and mkdocs make them."""
     headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
