@@ -188,6 +188,7 @@ def main() -> int:
     parser.add_argument("--named", action="store_true", help="only the mutations by name")
     parser.add_argument("--sample", type=int, default=25, help="places of each room")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--all", action="store_true", help="a line for killed mutants, too")
     parser.add_argument("rooms", nargs="*", help=f"default: all of {' '.join(ROOMS)}")
     args = parser.parse_args()
     if unknown := sorted(set(args.rooms) - set(ROOMS)):
@@ -211,16 +212,15 @@ def main() -> int:
             if fails(tests, left_out, 3600.0):
                 raise SystemExit(f"{' '.join(tests)} fail without a mutation; see {TREE / 'build.log'}")
             limits[tests] = 20.0 + PATIENCE * (time.monotonic() - began)
-        survivors = [
-            (module, text)
-            for module, text in mutants
-            if not killed(module, text, tests, left_out, limits[tests])
-        ]
-        total, dead = total + len(mutants), dead + len(mutants) - len(survivors)
+        room_dead = 0
+        for module, text in mutants:
+            died = killed(module, text, tests, left_out, limits[tests])
+            room_dead += died
+            if args.all or not died:
+                print(f"  {'killed' if died else 'survived'}: {shown(module, text)}", flush=True)
+        total, dead = total + len(mutants), dead + room_dead
         if not args.named:
-            print(f"{name:14s} {len(mutants) - len(survivors):3d} of {len(mutants):3d} killed", flush=True)
-        for module, text in survivors:
-            print(f"  survived: {shown(module, text)}", flush=True)
+            print(f"{name:14s} {room_dead:3d} of {len(mutants):3d} killed", flush=True)
     print(f"{dead} of {total} killed, {100.0 * dead / max(total, 1):.0f} %")
     return 0 if dead >= (total if args.named else BAR * total) else 1
 
