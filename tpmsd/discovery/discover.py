@@ -207,30 +207,42 @@ def _plausible(one: Follower, settings: Settings) -> bool:
 
 
 def _disjoint(found: Sequence[Follower]) -> list[Follower]:
-    """Of readings that share bits the one that follows best, the widest of equals."""
+    """Of readings that share bits the one that follows best, the smoothest and widest of equals."""
     kept: list[Follower] = []
     used: dict[int, list[set[int]]] = {}
-    for best in sorted(found, key=lambda f: -f.r2):
-        key, bits = best.series.field.key, _bits_of(best.series.field)
-        others = used.setdefault(key, [])
-        if any(bits & other for other in others):
+    for first in sorted(found, key=lambda f: -f.r2):
+        others = used.setdefault(first.series.field.key, [])
+        if any(_bits_of(first.series.field) & other for other in others):
             continue
-        one = best
-        for wider in found:
-            same = wider.series.field.key == key and wider.series.kind == best.series.kind
-            wide = _bits_of(wider.series.field) if same else set()
+        equals = [
+            one
+            for one in found
+            if one.series.field.key == first.series.field.key
+            and one.series.kind == first.series.kind
+            and one.r2 > first.r2 - _EQUAL_R2
+            and not any(_bits_of(one.series.field) & other for other in others)
+        ]
+        best = _smoothest(first, equals)
+        one, bits = best, _bits_of(best.series.field)
+        for wider in equals:
+            wide = _bits_of(wider.series.field)
             order = wider.series.field.place.big_endian == best.series.field.place.big_endian
-            if (
-                len(wide) > len(bits)
-                and wide > bits
-                and (order or len(bits) <= 8)
-                and wider.r2 > best.r2 - _EQUAL_R2
-                and not any(wide & other for other in others)
-            ):
+            if len(wide) > len(bits) and wide > bits and (order or len(bits) <= 8):
                 one, bits = wider, wide
         kept.append(one)
         others.append(bits)
     return kept
+
+
+def _smoothest(first: Follower, equals: Sequence[Follower]) -> Follower:
+    """Of readings that share bits with the first one, the one with the least steps in m/s.
+
+    The high byte of one wheel's speed and the low byte of its neighbour's make a number that follows the
+    car's speed as well as either wheel: it jumps wherever one of them carries and the other does not yet.
+    """
+    bits = _bits_of(first.series.field)
+    rivals = [one for one in equals if bits & _bits_of(one.series.field)]
+    return min(rivals, key=lambda one: (one.series.step_rms / one.per_mps, -one.r2))
 
 
 def _bits_of(one: Field) -> set[int]:

@@ -66,6 +66,8 @@ class Series:
     period_s: float = 0.0
     no_value: frozenset[int] = frozenset()
     """Raw numbers that stand for no value, beside those that the DBC names."""
+    step_rms: float = 0.0
+    """Root mean square of a value's steps from frame to frame, in raw units; 0 for counters."""
 
 
 def as_value(field: Field, log: MessageLog, raw: RawArray, edges: FloatArray) -> Series:
@@ -84,7 +86,10 @@ def as_value(field: Field, log: MessageLog, raw: RawArray, edges: FloatArray) ->
     if invalid := field.invalid | no_value:
         value[np.isin(raw, np.array(sorted(invalid), dtype=np.uint64))] = np.nan
     means = cell_means(log.time_s, value, edges)
-    return Series(field, "value", means, period_s=log.period_s, no_value=no_value)
+    step = np.diff(value)
+    known = np.isfinite(step)
+    rms = float(np.sqrt(np.mean(step[known] ** 2))) if known.any() else 0.0
+    return Series(field, "value", means, period_s=log.period_s, no_value=no_value, step_rms=rms)
 
 
 def _no_value(raw: RawArray) -> frozenset[int]:
