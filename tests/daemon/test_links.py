@@ -198,7 +198,7 @@ def test_a_controller_at_its_limit_is_told_and_taken_back(caplog: pytest.LogCapt
     link = link_of(bus)
     link.service(0.0)
     hints = []
-    for now_s in (1.0, 2.0, 70.0):
+    for now_s in (100.0, 101.0, 160.5):
         for error in (passive, active):
             bus.waiting = [good, error, good]
             assert [good, good] == link.read(now_s)
@@ -272,6 +272,15 @@ def test_an_interface_that_is_not_there_is_a_bus_that_is_down() -> None:
     """Opening what does not exist ends in one line, whatever this machine's kernel can do."""
     with pytest.raises(CanDown, match="no-such-can"):
         open_can(CONFIG, None, "no-such-can")
+
+
+def test_an_interface_that_is_up_is_not_called_down(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only the interface's own flag says that it is down; what else is wrong has its own reason."""
+    for up in (True, False):
+        monkeypatch.setattr("tpmsd.daemon.bus_link._is_up", lambda channel, up=up: up)
+        with pytest.raises(CanDown) as told:
+            open_can(CONFIG, None, "no-such-can")
+        assert up == ("the interface is down" not in str(told.value))
 
 
 def receiver(device: str) -> ReceiverLink:

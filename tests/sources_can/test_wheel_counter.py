@@ -225,6 +225,48 @@ def test_a_new_level_is_a_new_segment() -> None:
     assert {"rl.jump": 1} == dict(wheel.faults.counts)
 
 
+def test_even_readings_are_believed_against_the_speed_before() -> None:
+    """After frozen frames that said 0, six readings in a row of a fast wheel begin a segment."""
+    wheel = Wheel()
+    wheel.drive(0.0, 1.0, 0.0)
+
+    wheel.drive(1.0, 1.05, 60.0)
+    assert 0 == wheel.counter.segment
+    wheel.drive(1.05, 1.15, 60.0, start=math.floor(0.05 * 60.0 / M_PER_COUNT))
+    assert 1 == wheel.counter.segment
+
+
+def test_sparse_odd_readings_are_not_believed() -> None:
+    """Readings further apart than the time over which a speed is taken do not agree, however even."""
+    wheel = Wheel()
+    wheel.drive(0.0, 1.0, 0.0)
+
+    wheel.drive(1.0, 2.6, 60.0, period_s=0.2)
+    assert 0 == wheel.counter.segment
+
+
+def test_odd_readings_among_sound_ones_are_not_believed() -> None:
+    """Two frames of another counter after each sound one never make six in a row."""
+    wheel = Wheel()
+    total = wheel.drive(0.0, 1.0, 5.0)
+
+    for step in range(1, 91):
+        if step % 3 == 0:
+            wheel.feed(1.0 + step * PERIOD_S, total + math.floor(5.0 * step * PERIOD_S / M_PER_COUNT))
+        else:
+            wheel.feed(1.0 + step * PERIOD_S, 20000 + math.floor(60.0 * step * PERIOD_S / M_PER_COUNT))
+    assert 0 == wheel.counter.segment
+
+
+def test_a_missing_frame_before_the_speed_is_known_begins_a_segment() -> None:
+    """One period of a small counter has one answer, two have several."""
+    for interval_s, segment in ((0.1, 0), (0.2, 1)):
+        wheel = Wheel(bits=8)
+        wheel.feed(0.0, 0, 0.1)
+        (sample,) = wheel.feed(interval_s, 100, 0.1)
+        assert segment == sample.segment
+
+
 def test_a_reset_is_a_new_segment() -> None:
     """A counter that falls to near zero and goes on from there was reset."""
     wheel = Wheel()
