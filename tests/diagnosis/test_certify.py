@@ -16,6 +16,9 @@ from tpmsd.diagnosis.prepared.drive_study import first_noise
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.robustness.certify import certified, discoveries, p_value, without
 from tpmsd.diagnosis.robustness.negative_control import negative_control
+from tpmsd.diagnosis.selection.candidates import Candidates
+from tpmsd.diagnosis.settings import SETTINGS
+from tpmsd.inference.least_squares import Evidence
 from tpmsd.inference.recording import Recording
 from tpmsd.inference.replicate import replicate
 from tpmsd.inference.trajectory import reference
@@ -90,6 +93,25 @@ def test_a_replicate_is_the_drive_with_new_errors(recording: Recording) -> None:
     assert np.nanstd(left[:, COURSE] * speed) == pytest.approx(noise.cross_mps, rel=0.25)
     assert 1.0 < np.nanstd(left[:, EAST]) < 5.0
     assert recording.inertial["accel_lat_mps2"] is again.inertial["accel_lat_mps2"]
+
+
+def test_a_replicate_of_a_car_far_off_holds_chance_alone(recording: Recording) -> None:
+    """Two fine encoders, one on a wheel 8 % too large: nothing is left that any hypothesis would explain."""
+    far = dataclasses.replace(
+        recording,
+        rotation_rad=recording.rotation_rad * np.array([np.nan, np.nan, 44.0 / 48.0, 1.0]),
+        quantum_rad=np.full(4, 1e-4),
+        inertial={**recording.inertial, "yaw_rate_radps": np.full(recording.ticks, np.nan)},
+    )
+    study = Study([Reader(far, reference(far))])
+    (studied,) = study.drives
+    nothing = ExtendedModel()
+    drawn = replicate(studied.reader, nothing, studied.noise, np.random.default_rng(4))
+
+    evidence = Evidence([studied.repeated(drawn, nothing).part()], study.width)
+
+    best, _ = Candidates(evidence, study.hypotheses).candidates([])[0]
+    assert best < SETTINGS.selection.admit_nats
 
 
 def test_p_values_are_uniform_where_nothing_is_to_find() -> None:

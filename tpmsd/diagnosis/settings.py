@@ -151,6 +151,11 @@ class PreparationSettings:
     """Of all drives together: beyond an hour blocks grow, so that memory is bounded."""
     windows_at_once: int = 32
     """Of all columns that fit into a processor's cache while they are laid side by side."""
+    most_moves: int = 8
+    """Of radii and motion of a replicate. After one, a radius that is 8 % off leaves products that gain a
+    thousand nats, a wheel that locks 75; five leave none."""
+    moved_nats: float = 0.1
+    """Gain of the last move: far below what any term costs."""
     noises_kept: int = 2
     """Under which a drive's whitened columns are kept: an alternative is tried beside the present one."""
 

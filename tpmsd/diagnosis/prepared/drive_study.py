@@ -7,6 +7,7 @@ What was asked for under a noise before is kept, and only columns that were adde
 from __future__ import annotations
 
 import copy
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -144,21 +145,18 @@ class DriveStudy:
         used = np.flatnonzero(fitted)
         left = self.columns[:, :, 0] - self.columns[:, :, 1 + used] @ fitted[used]
         made = Whitener.of(self.reader.windows, self.noise, np.isfinite(left), self.inflate)
-        self._moved_to(base, radii_m, values, left, made)
+        self._move(base, radii_m, left, made)
+        self._linearise(base, values)
 
-    def _moved_to(
-        self,
-        base: ExtendedModel,
-        radii_m: FloatArray,
-        values: FloatArray,
-        left: FloatArray,
-        made: Whitener,
-    ) -> None:
-        """All columns anew, about the motion that what is left (w, 9) of the channels shows by the gains
-        `made` of before."""
-        self.base, self.values = base, values
+    def _move(self, model: ExtendedModel, radii_m: FloatArray, left: FloatArray, made: Whitener) -> None:
+        """Take radii (4,) and the motion that what is left (w, 9) of the channels shows by the gains `made`,
+        where a model acts."""
         errors = made.smooth(made.apply(left[:, :, None])[:, :, 0])
-        self.reader.recalibrate(radii_m, base, errors)
+        self.reader.recalibrate(radii_m, model, errors)
+
+    def _linearise(self, base: ExtendedModel, values: FloatArray) -> None:
+        """All columns anew, about the present motion."""
+        self.base, self.values = base, values
         arrays = linear_columns(self.reader, self.knots, base).arrays
         arrays += [one.column(self.reader, base) for one in self.refined]
         residual = self.reader.windows.measured - self.reader.predict(base)
@@ -167,27 +165,44 @@ class DriveStudy:
         self.columns = stacked(residual, arrays)
         self._kept = []
 
-    def repeated(self, recording: Recording) -> DriveStudy:
-        """The same columns under the same noise, of a replicate of this drive's recording.
+    def repeated(self, recording: Recording, model: ExtendedModel) -> DriveStudy:
+        """The same columns under the same noise, of a replicate of this drive's recording that a model made.
 
-        Its reference motion is made anew from the replicate, and moved by its own smoothed errors once: what
-        it shares with the residual it shares here as well.
+        Its reference motion is made anew from the replicate, and moved by its own smoothed errors: what it
+        shares with the residual it shares here as well.
         """
         out = copy.copy(self)
         out.reader = Reader(recording, reference(recording), kept=self.reader.windows.index)
-        windows = out.reader.windows
-        out.blocks = np.zeros(len(windows), dtype=int)
+        out.blocks = np.zeros(len(out.reader.windows), dtype=int)
         out.inflate = None
-        residual = windows.measured - out.reader.predict(self.base)
-        calibration = radius_columns(out.reader).arrays
+        out._settle(model)
+        out._linearise(self.base, self.values)
+        return out
+
+    def _settle(self, model: ExtendedModel) -> None:
+        """Calibrate radii and motion where a model acts, by Gauss-Newton until nothing is gained."""
+        before = math.inf
+        for _ in range(SETTINGS.preparation.most_moves):
+            left = self._calibrate(model)
+            if before - left < SETTINGS.preparation.moved_nats:
+                break
+            before = left
+
+    def _calibrate(self, model: ExtendedModel) -> float:
+        """Calibrate the radii, and move the motion by its smoothed errors; half the sum of squares (nats)
+        that was left before."""
+        windows = self.reader.windows
+        residual = windows.measured - self.reader.predict(model)
+        calibration = radius_columns(self.reader).arrays
         made = Whitener.of(windows, self.noise, np.isfinite(residual))
         white = made.apply(stacked(residual, calibration)).reshape(-1, 1 + len(calibration))
         fitted = np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
         left = residual - sum(value * column for value, column in zip(fitted, calibration, strict=True))
-        radii = out.reader.reference.car.radius_m.copy()
-        radii[recording.wheels] += fitted[: len(recording.wheels)]
-        out._moved_to(self.base, radii, self.values, left, made)
-        return out
+        radii = self.reader.reference.car.radius_m.copy()
+        wheels = self.reader.recording.wheels
+        radii[wheels] += fitted[: len(wheels)]
+        self._move(model, radii, left, made)
+        return 0.5 * float(np.sum((white[:, 0] - white[:, 1:] @ fitted) ** 2))
 
     def under(self, noise: Noise | None = None, inflate: FloatArray | None = None) -> DriveStudy:
         """The same columns under another noise, or with other factors on the variances, to be tried; this

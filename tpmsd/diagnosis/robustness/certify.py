@@ -211,7 +211,9 @@ def _again(study: Study, models: Sequence[ExtendedModel], rng: np.random.Generat
         replicate(drive.reader, model, drive.noise, rng)
         for drive, model in zip(study.drives, models, strict=True)
     ]
-    drives = [drive.repeated(one) for drive, one in zip(study.drives, recordings, strict=True)]
+    drives = [
+        drive.repeated(one, model) for drive, one, model in zip(study.drives, recordings, models, strict=True)
+    ]
     return Replicate(Evidence([drive.part() for drive in drives], study.width), tuple(recordings))
 
 
