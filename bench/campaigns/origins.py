@@ -79,6 +79,7 @@ def make(job: Job, folder: Path, places: Places) -> dict[str, Any]:
         "tags": list(drive.spec.tags),
         "duration_s": float(drive.time_s[-1]),
         "receiver_hz": spec.receiver_hz,
+        "velocity_lag_s": spec.doppler_age_s,
         "bus": [spec.wheel_signal, spec.wheel_hz, spec.teeth, spec.with_gyro, spec.with_accel],
     }
     if job.kind == "spin_on_ice":

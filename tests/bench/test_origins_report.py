@@ -57,6 +57,16 @@ def test_what_a_multibody_cars_own_tyres_do_is_no_false_finding() -> None:
     assert "| 1/1 = " in next(line for line in lines if line.startswith("| mems"))
 
 
+def test_the_lag_that_a_receiver_was_drawn_with_is_no_false_finding() -> None:
+    """90 ms found as 89 is true; where there is none, or half as much, it is false."""
+    lag = finding("velocity_lag", parameters={"lag_s": [0.089, 0.004]})
+    rows = [row("traffic", k, lag, velocity_lag_s=true) for k, true in enumerate([0.09, 0.0, 0.045])]
+    line = next(line for line in markdown(rows).splitlines() if line.startswith("| traffic"))
+
+    assert "| 2/3 = " in line
+    assert line.endswith("| velocity_lag 2 |")
+
+
 def test_halves_are_reported_apart() -> None:
     """Seeds from 50000 on are the held-out half."""
     text = markdown([row("mems", 1), row("mems", 50_001, finding("unknown"))])
