@@ -12,7 +12,8 @@ import pytest
 from tests.bridges.databroker import Databroker, databroker
 from tests.bridges.documents import WHEEL, alarm, document
 from tpmsd.bridges.summary import summarise
-from tpmsd.bridges.vss import RETRY_S, VssBridge, VssSettings, pressure_low
+from tpmsd.bridges.vss import VssBridge, pressure_low
+from tpmsd.bridges.vss_connection import RETRY_S, DatabrokerSettings
 from tpmsd.bridges.vss_names import IS_PRESSURE_LOW
 
 LOG = logging.getLogger("tests.vss")
@@ -51,7 +52,7 @@ def test_values_are_written_when_they_change_and_every_period() -> None:
     """Four values at first, one for an alarm, four again after the period; without a daemon none is known."""
     broker = Databroker()
     with databroker(broker) as port:
-        bridge = VssBridge(VssSettings("localhost", port, period_s=10.0), LOG)
+        bridge = VssBridge(DatabrokerSettings("localhost", port), LOG, period_s=10.0)
         bridge.step(document(), 0.0)
         bridge.step(document(), 1.0)
         assert [(path, False) for path in PATHS] == broker.written
@@ -73,7 +74,7 @@ def test_a_databroker_that_was_away_is_told_all(caplog: pytest.LogCaptureFixture
     caplog.set_level(logging.INFO)
     with socket.create_server(("localhost", 0)) as probe:
         port = probe.getsockname()[1]
-    bridge = VssBridge(VssSettings("localhost", port), LOG)
+    bridge = VssBridge(DatabrokerSettings("localhost", port), LOG)
     bridge.step(document(alarm()), 0.0)
     bridge.step(document(alarm()), 2.0)
     now_s, broker, began_s = 4.0, Databroker(), time.monotonic()
@@ -89,9 +90,9 @@ def test_a_databroker_that_was_away_is_told_all(caplog: pytest.LogCaptureFixture
 
 def test_a_signal_that_is_not_in_the_specification_is_left_out(caplog: pytest.LogCaptureFixture) -> None:
     """A databroker that has only one of the signals gets that; each of the others is named once."""
-    broker = Databroker((PATHS[3],))
+    broker = Databroker({PATHS[3]: "bool"})
     with databroker(broker) as port:
-        bridge = VssBridge(VssSettings("localhost", port), LOG)
+        bridge = VssBridge(DatabrokerSettings("localhost", port), LOG)
         for now_s in (0.0, 20.0):
             bridge.step(document(alarm(wheel="rr")), now_s)
     assert [(PATHS[3], True)] * 2 == broker.written
@@ -102,8 +103,8 @@ def test_a_token_is_sent_and_a_missing_one_is_reported(caplog: pytest.LogCapture
     """A databroker that asks for a token takes values with it, and refuses them without."""
     broker = Databroker(token="s3cret")
     with databroker(broker) as port:
-        VssBridge(VssSettings("localhost", port), LOG).step(document(), 0.0)
+        VssBridge(DatabrokerSettings("localhost", port), LOG).step(document(), 0.0)
         assert [] == broker.written
-        VssBridge(VssSettings("localhost", port, token="s3cret"), LOG).step(document(), 0.0)
+        VssBridge(DatabrokerSettings("localhost", port, token="s3cret"), LOG).step(document(), 0.0)
     assert 4 == len(broker.written)
     assert ["the databroker does not take values (unauthenticated); trying again"] == caplog.messages

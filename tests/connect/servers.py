@@ -9,6 +9,7 @@ import shutil
 import signal
 import socket
 import subprocess
+import sys
 import time
 import tty
 from collections.abc import Callable, Iterator, Sequence
@@ -19,6 +20,8 @@ import pytest
 
 PATHS = f"{os.environ.get('PATH', '')}:/usr/sbin:/sbin"
 """Debian keeps gpsd and mosquitto where an ordinary user does not look."""
+
+PATIENCE_S = 60.0
 
 Value = TypeVar("Value")
 
@@ -88,6 +91,34 @@ class Server:
 
     def __exit__(self, *_: object) -> None:
         self.stop()
+
+
+class Process:
+    """A program of tpmsd that may be killed and started again."""
+
+    def __init__(self, folder: Path, *arguments: str) -> None:
+        self._command = [sys.executable, "-m", "tpmsd", *arguments]
+        self._log = folder / f"{'-'.join(arguments[:2])}.log"
+        self._process: subprocess.Popen[bytes] | None = None
+        self.start()
+
+    def start(self) -> None:
+        with self._log.open("ab") as log:
+            self._process = subprocess.Popen(self._command, stdout=log, stderr=log)
+
+    @property
+    def pid(self) -> int:
+        assert self._process is not None
+        return self._process.pid
+
+    def lives(self) -> bool:
+        assert self._process is not None
+        return self._process.poll() is None
+
+    def end(self, number: signal.Signals) -> int:
+        assert self._process is not None
+        self._process.send_signal(number)
+        return self._process.wait(PATIENCE_S)
 
 
 @contextlib.contextmanager

@@ -9,8 +9,6 @@ import contextlib
 import logging
 import os
 import signal
-import subprocess
-import sys
 import time
 import urllib.request
 from collections.abc import Callable, Iterator
@@ -26,7 +24,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 
 from tests.bridges.databroker import Databroker, databroker
 from tests.bridges.documents import alarm, document, served
-from tests.connect.servers import Server, free_port, program, wait_for
+from tests.connect.servers import PATIENCE_S, Process, Server, free_port, program, wait_for
 from tests.connect.test_dbus import bus, listener
 from tests.daemon.fakes import car
 from tpmsd.bridges.dbus import NAME
@@ -36,7 +34,6 @@ from tpmsd.pipeline import Pipeline
 from tpmsd.sinks.status_client import StatusError, read_status
 
 KILLS = int(os.environ.get("TPMSD_KILLS", "2"))
-PATIENCE_S = 60.0
 LOG = logging.getLogger("tests.connect")
 RAISED_S = 1_700_000_000.0
 ALARM = {
@@ -49,34 +46,6 @@ ALARM = {
     "pressure_loss_std": None,
     "since": "",
 }
-
-
-class Process:
-    """A program of tpmsd that may be killed and started again."""
-
-    def __init__(self, folder: Path, *arguments: str) -> None:
-        self._command = [sys.executable, "-m", "tpmsd", *arguments]
-        self._log = folder / f"{'-'.join(arguments[:2])}.log"
-        self._process: subprocess.Popen[bytes] | None = None
-        self.start()
-
-    def start(self) -> None:
-        with self._log.open("ab") as log:
-            self._process = subprocess.Popen(self._command, stdout=log, stderr=log)
-
-    @property
-    def pid(self) -> int:
-        assert self._process is not None
-        return self._process.pid
-
-    def lives(self) -> bool:
-        assert self._process is not None
-        return self._process.poll() is None
-
-    def end(self, number: signal.Signals) -> int:
-        assert self._process is not None
-        self._process.send_signal(number)
-        return self._process.wait(PATIENCE_S)
 
 
 def car_with_an_alarm(folder: Path) -> Path:

@@ -12,39 +12,14 @@ import logging
 import math
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from tpmsd.bridges.summary import MALFUNCTION, Summary, summarise
+from tpmsd.bridges.vss_connection import RETRY_S, Connection, DatabrokerSettings
 from tpmsd.bridges.vss_names import IS_PRESSURE_LOW, MEANS_LOW
-from tpmsd.errors import ConfigError
 
-CALL_S = 2.0
-"""How long the databroker may take for one value."""
-RETRY_S = 1.0
-"""From a failure to the next try."""
-CHANNEL = (
-    ("grpc.initial_reconnect_backoff_ms", 200),
-    ("grpc.max_reconnect_backoff_ms", 5000),
-    ("grpc.enable_http_proxy", 0),
-)
-"""gRPC's own waits would be two minutes; a databroker is not behind a web proxy."""
 WATCHED = frozenset({"monitoring", "alarm"})
 """States of a wheel in which it is known whether it is soft."""
-
-
-@dataclass(frozen=True, slots=True)
-class VssSettings:
-    """Where the databroker is, and how it is spoken to."""
-
-    host: str
-    port: int
-    period_s: float = 10.0
-    ca: Path | None = None
-    """TLS with this authority (PEM)."""
-    token: str | None = None
-    """JSON Web Token, where the databroker asks for one."""
 
 
 def pressure_low(summary: Summary) -> dict[str, bool | None]:
@@ -65,27 +40,9 @@ def pressure_low(summary: Summary) -> dict[str, bool | None]:
 class VssBridge:
     """One databroker, one daemon."""
 
-    def __init__(self, settings: VssSettings, log: logging.Logger) -> None:
-        """ConfigError where kuksa-client is not installed or the authority cannot be read."""
-        try:
-            import grpc
-            from kuksa.val.v2 import types_pb2, val_pb2, val_pb2_grpc
-        except ImportError:
-            raise ConfigError("kuksa-client is not installed: pip install 'tpmsd[vss]'") from None
-        self._settings, self._log = settings, log
-        self._types, self._requests = types_pb2, val_pb2
-        self._error, self._unknown = grpc.RpcError, grpc.StatusCode.NOT_FOUND
-        target = f"{settings.host}:{settings.port}"
-        if settings.ca is None:
-            self._channel = grpc.insecure_channel(target, options=CHANNEL)
-        else:
-            try:
-                credentials = grpc.ssl_channel_credentials(settings.ca.read_bytes())
-            except OSError as error:
-                raise ConfigError(f"{settings.ca}: {error.strerror or error}") from None
-            self._channel = grpc.secure_channel(target, credentials, options=CHANNEL)
-        self._stub = val_pb2_grpc.VALStub(self._channel)
-        self._header = [] if settings.token is None else [("authorization", f"Bearer {settings.token}")]
+    def __init__(self, settings: DatabrokerSettings, log: logging.Logger, period_s: float = 10.0) -> None:
+        """All values are told again every `period_s`. ConfigError as `Connection` has it."""
+        self._databroker, self._log, self._period_s = Connection(settings), log, period_s
         self._told: dict[str, bool | None] = {}
         self._absent: set[str] = set()
         """Wheels for which the databroker's specification has no signal."""
@@ -99,7 +56,7 @@ class VssBridge:
                 self.step(document, time.monotonic())
         finally:
             self.step(None, math.inf)
-            self._channel.close()
+            self._databroker.close()
 
     def step(self, document: dict[str, Any] | None, now_s: float) -> None:
         """Take one document, and tell what is new in it."""
@@ -110,7 +67,7 @@ class VssBridge:
                 return
             values = pressure_low(summary)
         if now_s >= self._due_s:
-            self._told, self._due_s = {}, now_s + self._settings.period_s
+            self._told, self._due_s = {}, now_s + self._period_s
         if now_s < self._again_s:
             return
         for wheel, low in values.items():
@@ -123,18 +80,19 @@ class VssBridge:
 
     def _publish(self, wheel: str, low: bool | None) -> bool:
         """Tell one value; False if it is to be tried again."""
-        point = self._types.Datapoint()
+        databroker = self._databroker
+        point = databroker.types.Datapoint()
         point.timestamp.GetCurrentTime()
         if low is not None:
             point.value.bool = low
-        request = self._requests.PublishValueRequest(
-            signal_id=self._types.SignalID(path=IS_PRESSURE_LOW[wheel]), data_point=point
+        request = databroker.requests.PublishValueRequest(
+            signal_id=databroker.types.SignalID(path=IS_PRESSURE_LOW[wheel]), data_point=point
         )
         try:
-            self._stub.PublishValue(request, timeout=CALL_S, metadata=self._header)
-        except self._error as error:
-            if error.code() is not self._unknown:
-                self._say(f"the databroker does not take values ({error.code().name.lower()})")
+            databroker.call("PublishValue", request)
+        except databroker.error as error:
+            if (reason := databroker.failure(error)) != "not_found":
+                self._say(f"the databroker does not take values ({reason})")
                 return False
             self._absent.add(wheel)
             self._log.warning("the databroker does not know %s: left out", IS_PRESSURE_LOW[wheel])

@@ -1,7 +1,8 @@
 """`tpmsd bridge mqtt | prometheus | dbus | vss`: the daemon's state to other systems, in its own process.
 
 In: the daemon's status socket. Out: MQTT messages, metrics over HTTP, D-Bus signals, or signals of the
-Vehicle Signal Specification, until SIGTERM or Ctrl-C.
+Vehicle Signal Specification, until SIGTERM or Ctrl-C. `vss --input` goes the other way: wheel speeds of a
+databroker onto a CAN bus.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import os
 import re
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from tpmsd.bridges.dbus import DbusBridge
     from tpmsd.bridges.mqtt import MqttBridge, MqttSettings
     from tpmsd.bridges.vss import VssBridge
+    from tpmsd.bridges.vss_connection import DatabrokerSettings
 
 MQTT_PORT, MQTT_TLS_PORT, METRICS_PORT = 1883, 8883, 9838
 CREDENTIAL = "tpmsd-mqtt-password"
@@ -44,6 +46,8 @@ examples:
   tpmsd bridge prometheus                      metrics on http://127.0.0.1:{METRICS_PORT}/metrics
   tpmsd bridge dbus                            signals of org.tpmsd.Tpmsd1 on the system bus
   tpmsd bridge vss --databroker localhost      Tire.IsPressureLow of each wheel to a KUKSA databroker
+  tpmsd bridge vss --print-dbc > vss.dbc
+  tpmsd bridge vss --databroker localhost --input vcan0    its wheel speeds and position, as frames of vss.dbc
 
 A password or token comes from a file, or from the systemd credential {CREDENTIAL} or {VSS_CREDENTIAL};
 never from the command line.
@@ -90,11 +94,26 @@ def add_parser(subparsers: Subparsers) -> None:
     dbus.add_argument(
         "--bus", metavar="BUS", default="system", help="system, session or unix:path=... (default: system)"
     )
-    vss = kinds.add_parser("vss", help="soft tyres to a KUKSA databroker (Vehicle Signal Specification)")
+    vss = kinds.add_parser(
+        "vss",
+        help="soft tyres to a KUKSA databroker (Vehicle Signal Specification), or its wheel speeds to us",
+    )
     vss.add_argument("--databroker", metavar="HOST[:PORT]", required=True, help=f"default port: {VSS_PORT}")
     vss.add_argument(
         "--period", metavar="S", type=float, default=10.0, help="all values every S seconds (10)"
     )
+    vss.add_argument(
+        "--input",
+        metavar="CHANNEL",
+        help="the other way: wheel speeds and position onto this CAN interface, a vcan",
+    )
+    vss.add_argument(
+        "--interface",
+        metavar="NAME",
+        default="socketcan",
+        help="of --input, by python-can (default: socketcan)",
+    )
+    vss.add_argument("--print-dbc", action=_PrintDbc, help="print the DBC of --input's frames and exit")
     vss.add_argument("--ca", metavar="FILE", type=Path, help="TLS with this authority (PEM)")
     vss.add_argument("--token-file", metavar="FILE", type=Path, help="file with the databroker's token")
     for kind in (mqtt, metrics, dbus, vss):
@@ -102,11 +121,26 @@ def add_parser(subparsers: Subparsers) -> None:
         kind.add_argument("-v", "--verbose", action="store_true", help="log more")
 
 
+class _PrintDbc(argparse.Action):
+    """Prints `vss.dbc` and ends the program, as `--help` does."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:  # noqa: A002
+        super().__init__(option_strings, dest, nargs=0, help=help)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from tpmsd.bridges.vss_frames import vss_dbc
+
+        print(vss_dbc(), end="")
+        parser.exit()
+
+
 def run(args: argparse.Namespace) -> int:
     """Run the bridge until it is told to stop."""
     from tpmsd.daemon.journal import set_up_logging
 
     log = set_up_logging(args.verbose)
+    if args.bridge == "vss" and args.input is not None:
+        return _vss_input(args, log)
     path = daemon_socket(args)
     if args.bridge == "prometheus":
         from tpmsd.bridges.prometheus import serve
@@ -141,15 +175,31 @@ def _bridge(args: argparse.Namespace, log: logging.Logger) -> MqttBridge | DbusB
 
 
 def _vss(args: argparse.Namespace, log: logging.Logger) -> VssBridge:
+    from tpmsd.bridges.vss import VssBridge
+
+    _check_period(args.period)
+    return VssBridge(_databroker_settings(args), log, args.period)
+
+
+def _vss_input(args: argparse.Namespace, log: logging.Logger) -> int:
+    from tpmsd.bridges.can_wire import CanWire
+    from tpmsd.bridges.vss_input import VssInput
+
+    source = VssInput(_databroker_settings(args), CanWire(args.interface, args.input, log), log)
+    with contextlib.suppress(_Stop, KeyboardInterrupt), _until_told(None):
+        source.run()
+    return 0
+
+
+def _databroker_settings(args: argparse.Namespace) -> DatabrokerSettings:
     from tpmsd.bridges.secrets import secret
-    from tpmsd.bridges.vss import VssBridge, VssSettings
+    from tpmsd.bridges.vss_connection import DatabrokerSettings
 
     host, port = _address("--databroker", args.databroker, VSS_PORT)
     token = secret(args.token_file, VSS_CREDENTIAL, os.environ)
-    _check_period(args.period)
     if token is not None and args.ca is None:
         _refuse_in_the_clear("a token", host, "--ca")
-    return VssBridge(VssSettings(host, port, args.period, args.ca, token), log)
+    return DatabrokerSettings(host, port, args.ca, token)
 
 
 class _Stop(Exception):  # noqa: N818 -- no error

@@ -1,0 +1,109 @@
+"""A CAN bus that frames are put on, opened again when it was away.
+
+In: frames. Out: whether each was taken. A SocketCAN interface must be virtual: a bridge has no business on a
+car's own bus, and `can0` is easily typed for `vcan0`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import math
+import socket
+import struct
+import time
+
+import can
+
+from tpmsd.bridges.vss_frames import Frame
+from tpmsd.errors import ConfigError
+
+RETRY_S = 1.0
+"""From a failure to the next try."""
+VIRTUAL = frozenset({"vcan", "vxcan"})
+_RTM_GETLINK, _NLM_F_REQUEST, _IFLA_LINKINFO, _IFLA_INFO_KIND = 18, 1, 18, 1
+"""Linux's numbers (linux/rtnetlink.h, netlink.h, if_link.h)."""
+_HEADERS = struct.Struct("=LHHLLBxHiII")
+"""struct nlmsghdr and ifinfomsg."""
+_ATTRIBUTE = struct.Struct("=HH")
+
+
+def link_kind(name: str) -> str | None:
+    """Kind of a network interface: `vcan`, `vxcan`, '' for hardware; None where there is no such one."""
+    try:
+        index = socket.if_nametoindex(name)
+        with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as netlink:
+            netlink.settimeout(1.0)
+            netlink.send(_HEADERS.pack(_HEADERS.size, _RTM_GETLINK, _NLM_F_REQUEST, 1, 0, 0, 0, index, 0, 0))
+            answer = netlink.recv(1 << 16)
+    except OSError:
+        return None
+    information = _attributes(answer[_HEADERS.size :]).get(_IFLA_LINKINFO, b"")
+    return _attributes(information).get(_IFLA_INFO_KIND, b"").rstrip(b"\0").decode("ascii", "replace")
+
+
+def _attributes(data: bytes) -> dict[int, bytes]:
+    """Netlink attributes by type: length and type, then what they hold, filled up to multiples of four."""
+    found = {}
+    while len(data) >= _ATTRIBUTE.size:
+        length, number = _ATTRIBUTE.unpack_from(data)
+        if length < _ATTRIBUTE.size:
+            break
+        found[number] = data[_ATTRIBUTE.size : length]
+        data = data[(length + 3) & ~3 :]
+    return found
+
+
+class CanWire:
+    """One bus."""
+
+    def __init__(self, interface: str, channel: str, log: logging.Logger) -> None:
+        """ConfigError for a SocketCAN interface that is not virtual. A bus that is not there may come."""
+        self._interface, self._channel, self._log = interface, channel, log
+        if interface == "socketcan" and link_kind(channel) not in (None, *VIRTUAL):
+            raise ConfigError(f"{channel} is no virtual CAN interface: values of VSS go on a vcan alone")
+        self._bus: can.BusABC | None = None
+        self._again_s = -math.inf
+        self._said = ""
+
+    def send(self, frame: Frame) -> bool:
+        """Put a frame on the bus; False if the bus is away."""
+        try:
+            if self._bus is None and not self._opened():
+                return False
+            assert self._bus is not None
+            self._bus.send(
+                can.Message(arbitration_id=frame.identifier, data=frame.data, is_extended_id=False)
+            )
+        except Exception as error:
+            # Each of python-can's backends has its own exceptions, from its driver's to ImportError.
+            self._lose(" ".join(str(error).split()))
+            return False
+        if self._said:
+            self._log.info("CAN %s takes frames", self._channel)
+            self._said = ""
+        return True
+
+    def _opened(self) -> bool:
+        """Whether the bus could be opened now; not tried more often than every `RETRY_S`."""
+        now_s = time.monotonic()
+        if now_s < self._again_s:
+            return False
+        self._again_s = now_s + RETRY_S
+        if self._interface == "socketcan" and link_kind(self._channel) not in VIRTUAL:
+            raise OSError("no such virtual CAN interface")
+        self._bus = can.Bus(interface=self._interface, channel=self._channel)
+        return True
+
+    def _lose(self, reason: str) -> None:
+        self.close()
+        if reason != self._said:
+            self._log.warning("CAN %s: %s; trying again", self._channel, reason)
+        self._said = reason
+
+    def close(self) -> None:
+        """Close the bus, if it is open."""
+        if self._bus is not None:
+            with contextlib.suppress(Exception):
+                self._bus.shutdown()
+            self._bus = None

@@ -1,0 +1,80 @@
+"""A connection to a KUKSA databroker (gRPC, kuksa.val.v2), for both directions.
+
+In: where it is, and how it is spoken to. Out: the calls of its service with their messages. Nothing is sent
+before the first call; gRPC connects again by itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tpmsd.errors import ConfigError
+
+CALL_S = 2.0
+"""How long the databroker may take for one answer."""
+RETRY_S = 1.0
+"""From a failure to the next try."""
+CHANNEL = (
+    ("grpc.initial_reconnect_backoff_ms", 200),
+    ("grpc.max_reconnect_backoff_ms", 5000),
+    ("grpc.enable_http_proxy", 0),
+)
+"""gRPC's own waits would be two minutes; a databroker is not behind a web proxy."""
+
+
+@dataclass(frozen=True, slots=True)
+class DatabrokerSettings:
+    """Where the databroker is, and how it is spoken to."""
+
+    host: str
+    port: int
+    ca: Path | None = None
+    """TLS with this authority (PEM)."""
+    token: str | None = None
+    """JSON Web Token, where the databroker asks for one."""
+
+
+class Connection:
+    """The service `VAL` of one databroker."""
+
+    def __init__(self, settings: DatabrokerSettings) -> None:
+        """ConfigError where kuksa-client is not installed or the authority cannot be read."""
+        try:
+            import grpc
+            from kuksa.val.v2 import types_pb2, val_pb2, val_pb2_grpc
+        except ImportError:
+            raise ConfigError("kuksa-client is not installed: pip install 'tpmsd[vss]'") from None
+        self.types: Any = types_pb2
+        self.requests: Any = val_pb2
+        self.error: type[Exception] = grpc.RpcError
+        """Raised by a call that failed; `failure` names the reason."""
+        target = f"{settings.host}:{settings.port}"
+        if settings.ca is None:
+            self._channel = grpc.insecure_channel(target, options=CHANNEL)
+        else:
+            try:
+                credentials = grpc.ssl_channel_credentials(settings.ca.read_bytes())
+            except OSError as error:
+                raise ConfigError(f"{settings.ca}: {error.strerror or error}") from None
+            self._channel = grpc.secure_channel(target, credentials, options=CHANNEL)
+        self._stub: Any = val_pb2_grpc.VALStub(self._channel)
+        self._header = [] if settings.token is None else [("authorization", f"Bearer {settings.token}")]
+
+    def call(self, name: str, request: Any) -> Any:
+        """The answer to one call of the service, `PublishValue` for one; `error` if it fails."""
+        return getattr(self._stub, name)(request, timeout=CALL_S, metadata=self._header)
+
+    def stream(self, name: str, request: Any) -> Any:
+        """The answers to a call that has many; an iterator with `cancel`."""
+        return getattr(self._stub, name)(request, metadata=self._header)
+
+    @staticmethod
+    def failure(error: Any) -> str:
+        """gRPC's name of the reason: `not_found`, `unavailable`, `unauthenticated` and so on."""
+        return str(error.code().name).lower()
+
+    def close(self) -> None:
+        """End all calls."""
+        self._channel.close()

@@ -1,0 +1,146 @@
+"""`tpmsd bridge vss --input`: wheel speeds and position of a KUKSA databroker, onto a virtual CAN bus.
+
+In: data points of the signals in `vss.dbc` (gRPC, kuksa.val.v2, Subscribe). Out: a frame for each value that
+is renewed, at once. The daemon reads that bus as any other, and waits for no network. What waits is at the
+databroker, `BUFFER` messages at most, of which it drops the oldest; what was held up is not sent
+(`vss_frames.py`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from tpmsd.bridges.can_wire import CanWire
+from tpmsd.bridges.vss_connection import RETRY_S, Connection, DatabrokerSettings
+from tpmsd.bridges.vss_frames import Frame, NotSent, VssFrames
+from tpmsd.bridges.vss_names import is_wheel
+
+BUFFER = 200
+"""Messages that the databroker keeps for a slow reader: a second of four wheels at 50 Hz."""
+SILENCE_S = 10.0
+"""After that long without a value the subscription is made anew: a connection may be dead without a word."""
+ORDINARY = frozenset({NotSent.NO_VALUE, NotSent.NOT_RENEWED})
+"""Reasons that say nothing against a value."""
+
+
+class VssInput:
+    """One databroker, one bus."""
+
+    def __init__(self, settings: DatabrokerSettings, wire: CanWire, log: logging.Logger) -> None:
+        """ConfigError as `Connection` has it."""
+        self._databroker, self._wire, self._log = Connection(settings), wire, log
+        self._frames = VssFrames()
+        self._absent: list[str] = []
+        self._told: set[tuple[str, NotSent]] = set()
+        self._said = ""
+        self.counts: Counter[str] = Counter()
+        """Values that were sent, those for which the bus was away, and those of each `NotSent`."""
+
+    def run(self) -> None:
+        """Hand on values until something is raised, a signal for one."""
+        try:
+            while True:
+                self.listen()
+                time.sleep(RETRY_S)
+        finally:
+            self._databroker.close()
+            self._wire.close()
+            self._log.info("%s", ", ".join(f"{count} {name}" for name, count in self.counts.items()))
+
+    def listen(self) -> None:
+        """Subscribe, and hand on values until the databroker ends it or is silent."""
+        try:
+            paths = self._known()
+            if any(map(is_wheel, paths)):
+                self._hand_on_all(paths)
+            else:
+                self._say("the databroker has no wheel speed")
+        except self._databroker.error as error:
+            self._say(f"the databroker gives no values ({self._databroker.failure(error)})")
+
+    def _known(self) -> list[str]:
+        """The signals that the databroker has and lets us read."""
+        known, absent = [], []
+        types, requests = self._databroker.types, self._databroker.requests
+        for path in self._frames.paths:
+            try:
+                self._databroker.call(
+                    "GetValue", requests.GetValueRequest(signal_id=types.SignalID(path=path))
+                )
+                known.append(path)
+            except self._databroker.error as error:
+                if self._databroker.failure(error) not in ("not_found", "permission_denied"):
+                    raise
+                absent.append(path)
+        if absent != self._absent:
+            self._log.info("not at the databroker, or not ours to read: %s", ", ".join(absent))
+            self._absent = absent
+        return known
+
+    def _hand_on_all(self, paths: list[str]) -> None:
+        request = self._databroker.requests.SubscribeRequest(signal_paths=paths, buffer_size=BUFFER)
+        call = self._databroker.stream("Subscribe", request)
+        with cancelled_by_silence(call, SILENCE_S) as heard:
+            for number, response in enumerate(call):
+                heard()
+                if self._said:
+                    self._log.info("the databroker gives values")
+                    self._said = ""
+                for path, point in response.entries.items():
+                    if number == 0:  # what it knew before we asked, of whatever age
+                        self._frames.note(path, stamp_s(point))
+                    elif path in self._frames.paths:
+                        self._hand_on(path, point)
+
+    def _hand_on(self, path: str, point: Any) -> None:
+        made = self._frames.take(path, stamp_s(point), value_of(point), time.time())
+        if isinstance(made, Frame):
+            self.counts["values sent" if self._wire.send(made) else "while the bus was away"] += 1
+            return
+        self.counts[f"that {made}"] += 1
+        if made not in ORDINARY and (path, made) not in self._told:
+            self._told.add((path, made))
+            self._log.warning("a value of %s %s: not sent (said once)", path, made)
+
+    def _say(self, text: str) -> None:
+        if text != self._said:
+            self._log.warning("%s; trying again", text)
+        self._said = text
+
+
+def stamp_s(point: Any) -> float:
+    """When the databroker got a data point, as Unix time by its clock; 0 where it does not say."""
+    return float(point.timestamp.seconds + point.timestamp.nanos * 1e-9)
+
+
+def value_of(point: Any) -> object:
+    """Its value, whatever its type; None where there is none."""
+    kind = point.value.WhichOneof("typed_value")
+    return None if kind is None else getattr(point.value, kind)
+
+
+@contextlib.contextmanager
+def cancelled_by_silence(call: Any, patience_s: float) -> Iterator[Callable[[], None]]:
+    """Cancels a call that is silent for one to two times `patience_s`; yields what notes a sign of life."""
+    heard, over = threading.Event(), threading.Event()
+
+    def watch() -> None:
+        while not over.wait(patience_s):
+            if not heard.is_set():
+                call.cancel()
+            heard.clear()
+
+    thread = threading.Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield heard.set
+    finally:
+        over.set()
+        call.cancel()
+        thread.join()
