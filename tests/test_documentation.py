@@ -65,8 +65,8 @@ PYTHON = [
 
 
 def commands(block: Block) -> list[list[str]]:
-    """The words of each command of `tpmsd` in a block that is not run."""
-    lines = block.text.replace("\\\n", " ").splitlines()
+    """The words of each command of `tpmsd` in a block that is not run, without where its output goes."""
+    lines = [line.partition(" > ")[0] for line in block.text.replace("\\\n", " ").splitlines()]
     words = [shlex.split(line.removeprefix("$ "), comments=True) for line in lines if "tpmsd " in line]
     return [each[1:] for each in words if each and each[0] == "tpmsd"]
 

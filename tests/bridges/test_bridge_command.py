@@ -55,6 +55,7 @@ def test_a_bus_that_is_none(
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
+        ([], "--databroker HOST is needed"),
         (["--databroker", "h:x"], "--databroker 'h:x': HOST or HOST:PORT"),
         (["--databroker", "h", "--period", "0"], "--period 0"),
         (["--databroker", "h", "--ca", "/nowhere.pem"], "/nowhere.pem: No such file"),

@@ -14,7 +14,7 @@ import os
 import re
 import signal
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -98,7 +98,7 @@ def add_parser(subparsers: Subparsers) -> None:
         "vss",
         help="soft tyres to a KUKSA databroker (Vehicle Signal Specification), or its wheel speeds to us",
     )
-    vss.add_argument("--databroker", metavar="HOST[:PORT]", required=True, help=f"default port: {VSS_PORT}")
+    vss.add_argument("--databroker", metavar="HOST[:PORT]", help=f"the databroker (default port: {VSS_PORT})")
     vss.add_argument(
         "--period", metavar="S", type=float, default=10.0, help="all values every S seconds (10)"
     )
@@ -113,7 +113,7 @@ def add_parser(subparsers: Subparsers) -> None:
         default="socketcan",
         help="of --input, by python-can (default: socketcan)",
     )
-    vss.add_argument("--print-dbc", action=_PrintDbc, help="print the DBC of --input's frames and exit")
+    vss.add_argument("--print-dbc", action="store_true", help="print the DBC of --input's frames and end")
     vss.add_argument("--ca", metavar="FILE", type=Path, help="TLS with this authority (PEM)")
     vss.add_argument("--token-file", metavar="FILE", type=Path, help="file with the databroker's token")
     for kind in (mqtt, metrics, dbus, vss):
@@ -121,23 +121,15 @@ def add_parser(subparsers: Subparsers) -> None:
         kind.add_argument("-v", "--verbose", action="store_true", help="log more")
 
 
-class _PrintDbc(argparse.Action):
-    """Prints `vss.dbc` and ends the program, as `--help` does."""
-
-    def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:  # noqa: A002
-        super().__init__(option_strings, dest, nargs=0, help=help)
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
-        from tpmsd.bridges.vss_frames import vss_dbc
-
-        print(vss_dbc(), end="")
-        parser.exit()
-
-
 def run(args: argparse.Namespace) -> int:
     """Run the bridge until it is told to stop."""
     from tpmsd.daemon.journal import set_up_logging
 
+    if args.bridge == "vss" and args.print_dbc:
+        from tpmsd.bridges.vss_frames import vss_dbc
+
+        print(vss_dbc(), end="")
+        return 0
     log = set_up_logging(args.verbose)
     if args.bridge == "vss" and args.input is not None:
         return _vss_input(args, log)
@@ -195,6 +187,8 @@ def _databroker_settings(args: argparse.Namespace) -> DatabrokerSettings:
     from tpmsd.bridges.secrets import secret
     from tpmsd.bridges.vss_connection import DatabrokerSettings
 
+    if args.databroker is None:
+        raise ConfigError("--databroker HOST is needed")
     host, port = _address("--databroker", args.databroker, VSS_PORT)
     token = secret(args.token_file, VSS_CREDENTIAL, os.environ)
     if token is not None and args.ca is None:
