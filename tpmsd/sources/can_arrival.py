@@ -122,6 +122,27 @@ class MessageArrival:
             self._learn()
         return _USE
 
+    def judge_even(self, times_s: list[float]) -> list[float]:
+        """The period at each of frames, as `judge` learns it one by one, up to the first of which there is
+        something to say: late, repeated, after a loss, a time-out or a step."""
+        periods: list[float] = []
+        for time_s in times_s:
+            interval = time_s - self.last_s
+            if self.timed_out or interval > self.timeout_s:
+                break
+            usual = 0.0 < interval <= self._lost_after_s and self._data is not None
+            if usual and not (self._gap_frames or self._stepped):
+                # Where `judge` ends up as a rule.
+                self.lost, self.last_s, self._late_last_s = 0, time_s, float("inf")
+                self._intervals.append(interval)
+                self._to_learn -= 1
+                if self._to_learn == 0:
+                    self._learn()
+            elif self.judge(time_s, b"") is not _USE or self.lost:
+                break
+            periods.append(self.period_s)
+        return periods
+
     def _close_gap(self, interval: float) -> None:
         """What a gap was is known after it: frames that follow at once were held up, the others are lost."""
         if interval < 0.5 * self.period_s:

@@ -180,6 +180,39 @@ class SenderWatch:
             self._clean_since_s = self._last_s
         return odd > ODD_LIMIT
 
+    def even(self, times_s: list[float], compared: list[tuple[int, list[float]]]) -> int:
+        """Take frames and their values, which are in order, as `frame` and `value` one by one, up to the
+        first that is doubted: its place. `compared`: place and values of each signal that is compared."""
+        place = 0 if compared else self._pass_calm(times_s)
+        for time_s in times_s[place:]:
+            if self.frame(time_s) or any(
+                [self.value(number, values[place], False, True) for number, values in compared]  # noqa: C419
+            ):
+                break
+            place += 1
+        return place
+
+    def _pass_calm(self, times_s: list[float]) -> int:
+        """As `frame` for the first stamps, as long as the rate is known and they keep to it."""
+        period_s, burst, tokens, last_s = self._period_s, self._burst, self._tokens, self._last_s
+        window_s, passed = self._window_s, 0
+        if not period_s or self.fast:
+            return 0
+        for time_s in times_s:
+            elapsed_s = time_s - last_s
+            left = min(tokens + FASTER * elapsed_s / period_s, burst) - 1.0
+            if (
+                left < 0.0
+                or elapsed_s > GAP_S
+                or time_s < self._grace_until_s
+                or not 0.0 <= time_s - window_s < WINDOW_S
+            ):
+                break
+            tokens, last_s, passed = left, time_s, passed + 1
+        self._tokens, self._last_s = tokens, last_s
+        self._count += passed
+        return passed
+
     def _measure(self, time_s: float) -> None:
         """The mean interval, over windows so long that frames in bunches do not matter."""
         self._count += 1

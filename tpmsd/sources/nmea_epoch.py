@@ -25,6 +25,7 @@ COURSE_MIN_SPEED_MPS = 0.5
 CHECKSUMS_EXPECTED = 10
 """Sentences with a checksum after which one without is rejected."""
 _SAME_TIME_S = 5e-4
+_POSITION_ORDER = ("GGA", "GNS", "RMC", "GLL", "VTG")
 _SPEAKS_OF_EPOCH = frozenset({"RMC", "GGA", "VTG", "GNS", "GLL"})
 
 
@@ -148,7 +149,7 @@ class NmeaAssembler:
             return events
         wrong = next((r.out_of_range for r in readings.values() if r.out_of_range), "")
         events += self._episodes.note(at, "range", bool(wrong), wrong)
-        fix = replace(merge_readings(readings, self._gst_std(at)), arrival_s=at, utc_s=utc_s)
+        fix = merge_readings(readings, self._gst_std(at), at, utc_s)
         if fix.quality == 0 and any(reading.valid is False for reading in readings.values()):
             events += self._episodes.note(at, "no_fix", True, "the receiver is alive but has no position")
         elif math.isfinite(fix.latitude_deg):
@@ -206,47 +207,53 @@ class NmeaAssembler:
         return fix
 
 
-def merge_readings(readings: dict[str, NmeaReading], gst_std_m: float = NAN) -> GnssFix:
-    """One epoch's solution, without its times: each quantity from the sentence that knows it best.
+def merge_readings(
+    readings: dict[str, NmeaReading],
+    gst_std_m: float = NAN,
+    arrival_s: float = NAN,
+    utc_s: float = NAN,
+) -> GnssFix:
+    """One epoch's solution: each quantity from the sentence that knows it best.
 
     Position from GGA, GNS, RMC, GLL in that order (only the first two know height and HDOP); speed from RMC,
     which has its own UTC, before VTG. If any sentence says that there is no solution, there is none.
     """
-    hdop = _first(readings, ("GGA", "GNS"), "hdop")
-    if any(reading.valid is False for reading in readings.values()):
-        return GnssFix(NAN, NAN, quality=0, hdop=hdop)
-    order = ("GGA", "GNS", "RMC", "GLL", "VTG")
-    said = (readings[kind].quality for kind in order if kind in readings)
-    quality = next((q for q in said if q is not None), 1)
-    speed_mps = _first(readings, ("RMC", "VTG"), "speed_mps")
-    course_rad = _first(readings, ("RMC", "VTG"), "course_rad")
-    motion = GnssFix(
-        NAN,
-        NAN,
+    heights = [readings[kind] for kind in ("GGA", "GNS") if kind in readings]
+    hdop = _first([reading.hdop for reading in heights])
+    if any([reading.valid is False for reading in readings.values()]):  # noqa: C419 - a list is faster
+        return GnssFix(arrival_s, utc_s, quality=0, hdop=hdop)
+    ordered = [readings[kind] for kind in _POSITION_ORDER if kind in readings]
+    moving = [readings[kind] for kind in ("RMC", "VTG") if kind in readings]
+    accuracy = readings.get(ACCURACY)
+    quality = next((reading.quality for reading in ordered if reading.quality is not None), 1)
+    speed_mps = _first([reading.speed_mps for reading in moving])
+    course_rad = _first([reading.course_rad for reading in moving])
+    latitude_deg = longitude_deg = altitude_m = std_m = NAN
+    place = next((reading for reading in ordered if math.isfinite(reading.latitude_deg)), None)
+    if place is not None and place.latitude_deg == 0.0 and place.longitude_deg == 0.0:
+        # Exactly 0/0 is sea, and the mark of a receiver that says "valid" too early.
+        quality = 0
+    elif place is not None:
+        latitude_deg, longitude_deg = place.latitude_deg, place.longitude_deg
+        altitude_m = _first([reading.altitude_m for reading in heights])
+        std_m = position_std(quality, hdop, gst_std_m)
+    return GnssFix(
+        arrival_s,
+        utc_s,
+        latitude_deg,
+        longitude_deg,
+        altitude_m,
         quality=quality,
         hdop=hdop,
+        position_std_m=std_m,
         speed_mps=speed_mps,
-        speed_std_mps=_first(readings, (ACCURACY,), "speed_std_mps"),
+        speed_std_mps=NAN if accuracy is None else _first([accuracy.speed_std_mps]),
         course_rad=NAN if speed_mps < COURSE_MIN_SPEED_MPS else course_rad,
     )
-    placed = (readings[k] for k in order if k in readings and math.isfinite(readings[k].latitude_deg))
-    place = next(placed, None)
-    if place is None:
-        return motion
-    if place.latitude_deg == 0.0 and place.longitude_deg == 0.0:
-        # Exactly 0/0 is sea, and the mark of a receiver that says "valid" too early.
-        return replace(motion, quality=0)
-    return replace(
-        motion,
-        latitude_deg=place.latitude_deg,
-        longitude_deg=place.longitude_deg,
-        altitude_m=_first(readings, ("GGA", "GNS"), "altitude_m"),
-        position_std_m=position_std(quality, hdop, gst_std_m),
-    )
 
 
-def _first(readings: dict[str, NmeaReading], kinds: tuple[str, ...], name: str) -> float:
-    values = (float(getattr(readings[kind], name)) for kind in kinds if kind in readings)
+def _first(values: list[float]) -> float:
+    """The first that is finite; NaN if none is."""
     return next((value for value in values if math.isfinite(value)), NAN)
 
 

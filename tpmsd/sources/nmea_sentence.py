@@ -1,8 +1,8 @@
 """Decodes one NMEA 0183 sentence.
 
 In: one line of bytes from `$` on. Out: an `NmeaReading` in SI units, or `SentenceError` that says whether the
-checksum or the form is wrong. pynmea2 takes the sentence apart and names its fields; the fields are converted
-here, because pynmea2's own conversions refuse second 60, cut microseconds and turn odd numbers into strings.
+checksum or the form is wrong. The fields have pynmea2's names; they are converted here, because pynmea2's own
+conversions refuse second 60, cut microseconds and turn odd numbers into strings.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ import datetime
 import math
 import re
 from dataclasses import dataclass
+from functools import lru_cache, reduce
+from operator import xor
 
 import pynmea2
 
@@ -22,6 +24,13 @@ _UNIX_DAY_0 = datetime.date(1970, 1, 1).toordinal()
 
 # Fields that a sentence without a checksum must have: a line cut short is then told from a complete one.
 _FULL_LENGTH = {"RMC": 11, "GGA": 14, "VTG": 8, "ZDA": 4, "GST": 8, "GNS": 12, "GLL": 6}
+_PLACES: dict[str, dict[str, int]] = {
+    kind: pynmea2.TalkerSentence.sentence_types[kind].name_to_idx for kind in _FULL_LENGTH
+}
+"""Per type of sentence, which field has which name."""
+_KEPT = 4
+"""Texts of which the value is kept."""
+_HEMISPHERES = {"N": 1.0, "E": 1.0, "S": -1.0, "W": -1.0}
 ACCURACY = "PTPMSG"
 """tpmsd's own sentence (`gnss_solution`)."""
 HANDLED = frozenset((*_FULL_LENGTH, ACCURACY))
@@ -30,7 +39,8 @@ OTHER = "other"
 _ADDRESS = re.compile(
     r"\$(?:(?P<proprietary>P[A-Z0-9]{3,})|(?P<talker>[A-Z0-9]{2})(?P<kind>[A-Z0-9]{3}))[,*]"
 )
-_CHECKSUM = re.compile(r"\$(?P<body>[^*]*)\*(?P<sum>[0-9A-Fa-f]{2})\s*$")
+_HEAD = len("$GPRMC,")
+_CHECKSUM = re.compile(r"\$(?P<body>[^*]*)\*(?P<sum>[0-9A-Fa-f]{2})$")
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)", re.ASCII)
 _TIME = re.compile(r"(\d\d)(\d\d)(\d\d(?:\.\d*)?)", re.ASCII)
 _ANGLE = re.compile(r"(\d{1,3})(\d\d(?:\.\d*)?)", re.ASCII)
@@ -100,16 +110,12 @@ def decode_sentence(line: bytes) -> NmeaReading:
         return _accuracy(text)
     if kind not in HANDLED:
         return NmeaReading(OTHER, checksummed, proprietary=address["proprietary"] is not None)
-    try:
-        sentence = pynmea2.parse(text)
-    except (ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:
-        # pynmea2 raises its ParseError for most, but lets what its field types raise through as well.
-        raise SentenceError("garbage", f"{kind}: {error}") from None
-    if not checksummed and len(sentence.data) < _FULL_LENGTH[kind]:
-        raise SentenceError(
-            "garbage", f"{kind} cut short: {len(sentence.data)} of {_FULL_LENGTH[kind]} fields"
-        )
-    return _DECODERS[kind](_Fields(sentence), checksummed)
+    if text[_HEAD - 1] != ",":
+        raise SentenceError("garbage", f"{kind} has no fields")
+    data = text[_HEAD:].partition("*")[0].split(",")
+    if not checksummed and len(data) < _FULL_LENGTH[kind]:
+        raise SentenceError("garbage", f"{kind} cut short: {len(data)} of {_FULL_LENGTH[kind]} fields")
+    return _DECODERS[kind](_Fields(_PLACES[kind], data), checksummed)
 
 
 def _accuracy(text: str) -> NmeaReading:
@@ -129,7 +135,7 @@ def _verify_checksum(text: str) -> None:
     match = _CHECKSUM.match(text)
     if match is None:
         raise SentenceError("garbage", f"checksum cut short in {text[-8:]!r}")
-    computed = pynmea2.NMEASentence.checksum(match["body"])
+    computed = reduce(xor, match["body"].encode("ascii"), 0)
     if computed != int(match["sum"], 16):
         raise SentenceError(
             "checksum", f"{text[1:6]} says {match['sum'].upper()}, its bytes give {computed:02X}"
@@ -137,15 +143,17 @@ def _verify_checksum(text: str) -> None:
 
 
 class _Fields:
-    """A sentence's fields by pynmea2's names, as text and without its conversions."""
+    """A sentence's fields by pynmea2's names, as text."""
 
-    def __init__(self, sentence: pynmea2.TalkerSentence) -> None:
-        self._index: dict[str, int] = type(sentence).name_to_idx
-        self._data: list[str] = sentence.data
+    __slots__ = ("_data", "_places")
+
+    def __init__(self, places: dict[str, int], data: list[str]) -> None:
+        self._places = places
+        self._data = data
 
     def text(self, name: str) -> str:
-        index = self._index[name]
-        return self._data[index].strip() if index < len(self._data) else ""
+        place = self._places[name]
+        return self._data[place].strip() if place < len(self._data) else ""
 
     def number(self, name: str) -> float:
         text = self.text(name)
@@ -154,24 +162,10 @@ class _Fields:
     def time_of_day(self) -> float:
         return _time_of_day(self.text("timestamp"))
 
-    def angle_deg(self, name: str, limit: float) -> float:
-        """Degrees and minutes with a hemisphere letter; NaN if empty, infinite if impossible."""
-        match = _ANGLE.fullmatch(self.text(name))
-        sign = {"N": 1.0, "E": 1.0, "S": -1.0, "W": -1.0}.get(self.text(f"{name}_dir"))
-        if match is None or sign is None:
-            return NAN
-        minutes = float(match[2])
-        angle = int(match[1]) + minutes / 60.0
-        return sign * angle if minutes < 60.0 and angle <= limit else math.inf
-
     def position(self) -> tuple[float, float, str]:
         """Latitude, longitude and what is wrong with them."""
-        latitude, longitude = self.angle_deg("lat", 90.0), self.angle_deg("lon", 180.0)
-        if math.isinf(latitude) or math.isinf(longitude):
-            return NAN, NAN, f"position {self.text('lat')},{self.text('lon')}"
-        if math.isnan(latitude) or math.isnan(longitude):
-            return NAN, NAN, ""
-        return latitude, longitude, ""
+        text = self.text
+        return _position(text("lat"), text("lat_dir"), text("lon"), text("lon_dir"))
 
     def altitude(self) -> float:
         """Above the ellipsoid if the geoid's separation is given, else above mean sea level."""
@@ -183,6 +177,33 @@ class _Fields:
         return math.radians(degrees % 360.0) if 0.0 <= degrees <= 360.0 else NAN
 
 
+def _angle_deg(text: str, hemisphere: str, limit: float) -> float:
+    """Degrees and minutes with a hemisphere letter; NaN if empty, infinite if impossible."""
+    match, sign = _ANGLE.fullmatch(text), _HEMISPHERES.get(hemisphere)
+    if match is None or sign is None:
+        return NAN
+    minutes = float(match[2])
+    angle = int(match[1]) + minutes / 60.0
+    return sign * angle if minutes < 60.0 and angle <= limit else math.inf
+
+
+# The sentences of an epoch say the same instant, day and place: what was converted last is kept.
+
+
+@lru_cache(maxsize=_KEPT)
+def _position(
+    latitude: str, latitude_side: str, longitude: str, longitude_side: str
+) -> tuple[float, float, str]:
+    latitude_deg = _angle_deg(latitude, latitude_side, 90.0)
+    longitude_deg = _angle_deg(longitude, longitude_side, 180.0)
+    if math.isinf(latitude_deg) or math.isinf(longitude_deg):
+        return NAN, NAN, f"position {latitude},{longitude}"
+    if math.isnan(latitude_deg) or math.isnan(longitude_deg):
+        return NAN, NAN, ""
+    return latitude_deg, longitude_deg, ""
+
+
+@lru_cache(maxsize=_KEPT)
 def _time_of_day(text: str) -> float:
     match = _TIME.fullmatch(text)
     if match is None:
@@ -207,21 +228,27 @@ def unix_day(year: int, month: int, day: int) -> int | None:
         return None
 
 
+@lru_cache(maxsize=_KEPT)
+def _short_day(text: str) -> int | None:
+    """Of a date of six digits."""
+    match = _DATE.fullmatch(text)
+    if match is None:
+        return None
+    year = int(match[3])
+    # There was no GPS before 1980.
+    return unix_day(year + (1900 if year >= 80 else 2000), int(match[2]), int(match[1]))
+
+
 def _rmc(fields: _Fields, checksummed: bool) -> NmeaReading:
     status, mode = fields.text("status").upper(), fields.text("mode_indicator").upper()
     quality = _MODE_QUALITY.get(mode[:1], 1) if status == "A" else 0
-    day = None
-    if match := _DATE.fullmatch(fields.text("datestamp")):
-        year = int(match[3])
-        # There was no GPS before 1980.
-        day = unix_day(year + (1900 if year >= 80 else 2000), int(match[2]), int(match[1]))
     latitude, longitude, wrong = fields.position()
     speed, too_fast = _speed(fields.number("spd_over_grnd") * KNOT_MPS)
     return NmeaReading(
         "RMC",
         checksummed,
         time_of_day_s=fields.time_of_day(),
-        unix_day=day,
+        unix_day=_short_day(fields.text("datestamp")),
         valid=quality in _MEASURED,
         latitude_deg=latitude,
         longitude_deg=longitude,

@@ -15,11 +15,11 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.sources.can_arrival import Verdict
 from tpmsd.sources.can_block import ERROR, REMOTE, FrameBlock
 from tpmsd.sources.can_decoder import CanDecoder, Group
 from tpmsd.sources.even_readings import Even, even_counts, even_speeds
@@ -34,7 +34,6 @@ MIN_FRAMES = 40
 
 Places = NDArray[np.intp]
 Settle = Callable[[], None]
-_USE = Verdict.USE
 
 
 class Odd(Exception):  # noqa: N818  (no error: it ends a try)
@@ -45,27 +44,19 @@ class Odd(Exception):  # noqa: N818  (no error: it ends a try)
         self.place = place
 
 
-@dataclass(frozen=True, slots=True)
-class Angles:
+class Angles(NamedTuple):
     """Of one wheel, in the order of their frames; as many `RotationSample`s in columns."""
 
     places: list[int]
-    """Of their frames in the block."""
+    """Of their frames in the block: the very same list for all signals of a message."""
     time_s: list[float]
     angle_rad: list[float]
     wheel: int
     segment: int
     quantum_rad: float
 
-    def part(self, first: int, last: int) -> Angles:
-        """Those of a range."""
-        here = slice(first, last)
-        columns = self.places[here], self.time_s[here], self.angle_rad[here]
-        return Angles(*columns, self.wheel, self.segment, self.quantum_rad)
 
-
-@dataclass(frozen=True, slots=True)
-class Values:
+class Values(NamedTuple):
     """Of one other role, all finite."""
 
     places: list[int]
@@ -84,6 +75,21 @@ class Stretch:
     readings: tuple[Values, ...]
     settle: Settle
     """Makes the decoder one that has decoded these frames."""
+
+
+class _Frames:
+    """The frames of one message, for all its signals."""
+
+    def __init__(self, places: Places, time_s: FloatArray) -> None:
+        self.places, self.time_s = places, time_s
+        self._listed: tuple[list[int], list[float]] | None = None
+
+    @property
+    def listed(self) -> tuple[list[int], list[float]]:
+        """Places and times as lists, which are made once."""
+        if self._listed is None:
+            self._listed = self.places.tolist(), self.time_s.tolist()
+        return self._listed
 
 
 class BlockPlaces:
@@ -242,7 +248,8 @@ class _Try:
             odd[:] = True
         if odd.any():
             self._found_odd(int(places[np.argmax(odd)]))
-        period_s = self._arrivals(group, places, time_s, values)
+        frames = _Frames(places, time_s)
+        period_s = self._arrivals(group, frames, values)
         if len(places) == 0:
             return
         evens: list[Even] = []
@@ -256,11 +263,11 @@ class _Try:
                 even = even_speeds(tracker, time_s, value, period_s)
             else:
                 assert value is not None
-                self._inertial(signal.role, places, time_s, value)
+                self._inertial(signal.role, frames, value)
                 continue
             if even.odd < len(places):
                 self._found_odd(int(places[even.odd]))
-            self._rotations(tracker, places, time_s, even)
+            self._rotations(tracker, frames, even)
             evens.append(even)
         if group.frozen is not None:
             self._frozen(group, places, time_s, dict(zip(group.trackers, evens, strict=True)), values)
@@ -280,36 +287,25 @@ class _Try:
         self._settle.append(lambda: direction.put(signal.role, int(raw[-1]), int(signed[-1])))
         return signed
 
-    def _arrivals(
-        self, group: Group, places: Places, time_s: FloatArray, values: list[FloatArray | None]
-    ) -> FloatArray:
+    def _arrivals(self, group: Group, frames: _Frames, values: list[FloatArray | None]) -> FloatArray:
         """(n,) the message's period at each frame."""
         if group.arrival is None:
             raise Odd(self._start)
         arrival, watch = group.arrival.copied(), group.watch.copied()
+        places, stamps = frames.listed
+        periods = arrival.judge_even(stamps)
         compared = [
             (number, value.tolist())
             for number, value in enumerate(values)
             if value is not None and watch.compares[number]
         ]
-        periods: list[float] = []
-        judge, frame = arrival.judge, watch.frame
-        for at, stamp in enumerate(time_s.tolist()):
-            if (
-                arrival.timed_out
-                or stamp - arrival.last_s > arrival.timeout_s
-                or judge(stamp, b"") is not _USE
-                or arrival.lost
-                or frame(stamp)
-                or any(watch.value(number, value[at], False, True) for number, value in compared)
-            ):
-                self._found_odd(int(places[at]))
-                break
-            periods.append(arrival.period_s)
+        even = min(len(periods), watch.even(stamps, compared))
+        if even < len(places):
+            self._found_odd(places[even])
         else:
             self._watch_silence(arrival.last_s, arrival.timeout_s, arrival.timed_out)
-        if len(places):
-            payload = self._of.block.payload(int(places[-1]))
+        if places:
+            payload = self._of.block.payload(places[-1])
 
             def settle() -> None:
                 arrival.judged_last(payload)
@@ -352,20 +348,17 @@ class _Try:
 
     # -- out -------------------------------------------------------------------------------------------------
 
-    def _rotations(
-        self, tracker: WheelCounter | WheelSpeedIntegrator, places: Places, time_s: FloatArray, even: Even
-    ) -> None:
+    def _rotations(self, tracker: WheelCounter | WheelSpeedIntegrator, frames: _Frames, even: Even) -> None:
         quantum = tracker.rad_per_bit if isinstance(tracker, WheelCounter) else 0.0
         wheel, segment = tracker.wheel, tracker.segment
 
         def made() -> Angles:
-            columns = places.tolist(), time_s.tolist(), even.angle_rad.tolist()
-            return Angles(*columns, wheel, segment, quantum)
+            return Angles(*frames.listed, even.angle_rad.tolist(), wheel, segment, quantum)
 
         self._wheels.append(made)
-        heard_s, last_s = self._decoder.heard_s, float(time_s[-1])
+        heard_s, last_s = self._decoder.heard_s, float(frames.time_s[-1])
         self._settle.append(even.settle)
         self._settle.append(lambda: heard_s.__setitem__(tracker.wheel, last_s))
 
-    def _inertial(self, role: str, places: Places, time_s: FloatArray, value: FloatArray) -> None:
-        self._readings.append(lambda: Values(places.tolist(), time_s.tolist(), value.tolist(), role))
+    def _inertial(self, role: str, frames: _Frames, value: FloatArray) -> None:
+        self._readings.append(lambda: Values(*frames.listed, value.tolist(), role))

@@ -9,7 +9,7 @@ between its frames; its samples are handed to the timeline as time comes to them
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from tpmsd.sources.can_block import FrameBlock
 from tpmsd.sources.can_decoder import CanDecoder
-from tpmsd.sources.stretch import Angles, BlockPlaces, Stretch, foresee
+from tpmsd.sources.stretch import Angles, BlockPlaces, Stretch, Values, foresee
 from tpmsd.timeline.tick import Tick
 from tpmsd.timeline.tick_source import TickSource
 from tpmsd.timeline.timeline import Timeline
@@ -35,39 +35,52 @@ class _Ahead:
         """`shift_s`: logical time minus the host's."""
         self.block = block
         self.stretch = stretch
-        self._host_s = np.maximum.accumulate(block.time_s[stretch.start : stretch.stop])
+        host_s = np.maximum.accumulate(block.time_s[stretch.start : stretch.stop])
+        # Lists: they are searched for one number thousands of times.
+        self._host_s: list[float] = host_s.tolist()
         """Greatest host time up to each frame."""
-        self._now_s = self._host_s + shift_s
-        self._given = [0] * (len(stretch.wheels) + len(stretch.readings))
+        self._now_s = (host_s + shift_s).tolist() if shift_s else self._host_s
+        self._given: dict[int, int] = {}
+        """Of each message (by the list of its places) how many frames were handed on."""
 
     def latest_s(self, place: int) -> float:
         """Greatest host time of the frames before a place, which is not the first."""
-        return float(self._host_s[place - 1 - self.stretch.start])
+        return self._host_s[place - 1 - self.stretch.start]
 
     def next_due(self, due_s: float, deadline_s: float, start: int, stop: int) -> int:
         """The first frame from `start` on that reaches `due_s` (logical) or passes the deadline (host); at
         most `stop`."""
         origin = self.stretch.start
-        place = int(self._now_s.searchsorted(due_s))
+        first, last = start - origin, stop - origin
+        place = bisect_left(self._now_s, due_s, first, last)
         if deadline_s < math.inf:
-            place = min(place, int(self._host_s.searchsorted(deadline_s, side="right")))
-        return min(max(place + origin, start), stop)
+            place = bisect_right(self._host_s, deadline_s, first, place)
+        return place + origin
 
     def hand_on(self, timeline: Timeline, place: int) -> None:
         """Give the timeline the samples of all frames before a place that it has not got."""
-        wheels, readings, given = self.stretch.wheels, self.stretch.readings, self._given
+        parts: dict[int, tuple[slice, list[int], list[float]]] = {}
+        signals: tuple[Angles | Values, ...] = (*self.stretch.wheels, *self.stretch.readings)
+        for signal in signals:
+            message = id(signal.places)
+            if message not in parts:
+                first = self._given.get(message, 0)
+                last = self._given[message] = bisect_left(signal.places, place, first)
+                here = slice(first, last)
+                parts[message] = here, signal.places[here], signal.time_s[here]
         taken: list[Angles] = []
-        for number, angles in enumerate(wheels):
-            first, last = given[number], bisect_left(angles.places, place, given[number])
-            if last > first:
-                given[number] = last
-                taken.append(angles.part(first, last))
+        for angles in self.stretch.wheels:
+            here, places, time_s = parts[id(angles.places)]
+            if places:
+                angle_rad = angles.angle_rad[here]
+                taken.append(
+                    Angles(places, time_s, angle_rad, angles.wheel, angles.segment, angles.quantum_rad)
+                )
         timeline.take_rotations(taken)
-        for number, values in enumerate(readings, len(wheels)):
-            first, last = given[number], bisect_left(values.places, place, given[number])
-            if last > first:
-                given[number] = last
-                timeline.take_readings(values.role, values.time_s[first:last], values.value[first:last])
+        for values in self.stretch.readings:
+            here, places, time_s = parts[id(values.places)]
+            if places:
+                timeline.take_readings(values.role, time_s, values.value[here])
 
 
 class BlockSource:

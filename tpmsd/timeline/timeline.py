@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -56,6 +56,20 @@ FIELDS = {
 }
 
 
+class _Placed(NamedTuple):
+    """A fix that waits for its tick."""
+
+    time_s: float
+    """When it was valid."""
+    lag_s: float
+    """Arrival minus validity."""
+    east_m: float
+    north_m: float
+    heading_rad: float
+    speed_noise: float
+    fix: GnssFix
+
+
 def _nothing() -> None:
     """Has no samples ready."""
 
@@ -77,7 +91,7 @@ class Timeline:
         self._accuracy = SpeedAccuracy()
         self._tracks = [RotationTrack() for _ in range(4)]
         self._inertial: dict[str, ReadingTrack] = {}
-        self._fixes: list[Fix] = []
+        self._fixes: list[_Placed] = []
         self._faults: list[SourceFault] = []
         self._origin_s = 0.0
         self._index = 0
@@ -206,7 +220,7 @@ class Timeline:
         """As `add` of each sample, at stamps to which time has passed; of each wheel one at least."""
         shift_s = self.shift_s
         if shift_s:
-            wheels = [replace(one, time_s=[time_s + shift_s for time_s in one.time_s]) for one in wheels]
+            wheels = [one._replace(time_s=[time_s + shift_s for time_s in one.time_s]) for one in wheels]
         for one in wheels:
             self._tracks[one.wheel].extend(one.time_s, one.angle_rad, one.segment, one.quantum_rad)
         if self.observe is not None:
@@ -327,48 +341,34 @@ class Timeline:
         heading = (
             self._plane.heading_from_course(fix.course_rad) if math.isfinite(fix.course_rad) else math.nan
         )
-        self._fixes.append(
-            Fix(
-                time_s=valid,
-                fraction=0.0,
-                east_m=east,
-                north_m=north,
-                position_std_m=fix.position_std_m,
-                up_m=fix.altitude_m,
-                speed_mps=fix.speed_mps,
-                speed_noise=self._accuracy.factor(fix.speed_std_mps),
-                heading_rad=heading,
-                quality=fix.quality,
-                arrival_lag_s=arrival - valid,
-                utc_s=fix.utc_s,
-            )
-        )
+        noise = self._accuracy.factor(fix.speed_std_mps)
+        self._fixes.append(_Placed(valid, arrival - valid, east, north, heading, noise, fix))
         return valid
 
     def _take_fixes(self, begin: float, end: float) -> list[Fix]:
         """The fixes valid in the tick, oldest first, with their place in it."""
         if not self._fixes:
             return []
-        due = sorted((f for f in self._fixes if f.time_s <= end), key=lambda f: f.time_s)
+        due = sorted([one for one in self._fixes if one.time_s <= end], key=lambda one: one.time_s)
         if not due:
             return []
-        self._fixes = [f for f in self._fixes if f.time_s > end]
+        self._fixes = [one for one in self._fixes if one.time_s > end]
         return [
             Fix(
-                time_s=f.time_s,
-                fraction=min(max((f.time_s - begin) / self._dt_s, 0.0), 1.0),
-                east_m=f.east_m,
-                north_m=f.north_m,
-                position_std_m=f.position_std_m,
-                up_m=f.up_m,
-                speed_mps=f.speed_mps,
-                speed_noise=f.speed_noise,
-                heading_rad=f.heading_rad,
-                quality=f.quality,
-                arrival_lag_s=f.arrival_lag_s,
-                utc_s=f.utc_s,
+                time_s=one.time_s,
+                fraction=min(max((one.time_s - begin) / self._dt_s, 0.0), 1.0),
+                east_m=one.east_m,
+                north_m=one.north_m,
+                position_std_m=one.fix.position_std_m,
+                up_m=one.fix.altitude_m,
+                speed_mps=one.fix.speed_mps,
+                speed_noise=one.speed_noise,
+                heading_rad=one.heading_rad,
+                quality=one.fix.quality,
+                arrival_lag_s=one.lag_s,
+                utc_s=one.fix.utc_s,
             )
-            for f in due
+            for one in due
         ]
 
 

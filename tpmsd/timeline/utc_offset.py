@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from itertools import compress
 
 import numpy as np
 
@@ -132,21 +133,22 @@ class UtcOffsetTracker:
         while now_s - self._recent[0][0] > 2.0 * WINDOW_S:
             self._recent.popleft()
         # A hundred numbers or two: plain lists take half the time of arrays.
-        aged = [(now_s - utc_s, offset_s) for utc_s, offset_s in self._recent]
-        late = [one for one in aged if one[0] <= WINDOW_S]
-        early = [one for one in aged if not one[0] <= WINDOW_S]
-        target_s = _envelope([offset_s for _, offset_s in late])
-        if aged[0][0] > _TREND_SPAN * WINDOW_S and len(early) >= _WARM_FIXES:
+        ages, offsets = [now_s - utc_s for utc_s, _ in self._recent], [one for _, one in self._recent]
+        if max(ages) <= WINDOW_S:
+            return _envelope(offsets)
+        late = [age_s <= WINDOW_S for age_s in ages]
+        late_ages, late_offsets = list(compress(ages, late)), list(compress(offsets, late))
+        target_s = _envelope(late_offsets)
+        if ages[0] > _TREND_SPAN * WINDOW_S and len(ages) - len(late_ages) >= _WARM_FIXES:
             # The two halves of the window tell the drift; without it the envelope is half a window old.
-            apart_s = _mean_age(early) - _mean_age(late)
-            drift = (target_s - _envelope([offset_s for _, offset_s in early])) / apart_s
+            early = [not one for one in late]
+            early_ages = list(compress(ages, early))
+            apart_s = sum(early_ages) / len(early_ages) - sum(late_ages) / len(late_ages)
+            drift = (target_s - _envelope(list(compress(offsets, early)))) / apart_s
             drift = min(max(drift, -MAX_DRIFT), MAX_DRIFT)
-            target_s = _envelope([offset_s + drift * age_s for age_s, offset_s in late])
+            ageing = zip(late_ages, late_offsets, strict=True)
+            target_s = _envelope([offset_s + drift * age_s for age_s, offset_s in ageing])
         return target_s
-
-
-def _mean_age(aged: list[tuple[float, float]]) -> float:
-    return sum(age_s for age_s, _ in aged) / len(aged)
 
 
 def _envelope(offsets: list[float]) -> float:
