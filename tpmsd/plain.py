@@ -43,6 +43,16 @@ def finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
+def number(value: object) -> float | None:
+    """A finite number that came as JSON; None for anything else, truth values and text too."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    try:
+        return finite(value)
+    except OverflowError:  # an integer of 400 digits has no float
+        return None
+
+
 def millimetres(length_m: float) -> float | None:
     """`length_m` in mm, to a nanometre: finer digits carry nothing."""
     return round(1e3 * float(length_m), 6) if math.isfinite(length_m) else None

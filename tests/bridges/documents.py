@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from tests.beside import beside
 from tpmsd.sinks.status_server import StatusServer
 
 WHEEL = {
@@ -67,9 +68,8 @@ def served(path: Path, period_s: float = 0.1) -> Iterator[ServedDaemon]:
     daemon = ServedDaemon(path)
     server = StatusServer(path, lambda: daemon.document)
     server.open()
-    over = threading.Event()
 
-    def loop() -> None:
+    def loop(over: threading.Event) -> None:
         next_s = 0.0
         while not over.is_set():
             now_s = time.monotonic()
@@ -79,11 +79,7 @@ def served(path: Path, period_s: float = 0.1) -> Iterator[ServedDaemon]:
                 next_s = now_s + period_s
             time.sleep(0.005)
 
-    thread = threading.Thread(target=loop)
-    thread.start()
-    try:
-        yield daemon
-    finally:
-        over.set()
-        thread.join()
         server.close()
+
+    with beside(loop):
+        yield daemon

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import can
 import pytest
 
+from tests.beside import beside
 from tests.bridges.databroker import Databroker, databroker
 from tests.connect.servers import free_port, wait_for
 from tpmsd.bridges import vss_input
@@ -41,21 +42,18 @@ class Wire(CanWire):
 @contextlib.contextmanager
 def listening(bridge: VssInput, broker: Databroker, port: int = 0) -> Iterator[None]:
     """The bridge has subscribed; at the end the databroker goes, and the bridge has noticed."""
-    over = threading.Event()
 
-    def work() -> None:
+    def work(over: threading.Event) -> None:
         while not over.is_set():
             bridge.listen()
             over.wait(0.1)
 
-    thread = threading.Thread(target=work)
-    with databroker(broker, port):
-        thread.start()
-        wait_for("a subscription", lambda: broker.subscribers, PATIENCE_S)
-        yield
-        over.set()
-    thread.join(PATIENCE_S)
-    assert not thread.is_alive()
+    with contextlib.ExitStack() as server:
+        server.enter_context(databroker(broker, port))
+        with beside(work):
+            wait_for("a subscription", lambda: broker.subscribers, PATIENCE_S)
+            yield
+            server.close()
 
 
 def kmh(frames: list[Frame]) -> list[tuple[int, float]]:

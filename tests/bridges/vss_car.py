@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.beside import beside
 from tests.bridges.databroker import Databroker
 
 WHEELS = {
@@ -62,10 +63,9 @@ def configure(folder: Path, dbc: str, interface: str, channel: str) -> Path:
 @contextlib.contextmanager
 def driving(broker: Databroker) -> Iterator[None]:
     """North at 14 m/s: each wheel 50 times a second with the noise that wheel speeds have, a fix 5 times."""
-    over = threading.Event()
     rng = np.random.default_rng(5)
 
-    def drive() -> None:
+    def drive(over: threading.Event) -> None:
         began_s = next_s = time.time()
         step = 0
         while not over.wait(max(next_s - time.time(), 0.0)):
@@ -84,10 +84,5 @@ def driving(broker: Databroker) -> Iterator[None]:
                 )
             step, next_s = step + 1, next_s + 0.02
 
-    thread = threading.Thread(target=drive)
-    thread.start()
-    try:
+    with beside(drive):
         yield
-    finally:
-        over.set()
-        thread.join()

@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from tests.beside import beside
 from tests.bridges.databroker import Databroker, databroker
 from tests.bridges.vss_car import SPEED_MPS, TYPES, configure, driving
 from tests.connect.servers import PATIENCE_S, Process, free_port, raw_pty, wait_for
@@ -23,9 +24,8 @@ from tpmsd.sinks.status_client import StatusError, read_status
 def slcan_pair() -> Iterator[tuple[str, str]]:
     """Two adapters on one bus: a frame that is written into either of the lines comes out of the other."""
     with raw_pty() as (one, path), raw_pty() as (other, other_path):
-        over = threading.Event()
 
-        def carry() -> None:
+        def carry(over: threading.Event) -> None:
             rest = {one: b"", other: b""}
             while not over.is_set():
                 for line in select.select([one, other], [], [], 0.05)[0]:
@@ -33,13 +33,8 @@ def slcan_pair() -> Iterator[tuple[str, str]]:
                     frames = [text + b"\r" for text in lines if text[:1] in b"tT"]
                     os.write(other if line == one else one, b"".join(frames))
 
-        thread = threading.Thread(target=carry)
-        thread.start()
-        try:
+        with beside(carry):
             yield path, other_path
-        finally:
-            over.set()
-            thread.join()
 
 
 def test_wheels_and_position_of_a_databroker_move_the_daemon(tmp_path: Path) -> None:

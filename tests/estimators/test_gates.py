@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.estimators.world import RADIUS_M, TRACK_M, Receiver, World, straight
+from tests.estimators.world import RADIUS_M, TRACK_M, Receiver, World, soft_rear, straight
 from tpmsd.config.model import FilterConfig
 from tpmsd.estimators.fix_gate import FixGate
 from tpmsd.estimators.motion_gate import CourseRate, MotionGate
@@ -62,15 +62,7 @@ def shares(drive_ticks: list[Tick]) -> list[bool]:
 def test_a_soft_rear_tyre_does_not_shut_the_gate(wheel: int, course: bool) -> None:
     """-3 % at one rear wheel looks like 5 m/s2 sideways to the wheels; where the receiver (by its courses, or
     its positions alone) says straight on, ticks stay informative."""
-    world = World(
-        duration_s=60.0,
-        speed_mps=lambda t: np.full_like(t, 28.0),
-        yaw_radps=straight,
-        teeth=math.inf,
-        fault=(wheel, -0.03, 20.0),
-        receiver=Receiver(course=course, position_std_m=0.5, white_std_m=0.05, period_s=0.2),
-    )
-    ticks = world.drive().ticks
+    ticks = soft_rear(wheel, Receiver(course=course, position_std_m=0.5, white_std_m=0.05)).drive().ticks
     wheels_say = abs(ticks[300].rotation_rad[3] - ticks[300].rotation_rad[2]) * RADIUS_M / TRACK_M / 0.1
     assert wheels_say * 28.0 > FilterConfig().max_accel_lat_mps2
     assert np.mean(shares(ticks)[210:]) > 0.95

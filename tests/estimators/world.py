@@ -235,6 +235,18 @@ def estimator(
     return build_filter(VEHICLE, gnss, settings, np.random.default_rng(seed), front)
 
 
+def soft_rear(wheel: int, receiver: Receiver) -> World:
+    """28 m/s straight on, exact angles; after 20 s a rear wheel's radius is 3 % smaller."""
+    return World(
+        duration_s=60.0,
+        speed_mps=lambda t: np.full_like(t, 28.0),
+        yaw_radps=straight,
+        teeth=math.inf,
+        fault=(wheel, -0.03, 20.0),
+        receiver=receiver,
+    )
+
+
 def run(filter_: Estimator, ticks: list[Tick]) -> list[RadiusEstimate]:
     return [filter_.step(tick) for tick in ticks]
 

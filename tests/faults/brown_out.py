@@ -23,11 +23,9 @@ from typing import Any
 import numpy as np
 from cantools.database import Database
 
-from tests.faults.soak import PUNCTURE_S, START_S, Day, DayBus, DayClock, DayReceiver, configuration
+from tests.faults.soak import PUNCTURE_S, START_S, Day, DayClock, configuration, day_daemon
 from tpmsd.config.model import Config, MonitorConfig
-from tpmsd.daemon.loop import Daemon
 from tpmsd.pipeline import Step
-from tpmsd.sinks.sd_notify import Notifier
 from tpmsd.sources.can_decoder import load_database
 
 LIFE_S = (5.0, 15.0)
@@ -76,7 +74,6 @@ def live(day: Day, config: Config, database: Database, life: Life, rights_clock:
     wrong_by_s = BOOT_S - clock.now()
     clock.set_by(wrong_by_s)
     before_s = clock.monotonic()
-    bus = DayBus(day)
     log = logging.getLogger("tests.brown_out")
     log.setLevel(logging.INFO)
     log.addHandler(_Lines(life.log))
@@ -101,17 +98,7 @@ def live(day: Day, config: Config, database: Database, life: Life, rights_clock:
             os.write(out, json.dumps(vars(life)).encode())
             os.kill(os.getpid(), signal.SIGKILL)
 
-    daemon = Daemon(
-        config,
-        database,
-        clock,
-        Notifier(None),
-        open_bus=bus.open,
-        open_receiver=lambda _: DayReceiver(day),
-        on_step=watch,
-        frame_time=lambda stamp_s: stamp_s,
-        log=log,
-    )
+    daemon = day_daemon(day, config, database, watch, log)
     writer = daemon._state._writer
     daemon.run(life.length_s + 60.0)
 

@@ -30,7 +30,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -48,6 +48,9 @@ from tpmsd.sources.can_decoder import load_database  # noqa: E402
 from tpmsd.sources.can_frame import CanFrame  # noqa: E402
 from tpmsd.sources.can_live import CanDown  # noqa: E402
 from tpmsd.sources.serial_live import ReceiverGone  # noqa: E402
+
+if TYPE_CHECKING:
+    from cantools.database import Database
 
 REPO = Path(__file__).resolve().parents[2]
 WHEELS = 0xB0
@@ -396,6 +399,23 @@ def configuration(folder: Path, of_state: str = "") -> Config:
     return dataclasses.replace(config, can=dataclasses.replace(config.can, signals=signals))
 
 
+def day_daemon(
+    day: Day, config: Config, database: Database, watch: Callable[[Step], None], log: logging.Logger
+) -> Daemon:
+    """A daemon in the day's logical time, on its bus and receiver; it tells `watch` of every step."""
+    return Daemon(
+        config,
+        database,
+        day.clock,
+        Notifier(None),
+        open_bus=DayBus(day).open,
+        open_receiver=lambda _: DayReceiver(day),
+        on_step=watch,
+        frame_time=lambda stamp_s: stamp_s,
+        log=log,
+    )
+
+
 def soak(
     legs: int,
     seed: int,
@@ -408,7 +428,7 @@ def soak(
     day = Day(folder, seed, legs, clock, leg_s)
     day.next_leg()
     config = configuration(folder)
-    bus, result = DayBus(day), Soaked(legs * day.period_s - PARKED_S - PUNCTURE_S)
+    result = Soaked(legs * day.period_s - PARKED_S - PUNCTURE_S)
     began = time.monotonic()
     log = logging.getLogger("tests.soak")
     log.setLevel(logging.CRITICAL + 1)
@@ -436,17 +456,7 @@ def soak(
         result.marks.append(made)
         told(made, result)
 
-    daemon = Daemon(
-        config,
-        load_database(config.can.dbc),
-        clock,
-        Notifier(None),
-        open_bus=bus.open,
-        open_receiver=lambda _: DayReceiver(day),
-        on_step=watch,
-        frame_time=lambda stamp_s: stamp_s,
-        log=log,
-    )
+    daemon = day_daemon(day, config, load_database(config.can.dbc), watch, log)
     daemon.run(legs * day.period_s)
     result.document = daemon.document()
     result.happened = day.happened

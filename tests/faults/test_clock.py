@@ -55,12 +55,7 @@ def test_seconds_without_the_processor_lose_no_frame(tmp_path: Path, without_s: 
             clock.leapt_s += without_s
 
     daemon = listening(
-        config,
-        database,
-        clock,
-        DrivingBus(clock.now).opener(),
-        watch,
-        log=logging.getLogger("tests.faults"),
+        config, database, clock, DrivingBus(clock.now).opener(), watch, log=logging.getLogger("tests.faults")
     )
     daemon.run(20.0 + without_s)
 

@@ -7,6 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import pytest
@@ -89,14 +90,19 @@ def test_no_result_is_no_success(tmp_path: Path) -> None:
     assert "said this" in verdict.detail
 
 
+def guest_of(folder: Path, script: str) -> AbstractContextManager[uml.Guest]:
+    """A guest whose kernel is a script of the shell."""
+    kernel = folder / "kernel"
+    kernel.write_text(f"#!/bin/sh\n{script}\n")
+    kernel.chmod(0o755)
+    return uml.guest("true", out=folder / "out", stage=folder, kernel=str(kernel), build=folder)
+
+
 @needs_gcc
 def test_a_guest_that_leaves_no_status_has_failed(tmp_path: Path) -> None:
     """Its console's tail says what it said last, and nothing of it is left behind."""
-    kernel = tmp_path / "kernel"
-    kernel.write_text("#!/bin/sh\necho panic: no init\n")
-    kernel.chmod(0o755)
     with (
-        uml.guest("true", out=tmp_path / "out", stage=tmp_path, kernel=str(kernel), build=tmp_path) as guest,
+        guest_of(tmp_path, "echo panic: no init") as guest,
         pytest.raises(uml.HilError, match="ended without a status") as raised,
     ):
         guest.wait(30.0)
@@ -108,11 +114,8 @@ def test_a_guest_that_leaves_no_status_has_failed(tmp_path: Path) -> None:
 @needs_gcc
 def test_a_guest_that_does_not_end_is_ended(tmp_path: Path) -> None:
     """All its processes go, and it counts as failed."""
-    kernel = tmp_path / "kernel"
-    kernel.write_text("#!/bin/sh\nsleep 1000 & echo $! >$(dirname $0)/child; wait\n")
-    kernel.chmod(0o755)
     with (
-        uml.guest("true", out=tmp_path / "out", stage=tmp_path, kernel=str(kernel), build=tmp_path) as guest,
+        guest_of(tmp_path, "sleep 1000 & echo $! >$(dirname $0)/child; wait") as guest,
         pytest.raises(uml.HilError, match="did not end within 1 s"),
     ):
         guest.wait(1.0)

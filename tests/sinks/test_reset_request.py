@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tests.beside import beside
 from tpmsd.cli.main import main
 from tpmsd.sinks.reset_request import ResetRequest, from_frame, from_sentence, to_frame, to_sentence
 from tpmsd.sinks.status_client import StatusError, request_reset
@@ -59,7 +60,6 @@ def daemon(path: Path, reset: str, reason: str, why_not: str = "") -> Iterator[l
     """A status server whose next tick takes the reset up as told."""
     asked: list[str | None] = []
     baseline: dict[str, Any] = {"resets": 4, "reset": "none", "reset_reason": ""}
-    stop = threading.Event()
 
     def take(tyres: str | None) -> str:
         asked.append(tyres)
@@ -68,20 +68,15 @@ def daemon(path: Path, reset: str, reason: str, why_not: str = "") -> Iterator[l
     server = StatusServer(path, lambda: {"version": 1, "baseline": dict(baseline)}, reset=take)
     server.open()
 
-    def loop() -> None:
-        while not stop.wait(0.02):
+    def loop(over: threading.Event) -> None:
+        while not over.wait(0.02):
             server.service(time.monotonic())
             if asked and not server.clients:
                 baseline.update(resets=5, reset=reset, reset_reason=reason)
         server.close()
 
-    thread = threading.Thread(target=loop)
-    thread.start()
-    try:
+    with beside(loop):
         yield asked
-    finally:
-        stop.set()
-        thread.join()
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from typing import Any
 
 import pytest
 
+from tests.beside import beside
 from tests.daemon.fakes import hear_signals
 from tpmsd.cli.main import main
 from tpmsd.cli.status_table import render_status
@@ -37,24 +38,18 @@ DOCUMENT: dict[str, Any] = {
 @contextmanager
 def daemon(path: Path, updates: int | None = None) -> Iterator[None]:
     """A status server in a thread, publishing every 20 ms; it closes after so many updates."""
-    stop = threading.Event()
     server = StatusServer(path, lambda: DOCUMENT)
     server.open()
 
-    def loop() -> None:
+    def loop(over: threading.Event) -> None:
         done = 0
-        while not stop.wait(0.02) and done != updates:
+        while not over.wait(0.02) and done != updates:
             done += server.watchers > 0
             server.publish(time.monotonic())
         server.close()
 
-    thread = threading.Thread(target=loop)
-    thread.start()
-    try:
+    with beside(loop):
         yield
-    finally:
-        stop.set()
-        thread.join()
 
 
 @contextmanager

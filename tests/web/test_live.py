@@ -12,6 +12,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from tests.beside import beside
 from tpmsd.sinks.status_server import StatusServer
 from tpmsd.web.live import LiveHub
 from tpmsd.web.settings import WebSettings
@@ -34,23 +35,18 @@ def document(time_s: float) -> dict[str, Any]:
 @contextmanager
 def daemon(path: Path) -> Iterator[StatusServer]:
     """A status server whose clock advances by 10 s with each of its updates, every 20 ms."""
-    stop, ticks = threading.Event(), [0]
+    ticks = [0]
     server = StatusServer(path, lambda: document(10.0 * ticks[0]))
     server.open()
 
-    def loop() -> None:
-        while not stop.wait(0.02):
+    def loop(over: threading.Event) -> None:
+        while not over.wait(0.02):
             ticks[0] += 1
             server.publish(time.monotonic())
         server.close()
 
-    thread = threading.Thread(target=loop)
-    thread.start()
-    try:
+    with beside(loop):
         yield server
-    finally:
-        stop.set()
-        thread.join()
 
 
 async def heard(hub: LiveHub, name: str, count: int) -> list[Any]:

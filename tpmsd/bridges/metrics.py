@@ -10,7 +10,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from tpmsd.bridges.summary import number, summarise
+from tpmsd.bridges.summary import summarise
+from tpmsd.plain import number
 
 WHEEL_STATES = ("unavailable", "learning", "monitoring", "alarm")
 ALARM_KINDS = ("radius_deviation", "deflation", "slow_leak", "malfunction")

@@ -6,11 +6,11 @@ a document does not say, or says in a form that is not known, is None; nothing h
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from tpmsd.plain import number
 from tpmsd.wheels import WHEELS
 
 MALFUNCTION = "malfunction"
@@ -91,17 +91,6 @@ def summarise(document: Mapping[str, Any]) -> Summary:
         can=_text(_mapping(document.get("can")).get("state"), "unknown"),
         gnss=_text(_mapping(document.get("gnss")).get("state"), "unknown"),
     )
-
-
-def number(value: object) -> float | None:
-    """A finite number, or None."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    try:
-        value = float(value)
-    except OverflowError:
-        return None
-    return value if math.isfinite(value) else None
 
 
 def _alarm(raw: Mapping[str, Any]) -> Alarm:

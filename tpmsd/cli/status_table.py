@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from tpmsd.monitor.records import AlarmEvent, AlarmKind
+from tpmsd.plain import number
 from tpmsd.report.wording import WHEEL_NAMES, verdict_on, wheel_name
 from tpmsd.sinks.status_client import printable
 from tpmsd.wheels import WHEELS
@@ -247,10 +248,8 @@ def _duration(seconds: float) -> str:
 
 
 def _number(table: Mapping[str, Any], key: str) -> float | None:
-    value = table.get(key)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        return None
-    return float(value) if abs(value) < 1e15 else None
+    value = number(table.get(key))
+    return value if value is not None and abs(value) < 1e15 else None
 
 
 def _text(table: Mapping[str, Any], key: str) -> str:

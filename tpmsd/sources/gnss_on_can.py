@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 
 from tpmsd.sources.events import Event, GnssFix, InertialSample
 from tpmsd.sources.gnss_noise import position_std
-from tpmsd.sources.nmea_checks import FROZEN_COUNT, Episodes, EpochInterval, FrozenPosition, Leap
+from tpmsd.sources.nmea_checks import Episodes, EpochInterval, PlaceChecks
 from tpmsd.sources.nmea_clock import DAY_S, ReceiverClock
 from tpmsd.sources.nmea_epoch import COURSE_MIN_SPEED_MPS
 from tpmsd.sources.nmea_sentence import MAX_SPEED_MPS
@@ -57,7 +57,7 @@ class CanFixAssembler:
         self._interval = EpochInterval()
         self._episodes = Episodes(self.counts)
         self._clock = ReceiverClock()
-        self._frozen, self._leap = FrozenPosition(), Leap()
+        self._place = PlaceChecks(self._episodes)
         self._said: dict[str, float] = {}
         self._said_s = -math.inf
 
@@ -121,13 +121,8 @@ class CanFixAssembler:
             fix = replace(fix, quality=0)
         elif not wrong:
             fix = self._with_place(self._with_motion(fix, values), latitude, longitude, values)
-            frozen, leapt = self._frozen.judge(fix), self._leap.judge(fix)
-            detail = f"the same position {FROZEN_COUNT} times while moving"
-            events += self._episodes.note(at, "frozen", frozen, detail)
-            detail = f"{latitude:.5f}, {longitude:.5f} is out of reach from the last position"
-            events += self._episodes.note(at, "leap", leapt, detail)
-            if frozen or leapt:
-                fix = replace(fix, latitude_deg=NAN, longitude_deg=NAN, altitude_m=NAN, position_std_m=NAN)
+            fix, faults = self._place.judge(fix)
+            events += faults
         self.counts["fixes"] += 1
         return [*events, fix]
 

@@ -15,6 +15,7 @@ import math
 import re
 from typing import Any
 
+from tpmsd.plain import number
 from tpmsd.sources.gnss_noise import GST_MAX_AGE_S
 from tpmsd.sources.gnss_solution import NAN, Solution
 from tpmsd.sources.nmea_sentence import unix_day
@@ -108,42 +109,42 @@ class GpsdReports:
         return None
 
     def _sky(self, report: dict[str, Any]) -> None:
-        self._hdop, self._pdop = number(report, "hdop"), number(report, "pdop")
+        self._hdop, self._pdop = reading(report, "hdop"), reading(report, "pdop")
         satellites = report.get("satellites")
         if isinstance(satellites, list):
             self._satellites = sum(isinstance(one, dict) and one.get("used") is True for one in satellites)
 
     def _solution(self, report: dict[str, Any]) -> Solution:
         utc_s = unix_time(report.get("time"))
-        mode = number(report, "mode")
+        mode = reading(report, "mode")
         if not mode >= 2:
             return Solution(utc_s)
-        status = number(report, "status")
-        altitude_m = number(report, "altHAE")
+        status = reading(report, "status")
+        altitude_m = reading(report, "altHAE")
         latitude_std, longitude_std = self._stds(report, utc_s)
-        speed_std = number(report, "eps")
+        speed_std = reading(report, "eps")
         return Solution(
             utc_s=utc_s,
             quality=_QUALITY.get(int(status), 1) if 0 <= status < 100 else 1,
-            latitude_deg=_within(number(report, "lat"), 90.0),
-            longitude_deg=_within(number(report, "lon"), 180.0),
-            altitude_m=altitude_m if math.isfinite(altitude_m) else number(report, "alt"),
+            latitude_deg=_within(reading(report, "lat"), 90.0),
+            longitude_deg=_within(reading(report, "lon"), 180.0),
+            altitude_m=altitude_m if math.isfinite(altitude_m) else reading(report, "alt"),
             satellites=self._satellites if 0 <= self._satellites <= 99 else None,
             hdop=self._hdop if 0.0 < self._hdop < 100.0 else NAN,
             latitude_std_m=latitude_std,
             longitude_std_m=longitude_std,
-            altitude_std_m=number(report, "epv"),
-            speed_mps=number(report, "speed"),
+            altitude_std_m=reading(report, "epv"),
+            speed_mps=reading(report, "speed"),
             speed_std_mps=speed_std if 0.0 < speed_std <= MAX_SPEED_STD_MPS else NAN,
-            course_deg=number(report, "track") % 360.0,
+            course_deg=reading(report, "track") % 360.0,
         )
 
     def _stds(self, report: dict[str, Any], utc_s: float) -> tuple[float, float]:
         """Of latitude and longitude: from a fresh GST, else the receiver's radius, else not known."""
-        stated = number(self._gst, "lat"), number(self._gst, "lon")
+        stated = reading(self._gst, "lat"), reading(self._gst, "lon")
         if min(stated) > 0.0 and abs(utc_s - unix_time(self._gst.get("time"))) <= GST_MAX_AGE_S:
             return stated
-        radius_m = number(report, "eph")
+        radius_m = reading(report, "eph")
         if not (radius_m > 0.0 and self._hdop > 0.0):
             return NAN, NAN
         made_up = (uere_m * dop for uere_m in UERE_M for dop in (self._hdop, self._pdop))
@@ -152,16 +153,10 @@ class GpsdReports:
         return radius_m / math.sqrt(2.0), radius_m / math.sqrt(2.0)
 
 
-def number(report: dict[str, Any], key: str) -> float:
+def reading(report: dict[str, Any], key: str) -> float:
     """A finite number of a report; NaN for anything else."""
-    value = report.get(key)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return NAN
-    try:
-        value = float(value)
-    except OverflowError:
-        return NAN
-    return value if math.isfinite(value) else NAN
+    value = number(report.get(key))
+    return NAN if value is None else value
 
 
 def unix_time(text: object) -> float:

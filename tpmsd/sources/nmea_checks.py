@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import replace
 
 from tpmsd.sources.events import GnssFix, SourceFault
 from tpmsd.sources.nmea_clock import DAY_S
@@ -109,6 +110,29 @@ class Leap:
         self._good = fix
         self._doubted.clear()
         return False
+
+
+class PlaceChecks:
+    """Both checks of a position as episodes; a fix that fails one loses its position."""
+
+    def __init__(self, episodes: Episodes) -> None:
+        self._episodes = episodes
+        self._frozen, self._leap = FrozenPosition(), Leap()
+
+    def judge(self, fix: GnssFix) -> tuple[GnssFix, list[SourceFault]]:
+        """The fix, without its position if that is frozen or out of reach, and what begins with it."""
+        at_s = fix.arrival_s
+        frozen, leapt = self._frozen.judge(fix), self._leap.judge(fix)
+        detail = f"the same position {FROZEN_COUNT} times while moving"
+        faults = self._episodes.note(at_s, "frozen", frozen, detail)
+        detail = f"{fix.latitude_deg:.5f}, {fix.longitude_deg:.5f} is out of reach from the last position"
+        faults += self._episodes.note(at_s, "leap", leapt, detail)
+        return without_position(fix) if frozen or leapt else fix, faults
+
+
+def without_position(fix: GnssFix) -> GnssFix:
+    """The same fix with its motion and time alone."""
+    return replace(fix, latitude_deg=NAN, longitude_deg=NAN, altitude_m=NAN, position_std_m=NAN)
 
 
 def _within_reach(before: GnssFix, after: GnssFix) -> bool:

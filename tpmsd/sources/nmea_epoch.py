@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 
 from tpmsd.sources.events import Event, GnssFix, SourceFault
 from tpmsd.sources.gnss_noise import GST_MAX_AGE_S, position_std
-from tpmsd.sources.nmea_checks import FROZEN_COUNT, Episodes, EpochInterval, FrozenPosition, Leap
+from tpmsd.sources.nmea_checks import Episodes, EpochInterval, PlaceChecks, without_position
 from tpmsd.sources.nmea_clock import ReceiverClock
 from tpmsd.sources.nmea_sentence import ACCURACY, HANDLED, OTHER, NmeaReading, SentenceError, decode_sentence
 
@@ -57,8 +57,7 @@ class NmeaAssembler:
         self._burst: _Burst | None = None
         self._interval = EpochInterval()
         self._episodes = Episodes(self.counts)
-        self._frozen = FrozenPosition()
-        self._leap = Leap()
+        self._place = PlaceChecks(self._episodes)
         self._checksummed = 0
         self._gst = (-math.inf, NAN)
         self._last: tuple[float, float] = (NAN, NAN)
@@ -160,13 +159,8 @@ class NmeaAssembler:
         events += self._episodes.note(at, "repeated", False)
         fix = news
         if math.isfinite(fix.latitude_deg):
-            frozen, leapt = self._frozen.judge(fix), self._leap.judge(fix)
-            detail = f"the same position {FROZEN_COUNT} times while moving"
-            events += self._episodes.note(at, "frozen", frozen, detail)
-            detail = f"{fix.latitude_deg:.5f}, {fix.longitude_deg:.5f} is out of reach from the last position"
-            events += self._episodes.note(at, "leap", leapt, detail)
-            if frozen or leapt:
-                fix = _without_position(fix)
+            fix, faults = self._place.judge(fix)
+            events += faults
         self.counts["fixes"] += 1
         events.append(fix)
         return events
@@ -199,7 +193,7 @@ class NmeaAssembler:
             self._said_position = self._said_motion = False
         has_position, has_motion = math.isfinite(fix.latitude_deg), math.isfinite(fix.speed_mps)
         if has_position and self._said_position:
-            fix = _without_position(fix)
+            fix = without_position(fix)
         if has_motion and self._said_motion:
             fix = replace(fix, speed_mps=NAN, course_rad=NAN)
         self._said_position |= has_position
@@ -255,10 +249,6 @@ def merge_readings(
 def _first(values: list[float]) -> float:
     """The first that is finite; NaN if none is."""
     return next((value for value in values if math.isfinite(value)), NAN)
-
-
-def _without_position(fix: GnssFix) -> GnssFix:
-    return replace(fix, latitude_deg=NAN, longitude_deg=NAN, altitude_m=NAN, position_std_m=NAN)
 
 
 def _has_content(fix: GnssFix) -> bool:

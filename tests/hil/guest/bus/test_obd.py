@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
+from tests.beside import beside
 from tests.hil.guest.rig import listening, run, running, simulating, wait_until
 
 FRAME = struct.Struct("=IB3x8s")
@@ -25,23 +26,16 @@ def control_unit(channel: str) -> Iterator[None]:
     bus.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, struct.pack("=II", 0x7DF, 0xC00007FF))
     bus.settimeout(0.1)
     bus.bind((channel,))
-    over = threading.Event()
 
-    def serve() -> None:
+    def serve(over: threading.Event) -> None:
         while not over.is_set():
             with contextlib.suppress(TimeoutError):
                 _, _, data = FRAME.unpack(bus.recv(FRAME.size))
                 if data[:2] == b"\x02\x01" and data[2] in answers:
                     bus.send(FRAME.pack(0x7E8, 8, answers[data[2]]))
 
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
+    with bus, beside(serve):
         yield
-    finally:
-        over.set()
-        thread.join()
-        bus.close()
 
 
 def test_the_car_is_asked_answers_and_is_left_to_a_tester(tmp_path: Path) -> None:
