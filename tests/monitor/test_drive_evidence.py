@@ -28,11 +28,13 @@ SPEEDS = 33.0 + 9.0 * np.sin(np.arange(60) / 3.0)
 """An autobahn, m/s."""
 
 
-def learned_car() -> Reference:
-    """Radii and slip are learned; growth is not, as the car was never driven fast."""
+def learned_car(known_share: float | None = None) -> Reference:
+    """Radii and slip are learned; growth is not unless a share is given, as the car was never driven fast."""
     reference = Reference(VEHICLE)
-    scale = np.full(SIZE, KNOWN_SHARE)
-    scale[GROWTH] = scale[CAR:] = 1.0
+    scale = np.full(SIZE, known_share or KNOWN_SHARE)
+    scale[CAR:] = 1.0
+    if known_share is None:
+        scale[GROWTH] = 1.0
     reference.covariance = reference.covariance * np.outer(scale, scale)
     return reference
 
@@ -41,10 +43,10 @@ def at(speed_mps: float) -> Conditions:
     return Conditions(speed_mps**2, 0.0, (0.0, 0.0), 0.0, 0.0)
 
 
-def judged(truth: FloatArray, extra: FloatArray, seed: int = 1) -> Judgement:
+def judged(truth: FloatArray, extra: FloatArray, seed: int = 1, known_share: float | None = None) -> Judgement:
     """Of a drive in which the parameters are `truth` (SIZE,) and `extra` (n, 4) m comes on top."""
     rng = np.random.default_rng(seed)
-    reference = learned_car()
+    reference = learned_car(known_share)
     evidence = DriveEvidence(reference, WHEELS, RADIUS)
     noise_m2 = np.eye(4) * NOISE_M**2
     for speed, more in zip(SPEEDS, extra, strict=True):
@@ -88,6 +90,42 @@ def test_changes_are_those_of_generalised_least_squares() -> None:
         size = np.linalg.solve(information, design.T @ precision @ off)
         assert size == pytest.approx(change[index], rel=1e-4, abs=1e-8)
         assert np.linalg.inv(information) == pytest.approx(covariance[index], rel=1e-4, abs=1e-12)
+
+
+def test_what_is_harmless_belongs_to_the_likelihood_without_a_loss() -> None:
+    """The evidence of an account without a loss is the marginal likelihood of all samples with a normal,
+    harmless change from its onset on."""
+    rng = np.random.default_rng(5)
+    reference = learned_car()
+    mean, prior = reference.mean.copy(), reference.covariance.copy()
+    evidence = DriveEvidence(reference, WHEELS, RADIUS)
+    rows = [reference.features(at(float(v))) for v in SPEEDS[:9]]
+    noise = np.eye(4) * 4e-4**2
+    seen = [row @ mean + rng.normal(0.0, 1e-3, 4) for row in rows]
+    for row, sample in zip(rows, seen, strict=True):
+        evidence.take(sample * RADIUS_M, noise * RADIUS_M**2, np.zeros((4, 4)), row, 0.0)
+    accounts = evidence.accounts
+    assert accounts is not None
+    harmless = np.diag([3e-4, 4e-4, 5e-4, 6e-4]) ** 2
+    _, log_weight = accounts.allowing(harmless * RADIUS_M**2)
+    h, off = np.vstack(rows), np.concatenate(seen) - np.vstack(rows) @ mean
+    own = DRIVE_EVIDENCE.estimate_share * noise + evidence._quick
+    design = np.tile(np.eye(4), (9, 1))
+    likelihood = []
+    for more in (np.zeros((4, 4)), harmless):
+        whole = h @ prior @ h.T + np.kron(np.eye(9), own) + design @ more @ design.T
+        likelihood.append(-0.5 * off @ np.linalg.solve(whole, off) - 0.5 * np.linalg.slogdet(whole)[1])
+    as_learned_from_the_start = float((log_weight - accounts.log_weight)[0])
+    assert likelihood[1] - likelihood[0] == pytest.approx(as_learned_from_the_start, rel=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_four_tyres_that_were_soft_at_the_start_are_not_a_load(seed: int) -> None:
+    """A car that is known well sets off with all four 25 % low: all four are named, and no other load."""
+    soft = np.full((60, 4), -0.0056 * RADIUS_M)
+    found = judged(learned_car().mean.copy(), soft, seed, known_share=0.03)
+    assert np.all(found.deflated > 0.99)
+    assert found.drive_models["as learned"] > 0.9
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -33,11 +33,29 @@ class Accounts:
     model: FloatArray
     """(n,) index of the drive model."""
 
+    def allowing(self, harmless_m2: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Where radii may also have changed by something harmless of covariance (d, d): covariance of each
+        change (n, d, d), and log weights (n,) of the accounts if no tyre has changed.
+
+        What is harmless belongs to that likelihood as much as to the size of a loss: it is 0 in `log_weight`,
+        normal with `harmless_m2` here, and the ratio of the two is N(change; 0, C + H) / N(change; 0, C).
+        """
+        total_m2 = self.covariance_m2 + harmless_m2
+        log_density = _log_normal(self.change_m, total_m2) - _log_normal(self.change_m, self.covariance_m2)
+        return total_m2, self.log_weight + log_density
+
     def model_probabilities(self, chances: FloatArray) -> dict[str, float]:
         """Of each drive model by the posterior probabilities (n,) of the accounts."""
         return {
             model.name: float(chances[self.model == k].sum()) for k, model in enumerate(DRIVE_EVIDENCE.models)
         }
+
+
+def _log_normal(value: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(n,) log densities of values (n, d) under N(0, covariance (n, d, d)), but for a constant."""
+    _, log_volume = np.linalg.slogdet(covariance)
+    solved = np.linalg.solve(covariance, value[:, :, None])[:, :, 0]
+    return np.asarray(-0.5 * (np.einsum("nd,nd->n", value, solved) + log_volume))
 
 
 class DriveEvidence:

@@ -194,11 +194,11 @@ class Judge:
             return told[2], told[3]
         lasting = self._harmless.averaged(DRIVE_EVIDENCE.lasting_share)
         harmless_m2 = lasting.covariance(self._wheels, self._radius) + self._tolerance_m2(other_tyres)
-        covariance_m2 = accounts.covariance_m2 + harmless_m2
+        covariance_m2, log_weight = accounts.allowing(harmless_m2)
         verdict = compare_accounts(
             accounts.change_m,
             covariance_m2,
-            accounts.log_weight,
+            log_weight,
             self._radius,
             self._threshold,
             log_ratios,
