@@ -43,7 +43,9 @@ def at(speed_mps: float) -> Conditions:
     return Conditions(speed_mps**2, 0.0, (0.0, 0.0), 0.0, 0.0)
 
 
-def judged(truth: FloatArray, extra: FloatArray, seed: int = 1, known_share: float | None = None) -> Judgement:
+def judged(
+    truth: FloatArray, extra: FloatArray, seed: int = 1, known_share: float | None = None
+) -> Judgement:
     """Of a drive in which the parameters are `truth` (SIZE,) and `extra` (n, 4) m comes on top."""
     rng = np.random.default_rng(seed)
     reference = learned_car(known_share)
@@ -90,6 +92,25 @@ def test_changes_are_those_of_generalised_least_squares() -> None:
         size = np.linalg.solve(information, design.T @ precision @ off)
         assert size == pytest.approx(change[index], rel=1e-4, abs=1e-8)
         assert np.linalg.inv(information) == pytest.approx(covariance[index], rel=1e-4, abs=1e-12)
+
+
+@pytest.mark.parametrize("wheel", WHEELS)
+def test_a_tyre_that_stands_out_on_its_axle_is_named_beside_a_load(wheel: int) -> None:
+    """One tyre is 20 % low and a trailer has lowered the other axle by 0.5 mm: whether that axle's tyres are
+    soft as well is open, and this one is named all the same; a lowered axle alone is not."""
+    fellow_axle = [w for w in WHEELS if w // 2 != wheel // 2]
+    own_m2 = np.full((4, 4), 3e-4**2) + np.eye(4) * 1e-4**2
+    judge = Judge(VEHICLE, MonitorConfig(), TyreConfig(), WHEELS)
+    loaded = np.zeros(4)
+    loaded[fellow_axle] = -5e-4
+    soft = loaded.copy()
+    soft[wheel] -= 1.5e-3
+    named = []
+    for radii in (soft, loaded):
+        now = Change(radii - 6e-4, own_m2, 1, own_m2, True)
+        found = judge.judge(now, now)
+        named.append([w for w in WHEELS if found.deflated[w] > 0.99])
+    assert [[wheel], []] == named
 
 
 def test_what_is_harmless_belongs_to_the_likelihood_without_a_loss() -> None:

@@ -37,8 +37,8 @@ class Verdict:
     """Probability that no wheel has lost anything."""
     loss_m: FloatArray
     """(d,) expected loss of each wheel, m."""
-    alone: FloatArray
-    """(d,) probability that it has, and no other wheel with it."""
+    beyond: FloatArray
+    """(s,) probability that each of `subsets`, and no other, has lost more than the threshold."""
     suspicion: float
     """Log-likelihood ratio of the best loss beyond the threshold to none at all, whatever its prior, by the
     likeliest account."""
@@ -121,7 +121,7 @@ def compare_accounts(
         deflated=np.minimum(large @ members, 1.0),
         none=none_lost,
         loss_m=(of_losses @ LOSS_GRID) @ members * radius_m,
-        alone=np.minimum((large * (members.sum(axis=1) == 1.0)) @ members, 1.0),
+        beyond=large,
         suspicion=float(likeliest[lost][:, beyond].max()),
         chances=found.sum(axis=1),
         gains=likeliest.max(axis=1),

@@ -115,6 +115,7 @@ class Judge:
         self._limit_m = settings.deviation_percent / 100.0 * self._radius
         grip = next(model for model in DRIVE_EVIDENCE.models if model.name == DRIVE_EVIDENCE.low_grip)
         self._slip_m = np.where(driven_mask(vehicle.driven_axle)[wheels], grip.slip_std * self._radius, 0.0)
+        self._apart = _apart(wheels)
         self._told: tuple[Accounts, bool, Finding, dict[str, float]] | None = None
         """The last comparison of a drive: it changes with every sample, and is asked for every second."""
 
@@ -156,7 +157,7 @@ class Judge:
             for tyre, x, s in zip(self._tyres, steady, np.sqrt(np.diag(steady_m2)), strict=True)
         ]
         fits = now.fits and mean.fits
-        deflated = _deflated(
+        deflated = self._deflated(
             at_once.verdict, lately.verdict, mean.samples, None if of_drive is None else of_drive.verdict
         )
         low_grip = models.get(DRIVE_EVIDENCE.low_grip, 0.0)
@@ -174,6 +175,20 @@ class Judge:
             finding=finding,
             drive_models=models,
         )
+
+    def _deflated(self, now: Verdict, mean: Verdict, samples: int, drive: Verdict | None) -> FloatArray:
+        """(d,) probability of a deflation by what all say.
+
+        A tyre that has lost what the other one of its axle has not stands out at once, or once what comes and
+        goes is averaged out, whatever else is soft or loaded. Both tyres of an axle look like slip, slopes or
+        load for a while: so they are believed of the drive as a whole, or of the mean over minutes where the
+        car is not known yet, and what shows of them now is only reason not to clear.
+        """
+        apart = np.minimum(np.maximum(now.beyond @ self._apart, mean.beyond @ self._apart), 1.0)
+        at_once = np.maximum(apart, np.minimum(now.deflated, JUDGE.undecided))
+        if drive is not None:
+            return np.maximum(at_once, drive.deflated)
+        return np.maximum(at_once, mean.deflated) if samples >= JUDGE.full_samples else at_once
 
     def _deviates(self, now: Change, tolerance_m2: FloatArray, low_grip: float) -> FloatArray:
         """(d,) probability of a change beyond the limit. What driven wheels slip at low grip is none."""
@@ -266,14 +281,12 @@ def _contrast_std(covariance_m2: FloatArray) -> float:
     return math.sqrt(float(np.max(np.diag(centring @ covariance_m2 @ centring))))
 
 
-def _deflated(now: Verdict, mean: Verdict, samples: int, drive: Verdict | None) -> FloatArray:
-    """(d,) probability of a deflation by what all say.
-
-    One tyre alone stands out at once, or once what comes and goes is averaged out. Two or more look like
-    slip, slopes or load for a while: so they are believed of the drive as a whole, or of the mean over
-    minutes where the car is not known yet, and what shows of them now is only reason not to clear.
-    """
-    at_once = np.maximum(np.maximum(now.alone, mean.alone), np.minimum(now.deflated, JUDGE.undecided))
-    if drive is not None:
-        return np.maximum(at_once, drive.deflated)
-    return np.maximum(at_once, mean.deflated) if samples >= JUDGE.full_samples else at_once
+def _apart(wheels: list[int]) -> FloatArray:
+    """(s, d): 1 for the wheels of each of `subsets` that stand out: the other one of the axle is monitored
+    and not in it, or no other wheel is."""
+    found = subsets(len(wheels))
+    out = np.zeros((len(found), len(wheels)))
+    for row, members in zip(out, found, strict=True):
+        sound = set(wheels) - {wheels[place] for place in members}
+        row[list(members)] = [float(len(members) == 1 or wheels[place] ^ 1 in sound) for place in members]
+    return out
