@@ -13,7 +13,11 @@ from tests.diagnosis.recorded import recording_of
 from tpmsd.diagnosis.assessment.result import Diagnosis
 from tpmsd.diagnosis.diagnose import diagnose
 from tpmsd.diagnosis.hypotheses.response import finer_knots, hat_functions
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.selection.selector import Selector
 from tpmsd.diagnosis.settings import SETTINGS
+from tpmsd.inference.trajectory import reference
+from tpmsd.inference.windows import Reader
 
 
 def diagnosed(seed: int, spec: Spec) -> Diagnosis:
@@ -107,3 +111,25 @@ def test_brakes_of_another_balance_than_the_engine_get_their_names() -> None:
         assert isinstance(quantity.value, float)
         assert quantity.std is not None
         assert pytest.approx(value, abs=3.0 * quantity.std + 0.02 * abs(value)) == quantity.value
+
+
+def test_a_shape_that_is_hardly_better_than_two_effects_gets_their_names() -> None:
+    """Slips that bend under force: the spline brings a thousandth more than drive and brake slip do, less
+    than its handicap."""
+    spec = Spec(duration_s=300.0, road="mixed", driven="rear", stops=True)
+    rng = np.random.default_rng(8)
+    plain = course(spec, rng)
+    bent = plain.force * (1.0 + np.abs(plain.force))
+    drives, brakes = np.maximum(bent, 0.0), np.minimum(bent, 0.0)
+    front, rear = 5e-3 * brakes, 6e-3 * drives + 3e-3 * brakes
+    slipping = replace(plain, spin=np.stack([front, front, rear, rear], axis=1))
+    recording = recording_of(observe(slipping, spec, rng, 8))
+    study = Study([Reader(recording, reference(recording))])
+    selector = Selector(study.evidence(), study.hypotheses)
+    shape = next(
+        terms for _, terms in selector.candidates([]) if terms[0].free and "accel_long" == terms[0].covariate
+    )
+    net, _ = selector.pairs_over("accel_long", [])[0]
+
+    assert selector.gain(shape) - shape[0].penalty > selector.gain([]) + net
+    assert {"brake_slip", "longitudinal_slip"} == {term.effect for term in selector._named(shape)}

@@ -18,7 +18,7 @@ import numpy as np
 
 from tpmsd.diagnosis.hypotheses.plausible import against_ratio, ratio_limits, thinkable, with_completions
 from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term, group_gain
-from tpmsd.diagnosis.selection.candidates import Candidates
+from tpmsd.diagnosis.selection.candidates import Candidates, handicap
 from tpmsd.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence
@@ -299,17 +299,19 @@ class Selector(Candidates):
         return chosen
 
     def _named(self, chosen: list[Term]) -> list[Term]:
-        """Replace a shape, and effects over the same covariate, by two effects that explain more.
+        """Replace a shape, and effects over the same covariate, by two effects that explain more than it does
+        less its handicap.
 
         Neither alone need explain it: driven wheels slip under power, all wheels under braking.
         """
         for shape in [term for term in chosen if term.free and not term.pulse]:
             others = [term for term in chosen if term is not shape]
+            ahead = handicap(shape) * (self.gain(chosen) - self.gain(others))
+            must = self._worth(chosen) - ahead + SETTINGS.selection.exchange_nats
             for rest in (others, [t for t in others if t.kind_of.shows_in[1] != shape.covariate]):
                 for _, terms in self.pairs_over(shape.covariate, rest)[: SETTINGS.selection.pairs_tried]:
                     named = self._prune([*rest, *terms])
-                    better = self._worth(named) > self._worth(chosen) + SETTINGS.selection.exchange_nats
-                    if better and self._sane(named):
+                    if self._worth(named) > must and self._sane(named):
                         return self._named(named)
         return chosen
 
