@@ -1,6 +1,7 @@
-"""The one part of tpmsd that may be compiled: the arithmetic of the Gaussian-sum filter's hypothesis bank.
+"""The parts of tpmsd that may be compiled: the arithmetic of the Gaussian-sum filter's hypothesis bank, and
+the gains of the diagnosis' whitening filter.
 
-Everything else of the build is in pyproject.toml. Without a compiler or Python's headers the extension is
+Everything else of the build is in pyproject.toml. Without a compiler or Python's headers the extensions are
 left out, and the same arithmetic runs on NumPy arrays. TPMSD_NO_KERNEL=1 leaves it out on purpose: the
 published wheel fits every machine.
 """
@@ -11,19 +12,22 @@ import os
 
 from setuptools import Extension, setup
 
-KERNEL = Extension(
-    "tpmsd.estimators._bank",
-    sources=["tpmsd/estimators/_bank.c"],
-    # Results are the same on every machine: no fused multiply-add. No paths of the build in the file.
-    extra_compile_args=["-O3", "-ffp-contract=off", "-fno-math-errno", "-g0"],
-    extra_link_args=["-Wl,-s"],
-    libraries=["m"],
-    py_limited_api=True,
-    optional=True,
-)
+KERNELS = [
+    Extension(
+        name,
+        sources=[f"{name.replace('.', '/')}.c"],
+        # Results are the same on every machine: no fused multiply-add. No paths of the build in the file.
+        extra_compile_args=["-O3", "-ffp-contract=off", "-fno-math-errno", "-g0"],
+        extra_link_args=["-Wl,-s"],
+        libraries=["m"],
+        py_limited_api=True,
+        optional=True,
+    )
+    for name in ("tpmsd.estimators._bank", "tpmsd.inference._gains")
+]
 LEFT_OUT = os.environ.get("TPMSD_NO_KERNEL", "") not in ("", "0")
 
 setup(
-    ext_modules=[] if LEFT_OUT else [KERNEL],
+    ext_modules=[] if LEFT_OUT else KERNELS,
     options={} if LEFT_OUT else {"bdist_wheel": {"py_limited_api": "cp311"}},
 )

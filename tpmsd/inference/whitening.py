@@ -22,9 +22,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dtrtri
 
 from tpmsd.inference.blocks import PN, PSI, QOLD, Layout, Q, V, W
+from tpmsd.inference.gains import gains
 from tpmsd.inference.layouts import DRIFTING_RADII
 from tpmsd.inference.noise import Noise
 from tpmsd.inference.state_space import Diagonals, Geometry, diagonals, geometry
@@ -48,30 +48,13 @@ class Whitener:
     def __init__(self, space: Geometry, diagonal: Diagonals, for_derivatives: bool = False) -> None:
         """With `for_derivatives` covariances are kept. ValueError if the noise is not positive definite."""
         self._space, self._diagonal = space, diagonal
-        count = len(space.here)
         self._carried = space.layout.carried
         carry = self._carry = len(self._carried)
         self._joint = space.joint
         moved = _moved(space, diagonal)
         fresh = _fresh(space, diagonal)
-        self._inverse = np.empty((count, CHANNELS, CHANNELS))
-        self._gain = np.empty((count, CHANNELS, carry))
-        """B = Linv C', so that the Kalman gain is B' Linv."""
-        spread = np.empty((count if for_derivatives else 1, carry + CHANNELS, carry))
-        joint = np.empty((carry + CHANNELS, carry + CHANNELS))
-        P = np.diag(diagonal.start[self._carried])
-        for k in range(count):
-            MP = spread[k if for_derivatives else 0]
-            np.matmul(moved[k], P, out=MP)
-            np.matmul(MP, moved[k].T, out=joint)
-            np.add(joint, fresh[k], out=joint)
-            factor, failed = dpotrf(joint[carry:, carry:], lower=1)
-            if failed:
-                raise ValueError("the noise model is not positive definite")
-            inverse, _ = dtrtri(factor, lower=1, overwrite_c=1)
-            self._inverse[k] = inverse
-            B = np.matmul(inverse, joint[carry:, :carry], out=self._gain[k])
-            P = joint[:carry, :carry] - np.matmul(B.T, B)
+        found = gains(moved, fresh, diagonal.start[self._carried], for_derivatives)
+        self._inverse, self._gain = found.inverse, found.gain
         self._seen = self._inverse @ moved[:, carry:]
         """G"""
         self._phi = moved[:, :carry] - self._gain.transpose(0, 2, 1) @ self._seen
@@ -84,7 +67,7 @@ class Whitener:
         )
         """From carried states before and data to carried states after and innovations."""
         self._moved = moved if for_derivatives else moved[:0]
-        self._spread = spread if for_derivatives else spread[:0]
+        self._spread = found.spread if for_derivatives else found.spread[:0]
         self.logdet = -2.0 * float(np.log(self._inverse[:, range(CHANNELS), range(CHANNELS)]).sum())
         for array in (self._inverse, self._gain, self._seen, self._phi, self._step):
             array.flags.writeable = False

@@ -1,0 +1,77 @@
+"""The gains of the whitening filter: compiled code and NumPy arrays give the same."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tpmsd.inference import gains
+from tpmsd.inference.gains import Gains, array_gains, compiled_gains
+from tpmsd.wheels import FloatArray
+
+SAME = 1e-11
+"""Relative to the greatest number of its kind: both round alike but for the order of sums."""
+
+
+@pytest.fixture(autouse=True)
+def built() -> None:
+    """Nothing can be compared where nothing was compiled."""
+    if gains.compiled is None:
+        pytest.skip("the compiled kernel is not built here (no compiler, or no headers of Python)")
+
+
+def system(count: int, carry: int, seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Matrices M (mostly zeros), covariances and starting variances of a stable filter."""
+    rng = np.random.default_rng(seed)
+    moved = rng.standard_normal((count, carry + 9, carry)) * (rng.random((count, carry + 9, carry)) < 0.1)
+    moved[:, :carry] *= 0.3 / np.sqrt(carry)
+    moved[:, np.arange(carry), np.arange(carry)] = rng.uniform(0.2, 0.8, (count, carry))
+    root = rng.standard_normal((count, carry + 9, carry + 9)) * 0.3
+    fresh = root @ root.transpose(0, 2, 1) + 0.01 * np.eye(carry + 9)
+    return moved, fresh, rng.uniform(0.1, 10.0, carry)
+
+
+def assert_alike(one: Gains, other: Gains) -> None:
+    """Equal but for rounding."""
+    for ours, theirs in zip(one, other, strict=True):
+        assert ours.shape == theirs.shape
+        assert np.abs(ours - theirs).max() < SAME * np.abs(ours).max()
+
+
+@pytest.mark.parametrize("carry", [1, 4, 17, 48])
+def test_both_give_the_same(carry: int) -> None:
+    """Gains and covariances of a hundred windows are the same, kept or not."""
+    given = system(100, carry, carry)
+    assert_alike(array_gains(*given, True), compiled_gains(*given, True))
+    assert_alike(array_gains(*given, False), compiled_gains(*given, False))
+
+
+def test_gains_of_one_window() -> None:
+    """One state, measured by one of nine channels: the Kalman gain is P h / (h P h + r)."""
+    moved = np.zeros((1, 10, 1))
+    moved[0, 0, 0], moved[0, 3, 0] = 0.5, 2.0
+    fresh = np.diag([0.0, *([1.0] * 9)])[None]
+    found = compiled_gains(moved, fresh, np.array([4.0]), False)
+    gain = found.gain[0].T @ found.inverse[0]
+    # Covariance of state and channel 0.5 * 4 * 2, variance of the channel 2 * 4 * 2 + 1.
+    assert np.allclose([0.0, 0.0, 4.0 / 17.0, *([0.0] * 6)], gain[0], atol=1e-15)
+
+
+def test_what_is_not_positive_definite_is_refused() -> None:
+    """As by NumPy, a covariance that is none is a ValueError; so are NaNs."""
+    moved, fresh, start = system(3, 4, 1)
+    fresh[2] *= -100.0
+    for run in (array_gains, compiled_gains):
+        with pytest.raises(ValueError, match="not positive definite"):
+            run(moved, fresh, start, True)
+    fresh[2] = np.nan
+    with pytest.raises(ValueError, match="not positive definite"):
+        compiled_gains(moved, fresh, start, True)
+
+
+def test_more_states_than_the_compiled_code_has_room_for() -> None:
+    """They are left to NumPy."""
+    given = system(2, gains.MOST_COMPILED + 1, 2)
+    with pytest.raises(ValueError, match="do not belong together"):
+        compiled_gains(*given, True)
+    assert_alike(array_gains(*given, True), gains.gains(*given, True))
