@@ -43,15 +43,16 @@ class GuardedEstimator:
         """Advance by one tick."""
         agreement = self._watch.update(tick, *self._believed)
         if agreement.trusted != self._trusted:
-            self._go_back()
+            unknown = self._go_back()
+            if unknown:
+                tick = _restarted(tick, unknown)
             self._trusted = agreement.trusted
         given = replace(tick, fixes=()) if agreement.withheld and tick.fixes else tick
         estimate, reason = self._try(given)
         if reason:
             self.inner = self._make()
             self._kept.clear()
-            fault = SourceFault(tick.time_s, "estimator", "restarted", reason)
-            tick = replace(tick, faults=(*tick.faults, fault))
+            tick = _restarted(tick, reason)
             estimate, _ = self._try(given)
         assert estimate is not None
         if agreement.trusted:
@@ -66,14 +67,20 @@ class GuardedEstimator:
             return None, f"{type(error).__name__}: {error}"
         return estimate, unsound(estimate, self._wheels)
 
-    def _go_back(self) -> None:
-        """Begin again with what was known before the trouble."""
+    def _go_back(self) -> str:
+        """Begin again with what was known before the trouble; why not, where that cannot be believed."""
         self.inner = self._make()
-        if self._kept:
-            self.inner.restore(self._kept[0][0])
-            kept = self._kept[0]
-            self._kept.clear()
-            self._kept.append(kept)
+        if not self._kept:
+            return ""
+        kept = self._kept[0]
+        self._kept.clear()
+        try:
+            self.inner.restore(kept[0])
+        except ValueError as error:  # radii that had left all bounds before that showed
+            self.inner = self._make()
+            return str(error)
+        self._kept.append(kept)
+        return ""
 
     def _keep(self, tick: Tick, estimate: RadiusEstimate) -> None:
         self._since_kept_s += tick.dt_s
@@ -92,3 +99,7 @@ class GuardedEstimator:
         """Take up a snapshot; raises as the estimator's `restore`."""
         self.inner.restore(saved)
         self._kept.clear()
+
+
+def _restarted(tick: Tick, reason: str) -> Tick:
+    return replace(tick, faults=(*tick.faults, SourceFault(tick.time_s, "estimator", "restarted", reason)))

@@ -25,7 +25,10 @@ STEP_S, LONGEST_STEP_S = 0.9, 2.5
 LEAST_M = 400.0
 """Path below which the wander of positions hides what is looked for."""
 PLACE_M = 4.0
-"""By so much the ends of a path may wander against each other in a minute."""
+"""By so much the ends of a path may wander against each other at least, ..."""
+PLACE_STDS = 5.0
+"""... and by so many standard deviations of a random walk whose rate is that of the steps in the window: the
+positions of some receivers wander by 3 m in a minute, those of others by centimetres."""
 SHARE = 0.003
 """Of the path: bends between fixes, rounding of speeds (0.1 knots is 0.05 m/s)."""
 LAG_S = 1.0
@@ -48,6 +51,13 @@ class _Step(NamedTuple):
     path_m: float
     integral_m: float
     speed_mps: float
+    with_before_m2: float
+    """Its difference times that of the step before it; 0 for the first one."""
+
+    @property
+    def difference_m(self) -> float:
+        """Path minus integral of speed."""
+        return self.path_m - self.integral_m
 
 
 class PathLength:
@@ -59,6 +69,7 @@ class PathLength:
         self._speeds: list[tuple[float, float]] = []
         self._steps: deque[_Step] = deque()
         self._path_m = self._integral_m = 0.0
+        self._squares_m2 = self._with_before_m2 = 0.0
         self.apart = False
 
     @property
@@ -72,7 +83,17 @@ class PathLength:
         if self._path_m < LEAST_M:
             return math.inf
         change = abs(self._steps[-1].speed_mps - self._steps[0].speed_mps)
-        return PLACE_M + SHARE * self._path_m + LAG_S * change
+        place = max(PLACE_M, PLACE_STDS * self._wander_m())
+        return place + SHARE * self._path_m + LAG_S * change
+
+    def _wander_m(self) -> float:
+        """Standard deviation of the difference by positions that walk, from its steps: their long-run
+        variance to the first lag (Newey and West 1987), in which independent errors of positions cancel."""
+        n = len(self._steps)
+        mean = self.difference_m / n
+        variance = self._squares_m2 / n - mean * mean
+        covariance = self._with_before_m2 / n - mean * mean
+        return math.sqrt(n * max(variance + 2.0 * covariance, 0.0))
 
     def update(self, fix: Fix) -> None:
         """Take a fix."""
@@ -87,9 +108,7 @@ class PathLength:
         self._add(before, fix)
         self._before, self._speeds = fix, [(fix.time_s, fix.speed_mps)]
         while self._steps and self._steps[0].time_s < fix.time_s - self._window_s:
-            gone = self._steps.popleft()
-            self._path_m -= gone.path_m
-            self._integral_m -= gone.integral_m
+            self._drop()
         limit = self.limit_m
         if math.isfinite(limit):
             self.apart = abs(self.difference_m) > limit * (AGREE_SHARE if self.apart else 1.0)
@@ -105,6 +124,16 @@ class PathLength:
         self._speeds = [] if fix is None else [(fix.time_s, fix.speed_mps)]
         self._steps.clear()
         self._path_m = self._integral_m = 0.0
+        self._squares_m2 = self._with_before_m2 = 0.0
+
+    def _drop(self) -> None:
+        """Forget the oldest step."""
+        gone = self._steps.popleft()
+        self._path_m -= gone.path_m
+        self._integral_m -= gone.integral_m
+        self._squares_m2 -= gone.difference_m**2
+        if self._steps:
+            self._with_before_m2 -= self._steps[0].with_before_m2
 
     def _add(self, before: Fix, fix: Fix) -> None:
         integral = sum(0.5 * (v0 + v1) * (t1 - t0) for (t0, v0), (t1, v1) in pairwise(self._speeds))
@@ -118,6 +147,10 @@ class PathLength:
             path *= 0.5 * turn / math.sin(0.5 * turn)
         if abs(path - integral) > JUMP_M + JUMP_SHARE * integral:
             return
-        self._steps.append(_Step(fix.time_s, path, integral, fix.speed_mps))
+        off = path - integral
+        product = off * self._steps[-1].difference_m if self._steps else 0.0
+        self._steps.append(_Step(fix.time_s, path, integral, fix.speed_mps, product))
         self._path_m += path
         self._integral_m += integral
+        self._squares_m2 += off * off
+        self._with_before_m2 += product

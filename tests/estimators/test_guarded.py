@@ -1,0 +1,61 @@
+"""The guard around an estimator: what it goes back to."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.monitor.drives import RADIUS_M
+from tpmsd.estimators.agreement import AGREED, Agreement
+from tpmsd.estimators.base import RadiusEstimate
+from tpmsd.estimators.guarded import KEEP_EVERY_S, GuardedEstimator
+from tpmsd.timeline.tick import Tick
+from tpmsd.wheels import FloatArray
+
+FAR_M = 0.04
+"""No estimate may be saved so far from nominal, and one may be so far off for a while: a wheel that spins."""
+
+
+class Spun:
+    """An estimator whose radii have left the bounds of a saved state."""
+
+    def step(self, tick: Tick) -> RadiusEstimate:
+        covariance = np.eye(4) * 1e-8
+        pose = dict.fromkeys(("yaw_rate_radps", "east_m", "north_m", "heading_rad"), 0.0)
+        known = dict.fromkeys(("position_std_m", "heading_std_rad", "gnss_age_s", "effective_particles"), 1.0)
+        return RadiusEstimate(
+            tick.time_s, np.full(4, FAR_M), covariance, np.ones(4), True, 0.0, speed_mps=20.0, **pose, **known
+        )
+
+    def snapshot(self) -> dict[str, Any]:
+        return {}
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        raise ValueError("the saved mean_m is not finite or beyond 0.03")
+
+
+class DisagreesAtTheEnd:
+    """An agreement that ends with the last tick."""
+
+    def __init__(self, ticks: int) -> None:
+        self.left = ticks
+
+    def update(self, tick: Tick, radius_m: FloatArray, radius_std_m: float) -> Agreement:
+        self.left -= 1
+        return AGREED if self.left else Agreement(withheld=True, unsteady=False, began=True)
+
+
+def test_what_cannot_be_taken_up_again_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A disagreement after radii that left the bounds of a saved state: the estimate is made anew, and a
+    fault says so."""
+    guarded = GuardedEstimator(Spun, [0, 1, 2, 3], np.full(4, RADIUS_M))
+    ticks = 3
+    monkeypatch.setattr(guarded, "_watch", DisagreesAtTheEnd(ticks))
+    faults = []
+    for k in range(ticks):
+        tick = Tick(k, float(k), KEEP_EVERY_S, np.ones(4), np.full(4, 0.05), float(k))
+        given, _, _ = guarded.step(tick)
+        faults.append([fault.kind for fault in given.faults])
+    assert [[], [], ["restarted"]] == faults
