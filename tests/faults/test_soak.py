@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tests.faults.soak import problems, soak
+import pytest
+
+from tests.faults.soak import OFFSET_M, Mark, Soaked, problems, soak
 
 
 def test_twenty_minutes_of_faults_leaves_nothing_behind(tmp_path: Path) -> None:
@@ -15,3 +17,20 @@ def test_twenty_minutes_of_faults_leaves_nothing_behind(tmp_path: Path) -> None:
     assert [] == problems(result)
     assert 10 * 2 * 720 * 0.98 <= result.marks[-1].ticks
     assert sum(result.happened.values()) >= 5
+
+
+@pytest.mark.parametrize(
+    ("off_mm", "std_mm", "wrong"),
+    [(0.61, 0.24, []), (0.61, 0.12, ["leg 3: radii off by 0.61 mm, 5.1 of their standard deviations"])],
+)
+def test_radii_are_held_against_what_the_estimate_states(
+    off_mm: float, std_mm: float, wrong: list[str]
+) -> None:
+    """Half a millimetre off is wrong where the estimate claims to know better, and not just after a fault."""
+    soaked = Soaked(puncture_s=4000.0, alarms=[(4010.0, "deflation", "rr", "raised")])
+    for leg in range(4):
+        off_m = [offset + (1e-3 * off_mm if leg == 2 else 0.0) for offset in OFFSET_M]
+        time_s = 1020.0 * (leg + 1)
+        mark = Mark(leg, round(10.0 * time_s), time_s, 60_000, 13, off_m, [1e-3 * std_mm] * 4)
+        soaked.marks.append(mark)
+    assert wrong == problems(soaked)
