@@ -15,7 +15,7 @@ from bench.campaigns.diagnosis.truth import truth_of
 from bench.campaigns.origins import Job, make, plan
 from bench.worlds import awkward, real_drives, receiver_residuals, traffic
 from bench.worlds.course import Array, Course, wheel_rates
-from bench.worlds.folder import wheel_messages
+from bench.worlds.folder import Message, wheel_messages
 from bench.worlds.instruments import Drive, Errors, observe
 from bench.worlds.kinematic import course
 from bench.worlds.mems_gyro import AllanNoise, allan_deviation
@@ -172,6 +172,18 @@ def test_averaged_and_filtered_wheel_speeds_lag_by_the_closed_form(
     shown = message.raw[100:, 0] * 1e-3 / 3.6
 
     assert float(np.mean(10.0 + 0.5 * message.time_s[100:] - shown)) == pytest.approx(0.5 * late_s, abs=5e-4)
+
+
+def test_means_of_two_messages_out_of_step_are_equally_old() -> None:
+    """Of 18 ms each, the one sent at the samples of the drive, the other between them."""
+    spec = Spec(wheel_signal="speeds", speed_step_kmh=1e-3, speed_window_s=0.018, split_wheels=True)
+    front, rear = wheel_messages(_steady(spec, 0.5))
+
+    def age_s(message: Message) -> float:
+        shown = message.raw[100:, 0] * 1e-3 / 3.6
+        return float(np.mean(10.0 + 0.5 * message.time_s[100:] - shown)) / 0.5
+
+    assert pytest.approx((0.009, 0.009), abs=2e-4) == (age_s(front), age_s(rear))
 
 
 def test_counts_are_lost_below_the_sensors_speed() -> None:
