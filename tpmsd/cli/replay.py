@@ -21,6 +21,7 @@ from tpmsd.cli.outputs import Outputs
 from tpmsd.config.load import load_config
 from tpmsd.config.model import FILTER_METHODS, Config
 from tpmsd.errors import ConfigError, InputError
+from tpmsd.lean import keep_freed_memory
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.physics.model_file import load_model
 from tpmsd.provenance import provenance
@@ -105,6 +106,7 @@ def run(args: argparse.Namespace) -> int:
             print(f"tpmsd: {model_file}: {note}", file=sys.stderr)
     wanted = args.html is not None or any(outputs.asked(option) for option, _ in asked)
     car = toml_text(settings_of(config))
+    keep_freed_memory()
     result, table = replayed(args.drive, config, model, table=wanted)
     if table is not None and table.fixes_left_out:
         say(f"the tick table lacks {table.fixes_left_out} fixes: the receiver is faster than the ticks")

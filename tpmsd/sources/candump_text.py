@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tpmsd.sources.can_block import CLASSIC_BYTES, ERROR, FD, REMOTE, FrameBlock, block_of
@@ -182,23 +183,25 @@ def _read_shape(
         if template is None:
             lines = lines[1:]
             continue
-        text = buffer[starts[lines][:, None] + np.arange(length)]
+        # Column by column: what is done to one character of all lines then goes over neighbouring bytes.
+        text = np.ascontiguousarray(sliding_window_view(buffer, length)[starts[lines]].T)
         lines = lines[~_read_alike(text, lines, template, rows)]
 
 
 def _read_alike(
     text: NDArray[np.uint8], lines: NDArray[np.intp], template: _Template, rows: _Rows
 ) -> NDArray[np.bool_]:
-    """Fill the rows of the lines that the template fits; which ones those are."""
-    stamp = np.concatenate([template.whole, template.fraction])
-    digits = text[:, stamp] - ord("0")
-    fits: NDArray[np.bool_] = np.all(digits <= 9, axis=1)
-    fits &= np.all(text[:, template.other] == text[0, template.other], axis=1)
-    nibbles = _HEX[text[:, np.concatenate([template.identifier, template.data])]]
-    fits &= np.all(nibbles < 16, axis=1)
+    """Fill the rows of the lines (n,) that the template fits; which ones those are. `text` (length, n)."""
+    digits = text[np.concatenate([template.whole, template.fraction])] - ord("0")
+    nibbles = _HEX[text[np.concatenate([template.identifier, template.data])]]
+    other = text[template.other]
+    fits: NDArray[np.bool_] = (digits <= 9).all(axis=0)
+    fits &= (nibbles < 16).all(axis=0)
+    fits &= (other == other[:, :1]).all(axis=0)
     width = len(template.identifier)
-    weights = 16 ** np.arange(width - 1, -1, -1, dtype=np.int64)
-    identifier = nibbles[:, :width] @ weights
+    identifier = np.zeros(len(lines), dtype=np.int64)
+    for nibble in nibbles[:width]:
+        identifier = identifier << 4 | nibble
     if width == 3:
         fits &= identifier <= MAX_STANDARD
         flags = np.full(len(lines), template.flags)
@@ -206,25 +209,26 @@ def _read_alike(
         error = identifier & ERROR_FLAG != 0
         flags = template.flags + ERROR * error
         identifier = identifier & EXTENDED_MASK | np.where(error, 0, EXTENDED)
-    at = lines[fits]
+    fit = slice(None) if fits.all() else fits
+    at = lines[fit]
     size = len(template.data) // 2
     rows.widen(size)
     rows.found[at] = True
-    rows.time_s[at] = _stamps(text[fits], digits[fits], template)
-    rows.identifier[at] = identifier[fits]
-    rows.flags[at] = flags[fits]
+    rows.time_s[at] = _stamps(text[:, fit], digits[:, fit], template)
+    rows.identifier[at] = identifier[fit]
+    rows.flags[at] = flags[fit]
     rows.size[at] = size
     rows.channel[at] = rows.channels.setdefault(template.channel, len(rows.channels))
     if size:
-        rows.data[at, :size] = (nibbles[:, width::2] << 4 | nibbles[:, width + 1 :: 2])[fits]
+        rows.data[at, :size] = (nibbles[width::2] << 4 | nibbles[width + 1 :: 2])[:, fit].T
     return fits
 
 
 def _stamps(text: NDArray[np.uint8], digits: NDArray[np.uint8], template: _Template) -> FloatArray:
-    """(n,) the very numbers that `float` makes of the stamps."""
-    count = digits.shape[1]
-    whole = digits.astype(np.float64) @ _TENS[count - 1 :: -1]
+    """(n,) the very numbers that `float` makes of the stamps; `text` (length, n), `digits` (d, n)."""
+    count = len(digits)
+    whole = _TENS[count - 1 :: -1] @ digits.astype(np.float64)
     if bool((whole < EXACT_BELOW).all()):
         return np.asarray(whole / _TENS[len(template.fraction)])
-    columns = text[:, template.whole[0] : template.fraction[-1] + 1]
-    return np.array([float(stamp) for stamp in np.ascontiguousarray(columns).view(f"S{count + 1}").ravel()])
+    stamps = np.ascontiguousarray(text[template.whole[0] : template.fraction[-1] + 1].T)
+    return np.array([float(stamp) for stamp in stamps.view(f"S{count + 1}").ravel()])
