@@ -20,7 +20,7 @@ PACKAGE = REPO / "tpmsd"
 BENCH = REPO / "bench"
 TESTS = REPO / "tests"
 
-EVERYWHERE = {"bounds", "errors", "plain", "wheels", "lean", "palette", "toml_text"}
+EVERYWHERE = {"bounds", "errors", "plain", "wheels", "lean", "palette", "text_file", "toml_text"}
 """Modules that any room may import, beside its own and those of the table."""
 _CORE_FLOW = ("config", "sources", "timeline", "estimators", "monitor", "sinks")
 """The direction of flow: each imports only what lies before it."""
@@ -34,6 +34,7 @@ ALLOWED |= {
     "lean": set(),
     "plain": set(),
     "palette": set(),
+    "text_file": set(),
     "toml_text": set(),
     "physics": {"config"},
     "vehicle_state": {"physics"},

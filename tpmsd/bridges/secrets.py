@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from tpmsd.errors import ConfigError
+from tpmsd.text_file import read_text
 
 MAX_BYTES = 4096
 
@@ -24,17 +25,7 @@ def secret(file: Path | None, credential: str, environment: Mapping[str, str]) -
         file = Path(folder or "", credential)
         if not folder or not file.is_file():
             return None
-    try:
-        with file.open("rb") as source:
-            data = source.read(MAX_BYTES + 1)
-        text = data.decode("utf-8")
-    except OSError as error:
-        raise ConfigError(f"{file}: cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise ConfigError(f"{file}: a secret must be UTF-8 text") from None
-    if len(data) > MAX_BYTES:
-        raise ConfigError(f"{file}: longer than {MAX_BYTES} bytes")
-    text = text.removesuffix("\n").removesuffix("\r")
+    text = read_text(file, MAX_BYTES, "a secret").removesuffix("\n").removesuffix("\r")
     if not text or "\n" in text or "\0" in text:
         raise ConfigError(f"{file}: {'empty' if not text else 'more than one line'}")
     return text

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from tpmsd.cli.daemon_socket import add_socket_options, daemon_socket
 from tpmsd.cli.output import Progress, Subparsers
 from tpmsd.errors import ConfigError, TpmsdError
+from tpmsd.text_file import read_text
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette
@@ -112,11 +113,7 @@ def settings_of(args: argparse.Namespace) -> WebSettings:
 
 
 def _token(file: Path) -> str:
-    try:
-        with file.open(encoding="utf-8") as stream:
-            token = stream.read(_LONGEST_TOKEN + 2).strip()
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    token = read_text(file, _LONGEST_TOKEN + 2, "a token").strip()
     if not _SHORTEST_TOKEN <= len(token) <= _LONGEST_TOKEN or not token.isascii() or not token.isprintable():
         raise ConfigError(f"{file}: a token has {_SHORTEST_TOKEN} to {_LONGEST_TOKEN} ASCII characters")
     return token

@@ -19,6 +19,7 @@ from typing import Any
 from tpmsd.errors import ConfigError
 from tpmsd.physics.effect import Effect, Std, Value
 from tpmsd.physics.model import ExtendedModel
+from tpmsd.text_file import read_text
 from tpmsd.toml_text import check_integers, parse_toml
 
 MAX_BYTES = 1 << 20
@@ -30,16 +31,7 @@ LONGEST_WORD = 60
 
 def load_model(path: str | Path) -> ExtendedModel:
     """Read a model file; ConfigError with one line that names the file and the reason if it is none."""
-    try:
-        with Path(path).open("rb") as file:
-            content = file.read(MAX_BYTES + 1)
-        text = content.decode("utf-8")
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise ConfigError(f"{path}: is not UTF-8 text") from None
-    if len(content) > MAX_BYTES:
-        raise ConfigError(f"{path}: longer than {MAX_BYTES} bytes: this is no model")
+    text = read_text(Path(path), MAX_BYTES, "a model")
     try:
         return parse_model(text)
     except ConfigError as error:

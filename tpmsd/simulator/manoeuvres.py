@@ -6,7 +6,6 @@ curvature and one slope and changes the speed evenly; corners in time are rounde
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,8 @@ import numpy as np
 
 from tpmsd.errors import ConfigError
 from tpmsd.physics.motion import Motion
+from tpmsd.text_file import read_text
+from tpmsd.toml_text import parse_toml
 from tpmsd.wheels import FloatArray
 
 ROUNDED_S = 1.5
@@ -24,6 +25,8 @@ START_S = 4.0
 TRANSFER_MPS2 = 1.2
 """Change of speed from one manoeuvre to the next."""
 MAX_STEPS = 2000
+MAX_BYTES = 1 << 20
+"""Of a route file; `MAX_STEPS` steps take some 200 kB."""
 LIMITS = {
     "duration_s": (0.5, 7200.0),
     "speed_mps": (0.0, 70.0),
@@ -158,10 +161,9 @@ def format_route(manoeuvres: Sequence[Manoeuvre]) -> str:
 
 def load_route(path: Path) -> tuple[Step, ...]:
     """The steps of a route file; ConfigError with file and reason where it is none."""
+    text = read_text(path, MAX_BYTES, "a route")
     try:
-        return steps_of(parse_route(path.read_text(encoding="utf-8")))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read: {error}") from None
+        return steps_of(parse_route(text))
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from None
 
@@ -169,8 +171,8 @@ def load_route(path: Path) -> tuple[Step, ...]:
 def parse_route(text: str) -> tuple[Manoeuvre, ...]:
     """The manoeuvres of a route file; ConfigError with the reason where it is none."""
     try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        table = parse_toml(text)
+    except ValueError as error:
         raise ConfigError(f"not TOML: {error}") from None
     entries = table.get("manoeuvre")
     if not isinstance(entries, list) or not entries or set(table) != {"manoeuvre"}:
