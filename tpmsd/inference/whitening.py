@@ -148,7 +148,11 @@ class Whitener:
         white_rows = inverse @ self._joint[:, self._carry :]
         carried = self._joint[:, : self._carry] - gain.transpose(0, 2, 1) @ white_rows
         onward = information @ carried
-        of_fresh = 0.5 * ((pull**2).sum(2) - (carried * onward).sum(1) - (white_rows**2).sum(1))
+        of_fresh = 0.5 * (
+            np.einsum("wsp,wsp->ws", pull, pull)
+            - np.einsum("wcs,wcs->ws", carried, onward)
+            - np.einsum("wcs,wcs->ws", white_rows, white_rows)
+        )
         error = inverse.transpose(0, 2, 1) @ (white - gain @ adjoint)
         K = gain.transpose(0, 2, 1) @ inverse
         told = (inverse**2).sum(axis=1) + (K * (information @ K)).sum(axis=1)
@@ -164,8 +168,7 @@ class Whitener:
         expected = onward.transpose(0, 2, 1) @ carried_spread + white_rows.transpose(0, 2, 1) @ seen_spread
         at = np.arange(self._carry)
         of_decay[:, self._carried] = (
-            (pull[:, self._carried] * states).sum(2)
-            + (pull[:, self._carried] * through.transpose(0, 2, 1)).sum(2)
+            np.einsum("wcp,wcp->wc", pull[:, self._carried], states + through.transpose(0, 2, 1))
             - expected[:, self._carried, at]
         )
         of_start = np.zeros(self._space.layout.states)

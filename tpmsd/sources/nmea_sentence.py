@@ -10,9 +10,9 @@ from __future__ import annotations
 import datetime
 import math
 import re
-from dataclasses import dataclass
 from functools import lru_cache, reduce
 from operator import xor
+from typing import NamedTuple
 
 import pynmea2
 
@@ -61,9 +61,9 @@ class SentenceError(ValueError):
         self.detail = detail
 
 
-@dataclass(frozen=True, slots=True)
-class NmeaReading:
-    """What one sentence says. NaN or None where it says nothing."""
+class NmeaReading(NamedTuple):
+    """What one sentence says. NaN or None where it says nothing. A named tuple: a drive has tens of
+    thousands."""
 
     kind: str
     """RMC | GGA | VTG | ZDA | GST | GNS | GLL | PTPMSG | other"""
