@@ -1,4 +1,4 @@
-"""The gains of the whitening filter: compiled code and NumPy arrays give the same."""
+"""The recursions of the whitening filter: compiled code and NumPy arrays give the same."""
 
 from __future__ import annotations
 
@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from tpmsd.inference import gains
-from tpmsd.inference.gains import Gains, array_gains, compiled_gains
+from tpmsd.inference.gains import (
+    Gains,
+    array_chained,
+    array_gains,
+    array_whitened,
+    compiled_chained,
+    compiled_gains,
+    compiled_whitened,
+    steps,
+)
 from tpmsd.wheels import FloatArray
 
 SAME = 1e-11
@@ -67,6 +76,45 @@ def test_what_is_not_positive_definite_is_refused() -> None:
     fresh[2] = np.nan
     with pytest.raises(ValueError, match="not positive definite"):
         compiled_gains(moved, fresh, start, True)
+
+
+@pytest.mark.parametrize("width", [0, 1, 6, 64, 150])
+def test_both_whiten_alike(width: int) -> None:
+    """Columns of any number are whitened to the same; what was not measured (NaN) counts as zero."""
+    moved, fresh, start = system(100, 17, 5)
+    by = array_gains(moved, fresh, start, False)
+    rng = np.random.default_rng(width)
+    here = rng.random((100, 9)) < 0.8
+    columns = np.where(here[:, :, None], rng.standard_normal((100, 9, width)), np.nan)
+    ours, theirs = (
+        array_whitened(columns, here, steps(moved, by)),
+        compiled_whitened(columns, here, moved, by),
+    )
+    assert (100, 9, width) == ours.shape == theirs.shape
+    assert np.allclose(ours, theirs, rtol=0.0, atol=1e-11)
+
+
+@pytest.mark.parametrize("count", [0, 1, 80])
+def test_both_recursions_are_alike(count: int) -> None:
+    """States of a linear recursion, from zero on, are the same, and so is the last one."""
+    rng = np.random.default_rng(count)
+    step, added = 0.2 * rng.standard_normal((count, 7, 7)), rng.standard_normal((count, 7, 5))
+    for ours, theirs in zip(array_chained(step, added), compiled_chained(step, added), strict=True):
+        assert ours.shape == theirs.shape
+        assert np.allclose(ours, theirs, rtol=0.0, atol=1e-12)
+    if count > 1:
+        assert np.array_equal(np.zeros((7, 5)), compiled_chained(step, added)[0][0])
+        assert np.allclose(added[0], compiled_chained(step, added)[0][1])
+
+
+def test_arrays_that_do_not_belong_together_are_refused() -> None:
+    """Nothing is read or written beyond an array's end."""
+    moved, fresh, start = system(4, 3, 1)
+    by = array_gains(moved, fresh, start, False)
+    with pytest.raises(ValueError, match="do not belong together"):
+        compiled_whitened(np.zeros((5, 9, 2)), np.ones((5, 9), dtype=bool), moved, by)
+    with pytest.raises(ValueError, match="do not belong together"):
+        compiled_chained(np.zeros((3, 4, 4)), np.zeros((3, 5, 2)))
 
 
 def test_more_states_than_the_compiled_code_has_room_for() -> None:

@@ -9,3 +9,13 @@ def recursion(
     start: FloatArray,
     /,
 ) -> bool: ...
+def apply(
+    out: FloatArray,
+    columns: FloatArray,
+    moved: FloatArray,
+    inverse: FloatArray,
+    gain: FloatArray,
+    here: FloatArray,
+    /,
+) -> None: ...
+def chain(out: FloatArray, last_out: FloatArray, step: FloatArray, added: FloatArray, /) -> None: ...

@@ -1,8 +1,8 @@
-"""The gains of the whitening filter, by NumPy arrays or, where it was built, by compiled code.
+"""The recursions of the whitening filter, by NumPy arrays or, where it was built, by compiled code.
 
-In: the matrices of all windows. Out: `Gains`. `array_gains` is the reference; `compiled_gains` calls
-`_gains.c`. Both give the same within rounding (tests/inference/test_gains.py), so nothing but time depends on
-which runs.
+In: the matrices of all windows. Out: `Gains`, columns whitened by them, states of a linear recursion. The
+functions that begin with `array_` are the reference; those that begin with `compiled_` call `_gains.c`. Both
+give the same within rounding (tests/inference/test_gains.py), so nothing but time depends on which runs.
 """
 
 from __future__ import annotations
@@ -24,6 +24,10 @@ MOST_COMPILED = 48
 """Carried states up to which the compiled code has room."""
 
 
+NARROW = 32
+"""Columns up to which it is faster than BLAS."""
+
+
 class Gains(NamedTuple):
     """Of w windows with c carried states and 9 channels."""
 
@@ -42,8 +46,7 @@ def gains(moved: FloatArray, fresh: FloatArray, start: FloatArray, keep: bool) -
     channels; `start` (c,): variances before the first; `keep`: keep M P of every window. ValueError if a
     covariance is not positive definite.
     """
-    fits = compiled is not None and len(start) <= MOST_COMPILED
-    return (compiled_gains if fits else array_gains)(moved, fresh, start, keep)
+    return (compiled_gains if is_compiled(len(start), 0) else array_gains)(moved, fresh, start, keep)
 
 
 def array_gains(moved: FloatArray, fresh: FloatArray, start: FloatArray, keep: bool) -> Gains:
@@ -75,6 +78,72 @@ def compiled_gains(moved: FloatArray, fresh: FloatArray, start: FloatArray, keep
     if not compiled.recursion(*out, *contiguous):
         raise ValueError("the noise model is not positive definite")
     return out
+
+
+def steps(moved: FloatArray, by: Gains) -> FloatArray:
+    """(w, c + 9, c + 9) from carried states before and data to carried states after and innovations."""
+    carry, back = moved.shape[2], by.gain.transpose(0, 2, 1)
+    seen = by.inverse @ moved[:, carry:]
+    states = np.concatenate([moved[:, :carry] - back @ seen, back @ by.inverse], axis=2)
+    return np.concatenate([states, np.concatenate([-seen, by.inverse], axis=2)], axis=1)
+
+
+def array_whitened(columns: FloatArray, here: np.ndarray, step: FloatArray) -> FloatArray:
+    """(w, 9, p) the columns (w, 9, p), whitened by `steps`; `here` (w, 9): what is not there counts as zero.
+    One product per window."""
+    width, carry = columns.shape[2], step.shape[1] - columns.shape[1]
+    out = np.empty(columns.shape)
+    both, after = np.zeros((step.shape[1], width)), np.empty((step.shape[1], width))
+    whole = np.asarray(here.all(axis=1))
+    for k in range(len(columns)):
+        both[carry:] = columns[k]
+        if not whole[k]:
+            both[carry:][~here[k]] = 0.0
+        np.matmul(step[k], both, out=after)
+        out[k] = after[carry:]
+        both[:carry] = after[:carry]
+    return out
+
+
+def is_compiled(states: int, columns: int) -> bool:
+    """Whether the compiled code is there, has room, and is faster than the products of `array_whitened`."""
+    return compiled is not None and states <= MOST_COMPILED and columns <= NARROW
+
+
+def compiled_whitened(columns: FloatArray, here: np.ndarray, moved: FloatArray, by: Gains) -> FloatArray:
+    """The same by compiled code, for `MOST_COMPILED` states at most, and without `steps`."""
+    assert compiled is not None
+    out = np.empty(columns.shape)
+    compiled.apply(
+        out, np.ascontiguousarray(columns), np.ascontiguousarray(moved), by.inverse, by.gain, 1.0 * here
+    )
+    return out
+
+
+def chained(step: FloatArray, added: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(w, c, p) the states x of x_(k + 1) = step_k x_k + added_k from zero on, and the last one (c, p).
+
+    `step` (w, c, c), mostly zeros, and `added` (w, c, p).
+    """
+    return (array_chained if compiled is None else compiled_chained)(step, added)
+
+
+def array_chained(step: FloatArray, added: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """By NumPy."""
+    out, state = np.empty_like(added), np.zeros(added.shape[1:])
+    for k in range(len(added)):
+        out[k] = state
+        state = step[k] @ state
+        state += added[k]
+    return out, state
+
+
+def compiled_chained(step: FloatArray, added: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """By compiled code."""
+    assert compiled is not None
+    out, last = np.empty(added.shape), np.empty(added.shape[1:])
+    compiled.chain(out, last, np.ascontiguousarray(step), np.ascontiguousarray(added))
+    return out, last
 
 
 def _empty(moved: FloatArray, keep: bool) -> Gains:

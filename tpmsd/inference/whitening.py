@@ -20,11 +20,12 @@ the derivatives of the likelihood by every entry of the system (Koopman and Shep
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from tpmsd.inference.blocks import PN, PSI, QOLD, Layout, Q, V, W
-from tpmsd.inference.gains import gains
+from tpmsd.inference.gains import array_whitened, chained, compiled_whitened, gains, is_compiled, steps
 from tpmsd.inference.layouts import DRIFTING_RADII
 from tpmsd.inference.noise import Noise
 from tpmsd.inference.state_space import Diagonals, Geometry, diagonals, geometry
@@ -58,19 +59,14 @@ class Whitener:
         self._seen = self._inverse @ moved[:, carry:]
         """G"""
         self._phi = moved[:, :carry] - self._gain.transpose(0, 2, 1) @ self._seen
-        self._step = np.concatenate(
-            [
-                np.concatenate([self._phi, self._gain.transpose(0, 2, 1) @ self._inverse], axis=2),
-                np.concatenate([-self._seen, self._inverse], axis=2),
-            ],
-            axis=1,
-        )
-        """From carried states before and data to carried states after and innovations."""
-        self._moved = moved if for_derivatives else moved[:0]
-        self._spread = found.spread if for_derivatives else found.spread[:0]
+        self._moved, self._found = moved, found
         self.logdet = -2.0 * float(np.log(self._inverse[:, range(CHANNELS), range(CHANNELS)]).sum())
-        for array in (self._inverse, self._gain, self._seen, self._phi, self._step):
+        for array in (self._moved, *found, self._seen, self._phi):
             array.flags.writeable = False
+
+    @cached_property
+    def _step(self) -> FloatArray:
+        return steps(self._moved, self._found)
 
     @classmethod
     def of(
@@ -88,18 +84,9 @@ class Whitener:
 
     def apply(self, columns: FloatArray) -> FloatArray:
         """(w, 9, p) the columns (w, 9, p), whitened; zero where nothing was measured."""
-        width = columns.shape[2]
-        out = np.empty(columns.shape)
-        both, after = np.zeros((self._carry + CHANNELS, width)), np.empty((self._carry + CHANNELS, width))
-        whole = np.asarray(self._space.here.all(axis=1))
-        for k in range(len(columns)):
-            both[self._carry :] = columns[k]
-            if not whole[k]:
-                both[self._carry :][~self._space.here[k]] = 0.0
-            np.matmul(self._step[k], both, out=after)
-            out[k] = after[self._carry :]
-            both[: self._carry] = after[: self._carry]
-        return out
+        if is_compiled(self._carry, columns.shape[2]):
+            return compiled_whitened(columns, self._space.here, self._moved, self._found)
+        return array_whitened(columns, self._space.here, self._step)
 
     def smooth(self, white: FloatArray) -> FloatArray:
         """(w, 3) what is to be added to the reference's speed (m/s), yaw rate (rad/s) and heading (rad, at
@@ -159,7 +146,7 @@ class Whitener:
         of_variance = 0.5 * ((error**2).sum(2) - told) * self._space.here
         # By the decay of each carried state: pull x' + (zeta zeta' - N) M P, the state's own row and column.
         of_decay = np.zeros((count, self._space.layout.states))
-        MP = self._spread
+        MP = self._found.spread
         zeta = np.concatenate([adjoint, error], axis=1)
         through = zeta.transpose(0, 2, 1) @ MP
         # T M P = (M_states - K M_channels) P
@@ -189,14 +176,8 @@ class Whitener:
 
     def _filtered_states(self, white: FloatArray) -> FloatArray:
         """(w, c, p) the states before each window, given the innovations."""
-        out = np.empty((len(white), self._carry, white.shape[2]))
         drive = self._gain.transpose(0, 2, 1) @ white
-        state = np.zeros((self._carry, white.shape[2]))
-        for k in range(len(white)):
-            out[k] = state
-            state = self._moved[k, : self._carry] @ state
-            state += drive[k]
-        return out
+        return chained(self._moved[:, : self._carry], drive)[0]
 
     def _adjoint(self, white: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(w, c, p) the likelihood's derivative by the carried states after each window, and before the first
