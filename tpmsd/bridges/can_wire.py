@@ -68,35 +68,43 @@ class CanWire:
 
     def send(self, frame: Frame) -> bool:
         """Put a frame on the bus; False if the bus is away."""
+        message = can.Message(arbitration_id=frame.identifier, data=frame.data, is_extended_id=False)
         try:
-            if self._bus is None and not self._opened():
+            self._open()
+            if self._bus is None:
                 return False
-            assert self._bus is not None
-            self._bus.send(
-                can.Message(arbitration_id=frame.identifier, data=frame.data, is_extended_id=False)
-            )
+            self._bus.send(message)
         except Exception as error:
-            # Each of python-can's backends has its own exceptions, from its driver's to ImportError.
-            self._lose(" ".join(str(error).split()))
+            self._lose(error)
             return False
         if self._said:
             self._log.info("CAN %s takes frames", self._channel)
             self._said = ""
         return True
 
-    def _opened(self) -> bool:
-        """Whether the bus could be opened now; not tried more often than every `RETRY_S`."""
+    def open(self) -> None:
+        """Open the bus, which takes seconds with some adapters; if that fails it is tried again later."""
+        try:
+            self._open()
+        except Exception as error:
+            self._lose(error)
+
+    def _open(self) -> None:
+        """Open the bus unless it is open or was tried less than `RETRY_S` ago.
+
+        Each of python-can's backends has its own exceptions, from its driver's to ImportError.
+        """
         now_s = time.monotonic()
-        if now_s < self._again_s:
-            return False
+        if self._bus is not None or now_s < self._again_s:
+            return
         self._again_s = now_s + RETRY_S
         if self._interface == "socketcan" and link_kind(self._channel) not in VIRTUAL:
             raise OSError("no such virtual CAN interface")
         self._bus = can.Bus(interface=self._interface, channel=self._channel)
-        return True
 
-    def _lose(self, reason: str) -> None:
+    def _lose(self, error: Exception) -> None:
         self.close()
+        reason = " ".join(str(error).split())
         if reason != self._said:
             self._log.warning("CAN %s: %s; trying again", self._channel, reason)
         self._said = reason

@@ -6,6 +6,7 @@ before the first call; gRPC connects again by itself.
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,6 +42,7 @@ class Connection:
 
     def __init__(self, settings: DatabrokerSettings) -> None:
         """ConfigError where kuksa-client is not installed or the authority cannot be read."""
+        os.environ.setdefault("GRPC_VERBOSITY", "ERROR")  # its own lines of a connection that ends
         try:
             import grpc
             from kuksa.val.v2 import types_pb2, val_pb2, val_pb2_grpc

@@ -46,6 +46,7 @@ class VssInput:
         """Hand on values until something is raised, a signal for one."""
         try:
             while True:
+                self._wire.open()
                 self.listen()
                 time.sleep(RETRY_S)
         finally:
@@ -104,9 +105,10 @@ class VssInput:
             self.counts["values sent" if self._wire.send(made) else "while the bus was away"] += 1
             return
         self.counts[f"that {made}"] += 1
-        if made not in ORDINARY and (path, made) not in self._told:
-            self._told.add((path, made))
-            self._log.warning("a value of %s %s: not sent (said once)", path, made)
+        what = "a value" if made is NotSent.LATE else f"a value of {path}"
+        if made not in ORDINARY and (what, made) not in self._told:
+            self._told.add((what, made))
+            self._log.warning("%s %s: not sent (said once)", what, made)
 
     def _say(self, text: str) -> None:
         if text != self._said:

@@ -93,8 +93,12 @@ def run(
 @contextlib.contextmanager
 def _client(distributed: Any, scheduler: str | None, jobs: int, memory: str) -> Iterator[Any]:
     dask = need("dask", "fleet", "fleets")
-    quiet = {"distributed.logging": {"distributed": "error"}, "distributed.admin.log-length": 100}
-    with dask.config.set(quiet):
+    lean = {
+        "distributed.logging": {"distributed": "error"},
+        "distributed.admin.log-length": 100,
+        "distributed.worker.profile.enabled": False,  # looks at every worker's stack 100 times a second
+    }
+    with dask.config.set(lean):
         if scheduler is not None:
             try:
                 client = distributed.Client(scheduler, timeout=SETTINGS.connect_s)
