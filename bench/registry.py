@@ -95,6 +95,7 @@ CAMPAIGNS = {
         _campaign("diagnosis-memory", "peak memory of the diagnosis over 1, 5 and 15 drives"),
         _campaign("replicates", "seconds for bootstrap replicates of a drive, design fixed and anew"),
         _campaign("injected", "effects injected into real recordings"),
+        _campaign("online-radii", "radii on line against those of calibrate on recordings"),
         _campaign("recorded-losses", "losses of radius injected into real drives; drives in a row"),
     )
 }
