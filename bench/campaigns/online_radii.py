@@ -83,8 +83,8 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
     for row in rows:
         print(
             f"{row['drive']} {row['wheel']} at {row['speed_mps']:.1f} m/s: on line "
-            f"{row['on_line_mm']:+.2f} +- {row['on_line_std_mm']:.2f} mm, calibrate {row['calibrate_mm']:+.2f} +- "
-            f"{row['calibrate_std_mm']:.2f} mm from nominal: "
+            f"{row['on_line_mm']:+.2f} +- {row['on_line_std_mm']:.2f} mm, calibrate "
+            f"{row['calibrate_mm']:+.2f} +- {row['calibrate_std_mm']:.2f} mm from nominal: "
             f"{'within' if row['within'] else 'beyond'} {1e3 * BAR_M:.1f} mm"
         )
     return {"online_radii": rows}

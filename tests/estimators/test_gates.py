@@ -94,12 +94,23 @@ def test_hard_driving_is_not_informative() -> None:
         assert [informative] * 50 == shares(world.drive().ticks)[50:]
 
 
-def test_an_accelerometer_goes_before_the_wheels() -> None:
-    """Where the bus has an acceleration, that is what counts."""
+def test_an_accelerometer_shuts_the_gate_alone() -> None:
+    """A body that accelerates is not gentle, whatever the wheels say."""
     gate = MotionGate(FilterConfig())
     verdicts = [gate.update(tick(k, accel=2.5 if k > 20 else 0.0), 20.0, 0.0) for k in range(40)]
     assert all(verdicts[1:20])
     assert not any(verdicts[21:])
+
+
+def test_wheels_that_spin_under_a_quiet_accelerometer_are_not_informative() -> None:
+    """On ice the rear wheels gain 40 % within 0.2 s and lose it half a second later, while the body feels
+    nothing: the gate shuts with the first of them, and opens again within three seconds."""
+    gate = MotionGate(FilterConfig())
+    speeds = [20.0] * 50 + [24.0] + [28.0] * 5 + [24.0] + [20.0] * 40
+    verdicts = [gate.update(tick(k, accel=0.0), speed, 0.0) for k, speed in enumerate(speeds)]
+    assert all(verdicts[1:50])
+    assert not any(verdicts[50:57])
+    assert all(verdicts[87:])
 
 
 def test_the_smoothed_speed_follows_in_half_a_second() -> None:

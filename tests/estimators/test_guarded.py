@@ -55,7 +55,7 @@ def test_what_cannot_be_taken_up_again_is_forgotten(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(guarded, "_watch", DisagreesAtTheEnd(ticks))
     faults = []
     for k in range(ticks):
-        tick = Tick(k, float(k), KEEP_EVERY_S, np.ones(4), np.full(4, 0.05), float(k))
+        tick = Tick(k, float(k), KEEP_EVERY_S, np.ones(4), np.full(4, 0.05))
         given, _, _ = guarded.step(tick)
         faults.append([fault.kind for fault in given.faults])
     assert [[], [], ["restarted"]] == faults

@@ -90,10 +90,16 @@ class MotionGate:
 
     def _gentle(self, tick: Tick, yaw_rate_radps: float) -> bool:
         """Whether the forces are small enough; `yaw_rate_radps` is the witness's."""
-        accel_long = self.accel_mps2 if math.isnan(tick.accel_long_mps2) else tick.accel_long_mps2
+        accel_long = self._accel_long(tick)
         accel_lat = self.speed_mps * yaw_rate_radps
         limits = self._settings
         return abs(accel_long) <= limits.max_accel_long_mps2 and abs(accel_lat) <= limits.max_accel_lat_mps2
+
+    def _accel_long(self, tick: Tick) -> float:
+        """The larger of what the accelerometer and the wheels say: wheels that spin on ice or are locked gain
+        and lose speed while the car does not."""
+        wheels, body = self.accel_mps2, tick.accel_long_mps2
+        return body if abs(body) > abs(wheels) else wheels  # false for NaN
 
     @property
     def gyro_trusted(self) -> bool:

@@ -33,7 +33,7 @@ class SlipGate(MotionGate):
         super().__init__(settings)
 
     def _gentle(self, tick: Tick, yaw_rate_radps: float) -> bool:
-        accel = self.accel_mps2 if math.isnan(tick.accel_long_mps2) else tick.accel_long_mps2
+        accel = self._accel_long(tick)
         steer = tick.steering_wheel_angle_rad / self._steering_ratio
         slips = slip_traces(
             self._car,
