@@ -8,6 +8,7 @@ same alarms.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -76,6 +77,9 @@ class Pipeline:
             self._speed_keys = frozenset(number | flag for number in config.obd.answer_ids)
         self._heeded = np.array(sorted({self._reset_key} | self._speed_keys), dtype=np.int64)
         """Identifiers of frames that are for others than the decoder."""
+        self._block: FrameBlock | None = None
+        self._heeded_at: list[int] = []
+        """Where in the present block they stand."""
         self._reset_s = -math.inf
         self.monitor = Monitor(config.vehicle, config.monitor, monitored_wheels(config), config.tyre)
         self.resonance: ResonanceWatch | None = None
@@ -94,15 +98,16 @@ class Pipeline:
     def on_frames(self, block: FrameBlock, start: int, stop: int, bus: NDArray[np.intp]) -> Iterator[Step]:
         """Take the data frames `start` to before `stop` of a block, as `on_frame` each in turn. `bus`
         (channels,): number of the bus of each channel."""
-        identifiers = block.identifier[start:stop]
-        one = len(self._heeded) == 1
-        heeded = identifiers == self._reset_key if one else np.isin(identifiers, self._heeded)
-        for place in (start + np.flatnonzero(heeded)).tolist():
-            if not block.flags[place] & (ERROR | REMOTE):
-                yield from self._run_each(self._blocks.on_frames(block, start, place + 1, bus))
-                key, number = int(block.identifier[place]), int(bus[block.channel[place]])
-                self._heed(float(block.time_s[place]), key, block.payload(place), number)
-                start = place + 1
+        if block is not self._block:
+            told = block.flags & (ERROR | REMOTE) == 0
+            heeded = np.flatnonzero(told & np.isin(block.identifier, self._heeded))
+            self._block, self._heeded_at = block, heeded.tolist()
+        first = bisect_left(self._heeded_at, start)
+        for place in self._heeded_at[first : bisect_left(self._heeded_at, stop, first)]:
+            yield from self._run_each(self._blocks.on_frames(block, start, place + 1, bus))
+            key, number = int(block.identifier[place]), int(bus[block.channel[place]])
+            self._heed(float(block.time_s[place]), key, block.payload(place), number)
+            start = place + 1
         yield from self._run_each(self._blocks.on_frames(block, start, stop, bus))
 
     def on_sentence(self, time_s: float, line: bytes) -> list[Step]:

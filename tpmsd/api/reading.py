@@ -190,10 +190,12 @@ def play(
     InputError at the end if no frame had an identifier that the configured signals need.
     """
     start, told, done = None, 0, 0
+    of, bus = None, np.zeros(0, dtype=np.intp)
     for item in stream.parts():
         if isinstance(item, Part):
             block = item.block
-            bus = np.array([stream.buses.get(name, 0) for name in block.channels], dtype=np.intp)
+            if block is not of:
+                of, bus = block, np.array([stream.buses.get(name, 0) for name in block.channels], np.intp)
             yield from core.on_frames(block, item.start, item.stop, bus)
             time_s, done = float(block.time_s[item.stop - 1]), done + item.stop - item.start
         else:
