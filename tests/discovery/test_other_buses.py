@@ -54,7 +54,7 @@ def motion(seed: int) -> Motion:
     for wheel in WHEELS:
         across = (0.5 if wheel[1] == "l" else -0.5) * TRACK_M
         along = WHEELBASE_M if wheel[0] == "f" else 0.0
-        slip = 1.0 + (0.006 * accel if wheel[0] == "f" else 0.0)
+        slip = 1.0 + (0.006 * accel + 1.5e-6 * v**2 if wheel[0] == "f" else 0.0)
         wheels.append(np.hypot(v - across * yaw, along * yaw) * slip)
     return Motion(t, np.array(wheels), np.array([v * np.cos(heading), v * np.sin(heading), yaw]))
 
@@ -144,6 +144,14 @@ BUSES = {
         ),
         0.02, "speed", 0.005,
     ),
+    "twelve bits above an alive counter": Bus(
+        _message(
+            0x215, "WHL", 8, 'ALIVE : 0|4@1+ (1,0) [0|0] ""', 'A : 4|12@1+ (0.1,0) [0|0] "km/h"',
+            'B : 16|12@1+ (0.1,0) [0|0] "km/h"', 'C : 28|12@1+ (0.1,0) [0|0] "km/h"',
+            'D : 40|12@1+ (0.1,0) [0|0] "km/h"', 'CRC : 56|8@1+ (1,0) [0|0] ""',
+        ),
+        0.02, "speed", 0.1 / 3.6,
+    ),
     "revolutions per minute": Bus(
         _message(
             0x2A1, "N", 8, 'A : 7|16@0+ (0.125,0) [0|0] "rpm"', 'B : 23|16@0+ (0.125,0) [0|0] "rpm"',
@@ -226,6 +234,9 @@ def test_wheels_of_other_buses(name: str, tmp_path: Path) -> None:
     assert {WHEELS[wheel]: letter for letter, wheel in zip("ABCD", order, strict=True)} == got
     assert bus.kind + "s" == found.kind
     assert "front" == (found.driven_axle or ("", 0.0))[0]
+    base, latency = found.geometry["wheelbase_m"], found.gnss["latency_s"]
+    assert abs(base.value - WHEELBASE_M) < 3 * base.std
+    assert abs(latency.value - 0.1) < 3 * latency.std < 0.1
     if bus.reserved:
         assert {(bus.reserved,)} == {one.invalid for one in found.roles.values()}
     (tmp_path / "vehicle.toml").write_text(vehicle_text(found, "bus.dbc"))

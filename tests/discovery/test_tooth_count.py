@@ -61,6 +61,20 @@ def test_perfect_rings_tell_nothing() -> None:
         assert SETTINGS.decided > found.probability
 
 
+def test_constant_speeds_tell_nothing() -> None:
+    """At constant speeds the rounding of counts beats against the frames; no ring is read from that."""
+    time_s = 0.02 * np.arange(30_000)
+    for seed in range(8):
+        rng = np.random.default_rng([seed, 5])
+        speed = rng.uniform(9.0, 25.0, 12)[(time_s / 50.0).astype(np.int64)]
+        wheels = []
+        for _ in range(4):
+            angle = np.cumsum(speed) * 0.02 / (RADIUS_M * (1.0 + 6e-4 * rng.normal())) + rng.uniform(0, 6)
+            wheels.append((Counter(time_s, np.floor(angle * 47 / (2 * np.pi)), 1 << 16, True), 1.0))
+        found = tooth_count(per_metre(47), 1e-6, None, wheels)
+        assert SETTINGS.decided > found.probability
+
+
 def test_an_encoder_is_told_by_its_line() -> None:
     """Of 12,345 counts the number is told to some counts, and its std covers the error."""
     found = tooth_count(per_metre(12_345), 1e-6, TYRE, counters(12_345, 5e-4))

@@ -227,7 +227,8 @@ def _disjoint(found: Sequence[Follower]) -> list[Follower]:
         for wider in equals:
             wide = _bits_of(wider.series.field)
             order = wider.series.field.place.big_endian == best.series.field.place.big_endian
-            if len(wide) > len(bits) and wide > bits and (order or len(bits) <= 8):
+            as_smooth = _step_mps(wider) <= (1.0 + 1e-9) * _step_mps(best)
+            if len(wide) > len(bits) and wide > bits and as_smooth and (order or len(bits) <= 8):
                 one, bits = wider, wide
         kept.append(one)
         others.append(bits)
@@ -242,7 +243,12 @@ def _smoothest(first: Follower, equals: Sequence[Follower]) -> Follower:
     """
     bits = _bits_of(first.series.field)
     rivals = [one for one in equals if bits & _bits_of(one.series.field)]
-    return min(rivals, key=lambda one: (one.series.step_rms / one.per_mps, -one.r2))
+    return min(rivals, key=lambda one: (_step_mps(one), -one.r2))
+
+
+def _step_mps(one: Follower) -> float:
+    """Root mean square of the steps from frame to frame, m/s; 0 for counters."""
+    return one.series.step_rms / one.per_mps
 
 
 def _bits_of(one: Field) -> set[int]:

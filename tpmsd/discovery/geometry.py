@@ -25,7 +25,7 @@ from tpmsd.discovery.reference import Reference
 from tpmsd.discovery.regress import fit
 from tpmsd.discovery.result import Estimate
 from tpmsd.discovery.settings import SETTINGS, Settings
-from tpmsd.discovery.wheels import Follower
+from tpmsd.discovery.wheels import DRAG_PER_M, Follower
 from tpmsd.wheels import FloatArray
 
 _SLIP_FLOOR_S2PM = 0.0007
@@ -115,10 +115,14 @@ class CarGeometry:
         accel[1:-1] = (speed[2:] - speed[:-2]) / (2 * self._settings.cell_s)
         usable = (speed > self._settings.min_speed_mps) & (np.abs(yaw) < 0.5 * speed)
         blocks = np.floor(self._reference.edge_s[:-1] / self._settings.block_s)
+        # The error of a square goes with the speed; unweighted, slow tight bends pass for outliers.
+        weight = np.where(usable, 1.0 / np.maximum(speed, self._settings.min_speed_mps), np.nan)
+        # A speed's number at standstill is known to some centimetres per second; a counter has none.
+        offset = [] if self._by_wheel["fl"].series.kind == "count" else [speed]
         # The receiver's yaw rate as instrument: its noise is not that of the counts and cancels.
-        across = np.column_stack([self._reference.yaw_radps * speed, speed**2])
+        across = np.column_stack([self._reference.yaw_radps * speed, speed**2, *offset]) * weight[:, None]
         spans = [
-            fit(across, np.where(usable, square[right] - square[left], np.nan), blocks)
+            fit(across, (square[right] - square[left]) * weight, blocks)
             for left, right in (("fl", "fr"), ("rl", "rr"))
         ]
         if spans[0] is not None and spans[1] is not None and spans[1].value[0] > 0.5:
@@ -127,9 +131,10 @@ class CarGeometry:
             share = math.hypot(rear.std / rear.value, 0.008, *own)
             if 0.7 < ratio < 1.4:
                 self.geometry["track_front_m"] = Estimate(rear.value * ratio, rear.value * ratio * share)
-        along = np.column_stack([2.0 * yaw**2, speed**2, speed * yaw, accel * speed**2, accel * speed])
+        force = accel + DRAG_PER_M * speed**2
+        along = [2.0 * yaw**2, speed**2, speed * yaw, force * speed**2, accel * speed, *offset]
         sums = square["fl"] + square["fr"] - square["rl"] - square["rr"]
-        base = fit(along, np.where(usable, sums, np.nan), blocks)
+        base = fit(np.column_stack(along) * weight[:, None], sums * weight, blocks)
         if base is not None:
             self.square_m2 = Estimate(float(base.value[0]), base.std(0))
         if base is not None and base.value[0] > 2.0 and base.std(0) < 0.5 * base.value[0]:

@@ -23,6 +23,8 @@ _RISE = 1.35
 _NOISE = 0.004
 _SLOW = 0.2
 """Bits that flip oftener are low ones, whose rates follow from the steps: they may rise (steps of 2^k)."""
+_HALVING = 0.1
+"""Lost frames shift the flip rates of an alive counter's bits by less than this share."""
 _SAMPLE = 400_000
 
 
@@ -53,7 +55,7 @@ def raw_fields(log: MessageLog) -> list[Field]:
         places = [(byte, bit) for byte in order for bit in range(8)]
         line = np.array([rates[byte, bit] for byte, bit in places])
         for start, length in _runs(line):
-            parts = _parts(start, length)
+            parts = _parts(start, length, _alive_bits(line[start : start + length]))
             # Top bits that did not change on this drive: a number ends with a byte more often than not.
             room = -(start + length) % 8
             if room and not line[start + length : start + length + room].any():
@@ -90,11 +92,17 @@ def _runs(line: FloatArray) -> list[tuple[int, int]]:
     return runs
 
 
-def _parts(start: int, length: int) -> list[tuple[int, int]]:
-    """Fields to try: the whole run, and parts that begin or end at bytes, where fast top bits hide the
-    end."""
+def _alive_bits(rates: FloatArray) -> int:
+    """Bits of an alive counter at the low end of a run: they flip in every frame, every second one, ..."""
+    halving = np.abs(rates * 2.0 ** np.arange(len(rates)) - 1.0) < _HALVING
+    return len(rates) if halving.all() else int(np.argmin(halving))
+
+
+def _parts(start: int, length: int, alive: int) -> list[tuple[int, int]]:
+    """Fields to try: the whole run, what stands above an alive counter of so many bits, and parts that begin
+    or end at bytes, where fast top bits hide the end."""
     end = start + length
-    starts = {start, *range(-(-start // 8) * 8, end, 8)}
+    starts = {start, start + alive, *range(-(-start // 8) * 8, end, 8)}
     ends = {end, *range(-(-start // 8) * 8, end, 8)}
     return sorted((a, b - a) for a in starts for b in ends if MIN_BITS <= b - a <= MAX_BITS)
 

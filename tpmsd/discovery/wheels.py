@@ -7,10 +7,9 @@ rear axle) runs
 
     u = v - y r + x^2 r^2 / (2 v)        (first order in r x / v; Lundquist 2013, ch. 5, for the rear axle)
 
-so against the common speed a left wheel falls behind in a left turn by half a track, and a front wheel
-gains by its
-longer way. Decoys that follow the car's speed have neither, or are late. Places and delays of all series
-come from one regression each, and roles from their likelihoods.
+so against the common speed a left wheel falls behind in a left turn by half a track, and a front wheel gains
+by its longer way. Decoys that follow the car's speed have neither, or are late. Places and delays of all
+series come from one regression each, and roles from their likelihoods.
 """
 
 from __future__ import annotations
@@ -25,6 +24,10 @@ from tpmsd.discovery.regress import Fit, fit
 from tpmsd.discovery.series import Series
 from tpmsd.discovery.settings import SETTINGS, Settings
 from tpmsd.wheels import FloatArray
+
+DRAG_PER_M = 2.7e-4
+"""Air drag of a car per mass and squared speed, half rho c_d A / m, as in the prior of the drag slip. Slip
+against it is largest where nothing bends: left out, it passes for a longer way of the other axle in bends."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +50,7 @@ class Follower:
     lag_std_s: float = np.inf
     slip: float = 0.0
     slip_std: float = np.inf
-    """Relative speed per acceleration, s2/m."""
+    """Relative speed per acceleration, that against the air included, s2/m."""
     rms_mps: float = 0.0
     speed: FloatArray = field(default_factory=lambda: np.zeros(0))
     """(n,) m/s over the cells."""
@@ -62,6 +65,8 @@ def followers(
     blocks = np.floor(reference.edge_s[:-1] / settings.block_s)
     found = []
     use = np.isfinite(speed) & np.isfinite(accel)
+    # Without it bends to one side more than to the other pass for scale and base. A car that stands has none.
+    yaw = np.where(np.isfinite(reference.yaw_radps), reference.yaw_radps, 0.0)
     for one in series:
         rows = use & np.isfinite(one.rate)
         if rows.sum() < 40 or not np.ptp(one.rate[rows]) > 0:
@@ -69,12 +74,12 @@ def followers(
         # A quick look before the full regression: most fields have nothing to do with the speed.
         if not _rank_correlation(one.rate[rows], speed[rows]) > 0.8:
             continue
-        columns = [speed, accel] if one.kind == "count" else [speed, accel, np.ones_like(speed)]
+        columns = [speed, accel, yaw] + ([] if one.kind == "count" else [np.ones_like(speed)])
         made = fit(np.column_stack(columns), np.where(use, one.rate, np.nan), blocks)
         if made is None or made.r2 < settings.speed_r2 or made.value[0] <= 0:
             continue
         per_mps = float(made.value[0])
-        base = 0.0 if one.kind == "count" else float(made.value[2])
+        base = 0.0 if one.kind == "count" else float(made.value[3])
         lag = -float(made.value[1]) / per_mps
         if abs(lag) > settings.max_lag_s:
             continue
@@ -178,7 +183,8 @@ def _place_fit(
     accel[1:-1] = (common[2:] - common[:-2]) / (2 * cell)
     usable = (common > settings.min_speed_mps) & np.isfinite(yaw) & (np.abs(yaw) < 0.6 * common)
     with np.errstate(divide="ignore", invalid="ignore"):
-        design = np.column_stack([yaw, yaw**2 / common, accel, accel * common, common])
+        force = accel + DRAG_PER_M * common**2
+        design = np.column_stack([yaw, yaw**2 / common, accel, force * common, common])
     design[~usable] = np.nan
     return fit(design, speed - common, np.floor(reference.edge_s[:-1] / settings.block_s))
 

@@ -1,0 +1,19 @@
+"""The receiver's view of the drive: means over cells."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tpmsd.discovery.reference import cell_means
+
+
+@pytest.mark.parametrize("phase_s", [0.0, 0.1, 0.25, 0.4])
+def test_means_over_cells_of_a_slow_receiver_are_not_shifted(phase_s: float) -> None:
+    """A ramp that is sampled once a second has, over half a second, the mean at the middle of the cell."""
+    time_s = np.arange(0.0, 60.0) + phase_s
+    edges = np.arange(1.0, 58.0, 0.5)
+
+    means = cell_means(time_s, 3.0 + 2.0 * time_s, edges)
+
+    assert means == pytest.approx(3.0 + 2.0 * 0.5 * (edges[1:] + edges[:-1]), abs=1e-9)
