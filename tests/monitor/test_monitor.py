@@ -431,3 +431,16 @@ def test_a_car_that_never_learns_says_so() -> None:
     player = Player(monitor(ALL))
     assert [] == player.play(590.0, informative=False)
     assert [("malfunction", None, "raised")] == said(player.play(15.0, informative=False))
+
+
+def test_an_alarm_of_all_wheels_says_that_it_rests_on_the_receiver() -> None:
+    """A receiver whose speeds and positions are scaled alike looks like four soft tyres, and no other witness
+    contradicts: the reason says so; that of one wheel does not."""
+    reasons = {}
+    for change in ((-0.006,) * 4, (-0.006, 0.0, 0.0, 0.0)):
+        player = Player(monitor())
+        player.play(300.0)
+        events = player.play(240.0, change)
+        raised = [e for e in events if e.kind is AlarmKind.DEFLATION]
+        reasons[tuple(e.wheel for e in raised)] = ["the receiver's speed alone" in e.reason for e in raised]
+    assert {WHEELS: [True] * 4, ("fl",): [False]} == reasons

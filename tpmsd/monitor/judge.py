@@ -64,6 +64,11 @@ class Judgement:
     drive_models: dict[str, float] = field(default_factory=dict)
     """Posterior probability of each drive model; empty while the drive is too short."""
 
+    @property
+    def all_alike(self) -> bool:
+        """Whether the most probable loss is one of all wheels: then only the receiver tells it from none."""
+        return self.finding is not None and bool(np.all(self.finding.verdict.best_loss_m > 0.0))
+
     def trusted(self, settled: bool) -> bool:
         """Whether the baseline may learn; `settled`: whether it has been learned once."""
         return self.suspicion < (JUDGE.suspicious if settled else JUDGE.suspicious_at_first)

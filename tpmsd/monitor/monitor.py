@@ -252,6 +252,8 @@ class Monitor:
                 f"about {100 * pressure:.0f} +- {100 * pressure_std:.0f} % of its pressure "
                 f"(probability {probability:.3f})"
             )
+            if judged.all_alike and turned == "raised":
+                reason += "; all wheels alike: this rests on the receiver's speed alone"
         else:
             reason = f"radius changed by {1e3 * change:+.1f} +- {1e3 * std:.1f} mm since learned"
         event = AlarmEvent(
