@@ -32,6 +32,7 @@ class Databroker(val_pb2_grpc.VALServicer):
         self.values: dict[str, Any] = {}
         self.written: list[tuple[str, Any]] = []
         self.subscribers = 0
+        self.ends_subscriptions = False
         self._points: dict[str, types_pb2.Datapoint] = {}
         self._queues: list[tuple[set[str], deque[dict[str, types_pb2.Datapoint]]]] = []
         self._changed = threading.Condition()
@@ -66,7 +67,7 @@ class Databroker(val_pb2_grpc.VALServicer):
             self._queues.append((paths, queue))
             self.subscribers += 1
         try:
-            while context.is_active():
+            while context.is_active() and not self.ends_subscriptions:
                 with self._changed:
                     self._changed.wait_for(lambda: queue, 0.1)
                 while queue:

@@ -118,21 +118,31 @@ def test_a_value_that_cannot_be_is_said_once(caplog: pytest.LogCaptureFixture) -
 
 def test_a_silent_subscription_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """A connection from which nothing comes any more is ended by the bridge; one that speaks is not."""
-    monkeypatch.setattr(vss_input, "SILENCE_S", 0.5)
+    monkeypatch.setattr(vss_input, "SILENCE_S", 2.0)
     port, broker = free_port(), Databroker(SPEEDS)
     bridge, wire = bridge_to(port)
     with databroker(broker, port):
         thread = threading.Thread(target=bridge.listen)
         thread.start()
         wait_for("a subscription", lambda: broker.subscribers, PATIENCE_S)
-        for k in range(8):
+        for k in range(6):
             broker.write({FL: float(k)})
             wait_for("the value", lambda k=k: len(wire.sent) > k, PATIENCE_S)  # type: ignore[misc]
-            thread.join(0.2)
+            thread.join(0.5)
         assert thread.is_alive()
         thread.join(PATIENCE_S)
 
         assert not thread.is_alive()
+
+
+def test_a_subscription_that_ends_in_order_is_said(caplog: pytest.LogCaptureFixture) -> None:
+    """A databroker that ends a subscription without an error is one that gives no values."""
+    broker = Databroker(SPEEDS)
+    broker.ends_subscriptions = True
+    with databroker(broker) as port:
+        bridge_to(port)[0].listen()
+
+    assert ["the databroker gives no values (it has ended the subscription); trying again"] == caplog.messages
 
 
 def test_a_databroker_without_wheels_is_no_source(caplog: pytest.LogCaptureFixture) -> None:

@@ -98,6 +98,7 @@ class VssInput:
                         self._frames.note(path, stamp_s(point))
                     elif path in self._frames.paths:
                         self._hand_on(path, point)
+        self._say("the databroker gives no values (it has ended the subscription)")
 
     def _hand_on(self, path: str, point: Any) -> None:
         made = self._frames.take(path, stamp_s(point), value_of(point), time.time())
