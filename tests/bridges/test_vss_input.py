@@ -116,7 +116,9 @@ def test_a_value_that_cannot_be_is_said_once(caplog: pytest.LogCaptureFixture) -
     ] == sorted(message for message in caplog.messages if "not sent" in message)
 
 
-def test_a_silent_subscription_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_silent_subscription_is_given_up(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     """A connection from which nothing comes any more is ended by the bridge; one that speaks is not."""
     monkeypatch.setattr(vss_input, "SILENCE_S", 2.0)
     port, broker = free_port(), Databroker(SPEEDS)
@@ -133,6 +135,7 @@ def test_a_silent_subscription_is_given_up(monkeypatch: pytest.MonkeyPatch) -> N
         thread.join(PATIENCE_S)
 
         assert not thread.is_alive()
+    assert "the databroker gives no values (silent for 2 s); trying again" == caplog.messages[-1]
 
 
 def test_a_subscription_that_ends_in_order_is_said(caplog: pytest.LogCaptureFixture) -> None:

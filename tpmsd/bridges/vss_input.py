@@ -63,7 +63,10 @@ class VssInput:
             else:
                 self._say("the databroker has no wheel speed")
         except self._databroker.error as error:
-            self._say(f"the databroker gives no values ({self._databroker.failure(error)})")
+            reason = self._databroker.failure(error)
+            if reason == "cancelled":  # by us
+                reason = f"silent for {SILENCE_S:g} s"
+            self._say(f"the databroker gives no values ({reason})")
 
     def _known(self) -> list[str]:
         """The signals that the databroker has and lets us read."""
