@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.monitor.drives import ALL, RADIUS_M, REAR, Player, monitor, one, said
+from tpmsd.config.model import MonitorConfig
 from tpmsd.monitor.records import AlarmKind, WheelState
 from tpmsd.sources.events import SourceFault
 from tpmsd.wheels import WHEELS
@@ -259,8 +260,28 @@ def test_a_short_loss_is_none() -> None:
 def test_one_front_wheel_lost_is_named(wheel: int) -> None:
     """A front wheel without signal while the others turn: that wheel's malfunction alone."""
     player = learned()
-    events = malfunctions(player.play(40.0, lost=[wheel], informative=False))
-    assert [(WHEELS[wheel], "raised")] == events
+    limit_s = MonitorConfig().malfunction_s
+    assert [] == malfunctions(player.play(limit_s - 2.0, lost=[wheel], informative=False))
+    assert 4 * [WheelState.MONITORING] == [one.state for one in player.last.wheels]
+    assert [(WHEELS[wheel], "raised")] == malfunctions(player.play(4.0, lost=[wheel], informative=False))
+    states = {one.wheel: one.state for one in player.last.wheels}
+    assert WheelState.UNAVAILABLE == states.pop(WHEELS[wheel])
+    assert {WheelState.MONITORING} == set(states.values())
+
+
+@pytest.mark.parametrize("restored", [False, True])
+def test_a_contradiction_forgets_what_was_learned_since_the_start(
+    restored: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A baseline that an earlier run has learned, with the file as it was then, stays."""
+    player = learned()
+    if restored:
+        player.monitor.restore(player.monitor.snapshot())
+
+    # The drive that contradicts a file takes minutes: test_configuration_watch.py.
+    monkeypatch.setattr(player.monitor._configuration, "update", lambda tick: "left and right")
+    player.play(0.1)
+    assert restored == player.monitor.baseline.ready
 
 
 def test_a_receiver_lost_while_moving_is_told_after_five_minutes() -> None:
