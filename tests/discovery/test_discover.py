@@ -19,7 +19,7 @@ from tpmsd.discovery.result import Discovery
 from tpmsd.discovery.text import dbc_text, vehicle_text
 from tpmsd.wheels import WHEELS
 
-DURATION_S = 420.0
+DURATION_S = 540.0
 _DRAWN: dict[str, DrawnBus] = {}
 
 
