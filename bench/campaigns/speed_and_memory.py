@@ -8,6 +8,7 @@ median of several runs with its least and greatest. The last column relates it t
 happens on the road.
 
     python -m bench run speed --runs 5 --json bench.json
+    python -m bench run speed --only "replay, 10 min"               some of the figures
     python -m bench run speed --against 438989a --only-against      side by side with another commit
 """
 
@@ -26,6 +27,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -147,13 +149,14 @@ def recordings() -> list[Path]:
     return sorted(path.parent for path in folder.glob("*/vehicle.toml")) if folder.is_dir() else []
 
 
-def figures(runs: int, drive_s: float, say: Callable[[Figure], None]) -> list[Figure]:
-    """Everything, told to `say` as it comes."""
+def figures(runs: int, drive_s: float, say: Callable[[Figure], None], only: str = "") -> list[Figure]:
+    """Those whose names begin with `only`, told to `say` as they come."""
     found: list[Figure] = []
 
-    def take(figure: Figure) -> None:
-        found.append(figure)
-        say(figure)
+    def take(name: str, unit: str, once: Callable[[], float], ratio: Callable[[float], float]) -> None:
+        if name.startswith(only):
+            found.append(measure(name, unit, runs, once, ratio))
+            say(found[-1])
 
     with tempfile.TemporaryDirectory() as folder_name:
         folder = Path(folder_name) / "simulated"
@@ -161,50 +164,34 @@ def figures(runs: int, drive_s: float, say: Callable[[Figure], None]) -> list[Fi
         write_drive(folder, simulate_drive(DriveSpec(duration_s=drive_s, seed=1, faults=(fault,))))
         config = load_config(folder)
         frames_per_real_s = sum(1 for item in Drive(folder) if isinstance(item, CanFrame)) / drive_s
-        take(
-            measure(
-                "CAN decoding",
-                "frames/s",
-                runs,
-                frames_per_second,
-                lambda rate: rate / frames_per_real_s,
-            )
-        )
-        ticks = ticks_of(folder, config)
+        take("CAN decoding", "frames/s", frames_per_second, lambda rate: rate / frames_per_real_s)
         period_ms = 1e3 / config.filter.rate_hz
+        ticks = cache(lambda: ticks_of(folder, config))
         for method in FILTER_METHODS:
             chosen = with_method(config, method)
             take(
-                measure(
-                    f"estimator alone, {method}",
-                    "ms/tick",
-                    runs,
-                    lambda chosen=chosen: estimator_ms(chosen, ticks),  # type: ignore[misc]
-                    lambda ms: period_ms / ms,
-                )
+                f"estimator alone, {method}",
+                "ms/tick",
+                lambda chosen=chosen: estimator_ms(chosen, ticks()),  # type: ignore[misc]
+                lambda ms: period_ms / ms,
             )
+        minutes = f"{drive_s / 60:.0f} min"
         for method in FILTER_METHODS:
             chosen = with_method(config, method)
-            pairs = [replay_factor(folder, chosen) for _ in range(runs)]
-            costs = iter([cost for _, cost in pairs])
+            factors: list[float] = []
+
+            def replayed(chosen: Config = chosen, factors: list[float] = factors) -> float:
+                factor, cost = replay_factor(folder, chosen)
+                factors.append(factor)
+                return cost
+
+            take(f"whole pipeline, {method}", "ms/tick", replayed, lambda ms: period_ms / ms)
+            told = iter(factors)
             take(
-                measure(
-                    f"whole pipeline, {method}",
-                    "ms/tick",
-                    runs,
-                    lambda costs=costs: next(costs),  # type: ignore[misc]
-                    lambda ms: period_ms / ms,
-                )
-            )
-            speeds = iter([speed for speed, _ in pairs])
-            take(
-                measure(
-                    f"replay, {drive_s / 60:.0f} min simulated, {method}",
-                    "x",
-                    runs,
-                    lambda speeds=speeds: next(speeds),  # type: ignore[misc]
-                    lambda factor: factor,
-                )
+                f"replay, {minutes} simulated, {method}",
+                "x",
+                lambda told=told, chosen=chosen: next(told, None) or replay_factor(folder, chosen)[0],  # type: ignore[misc]
+                lambda factor: factor,
             )
     with tempfile.TemporaryDirectory() as folder_name:
         folder = Path(folder_name)
@@ -212,25 +199,19 @@ def figures(runs: int, drive_s: float, say: Callable[[Figure], None]) -> list[Fi
         write_folder(drive(Spec(duration_s=DIAGNOSED_S, physics=grows), 1), folder)
         for name, options in (("", ("--certify", "0")), (" with certificate", ())):
             take(
-                measure(
-                    f"diagnosis, {DIAGNOSED_S / 60:.0f} min{name}",
-                    "s",
-                    runs,
-                    lambda options=options: diagnosis_s(folder, *options),  # type: ignore[misc]
-                    lambda seconds: DIAGNOSED_S / seconds,
-                )
+                f"diagnosis, {DIAGNOSED_S / 60:.0f} min{name}",
+                "s",
+                lambda options=options: diagnosis_s(folder, *options),  # type: ignore[misc]
+                lambda seconds: DIAGNOSED_S / seconds,
             )
     for folder in recordings():
         try:
             config = load_config(folder)
             take(
-                measure(
-                    f"replay, {folder.name}",
-                    "x",
-                    runs,
-                    lambda folder=folder, config=config: replay_factor(folder, config)[0],  # type: ignore[misc]
-                    lambda factor: factor,
-                )
+                f"replay, {folder.name}",
+                "x",
+                lambda folder=folder, config=config: replay_factor(folder, config)[0],  # type: ignore[misc]
+                lambda factor: factor,
             )
         except TpmsdError as error:
             print(f"{folder.name}: {error}", file=sys.stderr)
@@ -247,7 +228,7 @@ def options(parser: argparse.ArgumentParser) -> None:
         "--against", metavar="COMMIT", help="measure another commit in turn as well, and tell the ratios"
     )
     parser.add_argument("--only-against", action="store_true", help="the ratios alone")
-    parser.add_argument("--only", metavar="NAME", default="", help="of the ratios those whose names begin so")
+    parser.add_argument("--only", metavar="NAME", default="", help="figures and ratios whose names begin so")
 
 
 def main(args: argparse.Namespace) -> dict[str, Any]:
@@ -265,7 +246,9 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
             return {"against": args.against, "ratios": compared}
     else:
         compared = []
-    found = figures(args.runs, args.drive_s, lambda figure: print(figure.line(), file=out, flush=True))
+    found = figures(
+        args.runs, args.drive_s, lambda figure: print(figure.line(), file=out, flush=True), args.only
+    )
     machine = {
         "machine": platform.machine(),
         "cpus": os.cpu_count(),

@@ -128,8 +128,9 @@ class BlockBuilder:
             if max((span_s for *_, span_s in steps), default=0.0) > SETTINGS.block_max_s:
                 way = math.nan
         share = np.array(shares)
-        rotation = np.array([t.rotation_rad for t in ticks])[:, self._order] * share[:, None]
-        quantum = np.array([t.rotation_std_rad for t in ticks])[:, self._order]
+        rotation = np.concatenate([t.rotation_rad for t in ticks]).reshape(-1, 4)[:, self._order]
+        rotation *= share[:, None]
+        quantum = np.concatenate([t.rotation_std_rad for t in ticks]).reshape(-1, 4)[:, self._order]
         angle = np.add.reduce(rotation)
         reading = np.fmax.reduce(quantum, initial=0.0)  # errors of the ticks between cancel
         radius = self._nominal + radii

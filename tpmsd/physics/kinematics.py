@@ -38,12 +38,10 @@ def wheel_speeds(
 
     `lateral_speed_mps` is the rear axle's own, zero where it does not slip sideways.
     """
-    v, yaw, lateral = np.broadcast_arrays(
-        np.asarray(speed_mps, dtype=np.float64),
-        np.asarray(yaw_rate_radps, dtype=np.float64),
-        np.asarray(lateral_speed_mps, dtype=np.float64),
-    )
-    out = np.empty((*v.shape, 4))
+    v = np.asarray(speed_mps, dtype=np.float64)
+    yaw = np.asarray(yaw_rate_radps, dtype=np.float64)
+    lateral = np.asarray(lateral_speed_mps, dtype=np.float64)
+    out = np.empty((*np.broadcast(v, yaw, lateral).shape, 4))
     out[..., RL] = v - yaw * (geometry.track_rear_m / 2)
     out[..., RR] = v + yaw * (geometry.track_rear_m / 2)
     hub_lateral = lateral + yaw * geometry.wheelbase_m
