@@ -32,7 +32,7 @@ BO_ 36 MOTION: 8 CAR
 
 
 def frames_per_second(number: int = 120_000) -> float:
-    """Decoded frames per second of a bus where half the frames hold four counters and half two readings."""
+    """Frames decoded per second of CPU time, of which half hold four counters and half two readings."""
     vehicle = VehicleConfig((RADIUS_M,) * 4, 1.5, 1.5, 2.6, teeth_per_rev=TEETH)
     signals = {f"wheel_count_{wheel}": f"WHEELS.{wheel.upper()}" for wheel in ("fl", "fr", "rl", "rr")}
     signals |= {"yaw_rate": "MOTION.YAW", "accel_long": "MOTION.LONG"}
@@ -49,12 +49,12 @@ def frames_per_second(number: int = 120_000) -> float:
         frames.append((time_s, 176, data))
         frames.append((time_s + 0.003, 36, bytes(8)))
 
-    began = time.perf_counter()
+    began = time.process_time()
     for time_s, identifier, data in frames:
         decoder.decode(time_s, identifier, False, data)
-    elapsed_s = time.perf_counter() - began
+    spent_s = time.process_time() - began
     assert {"frames"} == set(decoder.counts)
-    return len(frames) / elapsed_s
+    return len(frames) / spent_s
 
 
 def options(parser: argparse.ArgumentParser) -> None:
