@@ -16,6 +16,7 @@ KERNELS = [
     Extension(
         name,
         sources=[f"{name.replace('.', '/')}.c"],
+        depends=["tpmsd/_arrays.h"],
         # Results are the same on every machine: no fused multiply-add. No paths of the build in the file.
         extra_compile_args=["-O3", "-ffp-contract=off", "-fno-math-errno", "-g0"],
         extra_link_args=["-Wl,-s"],

@@ -6,8 +6,7 @@
  * is off (setup.py), so that machines with and without fused multiply-add round alike.
  */
 #define Py_LIMITED_API 0x030b0000
-#define PY_SSIZE_T_CLEAN
-#include <Python.h>
+#include "../_arrays.h"
 #include <math.h>
 
 /* Places in the state, as in `error_state`. */
@@ -15,24 +14,6 @@ enum { E, N_, PSI, BE, BN, LAT, LATV, TRK, FWD, GYRO, GAIN, SLIP, LOAD, MU };
 enum { POSE = PSI + 1, MOST_STATES = MU + 4, TILE = 64 };
 
 /* ---- arguments ------------------------------------------------------------------------------------------ */
-
-static int get(PyObject *object, Py_buffer *view, int dimensions, int writable)
-{
-    int flags = PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (writable ? PyBUF_WRITABLE : 0);
-    if (PyObject_GetBuffer(object, view, flags) < 0)
-        return -1;
-    if (view->ndim == dimensions && view->format && view->format[0] == 'd' && !view->format[1])
-        return 0;
-    PyBuffer_Release(view);
-    PyErr_Format(PyExc_ValueError, "an array of %d dimensions of doubles is needed", dimensions);
-    return -1;
-}
-
-static void release(Py_buffer *views, int count)
-{
-    while (count--)
-        PyBuffer_Release(&views[count]);
-}
 
 static int get_all(PyObject *const *objects, Py_buffer *views, const int *dimensions, int count, int writable)
 {

@@ -5,30 +5,11 @@
  * the moving matrix hold few numbers that are not zero. Floating-point contraction is off (setup.py).
  */
 #define Py_LIMITED_API 0x030b0000
-#define PY_SSIZE_T_CLEAN
-#include <Python.h>
+#include "../_arrays.h"
 #include <math.h>
 #include <string.h>
 
 enum { CHANNELS = 9, MOST_CARRIED = 48, MOST_ROWS = MOST_CARRIED + CHANNELS, TILE = 64 };
-
-static int get(PyObject *object, Py_buffer *view, int dimensions, int writable)
-{
-    int flags = PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (writable ? PyBUF_WRITABLE : 0);
-    if (PyObject_GetBuffer(object, view, flags) < 0)
-        return -1;
-    if (view->ndim == dimensions && view->format && view->format[0] == 'd' && !view->format[1])
-        return 0;
-    PyBuffer_Release(view);
-    PyErr_Format(PyExc_ValueError, "an array of %d dimensions of doubles is needed", dimensions);
-    return -1;
-}
-
-static void release(Py_buffer *views, int count)
-{
-    while (count--)
-        PyBuffer_Release(&views[count]);
-}
 
 /* The arrays of a call, of which the first `writable` are written to. */
 static int get_all(PyObject *const *objects, Py_ssize_t given, Py_buffer *views, const int *dimensions, int count,
