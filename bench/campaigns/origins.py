@@ -80,6 +80,7 @@ def make(job: Job, folder: Path, places: Places) -> dict[str, Any]:
         "duration_s": float(drive.time_s[-1]),
         "receiver_hz": spec.receiver_hz,
         "velocity_lag_s": spec.doppler_age_s,
+        "wheel_age_s": 0.5 * spec.speed_window_s + spec.speed_filter_s,
         "bus": [spec.wheel_signal, spec.wheel_hz, spec.teeth, spec.with_gyro, spec.with_accel],
     }
     if job.kind == "spin_on_ice":

@@ -37,7 +37,7 @@ OWN_COVARIATES = ("accel_long", "accel_lat")
 """So is a term without a name over these on that origin."""
 LAG_STDS = 4.0
 """A third of the receivers are drawn with a speed 20 to 100 ms older than the position: a lag that is told of
-one, right to within so many standard deviations, is true."""
+one, right to within so many standard deviations and the age of the wheels' own speed, is true."""
 ACTING = (REAL, "multibody")
 """Origins in whose null drives something acts: there no p-value is uniform."""
 SURE = 0.9
@@ -119,7 +119,8 @@ def _false(row: Row) -> list[dict[str, Any]]:
     def own(each: dict[str, Any]) -> bool:
         if each["effect"] == "velocity_lag":
             lag_s, std_s = each["parameters"]["lag_s"]
-            return bool(abs(lag_s - row.get("velocity_lag_s", 0.0)) < LAG_STDS * std_s)
+            doubt_s = LAG_STDS * std_s + row.get("wheel_age_s", 0.0)
+            return bool(abs(lag_s - row.get("velocity_lag_s", 0.0)) < doubt_s)
         unnamed = each["effect"] == "unknown" and each["where"]["covariate"] in OWN_COVARIATES
         return row["origin"] in SLIPPING and (unnamed or each["effect"] in OWN_TYRES)
 
