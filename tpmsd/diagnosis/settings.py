@@ -287,6 +287,8 @@ class RobustnessSettings:
     """Relative standard deviation of the radii's drift that is more than usual: five times that."""
     drift_unsure: float = 1.5
     """Factor by which so much drift may be greater than it seems: a drive holds but a few of its swings."""
+    judged: int = 6
+    """Changes and events, the best first, whose block-wise variance is looked at beside radius drift."""
     drift_levels: tuple[float, ...] = (1.0, 0.5, 0.25)
     """Shares of the estimated drift at which a change of radius is looked for: beside it there is less."""
     student_freedom: float = 4.0

@@ -83,10 +83,16 @@ def _likeliest(study: Study, terms: Sequence[Term], drifting: Account) -> Term |
         found = study.hypotheses.ramp_gains(gram, b) + study.hypotheses.pulse_gains(gram, b)
         own = [term for term in study.hypotheses.catalogue if term.ramp or term.pulse]
         found += [(group_gain(term.design[1:], gram, b)[0], term) for term in own]
-        for gain, term in found:
-            worth = alone + gain - term.penalty
-            # A term on all wheels is identified by the receiver, not by the drift of single radii.
-            out = of_all_read(study, term) or any(term.key == other.key for other in terms)
-            if not out and (best is None or worth > best[0]):
+        # A term on all wheels is identified by the receiver, not by the drift of single radii.
+        taken = {term.key for term in terms}
+        usable = [
+            (gain, term) for gain, term in found if term.key not in taken and not of_all_read(study, term)
+        ]
+        for gain, term in sorted(usable, key=lambda entry: entry[1].penalty - entry[0])[
+            : SETTINGS.robustness.judged
+        ]:
+            # What a few blocks decide is less sure than it looks.
+            worth = alone + gain / selector.ratio([*terms, term], len(terms)) - term.penalty
+            if best is None or worth > best[0]:
                 best = (worth, term)
     return None if best is None else best[1]
