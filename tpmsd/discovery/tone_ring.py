@@ -31,7 +31,7 @@ _SIZES = (0.0, *(float(s) for s in np.geomspace(0.03, 3000.0, 16)))
 """Power of the line over that of the noise, per block; 0: a ring without fault."""
 _FAULTLESS = 0.5
 """Prior of no line at all. Assumed: rings on simulated buses are perfect, real ones are not."""
-_OTHER_LINES = 0.5
+OTHER_LINES = 0.5
 """Share of the blocks that may hold another line at a candidate. Of 16 perfect rings at constant speeds none
 is called a wrong number above 0.95; with 0.1 it is two, and 16 without other lines."""
 _LEAST_SAMPLES = 7
@@ -130,21 +130,26 @@ def exact_powers(blocks: Blocks, per_turn: FloatArray) -> FloatArray:
     return out
 
 
-def log_evidence(blocks: Blocks, candidates: FloatArray, between: FloatArray) -> FloatArray:
-    """(k,) log evidence of `candidates` (k,), up to a constant; `between`: where there is noise alone."""
+def log_evidence(
+    blocks: Blocks, candidates: FloatArray, between: FloatArray, other_lines: float = OTHER_LINES
+) -> FloatArray:
+    """(k,) log evidence of `candidates` (k,), up to a constant; `between`: where there is noise alone.
+
+    `other_lines`: share of the blocks that may hold another line; 0 for encoders, whose rounding is too fine.
+    """
     if not blocks.counts:
         return np.zeros(len(candidates))
     # The median of an exponential variable is log 2 of its mean, and a line beside does not move it.
     noise = np.median(powers(blocks, between), axis=1, keepdims=True) / np.log(2.0)
-    return _mixture(powers(blocks, candidates) / np.maximum(noise, 1e-12))
+    return _mixture(powers(blocks, candidates) / np.maximum(noise, 1e-12), other_lines)
 
 
-def _mixture(power: FloatArray) -> FloatArray:
+def _mixture(power: FloatArray, other_lines: float) -> FloatArray:
     """(k,) log of the mean likelihood ratio over sizes of the line; `power` (blocks, k) over the noise."""
     size = np.array(_SIZES)[:, None, None]
-    other = np.log(_OTHER_LINES) - 2.0 * np.log1p(power)
+    other = np.log(max(other_lines, 1e-300)) - 2.0 * np.log1p(power)
     noise, line = -power, -power / (1.0 + size) - np.log1p(size)
-    own = np.log1p(-_OTHER_LINES)
+    own = np.log1p(-other_lines)
     ratio = (np.logaddexp(own + line, other) - np.logaddexp(own + noise, other)).sum(axis=1)
     prior = np.full(len(_SIZES), (1.0 - _FAULTLESS) / (len(_SIZES) - 1))
     prior[0] = _FAULTLESS

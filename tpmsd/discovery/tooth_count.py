@@ -111,11 +111,14 @@ def _encoder(expected: float, spread: float, per_metre: float, blocks: Blocks) -
     step = min(expected**2 / blocks.longest / _GRID_PER_LINE, 0.25 * spread)
     trials = min(int(8 * spread / step) + 1, _MOST_TRIALS)
     grid = np.asarray(expected + step * (np.arange(trials) - trials // 2), dtype=np.float64)
-    evidence = log_evidence(blocks, grid, grid) - 0.5 * ((grid - expected) / spread) ** 2
+    evidence = log_evidence(blocks, grid, grid, 0.0) - 0.5 * ((grid - expected) / spread) ** 2
     best = int(np.argmax(evidence))
     if evidence[best] - float(np.median(evidence)) < _LINE_NATS or not 0 < best < trials - 1:
         return unknown
-    near = grid[best] + step * np.linspace(-1.0, 1.0, 21)
+    # The bins of the search blur a line by some steps; without them its top is plain.
+    near = grid[best] + step * np.linspace(-_GRID_PER_LINE, _GRID_PER_LINE, 33)
+    top = float(near[np.argmax(exact_powers(blocks, near).sum(axis=0))])
+    near = top + step * np.linspace(-0.5, 0.5, 11)
     power = exact_powers(blocks, near)
     value = float(near[np.argmax(power.sum(axis=0))])
     std = math.hypot(_jackknife_std(power, near), near[1] - near[0])
