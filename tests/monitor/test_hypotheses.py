@@ -220,3 +220,18 @@ def test_what_axles_and_all_wheels_do_is_not_averaged_out() -> None:
     left = harmless.averaged(1.0 / 9.0)
     assert (1e-3, 2e-3) == (left.common, left.axle)
     assert (1e-3, 4e-3 / 3.0) == pytest.approx((left.side, left.own))
+
+
+@pytest.mark.parametrize(
+    ("smaller_m", "larger_m", "raised"), [(1.15e-3, 1.15e-3, False), (2.3e-3, 0.0, True)]
+)
+def test_which_of_two_wheels_has_changed_is_told_by_the_other_axle(
+    smaller_m: float, larger_m: float, raised: bool
+) -> None:
+    """Two wheels of an axle are 2.3 mm apart: where the other axle lies half-way between them, a new tyre is
+    a reason, too, and nothing is raised; where it agrees with the larger one, the other has lost."""
+    radius = np.full(4, RADIUS_M)
+    own = np.full((4, 4), 4e-4**2) + np.eye(4) * 1.2e-4**2
+    covariance = JUDGE.harmless.covariance([0, 1, 2, 3], radius) + own
+    verdict = compare(np.array([0.0, 0.0, -smaller_m, larger_m]), covariance, radius, THRESHOLD)
+    assert raised == bool(verdict.deflated[2] > 0.99)

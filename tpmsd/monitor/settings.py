@@ -113,8 +113,9 @@ class JudgeSettings:
     prior_by_size: tuple[float, float, float, float] = (1e-3, 3e-4, 1e-4, 1e-3)
     """Prior probability of each subset of one to four wheels: one tyre loses air more often than two or
     three at once; all four lose it together, by diffusion and neglect."""
-    prior_larger: float = 1e-5
-    """Prior probability of each wheel that it is larger than was learned: a new tyre of which nobody told.
+    prior_larger: float = 1e-4
+    """Prior probability of each wheel that it is larger than was learned: a new tyre of which nobody told,
+    as rare as three tyres that lose air at once.
     Of a pair alone nothing tells which wheel has changed: there it is the one that lost."""
     harmless: Nuisance = Nuisance(common=3e-4, axle=4e-4, side=3e-4, own=3e-4)
     """What comes and goes beyond what the baseline explains: wind, camber, ruts, load in bends."""
