@@ -55,6 +55,10 @@ class Settings:
     apart, and a counter that loses counts spoils one stretch alone."""
     ripple_least_rows: int = 200
     """Samples of a stretch; fewer show no line."""
+    other_lines: float = 0.5
+    """Share of the ripple's stretches that may hold another line at a candidate. Of 16 perfect rings at
+    constant speeds none is called a wrong number above 0.95; with 0.1 it is two, and 16 without other
+    lines."""
     encoder_jitter: float = 0.01
     """Largest step back of a counter at rest, as a share of the median step forward: a quadrature encoder
     counts the trembling of a standing car up and down (9 of 5,200 counts on a van with a running engine)."""
@@ -69,6 +73,15 @@ class Settings:
     """Least standard deviation of a wheel's lateral place, for what the model of a rolling car leaves out."""
     curvature_floor_m2: float = 0.35
     """The same for the front axle's longer way in a bend, in m2 (half the square of the wheelbase is 3.6)."""
+    drag_slip_per_slip: float = 1.35e-4
+    """Slip by air drag per squared speed, over slip per acceleration, 1/m: half of a car's (half rho c_d
+    A / m is 2.7e-4), for a simulated car may have none. Left out, it passes for a longer way of the other
+    axle in bends, for it is largest where nothing bends."""
+    drag_slip_std_s2pm2: float = 2.7e-7
+    """Standard deviation of what it is more or less, for a slip of 4e-3 s2/m, against the mean of four
+    wheels."""
+    blocks_per_column: int = 3
+    """With fewer blocks the coefficients' covariance is not known well enough to weigh a prior against it."""
     block_s: float = 10.0
     """Length of the blocks whose sums give standard errors: driving within one is one event."""
     named_platform: float = 6.0

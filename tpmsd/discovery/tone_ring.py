@@ -31,9 +31,6 @@ _SIZES = (0.0, *(float(s) for s in np.geomspace(0.03, 3000.0, 16)))
 """Power of the line over that of the noise, per block; 0: a ring without fault."""
 _FAULTLESS = 0.5
 """Prior of no line at all. Assumed: rings on simulated buses are perfect, real ones are not."""
-OTHER_LINES = 0.5
-"""Share of the blocks that may hold another line at a candidate. Of 16 perfect rings at constant speeds none
-is called a wrong number above 0.95; with 0.1 it is two, and 16 without other lines."""
 _LEAST_SAMPLES = 7
 _JUMP = 20.0
 """Steps beyond this many usual ones are resets and long gaps: counts on either side share no phase."""
@@ -131,7 +128,7 @@ def exact_powers(blocks: Blocks, per_turn: FloatArray) -> FloatArray:
 
 
 def log_evidence(
-    blocks: Blocks, candidates: FloatArray, between: FloatArray, other_lines: float = OTHER_LINES
+    blocks: Blocks, candidates: FloatArray, between: FloatArray, other_lines: float
 ) -> FloatArray:
     """(k,) log evidence of `candidates` (k,), up to a constant; `between`: where there is noise alone.
 

@@ -79,7 +79,7 @@ def tooth_count(
         return _encoder(expected, spread, per_metre, blocks)
     numbers = np.arange(max(1, int(expected - 5 * spread)), int(expected + 5 * spread) + 2).astype(np.float64)
     log_weight = -0.5 * ((numbers - expected) / spread) ** 2 + np.log([_usual(int(n)) for n in numbers])
-    log_weight = log_weight + log_evidence(blocks, numbers, _between(expected))
+    log_weight = log_weight + log_evidence(blocks, numbers, _between(expected), settings.other_lines)
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
     order = np.argsort(-weight)

@@ -25,15 +25,6 @@ from tpmsd.discovery.series import Series
 from tpmsd.discovery.settings import SETTINGS, Settings
 from tpmsd.wheels import FloatArray
 
-DRAG_SLIP_PER_SLIP = 1.35e-4
-"""Slip by air drag per squared speed, over slip per acceleration: half of a car's (half rho c_d A / m is
-2.7e-4 /m), for a simulated car may have none. Left out, it passes for a longer way of the other axle in
-bends, for it is largest where nothing bends."""
-DRAG_SLIP_S2PM2 = 2.7e-7
-"""Standard deviation of what it is more or less, for a slip of 4e-3 s2/m, against the mean of four wheels."""
-_BLOCKS_PER_COLUMN = 3
-"""With fewer blocks the coefficients' covariance is not known well enough to weigh a prior against it."""
-
 
 @dataclass(frozen=True, slots=True)
 class Follower:
@@ -188,10 +179,10 @@ def _place_fit(
     accel[1:-1] = (common[2:] - common[:-2]) / (2 * cell)
     usable = (common > settings.min_speed_mps) & np.isfinite(yaw) & (np.abs(yaw) < 0.6 * common)
     with np.errstate(divide="ignore", invalid="ignore"):
-        force = accel + DRAG_SLIP_PER_SLIP * common**2
+        force = accel + settings.drag_slip_per_slip * common**2
         columns = [yaw, yaw**2 / common, accel, force * common, common, common**3]
     blocks = np.floor(reference.edge_s[:-1] / settings.block_s)
-    if len(np.unique(blocks[usable])) < _BLOCKS_PER_COLUMN * len(columns):
+    if len(np.unique(blocks[usable])) < settings.blocks_per_column * len(columns):
         columns.pop()
     design = np.column_stack(columns)
     design[~usable] = np.nan
@@ -199,7 +190,7 @@ def _place_fit(
     if made is None or len(columns) < 6:
         return made
     std = np.full(len(columns), np.inf)
-    std[5] = DRAG_SLIP_S2PM2
+    std[5] = settings.drag_slip_std_s2pm2
     return with_prior(made, np.zeros(len(columns)), std)
 
 
