@@ -57,7 +57,7 @@ class Settings:
     """Samples of a stretch; fewer show no line."""
     other_lines: float = 0.5
     """Share of the ripple's stretches that may hold another line at a candidate. Of 16 perfect rings at
-    constant speeds none is called a wrong number above 0.95; with 0.1 it is two, and 16 without other
+    constant speeds none is called a wrong number above 0.95; with 0.1 it is two, and 15 without other
     lines."""
     encoder_jitter: float = 0.01
     """Largest step back of a counter at rest, as a share of the median step forward: a quadrature encoder
