@@ -25,7 +25,7 @@ from tpmsd.discovery.reference import Reference
 from tpmsd.discovery.regress import fit, with_prior
 from tpmsd.discovery.result import Estimate
 from tpmsd.discovery.settings import SETTINGS, Settings
-from tpmsd.discovery.wheels import Follower
+from tpmsd.discovery.wheels import Follower, drag_slip_std
 from tpmsd.wheels import FloatArray
 
 _SLIP_FLOOR_S2PM = 0.0007
@@ -131,13 +131,12 @@ class CarGeometry:
             share = math.hypot(rear.std / rear.value, 0.008, *own)
             if 0.7 < ratio < 1.4:
                 self.geometry["track_front_m"] = Estimate(rear.value * ratio, rear.value * ratio * share)
-        force = accel + self._settings.drag_slip_per_slip * speed**2
-        along = [2.0 * yaw**2, speed**2, speed * yaw, force * speed**2, accel * speed, speed**4, *offset]
+        along = [2.0 * yaw**2, speed**2, speed * yaw, accel * speed**2, accel * speed, speed**4, *offset]
         sums = square["fl"] + square["fr"] - square["rl"] - square["rr"]
         base = fit(np.column_stack(along) * weight[:, None], sums * weight, blocks)
         if base is not None and np.isfinite(base.cov).all():
             prior = np.full(len(along), np.inf)
-            prior[5] = 8.0 * self._settings.drag_slip_std_s2pm2  # of four wheels, twice in each square
+            prior[5] = 8.0 * drag_slip_std()  # of four wheels, twice in each square
             base = with_prior(base, np.zeros(len(along)), prior)
         if base is not None:
             self.square_m2 = Estimate(float(base.value[0]), base.std(0))

@@ -73,13 +73,6 @@ class Settings:
     """Least standard deviation of a wheel's lateral place, for what the model of a rolling car leaves out."""
     curvature_floor_m2: float = 0.35
     """The same for the front axle's longer way in a bend, in m2 (half the square of the wheelbase is 3.6)."""
-    drag_slip_per_slip: float = 1.35e-4
-    """Slip by air drag per squared speed, over slip per acceleration, 1/m: half of a car's (half rho c_d
-    A / m is 2.7e-4), for a simulated car may have none. Left out, it passes for a longer way of the other
-    axle in bends, for it is largest where nothing bends."""
-    drag_slip_std_s2pm2: float = 2.7e-7
-    """Standard deviation of what it is more or less, for a slip of 4e-3 s2/m, against the mean of four
-    wheels."""
     blocks_per_column: int = 3
     """With fewer blocks the coefficients' covariance is not known well enough to weigh a prior against it."""
     block_s: float = 10.0
