@@ -39,14 +39,15 @@ class Motion:
     """(3, n) east and north m/s, and yaw rate, of the rear axle's middle."""
 
 
-def motion(seed: int) -> Motion:
+def motion(seed: int, speeds: tuple[float, float] = (4.0, 25.0), lateral: float = 1.6) -> Motion:
+    """`speeds` that are held for a while, m/s; `lateral`: standard deviation of the acceleration, m/s2."""
     rng = np.random.default_rng([seed, 77])
     t: FloatArray = STEP_S * np.arange(int(DURATION_S / STEP_S), dtype=np.float64)
-    knots = np.concatenate([[0.0], np.repeat(rng.uniform(4, 25, 22), 2), [0.0]])
+    knots = np.concatenate([[0.0], np.repeat(rng.uniform(*speeds, 22), 2), [0.0]])
     knots[[15, 16, 33, 34]] = 0.0
     v = np.interp(t, np.linspace(0, DURATION_S, len(knots)), knots)
     v = np.convolve(v, np.ones(200) / 200, mode="same")
-    wish = np.interp(t, np.arange(0, DURATION_S + 9, 9.0), rng.normal(0, 1.6, int(DURATION_S / 9) + 2))
+    wish = np.interp(t, np.arange(0, DURATION_S + 9, 9.0), rng.normal(0, lateral, int(DURATION_S / 9) + 2))
     yaw = np.clip(wish / np.maximum(v, 4.0), -0.5, 0.5) * np.minimum(v, 1.0)
     heading = np.cumsum(yaw) * STEP_S
     accel = np.gradient(v, STEP_S)
@@ -192,9 +193,11 @@ def frames(bus: Bus, drive: Motion, order: list[int], seed: int) -> list[CanFram
     return out
 
 
-def drawn(name: str, seed: int) -> tuple[Motion, list[int], BusLog]:
+def drawn(
+    name: str, seed: int, speeds: tuple[float, float] = (4.0, 25.0), lateral: float = 1.6
+) -> tuple[Motion, list[int], BusLog]:
     """A drive on this bus, with the wheels in an order of its own."""
-    drive, order = motion(seed), [int(k) for k in np.random.default_rng(seed).permutation(4)]
+    drive, order = motion(seed, speeds, lateral), [int(k) for k in np.random.default_rng(seed).permutation(4)]
     log = BusLog()
     log.add(block_of(frames(BUSES[name], drive, order, seed)))
     return drive, order, log
@@ -252,3 +255,25 @@ def test_bytes_of_two_wheels_make_no_speed() -> None:
     drive, order, log = drawn(name, seed)
 
     assert places(name, order) == found_places(discover(log, fixes(drive, seed), None))
+
+
+def test_slip_by_air_drag_is_no_longer_way(tmp_path: Path) -> None:
+    """Gentle bends and a fast road: front wheels that slip by drag are told from rear ones all the same."""
+    name, seed = "one message per wheel, counts", 305
+    (tmp_path / "bus.dbc").write_text('VERSION ""\n\nBU_: ABS\n\n' + BUSES[name].dbc)
+    drive, order, log = drawn(name, seed, (8.0, 38.0), 0.8)
+    found = discover(log, fixes(drive, seed), load_dbc(tmp_path / "bus.dbc"))
+
+    assert found.wheels_decided
+    assert places(name, order) == found_places(found)
+
+
+@pytest.mark.parametrize("seed", [200, 201, 202])
+def test_the_wheelbase_of_speeds_is_exact_but_for_rounding(seed: int, tmp_path: Path) -> None:
+    """Neither drag slip nor a number at standstill that is known to centimetres per second moves it."""
+    name = "signed speeds in m/s"
+    (tmp_path / "bus.dbc").write_text('VERSION ""\n\nBU_: ABS\n\n' + BUSES[name].dbc)
+    drive, _, log = drawn(name, seed, (4.0, 38.0))
+    found = discover(log, fixes(drive, seed), load_dbc(tmp_path / "bus.dbc"))
+
+    assert found.geometry["wheelbase_m"].value == pytest.approx(WHEELBASE_M, abs=0.05)
