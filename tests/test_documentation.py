@@ -35,6 +35,15 @@ NO_COMMANDS = ("text", "toml", "json", "python", "sh")
 PARSER = full_parser()
 
 
+BIBLIOGRAPHY = (REPO / "docs" / "reference" / "bibliography.md").read_text(encoding="utf-8")
+ENTRY = re.compile(r"^- \[(\S.*?) (\d{4})\] (.*)$", re.MULTILINE)
+"""Author, year and text of an entry; one without a year is named by its method."""
+NAME = r"(?:de )?[^\W\d_a-z][^\W\d_]+"
+YEAR = r"((?:19|20)\d\d)"
+CITED = re.compile(rf"\[({NAME}) {YEAR}\]|({NAME})(?:(?:,|\s+and)\s+(?:{NAME}|others))*\s+\(?{YEAR}[);]")
+"""A citation as a link, [Lundquist 2013], and in words, (Davison and Hinkley 1997) or Liu (2022)."""
+
+
 @dataclass(frozen=True)
 class Block:
     """One fenced block of a page."""
@@ -90,6 +99,24 @@ def test_the_docs_stay_short() -> None:
     words = (word for page in pages for word in page.read_text(encoding="utf-8").split())
 
     assert MOST_WORDS >= sum(any(letter.isalnum() for letter in word) for word in words)
+
+
+def test_every_citation_is_resolved_once() -> None:
+    """Author and year, in pages and docstrings alike; an entry begins with that author."""
+    entries = ENTRY.findall(BIBLIOGRAPHY)
+    keys = [(author, year) for author, year, _ in entries]
+    texts = {str(page): page.read_text(encoding="utf-8") for page in PAGES}
+    for module in (REPO / "tpmsd").rglob("*.py"):
+        # In the code only the form in brackets: prose there names authors with their journals.
+        texts[str(module)] = " ".join(re.findall(r"\[\S+ \d{4}\]", module.read_text(encoding="utf-8")))
+    cited = [
+        (page, one[0] or one[2], one[1] or one[3]) for page in texts for one in CITED.findall(texts[page])
+    ]
+
+    assert [] == [one for one in cited if one[1:] not in keys]
+    assert len(keys) == len(set(keys))
+    assert [] == [key for *key, text in entries if not text.startswith(key[0])]
+    assert len(keys) < len(cited)
 
 
 def test_commands_that_are_not_run_are_such_as_the_parser_takes() -> None:

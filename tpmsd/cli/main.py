@@ -31,7 +31,7 @@ COMMANDS: Commands = (
     ("reset", "tpmsd.cli.reset", "tell the running daemon to learn the tyres anew"),
     ("replay", "tpmsd.cli.replay", "run a recorded drive through the same core, at full speed"),
     ("explain", "tpmsd.cli.explain", "why an alarm stands, or why none does"),
-    ("bridge", "tpmsd.cli.bridge", "hand state and alarms to MQTT (Home Assistant) or Prometheus"),
+    ("bridge", "tpmsd.cli.bridge", "state and alarms to MQTT, Prometheus, D-Bus, VSS; speeds from VSS"),
     ("simulate", "tpmsd.cli.simulate", "make a drive, with a puncture if wanted: to a folder or live"),
     ("check", "tpmsd.cli.check", "check a configuration and say what would be monitored with what"),
     ("discover", "tpmsd.cli.discover", "find the wheels of an unknown car from a recorded drive"),

@@ -136,12 +136,12 @@ def effects_page() -> str:
 
 
 def _coverage() -> list[str]:
-    """What tells each effect, in which data it is looked for, and what no effect covers."""
+    """In which data an effect is looked for, where not as most are, and what no effect covers."""
     lines = [
         "",
-        "## The drive that tells each effect",
+        "## Where effects are looked for",
         "",
-        "Effects are looked for in windows of a second, unless other data are named.",
+        "In windows of a second, but for these. `tpmsd effects NAME` says which drive shows an effect.",
         "",
     ]
     windows = {probe.effect for probe in probes()}
@@ -151,8 +151,8 @@ def _coverage() -> list[str]:
             if effect.confounded:
                 same = ", ".join(f"`{other}`" for other in effect.confounded)
                 notes.append(f"confounded with {same} on every drive")
-            note = "; ".join(filter(None, notes))
-            lines.append(f"- `{name}`: {effect.telling_drive}" + (f" ({note})" if note else ""))
+            if note := "; ".join(filter(None, notes)):
+                lines.append(f"- `{name}`: {note}")
     return [
         *lines,
         "",
