@@ -54,6 +54,17 @@ def test_between_the_thresholds_nothing_changes() -> None:
     assert alarm.active
 
 
+def test_both_thresholds_themselves_count() -> None:
+    """0.99 raises and 0.2 clears; the next number on the other side of each does neither."""
+    for raising, changes in ((0.99, ["raised"]), (math.nextafter(0.99, 0.0), [])):
+        alarm = made()
+        assert changes == [turned for turned in (alarm.update(raising, 1.0) for _ in range(20)) if turned]
+    for clearing, changes in ((0.2, ["cleared"]), (math.nextafter(0.2, 1.0), [])):
+        alarm = made()
+        alarm.active = True
+        assert changes == [turned for turned in (alarm.update(clearing, 10.0) for _ in range(20)) if turned]
+
+
 @settings(derandomize=True, deadline=None, max_examples=300)
 @given(READINGS, st.floats(0.5, 20.0), st.floats(0.5, 90.0))
 def test_no_sequence_flaps(readings: list[tuple[float, float]], raise_s: float, clear_s: float) -> None:

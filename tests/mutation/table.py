@@ -39,7 +39,9 @@ ROOMS = {
     ),
     "wheel_counter": Room(
         ("tpmsd/sources/wheel_counter.py",),
-        ("tests/sources_can/test_wheel_counter.py", "tests/sources_can/test_can_decoder.py"),
+        tuple(
+            f"tests/sources_can/test_{name}.py" for name in ("wheel_reach", "wheel_counter", "can_decoder")
+        ),
     ),
     "epochs": Room(
         ("tpmsd/sources/nmea_epoch.py", "tpmsd/sources/nmea_checks.py"),
@@ -52,7 +54,7 @@ ROOMS = {
     "health": Room(("tpmsd/daemon/health.py",), ("tests/daemon/test_health.py", "tests/daemon/test_loop.py")),
     "links": Room(
         tuple(f"tpmsd/daemon/{name}.py" for name in ("link", "bus_link", "receiver_link")),
-        ("tests/daemon/test_links.py",),
+        ("tests/daemon/test_links.py", "tests/daemon/test_link_ends.py"),
     ),
 }
 

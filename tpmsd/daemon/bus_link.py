@@ -60,9 +60,9 @@ def open_can(config: CanConfig, filters: list[dict[str, Any]] | None, channel: s
     return LiveCan(config, filters, channel)
 
 
-def _is_up(channel: str) -> bool:
+def _is_up(channel: str, interfaces: Path = Path("/sys/class/net")) -> bool:
     try:
-        flags = int(Path("/sys/class/net", channel, "flags").read_text("ascii"), 16)
+        flags = int((interfaces / channel / "flags").read_text("ascii"), 16)
     except (OSError, ValueError):
         return True  # opening will tell better what is wrong
     return bool(flags & _IFF_UP)
