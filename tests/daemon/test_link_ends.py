@@ -136,21 +136,20 @@ def test_a_link_that_was_never_opened_is_due_at_once() -> None:
 def test_another_reason_is_said_while_it_is_down(caplog: pytest.LogCaptureFixture) -> None:
     """The same one is not; the reason is gone once it is back."""
     caplog.set_level(logging.INFO)
-    reasons = iter(["no such device", "no such device", "no permission"])
     receiver = Line([])
     link = ReceiverLink(receiver, "receiver x", LOG)
-    for now_s, receiver.refuses in zip((0.0, 0.2, 0.6), reasons, strict=True):
-        link.service(now_s)
+    for receiver.refuses in ("no such device", "no such device", "no permission"):
+        link.service(max(0.0, link.next_try_s))
     assert (1, "no permission") == (link.downs, link.reason)
     receiver.refuses = ""
-    link.service(1.4)
-    link.read(3.4, 3.4)
+    link.service(1.5)
+    link.read(3.5, 3.5)
 
     assert "" == link.reason
     assert [
         "receiver x: no such device; trying again until it is back",
         "receiver x: still down: no permission",
-        "receiver x: is back after 3.4 s",
+        "receiver x: is back after 3.5 s",
     ] == caplog.messages
 
 

@@ -59,8 +59,8 @@ def bounds(bits_per_period: int | None, interval_s: float, period_s: float) -> t
 
 
 @pytest.mark.parametrize("period_s", [PERIOD_S, 0.0], ids=["periodic", "on event"])
-@pytest.mark.parametrize("periods", [1, 4, 64, 512])
-@pytest.mark.parametrize("bits_per_period", [None, 0, 300, 1500, -200, -1400])
+@pytest.mark.parametrize("periods", [1, 4, 64, 4096])
+@pytest.mark.parametrize("bits_per_period", [None, 0, 300, 1500, -100])
 def test_a_reading_is_taken_up_to_the_last_bit_that_the_wheel_can_have_turned(
     bits_per_period: int | None, periods: int, period_s: float
 ) -> None:
