@@ -40,6 +40,10 @@ from tpmsd.tables.tick_table import TickTable, TickTableRecorder
 if TYPE_CHECKING:
     from tpmsd.inference.recording import Recording
 
+REPORTED_LATE_S = 1.0
+"""What nothing but the end of a replay asks for may wait for so long, and is then done for many samples at
+once."""
+
 DriveLike = Drive | str | Path
 Model = ExtendedModel | str | Path
 
@@ -97,6 +101,7 @@ def replayed(
     if watch is None:  # a report all the same
         watch = ResonanceWatch(config.vehicle.wheel_radius_m)
         pipeline.timeline.observe, pipeline.timeline.observe_run = watch.add, watch.extend
+        pipeline.timeline.observe_late_s = REPORTED_LATE_S
     for step in play(stream, pipeline, progress, note):
         recorder.add(step.tick, step.estimate, step.report)
         if ticks is not None:

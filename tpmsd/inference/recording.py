@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import compress
 
 import numpy as np
 
@@ -101,24 +102,23 @@ def record(ticks: Sequence[Tick], config: Config, name: str = "the drive") -> Re
     count = round((ticks[-1].time_s - begin) / dt_s)
     if count * dt_s > MAX_HOURS * 3600:
         raise ValueError(f"the drive spans {count * dt_s / 3600:.0f} h, more than {MAX_HOURS:.0f} h")
-    rotation = np.full((count, 4), math.nan)
-    std = np.full((count, 4), math.nan)
+    places = np.round((np.array([tick.time_s for tick in ticks]) - begin) / dt_s).astype(int) - 1
+    within = (places >= 0) & (places < count)
+    ticks, places = list(compress(ticks, within.tolist())), places[within]
+    rotation, std = np.full((count, 4), math.nan), np.full((count, 4), math.nan)
+    rotation[places] = [tick.rotation_rad for tick in ticks]
+    std[places] = [tick.rotation_std_rad for tick in ticks]
     inertial = {name: np.full(count, math.nan) for name in INERTIAL}
-    fixes: list[tuple[float, ...]] = []
-    for tick in ticks:
-        at = round((tick.time_s - begin) / dt_s) - 1
-        if not 0 <= at < count:
-            continue
-        rotation[at], std[at] = tick.rotation_rad, tick.rotation_std_rad
-        for role in INERTIAL:
-            inertial[role][at] = getattr(tick, role)
-        for fix in tick.fixes:
-            fixes.append(
-                (
-                    *(fix.time_s - begin, fix.east_m, fix.north_m, fix.up_m, fix.speed_mps, fix.heading_rad),
-                    tick.host_time_s - tick.time_s + fix.time_s - fix.utc_s,
-                )
-            )
+    for role, values in inertial.items():
+        values[places] = [getattr(tick, role) for tick in ticks]
+    fixes = [
+        (
+            *(fix.time_s - begin, fix.east_m, fix.north_m, fix.up_m, fix.speed_mps, fix.heading_rad),
+            tick.host_time_s - tick.time_s + fix.time_s - fix.utc_s,
+        )
+        for tick in ticks
+        for fix in tick.fixes
+    ]
     table = np.array(fixes, dtype=np.float64).reshape(-1, 7)
     table = table[np.argsort(table[:, 0], kind="stable")]
     known = np.isfinite(std)

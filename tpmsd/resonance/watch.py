@@ -25,7 +25,7 @@ from tpmsd.resonance.peak_fit import Peak, PeakFit
 from tpmsd.resonance.ring_errors import RingErrors
 from tpmsd.resonance.spectrum import SEGMENT_S, Spectrum, bins_hz, periodograms
 from tpmsd.resonance.wheel_stream import SpeedBlock, WheelStream
-from tpmsd.sources.events import RotationSample
+from tpmsd.sources.events import RotationRun, RotationSample
 from tpmsd.wheels import WHEELS, FloatArray
 
 SPEED_CLASSES_MPS = (8.0, 12.0, 17.0, 23.0, 30.0)
@@ -164,11 +164,9 @@ class ResonanceWatch:
             if len(self._past) > MAX_PAST:  # nobody asks
                 self._past.popleft()
 
-    def extend(
-        self, wheel: int, times_s: list[float], angles_rad: list[float], segment: int, quantum_rad: float
-    ) -> bool:
+    def extend(self, run: RotationRun) -> bool:
         """Take samples of one wheel if nothing comes of them (`WheelStream.extend`)."""
-        return self._wheels[wheel].stream.extend(times_s, angles_rad, segment, quantum_rad)
+        return self._wheels[run.wheel].stream.extend(run.time_s, run.angle_rad, run.segment, run.quantum_rad)
 
     def forget(self) -> None:
         """Learn the baselines anew."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 import copy
 from collections import deque
 from enum import IntEnum
+from itertools import pairwise
 
 LOST_PERIODS = 1.6
 """A gap from this many periods on is a loss (one missing frame makes it 2), unless jitter is larger."""
@@ -126,19 +127,23 @@ class MessageArrival:
         """The period at each of frames, as `judge` learns it one by one, up to the first of which there is
         something to say: late, repeated, after a loss, a time-out or a step."""
         periods: list[float] = []
-        for time_s in times_s:
-            interval = time_s - self.last_s
-            if self.timed_out or interval > self.timeout_s:
-                break
-            usual = 0.0 < interval <= self._lost_after_s and self._data is not None
-            if usual and not (self._gap_frames or self._stepped):
-                # Where `judge` ends up as a rule.
-                self.lost, self.last_s, self._late_last_s = 0, time_s, float("inf")
-                self._intervals.append(interval)
-                self._to_learn -= 1
+        while (at := len(periods)) < len(times_s):
+            # As a rule there is nothing to say before the period is learned anew.
+            some = times_s[at : at + self._to_learn]
+            intervals = [after - before for before, after in pairwise((self.last_s, *some))]
+            usual = min(intervals) > 0.0 and max(intervals) <= min(self._lost_after_s, self.timeout_s)
+            if usual and not (self._data is None or self.timed_out or self._gap_frames or self._stepped):
+                self.lost, self.last_s, self._late_last_s = 0, some[-1], float("inf")
+                self._intervals.extend(intervals)
+                self._to_learn -= len(some)
+                periods += [self.period_s] * len(some)
                 if self._to_learn == 0:
                     self._learn()
-            elif self.judge(time_s, b"") is not _USE or self.lost:
+                    periods[-1] = self.period_s
+                continue
+            if self.timed_out or intervals[0] > self.timeout_s:
+                break
+            if self.judge(some[0], b"") is not _USE or self.lost:
                 break
             periods.append(self.period_s)
         return periods

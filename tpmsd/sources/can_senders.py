@@ -19,6 +19,7 @@ the first frame on with values that a wheel may well have.
 from __future__ import annotations
 
 import copy
+from itertools import islice
 
 FASTER = 1.25
 """Frames beyond the known rate that are borne: clocks of adapters, and frames that were sent again."""
@@ -183,22 +184,26 @@ class SenderWatch:
     def even(self, times_s: list[float], compared: list[tuple[int, list[float]]]) -> int:
         """Take frames and their values, which are in order, as `frame` and `value` one by one, up to the
         first that is doubted: its place. `compared`: place and values of each signal that is compared."""
-        place = 0 if compared else self._pass_calm(times_s)
-        for time_s in times_s[place:]:
-            if self.frame(time_s) or any(
+        place = 0
+        while place < len(times_s):
+            if not compared and (passed := self._pass_calm(times_s, place)):
+                place += passed
+                continue
+            if self.frame(times_s[place]) or any(
                 [self.value(number, values[place], False, True) for number, values in compared]  # noqa: C419
             ):
                 break
             place += 1
         return place
 
-    def _pass_calm(self, times_s: list[float]) -> int:
-        """As `frame` for the first stamps, as long as the rate is known and they keep to it."""
+    def _pass_calm(self, times_s: list[float], start: int) -> int:
+        """As `frame` for stamps from a place on, as long as the rate is known and they keep to it; for how
+        many."""
         period_s, burst, tokens, last_s = self._period_s, self._burst, self._tokens, self._last_s
         window_s, passed = self._window_s, 0
         if not period_s or self.fast:
             return 0
-        for time_s in times_s:
+        for time_s in islice(times_s, start, None):
             elapsed_s = time_s - last_s
             left = min(tokens + FASTER * elapsed_s / period_s, burst) - 1.0
             if (

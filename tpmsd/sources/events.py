@@ -31,6 +31,18 @@ class RotationSample(NamedTuple):
     must never be subtracted."""
 
 
+class RotationRun(NamedTuple):
+    """`RotationSample`s of one wheel and one segment in columns, each newer than the one before it."""
+
+    wheel: int
+    segment: int
+    quantum_rad: float
+    places: list[int]
+    """Of their frames in the log, in whatever numbers rise with them."""
+    time_s: list[float]
+    angle_rad: list[float]
+
+
 class InertialSample(NamedTuple):
     """One reading of an optional signal, in SI units and ISO 8855 signs; a named tuple as above."""
 

@@ -44,24 +44,34 @@ class Odd(Exception):  # noqa: N818  (no error: it ends a try)
         self.place = place
 
 
-class Angles(NamedTuple):
-    """Of one wheel, in the order of their frames; as many `RotationSample`s in columns."""
+class Frames(NamedTuple):
+    """Those n that hold one group of signals, in their order."""
 
-    places: list[int]
-    """Of their frames in the block: the very same list for all signals of a message."""
-    time_s: list[float]
-    angle_rad: list[float]
+    places: Places
+    """(n,) in the block."""
+    time_s: FloatArray
+    """(n,)"""
+
+
+class Angles(NamedTuple):
+    """Of one wheel; as many `RotationSample`s in columns."""
+
+    group: int
+    """Whose frames of the stretch these are."""
+    angle_rad: FloatArray
+    """(n,)"""
     wheel: int
     segment: int
     quantum_rad: float
 
 
 class Values(NamedTuple):
-    """Of one other role, all finite."""
+    """Of one other role."""
 
-    places: list[int]
-    time_s: list[float]
-    value: list[float]
+    group: int
+    """As above."""
+    value: FloatArray
+    """(n,) all finite."""
     role: str
 
 
@@ -71,25 +81,12 @@ class Stretch:
 
     start: int
     stop: int
+    groups: tuple[Frames, ...]
+    """Of each group of signals that is decoded."""
     wheels: tuple[Angles, ...]
     readings: tuple[Values, ...]
     settle: Settle
     """Makes the decoder one that has decoded these frames."""
-
-
-class _Frames:
-    """The frames of one message, for all its signals."""
-
-    def __init__(self, places: Places, time_s: FloatArray) -> None:
-        self.places, self.time_s = places, time_s
-        self._listed: tuple[list[int], list[float]] | None = None
-
-    @property
-    def listed(self) -> tuple[list[int], list[float]]:
-        """Places and times as lists, which are made once."""
-        if self._listed is None:
-            self._listed = self.places.tolist(), self.time_s.tolist()
-        return self._listed
 
 
 class BlockPlaces:
@@ -147,8 +144,9 @@ class _Try:
         self._start, self._stop = start, stop
         self._odd = stop
         self._settle: list[Settle] = []
-        self._wheels: list[Callable[[], Angles]] = []
-        self._readings: list[Callable[[], Values]] = []
+        self._groups: list[Frames] = []
+        self._wheels: list[Angles] = []
+        self._readings: list[Values] = []
         self._held: dict[int, tuple[Places, NDArray[np.bool_]]] = {}
         """Condition -> frames that told it, and whether it held."""
 
@@ -168,9 +166,8 @@ class _Try:
                 self._take(plan, group, places)
         if self._odd < self._stop:
             raise Odd(self._odd)
-        wheels = tuple(made() for made in self._wheels)
-        readings = tuple(made() for made in self._readings)
-        return Stretch(self._start, self._stop, wheels, readings, self._settler(relevant))
+        found = tuple(self._groups), tuple(self._wheels), tuple(self._readings)
+        return Stretch(self._start, self._stop, *found, self._settler(relevant))
 
     def _settler(self, relevant: int) -> Settle:
         decoder, steps, frames = self._decoder, self._settle, self._stop - self._start
@@ -248,10 +245,11 @@ class _Try:
             odd[:] = True
         if odd.any():
             self._found_odd(int(places[np.argmax(odd)]))
-        frames = _Frames(places, time_s)
+        frames = Frames(places, time_s)
         period_s = self._arrivals(group, frames, values)
         if len(places) == 0:
             return
+        self._groups.append(frames)
         evens: list[Even] = []
         for number, signal in enumerate(group.plan.signals):
             tracker = group.fields[number][5]
@@ -263,7 +261,7 @@ class _Try:
                 even = even_speeds(tracker, time_s, value, period_s)
             else:
                 assert value is not None
-                self._inertial(signal.role, frames, value)
+                self._readings.append(Values(len(self._groups) - 1, value, signal.role))
                 continue
             if even.odd < len(places):
                 self._found_odd(int(places[even.odd]))
@@ -287,12 +285,12 @@ class _Try:
         self._settle.append(lambda: direction.put(signal.role, int(raw[-1]), int(signed[-1])))
         return signed
 
-    def _arrivals(self, group: Group, frames: _Frames, values: list[FloatArray | None]) -> FloatArray:
+    def _arrivals(self, group: Group, frames: Frames, values: list[FloatArray | None]) -> FloatArray:
         """(n,) the message's period at each frame."""
         if group.arrival is None:
             raise Odd(self._start)
         arrival, watch = group.arrival.copied(), group.watch.copied()
-        places, stamps = frames.listed
+        places, stamps = frames.places.tolist(), frames.time_s.tolist()
         periods = arrival.judge_even(stamps)
         compared = [
             (number, value.tolist())
@@ -348,17 +346,10 @@ class _Try:
 
     # -- out -------------------------------------------------------------------------------------------------
 
-    def _rotations(self, tracker: WheelCounter | WheelSpeedIntegrator, frames: _Frames, even: Even) -> None:
+    def _rotations(self, tracker: WheelCounter | WheelSpeedIntegrator, frames: Frames, even: Even) -> None:
         quantum = tracker.rad_per_bit if isinstance(tracker, WheelCounter) else 0.0
-        wheel, segment = tracker.wheel, tracker.segment
-
-        def made() -> Angles:
-            return Angles(*frames.listed, even.angle_rad.tolist(), wheel, segment, quantum)
-
-        self._wheels.append(made)
+        group = len(self._groups) - 1
+        self._wheels.append(Angles(group, even.angle_rad, tracker.wheel, tracker.segment, quantum))
         heard_s, last_s = self._decoder.heard_s, float(frames.time_s[-1])
         self._settle.append(even.settle)
         self._settle.append(lambda: heard_s.__setitem__(tracker.wheel, last_s))
-
-    def _inertial(self, role: str, frames: _Frames, value: FloatArray) -> None:
-        self._readings.append(lambda: Values(*frames.listed, value.tolist(), role))

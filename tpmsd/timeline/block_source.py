@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 
 from tpmsd.sources.can_block import FrameBlock
 from tpmsd.sources.can_decoder import CanDecoder
-from tpmsd.sources.stretch import Angles, BlockPlaces, Stretch, Values, foresee
+from tpmsd.sources.events import RotationRun
+from tpmsd.sources.stretch import BlockPlaces, Stretch, foresee
 from tpmsd.timeline.tick import Tick
+from tpmsd.timeline.tick_plan import PlannedTick
 from tpmsd.timeline.tick_source import TickSource
 from tpmsd.timeline.timeline import Timeline
 
@@ -31,17 +33,20 @@ FIRST_FRAMES = 1024
 class _Ahead:
     """A stretch that is being played."""
 
-    def __init__(self, block: FrameBlock, stretch: Stretch, shift_s: float) -> None:
-        """`shift_s`: logical time minus the host's."""
+    def __init__(self, block: FrameBlock, stretch: Stretch, timeline: Timeline) -> None:
         self.block = block
         self.stretch = stretch
+        self._timeline, self._shift_s = timeline, timeline.shift_s
+        self._plan = timeline.plan(stretch)
         host_s = np.maximum.accumulate(block.time_s[stretch.start : stretch.stop])
         # Lists: they are searched for one number thousands of times.
         self._host_s: list[float] = host_s.tolist()
         """Greatest host time up to each frame."""
-        self._now_s = (host_s + shift_s).tolist() if shift_s else self._host_s
-        self._given: dict[int, int] = {}
-        """Of each message (by the list of its places) how many frames were handed on."""
+        self._now_s = (host_s + self._shift_s).tolist() if self._shift_s else self._host_s
+        self._given = [0] * len(stretch.groups)
+        """Of each group of signals how many frames were handed on."""
+        self._shown_s = -math.inf
+        """End of the tick before which samples were last handed on."""
 
     def latest_s(self, place: int) -> float:
         """Greatest host time of the frames before a place, which is not the first."""
@@ -57,30 +62,42 @@ class _Ahead:
             place = bisect_right(self._host_s, deadline_s, first, place)
         return place + origin
 
-    def hand_on(self, timeline: Timeline, place: int) -> None:
+    def planned_tick(self, index: int, end_s: float, place: int) -> PlannedTick | None:
+        """What wheels and readings say in a tick that is about to be made when the frames before a place were
+        played; the timeline is given their samples where it needs them."""
+        tick = None if self._plan is None else self._plan.tick(index, end_s, place)
+        timeline = self._timeline
+        observed = timeline.observe is not None and end_s >= self._shown_s + timeline.observe_late_s
+        if tick is None or observed:
+            self._shown_s = end_s
+            self.hand_on(place)
+        return tick
+
+    def hand_on(self, place: int) -> None:
         """Give the timeline the samples of all frames before a place that it has not got."""
-        parts: dict[int, tuple[slice, list[int], list[float]]] = {}
-        signals: tuple[Angles | Values, ...] = (*self.stretch.wheels, *self.stretch.readings)
-        for signal in signals:
-            message = id(signal.places)
-            if message not in parts:
-                first = self._given.get(message, 0)
-                last = self._given[message] = bisect_left(signal.places, place, first)
-                here = slice(first, last)
-                parts[message] = here, signal.places[here], signal.time_s[here]
-        taken: list[Angles] = []
-        for angles in self.stretch.wheels:
-            here, places, time_s = parts[id(angles.places)]
-            if places:
-                angle_rad = angles.angle_rad[here]
-                taken.append(
-                    Angles(places, time_s, angle_rad, angles.wheel, angles.segment, angles.quantum_rad)
+        rows: list[slice] = []
+        frames: list[tuple[list[int], list[float]]] = []
+        for number, group in enumerate(self.stretch.groups):
+            first, last = self._given[number], int(group.places.searchsorted(place))
+            here, self._given[number] = slice(first, last), last
+            rows.append(here)
+            frames.append((group.places[here].tolist(), group.time_s[here].tolist()))
+        self._timeline.take(
+            [
+                RotationRun(
+                    *(angles.wheel, angles.segment, angles.quantum_rad, *frames[angles.group]),
+                    angles.angle_rad[rows[angles.group]].tolist(),
                 )
-        timeline.take_rotations(taken)
-        for values in self.stretch.readings:
-            here, places, time_s = parts[id(values.places)]
-            if places:
-                timeline.take_readings(values.role, time_s, values.value[here])
+                for angles in self.stretch.wheels
+                if frames[angles.group][0]
+            ],
+            [
+                (values.role, frames[values.group][1], values.value[rows[values.group]].tolist())
+                for values in self.stretch.readings
+                if frames[values.group][0]
+            ],
+            self._shift_s,
+        )
 
 
 class BlockSource:
@@ -89,7 +106,7 @@ class BlockSource:
     def __init__(self, source: TickSource) -> None:
         self._source = source
         source.ahead = self
-        source.timeline.before_ticks = self.hand_on
+        source.timeline.planned_tick = self.planned_tick
         self._block: FrameBlock | None = None
         self._places: BlockPlaces | None = None
         self._bus: NDArray[np.intp] = np.zeros(1, dtype=np.intp)
@@ -143,10 +160,9 @@ class BlockSource:
             if not passed:
                 yield from self._one_by_one(block, min(stop, told, max(self._retry_at, self._at + 1)))
 
-    def hand_on(self) -> None:
-        """A tick is about to be made: give the timeline what was decoded of the frames played so far."""
-        if self._ahead is not None:
-            self._ahead.hand_on(self._source.timeline, self._at)
+    def planned_tick(self, index: int, end_s: float) -> PlannedTick | None:
+        """As the timeline asks."""
+        return None if self._ahead is None else self._ahead.planned_tick(index, end_s, self._at)
 
     def covers(self, time_s: float) -> bool:
         """Whether the decoder is ahead of a host time, so that no message can be overdue then."""
@@ -156,9 +172,9 @@ class BlockSource:
 
     def leave(self) -> None:
         """Make the decoder one that has taken the frames that were played, and none of those foreseen."""
-        self.hand_on()
         ahead, self._ahead = self._ahead, None
         if ahead is not None:
+            ahead.hand_on(self._at)
             decoder, start = self._source.decoder, ahead.stretch.start
             for place, frame in enumerate(ahead.block.frames(start, self._at), start):
                 bus = int(self._bus[ahead.block.channel[place]])
@@ -191,7 +207,7 @@ class BlockSource:
             self._reach, self._retry_at = FIRST_FRAMES, stretch.stop + RETRY_FRAMES
         else:
             self._reach *= 2
-        self._ahead = _Ahead(block, stretch, source.timeline.shift_s)
+        self._ahead = _Ahead(block, stretch, source.timeline)
         return self._ahead
 
     def _serve(self, ahead: _Ahead, stop: int) -> Iterator[Tick]:
@@ -220,6 +236,6 @@ class BlockSource:
             self._at = place + 1
             yield from ticks
         if stop == ahead.stretch.stop:
-            self.hand_on()
+            ahead.hand_on(stop)
             ahead.stretch.settle()
             self._ahead = None

@@ -6,7 +6,22 @@ In: times and values. Out: a mean per tick. The last reading is held for a while
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tpmsd.wheels import FloatArray
+
+
+class Means(NamedTuple):
+    """Of one signal in n ticks; as `mean_to` gives them one by one."""
+
+    value: FloatArray
+    """(n,)"""
+    needs: NDArray[np.intp]
+    """(n,) how many of the further readings have to be there for it."""
 
 
 class ReadingTrack:
@@ -48,8 +63,36 @@ class ReadingTrack:
         """Mean of the readings up to a tick's end, which are used up; NaN where there are none to be had."""
         count = bisect_right(self._times, end_s)
         if count:
-            values = self._values[:count]
+            values, total = self._values[:count], 0.0
             del self._times[:count], self._values[:count]
             self._held_s, self._held = end_s, values[-1]
-            return sum(values) / count
+            for value in values:  # `sum` rounds otherwise from Python 3.12 on
+                total += value
+            return total / count
         return self._held if end_s - self._held_s <= self._hold_s else math.nan
+
+    def ahead(self, time_s: FloatArray, values: FloatArray, ends_s: FloatArray) -> Means | None:
+        """What `mean_to` will say with these further readings (m,) at the ends (n,) of the next ticks; None
+        where they are not in the order of their times."""
+        times = np.concatenate([self._times, time_s])
+        if not (times[1:] >= times[:-1]).all():
+            return None
+        all_values = np.concatenate([self._values, values])
+        used = times.searchsorted(ends_s, side="right")
+        count = np.diff(used, prepend=0)
+        tick = np.repeat(np.arange(len(ends_s)), count)
+        total = np.bincount(tick, weights=all_values[: used[-1]], minlength=len(ends_s))
+        last = np.maximum.accumulate(np.where(count > 0, np.arange(len(ends_s)), -1))
+        held_s = np.append(ends_s, self._held_s)[last]
+        held = np.append(all_values, self._held)[np.where(last < 0, -1, used[last] - 1)]
+        held = np.where(ends_s - held_s <= self._hold_s, held, math.nan)
+        mean = np.where(count > 0, total / np.maximum(count, 1), held)
+        return Means(mean, np.maximum(used - len(self._times), 0))
+
+    def pass_ticks(self, ends_s: list[float]) -> None:
+        """Use up what ticks have taken that were made `ahead`; their ends, in order."""
+        count = bisect_right(self._times, ends_s[-1])
+        if count:
+            self._held_s = ends_s[bisect_left(ends_s, self._times[count - 1])]
+            self._held = self._values[count - 1]
+            del self._times[:count], self._values[:count]

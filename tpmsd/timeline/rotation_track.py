@@ -9,8 +9,13 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
+from typing import NamedTuple
 
-from tpmsd.sources.events import RotationSample
+import numpy as np
+from numpy.typing import NDArray
+
+from tpmsd.sources.events import RotationRun, RotationSample
+from tpmsd.wheels import FloatArray
 
 MAX_BRIDGE_S = 0.6
 """Readings further apart than this are not interpolated between."""
@@ -18,6 +23,17 @@ MAX_BRIDGE_S = 0.6
 
 Instant = tuple[float, int, float]
 """Angle (rad), segment and quantum (rad) at an instant."""
+
+
+class Rotations(NamedTuple):
+    """Of one wheel in n intervals that follow each other; as `rotation_between` gives them one by one."""
+
+    rotation_rad: FloatArray
+    """(n,) NaN where it is not known."""
+    std_rad: FloatArray
+    """(n,)"""
+    needs: NDArray[np.intp]
+    """(n,) how many of the further readings have to be there for it."""
 
 
 class RotationTrack:
@@ -42,16 +58,16 @@ class RotationTrack:
         self._angles.append(angle_rad)
         self._marks.append(mark)
 
-    def extend(self, times_s: list[float], angles_rad: list[float], segment: int, quantum_rad: float) -> None:
-        """Take readings of one segment, each newer than the one before it."""
-        mark = (segment, quantum_rad)
-        if times_s and self._times and times_s[0] <= self._times[-1]:
-            for time_s, angle_rad in zip(times_s, angles_rad, strict=True):
+    def extend(self, run: RotationRun) -> None:
+        """Take many readings."""
+        mark = (run.segment, run.quantum_rad)
+        if run.time_s and self._times and run.time_s[0] <= self._times[-1]:
+            for time_s, angle_rad in zip(run.time_s, run.angle_rad, strict=True):
                 self._add(time_s, angle_rad, mark)
         else:
-            self._times += times_s
-            self._angles += angles_rad
-            self._marks += [mark] * len(times_s)
+            self._times += run.time_s
+            self._angles += run.angle_rad
+            self._marks += [mark] * len(run.time_s)
 
     def forget_before(self, time_s: float) -> None:
         """Drop readings no longer needed to interpolate at `time_s` or later."""
@@ -87,6 +103,42 @@ class RotationTrack:
         # Later readings are newer: they change nothing of it.
         self._found = time_s, (angle, segment, quantum)
         return self._found[1]
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is no reading."""
+        return not self._times
+
+    def ahead(
+        self, time_s: FloatArray, angle_rad: FloatArray, segment: int, quantum_rad: float, edges_s: FloatArray
+    ) -> Rotations | None:
+        """What `rotation_between` will say with these further readings (m,) of one segment, between rising
+        instants (n + 1,); of fewer intervals where no reading comes behind them. None where some of the
+        readings would be left out."""
+        times = np.concatenate([self._times, time_s])
+        if not (times[1:] > times[:-1]).all():
+            return None
+        after = times.searchsorted(edges_s)
+        after = after[: int(after.searchsorted(len(times)))]
+        if len(after) < 2:
+            return None
+        angles, edges_s = np.concatenate([self._angles, angle_rad]), edges_s[: len(after)]
+        segments = np.concatenate([[mark[0] for mark in self._marks], np.full(len(time_s), segment)])
+        quanta = np.concatenate([[mark[1] for mark in self._marks], np.full(len(time_s), quantum_rad)])
+        before = np.maximum(after - 1, 0)
+        there_s, before_s, before_rad = times[after], times[before], angles[before]
+        span_s = there_s - before_s
+        exact = there_s == edges_s
+        with np.errstate(divide="ignore", invalid="ignore"):
+            between = before_rad + (edges_s - before_s) / span_s * (angles[after] - before_rad)
+        known = exact | ((after > 0) & (segments[after] == segments[before]) & (span_s <= MAX_BRIDGE_S))
+        at_edge = np.where(exact, angles[after], between)
+        known = known[1:] & known[:-1] & (segments[after[1:]] == segments[after[:-1]])
+        return Rotations(
+            np.where(known, at_edge[1:] - at_edge[:-1], math.nan),
+            np.where(known, quanta[after[1:]] / math.sqrt(6.0), math.nan),
+            after[1:] + 1 - len(self._times),
+        )
 
 
 def rotation_between(track: RotationTrack, begin_s: float, end_s: float) -> tuple[float, float]:

@@ -16,14 +16,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tpmsd.sources.events import Event, GnssFix, InertialSample, RotationSample, SourceFault
-from tpmsd.sources.stretch import Angles
+from tpmsd.sources.events import Event, GnssFix, InertialSample, RotationRun, RotationSample, SourceFault
+from tpmsd.sources.stretch import Stretch
 from tpmsd.timeline.host_clock import BACKWARD_STEP_S, HostClock
 from tpmsd.timeline.local_plane import LocalPlane
+from tpmsd.timeline.plausible import odd_wheels
 from tpmsd.timeline.reading_track import ReadingTrack
 from tpmsd.timeline.rotation_track import RotationTrack, rotation_between
 from tpmsd.timeline.speed_accuracy import SpeedAccuracy
 from tpmsd.timeline.tick import Fix, Tick
+from tpmsd.timeline.tick_plan import PlannedTick, TickPlan, planned
 from tpmsd.timeline.utc_offset import UtcOffsetTracker
 from tpmsd.wheels import FloatArray
 
@@ -36,12 +38,6 @@ MAX_AHEAD_S = 1.0
 """No fix arrives before it is valid; what the envelope of the clocks' offset may err is far less."""
 MAX_MOVE_S = 0.03
 """A fix that missed its tick by no more than this is taken at the start of the next: 1 m on a motorway."""
-PLAUSIBLE_RATIO = 2.0
-"""A wheel that turns this much faster or slower than the median of the others is rejected in that
-tick."""
-PLAUSIBLE_FROM_RAD = 0.9
-"""Rotation per tick (10 Hz: 3 m/s) from which ratios are judged: below, tight bends and single counts
-rule."""
 HOLD_S = {"ambient_temp": 120.0}
 HOLD_DEFAULT_S = 1.0
 
@@ -70,11 +66,11 @@ class _Placed(NamedTuple):
     fix: GnssFix
 
 
-def _nothing() -> None:
-    """Has no samples ready."""
+def _not_planned(*_: object) -> None:
+    """Has no ticks and no samples ready."""
 
 
-def _not_taken(*_: object) -> bool:
+def _not_taken(_: RotationRun) -> bool:
     """Takes samples one by one."""
     return False
 
@@ -98,13 +94,17 @@ class Timeline:
         self._due_s = -math.inf
         """When the next tick is made; before the first event there is none."""
         self._gap_s = 0.0
-        self.before_ticks: Callable[[], None] = _nothing
-        """Called before ticks are made: for one who has samples ready."""
+        self.planned_tick: Callable[[int, float], PlannedTick | None] = _not_planned
+        """Asked for each tick (its index and end) before it is made: what wheels and readings say in it. Who
+        does not know has given all samples that it has by then (`take`)."""
+        self._planned_ends_s: list[float] = []
+        """Of ticks that the tracks know nothing of yet."""
         self.observe: Callable[[RotationSample], None] | None = None
         """Is shown every rotation sample at its own stamp, for what ticks are too slow for."""
-        self.observe_run: Callable[[int, list[float], list[float], int, float], bool] = _not_taken
-        """Is offered many samples of one wheel (its number, times, angles, segment, quantum) instead; whether
-        it has taken them."""
+        self.observe_run: Callable[[RotationRun], bool] = _not_taken
+        """Is offered many samples of one wheel instead; whether it has taken them."""
+        self.observe_late_s = 0.0
+        """By so much after the tick that they belong to samples may be shown."""
         self.observe_fix: Callable[[GnssFix], None] | None = None
         """Is shown every fix as the receiver sent it, before it is put into the plane."""
         self.counts: dict[str, int] = {
@@ -216,33 +216,50 @@ class Timeline:
         clock = self._clock
         clock.latest_s = max(clock.latest_s, clock.placed(host_time_s))
 
-    def take_rotations(self, wheels: Sequence[Angles]) -> None:
-        """As `add` of each sample, at stamps to which time has passed; of each wheel one at least."""
-        shift_s = self.shift_s
-        if shift_s:
-            wheels = [one._replace(time_s=[time_s + shift_s for time_s in one.time_s]) for one in wheels]
-        for one in wheels:
-            self._tracks[one.wheel].extend(one.time_s, one.angle_rad, one.segment, one.quantum_rad)
-        if self.observe is not None:
-            run = self.observe_run
-            wheels = [
-                one
-                for one in wheels
-                if not run(one.wheel, one.time_s, one.angle_rad, one.segment, one.quantum_rad)
-            ]
-            # In the order of the frames, and within one in the order of its wheels.
-            shown = [(place, k, row) for k, one in enumerate(wheels) for row, place in enumerate(one.places)]
-            for _, k, row in sorted(shown):
-                one = wheels[k]
-                sample = one.time_s[row], one.wheel, one.angle_rad[row], one.quantum_rad, one.segment
-                self.observe(RotationSample(*sample))
+    def plan(self, stretch: Stretch) -> TickPlan | None:
+        """What wheels and readings say in the next ticks, as far as a stretch tells; None if nothing."""
+        groups, shift_s, begin_s = stretch.groups, self.shift_s, self._end(self._index)
+        last_s = max((float(group.time_s[-1]) for group in groups), default=-math.inf) + shift_s
+        ticks = math.floor((last_s - begin_s) / self._dt_s) if last_s > begin_s else 0
+        edges_s = self._origin_s + (np.arange(ticks + 1) + (self._index - self._index_base)) * self._dt_s
+        roles = {*self._inertial, *(one.role for one in stretch.readings)} & FIELDS.keys()
+        readings = {FIELDS[role]: (role, self._readings(role)) for role in sorted(roles)}
+        return planned(stretch, shift_s, self._tracks, readings, self._index + 1, np.asarray(edges_s))
 
-    def take_readings(self, role: str, times_s: list[float], values: list[float]) -> None:
-        """The same for samples of one other signal, all finite."""
-        if role in FIELDS:
-            if shift_s := self.shift_s:
-                times_s = [time_s + shift_s for time_s in times_s]
-            self._readings(role).extend(times_s, values)
+    def take(
+        self,
+        rotations: Sequence[RotationRun],
+        readings: Sequence[tuple[str, list[float], list[float]]],
+        shift_s: float,
+    ) -> None:
+        """As `add` of each sample, at stamps to which time has passed; of each wheel and each role (with
+        times and values, all finite) one at least. `shift_s`: logical time minus the host's then."""
+        if shift_s:
+            rotations = [run._replace(time_s=[at_s + shift_s for at_s in run.time_s]) for run in rotations]
+        for run in rotations:
+            self._tracks[run.wheel].extend(run)
+        for role, times_s, values in readings:
+            if role in FIELDS:
+                logical_s = [time_s + shift_s for time_s in times_s] if shift_s else times_s
+                self._readings(role).extend(logical_s, values)
+        self._show(rotations)
+        if ends_s := self._planned_ends_s:
+            for track in self._tracks:
+                track.forget_before(ends_s[-1])
+            for inertial in self._inertial.values():
+                inertial.pass_ticks(ends_s)
+            ends_s.clear()
+
+    def _show(self, rotations: Sequence[RotationRun]) -> None:
+        if self.observe is None:
+            return
+        runs = [run for run in rotations if not self.observe_run(run)]
+        # In the order of the frames, and within one in the order of its wheels.
+        shown = [(place, k, row) for k, run in enumerate(runs) for row, place in enumerate(run.places)]
+        for _, k, row in sorted(shown):
+            run = runs[k]
+            sample = run.time_s[row], run.wheel, run.angle_rad[row], run.quantum_rad, run.segment
+            self.observe(RotationSample(*sample))
 
     def _readings(self, role: str) -> ReadingTrack:
         if role not in self._inertial:
@@ -276,8 +293,6 @@ class Timeline:
 
     def _emit(self, now: float) -> list[Tick]:
         ticks: list[Tick] = []
-        if self._due_s <= now:
-            self.before_ticks()
         while self._due_s <= now:
             self._index += 1
             self._due_s = self._end(self._index + 1) + self._holdback_s
@@ -286,11 +301,13 @@ class Timeline:
         return ticks
 
     def _make(self, begin: float, end: float) -> Tick:
-        readings = [rotation_between(track, begin, end) for track in self._tracks]
-        for track in self._tracks:
-            track.forget_before(end)
-        rotation, std = [turned for turned, _ in readings], [error for _, error in readings]
-        for wheel in odd_wheels(rotation, self._dt_s):
+        plan = self.planned_tick(self._index, end)
+        if plan is None:
+            plan = self._told_by_tracks(begin, end)
+        else:
+            self._planned_ends_s.append(end)
+        rotation, std, means = plan
+        for wheel in odd_wheels(rotation.tolist(), self._dt_s):
             rotation[wheel] = std[wheel] = math.nan
             self.counts["implausible"] += 1
             at_s = self._clock.host(end)
@@ -299,19 +316,26 @@ class Timeline:
         faults, self._faults = tuple(self._faults), []
         gap, self._gap_s = self._gap_s, 0.0
         self.counts["ticks"] += 1
-        inertial = {FIELDS[role]: track.mean_to(end) for role, track in self._inertial.items()}
         return Tick(
             index=self._index,
             time_s=end,
             dt_s=self._dt_s,
-            rotation_rad=np.array(rotation),
-            rotation_std_rad=np.array(std),
+            rotation_rad=rotation,
+            rotation_std_rad=std,
             fixes=fixes,
             host_time_s=self._clock.host(end),
             gap_s=gap,
             faults=faults,
-            **inertial,
+            **means,
         )
+
+    def _told_by_tracks(self, begin: float, end: float) -> PlannedTick:
+        found = [rotation_between(track, begin, end) for track in self._tracks]
+        for track in self._tracks:
+            track.forget_before(end)
+        rotation, std = np.array(found).T.copy()
+        means = {FIELDS[role]: track.mean_to(end) for role, track in self._inertial.items()}
+        return PlannedTick(rotation, std, means)
 
     def _place(self, fix: GnssFix, arrival: float) -> float:
         """Put a fix into the plane and onto the time line; when it was valid."""
@@ -370,19 +394,3 @@ class Timeline:
             )
             for one in due
         ]
-
-
-def odd_wheels(rotation_rad: list[float], dt_s: float) -> list[int]:
-    """Wheels whose readings cannot be the rotation of a wheel of this car."""
-    valid = sorted(turned for turned in rotation_rad if math.isfinite(turned))
-    if not valid or valid[-1] < PLAUSIBLE_FROM_RAD * dt_s / 0.1:
-        return []
-    low, high = valid[(len(valid) - 1) // 2], valid[len(valid) // 2]
-    least, most = (low + high) / 2 / PLAUSIBLE_RATIO, (low + high) / 2 * PLAUSIBLE_RATIO
-    if len(valid) == 2 and valid[0] < valid[-1] / PLAUSIBLE_RATIO:
-        least = most = math.nan  # of two that disagree, neither can be told to be right
-    return [
-        wheel
-        for wheel, turned in enumerate(rotation_rad)
-        if math.isfinite(turned) and not least <= turned <= most
-    ]

@@ -16,8 +16,9 @@ from bench.worlds.folder import HEIGHT, LATITUDE, Message, inertial_messages, wh
 from bench.worlds.instruments import Drive
 from bench.worlds.magic_tyre import Array
 from tpmsd.sources.gnss_noise import position_std
+from tpmsd.timeline.plausible import odd_wheels
 from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.timeline.timeline import FIELDS, odd_wheels
+from tpmsd.timeline.timeline import FIELDS
 
 DT_S = 0.1
 HDOP = 0.8

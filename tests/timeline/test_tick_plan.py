@@ -1,0 +1,125 @@
+"""Ticks planned from whole stretches: the numbers that the tracks give one by one, to the last bit."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tpmsd.sources.events import RotationRun
+from tpmsd.sources.stretch import Angles, Frames, Stretch, Values
+from tpmsd.timeline.reading_track import ReadingTrack
+from tpmsd.timeline.rotation_track import RotationTrack, rotation_between
+from tpmsd.timeline.tick_plan import planned
+from tpmsd.wheels import FloatArray
+
+QUIET = settings(derandomize=True, deadline=None, max_examples=100)
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def rising(rng: np.random.Generator, count: int, step_s: float) -> FloatArray:
+    """Times at uneven steps, some of them on a tick's edge and some after a pause."""
+    steps = rng.exponential(step_s, count) + 1e-6
+    steps[rng.random(count) < 0.05] += 0.7
+    times = np.cumsum(steps)
+    times[rng.random(count) < 0.1] = np.nan
+    at = np.isnan(times)
+    times[at] = np.round(np.interp(np.flatnonzero(at), np.flatnonzero(~at), times[~at]), 1)
+    return np.unique(times)
+
+
+def run(times_s: FloatArray, angles_rad: FloatArray, segment: int) -> RotationRun:
+    """Of one wheel."""
+    return RotationRun(0, segment, 0.1, list(range(len(times_s))), times_s.tolist(), angles_rad.tolist())
+
+
+@QUIET
+@given(seed=SEEDS, known=st.integers(0, 30), segment=st.integers(0, 1))
+def test_rotations_ahead_are_those_of_the_track(seed: int, known: int, segment: int) -> None:
+    """Intervals over old and further readings, over pauses and another segment, give what the track gives
+    once it has as many readings as the interval needs, and not what it gives with one less."""
+    rng = np.random.default_rng(seed)
+    times_s = rising(rng, 60, 0.04)
+    angles = np.cumsum(rng.random(len(times_s)))
+    known = min(known, len(times_s) - 2)
+    edges_s = np.arange(1, 40) * 0.1
+    track = RotationTrack()
+    track.extend(run(times_s[:known], angles[:known], 0))
+    found = track.ahead(times_s[known:], angles[known:], segment, 0.1, edges_s)
+    if found is None:
+        return
+    for k, needs in enumerate(found.needs.tolist()):
+        other = RotationTrack()
+        other.extend(run(times_s[:known], angles[:known], 0))
+        further = slice(known, known + max(needs, 0))
+        other.extend(run(times_s[further], angles[further], segment))
+        expected = rotation_between(other, float(edges_s[k]), float(edges_s[k + 1]))
+        assert repr(expected) == repr((float(found.rotation_rad[k]), float(found.std_rad[k])))
+        if needs > 0:
+            short = RotationTrack()
+            short.extend(run(times_s[: known + needs - 1], angles[: known + needs - 1], segment))
+            assert math.isnan(rotation_between(short, edges_s[k], edges_s[k + 1])[0])
+
+
+@QUIET
+@given(seed=SEEDS, known=st.integers(0, 20), hold_s=st.sampled_from([0.15, 1.0]))
+def test_means_ahead_are_those_of_the_track(seed: int, known: int, hold_s: float) -> None:
+    """Means over ticks, of what is held too, are those that a track of all readings gives; a track that
+    passes the ticks then goes on as that one does."""
+    rng = np.random.default_rng(seed)
+    times_s, values = np.sort(np.round(rng.random(50) * 4.0, 2)), rng.standard_normal(50)
+    ends_s = np.arange(1, 30) * 0.1
+    ahead, usual = ReadingTrack(hold_s), ReadingTrack(hold_s)
+    for track in (ahead, usual):
+        track.extend(times_s[:known].tolist(), values[:known].tolist())
+    found = ahead.ahead(times_s[known:], values[known:], ends_s)
+    assert found is not None
+    for track in (ahead, usual):
+        track.extend(times_s[known:].tolist(), values[known:].tolist())
+    assert [repr(usual.mean_to(end)) for end in ends_s.tolist()] == [repr(x) for x in found.value.tolist()]
+    ahead.pass_ticks(ends_s.tolist())
+    later = [3.0, 3.3, 9.0]
+    assert [repr(usual.mean_to(end)) for end in later] == [repr(ahead.mean_to(end)) for end in later]
+
+
+def test_readings_out_of_order_are_not_planned() -> None:
+    """A further reading that is older than what the track has is left to the track."""
+    track = ReadingTrack(1.0)
+    track.extend([1.0], [2.0])
+    assert track.ahead(np.array([0.9]), np.array([1.0]), np.array([1.1])) is None
+
+
+def test_a_plan_waits_for_its_frames() -> None:
+    """A tick is told once the frame behind its end and its last reading were played, and not before; nor is
+    one with another end."""
+    times_s = np.arange(12) * 0.1 + 0.05
+    places = np.arange(12) * 10
+    groups = (Frames(places, times_s), Frames(places[:8] + 5, times_s[:8] + 0.04))
+    wheels = tuple(Angles(0, times_s * (k + 1), k, 0, 0.1) for k in range(4))
+    stretch = Stretch(0, 200, groups, wheels, (Values(1, times_s[:8], "yaw_rate"),), lambda: None)
+    tracks = [RotationTrack() for _ in range(4)]
+    edges_s = np.arange(2, 8) * 0.1
+    readings = {"yaw_rate_radps": ("yaw_rate", ReadingTrack(1.0))}
+    plan = planned(stretch, 0.0, tracks, readings, 7, edges_s)
+    assert plan is not None
+    end = float(edges_s[1])
+    assert plan.tick(7, end, 30) is None  # the frame at 0.35 s has place 30
+    tick = plan.tick(7, end, 31)
+    assert tick is not None
+    np.testing.assert_allclose(tick.rotation_rad, 0.1 * np.arange(1, 5), rtol=1e-12)
+    assert {"yaw_rate_radps": (times_s[0] + times_s[1] + times_s[2]) / 3} == tick.means
+    assert plan.tick(7, end + 0.1, 31) is None
+    assert plan.tick(6, float(edges_s[0]), 31) is None
+
+
+def test_a_wheel_that_falls_silent_is_not_planned() -> None:
+    """A wheel of which the track has readings and the stretch has none ends all planning."""
+    times_s = np.arange(12) * 0.1
+    track = RotationTrack()
+    track.extend(run(times_s, times_s, 0))
+    wheels = (Angles(0, times_s, 1, 0, 0.1),)
+    stretch = Stretch(0, 12, (Frames(np.arange(12), times_s),), wheels, (), lambda: None)
+    tracks = [track, *(RotationTrack() for _ in range(3))]
+    assert planned(stretch, 0.0, tracks, {}, 1, np.arange(2, 8) * 0.1) is None

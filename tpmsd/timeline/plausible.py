@@ -1,0 +1,31 @@
+"""Whether the wheels of a car can turn as their readings say.
+
+In: the rotations of one tick. Out: the wheels that are not to be believed. Pure.
+"""
+
+from __future__ import annotations
+
+import math
+
+PLAUSIBLE_RATIO = 2.0
+"""A wheel that turns this much faster or slower than the median of the others is rejected in that
+tick."""
+PLAUSIBLE_FROM_RAD = 0.9
+"""Rotation per tick (10 Hz: 3 m/s) from which ratios are judged: below, tight bends and single counts
+rule."""
+
+
+def odd_wheels(rotation_rad: list[float], dt_s: float) -> list[int]:
+    """Wheels whose readings cannot be the rotation of a wheel of this car."""
+    valid = sorted(turned for turned in rotation_rad if math.isfinite(turned))
+    if not valid or valid[-1] < PLAUSIBLE_FROM_RAD * dt_s / 0.1:
+        return []
+    low, high = valid[(len(valid) - 1) // 2], valid[len(valid) // 2]
+    least, most = (low + high) / 2 / PLAUSIBLE_RATIO, (low + high) / 2 * PLAUSIBLE_RATIO
+    if len(valid) == 2 and valid[0] < valid[-1] / PLAUSIBLE_RATIO:
+        least = most = math.nan  # of two that disagree, neither can be told to be right
+    return [
+        wheel
+        for wheel, turned in enumerate(rotation_rad)
+        if math.isfinite(turned) and not least <= turned <= most
+    ]

@@ -1,0 +1,119 @@
+"""What wheels and readings say in the ticks of a stretch of frames, computed at once.
+
+In: the tracks of a timeline, a decoded stretch, the edges of the ticks to come. Out: `TickPlan`: of each tick
+the very numbers that the tracks would give once its frames were played, and which frames those are. Pure; no
+track is changed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tpmsd.sources.stretch import Stretch
+from tpmsd.timeline.reading_track import ReadingTrack
+from tpmsd.timeline.rotation_track import RotationTrack
+from tpmsd.wheels import FloatArray
+
+
+class PlannedTick(NamedTuple):
+    """What wheels and readings say in a tick."""
+
+    rotation_rad: FloatArray
+    """(4,)"""
+    rotation_std_rad: FloatArray
+    """(4,)"""
+    means: dict[str, float]
+    """By field of `Tick`."""
+
+
+class TickPlan:
+    """Of n ticks that follow each other."""
+
+    def __init__(
+        self,
+        first: int,
+        ends_s: FloatArray,
+        rotation_rad: FloatArray,
+        rotation_std_rad: FloatArray,
+        means: Mapping[str, FloatArray],
+        needs: NDArray[np.intp],
+    ) -> None:
+        """`first`: index of the first; ends (n,), rotations (n, 4), means (n,) by field of `Tick`; `needs`
+        (n,): place in the log before which all frames must have been played."""
+        self._first = first
+        self._ends_s: list[float] = ends_s.tolist()
+        self._rotation, self._std = rotation_rad, rotation_std_rad
+        self._fields = tuple(means)
+        self._means = list(zip(*(value.tolist() for value in means.values()), strict=True)) or [()] * len(
+            needs
+        )
+        self._needs: list[int] = needs.tolist()
+
+    def tick(self, index: int, end_s: float, place: int) -> PlannedTick | None:
+        """The tick of this index and end, if it is in the plan and all that it needs comes before a place."""
+        row = index - self._first
+        if not (0 <= row < len(self._needs) and self._needs[row] <= place and self._ends_s[row] == end_s):
+            return None
+        means = dict(zip(self._fields, self._means[row], strict=True))
+        return PlannedTick(self._rotation[row], self._std[row], means)
+
+
+def planned(
+    stretch: Stretch,
+    shift_s: float,
+    tracks: Sequence[RotationTrack],
+    readings: Mapping[str, tuple[str, ReadingTrack]],
+    first: int,
+    edges_s: FloatArray,
+) -> TickPlan | None:
+    """Plan as many ticks as the stretch tells of.
+
+    `shift_s`: logical time minus the host's; `tracks` of the four wheels; `readings`: role and track by field
+    of `Tick`, of all roles that are in a track or in the stretch; `first`: index of the tick between the
+    first two edges (n + 1,). None where the tracks would leave out or sort what the stretch holds, or where
+    it tells of no tick.
+    """
+    times_s = [group.time_s + shift_s for group in stretch.groups]
+    ticks = len(edges_s) - 1
+    rotation, std = np.full((ticks, 4), math.nan), np.full((ticks, 4), math.nan)
+    needs = np.zeros(ticks, dtype=np.intp)
+    told = {angles.wheel for angles in stretch.wheels}
+    further = {values.role: values for values in stretch.readings}
+    if len(told) < len(stretch.wheels) or len(further) < len(stretch.readings):
+        return None  # some of them twice
+    if any(wheel not in told and not track.is_empty for wheel, track in enumerate(tracks)):
+        return None
+    for angles in stretch.wheels:
+        found = tracks[angles.wheel].ahead(
+            *(times_s[angles.group], angles.angle_rad, angles.segment, angles.quantum_rad, edges_s)
+        )
+        if found is None:
+            return None
+        ticks = min(ticks, len(found.needs))
+        rotation[:ticks, angles.wheel] = found.rotation_rad[:ticks]
+        std[:ticks, angles.wheel] = found.std_rad[:ticks]
+        needs[:ticks] = np.maximum(needs[:ticks], _behind(stretch, angles.group, found.needs[:ticks]))
+    if not ticks:
+        return None
+    means: dict[str, FloatArray] = {}
+    nothing = np.zeros(0)
+    for field, (role, track) in readings.items():
+        values = further.get(role)
+        new = (nothing, nothing) if values is None else (times_s[values.group], values.value)
+        mean = track.ahead(*new, edges_s[1 : ticks + 1])
+        if mean is None:
+            return None
+        means[field] = mean.value
+        if values is not None:
+            needs[:ticks] = np.maximum(needs[:ticks], _behind(stretch, values.group, mean.needs))
+    return TickPlan(first, edges_s[1 : ticks + 1], rotation[:ticks], std[:ticks], means, needs[:ticks])
+
+
+def _behind(stretch: Stretch, group: int, readings: NDArray[np.intp]) -> NDArray[np.intp]:
+    """The places behind so many of a group's frames; 0 for none."""
+    return np.append(0, stretch.groups[group].places + 1)[np.maximum(readings, 0)]
