@@ -62,6 +62,57 @@ def cut(file: str, length: int) -> Setup:
     return lambda here: (here / file).write_bytes((here / file).read_bytes()[:length]) and None
 
 
+def folder(file: str) -> Setup:
+    """Puts an empty folder in a file's place."""
+
+    def change(here: Path) -> None:
+        (here / file).unlink()
+        (here / file).mkdir()
+
+    return change
+
+
+def loop(file: str) -> Setup:
+    """Puts a link to itself in a file's place."""
+
+    def change(here: Path) -> None:
+        (here / file).unlink()
+        (here / file).symlink_to(Path(file).name)
+
+    return change
+
+
+def pipe(file: str) -> Setup:
+    """Puts a named pipe in a file's place, into which nobody writes."""
+
+    def change(here: Path) -> None:
+        (here / file).unlink(missing_ok=True)
+        os.mkfifo(here / file)
+
+    return change
+
+
+def recoded(file: str, encoding: str) -> Setup:
+    """The same text in other bytes."""
+    return lambda here: (here / file).write_bytes((here / file).read_text().encode(encoding)) and None
+
+
+def latin_1_comment(here: Path) -> None:
+    """A comment behind the last line as editors of old write it."""
+    with (here / TOML).open("ab") as file:
+        file.write("\n# Straße\n".encode("latin-1"))
+
+
+def _exchanged(here: Path) -> None:
+    (here / LOG).rename(here / "log")
+    (here / NMEA).rename(here / LOG)
+    (here / "log").rename(here / NMEA)
+
+
+def _renamed_gz(here: Path) -> None:
+    (here / LOG).rename(here / f"{LOG}.gz")
+
+
 TOML, DBC, LOG, NMEA = "d/vehicle.toml", "d/bus.dbc", "d/can.log", "d/gnss.nmea"
 FL = 'wheel_count_fl = "WHEELS.CNT_FL"'
 MISTAKES = (
@@ -84,6 +135,22 @@ MISTAKES = (
     Mistake("an unknown parameter", "simulate x --effect gnss_latency:latency=0.1", 2, "latency_s"),
     Mistake("a value beyond all bounds", "simulate x --effect gnss_latency:latency_s=1000", 2, "outside"),
     Mistake("an unknown shell", "completion tcsh", 2, "bash"),
+    Mistake(
+        "a parameter given twice",
+        "simulate x --duration 20 --effect gnss_latency:latency_s=0.1,latency_s=0.2",
+        2,
+        "latency_s is given twice",
+    ),
+    Mistake("a fault before the drive", "simulate x --duration 20 --puncture rl --at -4", 2, "--at -4"),
+    Mistake("a gain for a loss", "simulate x --duration 20 --leak rl --loss-percent -3", 2, "negative"),
+    Mistake("a pace for a folder", "simulate x --duration 20 --speed-up 4", 2, "--live"),
+    Mistake("a terminal for a folder", "simulate x --duration 20 --pty p", 2, "--live"),
+    Mistake("a drive and a daemon", "explain d --socket s", 2, "not both"),
+    Mistake("a configuration of no car", "init --write x.toml", 2, "--car"),
+    Mistake("a misspelt interface to record", "record r --interface sokcetcan", 2, "socketcan"),
+    Mistake("a negative baud rate", "record r --interface virtual --baud -9600", 2, "--baud -9600"),
+    Mistake("a misspelt drive for a fleet", "fleet add store nowhere", 3, "nowhere: no drive folder"),
+    Mistake("a fleet that is none", "fleet status d", 2, "no store of tpmsd fleet"),
     Mistake("an unknown effect asked for", "effects centrifugal", 2, "centrifugal_growth"),
     Mistake("an unknown method", "replay d --method kalman", 2, "kalman"),
     # files that are not there, or others than meant
@@ -98,6 +165,21 @@ MISTAKES = (
     ),
     Mistake("no configuration", "replay d", 2, "vehicle.toml", remove(TOML)),
     Mistake("no DBC", "replay d", 2, "bus.dbc", remove(DBC)),
+    Mistake("a folder for the DBC", "check d", 2, "not a file", folder(DBC)),
+    Mistake("a folder for the CAN log", "replay d", 3, "d/can.log: not a file", folder(LOG)),
+    Mistake("a folder for the receiver's log", "replay d", 3, "d/gnss.nmea: not a file", folder(NMEA)),
+    Mistake("the same to discover", "discover d", 3, "d/gnss.nmea: not a file", folder(NMEA)),
+    Mistake("a receiver's log that leads to itself", "replay d", 3, "d/gnss.nmea: not a file", loop(NMEA)),
+    Mistake("a pipe for the receiver's log", "replay d", 3, "d/gnss.nmea: not a file", pipe(NMEA)),
+    Mistake("a pipe for the configuration", "check d", 2, "d/vehicle.toml: a pipe", pipe(TOML)),
+    Mistake("a pipe for the model", "replay d --model m.toml", 2, "m.toml: a pipe", pipe("m.toml")),
+    Mistake("a DBC in UTF-16", "check d", 2, "not a bus description", recoded(DBC, "utf-16")),
+    Mistake("a CAN log in UTF-16", "replay d", 3, "no CAN frame in it", recoded(LOG, "utf-16")),
+    Mistake("a configuration in Latin-1", "check d", 2, ":35: not UTF-8", latin_1_comment),
+    Mistake("logs exchanged", "replay d", 3, "d/can.log:1: no CAN frame", lambda here: _exchanged(here)),
+    Mistake("a plain log named .gz", "replay d", 3, "Not a gzipped file", lambda here: _renamed_gz(here)),
+    Mistake("two drives to replay", "replay d d", 2, "unrecognized argument: d"),
+    Mistake("a drive twice", "diagnose d d", 2, "given twice"),
     Mistake("no CAN log", "replay d", 3, "no CAN log", remove(LOG)),
     Mistake("two CAN logs", "replay d", 3, "more than one CAN log", write("d/can.asc", b"x")),
     Mistake("an empty CAN log", "replay d", 3, "empty", write(LOG)),
@@ -115,6 +197,12 @@ MISTAKES = (
         "m, not mm",
         edit(TOML, "wheel_radius_m = 0.316", "wheel_radius_m = 316"),
     ),
+    Mistake(
+        "a key twice", "check d", 2, ":5: ", edit(TOML, "wheelbase_m", "track_rear_m = 1.5\nwheelbase_m")
+    ),
+    Mistake("a signal for two wheels", "check d", 2, "already", edit(TOML, "WHEELS.CNT_FR", "WHEELS.CNT_FL")),
+    Mistake("an endless number", "check d", 2, "thousands of digits", edit(TOML, "1.52", "9" * 5000)),
+    Mistake("a negative radius", "check d", 2, "-0.316", edit(TOML, "= 0.316", "= -0.316")),
     Mistake("a misspelt key", "check d", 2, "wheelbase_m", edit(TOML, "wheelbase_m", "weelbase_m")),
     Mistake("a misspelt signal", "check d", 2, "CNT_FL", edit(TOML, "WHEELS.CNT_FL", "WHEELS.CNT_F")),
     Mistake(
@@ -157,6 +245,14 @@ MISTAKES = (
         "--write /proc/x: cannot be written",
     ),
     Mistake("a full disk", "replay d --json /dev/full", 1, "/dev/full"),
+    Mistake("a table over the recording", f"replay d --csv {LOG}", 1, "a recording is there"),
+    Mistake("a report over the receiver's log", f"replay d --json {NMEA}", 1, "a recording is there"),
+    Mistake("a report over the configuration", f"check d --json {TOML}", 1, "a configuration is there"),
+    Mistake("a model over a configuration", f"diagnose d --model-out {TOML}", 1, "a configuration is there"),
+    Mistake("a page over the DBC", f"replay d --html {DBC}", 1, "a DBC is there"),
+    Mistake("a folder for a configuration", "discover d --force --write d", 2, "d: a folder; the name"),
+    Mistake("a folder for a car's file", "init --car vw_mqb --force --write d", 2, "d: a folder; the name"),
+    Mistake("a folder for the state", "run --config d --state d --duration 1", 2, "d: a folder"),
     Mistake("a drive where another is", "simulate d --duration 20", 2, "--force"),
     Mistake(
         "a folder of somebody's",
@@ -212,9 +308,9 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_there_are_fifty() -> None:
+def test_there_are_a_hundred() -> None:
     """And no two have one name."""
-    assert len({mistake.name for mistake in MISTAKES}) == len(MISTAKES) >= 50
+    assert len({mistake.name for mistake in MISTAKES}) == len(MISTAKES) >= 100
 
 
 @pytest.mark.parametrize("mistake", MISTAKES, ids=lambda mistake: mistake.name)
@@ -237,6 +333,7 @@ def test_a_mistake_ends_in_one_line_and_loses_nothing(
     assert "Traceback" not in said.err + said.out
     assert "internal error" not in said.err
     assert before == contents(tmp_path)
+    assert not (tmp_path / "store").exists()
 
 
 def tpmsd(*arguments: str, **more: object) -> subprocess.CompletedProcess[str]:
@@ -250,6 +347,15 @@ def test_head_closes_the_pipe_without_a_word(made: Path) -> None:
     done = subprocess.run(["bash", "-c", script], capture_output=True, text=True)
 
     assert ("0", "") == (done.stdout.splitlines()[-1], done.stderr)
+
+
+@pytest.mark.parametrize("command", ["check {}", "replay {} --json -"])
+def test_a_full_disk_under_standard_output_is_one_line(made: Path, command: str) -> None:
+    """`tpmsd check d > /dev/full`: exit code 1, and that it is the output that could not be written."""
+    with Path("/dev/full").open("w") as full:
+        done = tpmsd(*command.format(made).split(), stdout=full, stderr=subprocess.PIPE)
+
+    assert (1, "tpmsd: standard output: No space left on device\n") == (done.returncode, done.stderr)
 
 
 @pytest.mark.parametrize("columns", ["20", "40", "60"])

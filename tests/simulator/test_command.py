@@ -93,7 +93,7 @@ def test_another_car(tmp_path: Path) -> None:
         (["d", "--at", "5"], "a size, --over or --at without --puncture, --leak, --step or --diffusion"),
         (
             ["d", "--puncture", "rl", "--at", "100", "--duration", "20"],
-            "--at 100: the fault would begin after the drive's end (--duration 20)",
+            "--at 100: the fault would not begin within the drive (--duration 20)",
         ),
         (["d", "--outage", "9:3"], "--outage 9:3: FROM:TO in seconds is wanted, FROM before TO"),
         (["d", "--outage", "soon"], "--outage soon: FROM:TO in seconds is wanted, FROM before TO"),

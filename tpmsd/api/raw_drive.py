@@ -14,6 +14,7 @@ from tpmsd.api.reading import Note, ignore_note
 from tpmsd.discovery.frames import BusLog
 from tpmsd.errors import ConfigError, InputError
 from tpmsd.sources.can_log import SUFFIXES, find_can_log, read_can_blocks
+from tpmsd.sources.drive import find_nmea_log
 from tpmsd.sources.events import GnssFix
 from tpmsd.sources.nmea_epoch import NmeaAssembler
 from tpmsd.sources.nmea_log import bears_host_times, read_nmea_log
@@ -37,7 +38,7 @@ def drive_files(paths: Sequence[Path]) -> tuple[Path, Path]:
         folder = paths[0]
         if not folder.is_dir():
             raise InputError(folder, "not a folder" if folder.exists() else "no such drive folder")
-        nmea = next((p for p in (folder / "gnss.nmea", folder / "gnss.nmea.gz") if p.is_file()), None)
+        nmea = find_nmea_log(folder)
         if nmea is None:
             raise InputError(folder, "no gnss.nmea: without a receiver's log nothing can be told")
         return find_can_log(folder), nmea

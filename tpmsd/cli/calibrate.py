@@ -92,7 +92,8 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.calibration.plot import draw_calibration
     from tpmsd.report.replay_plot import check_plot_target, picture
 
-    outputs = Outputs(("--write", args.write), ("--plot", args.plot), ("--json", args.json))
+    targets = (("--write", args.write), ("--plot", args.plot), ("--json", args.json))
+    outputs = Outputs(*targets, configuration="--write")
     if args.plot is not None:
         check_plot_target(args.plot)
     if args.write is not None and args.write.exists():

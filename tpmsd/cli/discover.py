@@ -92,6 +92,8 @@ def _beside(paths: list[Path]) -> Path | None:
 
 def refuse(path: Path, force: bool) -> None:
     """ConfigError where a file is there already, or its folder is not."""
+    if path.is_dir():
+        raise ConfigError(f"{path}: a folder; the name of a file is wanted")
     if path.exists() and not force:
         raise ConfigError(f"{path}: is there already; --force replaces it")
     if not path.absolute().parent.is_dir():

@@ -16,6 +16,7 @@ from tpmsd.cli.output import Progress, Subparsers, add_json_option, json_text
 from tpmsd.cli.outputs import Outputs
 from tpmsd.config.load import load_config
 from tpmsd.config.model import StatusConfig
+from tpmsd.errors import ConfigError, InputError
 from tpmsd.provenance import provenance
 from tpmsd.report.explanation_text import explanation_text
 
@@ -53,6 +54,8 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Explain; raises TpmsdError with one line where the daemon or the drive cannot be asked."""
+    if args.drive is not None and args.socket is not None:
+        raise ConfigError("give a drive or the daemon's --socket, not both")
     outputs = Outputs(("--json", args.json))
     document = _of_daemon(args) if args.drive is None else _of_drive(args.drive, args.config)
     if not outputs.fill_stdout:
@@ -72,7 +75,6 @@ def _of_drive(folder: Path, config_file: Path | None) -> dict[str, Any]:
     from tpmsd.api.functions import explained
     from tpmsd.api.reading import FolderRecording
     from tpmsd.cli.drive_reading import say, span_s
-    from tpmsd.errors import InputError
 
     if not folder.is_dir():
         raise InputError(folder, "not a folder" if folder.exists() else "no such drive folder")

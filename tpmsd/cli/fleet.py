@@ -6,6 +6,7 @@ In: a store and what to do with it. Out: tables, a report; progress on standard 
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import time
 from pathlib import Path
@@ -31,6 +32,7 @@ examples:
   tpmsd fleet report store --html fleet.html
   tpmsd fleet sql store "select car, count(*) from alarms where kind = 'deflation' group by car"
 """
+_SIZE = re.compile(r"\d+(\.\d+)?\s*([kMGT]i?)?B?")
 STAGES = ("replay", "calibrate", "diagnose")
 
 
@@ -98,12 +100,14 @@ def _add(args: argparse.Namespace) -> int:
     from tpmsd.fleet.store import Store
 
     outputs = Outputs(("--json", args.json))
-    store = Store.create(args.store)
+    store = Store.create(args.store) if args.store.exists() else None
     added = known = 0
     unusable: list[str] = []
     for name in args.drives:
         try:
             for entry in find_drives([name], args.car, args.model):
+                if store is None:
+                    store = Store.create(args.store)  # with the first drive: what is misspelt makes none
                 if store.add(entry):
                     added += 1
                 else:
@@ -119,7 +123,8 @@ def _add(args: argparse.Namespace) -> int:
         "unusable": unusable,
     }
     if not outputs.fill_stdout:
-        print(f"{added} drives added, {known} were there already; the store has {len(store.entries())}")
+        held = 0 if store is None else len(store.entries())
+        print(f"{added} drives added, {known} were there already; the store has {held}")
     outputs.write({"--json": lambda: json_text(document)})
     return InputError.exit_code if unusable and not added + known else 0
 
@@ -133,6 +138,8 @@ def _run(args: argparse.Namespace) -> int:
     outputs = Outputs(("--json", args.json))
     if not 1 <= args.jobs <= 1024:
         raise ConfigError(f"--jobs {args.jobs}: 1 to 1024")
+    if not _SIZE.fullmatch(args.memory):
+        raise ConfigError(f"--memory {args.memory}: a size such as 2GiB or 500MB is wanted")
     store = Store.open(args.store)
     stages = tuple(stage for stage in STAGES if stage not in args.without)
     shown = _Shown()

@@ -44,6 +44,8 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.discovery.text import vehicle_text
 
     cars = {car.name: car for car in load_cars()}
+    if args.car is None and args.write is not None:
+        raise ConfigError("--write takes --car NAME: of which car? 'tpmsd init' lists those that are known")
     if args.car is None:
         width = max(map(len, cars))
         print("\n".join(f"{name:{width}}  {car.title}" for name, car in cars.items()))

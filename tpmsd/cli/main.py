@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import errno
 import importlib
 import importlib.util
 import io
@@ -48,6 +49,7 @@ COMMANDS: Commands = (
 )
 """Name, module and one-line help of every command; one whose module is not there is left out."""
 
+_CANNOT_WRITE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 
 _EPILOG = f"""\
@@ -85,6 +87,9 @@ def main(argv: Sequence[str] | None = None, commands: Commands = COMMANDS) -> in
             _forget_stdout()  # it may be the disk under standard output that is full
             if error.filename is not None and error.strerror:
                 _say(f"{_shortened(str(error.filename))}: {error.strerror}")
+                return 1
+            if error.errno in _CANNOT_WRITE:  # files are written by functions that name them
+                _say(f"standard output: {error.strerror}")
                 return 1
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         _say(f"internal error: {reason} (set TPMSD_DEBUG=1 for the traceback)")

@@ -16,6 +16,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from tpmsd.errors import TpmsdError
+from tpmsd.text_file import names_configuration
 
 Content = Callable[[], str | bytes | None]
 """Makes what goes into a file; None where there is nothing to write."""
@@ -32,14 +33,19 @@ class Outputs:
 
     Args:
         targets: option and target of every output the command knows; None where it was not asked for.
+        configuration: the option that writes a configuration; the others replace none, nor a recording.
 
     Raises:
         OutputError: a target cannot be written, or two outputs have the same one; nothing was touched.
     """
 
-    def __init__(self, *targets: tuple[str, str | Path | None]) -> None:
+    def __init__(self, *targets: tuple[str, str | Path | None], configuration: str = "") -> None:
         self._targets = {option: str(target) for option, target in targets if target is not None}
-        problems = [line for option, target in self._targets.items() if (line := _problem(option, target))]
+        problems = [
+            line
+            for option, target in self._targets.items()
+            if (line := _problem(option, target, option == configuration))
+        ]
         seen: dict[str, str] = {}
         for option, target in self._targets.items():
             place = STDOUT if target == STDOUT else str(Path(target).resolve())
@@ -119,7 +125,7 @@ def write_whole(target: Path, content: str | bytes, backup: bool = False) -> Non
                 Path(beside).unlink()
 
 
-def _problem(option: str, target: str) -> str | None:
+def _problem(option: str, target: str, configuration: bool) -> str | None:
     """Why nothing can be written there, in one line; None where nothing speaks against it."""
     if target == STDOUT:
         return None
@@ -133,6 +139,8 @@ def _problem(option: str, target: str) -> str | None:
             return f"{option} {target}: cannot be written: no permission"
         if path.exists() and not path.is_file():
             return None  # a device or a pipe
+        if path.exists() and (kept := _kept(path, configuration)):
+            return f"{option} {target}: {kept} is there, which no report replaces"
         if not path.resolve().parent.is_dir():
             return f"{option} {target}: there is no folder {path.parent}"
         import tempfile
@@ -143,6 +151,18 @@ def _problem(option: str, target: str) -> str | None:
         reason = (error.strerror if isinstance(error, OSError) else None) or error
         return f"{option} {target}: cannot be written: {reason}"
     return None
+
+
+def _kept(path: Path, configuration: bool) -> str:
+    """What stands there that a command reads and does not make; empty if it may be replaced."""
+    from tpmsd.sources.can_log import is_can_log
+    from tpmsd.sources.drive import NMEA_LOGS
+
+    if is_can_log(path) or path.name in NMEA_LOGS:
+        return "a recording"
+    if path.suffix.lower() == ".dbc":
+        return "a DBC"
+    return "a configuration" if not configuration and names_configuration(path) else ""
 
 
 def _to_stdout(content: str | bytes) -> None:

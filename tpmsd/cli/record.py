@@ -56,6 +56,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Record."""
+    from tpmsd.cli.run import known_interface
     from tpmsd.config.gnss_source import parse_source
     from tpmsd.config.model import CanConfig, GnssConfig
     from tpmsd.config.problems import BadValueError
@@ -66,6 +67,9 @@ def run(args: argparse.Namespace) -> int:
 
     if not args.max_mb > 0 or not args.duration > 0:
         raise ConfigError("--max-mb and --duration must be above 0")
+    known_interface(args.interface)
+    if not args.baud > 0:
+        raise ConfigError(f"--baud {args.baud} must be above 0")
     log = logging.getLogger("tpmsd.record")
     clock = Clock()
     can = CanConfig({}, Path(), args.interface, args.channel, args.fd, args.bitrate)

@@ -140,7 +140,7 @@ def configuration(args: argparse.Namespace) -> tuple[Config, list[str]]:
     config = result.plan.config
     can, gnss = config.can, config.gnss
     if args.interface is not None:
-        can = dataclasses.replace(can, interface=_interface(args.interface))
+        can = dataclasses.replace(can, interface=known_interface(args.interface))
     if args.channel is not None:
         can = dataclasses.replace(can, channel=_named("--channel", args.channel))
     if args.device is not None:
@@ -155,6 +155,8 @@ def configuration(args: argparse.Namespace) -> tuple[Config, list[str]]:
         state = dataclasses.replace(state, file=None)
     if args.socket is not None:
         status = dataclasses.replace(status, socket=args.socket)
+    if state.file is not None and state.file.is_dir():
+        raise ConfigError(f"{state.file}: a folder; the state is kept in a file")
     config = dataclasses.replace(config, can=can, gnss=gnss, state=state, status=status)
     return config, warnings
 
@@ -174,7 +176,8 @@ def _inside(file: Path, folder: Path) -> bool:
     return file.resolve().is_relative_to(folder.resolve())
 
 
-def _interface(name: str) -> str:
+def known_interface(name: str) -> str:
+    """The interface of `--interface`; ConfigError if python-can has none of that name."""
     import can
 
     from tpmsd.config.suggest import nearest

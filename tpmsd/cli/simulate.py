@@ -141,6 +141,8 @@ def run(args: argparse.Namespace) -> int:
 
     if args.out is None and args.live is None:
         raise ConfigError("tpmsd simulate: give a folder OUT, or --live CHANNEL, or both")
+    if args.live is None and (args.pty is not None or args.speed_up != 1.0):
+        raise ConfigError("--pty and --speed-up go with --live CHANNEL")
     outputs = Outputs(("--json", args.json))
     spec = spec_of(args)
     if args.out is not None:
@@ -328,9 +330,11 @@ def _faults(args: argparse.Namespace) -> tuple[Fault, ...]:
         return ()
     size, unit = given[0] if given else (2.0, "percent")
     kind, wheel = kinds[0]
-    if args.at is not None and args.at >= args.duration:
+    if kind != "step" and size < 0.0:
+        raise ConfigError(f"a loss of {size:g} {unit} is negative: --step WHEEL makes a radius grow")
+    if args.at is not None and not 0.0 <= args.at < args.duration:
         raise ConfigError(
-            f"--at {args.at:g}: the fault would begin after the drive's end (--duration {args.duration:g})"
+            f"--at {args.at:g}: the fault would not begin within the drive (--duration {args.duration:g})"
         )
     return (
         Fault(

@@ -13,6 +13,7 @@ from typing import Any
 
 from tpmsd.config.locate import KeyPath, Step, line_of, locate
 from tpmsd.config.problems import ConfigProblems, Problem
+from tpmsd.text_file import is_pipe
 from tpmsd.toml_text import parse_toml
 
 VEHICLE_FILE = "vehicle.toml"
@@ -49,6 +50,8 @@ def read_document(path: Path) -> Document:
 
 
 def _read(file: Path) -> bytes:
+    if is_pipe(file):
+        raise _unreadable(file, "a pipe, not a file")
     try:
         with file.open("rb") as stream:
             content = stream.read(_LARGEST_BYTES + 1)

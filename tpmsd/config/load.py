@@ -285,6 +285,8 @@ class _Parser:
                 if path.parent.is_dir()
                 else None
             )
-            self._report(BadValueError("no such file", show(str(path)), suggestion=found), "can", "dbc")
+            there = path.exists() or path.is_symlink()
+            what, near = ("not a file", None) if there else ("no such file", found)
+            self._report(BadValueError(what, show(str(path)), suggestion=near), "can", "dbc")
             return None
         return path

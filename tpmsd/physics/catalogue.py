@@ -186,6 +186,8 @@ def parse_effect(text: str) -> Effect:
         key, equals, value = part.partition("=")
         if not equals:
             raise ConfigError(f"effect {name}: {part!r} is not of the form parameter=value")
+        if key.strip() in params:
+            raise ConfigError(f"effect {name}: {key.strip()} is given twice")
         params[key.strip()] = value.strip()
     return make_effect(name.strip(), **params)
 

@@ -47,9 +47,12 @@ def find_can_log(drive_folder: str | Path) -> Path:
     folder = Path(drive_folder)
     allowed = "can" + " can".join(READERS)
     try:
-        found = sorted(entry for entry in folder.iterdir() if _suffix(entry) and _is_can(entry))
+        named = sorted(entry for entry in folder.iterdir() if is_can_log(entry))
     except OSError as error:
         raise InputError(folder, error.strerror or str(error)) from None
+    found = [entry for entry in named if entry.is_file()]
+    if named and not found:
+        raise InputError(named[0], "not a file")
     if not found:
         raise InputError(folder, f"no CAN log; looked for {allowed}")
     if len(found) > 1:
@@ -126,6 +129,7 @@ def _suffix(path: Path) -> str | None:
     return next((suffix for suffix in sorted(READERS, key=len, reverse=True) if name.endswith(suffix)), None)
 
 
-def _is_can(path: Path) -> bool:
+def is_can_log(path: Path) -> bool:
+    """Whether this is the name of a drive folder's CAN log."""
     suffix = _suffix(path)
-    return suffix is not None and path.name.lower() == f"can{suffix}" and path.is_file()
+    return suffix is not None and path.name.lower() == f"can{suffix}"

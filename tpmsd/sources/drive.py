@@ -33,6 +33,19 @@ Sentences come once a second or less often, so the frames may run on for long be
 the sentences showed first."""
 
 
+NMEA_LOGS = ("gnss.nmea", "gnss.nmea.gz")
+"""The receiver's log in a drive folder."""
+
+
+def find_nmea_log(folder: Path) -> Path | None:
+    """The receiver's log of a drive folder, if it has one; InputError where it is no file."""
+    there = [path for name in NMEA_LOGS if (path := folder / name).exists() or path.is_symlink()]
+    found = next((path for path in there if path.is_file()), None)
+    if there and found is None:
+        raise InputError(there[0], "not a file")
+    return found
+
+
 class Sentence(NamedTuple):
     """One NMEA line and when it came."""
 
@@ -56,9 +69,7 @@ class Drive:
         """InputError if the folder holds no CAN log; a missing gnss.nmea is a drive without a receiver."""
         self.folder = folder
         self.can_log = find_can_log(folder)
-        self.nmea_log = next(
-            (p for p in (folder / "gnss.nmea", folder / "gnss.nmea.gz") if p.is_file()), None
-        )
+        self.nmea_log = find_nmea_log(folder)
         self.host_times = self.nmea_log is None or bears_host_times(self.nmea_log)
         """Whether the NMEA lines bear the host clock; else their UTC needs `gnss_offset_s`."""
         self.gnss_offset_s = 0.0
