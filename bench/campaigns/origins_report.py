@@ -30,7 +30,7 @@ EXPECTED = {
 SLIPPING = {origin.name for origin in ORIGINS.values() if origin.own_tyres}
 OWN_TYRES = {
     *("longitudinal_slip", "lateral_slip", "load_transfer_lateral"),
-    *("brake_slip", "drive_slip_curve", "camber_roll", "compliance_steer"),
+    *("brake_slip", "drive_slip_curve", "inner_wheel_slip", "camber_roll", "compliance_steer"),
 }
 """What the own tyres and axles of such an origin's cars do: found there, these are true."""
 OWN_COVARIATES = ("accel_long", "accel_lat")

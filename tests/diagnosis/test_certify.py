@@ -12,13 +12,14 @@ from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
 from tpmsd.diagnosis.assessment.result import Diagnosis, Quantity
 from tpmsd.diagnosis.diagnose import Certification, diagnose, examine
+from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term
 from tpmsd.diagnosis.prepared.drive_study import first_noise
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.robustness.certify import certified, discoveries, p_value, without
 from tpmsd.diagnosis.robustness.negative_control import negative_control
 from tpmsd.diagnosis.selection.candidates import Candidates
 from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import Evidence
+from tpmsd.inference.least_squares import Evidence, part
 from tpmsd.inference.recording import Recording
 from tpmsd.inference.replicate import replicate
 from tpmsd.inference.trajectory import reference
@@ -191,3 +192,30 @@ def test_only_what_a_suspicion_tells_of_leaves_the_model(diagnosis: Diagnosis) -
 
     assert ["gnss_latency"] == [effect.name for effect in without(model, [doubtful, other, finding])]
     assert 2 == len(without(model, [finding, other]))
+
+
+def test_gains_are_studentised_by_what_blocks_scatter() -> None:
+    """Of two equal terms the one whose score scatters from block to block as independent windows do keeps its
+    gain; where 25 windows of each block err alike, little of it is left, and the other one is the largest."""
+    rng = np.random.default_rng(6)
+    blocks = np.repeat(np.arange(30), 25)
+    rows = rng.standard_normal((750, 2, 3))
+    rows[:, 0, 1] = rows[:, 1, 2] = 0.3
+    rows[:, 1, 1] = rows[:, 0, 2] = 0.0
+    rows[:, 0, 0] += 0.6 + rng.standard_normal(30)[blocks]
+    rows[:, 1, 0] += 0.2
+    evidence = Evidence([part(rows, blocks)], 3)
+    search = Candidates(evidence, _nothing_but_calibration(evidence))
+    terms = [Term("gnss_latency", evidence.unit(k), ("latency_s",), 3.5) for k in (1, 2)]
+    nets = [search.gain([term]) - term.penalty for term in terms]
+    alike, independent = (search.studentised([], term, net) for term, net in zip(terms, nets, strict=True))
+
+    assert nets[0] > 3.0 * nets[1]
+    assert independent == pytest.approx(nets[1], rel=0.5)
+    assert alike < min(independent, 0.2 * nets[0])
+
+
+def _nothing_but_calibration(evidence: Evidence) -> Hypotheses:
+    hypotheses = Hypotheses([("data",), ("a",), ("b",)], np.linspace(0.0, 1.0, 41), frozenset())
+    hypotheses.nuisance = np.zeros((evidence.width, 0))
+    return hypotheses

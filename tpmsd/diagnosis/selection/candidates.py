@@ -51,6 +51,18 @@ class Candidates:
         """Log-likelihood of blocks held out, of calibration and these terms."""
         return float(self.evidence.heldout(self.design(terms)).sum())
 
+    def ratio(self, terms: Sequence[Term], which: int) -> float:
+        """Block-wise over assumed variance of one of the terms' values (the largest), between 1 and 25."""
+        fit = self.evidence.fit(self.design(terms))
+        start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in terms[:which])
+        ratios = self.evidence.sandwich(fit)[start : start + terms[which].design.shape[1]]
+        return float(np.clip(np.max(ratios), 1.0, SETTINGS.selection.most_overdispersion))
+
+    def studentised(self, chosen: Sequence[Term], term: Term, net: float) -> float:
+        """A penalised gain beside the chosen terms, its gain divided by the term's block-wise variance
+        ratio."""
+        return (net + term.penalty) / self.ratio([*chosen, term], len(chosen)) - term.penalty
+
     def candidates(self, chosen: Sequence[Term], everything: bool = True) -> list[tuple[float, list[Term]]]:
         """(gain less penalty, terms) of what may be added to these terms, the best first."""
         key = tuple(chosen), everything

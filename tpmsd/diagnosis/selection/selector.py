@@ -90,13 +90,6 @@ class Selector(Candidates):
         ]
         return sorted(coarser, key=lambda one: -one.design.shape[1])[:1]
 
-    def ratio(self, terms: Sequence[Term], which: int) -> float:
-        """Block-wise over assumed variance of one of the terms' values (the largest), between 1 and 25."""
-        fit = self.evidence.fit(self.design(terms))
-        start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in terms[:which])
-        ratios = self.evidence.sandwich(fit)[start : start + terms[which].design.shape[1]]
-        return float(np.clip(np.max(ratios), 1.0, SETTINGS.selection.most_overdispersion))
-
     def _threshold(self, chosen: Sequence[Term]) -> float:
         base = self.gain([])
         return SETTINGS.selection.admit_nats + SETTINGS.selection.share_of_rest * max(

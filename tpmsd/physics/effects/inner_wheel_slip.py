@@ -1,0 +1,72 @@
+"""In bends the inner wheels, which carry less load, slip more under the same force."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.physics.effect import Effect, Parameter, Prior
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.wheels import IS_LEFT, WHEELS, FloatArray
+
+
+@dataclass(frozen=True)
+class InnerWheelSlip(Effect):
+    """omega * r = v * (1 +- q * a_x * a_y), plus on the left and minus on the right wheels: q of the driven
+    wheels acts for either sign of a_x, that of the others under the brakes alone.
+
+    A differential gives both wheels of an axle the same torque, and so do their brakes; a tyre's slip is s =
+    F_x / (C * F_z), for its stiffness is in proportion to its load. In a left turn (a_y > 0) the left wheels
+    are the inner ones: F_z = F_0 * (1 - k * a_y) there and F_0 * (1 + k * a_y) on the right, and with s = c *
+    a_x at F_0 the difference is q = c * k. a_x is the specific force. Source: [Gillespie 1992], ch. 6
+    (load transfer), Pacejka, Tyre and Vehicle Dynamics, ch. 4 (stiffness by load): 270 N per m/s2 of 3,700 N
+    are k = 0.07 s2/m, and c = 4e-3 s2/m makes q = 3e-4 s4/m2.
+    """
+
+    name = "inner_wheel_slip"
+    formula = "omega * r = v * (1 +- q * a_x * a_y), + left, - right, q = driven, or free where a_x < 0"
+    contrast = True
+    sentence = "the inner wheels, which carry less load, slip more in bends"
+    telling_drive = "speed up and brake in bends to both sides, ten times each"
+    shows_in = ("wheel_ratio", "accel_lat")
+    one_sign = True
+    parameters = (
+        Parameter(
+            "driven",
+            "s4/m2",
+            3e-4,
+            -1e-2,
+            1e-2,
+            "q of the driven wheels",
+            probe=1e-6,
+            prior=Prior(3e-4, 3e-4, "k = 0.07 s2/m times a slip of 1e-3 to 8e-3 s2/m"),
+        ),
+        Parameter(
+            "free",
+            "s4/m2",
+            1.5e-4,
+            -1e-2,
+            1e-2,
+            "q of the others, under the brakes",
+            probe=1e-6,
+            prior=Prior(1.5e-4, 2e-4, "the same with the slip under the brakes"),
+        ),
+    )
+    driven: float = 0.0
+    free: float = 0.0
+
+    @classmethod
+    def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
+        """The driven ones or the others, as they were fitted."""
+        return tuple(
+            wheel
+            for wheel, drives in zip(WHEELS, car.driven, strict=True)
+            if ("driven" if drives else "free") in fitted
+        )
+
+    def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
+        """(n, 4) q * a_x * a_y, with the sign of the side."""
+        force = motion.specific_force_long_mps2[:, None]
+        scaled = np.where(car.driven, self.driven * force, self.free * np.minimum(force, 0.0))
+        return np.asarray(scaled * motion.accel_lat_mps2[:, None] * np.where(IS_LEFT, 1.0, -1.0))
