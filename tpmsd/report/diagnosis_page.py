@@ -134,7 +134,7 @@ def _tiles(diagnosis: Diagnosis) -> list[Tile]:
             f"{diagnosis.baseline_rms:.2f} → {diagnosis.model_rms:.2f}",
             "Held-out residual",
             "Root mean square on stretches that were left out of the fit, before and after, in units of"
-            " the noise: 1 is noise alone.",
+            " the noise; noise alone makes up to 1.",
         ),
         Tile(
             "nothing to gain" if share is None else f"{100 * share:.0f} %",

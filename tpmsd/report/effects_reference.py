@@ -158,7 +158,7 @@ def _coverage() -> list[str]:
         "",
         "## What no effect covers",
         "",
-        "Not in the catalogue, for no drive that cars record tells it or no size is known:",
+        "Not in the catalogue, since no drive that cars record shows it or no size is known:",
         "",
         *OPEN,
     ]

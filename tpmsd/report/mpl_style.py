@@ -1,7 +1,8 @@
-"""Names of alarms on a matplotlib plot that never cover each other.
+"""Names on a matplotlib plot that do not cover each other.
 
-In: axes whose limits are set, moments (x, name, role). Out: vertical lines, and names in a strip above the
-curves. A name that would cover another is left out, and how many is said.
+In: axes whose limits are set; moments (x, name, role), or points with their texts. Out: vertical lines, and
+names in a strip above the curves, where one that would cover another is left out and counted; texts beside
+points.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from matplotlib.backend_bases import RendererBase
 from matplotlib.font_manager import FontProperties
 
 from tpmsd.palette import STYLES
+from tpmsd.report.point_labels import GAP_PT, Name, corners
 
 ROWS = 3
 GAP_PX = 8.0
@@ -80,3 +82,34 @@ def _width_px(text: str, fontsize: float, renderer: RendererBase | None, dpi: fl
         return 0.62 * fontsize * dpi / 72.0 * len(text)
     width, _, _ = renderer.get_text_width_height_descent(text, FontProperties(size=fontsize), False)
     return float(width)
+
+
+def name_points(
+    axes: Axes, places: Sequence[tuple[float, float]], texts: Sequence[tuple[str, str]], fontsize: float = 9.0
+) -> None:
+    """Write texts, each with its colour, beside points given in the axes' data."""
+    canvas = axes.figure.get_figure(root=True)
+    assert canvas is not None
+    canvas.draw_without_rendering()  # the layout decides how large the axes are
+    box = axes.get_window_extent()
+    names = []
+    for place, (text, _) in zip(places, texts, strict=True):
+        x, y = axes.transData.transform(place) * 72.0 / canvas.dpi
+        lines = text.split("\n")
+        width = 0.6 * fontsize * max(map(len, lines))
+        at = (x - box.x0 * 72.0 / canvas.dpi, y - box.y0 * 72.0 / canvas.dpi)
+        names.append(Name(*at, width, 1.25 * fontsize * len(lines)))
+    chosen = corners(names, box.width * 72.0 / canvas.dpi, box.height * 72.0 / canvas.dpi)
+    for place, (text, colour), (right, up) in zip(places, texts, chosen, strict=True):
+        axes.annotate(
+            text,
+            place,
+            (GAP_PT * right, GAP_PT * up),
+            textcoords="offset points",
+            ha="left" if right > 0 else "right",
+            va="bottom" if up > 0 else "top",
+            fontsize=fontsize,
+            color=colour,
+            bbox=GROUND,
+            zorder=6,
+        )

@@ -25,7 +25,7 @@ from matplotlib.ticker import FuncFormatter, MultipleLocator
 from tpmsd.palette import STYLES, line_style
 from tpmsd.report.decimation import decimated
 from tpmsd.report.figures import Bars, Chart, Figure, Track
-from tpmsd.report.mpl_style import GROUND, place_labels
+from tpmsd.report.mpl_style import GROUND, name_points, place_labels
 from tpmsd.report.wording import drive_time, time_step
 from tpmsd.wheels import FloatArray
 
@@ -203,25 +203,13 @@ def _track(track: Track) -> Canvas:
     axes.grid(linewidth=0.5)
     axes.locator_params(nbins=5)
     axes.set(xlabel="east (m)", ylabel="north (m)")
-    for k, (name, marker) in ((0, ("start", "o")), (-1, ("end", "s"))):
-        at = (float(track.east_m[k]), float(track.north_m[k]))
-        axes.plot(*at, marker, color=STYLES["plain"].colour, markersize=5)
-        axes.annotate(name, at, (6, 5), textcoords="offset points", fontsize=9)
-    for k, names in _places(track):
-        at = (float(track.east_m[k]), float(track.north_m[k]))
-        axes.plot(*at, "D", color=STYLES["bad"].colour, markersize=6)
-        axes.annotate(
-            "\n".join(names),
-            at,
-            (8, -3),
-            textcoords="offset points",
-            va="top",
-            fontsize=9,
-            color=STYLES["bad"].colour,
-            bbox=GROUND,
-            zorder=6,
-        )
+    marks = [(0, "start", "o", "plain", 5), (-1, "end", "s", "plain", 5)]
+    marks += [(k, "\n".join(names), "D", "bad", 6) for k, names in _places(track)]
+    places = [(float(track.east_m[k]), float(track.north_m[k])) for k, *_ in marks]
+    for at, (_, _, marker, style, size) in zip(places, marks, strict=True):
+        axes.plot(*at, marker, color=STYLES[style].colour, markersize=size)
     _colour_scale(axes, low, high, track.colour_label)
+    name_points(axes, places, [(text, STYLES[style].colour) for _, text, _, style, _ in marks])
     return canvas
 
 
