@@ -277,3 +277,15 @@ def test_the_wheelbase_of_speeds_is_exact_but_for_rounding(seed: int, tmp_path: 
     found = discover(log, fixes(drive, seed), load_dbc(tmp_path / "bus.dbc"))
 
     assert found.geometry["wheelbase_m"].value == pytest.approx(WHEELBASE_M, abs=0.05)
+
+
+@pytest.mark.parametrize("seed", [402, 403])
+def test_the_antenna_on_a_motorway(seed: int, tmp_path: Path) -> None:
+    """Where a count of a wheel is as large as a cell's yaw rate, latency and side slip make no lever arm."""
+    name = "one message per wheel, counts"
+    (tmp_path / "bus.dbc").write_text('VERSION ""\n\nBU_: ABS\n\n' + BUSES[name].dbc)
+    drive, _, log = drawn(name, seed, (22.0, 33.0), 0.6)
+    found = discover(log, fixes(drive, seed), load_dbc(tmp_path / "bus.dbc"))
+
+    forward = found.gnss["antenna_forward_m"]
+    assert abs(forward.value) < 1.5 * forward.std

@@ -31,6 +31,8 @@ from tpmsd.wheels import FloatArray
 
 _LEAST_CELLS = 6
 """Cells of a stretch; its constant takes one of them."""
+_YAW_COLUMNS = (2, 3, 4)
+"""Of the design: those of the wheels' yaw rate itself, not of its integral."""
 
 
 def course_fit(
@@ -73,16 +75,22 @@ def _with_track(
             _integral(yaw * speed**2, settings),
         ]
     )
+    seen = np.where(np.isfinite(reference.yaw_radps), reference.yaw_radps, yaw)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        by_receiver = np.column_stack([seen, seen / speed, seen * speed])
     usable = (speed > settings.min_speed_mps) & (np.abs(yaw) < 0.5 * speed) & np.isfinite(course)
     block = np.floor(reference.edge_s[:-1] / settings.block_s)
-    rows, target = np.full(design.shape, np.nan), np.full(len(course), np.nan)
+    count = design.shape[1]
+    table = np.column_stack([design, by_receiver, course])
+    within = np.full(table.shape, np.nan)
     for cells in _stretches(usable, block):
         weight = speed[cells]
         share = weight**2 / (weight @ weight)
-        rows[cells] = (design[cells] - share @ design[cells]) * weight[:, None]
-        target[cells] = (course[cells] - share @ course[cells]) * weight
-    told = fit(rows, target, block)
-    if told is None or not np.isfinite(told.cov).all():
+        within[cells] = (table[cells] - share @ table[cells]) * weight[:, None]
+    target = within[:, -1]
+    rows = _instrumented(within[:, :count], within[:, count:-1], block)
+    told = None if rows is None else fit(rows, target, block)
+    if rows is None or told is None or not np.isfinite(told.cov).all():
         return None
     cov = told.cov.copy()
     cov[0, 0] += (told.value[0] * _unexplained(rows, target, told)) ** 2 / 3.0
@@ -95,6 +103,23 @@ def _with_track(
     if latency is not None:
         mean[2], std[2] = -latency.value, latency.std
     return with_prior(told, mean, std)
+
+
+def _instrumented(rows: FloatArray, by_receiver: FloatArray, block: FloatArray) -> FloatArray | None:
+    """The design with the columns of the yaw rate by what the receiver's yaw rate tells of them.
+
+    On a motorway a count of one wheel is as large as a cell's yaw rate, which would draw the coefficients of
+    latency, antenna and side slip to zero, each by its own share. The receiver's errors are others:
+    instrumental variables in two stages (Theil 1953).
+    """
+    instruments = np.column_stack([rows[:, :2], by_receiver, rows[:, 5:]])
+    told = rows.copy()
+    for column in _YAW_COLUMNS:
+        made = fit(instruments, rows[:, column], block)
+        if made is None:
+            return None
+        told[:, column] = instruments @ made.value
+    return told
 
 
 def _unexplained(rows: FloatArray, target: FloatArray, told: Fit) -> float:
