@@ -101,6 +101,30 @@ def test_wrong_statements_are_found(name: str, tmp_path: Path) -> None:
         assert min(one.probability for one in found) >= 0.95
 
 
+def test_other_signals_of_the_wrong_size(tmp_path: Path) -> None:
+    """Gyro and accelerometer are held against the car's motion, to the unit or the scale that fits."""
+    bus = drawn(CARS[1])
+    config = right(bus, tmp_path)
+    names = {
+        signal.unit: f"{message.name}.{signal.name}"
+        for message in load_dbc(config.can.dbc).messages
+        for signal in message.signals
+        if signal.unit in ("deg/s", "m/s2")
+    }
+    roles = {"yaw_rate": names["deg/s"], "accel_lat": names["m/s2"]}
+    fitted = replace(config, can=replace(config.can, signals={**config.can.signals, **roles}))
+    wrong = {
+        ("can.signals.yaw_rate", "wrong_unit"): {"yaw_rate": SignalOptions(unit="rad/s")},
+        ("can.signals.accel_lat", "wrong_unit"): {"accel_lat": SignalOptions(unit="g")},
+        ("can.signals.accel_lat", "wrong_scale"): {"accel_lat": SignalOptions(scale=0.02)},
+    }
+
+    assert [] == ask(fitted, bus)
+    for expected, option in wrong.items():
+        found = ask(replace(fitted, can=replace(fitted.can, options=option)), bus)
+        assert [expected] == [(one.key, one.suspicion) for one in found]
+
+
 @pytest.mark.parametrize("offset_s", [1.0, -3.0, 10.0, -45.0, 3600.0])
 def test_clocks_that_are_apart(offset_s: float, tmp_path: Path) -> None:
     """A log on another clock is found out to the latency, from a second on and where files do not overlap."""

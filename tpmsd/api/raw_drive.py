@@ -6,10 +6,11 @@ goes to a callback, a line each.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from tpmsd.api.bus_fixes import BusFixes
 from tpmsd.api.reading import Note, ignore_note
 from tpmsd.discovery.frames import BusLog
 from tpmsd.errors import ConfigError, InputError
@@ -26,6 +27,7 @@ class RawDrive:
 
     can_log: Path
     nmea_log: Path
+    """The CAN log where the receiver is on the bus."""
     log: BusLog
     fixes: list[GnssFix]
     host_times: bool
@@ -35,9 +37,7 @@ class RawDrive:
 def drive_files(paths: Sequence[Path]) -> tuple[Path, Path]:
     """The CAN log and the receiver's log of a folder, or of two files in either order."""
     if len(paths) == 1:
-        folder = paths[0]
-        if not folder.is_dir():
-            raise InputError(folder, "not a folder" if folder.exists() else "no such drive folder")
+        folder = _folder(paths[0])
         nmea = find_nmea_log(folder)
         if nmea is None:
             raise InputError(folder, "no gnss.nmea: without a receiver's log nothing can be told")
@@ -62,9 +62,12 @@ def _has_sentences(path: Path) -> bool:
         return b"$G" in file.read(4096)
 
 
-def read_drive(paths: Sequence[Path], tell: Note = ignore_note) -> RawDrive:
-    """Everything of a drive; InputError where there is nothing usable."""
-    can_log, nmea_log = drive_files(paths)
+def read_drive(paths: Sequence[Path], tell: Note = ignore_note, on_bus: BusFixes | None = None) -> RawDrive:
+    """Everything of a drive; InputError where there is nothing usable.
+
+    `on_bus`: gathers the fixes of a receiver on the bus; then no sentences are read.
+    """
+    can_log, nmea_log = drive_files(paths) if on_bus is None else (find_can_log(_folder(paths[0])),) * 2
     bad: dict[Path, tuple[int, str]] = {}
 
     def note(path: Path, line: int, reason: str) -> None:
@@ -74,14 +77,27 @@ def read_drive(paths: Sequence[Path], tell: Note = ignore_note) -> RawDrive:
     log = BusLog()
     for block in read_can_blocks(can_log, lambda line, reason: note(can_log, line, reason)):
         log.add(block)
-    host_times = bears_host_times(nmea_log)
-    assembler = NmeaAssembler()
-    fixes: list[GnssFix] = []
-    for time_s, line, _ in read_nmea_log(nmea_log, lambda line, reason: note(nmea_log, line, reason)):
-        fixes += [event for event in assembler.feed(time_s, line) if isinstance(event, GnssFix)]
-    fixes += [event for event in assembler.flush() if isinstance(event, GnssFix)]
+        if on_bus is not None:
+            on_bus.take(block)
+    fixes = _sentences(nmea_log, note) if on_bus is None else on_bus.finish()
+    host_times = on_bus is not None or bears_host_times(nmea_log)
     for count, first in bad.values():
         tell(f"{count} bad line{'s' if count != 1 else ''} skipped, first {first}")
     if log.left_out:
         tell(f"{can_log}: {log.left_out} frames of too many identifiers left out")
     return RawDrive(can_log, nmea_log, log, fixes, host_times)
+
+
+def _folder(path: Path) -> Path:
+    if not path.is_dir():
+        raise InputError(path, "not a folder" if path.exists() else "no such drive folder")
+    return path
+
+
+def _sentences(nmea_log: Path, note: Callable[[Path, int, str], None]) -> list[GnssFix]:
+    """The fixes of a receiver's log."""
+    assembler = NmeaAssembler()
+    fixes: list[GnssFix] = []
+    for time_s, line, _ in read_nmea_log(nmea_log, lambda line, reason: note(nmea_log, line, reason)):
+        fixes += [event for event in assembler.feed(time_s, line) if isinstance(event, GnssFix)]
+    return fixes + [event for event in assembler.flush() if isinstance(event, GnssFix)]

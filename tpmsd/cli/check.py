@@ -117,13 +117,15 @@ def run(args: argparse.Namespace) -> int:
 
 def _against_drive(plan: Plan, drive: Path) -> list[dict[str, object]]:
     """What the drive says against the configuration, with the line of each key."""
+    from tpmsd.api.bus_fixes import BusFixes, is_on_bus
     from tpmsd.api.raw_drive import read_drive
     from tpmsd.cli.drive_reading import say
     from tpmsd.config.document import read_document
     from tpmsd.discovery.suspicions import suspicions
-    from tpmsd.sources.databases import load_database
+    from tpmsd.sources.databases import load_databases
 
-    raw = read_drive([drive], say)
+    database = load_databases(plan.config)
+    raw = read_drive([drive], say, BusFixes(plan.config, database) if is_on_bus(plan.config) else None)
     document = read_document(plan.file)
     return [
         {
@@ -133,7 +135,7 @@ def _against_drive(plan: Plan, drive: Path) -> list[dict[str, object]]:
             "probability": one.probability,
             "suggest": one.suggest,
         }
-        for one in suspicions(plan.config, load_database(plan.dbc), raw.log, raw.fixes)
+        for one in suspicions(plan.config, database, raw.log, raw.fixes)
     ]
 
 

@@ -102,11 +102,13 @@ def refuse(path: Path, force: bool) -> None:
 
 def write_files(found: Discovery, dbc: Path | None, target: Path) -> None:
     """The configuration, and beside it the DBC where the fields were found in raw frames."""
-    from tpmsd.discovery.text import dbc_text, vehicle_text
+    from tpmsd.discovery.text import dbc_of_bus, dbc_text, further_buses, vehicle_text
 
     if dbc is None:
         dbc = target.with_suffix(".dbc")
         replace_file(dbc, dbc_text(found))
+        for bus in further_buses(found):
+            replace_file(dbc.with_name(dbc_of_bus(dbc.name, found.channel(bus))), dbc_text(found, bus))
     name = os.path.relpath(dbc.resolve(), target.absolute().parent)
     replace_file(target, vehicle_text(found, name))
 
@@ -136,6 +138,7 @@ def summary(found: Discovery) -> list[str]:
         extra += f", in {one.unit}" if one.unit else ""
         extra += f", scale {one.scale:g}" if one.scale is not None else ""
         extra += ", sign turned" if one.sign < 0 else ""
+        extra += f", on {found.channel(one.bus)}" if len(found.channels) > 1 else ""
         lines.append(f"  {role:{width}}  {one.field.signal}{extra}  {one.probability:.3f}{rivals}")
     if found.counts_per_rev is not None:
         counts = found.counts_per_rev

@@ -79,7 +79,11 @@ def decide(
     """What the prepared drive tells."""
     reference = material.reference
     nothing = Discovery(
-        None, duration_s=reference.duration_s, frames=material.frames, has_dbc=material.has_dbc
+        None,
+        duration_s=reference.duration_s,
+        frames=material.frames,
+        has_dbc=material.has_dbc,
+        channels=material.channels,
     )
     if reference.duration_s < _LEAST_DRIVE_S:
         why = f"only {reference.duration_s:.0f} s of driving above 2 m/s with fixes"
@@ -93,15 +97,8 @@ def decide(
     car = None if match is None or not _as_matched(assignment, match) else match.car
     undecided: list[Undecided] = []
     roles = _wheel_roles(assignment, undecided, settings)
-    found = Discovery(
-        assignment.kind,
-        roles,
-        assignment=assignment,
-        car=None if car is None else car.name,
-        duration_s=reference.duration_s,
-        frames=material.frames,
-        has_dbc=material.has_dbc,
-    )
+    name = None if car is None else car.name
+    found = replace(nothing, kind=assignment.kind, roles=roles, assignment=assignment, car=name)
     if assignment.kind == "counts":
         teeth = _teeth(assignment, material, tyre, car, settings)
         counts = Estimate(teeth.value, teeth.std)

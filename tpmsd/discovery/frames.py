@@ -1,6 +1,7 @@
-"""The frames of a drive as arrays, one pair per message.
+"""The frames of a drive as arrays, one pair per message of a bus.
 
 In: frames in the order of their stamps. Out: `BusLog`: stamps and payloads by message; raw bits of a field.
+A log may hold several buses: each channel that it names is one, numbered in the order of appearance.
 """
 
 from __future__ import annotations
@@ -14,11 +15,16 @@ from numpy.typing import NDArray
 
 from tpmsd.sources.can_block import ERROR, REMOTE, FrameBlock
 from tpmsd.sources.signal_bits import RawArray, raw_bits
-from tpmsd.sources.signal_plan import BitField
+from tpmsd.sources.signal_plan import BUS_SHIFT, BitField
 from tpmsd.wheels import FloatArray
 
 MAX_MESSAGES = 4096
 """Identifiers of one log; a bus has some hundred."""
+_COPY_SHARE = 0.95
+"""Of a message's payloads that another bus has, too, from which it is a copy: gateways lose a few frames."""
+_IDENTIFIER = (1 << BUS_SHIFT) - 1
+_COMPARED = 2_000
+"""Payloads that are compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +32,7 @@ class MessageLog:
     """All frames of one message."""
 
     key: int
-    """Identifier, with `EXTENDED` set for 29-bit ones."""
+    """Identifier, with `EXTENDED` set for 29-bit ones, and the number of the bus above `BUS_SHIFT`."""
     time_s: FloatArray
     """(n,)"""
     data: NDArray[np.uint8]
@@ -62,6 +68,8 @@ class BusLog:
 
     def __init__(self) -> None:
         self._messages: dict[int, _Growing] = {}
+        self.channels: list[str] = []
+        """Names of the buses by their numbers."""
         self.frames = 0
         self.left_out = 0
         """Frames of more identifiers than a bus has."""
@@ -70,7 +78,9 @@ class BusLog:
         """Take the frames of a block."""
         told = np.flatnonzero((block.flags & (ERROR | REMOTE) == 0) & (block.size > 0))
         self.frames += len(told)
-        kinds = block.identifier[told].astype(np.int64) << 8 | block.size[told]
+        numbers = np.array([self._number(name) for name in block.channels], dtype=np.int64)
+        bus = numbers[block.channel[told]]
+        kinds = (bus << BUS_SHIFT | block.identifier[told]) << 8 | block.size[told]
         order = np.argsort(kinds, kind="stable")
         found, first = np.unique(kinds[order], return_index=True)
         for kind, these in zip(found.tolist(), np.split(told[order], first[1:]), strict=True):
@@ -85,13 +95,38 @@ class BusLog:
             kept[0].frombytes(block.time_s[these].tobytes())
             kept[1].extend(block.data[these, :size].tobytes())
 
-    def messages(self) -> dict[int, MessageLog]:
-        """What was gathered, by key, in order of the identifiers; stamps sorted."""
-        logs = {}
+    def _number(self, channel: str) -> int:
+        if channel not in self.channels:
+            self.channels.append(channel)
+        return self.channels.index(channel)
+
+    def keys(self) -> frozenset[int]:
+        """Of all messages."""
+        return frozenset(self._messages)
+
+    def messages(self, copies: bool = False) -> dict[int, MessageLog]:
+        """What was gathered, by key, in order of buses and identifiers; stamps sorted.
+
+        `copies`: also what a gateway copies from one bus to another, or two interfaces record of one bus;
+        else it is given once.
+        """
+        logs: dict[int, MessageLog] = {}
         for key in sorted(self._messages):
             size, (times, data) = max(self._messages[key].data.items(), key=lambda item: len(item[1][0]))
             time_s = np.frombuffer(times, dtype=np.float64)
             rows = np.frombuffer(bytes(data), dtype=np.uint8).reshape(-1, size)
             order = np.argsort(time_s, kind="stable")
-            logs[key] = MessageLog(key, time_s[order], rows[order])
+            message = MessageLog(key, time_s[order], rows[order])
+            before = (logs.get(bus << BUS_SHIFT | key & _IDENTIFIER) for bus in range(key >> BUS_SHIFT))
+            if copies or not any(other is not None and _copies(message, other) for other in before):
+                logs[key] = message
         return logs
+
+
+def _copies(one: MessageLog, other: MessageLog) -> bool:
+    """Whether a message of another bus says the same."""
+    if one.data.shape[1] != other.data.shape[1]:
+        return False
+    sample = one.data[:: 1 + len(one.data) // _COMPARED]
+    there = {row.tobytes() for row in other.data}
+    return sum(row.tobytes() in there for row in sample) >= _COPY_SHARE * len(sample)

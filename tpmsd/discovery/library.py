@@ -13,7 +13,7 @@ from tpmsd.config.model import ROLES
 from tpmsd.discovery.raw_fields import dbc_start
 from tpmsd.discovery.series import Field
 from tpmsd.errors import ConfigError
-from tpmsd.sources.signal_plan import EXTENDED, bit_place
+from tpmsd.sources.signal_plan import BUS_SHIFT, EXTENDED, bit_place
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +102,8 @@ def _match(car: Car, fields: Sequence[Field]) -> Match | None:
 
 def _alike(one: Field, other: Field) -> bool:
     """Whether two fields lie in the same bits of the same message."""
-    return one.key == other.key and _bits(one) == _bits(other)
+    same = (one.key ^ other.key) & (1 << BUS_SHIFT) - 1 == 0
+    return same and _bits(one) == _bits(other)
 
 
 def _bits(one: Field) -> tuple[bool, int, int]:

@@ -5,8 +5,9 @@ In: frames, fixes, a DBC where there is one. Out: `Material`.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from cantools.database.can import Database
@@ -21,7 +22,7 @@ from tpmsd.discovery.settings import SETTINGS, Settings
 from tpmsd.errors import ConfigError
 from tpmsd.sources.events import GnssFix
 from tpmsd.sources.signal_bits import RawArray
-from tpmsd.sources.signal_plan import EXTENDED, bit_field, invalid_bits, selector_chain
+from tpmsd.sources.signal_plan import BUS_SHIFT, EXTENDED, bit_field, invalid_bits, selector_chain
 from tpmsd.wheels import FloatArray
 
 
@@ -35,7 +36,8 @@ class Material:
     frames: int
     has_dbc: bool
     gyro: FloatArray | None = None
-    bus: Mapping[str, int] = field(default_factory=dict)
+    channels: tuple[str, ...] = ()
+    """Names of the log's buses by number."""
 
 
 def prepare(
@@ -63,7 +65,7 @@ def prepare(
             if counted is not None:
                 series.append(counted)
     gyro = find_gyro(series, reference, settings) if database is not None else None
-    return Material(reference, logs, series, log.frames, database is not None, gyro)
+    return Material(reference, logs, series, log.frames, database is not None, gyro, tuple(log.channels))
 
 
 def _may_follow(log: MessageLog, raw: RawArray, reference: Reference) -> bool:
@@ -83,13 +85,14 @@ def _may_follow(log: MessageLog, raw: RawArray, reference: Reference) -> bool:
 
 
 def dbc_fields(database: Database, logs: Mapping[int, MessageLog]) -> list[Field]:
-    """Every signal of the DBC whose message is in the log."""
+    """Every signal of the DBC whose message is in the log, on each bus that carries it."""
     found = []
+    here: dict[int, list[int]] = {}
+    for key in logs:
+        here.setdefault(key & (1 << BUS_SHIFT) - 1, []).append(key)
     for message in database.messages:
-        key = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
-        if key not in logs:
-            continue
-        for signal in message.signals:
+        keys = here.get(message.frame_id | (EXTENDED if message.is_extended_frame else 0), [])
+        for key, signal in itertools.product(keys, message.signals):
             try:
                 place, selectors = bit_field(signal), selector_chain(message, signal)
             except ConfigError:

@@ -13,7 +13,7 @@ import numpy as np
 
 from tpmsd.discovery.frames import MessageLog
 from tpmsd.discovery.series import Field
-from tpmsd.sources.signal_plan import EXTENDED, BitField
+from tpmsd.sources.signal_plan import BUS_SHIFT, EXTENDED, BitField
 from tpmsd.wheels import FloatArray
 
 MOST_BYTES = 16
@@ -30,7 +30,8 @@ _SAMPLE = 400_000
 
 def message_name(key: int) -> str:
     """`ID_0B0`: the identifier in hexadecimal."""
-    return f"ID_{key & ~EXTENDED:08X}" if key & EXTENDED else f"ID_{key:03X}"
+    number = key & (1 << BUS_SHIFT) - 1
+    return f"ID_{number & ~EXTENDED:08X}" if key & EXTENDED else f"ID_{number:03X}"
 
 
 def flip_rates(log: MessageLog) -> FloatArray:

@@ -10,6 +10,7 @@ from typing import Any
 
 from tpmsd.discovery.assign import Assignment
 from tpmsd.discovery.series import Field
+from tpmsd.sources.signal_plan import BUS_SHIFT
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +44,11 @@ class FoundRole:
     """The offset that goes with `scale`."""
     invalid: tuple[int, ...] = ()
     """Raw numbers that stand for no value and that the DBC does not declare."""
+
+    @property
+    def bus(self) -> int:
+        """Number of the bus in the log."""
+        return self.field.key >> BUS_SHIFT
 
     @property
     def plain(self) -> bool:
@@ -91,6 +97,18 @@ class Discovery:
     duration_s: float = 0.0
     frames: int = 0
     has_dbc: bool = True
+    channels: tuple[str, ...] = ()
+    """Names of the log's buses by number."""
+
+    @property
+    def main_bus(self) -> int:
+        """Number of the bus that carries most wheels; of equals the first."""
+        buses = [one.bus for role, one in self.roles.items() if role.startswith("wheel_")]
+        return max(sorted(set(buses)), key=buses.count, default=0)
+
+    def channel(self, bus: int) -> str:
+        """Name of a bus, as the log has it."""
+        return self.channels[bus] if bus < len(self.channels) else f"can{bus}"
 
     @property
     def wheels_decided(self) -> bool:
@@ -108,6 +126,7 @@ class Discovery:
                     "signal": found.field.signal,
                     "probability": found.probability,
                     "rivals": [{"signal": name, "probability": p} for name, p in found.rivals],
+                    **({"bus": self.channel(found.bus)} if len(self.channels) > 1 else {}),
                     **({"modulus": found.modulus} if found.modulus else {}),
                     **({"unit": found.unit} if found.unit else {}),
                     **({"scale": found.scale} if found.scale is not None else {}),

@@ -11,28 +11,28 @@ the other hypothesis against the stated one, with floors for what a right file m
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from cantools.database.can import Database
 from scipy.stats import norm
 
-from tpmsd.config.dbc import counter_modulus, find_signal
 from tpmsd.config.model import Config
-from tpmsd.config.units import UNITS, canonical_unit, to_si
+from tpmsd.config.units import UNITS, allowed_units, canonical_unit, to_si
 from tpmsd.discovery.assign import Assignment, Role
 from tpmsd.discovery.clock_offset import best_offset
+from tpmsd.discovery.configured import configured_fields, configured_frames
 from tpmsd.discovery.frames import BusLog, MessageLog
 from tpmsd.discovery.geometry import CarGeometry, driven_axle
 from tpmsd.discovery.material import Material, prepare
 from tpmsd.discovery.other_roles import physical, smooth
-from tpmsd.discovery.reference import make_reference
+from tpmsd.discovery.reference import Reference, make_reference
 from tpmsd.discovery.series import Field, Series, as_count, as_value
 from tpmsd.discovery.settings import SETTINGS, Settings
 from tpmsd.discovery.wheels import Follower, followers, placed
 from tpmsd.sources.events import GnssFix
-from tpmsd.sources.signal_plan import EXTENDED, bit_field, invalid_bits, selector_chain
+from tpmsd.sources.signal_plan import BUS_SHIFT, EXTENDED
 from tpmsd.wheels import WHEELS, FloatArray
 
 _LEAST = 0.95
@@ -53,8 +53,12 @@ _CLOCK_NATS = 10.0
 """Log-likelihood gain by which another offset must fit better."""
 _CORRELATED_S = 10.0
 """Seconds of driving that count as one independent reading of the speed."""
+_UNIT_NEAR = 0.25
+"""Of a role's units none are closer than a third: what is this near (log of the factor) is meant by it."""
 _UNITS = ("km/h", "m/s", "mph", "knots")
-_SIGNED = ("yaw_rate", "accel_lat", "accel_long", "steering_wheel_angle")
+_ROLES_APART = {"yaw_rate": 1.25, "accel_lat": 1.25, "accel_long": 1.25, "steering_wheel_angle": 2.5}
+"""Factor by which a right signal may be off: sensors err by some per cent, accelerometers feel roll and
+slopes; steering ratios vary over the angle, and an understeering car needs up to twice the angle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,56 +78,36 @@ def suspicions(
     fixes: Sequence[GnssFix],
     settings: Settings = SETTINGS,
 ) -> list[Suspicion]:
-    """All of them, the surest first."""
+    """All of them, the surest first; of several of the same key and kind the surest."""
     found: list[Suspicion] = []
-    logs = log.messages()
-    fields = _fields(config, database)
+    fields = configured_fields(config, database, log)
+    frames = configured_frames(config, database, log, fields)
     for role, one in fields.items():
-        if one.key not in logs:
-            what = f"no frame of {one.message} (identifier {one.key & ~EXTENDED:#05x}) in the drive"
+        if role not in frames:
+            number = one.key & (1 << BUS_SHIFT) - 1 & ~EXTENDED
+            what = f"no frame of {one.message} (identifier {number:#05x}) in the drive"
             key = f"can.signals.{role}"
             found.append(Suspicion(key, "message_never_seen", 0.999, f"{what}: wrong DBC or bus?"))
-    shifted, offset = _aligned(config, fields, logs, fixes)
+    shifted, offset = _aligned(config, fields, frames, fixes)
     if offset is not None:
         found.append(offset)
     material = prepare(log, shifted, database, settings)
-    found += _wheels(config, fields, material, settings)
-    return sorted(found, key=lambda one: -one.probability)
-
-
-def _fields(config: Config, database: Database) -> dict[str, Field]:
-    """Role -> field as the configuration reads it."""
-    fields = {}
-    for role, name in config.can.signals.items():
-        if config.can.option(role).bus is not None:
-            continue
-        message, signal = find_signal(database, name)
-        option = config.can.option(role)
-        key = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
-        scale = float(signal.scale if option.scale is None else option.scale)
-        offset = float(signal.offset if option.offset is None else option.offset)
-        unit = option.unit or signal.unit or ""
-        if role.startswith("wheel_count_"):
-            modulus = option.modulus or counter_modulus(signal)
-            unit = f"modulus {modulus}"
-        place = bit_field(signal)
-        invalid = invalid_bits(signal, place) | {number & place.mask for number in option.invalid}
-        chain = selector_chain(message, signal)
-        fields[role] = Field(
-            message.name, signal.name, key, place, scale, offset, unit, invalid, selectors=chain
-        )
-    return fields
+    found += _wheels(config, _read(fields, frames, material.reference.edge_s), material, settings)
+    surest: dict[tuple[str, str], Suspicion] = {}
+    for one_said in sorted(found, key=lambda one: -one.probability):
+        surest.setdefault((one_said.key, one_said.suspicion), one_said)
+    return list(surest.values())
 
 
 def _aligned(
-    config: Config, fields: dict[str, Field], logs: dict[int, MessageLog], fixes: Sequence[GnssFix]
+    config: Config, fields: dict[str, Field], frames: dict[str, MessageLog], fixes: Sequence[GnssFix]
 ) -> tuple[Sequence[GnssFix], Suspicion | None]:
     """The fixes on the frames' clock, and the suspicion where they were not."""
-    role = next((r for r in fields if r.startswith("wheel_") and fields[r].key in logs), None)
+    role = next((r for r in frames if r.startswith("wheel_")), None)
     reference = make_reference(fixes)
-    if role is None or len(reference.fix_s) < 10:
+    if role is None or len(reference.fix_s) < 10 or not len(frames[role].time_s):
         return fixes, None
-    message = logs[fields[role].key].held(fields[role].selectors)
+    message = frames[role]
     edges = np.arange(np.ceil(message.time_s[0]), message.time_s[-1], 1.0)
     if len(edges) < 3:
         return fixes, None
@@ -156,23 +140,26 @@ def _aligned(
     return moved, Suspicion("gnss", "clock_offset", min(0.999, there), suggest)
 
 
-def _wheels(
-    config: Config, fields: dict[str, Field], material: Material, settings: Settings
-) -> list[Suspicion]:
-    found: list[Suspicion] = []
-    series = {}
-    for role, one in fields.items():
-        if not role.startswith("wheel_") or one.key not in material.logs:
-            continue
-        log = material.logs[one.key].held(one.selectors)
-        raw = log.bits(one.place)
+def _read(
+    fields: Mapping[str, Field], frames: Mapping[str, MessageLog], edges: FloatArray
+) -> dict[str, Series]:
+    """Role -> its readings over the cells; roles that stay the same or cannot be read are left out."""
+    read = {}
+    for role, log in frames.items():
+        raw = log.bits(fields[role].place)
         if len(raw) < 20 or raw.min() == raw.max():
             continue
-        edges = material.reference.edge_s
-        read = as_count if role.startswith("wheel_count_") else as_value
-        made = read(one, log, raw, edges)
+        made = (as_count if role.startswith("wheel_count_") else as_value)(fields[role], log, raw, edges)
         if made is not None:
-            series[role] = made
+            read[role] = made
+    return read
+
+
+def _wheels(
+    config: Config, read: Mapping[str, Series], material: Material, settings: Settings
+) -> list[Suspicion]:
+    found: list[Suspicion] = []
+    series = {role: made for role, made in read.items() if role.startswith("wheel_")}
     for role, made in series.items():
         stated = int(made.field.unit.split()[1]) if made.kind == "count" else 0
         if made.modulus_seen and made.modulus != stated:
@@ -192,7 +179,7 @@ def _wheels(
     places = {role[-2:]: one for role, one in zip(following, members, strict=True)}
     found += _sides(by_wheel, places)
     if {"rl", "rr"} <= places.keys():
-        found += _car(config, by_wheel, places, material, settings)
+        found += _car(config, by_wheel, places, read, material, settings)
     return found
 
 
@@ -260,6 +247,7 @@ def _car(
     config: Config,
     by_wheel: dict[str, str],
     places: dict[str, Follower],
+    read: Mapping[str, Series],
     material: Material,
     settings: Settings,
 ) -> list[Suspicion]:
@@ -293,8 +281,7 @@ def _car(
             found.append(Suspicion("vehicle.driven_axle", "wrong_driven_axle", sure, suggest))
     if not turned:
         found += _antenna(config, geometry)
-    speed, yaw = geometry.motion()
-    return found + _signs(config, material, speed, yaw)
+    return found + _other_signals(config, read, material.reference, geometry.motion()[0])
 
 
 def _antenna(config: Config, geometry: CarGeometry) -> list[Suspicion]:
@@ -312,24 +299,26 @@ def _antenna(config: Config, geometry: CarGeometry) -> list[Suspicion]:
     return found
 
 
-def _signs(config: Config, material: Material, speed: FloatArray, yaw: FloatArray) -> list[Suspicion]:
+def _other_signals(
+    config: Config, read: Mapping[str, Series], reference: Reference, speed: FloatArray
+) -> list[Suspicion]:
+    """Sign and size of the other roles against the car's motion, by receiver and wheels."""
     accel = np.full(len(speed), np.nan)
     accel[1:-1] = (speed[2:] - speed[:-2]) / (2 * SETTINGS.cell_s)
+    steering = config.vehicle.wheelbase_m * (config.vehicle.steering_ratio or math.nan)
     with np.errstate(divide="ignore", invalid="ignore"):
         expected = {
-            "yaw_rate": material.reference.yaw_radps,
-            "accel_lat": material.reference.yaw_radps * speed,
+            "yaw_rate": reference.yaw_radps,
+            "accel_lat": reference.yaw_radps * speed,
             "accel_long": accel,
-            "steering_wheel_angle": np.where(speed > 3.0, material.reference.yaw_radps / speed, np.nan),
+            "steering_wheel_angle": np.where(speed > 3.0, reference.yaw_radps / speed, np.nan),
         }
-    values: dict[str, Series] = {one.field.signal: one for one in material.series if one.kind == "value"}
     found = []
-    for role in _SIGNED:
-        one = values.get(config.can.signals.get(role, ""))
+    for role, apart in _ROLES_APART.items():
+        one = read.get(role)
         if one is None:
             continue
-        option = config.can.option(role)
-        unit = option.unit or one.field.unit
+        option, unit = config.can.option(role), one.field.unit
         factor, _ = to_si(role, unit)
         value = smooth(option.sign * factor * physical(one))
         aim = smooth(expected[role])
@@ -338,10 +327,30 @@ def _signs(config: Config, material: Material, speed: FloatArray, yaw: FloatArra
             continue
         r = float(np.corrcoef(value[rows], aim[rows])[0, 1])
         # Fisher's z with as many independent readings as smoothing leaves.
-        z = -math.atanh(max(min(r, 0.999), -0.999)) * math.sqrt(max(rows.sum() / 15.0 - 3.0, 1.0))
-        if r < -0.4 and z > 3.0:
-            sure = min(0.999, float(norm.cdf(z)))
+        z = math.atanh(max(min(r, 0.999), -0.999)) * math.sqrt(max(rows.sum() / 15.0 - 3.0, 1.0))
+        sure = min(0.999, float(norm.cdf(abs(z))))
+        key = f"can.signals.{role}"
+        if r < -0.4 and z < -3.0:
             turned = -1 if option.sign > 0 else 1
             suggest = f"sign = {turned}: it runs against the car's motion (correlation {r:.2f})"
-            found.append(Suspicion(f"can.signals.{role}", "wrong_sign", sure, suggest))
+            found.append(Suspicion(key, "wrong_sign", sure, suggest))
+        if abs(z) < 3.0:
+            continue
+        gain = float(np.std(value[rows]) / np.std(aim[rows]))
+        if role == "steering_wheel_angle":
+            gain /= steering
+        # Where either side errs, the true gain lies between the two regressions' (Frisch 1934).
+        if gain * abs(r) > apart or gain / abs(r) < 1.0 / apart:
+            found.append(_wrong_size(role, key, unit, gain, sure))
     return found
+
+
+def _wrong_size(role: str, key: str, unit: str, gain: float, sure: float) -> Suspicion:
+    """A signal that is `gain` times what it should be: by another unit of the role, or another scale."""
+    factor, _ = to_si(role, unit)
+    others = {other: to_si(role, other)[0] for other in allowed_units(role)}
+    fitting = min(others, key=lambda other: abs(math.log(others[other] * gain / factor)))
+    seen = f"it is {gain:.3g} times what the car's motion tells"
+    if others[fitting] != factor and abs(math.log(others[fitting] * gain / factor)) < _UNIT_NEAR:
+        return Suspicion(key, "wrong_unit", sure, f'unit = "{fitting}": {seen}')
+    return Suspicion(key, "wrong_scale", sure, seen)

@@ -12,7 +12,7 @@ from tpmsd.discovery.raw_fields import dbc_start
 from tpmsd.discovery.result import Discovery, FoundRole
 from tpmsd.discovery.series import Field
 from tpmsd.discovery.settings import SETTINGS
-from tpmsd.sources.signal_plan import EXTENDED
+from tpmsd.sources.signal_plan import BUS_SHIFT, EXTENDED
 
 _LENGTHS = (8, 12, 16, 20, 24, 32, 48, 64)
 """Bytes of a frame, the longer ones of CAN FD."""
@@ -43,9 +43,17 @@ def vehicle_text(found: Discovery, dbc: str) -> str:
         lines.append(
             f"teeth_per_rev = {found.counts_per_rev.value:g}   # probability {found.counts_probability:.2f}"
         )
-    lines += ["", "[can]", 'interface = "socketcan"', 'channel = "can0"', f"dbc = {json.dumps(dbc)}"]
+    main = found.main_bus
+    lines += ["", "[can]", 'interface = "socketcan"']
+    lines += [f"channel = {json.dumps(found.channel(main))}", f"dbc = {json.dumps(dbc)}"]
+    for bus in further_buses(found):
+        name = json.dumps(found.channel(bus))
+        lines += ["", f"[can.buses.{name}]", f"channel = {name}"]
+        lines += [f"dbc = {json.dumps(dbc if found.has_dbc else dbc_of_bus(dbc, found.channel(bus)))}"]
     lines += ["", "[can.signals]"]
-    lines += [f"{role} = {_signal(one)}   # {one.probability:.3f}" for role, one in found.roles.items()]
+    for role, one in found.roles.items():
+        bus_name = "" if one.bus == main else found.channel(one.bus)
+        lines.append(f"{role} = {_signal(one, bus_name)}   # {one.probability:.3f}")
     lines += ["", "[gnss]", 'device = "/dev/ttyACM0"', "baud = 115200"]
     for key, low, high in (("antenna_forward_m", -10.0, 20.0), ("antenna_left_m", -3.0, 3.0)):
         place = found.gnss.get(key)
@@ -57,11 +65,25 @@ def vehicle_text(found: Discovery, dbc: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _signal(one: FoundRole) -> str:
+def further_buses(found: Discovery) -> list[int]:
+    """Numbers of the buses beside the main one that carry a signal."""
+    return sorted({one.bus for one in found.roles.values()} - {found.main_bus})
+
+
+def dbc_of_bus(dbc: str, channel: str) -> str:
+    """Name of the DBC of a further bus, beside that of the main one: `bus.can1.dbc`."""
+    return f"{dbc.removesuffix('.dbc')}.{channel}.dbc"
+
+
+def _signal(one: FoundRole, bus: str = "") -> str:
+    """The entry of a role; `bus`: name of the further bus that carries it."""
     name = json.dumps(one.field.signal)
-    if one.plain or _written_in_dbc(one):
+    as_named = one.plain or _written_in_dbc(one)
+    if as_named and not bus:
         return name
-    parts = [f"signal = {name}"]
+    parts = [f"signal = {name}"] + ([f"bus = {json.dumps(bus)}"] if bus else [])
+    if as_named:
+        return "{ " + ", ".join(parts) + " }"
     if one.modulus:
         parts.append(f"modulus = {one.modulus}")
     if one.invalid:
@@ -82,11 +104,15 @@ def _written_in_dbc(one: FoundRole) -> bool:
     return one.field.message.startswith("ID_") and not one.modulus and not one.invalid
 
 
-def dbc_text(found: Discovery) -> str:
-    """A DBC of the fields that have a role; messages are called by their identifiers."""
+def dbc_text(found: Discovery, bus: int | None = None) -> str:
+    """A DBC of the fields of a bus that have a role; messages are called by their identifiers.
+
+    `bus`: by default the main one.
+    """
     by_key: dict[int, list[FoundRole]] = {}
     for one in found.roles.values():
-        by_key.setdefault(one.field.key, []).append(one)
+        if one.bus == (found.main_bus if bus is None else bus):
+            by_key.setdefault(one.field.key & (1 << BUS_SHIFT) - 1, []).append(one)
     lines = ['VERSION ""', "", "NS_ :", "", "BS_:", "", "BU_: CAR", ""]
     for key, roles in sorted(by_key.items()):
         number = (key & ~EXTENDED) | (1 << 31 if key & EXTENDED else 0)

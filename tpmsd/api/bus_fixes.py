@@ -1,0 +1,66 @@
+"""Fixes of a receiver that sits on the bus, from the frames of a log.
+
+In: the configuration, its DBCs, blocks of frames. Out: `GnssFix`es, as the daemon's own core gathers them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from cantools.database.can import Database
+
+from tpmsd.config.gnss_source import source_of
+from tpmsd.config.model import GNSS_ROLES, Config
+from tpmsd.sources.can_block import ERROR, REMOTE, FrameBlock
+from tpmsd.sources.can_channels import bus_numbers
+from tpmsd.sources.can_decoder import CanDecoder
+from tpmsd.sources.events import GnssFix, InertialSample
+from tpmsd.sources.gnss_on_can import CanFixAssembler
+from tpmsd.sources.signal_plan import BUS_SHIFT, EXTENDED, compile_plans, signal_steps
+
+
+def is_on_bus(config: Config) -> bool:
+    """Whether the configured receiver sends its fixes on the bus."""
+    source = source_of(config.gnss)
+    return source is not None and source.kind == "can"
+
+
+class BusFixes:
+    """Gathers the fixes of a log, block by block."""
+
+    def __init__(self, config: Config, database: Database) -> None:
+        self._config = config
+        self._decoder = CanDecoder(config, database)
+        self._assembler = CanFixAssembler(config.can.signals, signal_steps(config, database))
+        self._keys = [
+            key
+            for key, plan in compile_plans(config, database).items()
+            if plan.conditions
+            or any(one.role in GNSS_ROLES for group in plan.groups for one in group.signals)
+        ]
+        self.fixes: list[GnssFix] = []
+
+    def take(self, block: FrameBlock) -> None:
+        """Take the frames of a block."""
+        others = [bus.channel for bus in self._config.can.buses.values()]
+        of_name = bus_numbers(block.channels, self._config.can.channel, others)
+        bus = np.array([of_name[name] for name in block.channels], dtype=np.int64)[block.channel]
+        keys = bus << BUS_SHIFT | block.identifier
+        told = np.isin(keys, self._keys) & (block.flags & (ERROR | REMOTE) == 0)
+        for place in np.flatnonzero(told).tolist():
+            time_s, identifier = float(block.time_s[place]), int(block.identifier[place])
+            events = self._assembler.advance(time_s)
+            for event in self._decoder.decode(
+                time_s,
+                identifier & ~EXTENDED,
+                bool(identifier & EXTENDED),
+                block.payload(place),
+                int(bus[place]),
+            ):
+                if isinstance(event, InertialSample) and event.role in GNSS_ROLES:
+                    events += self._assembler.take(event)
+            self.fixes += [event for event in events if isinstance(event, GnssFix)]
+
+    def finish(self) -> list[GnssFix]:
+        """All fixes; the last one too."""
+        self.fixes += [event for event in self._assembler.flush() if isinstance(event, GnssFix)]
+        return self.fixes
