@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from tpmsd.discovery.settings import SETTINGS
 from tpmsd.sources.can_block import ERROR, REMOTE, FrameBlock
 from tpmsd.sources.signal_bits import RawArray, raw_bits
 from tpmsd.sources.signal_plan import BUS_SHIFT, BitField
@@ -20,11 +21,7 @@ from tpmsd.wheels import FloatArray
 
 MAX_MESSAGES = 4096
 """Identifiers of one log; a bus has some hundred."""
-_COPY_SHARE = 0.95
-"""Of a message's payloads that another bus has, too, from which it is a copy: gateways lose a few frames."""
 _IDENTIFIER = (1 << BUS_SHIFT) - 1
-_COMPARED = 2_000
-"""Payloads that are compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +124,6 @@ def _copies(one: MessageLog, other: MessageLog) -> bool:
     """Whether a message of another bus says the same."""
     if one.data.shape[1] != other.data.shape[1]:
         return False
-    sample = one.data[:: 1 + len(one.data) // _COMPARED]
+    sample = one.data[:: 1 + len(one.data) // SETTINGS.compared_payloads]
     there = {row.tobytes() for row in other.data}
-    return sum(row.tobytes() in there for row in sample) >= _COPY_SHARE * len(sample)
+    return sum(row.tobytes() in there for row in sample) >= SETTINGS.copy_share * len(sample)

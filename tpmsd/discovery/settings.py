@@ -84,6 +84,36 @@ class Settings:
     in other roles are then 1 in 50."""
     decided: float = 0.95
     """A role below this probability is listed as undecided."""
+    right_radius_std: float = 0.006
+    """Relative: how far a configured radius may be off in a file that is right."""
+    right_speed_std: float = 0.012
+    """The same for a maker's scale of wheel speeds."""
+    wrong_scale_std: float = 0.06
+    """Spread of the same where the number of teeth, or a unit, is wrong."""
+    antenna_left_floor_m: float = 0.1
+    """Standard deviation of a measured place beyond the regression's: the tape's, the phase centre's."""
+    antenna_forward_floor_m: float = 0.15
+    """The same along the car, where the middle of the rear axle is harder to find."""
+    antenna_z: float = 3.7
+    """Standard deviations from which a stated place is wrong: 1 in 4,600 right ones."""
+    clocks_apart_s: float = 0.7
+    """Clocks this far apart are no latency of a receiver, beyond the one that the file states."""
+    clocks_apart_nats: float = 10.0
+    """Log-likelihood gain by which another offset must fit better."""
+    independent_s: float = 10.0
+    """Driving that counts as one independent reading of the speed."""
+    sensors_apart: float = 1.25
+    """Factor by which a right gyro or accelerometer may be off: they err by some per cent, and accelerometers
+    feel roll and slopes."""
+    steering_apart: float = 2.5
+    """The same for the steering wheel: the ratio varies over the angle, and an understeering car needs up to
+    twice the angle."""
+    unit_near: float = 0.25
+    """Logarithm of a factor: of a role's units none are closer than a third, so this near is meant."""
+    copy_share: float = 0.95
+    """Of a message's payloads that another bus has, too, from which it is a copy: gateways lose frames."""
+    compared_payloads: int = 2_000
+    """Payloads of a message that are looked up for that, spread over the drive."""
     max_probability: float = 0.999
     """No more is claimed, whatever the numbers: the model itself may be wrong."""
 

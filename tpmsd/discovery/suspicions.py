@@ -35,30 +35,7 @@ from tpmsd.sources.events import GnssFix
 from tpmsd.sources.signal_plan import BUS_SHIFT, EXTENDED
 from tpmsd.wheels import WHEELS, FloatArray
 
-_LEAST = 0.95
-"""Probability from which a suspicion is told."""
-_RADIUS_STD = 0.006
-"""Relative: how far a configured radius may be off in a file that is right."""
-_SPEED_STD = 0.012
-"""The same for a maker's scale of wheel speeds."""
-_OTHER_TEETH_STD = 0.06
-"""Spread of the same where the number of teeth, or a unit, is wrong."""
-_PLACE_FLOOR_M = {"antenna_left_m": 0.1, "antenna_forward_m": 0.15}
-"""Standard deviation of an antenna's place beyond that of the regression: the tape's, the phase centre's."""
-_PLACE_Z = 3.7
-"""Standard deviations from which a place is wrong: 1 in 4,600 right ones."""
-_CLOCK_S = 0.7
-"""Clocks this far apart are no latency of a receiver, beyond the one that the file states."""
-_CLOCK_NATS = 10.0
-"""Log-likelihood gain by which another offset must fit better."""
-_CORRELATED_S = 10.0
-"""Seconds of driving that count as one independent reading of the speed."""
-_UNIT_NEAR = 0.25
-"""Of a role's units none are closer than a third: what is this near (log of the factor) is meant by it."""
 _UNITS = ("km/h", "m/s", "mph", "knots")
-_ROLES_APART = {"yaw_rate": 1.25, "accel_lat": 1.25, "accel_long": 1.25, "steering_wheel_angle": 2.5}
-"""Factor by which a right signal may be off: sensors err by some per cent, accelerometers feel roll and
-slopes; steering ratios vary over the angle, and an understeering car needs up to twice the angle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,10 +103,13 @@ def _aligned(
         return fixes, None
     offset_s, there, here = best
     stated = config.gnss.latency_s or 0.0
-    if abs(offset_s + stated) <= _CLOCK_S or there < 0.97:
+    if abs(offset_s + stated) <= SETTINGS.clocks_apart_s or there < 0.97:
         return fixes, None
-    readings = (edges[-1] - edges[0]) / _CORRELATED_S
-    if math.isfinite(here) and 0.5 * readings * math.log((1.0 - here**2) / (1.0 - there**2)) < _CLOCK_NATS:
+    readings = (edges[-1] - edges[0]) / SETTINGS.independent_s
+    if (
+        math.isfinite(here)
+        and 0.5 * readings * math.log((1.0 - here**2) / (1.0 - there**2)) < SETTINGS.clocks_apart_nats
+    ):
         return fixes, None
     apart = fixes[0].arrival_s > message.time_s[-1] or fixes[-1].arrival_s < message.time_s[0]
     said = "the recordings do not overlap; " if apart else ""
@@ -191,9 +171,9 @@ def _scale(config: Config, role: str, one: Follower) -> Suspicion | None:
         per_metre = one.per_mps * abs(one.series.field.scale)
         teeth = config.vehicle.teeth(wheel)
         error = math.log(teeth / (2 * math.pi * radius * per_metre))
-        sure = _against(error, _RADIUS_STD)
+        sure = _against(error, SETTINGS.right_radius_std)
         fitting = round(2 * math.pi * radius * per_metre)
-        if sure < _LEAST or fitting == teeth:
+        if sure < SETTINGS.decided or fitting == teeth:
             return None
         suggest = f"{fitting} counts per revolution go with a radius of {radius:g} m; {teeth:g} would need "
         suggest += f"{teeth / (2 * math.pi * per_metre):.3f} m"
@@ -202,8 +182,8 @@ def _scale(config: Config, role: str, one: Follower) -> Suspicion | None:
     kind, factor, _ = UNITS[unit]
     mps = factor * (radius if kind == "angular speed" else 1.0)
     error = math.log(one.per_mps * abs(one.series.field.scale) * mps)
-    sure = _against(error, _SPEED_STD)
-    if sure < _LEAST or abs(error) < 0.05:
+    sure = _against(error, SETTINGS.right_speed_std)
+    if sure < SETTINGS.decided or abs(error) < 0.05:
         return None
     key = f"can.signals.{role}"
     seen = 1.0 / (one.per_mps * abs(one.series.field.scale))
@@ -219,7 +199,7 @@ def _scale(config: Config, role: str, one: Follower) -> Suspicion | None:
 def _against(error: float, std: float) -> float:
     """Probability that an error is not one of a right file."""
     right = norm.logpdf(error, 0.0, std)
-    wrong = norm.logpdf(error, 0.0, _OTHER_TEETH_STD) if abs(error) < 0.3 else 0.0
+    wrong = norm.logpdf(error, 0.0, SETTINGS.wrong_scale_std) if abs(error) < 0.3 else 0.0
     return min(0.999, float(1.0 / (1.0 + 9.0 * math.exp(min(right - wrong, 50.0)))))
 
 
@@ -237,7 +217,7 @@ def _sides(by_wheel: dict[str, str], places: dict[str, Follower]) -> list[Suspic
         # Two hypotheses: the track, or minus the track; a prior of one file in fifty.
         ratio = norm.logpdf(span, -track, spread) - norm.logpdf(span, track, spread) + math.log(0.02)
         sure = min(0.999, float(1.0 / (1.0 + math.exp(-min(max(ratio, -50.0), 50.0)))))
-        if sure >= _LEAST:
+        if sure >= SETTINGS.decided:
             names = f"{one.series.field.signal} is on the right and {other.series.field.signal} on the left"
             found.append(Suspicion(f"can.signals.{by_wheel[left]}", "swapped_left_right", sure, names))
     return found
@@ -266,7 +246,7 @@ def _car(
         aim, spread = config.vehicle.wheelbase_m**2, math.hypot(std, 0.3 * config.vehicle.wheelbase_m)
         ratio = norm.logpdf(square, -aim, spread) - norm.logpdf(square, aim, spread) + math.log(0.02)
         sure = min(0.999, float(1.0 / (1.0 + math.exp(-min(max(ratio, -50.0), 50.0)))))
-        turned = sure >= _LEAST
+        turned = sure >= SETTINGS.decided
         if turned:
             key = f"can.signals.{by_wheel['fl']}"
             suggest = "in bends the wheels called rear have the longer way: exchange front and rear"
@@ -286,14 +266,18 @@ def _car(
 
 def _antenna(config: Config, geometry: CarGeometry) -> list[Suspicion]:
     found = []
-    for key, floor in _PLACE_FLOOR_M.items():
+    floors = {
+        "antenna_left_m": SETTINGS.antenna_left_floor_m,
+        "antenna_forward_m": SETTINGS.antenna_forward_floor_m,
+    }
+    for key, floor in floors.items():
         place = geometry.gnss.get(key)
         if place is None:
             continue
         stated = float(getattr(config.gnss, key))
         z = abs(place.value - stated) / math.hypot(place.std, floor)
         sure = min(0.999, float(1.0 - 2 * norm.sf(z)))
-        if z > _PLACE_Z:
+        if z > SETTINGS.antenna_z:
             suggest = f"{key} = {place.value:.2f} (+- {place.std:.2f})"
             found.append(Suspicion(f"gnss.{key}", "wrong_antenna", sure, suggest))
     return found
@@ -314,14 +298,14 @@ def _other_signals(
             "steering_wheel_angle": np.where(speed > 3.0, reference.yaw_radps / speed, np.nan),
         }
     found = []
-    for role, apart in _ROLES_APART.items():
+    for role, aim_of_role in expected.items():
         one = read.get(role)
         if one is None:
             continue
         option, unit = config.can.option(role), one.field.unit
         factor, _ = to_si(role, unit)
         value = smooth(option.sign * factor * physical(one))
-        aim = smooth(expected[role])
+        aim = smooth(aim_of_role)
         rows = np.isfinite(value) & np.isfinite(aim) & (speed > 3.0)
         if rows.sum() < 60 or not np.ptp(value[rows]) > 0:
             continue
@@ -336,9 +320,9 @@ def _other_signals(
             found.append(Suspicion(key, "wrong_sign", sure, suggest))
         if abs(z) < 3.0:
             continue
-        gain = float(np.std(value[rows]) / np.std(aim[rows]))
+        gain, apart = float(np.std(value[rows]) / np.std(aim[rows])), SETTINGS.sensors_apart
         if role == "steering_wheel_angle":
-            gain /= steering
+            gain, apart = gain / steering, SETTINGS.steering_apart
         # Where either side errs, the true gain lies between the two regressions' (Frisch 1934).
         if gain * abs(r) > apart or gain / abs(r) < 1.0 / apart:
             found.append(_wrong_size(role, key, unit, gain, sure))
@@ -351,6 +335,6 @@ def _wrong_size(role: str, key: str, unit: str, gain: float, sure: float) -> Sus
     others = {other: to_si(role, other)[0] for other in allowed_units(role)}
     fitting = min(others, key=lambda other: abs(math.log(others[other] * gain / factor)))
     seen = f"it is {gain:.3g} times what the car's motion tells"
-    if others[fitting] != factor and abs(math.log(others[fitting] * gain / factor)) < _UNIT_NEAR:
+    if others[fitting] != factor and abs(math.log(others[fitting] * gain / factor)) < SETTINGS.unit_near:
         return Suspicion(key, "wrong_unit", sure, f'unit = "{fitting}": {seen}')
     return Suspicion(key, "wrong_scale", sure, seen)
