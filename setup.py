@@ -1,8 +1,8 @@
-"""The parts of tpmsd that may be compiled: the arithmetic of the Gaussian-sum filter's hypothesis bank, and
-the gains of the diagnosis' whitening filter.
+"""The parts of tpmsd that may be compiled: the arithmetic of the Gaussian-sum filter's hypothesis bank, the
+gains of the diagnosis' whitening filter, and lines of candump.
 
 Everything else of the build is in pyproject.toml. Without a compiler or Python's headers the extensions are
-left out, and the same arithmetic runs on NumPy arrays. TPMSD_NO_KERNEL=1 leaves it out on purpose: the
+left out, and the same is done with NumPy arrays. TPMSD_NO_KERNEL=1 leaves it out on purpose: the
 published wheel fits every machine.
 """
 
@@ -24,7 +24,7 @@ KERNELS = [
         py_limited_api=True,
         optional=True,
     )
-    for name in ("tpmsd.estimators._bank", "tpmsd.inference._gains")
+    for name in ("tpmsd.estimators._bank", "tpmsd.inference._gains", "tpmsd.sources._candump")
 ]
 LEFT_OUT = os.environ.get("TPMSD_NO_KERNEL", "") not in ("", "0")
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 import gzip
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from tpmsd.sources import candump_text
 from tpmsd.sources.can_frame import CanFrame
 from tpmsd.sources.can_log import read_can_log
 from tpmsd.sources.can_log_candump import MAX_LINE_CHARS
@@ -57,8 +59,15 @@ def one_by_one(lines: list[str]) -> Read:
     return frames, bad
 
 
+def by_templates(lines: list[str]) -> Read:
+    """All of them by templates and the line parser, as where nothing is compiled."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(candump_text, "compiled", None)
+        return at_once(lines)
+
+
 def at_once(lines: list[str]) -> Read:
-    """By templates."""
+    """By compiled code where it was built, by templates, by the line parser."""
     bad: list[tuple[int, str]] = []
     text = "".join(f"{line}\n" for line in lines)
     return list(parse_lines(text, 1, lambda number, line: bad.append((number, line))).frames()), bad
@@ -69,7 +78,7 @@ def at_once(lines: list[str]) -> Read:
 def test_lines_at_once_are_lines_one_by_one(lines: list[str]) -> None:
     """Whatever the lines are, frames, line numbers and lines that are none are the line parser's."""
     if lines:
-        assert one_by_one(lines) == at_once(lines)
+        assert one_by_one(lines) == at_once(lines) == by_templates(lines)
 
 
 @settings(derandomize=True, deadline=None)
@@ -81,7 +90,7 @@ def test_lines_alike_but_for_one_character(line: str, changes: list[tuple[int, s
         if character not in "\n\r":
             at = place % len(line)
             lines.append(line[:at] + character + line[at + 1 :])
-    assert one_by_one(lines) == at_once(lines)
+    assert one_by_one(lines) == at_once(lines) == by_templates(lines)
 
 
 @pytest.mark.parametrize(
@@ -89,8 +98,9 @@ def test_lines_alike_but_for_one_character(line: str, changes: list[tuple[int, s
 )
 def test_stamps_are_those_of_float(stamp: str) -> None:
     """Nanoseconds since 1970 have more digits than a double: they are rounded as Python rounds them."""
-    ((frame,), bad) = at_once([f"({stamp}) can0 123#00"])
-    assert ([], float(stamp)) == (bad, frame.time_s)
+    for read in (at_once, by_templates):
+        ((frame,), bad) = read([f"({stamp}) can0 123#00"])
+        assert ([], float(stamp)) == (bad, frame.time_s)
 
 
 def test_more_shapes_and_templates_than_are_read_together() -> None:
@@ -99,7 +109,26 @@ def test_more_shapes_and_templates_than_are_read_together() -> None:
         f"({'1' * k}.{'5' * d}) can{k} 123#{'AB' * n}" for k in range(1, 12) for d in (1, 9) for n in range(9)
     ]
     lines += [f"(1.5) c{letter} 123#11" for letter in "abcdefghijklmnopqrstuvwxyz"]
-    assert one_by_one(lines) == at_once(lines)
+    assert one_by_one(lines) == at_once(lines) == by_templates(lines)
+
+
+def test_compiled_code_reads_the_common_lines_alone() -> None:
+    """Of the first line's channel it reads classic data frames; arrays that do not fit it refuses."""
+    if candump_text.compiled is None:
+        pytest.skip("it is not built here (no compiler, or no headers of Python)")
+    others = ["(1.5) can1 123#11", "(1.5) can0 123##011", "(1.5) can0 20000001#00", "(1.5) can0 800#00", "x"]
+    text = "".join(f"{line}\n" for line in ["(1.5) can0 1F3#aB01", *others, "(2.25) can0 1ABCDEF0#"])
+    rows = candump_text._Rows(7)
+    arrays = (rows.found, rows.time_s, rows.identifier, rows.size, rows.data)
+    assert 2 == candump_text.compiled.lines(text.encode(), b"can0", *arrays)
+    assert ([0, 6], [1.5, 2.25]) == (np.flatnonzero(rows.found).tolist(), rows.time_s[rows.found].tolist())
+    assert ([0x1F3, 0x9ABCDEF0], [2, 0]) == (
+        rows.identifier[rows.found].tolist(),
+        rows.size[rows.found].tolist(),
+    )
+    assert b"\xab\x01" == rows.data[0, :2].tobytes()
+    with pytest.raises(ValueError, match="do not belong together"):
+        candump_text.compiled.lines(text.encode(), b"can0", *arrays[:-1], rows.data[:6])
 
 
 @pytest.mark.parametrize("ending", ["\n", "\r\n", "\r"])

@@ -116,20 +116,21 @@ class AgreementWatch:
     def _follow(self, tick: Tick) -> None:
         if tick.gap_s > 0.0:
             self._speeds = [math.nan] * 4
-        share = 1.0 - math.exp(-tick.dt_s / SMOOTHING_S)
+        dt_s = tick.dt_s
+        share = 1.0 - math.exp(-dt_s / SMOOTHING_S)
         moved: list[float] = []
         steps: list[float] = []
         for before, turned, radius_m in zip(
             self._speeds, tick.rotation_rad.tolist(), self._radii, strict=True
         ):
-            speed = turned * radius_m / tick.dt_s
+            speed = turned * radius_m / dt_s
             if math.isfinite(before):
                 speed = before + share * (speed - before)
                 if math.isfinite(speed):
                     steps.append(speed - before)
             moved.append(speed)
         if steps:
-            self._accel += share * (median(steps) / tick.dt_s - self._accel)
+            self._accel += share * (median(steps) / dt_s - self._accel)
         self._speeds = moved
 
     def _compare(self, fix: Fix, share: float) -> None:

@@ -102,7 +102,7 @@ class ArrayKernel:
     def summary(self, bank: Bank) -> Summary:
         """As of `BankKernel`."""
         weights = bank.weights()
-        state, spread = bank.mean.T, bank.covariance.transpose(1, 2, 0)
+        state, spread = bank.state, bank.spread
         mean = state @ weights
         wheels = len(state) - MU
         off = state[MU:] - mean[MU:, None]
@@ -128,8 +128,8 @@ class CompiledKernel:
     ) -> tuple[float, float]:
         """As of `BankKernel`."""
         way, turn = self._propagate(
-            bank.mean.T,
-            bank.covariance.transpose(1, 2, 0),
+            bank.state,
+            bank.spread,
             drift.transpose(1, 2, 0),
             *process.constants(motion, position_std_m),
         )
@@ -143,8 +143,8 @@ class CompiledKernel:
             self._arrays.update(bank, scalar, frozen_from, weights)
             return
         self._update(
-            bank.mean.T,
-            bank.covariance.transpose(1, 2, 0),
+            bank.state,
+            bank.spread,
             bank.log_weights,
             scalar.innovation,
             scalar.row.T,
@@ -158,7 +158,7 @@ class CompiledKernel:
         self, bank: Bank, fix: Fix, tick: Tick, now: measurements.Present
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """As of `BankKernel`."""
-        state = bank.mean.T
+        state = bank.state
         east, north = np.empty(state.shape[1]), np.empty(state.shape[1])
         east_row, north_row = np.empty_like(state), np.empty_like(state)
         behind_s = (1.0 - fix.fraction) * tick.dt_s
@@ -170,14 +170,14 @@ class CompiledKernel:
 
     def symmetrise(self, bank: Bank) -> None:
         """As of `BankKernel`."""
-        self._symmetrise(bank.covariance.transpose(1, 2, 0), LEAST_VARIANCE)
+        self._symmetrise(bank.spread, LEAST_VARIANCE)
 
     def summary(self, bank: Bank) -> Summary:
         """As of `BankKernel`."""
         count, size = bank.mean.shape
         mean, radii_m2, weights = np.empty(size), np.empty((size - MU, size - MU)), np.empty(count)
         pose = self._moments(
-            mean, radii_m2, weights, bank.mean.T, bank.covariance.transpose(1, 2, 0), bank.log_weights
+            mean, radii_m2, weights, bank.state, bank.spread, bank.log_weights
         )
         return Summary(mean, radii_m2, *pose)
 

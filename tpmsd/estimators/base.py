@@ -69,7 +69,7 @@ def unsound(estimate: RadiusEstimate, wheels: list[int]) -> str:
     if len(wheels) < 4:
         spread = [spread[4 * one + other] for one in wheels for other in wheels]
         deviation, variances = [deviation[one] for one in wheels], [variances[one] for one in wheels]
-    if not all(map(math.isfinite, deviation + spread)):
+    if not math.isfinite(sum(deviation) + sum(spread)):
         return "a radius is not a number"
     if min(variances) < 0.0:
         return "a variance is negative"

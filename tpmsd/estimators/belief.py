@@ -37,9 +37,10 @@ class Car:
     driven_front: bool = False
     driven_rear: bool = False
 
-    def virtual_motion(self, rear_rad: FloatArray) -> tuple[float, float]:
+    def virtual_motion(self, left_rad: float, right_rad: float) -> tuple[float, float]:
         """Way and turn of a tick by nominal radii: [Lundquist 2013, eq. 4] times T."""
-        left, right = (rear_rad[:2] * self.nominal_m[:2]).tolist()
+        left_m, right_m = self.nominal_m[:2].tolist()
+        left, right = left_rad * left_m, right_rad * right_m
         return (left + right) / 2, (right - left) / self.geometry.track_rear_m
 
 
@@ -91,6 +92,10 @@ class Rolling(NamedTuple):
     moment: Moment
     angle_rad: FloatArray
     """(d,) rotation; finite for the rear pair."""
+    way_m: float
+    """By nominal radii (`Car.virtual_motion`)."""
+    turn_rad: float
+    """The same."""
     curvature: float | None
     """By the steering, where it replaces the wheels' turn [Lundquist 2013, eq. 38c]."""
     judged: bool

@@ -144,19 +144,21 @@ class ProcessModel:
         self._driven_rear = driven_rear
         self._wheels = nominal_m.size
         self.drift = drift_covariance(self._wheels)
-        self._drift_common = np.full((self._wheels, self._wheels), SETTINGS.drift_common_m**2)
-        self._drift_own = self.drift - self._drift_common
+        self._drift_own = self.drift - SETTINGS.drift_common_m**2
         self._noise = np.zeros((GYRO + 1, 1))
+        self._rear = tuple(nominal_m[:2].tolist())
+        self._decay = (math.nan, math.nan)
+        """Length of a tick, and how the receiver's slow error fades in it."""
 
     def drift_at(self, levels: FloatArray) -> FloatArray:
         """(N, d, d) growth of the radii's covariance per second at levels (N, d) of each wheel, which are
         relative to `drift_own_m` and `drift_axle_m`; `drift_common_m` follows the lowest of them down to
         `calm_common` only and never up."""
-        common = np.clip(levels.min(axis=1), SETTINGS.calm_common, 1.0)[:, None, None]
-        own = levels[:, :, None] * levels[:, None, :]
-        out = side_by_side(*own.shape)
-        out[:] = own * self._drift_own + np.square(common) * self._drift_common
-        return out
+        level = np.ascontiguousarray(levels.T)
+        common = np.minimum(np.maximum(np.minimum.reduce(level), SETTINGS.calm_common), 1.0)
+        own = level[:, None] * level * self._drift_own[:, :, None]
+        own += np.square(common) * SETTINGS.drift_common_m**2
+        return own.transpose(2, 0, 1)
 
     def way_and_turn(self, mean: FloatArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
         """(N,) way of the rear axle's middle and turn of each hypothesis, eqs (6a), (6b)."""
@@ -230,8 +232,10 @@ class ProcessModel:
         NaN where there is no witness or no steering."""
         nan, dt_s, track_m = math.nan, motion.dt_s, self._track
         rough = 0.0 if motion.informative else 1.0
-        decay = math.exp(-dt_s / SETTINGS.bias_tau_s)
-        left_m, right_m = self._rear_m.ravel().tolist()
+        if self._decay[0] != dt_s:
+            self._decay = dt_s, math.exp(-dt_s / SETTINGS.bias_tau_s)
+        decay = self._decay[1]
+        left_m, right_m = self._rear
         left_rad, right_rad = motion.rear_rad.tolist()
         return (
             *(left_m, right_m, left_rad, right_rad, 0.5 * motion.horizontal),

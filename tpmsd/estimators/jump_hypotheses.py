@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,13 @@ class Bank:
     """(N, d) process-noise level of each wheel's radius that a hypothesis assumes."""
     kind: NDArray[np.intp]
     """(N,) which of the kinds of hypothesis that is (`JumpHypotheses.kinds`)."""
+    state: FloatArray = field(init=False)
+    """(n, N) the means as they lie in memory: all arrays are changed in place."""
+    spread: FloatArray = field(init=False)
+    """(n, n, N) the covariances in the same way."""
+
+    def __post_init__(self) -> None:
+        self.state, self.spread = self.mean.T, self.covariance.transpose(1, 2, 0)
 
     def copy(self, child: int, parent: int) -> None:
         """Put a copy of one hypothesis in another's place; its weight is the caller's."""

@@ -119,8 +119,7 @@ class MixtureBelief:
         moment, tick = rolling.moment, rolling.moment.tick
         rear = rolling.angle_rad[:2]
         yaw_rate = self._witnessed_yaw_rate(moment)
-        rolled, _ = self._car.virtual_motion(rear)
-        self._grade.move(rolled)
+        self._grade.move(rolling.way_m)
         motion = Motion(
             dt_s=tick.dt_s,
             rear_rad=rear,

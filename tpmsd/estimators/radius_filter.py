@@ -91,12 +91,12 @@ class RadiusFilter:
     def _move(self, tick: Tick) -> Moment:
         """Take the wheels' rotation."""
         angle = tick.rotation_rad[self._places]
-        left, right = float(angle[0]), float(angle[1])
+        left, right = angle[:2].tolist()
         if not (math.isfinite(left) and math.isfinite(right)):
             self._coast(tick.dt_s)
             return self._moment(tick, False)
         self._coasting_s = 0.0
-        way, turn = self._car.virtual_motion(angle)
+        way, turn = self._car.virtual_motion(left, right)
         gentle = self._gate.update(tick, way / tick.dt_s, turn / tick.dt_s)
         moment = self._moment(tick, gentle or not self._gates.ticks)
         if way == 0.0 and self._gates.ticks:
@@ -105,7 +105,7 @@ class RadiusFilter:
             return self._moment(tick, False)
         judged = self._located and tick.time_s - self._last_fix_s < SETTINGS.changes_judged_s
         curvature = None if moment.informative else self._steered_curvature(tick)
-        way, turn = self.belief.predict(Rolling(moment, angle, curvature, judged))
+        way, turn = self.belief.predict(Rolling(moment, angle, way, turn, curvature, judged))
         self._speed, self._yaw_rate = way / tick.dt_s, turn / tick.dt_s
         share = 1.0 - math.exp(-tick.dt_s / SETTINGS.steady_s)
         self._steady_yaw_rate += share * (self._yaw_rate - self._steady_yaw_rate)

@@ -106,7 +106,9 @@ class Drive:
                 yield block
             elif self.channel in block.channels:
                 mine = block.channel == block.channels.index(self.channel)
-                if mine.any():
+                if mine.all():
+                    yield block
+                elif mine.any():
                     yield block.taken(mine)
 
     def _undamaged_frames(self) -> Iterator[FrameBlock]:

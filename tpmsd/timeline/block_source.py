@@ -9,7 +9,6 @@ between its frames; its samples are handed to the timeline as time comes to them
 from __future__ import annotations
 
 import math
-from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 
 import numpy as np
@@ -38,11 +37,9 @@ class _Ahead:
         self.stretch = stretch
         self._timeline, self._shift_s = timeline, timeline.shift_s
         self._plan = timeline.plan(stretch)
-        host_s = np.maximum.accumulate(block.time_s[stretch.start : stretch.stop])
-        # Lists: they are searched for one number thousands of times.
-        self._host_s: list[float] = host_s.tolist()
+        self._host_s = np.maximum.accumulate(block.time_s[stretch.start : stretch.stop])
         """Greatest host time up to each frame."""
-        self._now_s = (host_s + self._shift_s).tolist() if self._shift_s else self._host_s
+        self._now_s = self._host_s + self._shift_s
         self._given = [0] * len(stretch.groups)
         """Of each group of signals how many frames were handed on."""
         self._shown_s = -math.inf
@@ -50,17 +47,16 @@ class _Ahead:
 
     def latest_s(self, place: int) -> float:
         """Greatest host time of the frames before a place, which is not the first."""
-        return self._host_s[place - 1 - self.stretch.start]
+        return float(self._host_s[place - 1 - self.stretch.start])
 
     def next_due(self, due_s: float, deadline_s: float, start: int, stop: int) -> int:
         """The first frame from `start` on that reaches `due_s` (logical) or passes the deadline (host); at
         most `stop`."""
         origin = self.stretch.start
-        first, last = start - origin, stop - origin
-        place = bisect_left(self._now_s, due_s, first, last)
+        place = int(self._now_s.searchsorted(due_s)) + origin
         if deadline_s < math.inf:
-            place = bisect_right(self._host_s, deadline_s, first, place)
-        return place + origin
+            place = min(place, int(self._host_s.searchsorted(deadline_s, side="right")) + origin)
+        return min(max(place, start), stop)
 
     def planned_tick(self, index: int, end_s: float, place: int) -> PlannedTick | None:
         """What wheels and readings say in a tick that is about to be made when the frames before a place were
