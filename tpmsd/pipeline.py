@@ -10,8 +10,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from cantools.database import Database
@@ -40,8 +39,7 @@ REPEATED_S = 5.0
 """Frames that ask for a reset within so long after another are the same request."""
 
 
-@dataclass(frozen=True, slots=True)
-class Step:
+class Step(NamedTuple):
     """One tick and what was made of it."""
 
     tick: Tick

@@ -154,10 +154,9 @@ def test_the_line_is_of_the_last_step(tmp_path: Path) -> None:
     steps = []
     for k in range(40):
         steps += pipeline.on_frame(1000.0 + 0.1 * k, 0xB0, False, wheels_frame(0.0, 0.1 * k).data)
-    first = replace(steps[0], report=report(*[GONE] * 4))
+    first = steps[0]._replace(report=report(*[GONE] * 4))
     for speed_mps, words in ((20.0, " 72 km/h;"), (math.nan, " bus ")):
-        last = replace(
-            steps[-1],
+        last = steps[-1]._replace(
             report=report(*[WATCHED] * 4),
             estimate=replace(steps[-1].estimate, speed_mps=speed_mps),
         )

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.monitor.hypotheses import LOSS_GRID, Verdict, compare
+from tpmsd.monitor.hypotheses import LOSS_GRID, Comparison, Verdict
 from tpmsd.monitor.nuisance import Nuisance, mean_share
 from tpmsd.monitor.settings import JUDGE
 from tpmsd.wheels import WHEELS, FloatArray
@@ -23,9 +23,8 @@ def judged(change: list[float], std: float = 3e-4, nuisance: Nuisance | None = N
     """Verdict on relative changes of all four wheels, known to `std` each."""
     radius = np.full(4, RADIUS_M)
     harmless = (nuisance or JUDGE.unexplained).covariance([0, 1, 2, 3], radius)
-    return compare(
-        np.array(change) * RADIUS_M, harmless + np.eye(4) * (std * RADIUS_M) ** 2, radius, THRESHOLD
-    )
+    against = Comparison(radius, THRESHOLD)
+    return against.of(np.array(change) * RADIUS_M, harmless + np.eye(4) * (std * RADIUS_M) ** 2)
 
 
 def integrated(change: FloatArray, covariance: FloatArray, threshold: float) -> FloatArray:
@@ -62,7 +61,7 @@ def test_two_wheels_against_numerical_integration(change: tuple[float, float]) -
     covariance = np.array([[3.0, 2.0], [2.0, 3.0]]) * 1e-6
     expected = integrated(np.array(change), covariance, THRESHOLD)
     radius = np.full(2, RADIUS_M)
-    found = compare(np.array(change) * RADIUS_M, covariance * RADIUS_M**2, radius, THRESHOLD)
+    found = Comparison(radius, THRESHOLD).of(np.array(change) * RADIUS_M, covariance * RADIUS_M**2)
     assert expected == pytest.approx(found.deflated, abs=0.05)
 
 
@@ -122,7 +121,7 @@ def test_four_wheels_against_numerical_integration() -> None:
     covariance = Nuisance(common=0.002, axle=5e-4, side=3e-4, own=3e-4).covariance([0, 1, 2, 3], np.ones(4))
     for change in ([0.0, 0.0, 0.0, 0.004], [0.0, 0.0, -0.004, 0.0], [0.0, 0.006, 0.0, 0.0]):
         expected = integrated(np.array(change), covariance, THRESHOLD)
-        found = compare(np.array(change) * RADIUS_M, covariance * RADIUS_M**2, radius, THRESHOLD)
+        found = Comparison(radius, THRESHOLD).of(np.array(change) * RADIUS_M, covariance * RADIUS_M**2)
         assert expected == pytest.approx(found.deflated, abs=0.06)
 
 
@@ -131,7 +130,7 @@ def test_of_a_pair_alone_the_smaller_wheel_has_lost() -> None:
     radius = np.full(2, RADIUS_M)
     harmless = JUDGE.unexplained.covariance([2, 3], radius)
     half = np.array([-0.0025, 0.0025]) * RADIUS_M
-    verdict = compare(half, harmless + np.eye(2) * (3e-4 * RADIUS_M) ** 2, radius, THRESHOLD)
+    verdict = Comparison(radius, THRESHOLD).of(half, harmless + np.eye(2) * (3e-4 * RADIUS_M) ** 2)
     assert verdict.deflated[0] > 0.99
 
 
@@ -233,5 +232,5 @@ def test_which_of_two_wheels_has_changed_is_told_by_the_other_axle(
     radius = np.full(4, RADIUS_M)
     own = np.full((4, 4), 4e-4**2) + np.eye(4) * 1.2e-4**2
     covariance = JUDGE.harmless.covariance([0, 1, 2, 3], radius) + own
-    verdict = compare(np.array([0.0, 0.0, -smaller_m, larger_m]), covariance, radius, THRESHOLD)
+    verdict = Comparison(radius, THRESHOLD).of(np.array([0.0, 0.0, -smaller_m, larger_m]), covariance)
     assert raised == bool(verdict.deflated[2] > 0.99)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -170,11 +169,11 @@ def test_the_probability_of_a_wheel_that_is_not_watched_is_unknown() -> None:
     for index in range(1200):
         elapsed = (index + 1) * drive.dt_s
         report = drive._report(elapsed, (), (), elapsed)
-        zeroed = tuple(replace(wheel, deflation_probability=0.0) for wheel in report.wheels)
+        zeroed = tuple(wheel._replace(deflation_probability=0.0) for wheel in report.wheels)
         recorder.add(
             drive._tick(index, elapsed, 0.0),
             drive._estimate(elapsed, 0.0, elapsed),
-            replace(report, wheels=zeroed),
+            report._replace(wheels=zeroed),
         )
     result = recorder.result(1.0)
 

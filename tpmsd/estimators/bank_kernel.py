@@ -176,9 +176,7 @@ class CompiledKernel:
         """As of `BankKernel`."""
         count, size = bank.mean.shape
         mean, radii_m2, weights = np.empty(size), np.empty((size - MU, size - MU)), np.empty(count)
-        pose = self._moments(
-            mean, radii_m2, weights, bank.state, bank.spread, bank.log_weights
-        )
+        pose = self._moments(mean, radii_m2, weights, bank.state, bank.spread, bank.log_weights)
         return Summary(mean, radii_m2, *pose)
 
 

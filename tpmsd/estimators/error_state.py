@@ -21,7 +21,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -88,8 +87,7 @@ def drift_covariance(wheels: int) -> FloatArray:
     return out
 
 
-@dataclass(frozen=True, slots=True)
-class Motion:
+class Motion(NamedTuple):
     """One tick as the process model sees it."""
 
     dt_s: float

@@ -52,82 +52,89 @@ class Verdict:
     """(n,) posterior probability of each account of the change."""
 
 
-def compare(
-    change_m: FloatArray,
-    covariance_m2: FloatArray,
-    radius_m: FloatArray,
-    threshold: float,
-    log_ratios: FloatArray | None = None,
-    one_alone: bool = False,
-) -> Verdict:
-    """Posterior over all subsets and losses by one account of the change.
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What changes of d tyres are held against."""
 
-    change_m (d,), covariance_m2 (d, d) of change including nuisance; for the rest see `compare_accounts`.
-    """
-    alone = np.zeros(1)
-    return compare_accounts(
-        change_m[None], covariance_m2[None], alone, radius_m, threshold, log_ratios, one_alone
-    )
+    radius_m: FloatArray
+    """(d,) nominal."""
+    threshold: float
+    """Loss, relative to the radius, beyond which a tyre is deflated."""
+    log_ratios: FloatArray | None = None
+    """(s,) log likelihood ratio of each of `subsets` to none lost by other, independent evidence; None if
+    there is none. It shifts the posterior, not the suspicion."""
+    one_alone: bool = False
+    """Whether only losses of one wheel are considered: where an axle may be of any size, others cannot be
+    told from them."""
 
+    def of(self, change_m: FloatArray, covariance_m2: FloatArray) -> Verdict:
+        """Posterior over all subsets and losses by one account of the change: change_m (d,), covariance_m2
+        (d, d) of change including nuisance."""
+        return self.of_each(change_m[None], covariance_m2[None])[0]
 
-def compare_accounts(
-    change_m: FloatArray,
-    covariance_m2: FloatArray,
-    log_weight: FloatArray,
-    radius_m: FloatArray,
-    threshold: float,
-    log_ratios: FloatArray | None = None,
-    one_alone: bool = False,
-) -> Verdict:
-    """Posterior over all subsets and losses, and over accounts of the change.
+    def of_each(self, change_m: FloatArray, covariance_m2: FloatArray) -> list[Verdict]:
+        """The same of k changes, each by itself: (k, d), (k, d, d)."""
+        return self._verdicts(change_m[:, None], covariance_m2[:, None], np.zeros(1))
 
-    change_m (n, d), covariance_m2 (n, d, d) of change including nuisance, log_weight (n,) of each account
-    if nothing is lost, radius_m (d,) nominal; threshold relative. log_ratios (s,): log likelihood ratio of
-    each of `subsets` to none lost by other, independent evidence; None if there is none. It shifts the
-    posterior, not the suspicion. one_alone: only losses of one wheel are considered; where an axle may be of
-    any size, others cannot be told from them.
-    """
-    d = radius_m.size
-    whitener = np.linalg.inv(np.linalg.cholesky(covariance_m2))
-    seen = np.einsum("nij,nj->ni", whitener, change_m)
-    members, weights = _hypotheses(d)
-    white = (members * radius_m) @ whitener.transpose(0, 2, 1)
-    # Log-likelihood of a loss less that of none: a parabola over the size of the loss.
-    slope = -np.einsum("ni,nsi->ns", seen, white)[:, :, None]
-    curvature = np.einsum("nsi,nsi->ns", white, white)[:, :, None]
-    fit = LOSS_GRID * (slope - 0.5 * LOSS_GRID * curvature)
-    logs = log_weight[:, None, None] + fit + np.log(weights / LOSS_GRID.size)[:, None]
-    lost = slice(2**d - 1)
-    if log_ratios is not None:
-        logs[:, lost] += log_ratios[:, None]
-    if one_alone:
-        logs[:, d:] = -np.inf  # subsets come by size
-    log_none = log_weight + math.log1p(-float(weights.sum()))
-    top = max(float(logs.max()), float(log_none.max()))
-    posterior, weight_none = np.exp(logs - top), np.exp(log_none - top)
-    total = float(weight_none.sum() + posterior.sum())
-    posterior, weight_none = posterior / total, weight_none / total
-    accounts = weight_none + posterior.sum(axis=(1, 2))
-    best = int(accounts.argmax())
-    likeliest = fit[best]
-    of_best, size = np.unravel_index(int(posterior[best, lost].argmax()), likeliest[lost].shape)
-    found = posterior.sum(axis=0)
-    none_lost = float(weight_none.sum() + found[lost.stop :].sum())
-    of_losses, members = found[lost], members[lost]
-    beyond = threshold <= LOSS_GRID
-    large = of_losses[:, beyond].sum(axis=1)
-    # Sums of rounded shares may exceed 1 by the last bit; a saved probability may not.
-    return Verdict(
-        deflated=np.minimum(large @ members, 1.0),
-        none=none_lost,
-        loss_m=(of_losses @ LOSS_GRID) @ members * radius_m,
-        beyond=large,
-        suspicion=float(likeliest[lost][:, beyond].max()),
-        chances=found.sum(axis=1),
-        gains=likeliest.max(axis=1),
-        best_loss_m=members[of_best] * LOSS_GRID[size] * radius_m,
-        accounts=accounts,
-    )
+    def of_accounts(self, change_m: FloatArray, covariance_m2: FloatArray, log_weight: FloatArray) -> Verdict:
+        """Posterior over n accounts of one change as well: change_m (n, d), covariance_m2 (n, d, d) including
+        nuisance, log_weight (n,) of each account if nothing is lost."""
+        return self._verdicts(change_m[None], covariance_m2[None], log_weight)[0]
+
+    def _verdicts(
+        self, change_m: FloatArray, covariance_m2: FloatArray, log_weight: FloatArray
+    ) -> list[Verdict]:
+        """Of k changes by n accounts each: (k, n, d), (k, n, d, d), (n,)."""
+        d = self.radius_m.size
+        _, weights, log_shares = _hypotheses(d)
+        fit = self._fit(change_m.reshape(-1, d), covariance_m2.reshape(-1, d, d))
+        fit = fit.reshape(*change_m.shape[:2], *fit.shape[1:])
+        logs = log_weight[:, None, None] + fit + log_shares[:, None]
+        if self.log_ratios is not None:
+            logs[:, :, : 2**d - 1] += self.log_ratios[:, None]
+        if self.one_alone:
+            logs[:, :, d:] = -np.inf  # subsets come by size
+        log_none = log_weight + math.log1p(-float(weights.sum()))
+        top = np.maximum(np.maximum.reduce(logs, axis=(1, 2, 3)), np.maximum.reduce(log_none))
+        posterior, none = np.exp(logs - top[:, None, None, None]), np.exp(log_none - top[:, None])
+        total = np.add.reduce(none, axis=1) + np.add.reduce(posterior, axis=(1, 2, 3))
+        posterior, none = posterior / total[:, None, None, None], none / total[:, None]
+        return [self._verdict(*one) for one in zip(fit, posterior, none, strict=True)]
+
+    def _fit(self, change_m: FloatArray, covariance_m2: FloatArray) -> FloatArray:
+        """(m, h, losses) log-likelihood of a loss less that of none, a parabola over the size of the loss, by
+        m accounts (m, d), (m, d, d)."""
+        whitener = np.linalg.inv(np.linalg.cholesky(covariance_m2))
+        seen = np.einsum("nij,nj->ni", whitener, change_m)
+        white = (_hypotheses(self.radius_m.size)[0] * self.radius_m) @ whitener.transpose(0, 2, 1)
+        slope = -np.einsum("ni,nsi->ns", seen, white)[:, :, None]
+        curvature = np.einsum("nsi,nsi->ns", white, white)[:, :, None]
+        return LOSS_GRID * (slope - 0.5 * LOSS_GRID * curvature)
+
+    def _verdict(self, fit: FloatArray, posterior: FloatArray, none: FloatArray) -> Verdict:
+        """Of one change: log-likelihoods and posterior (n, h, losses), and that of nothing lost (n,)."""
+        d = self.radius_m.size
+        lost, members = slice(2**d - 1), _hypotheses(d)[0][: 2**d - 1]
+        accounts = none + np.add.reduce(posterior, axis=(1, 2))
+        best = int(accounts.argmax())
+        likeliest = fit[best]
+        of_best, size = divmod(int(posterior[best, lost].argmax()), LOSS_GRID.size)
+        found = np.add.reduce(posterior)
+        of_losses = found[lost]
+        beyond = int(LOSS_GRID.searchsorted(self.threshold))
+        large = np.add.reduce(of_losses[:, beyond:], axis=1)
+        # Sums of rounded shares may exceed 1 by the last bit; a saved probability may not.
+        return Verdict(
+            deflated=np.minimum(large @ members, 1.0),
+            none=float(np.add.reduce(none) + found[lost.stop :].sum()),
+            loss_m=(of_losses @ LOSS_GRID) @ members * self.radius_m,
+            beyond=large,
+            suspicion=float(np.maximum.reduce(likeliest[lost, beyond:], axis=None)),
+            chances=np.add.reduce(found, axis=1),
+            gains=np.maximum.reduce(likeliest, axis=1),
+            best_loss_m=members[of_best] * LOSS_GRID[size] * self.radius_m,
+            accounts=accounts,
+        )
 
 
 def subsets(d: int) -> list[tuple[int, ...]]:
@@ -143,9 +150,10 @@ def hypotheses_of(d: int) -> list[tuple[tuple[int, ...], str]]:
 
 
 @functools.cache
-def _hypotheses(d: int) -> tuple[FloatArray, FloatArray]:
+def _hypotheses(d: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """What may have happened to d wheels, (h, d): 1 for those that lost, all subsets first; -1 for one that
-    is larger, where there are others to tell that by. And their prior probabilities (h,).
+    is larger, where there are others to tell that by. And their prior probabilities (h,), and the logarithms
+    of each loss's share of them (h,).
     """
     found = subsets(d)
     members = [[float(wheel in subset) for wheel in range(d)] for subset in found]
@@ -153,4 +161,5 @@ def _hypotheses(d: int) -> tuple[FloatArray, FloatArray]:
     if d > 2:
         members += (-np.eye(d)).tolist()
         priors += [JUDGE.prior_larger] * d
-    return np.array(members), np.array(priors)
+    weights = np.array(priors)
+    return np.array(members), weights, np.log(weights / LOSS_GRID.size)

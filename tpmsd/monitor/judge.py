@@ -15,7 +15,7 @@ import numpy as np
 from tpmsd.config.model import MonitorConfig, TyreConfig, VehicleConfig
 from tpmsd.monitor.baseline import Change
 from tpmsd.monitor.drive_evidence import Accounts
-from tpmsd.monitor.hypotheses import Verdict, compare, compare_accounts, subsets
+from tpmsd.monitor.hypotheses import Comparison, Verdict, subsets
 from tpmsd.monitor.nuisance import Nuisance, mean_share
 from tpmsd.monitor.probability import normal_cdf
 from tpmsd.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
@@ -144,8 +144,18 @@ class Judge:
             sets = subsets(len(self._wheels))
             ratios = np.array([resonance.log_ratio([self._wheels[i] for i in one]) for one in sets])
         averaged_m2 = harmless_m2 - self.harmless_m2 + self._harmless_of_mean_m2(mean.samples)
-        at_once = self._find("now", now, harmless_m2, ratios, other_tyres)
-        lately = self._find("minutes", mean, averaged_m2, ratios, other_tyres)
+        against = Comparison(self._radius, self._threshold, ratios, other_tyres)
+        spread_m2 = np.stack([now.covariance_m2 + harmless_m2, mean.covariance_m2 + averaged_m2])
+        at_once, lately = (
+            Finding(*found)
+            for found in zip(
+                ("now", "minutes"),
+                against.of_each(np.stack([now.change_m, mean.change_m]), spread_m2),
+                (now.change_m, mean.change_m),
+                spread_m2,
+                strict=True,
+            )
+        )
         of_drive: Finding | None = None
         models: dict[str, float] = {}
         if accounts is not None:
@@ -215,15 +225,8 @@ class Judge:
         lasting = self._harmless.averaged(DRIVE_EVIDENCE.lasting_share)
         harmless_m2 = lasting.covariance(self._wheels, self._radius) + self._tolerance_m2(other_tyres)
         covariance_m2, log_weight = accounts.allowing(harmless_m2)
-        verdict = compare_accounts(
-            accounts.change_m,
-            covariance_m2,
-            log_weight,
-            self._radius,
-            self._threshold,
-            log_ratios,
-            other_tyres,
-        )
+        against = Comparison(self._radius, self._threshold, log_ratios, other_tyres)
+        verdict = against.of_accounts(accounts.change_m, covariance_m2, log_weight)
         best = int(verdict.accounts.argmax())
         finding = Finding("drive", verdict, accounts.change_m[best], covariance_m2[best])
         models = accounts.model_probabilities(verdict.accounts)
@@ -246,7 +249,8 @@ class Judge:
         by axle; a soft one among them still stands out.
         """
         harmless_m2 = self.harmless_m2 + self._tolerance_m2(other_tyres)
-        return self._on_all(self._find("now", change, harmless_m2).verdict.deflated)
+        against = Comparison(self._radius, self._threshold)
+        return self._on_all(against.of(change.change_m, change.covariance_m2 + harmless_m2).deflated)
 
     def _harmless_of_mean_m2(self, samples: int) -> FloatArray:
         """(d, d) of what comes and goes in a mean of so many samples."""
@@ -259,20 +263,6 @@ class Judge:
     def _tolerance_m2(self, other_tyres: bool) -> FloatArray:
         d = len(self._wheels)
         return JUDGE.other_tyres.covariance(self._wheels, self._radius) if other_tyres else np.zeros((d, d))
-
-    def _find(
-        self,
-        over: Literal["now", "minutes"],
-        change: Change,
-        harmless_m2: FloatArray,
-        log_ratios: FloatArray | None = None,
-        one_alone: bool = False,
-    ) -> Finding:
-        covariance_m2 = change.covariance_m2 + harmless_m2
-        verdict = compare(
-            change.change_m, covariance_m2, self._radius, self._threshold, log_ratios, one_alone
-        )
-        return Finding(over, verdict, change.change_m, covariance_m2)
 
     def _on_all(self, values: FloatArray) -> FloatArray:
         out = np.full(4, math.nan)

@@ -331,20 +331,20 @@ class Monitor:
     def _wheel_reports(self, tick: Tick, estimate: RadiusEstimate) -> tuple[WheelReport, ...]:
         if self._told[0] is not self._judged:
             self._told = (self._judged, self._judged.by_wheel())
-        unusable = self._signals.unusable
-        learned = self.baseline.ready and not self._sets.undecided
+        signals, unusable = self._signals, self._signals.unusable
+        sound = WheelState.LEARNING
+        if self.baseline.ready and not self._sets.undecided:
+            sound = WheelState.MONITORING
         alarmed = {wheel for _, wheel in self._standing}
-        deviation, variance = estimate.deviation_m.tolist(), estimate.covariance_m2.diagonal().tolist()
+        deviation, spread = estimate.deviation_m.tolist(), estimate.covariance_m2.ravel().tolist()
         reports: list[WheelReport] = []
         for wheel, (name, off_m, told) in enumerate(zip(WHEELS, deviation, self._told[1], strict=True)):
             blind = unusable or not math.isfinite(off_m)
-            if wheel not in self._wheels or blind or self._signals.is_lost(wheel, tick.time_s):
+            if wheel not in self._wheels or blind or signals.is_lost(wheel, tick.time_s):
                 state = WheelState.UNAVAILABLE
-            elif wheel in alarmed:
-                state = WheelState.ALARM
             else:
-                state = WheelState.MONITORING if learned else WheelState.LEARNING
-            std_m = _std(variance[wheel])
+                state = WheelState.ALARM if wheel in alarmed else sound
+            std_m = _std(spread[5 * wheel])
             if not self._trusted:
                 off_m = std_m = math.nan
             reports.append(WheelReport(name, state, off_m, std_m, *told))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 
 class WheelState(StrEnum):
@@ -36,9 +36,8 @@ class AlarmKind(StrEnum):
     """The system cannot do its work (no usable wheels, or moving without fixes)."""
 
 
-@dataclass(frozen=True, slots=True)
-class WheelReport:
-    """One wheel at the end of one tick."""
+class WheelReport(NamedTuple):
+    """One wheel at the end of one tick. A named tuple, as is the report: four are made in every tick."""
 
     wheel: str
     """fl | fr | rl | rr"""
@@ -117,8 +116,7 @@ class LearningReport:
     """Requests for a reset since the start of the process."""
 
 
-@dataclass(frozen=True, slots=True)
-class MonitorReport:
+class MonitorReport(NamedTuple):
     """What the monitor knows at the end of one tick."""
 
     time_s: float

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from operator import sub
 
 import numpy as np
 
@@ -95,11 +96,9 @@ class WheelStream:
             return False
         if times_s[-1] - times[0] >= BLOCK_S or len(times) + len(times_s) >= MAX_SAMPLES:
             return False
-        gap_s, before = self._gap_s(), times[-1]
-        for time_s in times_s:
-            if not 0.0 < time_s - before <= gap_s:
-                return False
-            before = time_s
+        steps_s = list(map(sub, times_s, (times[-1], *times_s)))
+        if min(steps_s) <= 0.0 or max(steps_s) > self._gap_s():
+            return False
         self._quantum_rad = quantum_rad
         times += times_s
         self._angle_rad += angles_rad
