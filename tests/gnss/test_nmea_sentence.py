@@ -1,13 +1,15 @@
 from __future__ import annotations
 
 import math
+from functools import reduce
+from operator import xor
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.gnss.sentences import gga, nmea, rmc, vtg
-from tpmsd.sources.nmea_sentence import NmeaReading, SentenceError, decode_sentence
+from tpmsd.sources.nmea_sentence import NmeaReading, SentenceError, decode_sentence, exclusive_or
 
 T = 1720716104.3
 
@@ -210,3 +212,10 @@ def test_any_bytes(line: bytes):
             decode_sentence(candidate)
         except SentenceError as error:
             assert error.kind in ("checksum", "garbage")
+
+
+@settings(derandomize=True, deadline=None)
+@given(st.binary(max_size=300))
+def test_a_checksum_is_the_exclusive_or_of_all_bytes(data: bytes) -> None:
+    """However many bytes there are, the folded number is what byte by byte would give."""
+    assert reduce(xor, data, 0) == exclusive_or(data)

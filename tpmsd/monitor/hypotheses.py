@@ -109,7 +109,7 @@ class Comparison:
         white = (_hypotheses(self.radius_m.size)[0] * self.radius_m) @ whitener.transpose(0, 2, 1)
         slope = -np.einsum("ni,nsi->ns", seen, white)[:, :, None]
         curvature = np.einsum("nsi,nsi->ns", white, white)[:, :, None]
-        return LOSS_GRID * (slope - 0.5 * LOSS_GRID * curvature)
+        return np.asarray(LOSS_GRID * (slope - 0.5 * LOSS_GRID * curvature))
 
     def _verdict(self, fit: FloatArray, posterior: FloatArray, none: FloatArray) -> Verdict:
         """Of one change: log-likelihoods and posterior (n, h, losses), and that of nothing lost (n,)."""

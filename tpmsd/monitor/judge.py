@@ -145,17 +145,10 @@ class Judge:
             ratios = np.array([resonance.log_ratio([self._wheels[i] for i in one]) for one in sets])
         averaged_m2 = harmless_m2 - self.harmless_m2 + self._harmless_of_mean_m2(mean.samples)
         against = Comparison(self._radius, self._threshold, ratios, other_tyres)
-        spread_m2 = np.stack([now.covariance_m2 + harmless_m2, mean.covariance_m2 + averaged_m2])
-        at_once, lately = (
-            Finding(*found)
-            for found in zip(
-                ("now", "minutes"),
-                against.of_each(np.stack([now.change_m, mean.change_m]), spread_m2),
-                (now.change_m, mean.change_m),
-                spread_m2,
-                strict=True,
-            )
-        )
+        now_m2, mean_m2 = now.covariance_m2 + harmless_m2, mean.covariance_m2 + averaged_m2
+        verdicts = against.of_each(np.stack([now.change_m, mean.change_m]), np.stack([now_m2, mean_m2]))
+        at_once = Finding("now", verdicts[0], now.change_m, now_m2)
+        lately = Finding("minutes", verdicts[1], mean.change_m, mean_m2)
         of_drive: Finding | None = None
         models: dict[str, float] = {}
         if accounts is not None:

@@ -159,7 +159,7 @@ class ReplayRecorder:
                     tally.monitored_from_s = tick.time_s
 
     def _row(self, tick: Tick, estimate: RadiusEstimate, report: MonitorReport) -> FloatArray:
-        row = np.full(_COLUMNS, np.nan)
+        row = [math.nan] * _COLUMNS
         row[_TIME] = tick.time_s
         row[_SPEED] = estimate.speed_mps
         row[_INFORMATIVE] = estimate.informative
@@ -174,7 +174,7 @@ class ReplayRecorder:
                 wheel.change_std_m,
                 _probability(wheel),
             )
-        return row
+        return np.array(row)
 
 
 @dataclass(slots=True)

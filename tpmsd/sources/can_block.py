@@ -61,6 +61,21 @@ class FrameBlock:
         """The data of one frame."""
         return self.data[place, : self.size[place]].tobytes()
 
+    def frame(self, place: int) -> CanFrame:
+        """One frame."""
+        key, flags = int(self.identifier[place]), int(self.flags[place])
+        return CanFrame(
+            float(self.time_s[place]),
+            self.channels[self.channel[place]],
+            key & ~EXTENDED,
+            key >= EXTENDED,
+            flags & FD != 0,
+            flags & ERROR != 0,
+            flags & REMOTE != 0,
+            self.payload(place),
+            int(self.line[place]),
+        )
+
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[CanFrame]:
         """The frames one by one, from `start` to before `stop`."""
         part = slice(start, len(self) if stop is None else stop)

@@ -10,8 +10,8 @@ from __future__ import annotations
 import datetime
 import math
 import re
-from functools import lru_cache, reduce
-from operator import xor
+from functools import lru_cache
+from string import hexdigits
 from typing import NamedTuple
 
 import pynmea2
@@ -40,7 +40,8 @@ _ADDRESS = re.compile(
     r"\$(?:(?P<proprietary>P[A-Z0-9]{3,})|(?P<talker>[A-Z0-9]{2})(?P<kind>[A-Z0-9]{3}))[,*]"
 )
 _HEAD = len("$GPRMC,")
-_CHECKSUM = re.compile(r"\$(?P<body>[^*]*)\*(?P<sum>[0-9A-Fa-f]{2})$")
+_BYTES = {high + low: int(high + low, 16) for high in hexdigits for low in hexdigits}
+"""Checksums as they are written."""
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)", re.ASCII)
 _TIME = re.compile(r"(\d\d)(\d\d)(\d\d(?:\.\d*)?)", re.ASCII)
 _ANGLE = re.compile(r"(\d{1,3})(\d\d(?:\.\d*)?)", re.ASCII)
@@ -132,14 +133,21 @@ def _accuracy(text: str) -> NmeaReading:
 
 
 def _verify_checksum(text: str) -> None:
-    match = _CHECKSUM.match(text)
-    if match is None:
+    body, _, stated = text.partition("*")
+    if stated not in _BYTES:
         raise SentenceError("garbage", f"checksum cut short in {text[-8:]!r}")
-    computed = reduce(xor, match["body"].encode("ascii"), 0)
-    if computed != int(match["sum"], 16):
-        raise SentenceError(
-            "checksum", f"{text[1:6]} says {match['sum'].upper()}, its bytes give {computed:02X}"
-        )
+    computed = exclusive_or(body[1:].encode("ascii"))
+    if computed != _BYTES[stated]:
+        raise SentenceError("checksum", f"{text[1:6]} says {stated.upper()}, its bytes give {computed:02X}")
+
+
+def exclusive_or(data: bytes) -> int:
+    """Of all bytes, by halves of one long number."""
+    folded, half = int.from_bytes(data, "little"), 4 << max(len(data) - 1, 0).bit_length()
+    while half >= 8:
+        folded ^= folded >> half
+        half >>= 1
+    return folded & 0xFF
 
 
 class _Fields:
@@ -157,7 +165,8 @@ class _Fields:
 
     def number(self, name: str) -> float:
         text = self.text(name)
-        return float(text) if _NUMBER.fullmatch(text) else NAN
+        plain = text.replace(".", "", 1).isdigit()  # most numbers have no sign
+        return float(text) if plain or _NUMBER.fullmatch(text) else NAN
 
     def time_of_day(self) -> float:
         return _time_of_day(self.text("timestamp"))

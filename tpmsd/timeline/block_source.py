@@ -179,7 +179,9 @@ class BlockSource:
 
     def _one_by_one(self, block: FrameBlock, stop: int) -> Iterator[Tick]:
         source, first = self._source, self._at
-        for place, frame in enumerate(block.frames(first, stop), first):
+        # As a rule it is one: frames between it and the next carry nothing.
+        frames = (block.frame(first),) if stop == first + 1 else block.frames(first, stop)
+        for place, frame in enumerate(frames, first):
             time_s, _, identifier, is_extended, _, _, _, data, _ = frame
             self._at = place + 1
             bus = int(self._bus[block.channel[place]])
