@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tpmsd.diagnosis.assessment import lost_counts
 from tpmsd.diagnosis.assessment import teeth as of_teeth
-from tpmsd.diagnosis.assessment import walking_pace
+from tpmsd.diagnosis.assessment.lost_counts import lost
 from tpmsd.diagnosis.assessment.simulated import Common, Differences, floored, key_of, widened
 from tpmsd.diagnosis.assessment.teeth import teeth
-from tpmsd.diagnosis.assessment.walking_pace import lost
 from tpmsd.diagnosis.counters.low_speed import Lost
 from tpmsd.diagnosis.counters.tone_ring import Ripple
 from tpmsd.diagnosis.hypotheses.terms import Term
@@ -123,7 +123,7 @@ def test_counts_lost_at_walking_pace_are_told_by_the_drive_that_tells_them_best(
     asked = SETTINGS.counters.lost_admit_nats
     told = [None, Lost(("rl",), 2.0, 0.1, 0.3, 0.02, asked + 2.0, (0.5, 2.0)), None]
     told.append(Lost(("rl", "rr"), 2.2, 0.1, 0.3, 0.02, asked + 3.0, (0.5, 2.2)))
-    monkeypatch.setattr(walking_pace, "lost_counts", lambda recording, radii_m: told[recording.number])
+    monkeypatch.setattr(lost_counts, "lost_counts", lambda recording, radii_m: told[recording.number])
 
     (found,) = lost(studied(4), SECONDS)
 

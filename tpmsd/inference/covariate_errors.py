@@ -3,7 +3,8 @@
 In: the `Reader` of a drive, a `Noise`. Out: the standard deviation of each covariate in a window. Covariates
 are estimated like everything else: they share noise with the residual, and no shape over a covariate can be
 told that is finer than the covariate's own error (errors in variables: Carroll, Ruppert, Stefanski and
-Crainiceanu, Measurement Error in Nonlinear Models, 2006, chapter 3).
+Crainiceanu, Measurement Error in Nonlinear Models, 2006, chapter 3). A shape is one over the value to be
+expected: on a straight road all of the lateral acceleration is error.
 """
 
 from __future__ import annotations
@@ -13,11 +14,36 @@ import math
 import numpy as np
 
 from tpmsd.inference.noise import Noise
+from tpmsd.inference.smoothing import gaussian
 from tpmsd.inference.trajectory import SLOPE_ERROR, WINDOW_S, Reference
 from tpmsd.inference.whitening import Whitener
 from tpmsd.inference.windows import Reader, Windows
 from tpmsd.physics.motion import GRAVITY_MPS2
 from tpmsd.wheels import FloatArray
+
+MOST_BINS = 100_000
+BIN_STDS, KERNEL_BINS = 0.25, 2.0
+"""Bins of a covariate's density in standard deviations of its error, and the kernel's in bins: half a
+standard deviation blurs the density by an eighth of the error's variance."""
+
+
+def expected(values: FloatArray, std: float) -> FloatArray:
+    """(n,) the value to be expected of a covariate that was estimated as `values` with that error.
+
+    Regression calibration (Carroll and others 2006, chapter 4), by Tweedie's formula E[x | z] = z + std^2 d
+    log f(z) / dz (Efron, Journal of the American Statistical Association 106, 2011), f the density of what
+    was estimated. Where values are many and near each other they draw together, and where they are spread
+    farther than their error nothing happens.
+    """
+    if std <= 0.0 or not len(values):
+        return values
+    width = max(BIN_STDS * std, float(np.ptp(values)) / MOST_BINS)
+    first = float(values.min()) - 4.0 * std
+    count = int((float(values.max()) + 4.0 * std - first) / width) + 1
+    density = gaussian(np.bincount(((values - first) / width).astype(int), minlength=count), KERNEL_BINS)
+    score = np.gradient(np.log(np.maximum(density, 1e-9)), width)
+    middle = first + (np.arange(count) + 0.5) * width
+    return np.clip(values + std**2 * np.interp(values, middle, score), values.min(), values.max())
 
 
 def covariate_stds(reader: Reader, noise: Noise) -> dict[str, float]:

@@ -147,6 +147,7 @@ FAULT = _the("a ramp of a radius", lambda effect: effect.ramp)
 """The tyre that changes."""
 TEETH = _the("of a ring's teeth", lambda effect: effect.by_teeth)
 LOST = _the("of counts lost at walking pace", lambda effect: effect.at_walking_pace)
+MISSED = _the("of counts told by the ripple", lambda effect: effect.by_ripple)
 SLOPES = _the("the shortening by slopes", lambda effect: effect.shortens)
 RADIUS = _the("a constant of each wheel", lambda effect: effect.always_fitted and bool(effect.places))
 """What a calibration takes up."""

@@ -152,6 +152,8 @@ class Effect:
     """The effect that it is where it is small: one that always explains as much, and no rival of it."""
     at_walking_pace: ClassVar[bool] = False
     """Whether it is looked for below the speeds of the windows, apart from them."""
+    by_ripple: ClassVar[bool] = False
+    """Whether a ring's ripple tells it from a radius, apart from the windows too."""
     reads: ClassVar[tuple[str, ...]] = ()
     """Readings in which alone it shows, apart from wheels, gyro and fixes: `accel_long`, `accel_lat`,
     `steering`, `clock`. It is looked for in these."""

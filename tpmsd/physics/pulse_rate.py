@@ -5,6 +5,7 @@ In: wheel and rate of an effect. Out: the share of the wheel's pulses over a mot
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -16,6 +17,9 @@ from tpmsd.wheels import WHEELS, FloatArray
 
 LEAST_MPS = 0.5
 """Below, the share of the pulses is that at this speed."""
+MOST_SHARE, AT_MPS = 0.1, 20.0
+"""Share of its pulses at a speed beyond which a counter is broken: 50 a second of a ring of 48 teeth, 50,000
+of an encoder of 40,000 counts."""
 
 
 def rate_per_s(description: str) -> tuple[WheelParameter | Parameter, ...]:
@@ -26,8 +30,8 @@ def rate_per_s(description: str) -> tuple[WheelParameter | Parameter, ...]:
             "rate_per_s",
             "1/s",
             0.5,
-            -100.0,
-            100.0,
+            -1e6,
+            1e6,
             description,
             probe=0.01,
             prior=Prior(0.0, 0.5, "a counter in order misses none"),
@@ -48,6 +52,13 @@ class PulseRate(Effect):
     """Pulses shown for each of the rate: 1 or -1."""
     wheel: str
     rate_per_s: float
+
+    @classmethod
+    def limits(cls, car: Car) -> Mapping[str, tuple[float, float]]:
+        """By a share of the pulses that this car's rings make."""
+        turns_per_s = AT_MPS / (2.0 * np.pi * float(np.mean(car.radius_m)))
+        most = MOST_SHARE * car.teeth_per_rev * turns_per_s
+        return {"rate_per_s": (-most, most)}
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) share of the pulses on its wheel."""

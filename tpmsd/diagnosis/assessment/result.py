@@ -110,6 +110,8 @@ class Finding:
     indistinguishable_from: tuple[str, ...]
     advice: str = ""
     """Which drive would tell the rivals apart."""
+    told_by: str = ""
+    """What tells it from its like, where that is not in the gains."""
     shape: tuple[tuple[float, float, float], ...] = ()
     """Of an `unknown`: (covariate, value, std) at the knots."""
     drives: tuple[str, ...] = ()

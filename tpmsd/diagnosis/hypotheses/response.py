@@ -16,6 +16,7 @@ import numpy as np
 
 from tpmsd.diagnosis.hypotheses.wheel_slip import slip_columns
 from tpmsd.diagnosis.settings import SETTINGS
+from tpmsd.inference.covariate_errors import expected
 from tpmsd.inference.trajectory import WINDOW_S
 from tpmsd.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED, Reader
 from tpmsd.physics.catalogue import EFFECTS, FAULT, RADIUS, Probe, make_effect, probes
@@ -50,15 +51,19 @@ class Columns:
 
 
 def linear_columns(
-    reader: Reader, knots: dict[str, FloatArray], base: ExtendedModel | None = None
+    reader: Reader,
+    knots: dict[str, FloatArray],
+    stds: Mapping[str, float],
+    base: ExtendedModel | None = None,
 ) -> Columns:
-    """Calibration, catalogue at `base`, ramps, smooth terms on these knots, and slips by the tyre model."""
+    """Calibration, catalogue at `base`, ramps, smooth terms on these knots over covariates with these errors,
+    and slips by the tyre model."""
     out = Columns()
     for part in (
         radius_columns(reader),
         catalogue_columns(reader, base),
         ramp_columns(reader),
-        smooth_columns(reader, knots),
+        smooth_columns(reader, knots, stds),
     ):
         out.names += part.names
         out.arrays += part.arrays
@@ -209,7 +214,9 @@ def _apart(knots: FloatArray, least: float) -> FloatArray:
     return np.array([*kept, float(knots[-1])]) if knots[-1] - knots[0] >= least else knots[:1]
 
 
-def smooth_columns(reader: Reader, knots: dict[str, FloatArray]) -> Columns:
+def smooth_columns(
+    reader: Reader, knots: dict[str, FloatArray], stds: Mapping[str, float] = MappingProxyType({})
+) -> Columns:
     """Spline terms: at each place and over each covariate, hat functions between the knots.
 
     A wheel's term is a change of its radius (m), the receiver's of its speed (m/s) or course (rad), the
@@ -222,7 +229,7 @@ def smooth_columns(reader: Reader, knots: dict[str, FloatArray]) -> Columns:
             places.append(place)
     responses = {place: response_at(reader, place) for place in places}
     for covariate, at in knots.items():
-        hats = hat_functions(reader.windows.covariates[covariate], at)
+        hats = hat_functions(expected(reader.windows.covariates[covariate], stds.get(covariate, 0.0)), at)
         for place, response in responses.items():
             channel = channel_of(place)
             for k in range(first_hat(place), hats.shape[1]):

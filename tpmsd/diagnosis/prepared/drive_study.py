@@ -23,6 +23,7 @@ from tpmsd.diagnosis.hypotheses.response import (
 )
 from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Name, Term
 from tpmsd.diagnosis.settings import SETTINGS
+from tpmsd.inference.covariate_errors import expected
 from tpmsd.inference.gram import Grams
 from tpmsd.inference.least_squares import Part
 from tpmsd.inference.noise import Noise
@@ -42,10 +43,13 @@ class Hat:
     covariate: str
     knots: tuple[float, ...]
     number: int
+    std: float
+    """Of the covariate's error."""
 
     def column(self, reader: Reader) -> FloatArray:
         """(w, 9) the response to its height."""
-        weight = hat_functions(reader.windows.covariates[self.covariate], np.array(self.knots))
+        values = expected(reader.windows.covariates[self.covariate], self.std)
+        weight = hat_functions(values, np.array(self.knots))
         signs = dict(ANTISYMMETRIC.get(self.place, ())) or dict.fromkeys(PATTERNS[self.place], 1.0)
         response = sum(sign * response_at(reader, place) for place, sign in signs.items())
         return np.asarray(response * weight[:, self.number : self.number + 1])
@@ -117,7 +121,7 @@ class DriveStudy:
         self.refined: list[Refined] = []
         """What the columns beyond the named ones are."""
         residual = windows.measured - reader.predict(self.base)
-        columns = linear_columns(reader, knots)
+        columns = linear_columns(reader, knots, stds)
         self.names: list[Name] = [("data",), *columns.names]
         self.columns = stacked(residual, columns.arrays)
         self.noise = first_noise(reader)
@@ -157,7 +161,7 @@ class DriveStudy:
     def _linearise(self, base: ExtendedModel, values: FloatArray) -> None:
         """All columns anew, about the present motion."""
         self.base, self.values = base, values
-        arrays = linear_columns(self.reader, self.knots, base).arrays
+        arrays = linear_columns(self.reader, self.knots, self.stds, base).arrays
         arrays += [one.column(self.reader, base) for one in self.refined]
         residual = self.reader.windows.measured - self.reader.predict(base)
         for k in np.flatnonzero(values):

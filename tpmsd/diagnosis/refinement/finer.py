@@ -77,7 +77,8 @@ def best_knots(study: Study, design: FloatArray, term: Term) -> Knots:
     acting = study.acting(term)
     fine = _finest(study, term)
     first = _first(term)
-    hats = [Hat(term.place, term.covariate, tuple(fine), k) for k in range(len(fine))]
+    std = _std(study, term)
+    hats = [Hat(term.place, term.covariate, tuple(fine), k, std) for k in range(len(fine))]
     gram = np.zeros((1 + design.shape[1] + len(hats),) * 2)
     for number, drive in enumerate(study.drives):
         rows = np.zeros((*drive.white.shape[:2], len(gram)))
@@ -107,8 +108,12 @@ def best_knots(study: Study, design: FloatArray, term: Term) -> Knots:
 def _finest(study: Study, term: Term) -> FloatArray:
     drives = [study.drives[number] for number in study.acting(term)]
     values = np.concatenate([drive.reader.windows.covariates[term.covariate] for drive in drives])
-    std = max(drive.stds.get(term.covariate, 0.0) for drive in drives)
-    return finer_knots(values, SETTINGS.hypotheses.finer * (len(study.knots(term)) - 1), std)
+    return finer_knots(values, SETTINGS.hypotheses.finer * (len(study.knots(term)) - 1), _std(study, term))
+
+
+def _std(study: Study, term: Term) -> float:
+    """Of the error of a term's covariate."""
+    return max(study.drives[number].stds.get(term.covariate, 0.0) for number in study.acting(term))
 
 
 def _first(term: Term) -> int:
@@ -123,7 +128,7 @@ def _shape(study: Study, term: Term, knots: FloatArray) -> Shape:
     columns: Columns = []
     for place in places:
         for k in range(first_hat(place), len(at)):
-            hat = Hat(place, term.covariate, at, k)
+            hat = Hat(place, term.covariate, at, k, _std(study, term))
             response = {n: np.nan_to_num(hat.column(study.drives[n].reader)) for n in acting}
             columns.append((Refined(hat=hat), response))
     return Shape(term, at, columns, places)

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from tpmsd.diagnosis.assessment.explanatory import explanatory
+from tpmsd.diagnosis.assessment.lost_counts import lost, missed
 from tpmsd.diagnosis.assessment.reach import Seen, reach
 from tpmsd.diagnosis.assessment.result import (
     CONSISTENT,
@@ -27,7 +28,6 @@ from tpmsd.diagnosis.assessment.result import (
 from tpmsd.diagnosis.assessment.simulated import compared, simulated_effects, whole_model
 from tpmsd.diagnosis.assessment.tangent import nonlinear_stds
 from tpmsd.diagnosis.assessment.teeth import teeth
-from tpmsd.diagnosis.assessment.walking_pace import lost
 from tpmsd.diagnosis.hypotheses.advice import advice
 from tpmsd.diagnosis.hypotheses.terms import Term, group_gain
 from tpmsd.diagnosis.prepared.study import Study
@@ -109,11 +109,13 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
     apart: list[Finding] = []
     if not study.simulation:
         readers = [drive.reader for drive in study.examined]
-        apart = lost(study, seconds) + unusual(readers, seconds, study.speeds)
+        apart = lost(study, seconds) + missed(study, seconds) + unusual(readers, seconds, study.speeds)
     # Beside the events: chains on an axle for half of a drive look like a tooth less on the other.
     rings = evidence.fit(selector.design([term for term in terms if term.pulse]))
     for finding in [*apart, *teeth(study, rings, seconds)]:
         findings.append(finding)
+        if finding.drives:  # the model is the car's
+            continue
         values = {name: quantity.value for name, quantity in finding.parameters.items()}
         effects.append(make_effect(finding.effect, **values))
         effect_stds.append(

@@ -17,6 +17,7 @@ from tpmsd.diagnosis.prepared.drive_study import DriveStudy
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.selection.chosen import Selection
 from tpmsd.diagnosis.settings import SETTINGS
+from tpmsd.inference.covariate_errors import expected
 from tpmsd.wheels import WHEELS, FloatArray
 
 OF_TIME = ("time", "distance")
@@ -46,7 +47,8 @@ def _gains(drive: DriveStudy, design: FloatArray) -> list[float]:
     for covariate, knots in drive.knots.items():
         if covariate in OF_TIME:
             continue
-        hats = hat_functions(windows.covariates[covariate][::-1], knots)
+        values = expected(windows.covariates[covariate], drive.stds.get(covariate, 0.0))
+        hats = hat_functions(values[::-1], knots)
         columns = [response_at(drive.reader, p)[:, :, None] * hats[:, None, first_hat(p) :] for p in places]
         white = drive.whitened(np.concatenate(columns, axis=2)).reshape(left.size, -1)
         white -= basis @ (basis.T @ white)

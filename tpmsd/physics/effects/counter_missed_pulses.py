@@ -12,12 +12,14 @@ class CounterMissedPulses(PulseRate):
     """The counter of one wheel loses `rate_per_s` pulses a second, so that it shows less than the wheel turns
     by a share that falls with speed, as one over it.
 
-    Source: counting; a disturbance that goes with time and not with the wheel, such as a bus that drops
-    frames.
+    At one speed that is a larger radius; what tells the two apart is the ring's own ripple, which a wheel
+    that loses pulses shows after fewer of them. Source: counting; a disturbance that goes with time and not
+    with the wheel, such as a bus that drops frames.
     """
 
     name = "counter_missed_pulses"
     formula = "omega shown = omega - 2 * pi * rate_per_s / teeth on one wheel"
     sentence = "a wheel's counter loses pulses"
     parameters = rate_per_s("pulses lost per second")
+    by_ripple = True
     more = -1.0

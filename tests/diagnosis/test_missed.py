@@ -1,0 +1,102 @@
+"""Counts that are lost while a wheel turns, told from a larger radius by the ring's ripple."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+import pytest
+
+from bench.worlds.kinematic import Spec, drive
+from tests.diagnosis.recorded import recording_of
+from tests.physics.motions import car
+from tpmsd.diagnosis.assessment.lost_counts import missed
+from tpmsd.diagnosis.counters.missed import missed_counts
+from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.trajectory import reference
+from tpmsd.inference.windows import Reader
+from tpmsd.physics.catalogue import EFFECTS, make_effect
+from tpmsd.wheels import WHEELS
+
+RL = WHEELS.index("rl")
+COUNTS = 40_000.0
+
+
+@cache
+def _eccentric(deviation_m: float = 0.0, teeth: float = COUNTS) -> Recording:
+    """Seven minutes with a ring 0.15 mm off centre on one wheel, whose tyre grows at half time."""
+    physics: dict[str, dict[str, object]] = {
+        "tone_ring_error": {"wheel": "rl", "amplitude_rad": 3e-3},
+        "radius_change": {"wheel": "rl", "deviation_m": deviation_m, "onset_s": 200.0, "duration_s": 1.0},
+    }
+    return recording_of(
+        drive(Spec(duration_s=420.0, road="motorway", teeth=teeth, physics=physics, radius_spread_m=0.0), 4)
+    )
+
+
+def _losing(recording: Recording, share: float, after_s: float = 0.0) -> Recording:
+    rotation = recording.rotation_rad.copy()
+    rotation[recording.edges_s[1:] > after_s, RL] *= 1.0 - share
+    return dataclasses.replace(recording, rotation_rad=rotation)
+
+
+@pytest.mark.parametrize(("after_s", "mean"), [(0.0, 2e-3), (200.0, 1.05e-3)])
+def test_counts_lost_at_all_times_or_for_a_while_are_told_with_their_share(
+    after_s: float, mean: float
+) -> None:
+    """Two in a thousand, from the start or from half time on: wheel, mean share and rate are right."""
+    recording = _losing(_eccentric(), 2e-3, after_s)
+    (found,) = missed_counts(recording, reference(recording))
+    counts_per_s = float(np.nanmean(recording.rotation_rad[:, RL])) / recording.dt_s / (2.0 * np.pi) * COUNTS
+
+    assert "rl" == found.wheel
+    assert found.share == pytest.approx(mean, abs=3.0 * found.share_std)
+    assert found.share_std < 4e-4
+    assert found.rate_per_s == pytest.approx(found.share * counts_per_s, rel=0.05)
+    assert found.per_turn == pytest.approx(COUNTS * (1.0 - found.share))
+
+
+@pytest.mark.parametrize("deviation_m", [0.0, 6e-4])
+def test_a_larger_radius_loses_no_counts(deviation_m: float) -> None:
+    """A tyre that grows by two in a thousand for half of the drive turns less, and so does its ripple."""
+    recording = _eccentric(deviation_m)
+
+    assert [] == missed_counts(recording, reference(recording))
+
+
+def test_coarse_rings_tell_nothing() -> None:
+    """Of 48 teeth a usual ripple is far below a count."""
+    recording = _losing(_eccentric(teeth=48.0), 2e-3)
+
+    assert [] == missed_counts(recording, reference(recording))
+
+
+def test_a_finding_names_its_drive_and_says_what_tells_it_from_a_radius() -> None:
+    """Of two drives the one that loses counts is named; the sentence has the counts between two ripples."""
+    whole = dataclasses.replace(_eccentric(), name="whole")
+    losing = dataclasses.replace(_losing(_eccentric(), 2e-3), name="losing")
+    study = Study([Reader(one, reference(one)) for one in (whole, losing)])
+    (finding,) = missed(study, study.driving_s)
+
+    assert ("counter_missed_pulses", ("losing",), ("rl",)) == (
+        finding.effect,
+        finding.drives,
+        finding.where.wheels,
+    )
+    assert finding.told_by.startswith("the ring's ripple, once per turn, comes every 399")
+    assert finding.p_value is not None
+    assert finding.p_value < 1e-5
+
+
+def test_rates_are_limited_by_the_counts_that_a_car_makes() -> None:
+    """A tenth of the pulses at 20 m/s: 48 a second of 48 teeth, and as many times more of an encoder."""
+    effect = EFFECTS["counter_missed_pulses"]
+    (_, most), (_, finest) = (
+        effect.limits(car(teeth_per_rev=teeth))["rate_per_s"] for teeth in (48.0, 48.0 * 800.0)
+    )
+
+    assert most == pytest.approx(0.1 * 48.0 * 20.0 / (2.0 * np.pi * 0.316))
+    assert finest == pytest.approx(800.0 * most)
+    assert make_effect("counter_missed_pulses", wheel="rl", rate_per_s=1260.0)

@@ -1,0 +1,137 @@
+"""Counts that a wheel loses while it turns, told from a larger radius by the wheel's own ripple.
+
+In: `Recording`, `Reference`. Out: `Missed` per wheel that loses counts.
+
+Fewer counts per way are a larger radius or counts that are lost. The ripple that every ring has once per turn
+(`tone_ring`) goes with the wheel's true angle: of a larger tyre it comes after as many counts as ever, of
+counts that are lost after fewer. So two accounts of a wheel's angle are compared by the power of the ripple
+in them (Schuster 1898): the counts as they are; and the counts with a share put back that is the same all the
+time, or that comes and goes as the other wheel of the axle shows. Phases are free in each block, so that only
+the angle within a block counts, and nothing hangs on radii or on the receiver's scale.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.diagnosis.settings import SETTINGS
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.smoothing import NEAREST, gaussian
+from tpmsd.inference.trajectory import Reference
+from tpmsd.physics.catalogue import TEETH
+from tpmsd.physics.effect import Parameter
+from tpmsd.physics.kinematics import wheel_speeds
+from tpmsd.physics.motion import integrate
+from tpmsd.wheels import FL, FR, RL, RR, WHEELS, FloatArray
+
+AXLES = ((FL, FR), (RL, RR))
+
+
+@dataclass(frozen=True)
+class Missed:
+    """Counts that one wheel loses."""
+
+    wheel: str
+    share: float
+    """Of its counts, in the mean."""
+    share_std: float
+    rate_per_s: float
+    rate_std_per_s: float
+    gain: float
+    """Log-likelihood over that of a counter that loses none, nats."""
+    per_turn: float
+    """Counts from one ripple to the next."""
+    whole_per_turn: float
+    """Counts that the ring has."""
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """An axle's wheels at those of the ticks' edges where both turn fast enough."""
+
+    angle: FloatArray
+    """(n, 2) as counted, rad."""
+    less: FloatArray
+    """(n, 2) what each wheel counts less than the other one shows, rad: radii, and counts that are lost."""
+    ripple: FloatArray
+    """(n,) rapid difference of the two, rad."""
+    blocks: np.ndarray
+    """(n,)"""
+
+
+def missed_counts(recording: Recording, reference: Reference) -> list[Missed]:
+    """The wheels that lose counts; empty too where no usual ripple would show."""
+    out = []
+    for axle in AXLES:
+        if set(axle) <= set(recording.wheels) and bool((recording.quantum_rad[list(axle)] > 0.0).all()):
+            pair = _pair(recording, reference, axle)
+            if pair is not None:
+                found = [_missed(recording, pair, side, WHEELS[wheel]) for side, wheel in enumerate(axle)]
+                out += [one for one in found if one is not None]
+    return out
+
+
+def _pair(recording: Recording, reference: Reference, axle: tuple[int, int]) -> _Pair | None:
+    """None where the ripple of a usual ring would not be seen."""
+    motion, car, dt_s = reference.motion, reference.car, recording.dt_s
+    wheels = list(axle)
+    rotation = recording.rotation_rad[:, wheels]
+    read = np.isfinite(rotation).all(axis=1)
+    angle = np.concatenate([np.zeros((1, 2)), np.cumsum(np.nan_to_num(rotation), axis=0)])
+    speeds = wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, car.geometry)[:, wheels]
+    ahead = angle - integrate(speeds, motion.time_s) / car.radius_m[wheels]
+    between = ahead[:, 0] - ahead[:, 1]
+    rapid = between - gaussian(between, SETTINGS.counters.ripple_high_pass_s / dt_s, NEAREST)
+    slow = gaussian(between, SETTINGS.counters.missed_smoothing_s / dt_s, NEAREST)
+    broken = gaussian((~read).astype(np.float64), SETTINGS.counters.missed_smoothing_s / dt_s) > 0.02
+    turns_hz = speeds.min(axis=1) / car.radius_m[wheels].max() / (2.0 * math.pi)
+    use = np.concatenate([[False], ~broken]) & (turns_hz > SETTINGS.counters.missed_from_hz)
+    if not use.any():
+        return None
+    use &= np.abs(rapid) < 6.0 * float(np.median(np.abs(rapid[use])) + 1e-12) / 0.6745
+    (amplitude,) = (p for p in TEETH.parameters if isinstance(p, Parameter) and p.unit == "rad" and p.prior)
+    assert amplitude.prior is not None
+    usual = use.sum() * (0.5 * amplitude.prior.std) ** 2 / max(float(rapid[use].var()), 1e-30)
+    if usual < SETTINGS.counters.lost_admit_nats:
+        return None
+    block = np.arange(len(use)) // round(SETTINGS.counters.missed_block_s / dt_s)
+    return _Pair(angle[use], np.stack([-slow, slow], axis=1)[use], rapid[use], block[use])
+
+
+def _missed(recording: Recording, pair: _Pair, side: int, wheel: str) -> Missed | None:
+    shares = SETTINGS.counters.missed_shares
+    as_counted = _power(pair, side, False)
+    whole = as_counted[np.abs(shares) <= SETTINGS.counters.missed_ring_error].max()
+    come_and_go = _power(pair, side, True)
+    which = max((as_counted, come_and_go), key=lambda power: float(power.max()))
+    at = int(np.argmax(which))
+    turned = float(np.ptp(pair.angle[:, side]))
+    share = float(shares[at])
+    if which is come_and_go:
+        share += float(pair.less[-1, side] - pair.less[0, side]) / turned
+    gain = float(which[at] - whole)
+    if gain < SETTINGS.counters.lost_admit_nats or share <= SETTINGS.counters.missed_ring_error:
+        return None
+    bend = -float(np.gradient(np.gradient(which, shares), shares)[at])
+    std = math.hypot(SETTINGS.counters.missed_ring_error, max(bend, 1e-12) ** -0.5)
+    ring = recording.car.teeth_per_rev
+    per_s = turned / (2.0 * math.pi) * ring / (len(pair.angle) * recording.dt_s)
+    return Missed(wheel, share, std, share * per_s, std * per_s, gain, ring * (1.0 - share), ring)
+
+
+def _power(pair: _Pair, side: int, come_and_go: bool) -> FloatArray:
+    """(shares,) log-likelihood gain of a ripple in the angle with each share put back, over the blocks."""
+    shares = SETTINGS.counters.missed_shares
+    out = np.zeros(len(shares))
+    variance = float(pair.ripple.var())
+    for block in np.unique(pair.blocks):
+        here = np.flatnonzero(pair.blocks == block)
+        angle = pair.angle[here, side] - pair.angle[here[0], side]
+        put_back = pair.less[here, side] if come_and_go else 0.0
+        wave = pair.ripple[here] * np.exp(-1j * (angle + put_back))
+        power = np.square(np.abs(np.exp(-1j * np.outer(shares, angle)) @ wave))
+        out += power / (len(here) * variance)
+    return out
