@@ -40,10 +40,12 @@ def expected(values: FloatArray, std: float) -> FloatArray:
     width = max(BIN_STDS * std, float(np.ptp(values)) / MOST_BINS)
     first = float(values.min()) - 4.0 * std
     count = int((float(values.max()) + 4.0 * std - first) / width) + 1
-    density = gaussian(np.bincount(((values - first) / width).astype(int), minlength=count), KERNEL_BINS)
+    number = np.bincount(((values - first) / width).astype(int), minlength=count).astype(np.float64)
+    density = gaussian(number, KERNEL_BINS)
     score = np.gradient(np.log(np.maximum(density, 1e-9)), width)
     middle = first + (np.arange(count) + 0.5) * width
-    return np.clip(values + std**2 * np.interp(values, middle, score), values.min(), values.max())
+    moved = values + std**2 * np.interp(values, middle, score)
+    return np.asarray(np.clip(moved, values.min(), values.max()))
 
 
 def covariate_stds(reader: Reader, noise: Noise) -> dict[str, float]:

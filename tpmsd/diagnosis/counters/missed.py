@@ -83,10 +83,11 @@ def _pair(recording: Recording, reference: Reference, axle: tuple[int, int]) -> 
     angle = np.concatenate([np.zeros((1, 2)), np.cumsum(np.nan_to_num(rotation), axis=0)])
     speeds = wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, car.geometry)[:, wheels]
     ahead = angle - integrate(speeds, motion.time_s) / car.radius_m[wheels]
-    between = ahead[:, 0] - ahead[:, 1]
+    between: FloatArray = ahead[:, 0] - ahead[:, 1]
     rapid = between - gaussian(between, SETTINGS.counters.ripple_high_pass_s / dt_s, NEAREST)
     slow = gaussian(between, SETTINGS.counters.missed_smoothing_s / dt_s, NEAREST)
-    broken = gaussian((~read).astype(np.float64), SETTINGS.counters.missed_smoothing_s / dt_s) > 0.02
+    unread = np.where(read, 0.0, 1.0)
+    broken = gaussian(unread, SETTINGS.counters.missed_smoothing_s / dt_s) > 0.02
     turns_hz = speeds.min(axis=1) / car.radius_m[wheels].max() / (2.0 * math.pi)
     use = np.concatenate([[False], ~broken]) & (turns_hz > SETTINGS.counters.missed_from_hz)
     if not use.any():

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from tpmsd.physics.effect import Effect, Parameter, Prior
 from tpmsd.physics.motion import Car, Motion
+from tpmsd.physics.priors import MOST_LOAD_LONGITUDINAL_S2
 from tpmsd.wheels import IS_FRONT, FloatArray
 
 
@@ -41,6 +43,14 @@ class LoadTransferLongitudinal(Effect):
         ),
     )
     coefficient: float
+
+    @classmethod
+    def limits(cls, car: Car) -> Mapping[str, tuple[float, float]]:
+        """On a car that drives all wheels, what is more is the drive's."""
+        usual = super().limits(car)
+        if not car.driven.all():
+            return usual
+        return {"coefficient": (usual["coefficient"][0], MOST_LOAD_LONGITUDINAL_S2)}
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) +c*a_x on the front pair, -c*a_x on the rear pair."""

@@ -1,0 +1,63 @@
+"""A car that drives all wheels slips more on one axle than on the other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.physics.effect import ODD_SIGN, Effect, Parameter, Prior
+from tpmsd.physics.motion import Car, Motion
+from tpmsd.physics.priors import MOST_LOAD_LONGITUDINAL_S2
+from tpmsd.wheels import IS_FRONT, FloatArray
+
+USUAL_RADIUS_M = 0.31
+
+
+@dataclass(frozen=True)
+class DriveSplit(Effect):
+    """omega * r = v * (1 +- d/2 * a_x) on a car that drives all wheels, plus in front and minus at the rear.
+
+    a_x is the specific force. An axle slips by c = (its share of the force) / (its share of the load) times
+    that of both: 40 to 60 of the force on axles that carry 55 to 45 of the load make 0.73 and 1.33 of it, and
+    of 4e-3 s2/m in the mean d is -2.4e-3. What both axles slip alike is `longitudinal_slip`. Over the same
+    acceleration load shifts between the axles: the two read the same, but load transfer is no greater than
+    3e-4 s2, d = -1.9e-3 s2/m. Source: linear slip stiffness (Gustafsson, Automatica 33(6), 1997), stiffness
+    in proportion to load (Pacejka, Tyre and Vehicle Dynamics, ch. 4).
+    """
+
+    name = "drive_split"
+    formula = "omega * r = v * (1 +- d/2 * a_x), + front, - rear, on a car that drives all wheels"
+    contrast = True
+    sentence = "one axle of a car that drives all wheels slips more than the other"
+    telling_drive = "accelerate firmly and coast at the same speeds on a straight, ten times"
+    shows_in = ("wheel_ratio", "accel_long")
+    limit = "load_transfer_longitudinal"
+    parameters = (
+        Parameter(
+            "difference",
+            "s2/m",
+            -2e-3,
+            -0.1,
+            0.1,
+            "d, slip per m/s2 of the front wheels minus that of the rear ones",
+            probe=1e-5,
+            prior=Prior(0.0, 2e-3, "half of a slip of 4e-3 s2/m"),
+        ),
+    )
+    difference: float
+
+    @classmethod
+    def observable(cls, motion: Motion, car: Car) -> bool:
+        """Where all wheels are driven."""
+        return bool(car.driven.all())
+
+    @classmethod
+    def against(cls, value: float) -> float:
+        """What load transfer may be is that."""
+        return ODD_SIGN if -2.0 * MOST_LOAD_LONGITUDINAL_S2 / USUAL_RADIUS_M < value < 0.0 else 0.0
+
+    def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
+        """(n, 4) half of d * a_x, with the sign of the axle."""
+        half = 0.5 * self.difference * motion.specific_force_long_mps2
+        return np.asarray(half[:, None] * np.where(IS_FRONT, 1.0, -1.0))
