@@ -105,6 +105,15 @@ def test_what_init_writes_is_right(name: str, tmp_path: Path) -> None:
     assert list(WHEELS) == [wheel.wheel for wheel in result.plan.wheels]
 
 
+def test_what_no_library_knows_is_called_a_usual_value(capsys: pytest.CaptureFixture[str]) -> None:
+    """A number of teeth that is only usual has no probability; nor a 0."""
+    assert 0 == main(["init", "--car", "vw_mqb"])
+    text = capsys.readouterr().out
+
+    assert "teeth_per_rev = 48   # a usual value: not measured" in text
+    assert "probability 0.00" not in text
+
+
 def test_a_wrong_name(capsys: pytest.CaptureFixture[str]) -> None:
     """A name that is not there comes with the nearest that is."""
     assert 2 == main(["init", "--car", "vw_mqp"])

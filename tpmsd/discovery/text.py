@@ -40,9 +40,9 @@ def vehicle_text(found: Discovery, dbc: str) -> str:
     if found.driven_axle is not None:
         lines.append(f'driven_axle = "{found.driven_axle[0]}"   # probability {found.driven_axle[1]:.2f}')
     if found.counts_per_rev is not None:
-        lines.append(
-            f"teeth_per_rev = {found.counts_per_rev.value:g}   # probability {found.counts_probability:.2f}"
-        )
+        sure = found.counts_probability
+        note = f"probability {sure:.2f}" if sure > 0.0 else "a usual value: not measured"
+        lines.append(f"teeth_per_rev = {found.counts_per_rev.value:g}   # {note}")
     main = found.main_bus
     lines += ["", "[can]", 'interface = "socketcan"']
     lines += [f"channel = {json.dumps(found.channel(main))}", f"dbc = {json.dumps(dbc)}"]
