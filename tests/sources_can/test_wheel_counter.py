@@ -245,6 +245,16 @@ def test_sparse_odd_readings_are_not_believed() -> None:
     assert 0 == wheel.counter.segment
 
 
+def test_odd_readings_whose_stamps_go_back_are_not_believed() -> None:
+    """Values that rise evenly are those of a wheel in the order of time alone."""
+    for stamps_s, segment in (((1.03, 1.04), 1), ((1.04, 1.03), 0)):
+        wheel = Wheel()
+        wheel.drive(0.0, 1.0, 0.0)
+        for step, time_s in enumerate((1.01, 1.02, *stamps_s, 1.05, 1.06, 1.07), 1):
+            wheel.feed(time_s, 15 * step)
+        assert segment == wheel.counter.segment
+
+
 def test_odd_readings_among_sound_ones_are_not_believed() -> None:
     """Two frames of another counter after each sound one never make six in a row."""
     wheel = Wheel()
