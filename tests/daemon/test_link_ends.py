@@ -73,6 +73,19 @@ def test_a_queue_that_is_full_is_said_at_its_begin_and_at_its_end(caplog: pytest
     assert [full, again, full] == caplog.messages
 
 
+def test_every_frame_for_a_bus_that_is_down_is_counted() -> None:
+    """Before it was ever opened, and from the frame on at which it goes down."""
+    bus = FakeBus()
+    link = link_of(bus)
+    link.send([FRAME] * 3, 0.0)
+    assert {"tx_down": 3} == link.counts
+    link.service(0.0)
+    bus.is_up = False
+    link.send([FRAME] * 3, 0.1)
+
+    assert {"tx_down": 6} == link.counts
+
+
 def test_a_bus_that_is_closed_is_forgotten() -> None:
     """No hint, no descriptor, another generation; it may be opened again."""
     bus = FakeBus()
