@@ -215,6 +215,8 @@ class SelectionSettings:
     confounded_share: float = 5e-4
     """The same as a share of the gain: what separates two effects that fit so nearly alike is what is not
     linear in the responses, and not the drive."""
+    rival_weight: float = 1e-3
+    """Of a rival over the term's own, above which it is asked whether its values are thinkable at all."""
     needed_share: float = 0.7
     """Share of what admits a term that keeps it in a backward step: above a half, so that steps do not
     cycle."""

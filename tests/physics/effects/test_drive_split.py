@@ -43,6 +43,7 @@ def test_what_no_load_transfer_can_be_is_the_split_of_the_drive() -> None:
     (finding,) = diagnose([recording_of(drive(spec, 12))]).findings
     value = finding.parameters["difference"]
 
-    assert "drive_split" == finding.effect
+    assert ("drive_split", ()) == (finding.effect, finding.indistinguishable_from)
+    assert finding.confidence > 0.95
     assert value.std is not None
     assert value.value == pytest.approx(-2.0 * 5e-4 / spec.radius_m, abs=4.0 * value.std)

@@ -159,6 +159,12 @@ class Selector(Candidates):
             for term, values, covariance in self._fitted(terms)
         )
 
+    def _within_limits(self, terms: list[Term], which: Term) -> bool:
+        """Whether one of the terms has values that are thinkable on this car."""
+        return all(
+            thinkable(term, values, self._bounds) for term, values, _ in self._fitted(terms) if term is which
+        )
+
     def _needed(self, terms: list[Term], which: int) -> float:
         """What a term brings beyond its penalty in the presence of the others."""
         rest = terms[:which] + terms[which + 1 :]
@@ -358,10 +364,12 @@ class Selector(Candidates):
             better = net - self.net(term, gain, float(fit.values[start]))
             if not self._possible([*rest, rival]):
                 continue
+            doubt = float(ratios.max()) + SETTINGS.selection.confounded_share * gain
+            weight = math.exp(min(better / doubt, 0.0))
+            if weight > SETTINGS.selection.rival_weight and not self._within_limits([*rest, rival], rival):
+                continue
             if name not in weights and name != term.effect:
-                weights[name] = math.exp(
-                    min(better / (float(ratios.max()) + SETTINGS.selection.confounded_share * gain), 0.0)
-                )
+                weights[name] = weight
             if rival.free or rival.effect == term.effect or rival.calibrates:
                 continue
             if raw < gain - alike and 1 < term.design.shape[1] <= 2:
