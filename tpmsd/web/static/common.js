@@ -55,6 +55,17 @@ export function band(wheel, high, low) {
   return { series: [high, low], fill: () => `color-mix(in srgb, ${css(wheel)} 22%, transparent)` };
 }
 
+/** A word in the colour that is set, on a ground that keeps it readable over curves. */
+export function onGround(ctx, text, left, baseline) {
+  const colour = ctx.fillStyle;
+  ctx.globalAlpha = 0.8;
+  ctx.fillStyle = css("card");
+  ctx.fillRect(left - devicePixelRatio, baseline - 11 * devicePixelRatio, ctx.measureText(text).width + 2 * devicePixelRatio, 14 * devicePixelRatio);
+  ctx.globalAlpha = 1;
+  ctx.fillStyle = colour;
+  ctx.fillText(text, left, baseline);
+}
+
 /** Vertical lines at alarms, drawn over a plot. */
 export function alarmLines(alarms, time) {
   return {
@@ -81,7 +92,7 @@ export function alarmLines(alarms, time) {
             const row = free.findIndex((edge) => left >= edge);
             if (row < 0) continue; // its line is there, its name has no room
             free[row] = left + width;
-            ctx.fillText(text, left, bbox.top + (12 + 14 * row) * devicePixelRatio);
+            onGround(ctx, text, left, bbox.top + (12 + 14 * row) * devicePixelRatio);
           }
           ctx.restore();
         },

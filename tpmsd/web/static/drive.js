@@ -1,5 +1,5 @@
 // A recorded drive: map, linked plots, wheels and alarms.
-import { NAMES, WHEELS, alarmLines, axis, band, byId, clock, css, duration, edge, element, keepFitting, plain, signed, timeAxis, wheelSeries } from "./common.js";
+import { NAMES, WHEELS, alarmLines, axis, band, byId, clock, css, duration, edge, element, keepFitting, onGround, plain, signed, timeAxis, wheelSeries } from "./common.js";
 
 const drive = await (await fetch("api/drive")).json();
 const columns = new Map(drive.columns.map((column) => [column.name, column]));
@@ -149,7 +149,7 @@ function drawMap() {
     while (taken.some(([otherLeft, otherTop]) => Math.abs(otherLeft - left) < 10 * line && Math.abs(otherTop - top) < line)) top += line;
     if (top > height - line) continue; // no room left below
     taken.push([left, top]);
-    ctx.fillText(`${plain(alarm.kind)} ${(alarm.wheel ?? "").toUpperCase()}`, left + 9 * devicePixelRatio, top + 4 * devicePixelRatio);
+    onGround(ctx, `${plain(alarm.kind)} ${(alarm.wheel ?? "").toUpperCase()}`, left + 9 * devicePixelRatio, top + 4 * devicePixelRatio);
   }
   const metres = 10 ** Math.floor(Math.log10((0.3 * width) / scale));
   ctx.fillStyle = css("text");
