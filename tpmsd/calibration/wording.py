@@ -6,9 +6,11 @@ In: `Calibration`. Out: the summary for a reader, the document for a program.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 from tpmsd.calibration.result import Calibration
+from tpmsd.physics.catalogue import EFFECTS
 
 _NAMES = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
 
@@ -37,8 +39,10 @@ def summary(found: Calibration) -> str:
         lines.append(f"track front: {found.track_front_m:.3f} +- {found.track_front_std_m:.3f} m")
     if found.effects:
         lines += ["", "also estimated:"]
+        names = {name: _of_effect(name, found.drives) for name in found.effects}
+        width = max(map(len, names.values()))
         lines += [
-            f"  {name:<18} {effect.value:+.3g} +- {effect.std:.2g} {effect.unit}"
+            f"  {names[name]:<{width}}  {effect.value:+.3g} +- {effect.std:.2g} {effect.unit}"
             for name, effect in found.effects.items()
         ]
     lines += [
@@ -48,6 +52,16 @@ def summary(found: Calibration) -> str:
         f"{found.pose_error_after_m:.2f} m after",
     ]
     return "\n".join(lines)
+
+
+def _of_effect(name: str, drives: Sequence[str]) -> str:
+    """Effect and parameter, as `tpmsd effects` has them, of a column such as `latency@0`; and which drive."""
+    base, _, drive = name.partition("@")
+    known = {
+        row[0]: f"{effect.name}, {row[1]}" for effect in EFFECTS.values() for row in effect.in_calibration
+    }
+    of_drive = f" of {drives[int(drive)]}" if drive and len(drives) > 1 else ""
+    return known.get(base, base) + of_drive
 
 
 def document(found: Calibration) -> dict[str, Any]:

@@ -1,0 +1,32 @@
+"""The summary of a calibration, as the command prints it."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from tpmsd.calibration.result import Calibration, Effect, WheelResult
+from tpmsd.calibration.wording import summary
+
+LATENCY = {"latency@0": Effect(0.07, 0.01, "s"), "load_lateral": Effect(2e-4, 1e-5, "s2")}
+
+
+@pytest.mark.parametrize(
+    ("drives", "latency"),
+    [
+        (("monday",), "gnss_latency, latency_s"),
+        (("monday", "tuesday"), "gnss_latency, latency_s of monday"),
+    ],
+)
+def test_effects_bear_the_names_of_the_catalogue(drives: tuple[str, ...], latency: str) -> None:
+    """With their parameter; of what belongs to one of several drives, to which. Values stand in a column."""
+    wheels = {wheel: WheelResult(0.31, 1e-4) for wheel in ("rl", "rr")}
+    nan = math.nan
+    found = Calibration(
+        "joint", drives, wheels, 1e-5, 1.5, 0.01, nan, nan, 20.0, 6, "still", 9.0, 1.0, LATENCY, []
+    )
+    rows = [row for row in summary(found).splitlines() if row.startswith("  ")]
+
+    assert [latency, "load_transfer_lateral, coefficient"] == [row.split("  +")[0].strip() for row in rows]
+    assert 1 == len({row.index("+") for row in rows})
