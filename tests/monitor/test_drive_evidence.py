@@ -94,6 +94,32 @@ def test_changes_are_those_of_generalised_least_squares() -> None:
         assert np.linalg.inv(information) == pytest.approx(covariance[index], rel=1e-4, abs=1e-12)
 
 
+def test_the_car_beside_a_change_is_that_of_generalised_least_squares() -> None:
+    """What is known of the car beside a step of all radii has mean and covariance of one regression over all
+    samples, the step without a prior."""
+    rng = np.random.default_rng(5)
+    reference = learned_car()
+    mean, prior = reference.mean.copy(), reference.covariance.copy()
+    bank = ChangeBank(reference.copy(), np.zeros((4, 4)))
+    rows = [reference.features(at(float(v))) for v in SPEEDS[:12]]
+    step = np.array([0.0, 0.0, -5e-3, 0.0])
+    noise = np.eye(4) * 4e-4**2
+    seen = [row @ mean + rng.normal(0.0, 4e-4, 4) + (k >= 3) * step for k, row in enumerate(rows)]
+    for row, sample in zip(rows, seen, strict=True):
+        bank.take(sample, noise, row, 0.0)
+    design = np.hstack([np.vstack(rows), np.kron((np.arange(12) >= 3)[:, None], np.eye(4))])
+    flat = np.diag(np.r_[np.zeros(SIZE), np.zeros(4)])
+    flat[:SIZE, :SIZE] = np.linalg.pinv(prior, hermitian=True)
+    weight = np.kron(np.eye(12), np.linalg.inv(noise))
+    whole = np.linalg.pinv(design.T @ weight @ design + flat, hermitian=True)
+    start = np.r_[mean, np.zeros(4)]
+    best = start + whole @ design.T @ weight @ (np.concatenate(seen) - design @ start)
+    place = int(np.argmin(np.abs(bank.changes()[0] / 1.0 - best[SIZE:]).sum(axis=1)))
+    found = bank.reference_beside(place)
+    assert best[:SIZE] == pytest.approx(found.mean, abs=2e-6)
+    assert np.diag(whole)[:SIZE] == pytest.approx(np.diag(found.covariance), rel=1e-3, abs=1e-12)
+
+
 @pytest.mark.parametrize("wheel", WHEELS)
 def test_a_tyre_that_stands_out_on_its_axle_is_named_beside_a_load(wheel: int) -> None:
     """One tyre is 20 % low and a trailer has lowered the other axle by 0.5 mm: whether that axle's tyres are

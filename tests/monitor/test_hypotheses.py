@@ -28,7 +28,8 @@ def judged(change: list[float], std: float = 3e-4, nuisance: Nuisance | None = N
 
 
 def integrated(change: FloatArray, covariance: FloatArray, threshold: float) -> FloatArray:
-    """P(wheel lost more than the threshold) by fine integration over log-uniform losses; relative units."""
+    """P(wheel is deflated) by fine integration over log-uniform losses, those below the threshold by their
+    share of it; relative units."""
     d = change.size
     inverse = np.linalg.inv(covariance)
     losses = np.geomspace(LOSS_GRID[0] / 1.09, LOSS_GRID[-1] * 1.09, 20_001)
@@ -47,7 +48,7 @@ def integrated(change: FloatArray, covariance: FloatArray, threshold: float) -> 
                 np.exp(-0.5 * np.einsum("ni,ij,nj->n", off, inverse, off)) * JUDGE.prior_by_size[size - 1]
             )
             total += density.mean()  # equal steps of the logarithm
-            above = (density * (losses >= threshold)).mean()
+            above = (density * np.minimum(losses / threshold, 1.0)).mean()
             lost[list(subset)] += above
     return lost / total
 
@@ -113,6 +114,17 @@ def test_a_wheel_that_is_larger_is_no_loss_of_its_neighbour(wheel: int, larger: 
         if larger >= 0.005:
             change[wheel] = -larger
             assert judged(change, nuisance=known).deflated[wheel] > 0.99
+
+
+@pytest.mark.parametrize(("loss", "std", "raised"), [(0.0036, 5e-4, True), (0.0036, 1e-3, False)])
+def test_a_certain_loss_is_raised_though_its_size_is_not_known(loss: float, std: float, raised: bool) -> None:
+    """A loss of 1.4 thresholds that is 2.2 of its standard deviations beyond the threshold, and 7 from none,
+    is raised; one that may be none (3.6 standard deviations, against its prior) is not."""
+    change, covariance = np.array([0.0, 0.0, -loss, 0.0]), np.eye(4) * 2e-4**2
+    covariance[2, 2] = std**2
+    radius = np.full(4, RADIUS_M)
+    verdict = Comparison(radius, THRESHOLD).of(change * RADIUS_M, covariance * RADIUS_M**2)
+    assert raised == bool(verdict.deflated[2] >= 0.99)
 
 
 def test_four_wheels_against_numerical_integration() -> None:

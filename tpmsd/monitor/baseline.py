@@ -88,7 +88,13 @@ class Baseline:
         """Sum of the recent samples, and the newest one in it."""
         self._recent_s = 0.0
         self._evidence: DriveEvidence | None = None
-        """Of this drive, once the car is known."""
+        """Of this drive."""
+        self._first_drive = False
+        """Whether the car was not known when that began."""
+        self._by_drive = False
+        """Whether the last alarm was raised by the first drive as a whole alone."""
+        self._closed = False
+        """Whether this drive is not asked any more."""
 
     @property
     def fraction(self) -> float:
@@ -150,8 +156,9 @@ class Baseline:
         now = (*found, self._unsettled(), self.reference.features(self._conditions.now)[self._wheels])
         if self._recent and self._jumped(now, harmless_m2):
             self._recent.clear()
-        if self._evidence is None and self.settled:
+        if self._evidence is None and not self._closed:
             self._evidence = DriveEvidence(self.reference, self._wheels, self._radius)
+            self._first_drive = not self.settled
         one = self._change(now, 1, harmless_m2)
         both = (
             self._change(_added(self._sum(), now), len(self._recent) + 1, harmless_m2)
@@ -165,15 +172,36 @@ class Baseline:
             self._recent_s = 0.0
         return one, both
 
+    def alarm_turned(self, account: int | None) -> None:
+        """An alarm was raised or cleared; `account`: the one by which the drive as a whole raised it, and
+        nothing else did.
+
+        While the car is learned for the first time, what was learned on such a drive holds part of the loss,
+        and is estimated anew beside it. After any other alarm the drive is not asked again until the car has
+        stood: it would not show that the tyre is in order again.
+        """
+        if self.settled and not self._first_drive:
+            return
+        self._by_drive = account is not None
+        if self._evidence is None or account is None:
+            self._evidence, self._closed = None, True
+            return
+        ranges = self.reference.ranges
+        self.reference = self._evidence.reference_beside(account)
+        self.reference.ranges = list(ranges)
+        if self._shadow is not None:
+            self._shadow = self.reference.copy()
+
     def forget_recent(self) -> None:
         """What was seen in the last minutes is not to be believed, or is another drive's."""
         self._recent.clear()
-        self._evidence = None
+        self._evidence, self._closed, self._first_drive = None, False, False
 
-    @property
-    def accounts(self) -> Accounts | None:
-        """What the drive as a whole says; None as long as it is too short, or the car not known."""
-        return None if self._evidence is None else self._evidence.accounts
+    def accounts(self, *, alarm_stands: bool) -> Accounts | None:
+        """What the drive as a whole says; None as long as it is too short. While an alarm stands a first
+        drive is asked if it alone raised it."""
+        asked = self.settled or self._by_drive or not alarm_stands
+        return self._evidence.accounts if asked and self._evidence is not None else None
 
     def _jumped(self, now: _Sample, harmless_m2: FloatArray) -> bool:
         """Whether the radii are others than in the last minutes, so that a mean would mix two states."""

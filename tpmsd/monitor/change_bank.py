@@ -102,3 +102,17 @@ class ChangeBank:
         )
         log_weight = np.log(share) - math.log(float(share.sum()) if share.size else 1.0)
         return change * size[:, None], covariance * size[:, None, None] ** 2, log_weight
+
+    def reference_beside(self, place: int) -> Reference:
+        """What the drive says of the car beside the change at this place of `changes`.
+
+        The filter without a change is off by F d; d is known with the covariance C:  x - F d,  P + F C F'.
+        """
+        k = int(np.flatnonzero(self.samples - self._onset >= JUDGE.full_samples)[place])
+        covariance = self._solved()[k]
+        sensitivity = self._sensitivity[k]
+        out = self._reference.copy()
+        out.mean = out.mean - sensitivity @ covariance @ self._vector[k]
+        spread = out.covariance + sensitivity @ covariance @ sensitivity.T
+        out.covariance = (spread + spread.T) / 2
+        return out

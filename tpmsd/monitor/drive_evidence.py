@@ -103,3 +103,10 @@ class DriveEvidence:
             log_weight=np.concatenate(log_weights),
             model=np.repeat(np.arange(len(found)), [len(change) for change, _, _ in found]),
         )
+
+    def reference_beside(self, account: int) -> Reference:
+        """What the drive says of the car beside the change of this one of `accounts`."""
+        assert self.accounts is not None
+        model = int(self.accounts.model[account])
+        first = int(np.searchsorted(self.accounts.model, model))
+        return self._banks[model].reference_beside(account - first)

@@ -32,13 +32,14 @@ class Verdict:
     """What the comparison says."""
 
     deflated: FloatArray
-    """(d,) probability that the wheel has lost more than the threshold."""
+    """(d,) probability that the wheel is deflated: a loss from the threshold on counts in full, a smaller one
+    by its share of it (`severity`)."""
     none: float
     """Probability that no wheel has lost anything."""
     loss_m: FloatArray
     """(d,) expected loss of each wheel, m."""
     beyond: FloatArray
-    """(s,) probability that each of `subsets`, and no other, has lost more than the threshold."""
+    """(s,) the same that the wheels of each of `subsets`, and no other, are."""
     suspicion: float
     """Log-likelihood ratio of the best loss beyond the threshold to none at all, whatever its prior, by the
     likeliest account."""
@@ -122,7 +123,7 @@ class Comparison:
         found = np.add.reduce(posterior)
         of_losses = found[lost]
         beyond = int(LOSS_GRID.searchsorted(self.threshold))
-        large = np.add.reduce(of_losses[:, beyond:], axis=1)
+        large = of_losses @ severity(self.threshold)
         # Sums of rounded shares may exceed 1 by the last bit; a saved probability may not.
         return Verdict(
             deflated=np.minimum(large @ members, 1.0),
@@ -135,6 +136,17 @@ class Comparison:
             best_loss_m=members[of_best] * LOSS_GRID[size] * self.radius_m,
             accounts=accounts,
         )
+
+
+@functools.cache
+def severity(threshold: float) -> FloatArray:
+    """(grid,) how much of a deflation each loss of the grid is, for a relative threshold: 1 from it on, below
+    it loss over threshold.
+
+    An alarm without any loss is a false one; to name a tyre that has lost four fifths of the threshold is
+    hardly one. So what is not known of the size of a certain loss weighs less than whether there is one.
+    """
+    return np.minimum(LOSS_GRID / threshold, 1.0)
 
 
 def subsets(d: int) -> list[tuple[int, ...]]:

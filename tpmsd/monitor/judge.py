@@ -36,6 +36,8 @@ class Finding:
     """(d,)"""
     covariance_m2: FloatArray
     """(d, d) with what is harmless."""
+    account: int | None = None
+    """Of a change over a drive: which of its `Accounts`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +63,8 @@ class Judgement:
     """The change at this moment."""
     finding: Finding | None = None
     """What sees the most of a loss."""
+    account: int | None = None
+    """The likeliest of the drive's `Accounts`, where neither this moment nor the last minutes show a loss."""
     drive_models: dict[str, float] = field(default_factory=dict)
     """Posterior probability of each drive model; empty while the drive is too short."""
 
@@ -119,7 +123,8 @@ class Judge:
             self._threshold = float(np.mean(np.array(losses) / self._radius))
         self._limit_m = settings.deviation_percent / 100.0 * self._radius
         grip = next(model for model in DRIVE_EVIDENCE.models if model.name == DRIVE_EVIDENCE.low_grip)
-        self._slip_m = np.where(driven_mask(vehicle.driven_axle)[wheels], grip.slip_std * self._radius, 0.0)
+        self._driven = driven_mask(vehicle.driven_axle)[wheels]
+        self._slip_m = np.where(self._driven, grip.slip_std * self._radius, 0.0)
         self._apart = _apart(wheels)
         self._told: tuple[Accounts, bool, Finding, dict[str, float]] | None = None
         """The last comparison of a drive: it changes with every sample, and is asked for every second."""
@@ -165,10 +170,12 @@ class Judge:
             for tyre, x, s in zip(self._tyres, steady, np.sqrt(np.diag(steady_m2)), strict=True)
         ]
         fits = now.fits and mean.fits
-        deflated = self._deflated(
-            at_once.verdict, lately.verdict, mean.samples, None if of_drive is None else of_drive.verdict
-        )
         low_grip = models.get(DRIVE_EVIDENCE.low_grip, 0.0)
+        by_drive = None
+        if of_drive is not None:
+            # Driven wheels that spin for a moment are off by far more than the model of low grip has.
+            by_drive = of_drive.verdict.deflated * np.where(self._driven, 1.0 - low_grip, 1.0)
+        deflated = self._deflated(at_once.verdict, lately.verdict, mean.samples, by_drive)
         return Judgement(
             change_m=self._on_all(now.change_m),
             change_std_m=self._on_all(std),
@@ -181,11 +188,12 @@ class Judge:
             contrast_std_m=_contrast_std(now.covariance_m2),
             now=now,
             finding=finding,
+            account=None if _shows(at_once) or _shows(lately) else finding.account,
             drive_models=models,
         )
 
-    def _deflated(self, now: Verdict, mean: Verdict, samples: int, drive: Verdict | None) -> FloatArray:
-        """(d,) probability of a deflation by what all say.
+    def _deflated(self, now: Verdict, mean: Verdict, samples: int, by_drive: FloatArray | None) -> FloatArray:
+        """(d,) probability of a deflation by what all say; `by_drive` (d,): by the drive as a whole.
 
         A tyre that has lost what the other one of its axle has not stands out at once, or once what comes and
         goes is averaged out, whatever else is soft or loaded. Both tyres of an axle look like slip, slopes or
@@ -194,8 +202,8 @@ class Judge:
         """
         apart = np.minimum(np.maximum(now.beyond @ self._apart, mean.beyond @ self._apart), 1.0)
         at_once = np.maximum(apart, np.minimum(now.deflated, JUDGE.undecided))
-        if drive is not None:
-            return np.maximum(at_once, drive.deflated)
+        if by_drive is not None:
+            return np.maximum(at_once, by_drive)
         return np.maximum(at_once, mean.deflated) if samples >= JUDGE.full_samples else at_once
 
     def _deviates(self, now: Change, tolerance_m2: FloatArray, low_grip: float) -> FloatArray:
@@ -221,7 +229,7 @@ class Judge:
         against = Comparison(self._radius, self._threshold, log_ratios, other_tyres)
         verdict = against.of_accounts(accounts.change_m, covariance_m2, log_weight)
         best = int(verdict.accounts.argmax())
-        finding = Finding("drive", verdict, accounts.change_m[best], covariance_m2[best])
+        finding = Finding("drive", verdict, accounts.change_m[best], covariance_m2[best], best)
         models = accounts.model_probabilities(verdict.accounts)
         self._told = (accounts, other_tyres, finding, models)
         return finding, models
@@ -261,6 +269,10 @@ class Judge:
         out = np.full(4, math.nan)
         out[self._wheels] = values
         return out
+
+
+def _shows(finding: Finding) -> bool:
+    return float(finding.verdict.deflated.max()) > JUDGE.undecided
 
 
 def _contrast_std(covariance_m2: FloatArray) -> float:

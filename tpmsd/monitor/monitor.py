@@ -173,9 +173,8 @@ class Monitor:
             changes = judging.changes(estimate, self._judge.harmless_m2)
             if changes is None:
                 return []
-            self._judged = self._judge.judge(
-                *changes, self._resonance, self._sets.other_tyres, judging.accounts
-            )
+            accounts = judging.accounts(alarm_stands=bool(self._standing))
+            self._judged = self._judge.judge(*changes, self._resonance, self._sets.other_tyres, accounts)
             self._since_seen_s = 0.0 if self._judged.contrast_std_m <= self._seen_m else math.inf
             self._why.judged(estimate, self._judged, self._resonance)
             trusted = self._judged.trusted(judging.settled) and not self._standing
@@ -188,6 +187,7 @@ class Monitor:
                 turned = alarm.update(probability, elapsed_s)
                 if turned is not None:
                     events.append(self._tyre_event(kind, wheel, turned, probability, tick, estimate))
+                    judging.alarm_turned(self._judged.account if turned == "raised" else None)
         events += self._judge_first(tick, estimate, elapsed_s)
         self.baseline.learn(estimate, self._judge.harmless_m2, trusted, elapsed_s)
         if self._sets.decide(estimate) == "accepted":
