@@ -13,9 +13,9 @@ from itertools import pairwise
 import numpy as np
 
 from tpmsd.estimators.settings import SETTINGS
-from tpmsd.physics.kinematics import Geometry, wheel_speeds
+from tpmsd.physics.kinematics import Geometry
 from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.wheels import FL, FR, FloatArray
+from tpmsd.wheels import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,13 +108,13 @@ class BlockBuilder:
         return block
 
     def _build(self, radii: FloatArray, doppler: bool) -> Block:
+        # Plain numbers: for so few numpy takes several times as long.
         ticks = [t for t, _, _ in self._ticks]
         shares = [1.0] * len(ticks)
         way = math.nan
         change = swing = 0.0
         noise = 1.0
         if doppler:
-            # Plain numbers: for so few numpy takes ten times as long.
             fixes = [fix for _, fix in self._fixes]
             first, last = fixes[0], fixes[-1]
             steps = [(a.speed_mps, b.speed_mps, b.time_s - a.time_s) for a, b in pairwise(fixes)]
@@ -127,33 +127,34 @@ class BlockBuilder:
                 shares[j] = min(max(inside_s / t.dt_s, 0.0), 1.0)
             if max((span_s for *_, span_s in steps), default=0.0) > SETTINGS.block_max_s:
                 way = math.nan
-        share = np.array(shares)
-        rotation = np.concatenate([t.rotation_rad for t in ticks]).reshape(-1, 4)[:, self._order]
-        rotation *= share[:, None]
-        quantum = np.concatenate([t.rotation_std_rad for t in ticks]).reshape(-1, 4)[:, self._order]
-        angle = np.add.reduce(rotation)
-        reading = np.fmax.reduce(quantum, initial=0.0)  # errors of the ticks between cancel
-        radius = self._nominal + radii
-        times_s = np.array([t.dt_s for t in ticks])
-        gyro = np.array([t.yaw_rate_radps for t in ticks])
-        left, right = rotation[:, 0] * radius[0], rotation[:, 1] * radius[1]
-        ways, turns = (left + right) / 2, (right - left) / self._geometry.track_rear_m
-        front = (
-            self._front(rotation, share, ways, turns, angle, reading, radius)
-            if len(self._order) == 4
-            else (None, None)
-        )
-        duration = float(share @ times_s)
-        way_m = float(np.add.reduce(ways))
+        order, track_m = self._order, self._geometry.track_rear_m
+        radius = (self._nominal + radii).tolist()
+        angle, reading = [0.0] * len(order), [0.0] * len(order)
+        ways, turns = [], []
+        duration = gyro = 0.0
+        for tick, share in zip(ticks, shares, strict=True):
+            turned, quantum = tick.rotation_rad.tolist(), tick.rotation_std_rad.tolist()
+            for k, wheel in enumerate(order):
+                angle[k] += turned[wheel] * share
+                if quantum[wheel] > reading[k]:  # false for NaN; errors of the ticks between cancel
+                    reading[k] = quantum[wheel]
+            left = turned[order[0]] * share * radius[0]
+            right = turned[order[1]] * share * radius[1]
+            ways.append((left + right) / 2)
+            turns.append((right - left) / track_m)
+            duration += share * tick.dt_s
+            gyro += share * (tick.yaw_rate_radps * tick.dt_s)
+        front = self._front(shares, ways, turns, angle, reading, radius) if len(order) == 4 else (None, None)
+        way_m = sum(ways)
         accel_per_turn = way_m / max(duration, 1e-3) ** 2
         reading_roll_m = math.hypot(reading[0] * radius[0], reading[1] * radius[1])
         return Block(
             duration_s=max(duration, 1e-3),
             informative=all(flag for _, flag, _ in self._ticks),
-            angle_rad=angle,
+            angle_rad=np.array(angle),
             way_m=way_m,
             doppler_way_m=way,
-            turn_rad=float(np.add.reduce(turns)),
+            turn_rad=sum(turns),
             accel_mps2=sum(a for _, _, a in self._ticks) / len(self._ticks),
             speed_change_mps=change,
             speed_noise=noise,
@@ -161,48 +162,56 @@ class BlockBuilder:
             reading_way_m=reading_roll_m / 2,
             front=front,
             at_radii=radii.copy(),
-            gyro_turn_rad=float(share @ (gyro * times_s)),
-            load_per_turn=-accel_per_turn * float(angle[0] + angle[1]) / self._geometry.track_rear_m,
-            reading_turn_rad=reading_roll_m / self._geometry.track_rear_m,
+            gyro_turn_rad=gyro,
+            load_per_turn=-accel_per_turn * (angle[0] + angle[1]) / track_m,
+            reading_turn_rad=reading_roll_m / track_m,
         )
 
     def _front(
         self,
-        rotation: FloatArray,
-        share: FloatArray,
-        ways: FloatArray,
-        turns: FloatArray,
-        angle: FloatArray,
-        reading: FloatArray,
-        radius: FloatArray,
+        shares: list[float],
+        ways: list[float],
+        turns: list[float],
+        angle: list[float],
+        reading: list[float],
+        radius: list[float],
     ) -> tuple[FrontResidual | None, FrontResidual | None]:
+        """Of both front wheels; ways (m), turns (rad) and shares of n ticks, the rest by wheel."""
         # The hub's lateral part enters squared, so quantisation noise in a short tick's turn would bias it:
         # there the turn is smoothed.
         size = max(round(SETTINGS.front_smoothing_s / self._ticks[0][0].dt_s), 1)
-        whole = np.where(share > 0.0, turns / np.maximum(share, 1e-9), 0.0)
-        smooth = moving_mean(whole, size) * share
-        lateral = (smooth - turns) * self._geometry.wheelbase_m
-        paths = wheel_speeds(ways, turns, self._geometry, lateral)
+        whole = [
+            turn / max(share, 1e-9) if share > 0.0 else 0.0 for turn, share in zip(turns, shares, strict=True)
+        ]
+        smooth_m = [
+            mean * share * self._geometry.wheelbase_m
+            for mean, share in zip(moving_mean(whole, size), shares, strict=True)
+        ]
+        half_m = self._geometry.track_front_m / 2
         out: list[FrontResidual | None] = []
         ratio = self._geometry.track_front_m / self._geometry.track_rear_m
-        angles, readings, radii = angle.tolist(), reading.tolist(), radius.tolist()
-        for column, wheel, side in ((2, FL, -1.0), (3, FR, 1.0)):
-            if not math.isfinite(angles[column]) or angles[column] <= 0.0:
+        for column, side in ((2, -1.0), (3, 1.0)):
+            if not math.isfinite(angle[column]) or angle[column] <= 0.0:
                 out.append(None)
                 continue
+            # As `kinematics.wheel_speeds`, the hub's lateral part by the smoothed turn.
+            path_m = 0.0
+            for way, turn, lateral in zip(ways, turns, smooth_m, strict=True):
+                along = way + side * turn * half_m
+                path_m += math.copysign(math.hypot(along, lateral), along)
             # path ~ way + side * turn * track_front / 2; the hub's lateral part is second order.
             to_left, to_right = (1 - side * ratio) / 2, (1 + side * ratio) / 2
-            by_rear = np.array([to_left * angles[0], to_right * angles[1]])
-            rear_m = math.hypot(readings[0] * to_left, readings[1] * to_right) * radii[0]
-            noise = math.hypot(readings[column] * radii[column], rear_m)
-            residual = float(np.add.reduce(paths[:, wheel])) - angles[column] * radii[column]
-            out.append(FrontResidual(residual, by_rear, side * self._geometry.track_front_m / 2, noise))
+            by_rear = np.array([to_left * angle[0], to_right * angle[1]])
+            rear_m = math.hypot(reading[0] * to_left, reading[1] * to_right) * radius[0]
+            noise = math.hypot(reading[column] * radius[column], rear_m)
+            residual = path_m - angle[column] * radius[column]
+            out.append(FrontResidual(residual, by_rear, side * half_m, noise))
         return out[0], out[1]
 
 
-def moving_mean(values: FloatArray, size: int) -> FloatArray:
+def moving_mean(values: list[float], size: int) -> list[float]:
     """(n,) mean over `size` neighbours of each, of which one more lies before than behind if `size` is even;
     beyond the ends the first and the last value go on."""
     before = size // 2
-    padded = np.concatenate([np.full(before, values[0]), values, np.full(size - 1 - before, values[-1])])
-    return np.convolve(padded, np.full(size, 1.0 / size), mode="valid")
+    padded = [values[0]] * before + values + [values[-1]] * (size - 1 - before)
+    return [sum(padded[k : k + size]) / size for k in range(len(values))]
