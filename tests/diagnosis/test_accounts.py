@@ -14,6 +14,7 @@ from tpmsd.diagnosis.prepared.admission import admitted
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.robustness.accounts import changed
 from tpmsd.diagnosis.robustness.confirm import confirmed
+from tpmsd.diagnosis.robustness.found import Found
 from tpmsd.diagnosis.selection.selector import Selector
 from tpmsd.inference.noise_fit import refit_wander
 from tpmsd.inference.recording import Recording
@@ -53,7 +54,7 @@ def test_a_change_of_a_radius_is_told_from_drift(changed_m: float, last_m: float
     evidence = study.evidence()
     nothing = Selector(evidence, study.hypotheses, last=True).judged([])
 
-    found, under = changed(study, nothing, evidence)
+    found = changed(Found(study, nothing, evidence))
 
-    assert wheels == [one.term.wheel for one in found.chosen]
-    assert () == confirmed(study, found, under)[0].chosen
+    assert wheels == [one.term.wheel for one in found.selection.chosen]
+    assert () == confirmed(found).selection.chosen

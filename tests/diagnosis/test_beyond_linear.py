@@ -13,7 +13,7 @@ from tpmsd.diagnosis.prepared.admission import admitted
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.refinement.beyond_linear import needed_exactly
 from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.diagnosis.stages import estimate_noise
+from tpmsd.diagnosis.stages import estimated
 from tpmsd.inference.noise_fit import Stage
 from tpmsd.inference.recording import Recording
 
@@ -34,7 +34,7 @@ def late(lag_s: float, time_constant_s: float = 0.0) -> Recording:
 def test_a_low_pass_stays_beside_a_lag_where_there_is_one(time_constant_s: float, stay: set[str]) -> None:
     """Linearised, a lag of 0.4 s looks like one of 0.26 s with a low-pass; one of 1 s is there."""
     study = Study(admitted([late(0.4, time_constant_s)])[0])
-    estimate_noise(study, study.hypotheses.everything, Stage.FIRST)
+    study = estimated(study, study.hypotheses.everything, Stage.FIRST)
     evidence = study.evidence()
     both = [term for term in study.hypotheses.catalogue if term.effect in (LAG, SMOOTHING)]
     linear = Selector(evidence, study.hypotheses).judged(both)

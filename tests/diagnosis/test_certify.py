@@ -145,8 +145,7 @@ def test_false_discoveries_are_held_as_benjamini_and_hochberg_do() -> None:
 def test_what_noise_makes_as_well_is_a_suspicion(recording: Recording, plain: Diagnosis) -> None:
     """A chosen effect whose gain noise reaches in most replicates makes no mismatch and leaves the model."""
     reader = Reader(recording, reference(recording))
-    study = Study([reader])
-    selection, evidence = examine(study, lambda share: None)
+    study, selection, evidence = examine(Study([reader]), lambda share: None)
     weak = dataclasses.replace(selection.chosen[0], gain=0.5)
     doubtful = dataclasses.replace(selection, chosen=(weak,))
     out = certified(study, doubtful, evidence, plain, 9, np.random.default_rng(5))
@@ -162,12 +161,9 @@ def test_covariates_that_cannot_act_gain_nothing(diagnosis: Diagnosis) -> None:
 
 def test_the_negative_control_sees_noise_that_is_believed_too_small(recording: Recording) -> None:
     """under a noise model of a third of the true standard deviations chance brings far more than it costs."""
-    study = Study([Reader(recording, reference(recording))])
-    selection, _ = examine(study, lambda share: None)
-    calm = negative_control(study, selection)
-    drive_study = study.drives[0]
-    noise = drive_study.noise
-    drive_study.noise = dataclasses.replace(
+    found = examine(Study([Reader(recording, reference(recording))]), lambda share: None)
+    noise = found.study.drives[0].noise
+    small = dataclasses.replace(
         noise,
         reading_m=tuple(0.3 * one for one in noise.reading_m),
         rough_m=0.3 * noise.rough_m,
@@ -176,7 +172,8 @@ def test_the_negative_control_sees_noise_that_is_believed_too_small(recording: R
         cross_mps=0.3 * noise.cross_mps,
     )
 
-    assert calm < 0.0 < negative_control(study, selection)
+    calm = negative_control(found.study, found.selection)
+    assert calm < 0.0 < negative_control(found.study.under({0: small}), found.selection)
 
 
 def test_only_what_a_suspicion_tells_of_leaves_the_model(diagnosis: Diagnosis) -> None:

@@ -14,9 +14,10 @@ from tpmsd.diagnosis.hypotheses.terms import Term
 from tpmsd.diagnosis.prepared.admission import admitted
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.refinement.refine import exact
+from tpmsd.diagnosis.robustness.found import Found
 from tpmsd.diagnosis.robustness.outlying import jump_evidence, lasting
 from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.diagnosis.stages import estimate_noise
+from tpmsd.diagnosis.stages import estimated
 from tpmsd.inference.least_squares import Evidence
 from tpmsd.inference.noise_fit import Stage
 from tpmsd.inference.recording import Recording
@@ -57,8 +58,8 @@ def erring(recording: Recording) -> Recording:
 def looked_at(happens: Callable[[Recording], Recording]) -> tuple[Study, Evidence, Term]:
     """A drive under the noise that it has without what happens, and the event that shows most."""
     usual, study = (Study(admitted([one])[0]) for one in (two_wheels(), happens(two_wheels())))
-    estimate_noise(usual, usual.hypotheses.nuisance, Stage.SECOND)
-    study.drives[0].noise = usual.drives[0].noise
+    usual = estimated(usual, usual.hypotheses.nuisance, Stage.SECOND)
+    study = study.under({0: usual.drives[0].noise})
     evidence = study.evidence()
     gram, b = evidence.projected(study.hypotheses.nuisance)
     events = [entry for entry in study.hypotheses.pulse_gains(gram, b) if entry[1].place == "rear"]
@@ -75,9 +76,9 @@ def test_slip_that_only_the_receiver_shows_must_last(
     study, evidence, event = looked_at(happens)
     selector = Selector(evidence, study.hypotheses, last=True)
 
-    found, _ = lasting(study, selector.judged([event]), evidence)
+    found = lasting(Found(study, selector.judged([event]), evidence))
 
-    assert stands == (len(found.chosen) == 1)
+    assert stands == (len(found.selection.chosen) == 1)
 
 
 @pytest.mark.parametrize(("happens", "by_wheels"), [(slipping, True), (erring, False)])

@@ -29,7 +29,7 @@ def spin() -> Examined:
     spinning = (times >= 150.0) & (times < 170.0)
     factor = 1.0 + 0.012 * spinning[:, None] * np.array([1.0, 1.0, 0.0, 0.0])
     study = Study(admitted([replace(recording, rotation_rad=recording.rotation_rad * factor)])[0])
-    return study, *examine(study, lambda share: None)
+    return examine(study, lambda share: None)
 
 
 def test_a_gain_below_its_penalty_by_the_block_wise_variance_makes_no_mismatch(spin: Examined) -> None:

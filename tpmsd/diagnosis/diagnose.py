@@ -24,7 +24,7 @@ from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.proposal.search import proposals
 from tpmsd.diagnosis.reporting.findings import report
 from tpmsd.diagnosis.robustness.certify import certified
-from tpmsd.diagnosis.stages import estimate_noise, examine
+from tpmsd.diagnosis.stages import estimated, examine
 from tpmsd.errors import ConfigError
 from tpmsd.inference.noise import Noise
 from tpmsd.inference.noise_fit import Stage
@@ -58,9 +58,7 @@ def diagnose(
     readers, notes = admitted(recordings)
     if not readers:
         return insufficient(notes)
-    study = Study(readers)
-    progress(0.2)
-    selection, evidence = examine(study, progress)
+    study, selection, evidence = examine(Study(readers), progress)
     diagnosis = report(study, selection, evidence, notes)
     if certify is not None:
         diagnosis = certified(study, selection, evidence, diagnosis, certify.replicates, certify.rng)
@@ -80,9 +78,7 @@ def diagnose_against(
     readers, notes = against(recording, simulation)
     if not readers:
         return insufficient(notes)
-    study = Study(readers, simulation=True)
-    progress(0.2)
-    selection, evidence = examine(study, progress)
+    study, selection, evidence = examine(Study(readers, simulation=True), progress)
     selection, evidence = differences(study, selection, evidence)
     progress(1.0)
     return report(study, selection, evidence, notes)
@@ -94,8 +90,7 @@ def told_by(recording: Recording) -> tuple[Telling, ...]:
     if not readers:
         raise ConfigError("; ".join(notes))
     study = Study(readers)
-    estimate_noise(study, study.hypotheses.everything, Stage.FIRST)
-    return tellings(study)
+    return tellings(estimated(study, study.hypotheses.everything, Stage.FIRST))
 
 
 def noise_of(recording: Recording) -> Noise:
@@ -104,8 +99,7 @@ def noise_of(recording: Recording) -> Noise:
     if not readers:
         raise ConfigError("; ".join(notes))
     study = Study(readers)
-    estimate_noise(study, study.hypotheses.everything, Stage.FIRST)
-    return study.drives[0].noise
+    return estimated(study, study.hypotheses.everything, Stage.FIRST).drives[0].noise
 
 
 def insufficient(notes: Sequence[str]) -> Diagnosis:

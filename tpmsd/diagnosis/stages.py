@@ -1,8 +1,8 @@
 """The order of the diagnosis: the only place where it stands.
 
-In: a `Study`. Out: its `Selection` and `Evidence`. Each stage takes a `State` and gives the next one; states
-are frozen, and what a stage leaves to the next is in them. The study holds the columns and each drive's
-noise; a stage that sets them says so.
+In: a `Study`. Out: what is `Found`. Each stage takes a `State` and gives the next one; states are frozen. The
+study holds the columns and each drive's noise: a stage that gives other ones gives another study, and the one
+that it was given stays what it is.
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ from tpmsd.diagnosis.assessment.simulated import floored, widened
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.refinement.beyond_linear import needed_exactly
 from tpmsd.diagnosis.refinement.refine import plainest_shape, refine
-from tpmsd.diagnosis.refinement.relinearise import relinearise
+from tpmsd.diagnosis.refinement.relinearise import relinearised
 from tpmsd.diagnosis.robustness.accounts import changed
 from tpmsd.diagnosis.robustness.confirm import confirmed
 from tpmsd.diagnosis.robustness.drifting import drifting
+from tpmsd.diagnosis.robustness.found import Found
 from tpmsd.diagnosis.robustness.outlying import lasting
 from tpmsd.diagnosis.robustness.together import together
 from tpmsd.diagnosis.selection.chosen import Selection
@@ -41,25 +42,25 @@ class State:
     selection: Selection | None = None
 
     @property
-    def found(self) -> tuple[Selection, Evidence]:
+    def found(self) -> Found:
         """What was chosen; ValueError before anything was."""
         if self.selection is None or self.evidence is None:
             raise ValueError("nothing was chosen yet")
-        return self.selection, self.evidence
+        return Found(self.study, self.selection, self.evidence)
 
 
 def first_noise(state: State) -> State:
-    """Estimate the noise beside everything that is linear; sets each drive's noise."""
+    """Estimate each drive's noise beside everything that is linear."""
     return _estimated(state, Stage.FIRST)
 
 
 def second_noise(state: State) -> State:
-    """The same beside what was chosen; sets each drive's noise."""
+    """The same beside what was chosen."""
     return _estimated(state, Stage.SECOND)
 
 
 def last_noise(state: State) -> State:
-    """What drifts alone, once more; sets each drive's noise."""
+    """What drifts alone, once more."""
     return _estimated(state, Stage.LAST)
 
 
@@ -67,24 +68,24 @@ def plain_shapes(state: State) -> State:
     """Estimate the first noise once more with the spline terms in the model that the drive shows plainly.
 
     What no effect of the catalogue holds would pass for noise, and noise of that size would hide its shape.
-    Adds columns and sets each drive's noise.
     """
-    study, design, evidence = state.study, state.design, _present(state)
+    study, design, evidence = state.study.copied(), state.design, _present(state)
     for _ in range(SETTINGS.refinement.plain_splines):
         term = plainest_shape(study, evidence, design)
         if term is None:
             break
         design = np.concatenate([widened(design, study.hypotheses.width), term.design], axis=1)
-        evidence = _present(_estimated(replace(state, design=design), Stage.FIRST))
-    return replace(state, evidence=evidence)
+        study = estimated(study, design, Stage.FIRST)
+        evidence = study.evidence()
+    return replace(state, study=study, evidence=evidence)
 
 
 def choose(state: State) -> State:
-    """Choose terms and make those exact that enter nonlinearly; adds columns.
+    """Choose terms and make those exact that enter nonlinearly.
 
     What is clearest comes first and exactly: a pulse half a minute off leaves more than a faint effect.
     """
-    study, evidence = state.study, _present(state)
+    study, evidence = state.study.copied(), _present(state)
     for most in (1, SETTINGS.selection.most_terms):
         selection = Selector(evidence, study.hypotheses).select(most)
         if refine(study, selection, evidence, again=most == 1):
@@ -92,59 +93,59 @@ def choose(state: State) -> State:
             selection = Selector(evidence, study.hypotheses).select(most)
     if not study.simulation:
         selection = needed_exactly(study, selection, evidence)
-    return replace(state, design=selection.fit.design, evidence=evidence, selection=selection)
+    return State(study, selection.fit.design, evidence, selection)
 
 
 def down_weight(state: State) -> State:
-    """Let single readings weigh less that no chosen term explains; sets each drive's weights.
+    """Let single readings weigh less that no chosen term explains.
 
     Events have been looked for by now: what a hypothesis explains keeps its weight.
     """
-    selection, _ = state.found
-    for drive in state.study.drives:
+    study, selection, _ = state.found
+    drives = []
+    for drive in study.drives:
         white = drive.residual(selection.fit.design, selection.fit.values)
-        drive.inflate = outliers(white, drive.blocks, drive.inflate)
-    return state
+        drives.append(drive.under(inflate=outliers(white, drive.blocks, drive.inflate)))
+    return replace(state, study=study.trial(drives))
 
 
 def move_origin(state: State) -> State:
-    """Linearise about the best model so far; sets each drive's columns."""
-    relinearise(state.study, state.found[0])
-    return state
+    """Linearise about the best model so far."""
+    return replace(state, study=relinearised(state.study, state.found.selection))
 
 
 def verdict(state: State) -> State:
     """Choose for the last time, by the rules of a verdict."""
-    evidence = _present(state)
-    selection = Selector(evidence, state.study.hypotheses, last=True).select()
-    if not state.study.simulation:
-        selection = needed_exactly(state.study, selection, evidence, last=True)
-    return replace(state, design=selection.fit.design, evidence=evidence, selection=selection)
+    study, evidence = state.study.copied(), _present(state)
+    selection = Selector(evidence, study.hypotheses, last=True).select()
+    if not study.simulation:
+        selection = needed_exactly(study, selection, evidence, last=True)
+    return State(study, selection.fit.design, evidence, selection)
 
 
 def other_noise(state: State) -> State:
-    """Ask what was found under each alternative noise in turn (`ALTERNATIVES`); may set a drive's noise."""
-    before, _ = state.found
+    """Ask what was found under each alternative noise in turn (`ALTERNATIVES`)."""
     found = state.found
+    before = found.selection
     for alternative in ALTERNATIVES:
-        found = alternative(state.study, *found, before)
-    return replace(state, selection=found[0], evidence=found[1])
+        found = alternative(found, before)
+    return replace(state, study=found.study, selection=found.selection, evidence=found.evidence)
 
 
-Alternative = Callable[[Study, Selection, Evidence, Selection], tuple[Selection, Evidence]]
-"""Study, what is chosen, its evidence, and what was chosen before any alternative; the first two anew."""
+Alternative = Callable[[Found, Selection], Found]
+"""What is found, and what was chosen before any alternative; the first anew."""
 
 ALTERNATIVES: tuple[Alternative, ...] = (
     # Outliers of the receiver, where it alone shows an event.
-    lambda study, selection, evidence, before: lasting(study, selection, evidence),
+    lambda found, before: lasting(found),
     # Slow noise at its likeliest without the term: the receiver's for what all wheels share, radius drift.
-    lambda study, selection, evidence, before: confirmed(study, selection, evidence),
+    lambda found, before: confirmed(found),
     # Usual radius drift, where one group of wheels has nearly all of it to itself.
-    lambda study, selection, evidence, before: together(study, selection, evidence, before),
+    together,
     # Radius drift at its likeliest with and without a change of a radius.
-    lambda study, selection, evidence, before: changed(study, selection, evidence),
+    lambda found, before: changed(found),
     # Usual drift of the gyro's zero, where it drifts far and smoothly.
-    lambda study, selection, evidence, before: drifting(study, selection, evidence),
+    lambda found, before: drifting(found),
 )
 
 STAGES: tuple[Callable[[State], State], ...] = (
@@ -154,28 +155,31 @@ STAGES: tuple[Callable[[State], State], ...] = (
 )
 
 
-def examine(study: Study, progress: Callable[[float], None]) -> tuple[Selection, Evidence]:
+def examine(study: Study, progress: Callable[[float], None]) -> Found:
     """Run all stages; `progress` is told the share that is done, from 0.2 to 0.9."""
+    progress(0.2)
     state = State(study, study.hypotheses.everything)
+    del study  # its columns are not needed for longer than the first stages'
     for number, stage in enumerate(STAGES, start=1):
         state = stage(state)
         progress(0.2 + 0.7 * number / len(STAGES))
     return state.found
 
 
-def estimate_noise(study: Study, design: FloatArray, stage: Stage) -> None:
-    """Set each drive's noise, estimated beside a model."""
-    for drive in study.drives:
-        windows = drive.reader.windows
-        drive.noise = fit_noise(windows, drive.believed(design), drive.noise, stage, drive.inflate)
+def estimated(study: Study, design: FloatArray, stage: Stage) -> Study:
+    """With each drive's noise estimated beside a model."""
+    noises = {
+        number: fit_noise(drive.reader.windows, drive.believed(design), drive.noise, stage, drive.inflate)
+        for number, drive in enumerate(study.drives)
+    }
     if study.simulation:
-        recorded, simulated = study.drives
-        simulated.noise = floored(simulated.noise, recorded.noise)
+        noises[1] = floored(noises[1], noises[0])
+    return study.under(noises)
 
 
 def _estimated(state: State, stage: Stage) -> State:
-    estimate_noise(state.study, state.design, stage)
-    return replace(state, evidence=state.study.evidence())
+    study = estimated(state.study, state.design, stage)
+    return replace(state, study=study, evidence=study.evidence())
 
 
 def _present(state: State) -> Evidence:

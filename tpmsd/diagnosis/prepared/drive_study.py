@@ -136,10 +136,10 @@ class DriveStudy:
         self._kept: list[Whitened] = []
         """Under the noises asked for last, the present one at the end."""
 
-    def relinearise(
+    def relinearised(
         self, base: ExtendedModel, radii_m: FloatArray, values: FloatArray, fitted: FloatArray
-    ) -> None:
-        """Take a model, radii (4,) and the motion that go with them as the new origin.
+    ) -> DriveStudy:
+        """The same drive with a model, radii (4,) and the motion that goes with them as the new origin.
 
         `values` (n - 1,) are the base's in the columns, `fitted` (n - 1,) those of the whole fit.
 
@@ -149,8 +149,11 @@ class DriveStudy:
         used = np.flatnonzero(fitted)
         left = self.columns[:, :, 0] - self.columns[:, :, 1 + used] @ fitted[used]
         made = Whitener.of(self.reader.windows, self.noise, np.isfinite(left), self.inflate)
-        self._move(base, radii_m, left, made)
-        self._linearise(base, values)
+        out = self.under()
+        out.reader = copy.copy(self.reader)
+        out._move(base, radii_m, left, made)
+        out._linearise(base, values)
+        return out
 
     def _move(self, model: ExtendedModel, radii_m: FloatArray, left: FloatArray, made: Whitener) -> None:
         """Take radii (4,) and the motion that what is left (w, 9) of the channels shows by the gains `made`,
@@ -209,17 +212,13 @@ class DriveStudy:
         return 0.5 * float(np.sum((white[:, 0] - white[:, 1:] @ fitted) ** 2))
 
     def under(self, noise: Noise | None = None, inflate: FloatArray | None = None) -> DriveStudy:
-        """The same columns under another noise, or with other factors on the variances, to be tried; this
-        drive stays what it is."""
+        """The same columns under another noise, or with other factors on the variances; this drive stays what
+        it is, also where columns are added to the other."""
         out = copy.copy(self)
-        out._kept = list(self._kept)
+        out._kept, out.refined = list(self._kept), list(self.refined)
         out.noise = self.noise if noise is None else noise
         out.inflate = self.inflate if inflate is None else inflate
         return out
-
-    def take(self, tried: DriveStudy) -> None:
-        """Take over what was tried `under` another noise, and what was whitened there."""
-        self.noise, self.inflate, self._kept = tried.noise, tried.inflate, tried._kept
 
     def append(self, columns: FloatArray) -> None:
         """Further columns (w, 9, k) at the end."""

@@ -25,6 +25,7 @@ from tpmsd.diagnosis.prepared.drive_study import DriveStudy, Refined, first_nois
 from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.covariate_errors import covariate_stds
 from tpmsd.inference.least_squares import Evidence
+from tpmsd.inference.noise import Noise
 from tpmsd.inference.windows import Reader
 from tpmsd.physics.catalogue import EFFECTS
 from tpmsd.wheels import FloatArray
@@ -72,9 +73,20 @@ class Study:
         return float(sum(len(drive.reader.windows) for drive in self.examined))
 
     def trial(self, drives: Sequence[DriveStudy]) -> Study:
-        """The same question to drives `under` other noises; this study stays what it is."""
+        """The same question to drives `under` other noises, or about another origin; this study stays what it
+        is."""
         out = copy.copy(self)
         out.drives = tuple(drives)
+        return out
+
+    def under(self, noises: Mapping[int, Noise]) -> Study:
+        """The same, by the numbers of the drives that have another noise."""
+        return self.trial([drive.under(noises.get(number)) for number, drive in enumerate(self.drives)])
+
+    def copied(self) -> Study:
+        """The same, to which columns and hypotheses may be added while this study stays what it is."""
+        out = self.under({})
+        out.hypotheses = self.hypotheses.copied()
         return out
 
     def evidence(self) -> Evidence:

@@ -1,8 +1,8 @@
 """Moves the point about which everything is linear to the best model so far (Gauss-Newton).
 
-In: a `Study` and its `Selection`. Out: the study's columns, anew. Radii that are off by a third of a per
-cent and a slip of half a per cent make products that are as large as faint effects: what is linear about
-the configured car is not linear enough for them.
+In: a `Study` and its `Selection`. Out: the study with columns about that point. Radii that are off by a third
+of a per cent and a slip of half a per cent make products that are as large as faint effects: what is linear
+about the configured car is not linear enough for them.
 """
 
 from __future__ import annotations
@@ -19,9 +19,10 @@ from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import WHEELS
 
 
-def relinearise(study: Study, selection: Selection) -> None:
-    """Take the calibrated radii and the chosen effects of the catalogue as the new origin of each drive."""
+def relinearised(study: Study, selection: Selection) -> Study:
+    """With the calibrated radii and the chosen effects of the catalogue as the new origin of each drive."""
     fitted = selection.fit.design @ selection.fit.values
+    drives = []
     for number, drive in enumerate(study.drives):
         effects: list[Effect] = []
         origin = np.zeros(len(fitted))
@@ -39,4 +40,6 @@ def relinearise(study: Study, selection: Selection) -> None:
                 wheel = WHEELS.index(name[1])
                 most = SETTINGS.refinement.most_calibration * radii[wheel]
                 radii[wheel] += float(np.clip(own[k], -most, most))
-        drive.relinearise(ExtendedModel(tuple(effects)), radii, drive.own(origin[:, None])[1:, 0], own[1:])
+        values = drive.own(origin[:, None])[1:, 0]
+        drives.append(drive.relinearised(ExtendedModel(tuple(effects)), radii, values, own[1:]))
+    return study.trial(drives)

@@ -1,6 +1,6 @@
 """Names the change of a radius, or the event, that the noise model took for radius drift.
 
-In: a `Study` and its `Selection`. Out: both, with the changes that a drive demands.
+In: what was `Found`. Out: the same with the change that a drive demands, and the noise beside it.
 
 How much radii drift is estimated from the drive, and a change that stays raises that estimate, the more the
 larger it is: a step of 2 mm makes a drift of 0.7 mm, in which it is nothing unusual. Gains under one noise
@@ -20,10 +20,9 @@ from tpmsd.diagnosis.prepared.drive_study import DriveStudy
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.refinement.refine import exact
 from tpmsd.diagnosis.robustness.confirm import of_all_read
-from tpmsd.diagnosis.selection.chosen import Selection
+from tpmsd.diagnosis.robustness.found import Found
 from tpmsd.diagnosis.selection.selector import Selector
 from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import Evidence
 from tpmsd.inference.noise import PRIORS, Noise
 from tpmsd.inference.noise_fit import log_posterior, refit_wander
 from tpmsd.wheels import FloatArray
@@ -37,16 +36,17 @@ class Account:
     noise: Noise
 
 
-def changed(study: Study, selection: Selection, evidence: Evidence) -> tuple[Selection, Evidence]:
-    """Add the change that is likelier than drift; sets a drive's noise where there is one. Only single drives
-    are tested, and for one change: where radii drift far, what is left beside it is the road's own."""
+def changed(found: Found) -> Found:
+    """Add the change that is likelier than drift. Only single drives are tested, and for one change: where
+    radii drift far, what is left beside it is the road's own."""
+    before, drive = found.study, found.study.drives[0]
+    if len(before.drives) > 1 or drive.noise.wander < SETTINGS.robustness.drifts_from:
+        return found
+    terms = [one.term for one in found.selection.chosen]
+    drifting = _account(drive, Selector(found.evidence, before.hypotheses).design(terms))
+    study = before.copied().under({0: drifting.noise})
     drive = study.drives[0]
-    if len(study.drives) > 1 or drive.noise.wander < SETTINGS.robustness.drifts_from:
-        return selection, evidence
-    before = drive.noise
-    terms = [one.term for one in selection.chosen]
-    drifting = _account(drive, Selector(evidence, study.hypotheses).design(terms))
-    drive.noise = drifting.noise
+    noise = found.study.drives[0].noise
     term = _likeliest(study, terms, drifting)
     if term is not None:
         here = study.evidence()
@@ -55,10 +55,10 @@ def changed(study: Study, selection: Selection, evidence: Evidence) -> tuple[Sel
         beside = _account(drive, Selector(study.evidence(), study.hypotheses).design([*terms, term]))
         brings = beside.log_likelihood - drifting.log_likelihood
         if brings > term.penalty + SETTINGS.selection.admit_nats:
-            terms, before = [*terms, term], beside.noise
-    drive.noise = before
+            terms, noise = [*terms, term], beside.noise
+    study = study.under({0: noise})
     evidence = study.evidence()
-    return Selector(evidence, study.hypotheses, last=True).judged(terms), evidence
+    return Found(study, Selector(evidence, study.hypotheses, last=True).judged(terms), evidence)
 
 
 def _account(drive: DriveStudy, design: FloatArray) -> Account:

@@ -1,6 +1,6 @@
 """Confirms faint effects against slow noise that could make them.
 
-In: a `Study` and its `Selection`. Out: both without the terms that do not stand.
+In: what was `Found`. Out: the same without the terms that do not stand, under the noise without them.
 
 Warm-up, growth with speed and slopes act on all wheels alike, so that only the receiver shows them, as a
 slow drift. With such a term in the model the receiver's slow error is estimated smaller than it is, and
@@ -18,6 +18,7 @@ import numpy as np
 from tpmsd.diagnosis.hypotheses.terms import PATTERNS, Term
 from tpmsd.diagnosis.prepared.drive_study import DriveStudy
 from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.robustness.found import Found
 from tpmsd.diagnosis.selection.chosen import Selection
 from tpmsd.diagnosis.selection.selector import Selector
 from tpmsd.diagnosis.settings import SETTINGS
@@ -29,8 +30,9 @@ from tpmsd.physics.effect import Look
 from tpmsd.wheels import WHEELS, FloatArray
 
 
-def confirmed(study: Study, selection: Selection, evidence: Evidence) -> tuple[Selection, Evidence]:
+def confirmed(found: Found) -> Found:
     """Take out the terms that slow noise explains as well."""
+    study, selection, evidence = found
     for one in selection.chosen:
         looks = one.term.kind_of.looks
         common = looks is Look.COMMON or of_all_read(study, one.term)
@@ -45,12 +47,10 @@ def confirmed(study: Study, selection: Selection, evidence: Evidence) -> tuple[S
             number: _noise_without(study.drives[number], without, common) for number in study.acting(one.term)
         }
         if _gain(study, with_it, without.shape[1], null) < SETTINGS.selection.admit_nats + one.term.penalty:
-            for number, noise in null.items():
-                study.drives[number].noise = noise
-            evidence = study.evidence()
-            selection = Selector(evidence, study.hypotheses).judged(terms)
-            return confirmed(study, selection, evidence)
-    return _receivers_own(study, selection, evidence), evidence
+            slower = study.under(null)
+            evidence = slower.evidence()
+            return confirmed(Found(slower, Selector(evidence, study.hypotheses).judged(terms), evidence))
+    return Found(study, _receivers_own(study, selection, evidence), evidence)
 
 
 def of_all_read(study: Study, term: Term) -> bool:

@@ -1,7 +1,7 @@
 """Names what the noise model took for a gyro that drifts, where it drifts far and smoothly.
 
-In: a `Study`, its `Selection` and `Evidence`. Out: both, with a spline term of the yaw rate over time in
-place of a constant bias, if there is one to tell.
+In: what was `Found`. Out: the same, with a spline term of the yaw rate over time in place of a constant bias,
+if there is one to tell, and the noise beside it.
 
 A gyro's bias walks at random, and how fast is estimated from the drive. A bias that fades as the sensor warms
 raises that estimate, and beside so fast a walk its shape is not sure: what was left of it got the name of a
@@ -17,11 +17,10 @@ from dataclasses import replace
 import numpy as np
 
 from tpmsd.diagnosis.hypotheses.terms import Term
-from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.robustness.found import Found
 from tpmsd.diagnosis.selection.chosen import Selection
 from tpmsd.diagnosis.selection.selector import Selector
 from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import Evidence
 from tpmsd.inference.noise import PRIORS
 from tpmsd.inference.noise_fit import refit
 from tpmsd.inference.windows import GYRO
@@ -33,12 +32,13 @@ GYRO_NOISE = ["gyro_radps", "gyro_drift_radps"]
 READING = "yaw_rate"
 
 
-def drifting(study: Study, selection: Selection, evidence: Evidence) -> tuple[Selection, Evidence]:
+def drifting(found: Found) -> Found:
     """Put the shape of the gyro's bias over time in the place of a constant one; asked of single drives."""
+    study, selection = found.study, found.selection
     drive = study.drives[0]
     measured = bool(np.isfinite(drive.reader.windows.measured[:, GYRO]).any())
     if len(study.drives) > 1 or not measured or drive.noise.gyro_drift_radps < DRIFTS:
-        return selection, evidence
+        return found
     terms = [one.term for one in selection.chosen]
     others = [term for term in terms if term.kind_of.drifts_into != READING]
     usual = drive.under(replace(drive.noise, gyro_drift_radps=USUAL))
@@ -47,19 +47,19 @@ def drifting(study: Study, selection: Selection, evidence: Evidence) -> tuple[Se
     if shape is not None:
         # What drifts was in the gyro's white noise as well.
         design = drive.believed(selector.design([*others, shape]))
-        tried = drive.under(refit(drive.reader.windows, design, usual.noise, usual.inflate, GYRO_NOISE))
-        calm = study.trial([tried]).evidence()
+        refitted = refit(drive.reader.windows, design, usual.noise, usual.inflate, GYRO_NOISE)
+        tried = study.under({0: refitted})
+        calm = tried.evidence()
         selector = Selector(calm, study.hypotheses, last=True)
         sure = selector.heldout([*others, shape]) - selector.heldout(terms) - shape.penalty
         if (
             sure > SETTINGS.selection.admit_nats
             and _range(selector, others, shape) > SETTINGS.robustness.gyro_far_radps
         ):
-            found = selector.judged([*others, shape])
-            if any(one.term is shape for one in found.chosen):
-                drive.take(tried)
-                return _as_sure_as(found, shape, sure), calm
-    return selection, evidence
+            judged = selector.judged([*others, shape])
+            if any(one.term is shape for one in judged.chosen):
+                return Found(tried, _as_sure_as(judged, shape, sure), calm)
+    return found
 
 
 def _best_shape(selector: Selector, others: list[Term]) -> Term | None:

@@ -1,6 +1,6 @@
 """Tells events of wheels from errors of the receiver, where the receiver alone shows them.
 
-In: a `Study` and its `Selection`. Out: both, without the events that a few readings make.
+In: what was `Found`. Out: the same without the events that a few readings make, which weigh less then.
 
 An axle that slips is an event of its own while all others roll. Where the car has no other wheels, or all of
 them slip alike, what is left to compare with is the receiver, and a receiver that errs for two seconds shows
@@ -16,19 +16,18 @@ from __future__ import annotations
 import numpy as np
 
 from tpmsd.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.robustness.confirm import of_all_read
-from tpmsd.diagnosis.selection.chosen import Chosen, Selection
+from tpmsd.diagnosis.robustness.found import Found
+from tpmsd.diagnosis.selection.chosen import Chosen
 from tpmsd.diagnosis.selection.selector import Selector
 from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import Evidence
 from tpmsd.inference.noise_fit import single_outliers
 from tpmsd.wheels import FloatArray
 
 
-def lasting(study: Study, selection: Selection, evidence: Evidence) -> tuple[Selection, Evidence]:
-    """Take out the events of all wheels that are read which a few readings of the receiver make; sets the
-    weights of these readings."""
+def lasting(found: Found) -> Found:
+    """Take out the events of all wheels that are read which a few readings of the receiver make."""
+    study, selection, evidence = found
     selector = Selector(evidence, study.hypotheses, last=True)
     for one in selection.chosen:
         if not (one.term.pulse and of_all_read(study, one.term)):
@@ -40,15 +39,14 @@ def lasting(study: Study, selection: Selection, evidence: Evidence) -> tuple[Sel
             drive = study.drives[number]
             factor = single_outliers(drive.residual(fit.design, fit.values))
             tried[number] = drive.under(inflate=factor if drive.inflate is None else drive.inflate * factor)
-        calm = study.trial(tried).evidence()
+        lighter = study.trial(tried)
+        calm = lighter.evidence()
         robust = Selector(calm, study.hypotheses, last=True)
         gain = robust.gain([*terms, one.term]) - robust.gain(terms)
         gain += sum(jump_evidence(study.drives[number], one) for number in study.acting(one.term))
         if gain < one.term.penalty + SETTINGS.selection.admit_nats:
-            for drive, robust_drive in zip(study.drives, tried, strict=True):
-                drive.take(robust_drive)
-            return lasting(study, robust.judged(terms), calm)
-    return selection, evidence
+            return lasting(Found(lighter, robust.judged(terms), calm))
+    return found
 
 
 def jump_evidence(drive: DriveStudy, one: Chosen) -> float:

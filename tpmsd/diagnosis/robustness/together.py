@@ -1,7 +1,7 @@
 """Names what the noise model took for radius drift, where wheels drift together.
 
-In: a `Study`, its `Selection` and `Evidence`, and what was chosen before slow noise was asked. Out: selection
-and evidence, with a spline term over time if there is one to tell, or the change of a wheel's radius.
+In: what was `Found`, and what was chosen before slow noise was asked. Out: the same, with a spline term over
+time if there is one to tell, or the change of a wheel's radius, and the noise beside it.
 
 Every wheel's radius drifts for itself, and how much is estimated from the drive. What
 warms one axle, or ages one wheel, raises that estimate as well, and beside so much noise no shape is sure.
@@ -17,41 +17,38 @@ from dataclasses import replace
 import numpy as np
 
 from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Term, group_gain
-from tpmsd.diagnosis.prepared.study import Study
+from tpmsd.diagnosis.robustness.found import Found
 from tpmsd.diagnosis.selection.chosen import Selection
 from tpmsd.diagnosis.selection.selector import Selector
 from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import Evidence
 from tpmsd.inference.noise import PRIORS
 from tpmsd.wheels import WHEELS
 
 
-def together(
-    study: Study, selection: Selection, evidence: Evidence, before: Selection
-) -> tuple[Selection, Evidence]:
+def together(found: Found, before: Selection) -> Found:
     """Add the shape over time that a group of wheels has in common.
 
     Asked of single drives that read all four wheels: of two wheels alone, only their difference shows. Of one
     wheel it may be a loss of air that was chosen `before`, and was not significant against radius drift.
     """
+    study, selection = found.study, found.selection
     drive = study.drives[0]
     if len(study.drives) > 1 or len(drive.reader.recording.wheels) < len(WHEELS):
-        return selection, evidence
+        return found
     if drive.noise.wander < SETTINGS.robustness.drifts_from:
-        return selection, evidence
+        return found
     usual = replace(drive.noise, wander=PRIORS["wander"][0], wander_tau_s=PRIORS["wander_tau_s"][0])
-    tried = drive.under(usual)
-    calm = study.trial([tried]).evidence()
+    tried = study.under({0: usual})
+    calm = tried.evidence()
     selector = Selector(calm, study.hypotheses, last=True)
     terms = [one.term for one in selection.chosen]
     shape = _common_shape(selector, terms)
     if shape is not None:
         shape = _changed_radius(selector, terms, shape, [one.term for one in before.chosen]) or shape
-        found = selector.judged([*terms, shape])
-        if any(one.term is shape for one in found.chosen):
-            drive.take(tried)
-            return found, calm
-    return selection, evidence
+        judged = selector.judged([*terms, shape])
+        if any(one.term is shape for one in judged.chosen):
+            return Found(tried, judged, calm)
+    return found
 
 
 def _changed_radius(selector: Selector, terms: list[Term], shape: Term, before: list[Term]) -> Term | None:
