@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -87,7 +88,8 @@ def drift_covariance(wheels: int) -> FloatArray:
     return out
 
 
-class Motion(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Motion:
     """One tick as the process model sees it."""
 
     dt_s: float
