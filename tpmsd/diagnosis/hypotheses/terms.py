@@ -7,12 +7,10 @@ covariate).
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Self
 
 import numpy as np
 
@@ -187,12 +185,6 @@ class Hypotheses:
             if term.design.shape[1] == 1 and term.typical and not term.kind_of.mirror_of
         ]
         return np.concatenate([self.nuisance, *singles], axis=1)
-
-    def copied(self) -> Self:
-        """The same, to which others may be added while these stay what they are."""
-        out = copy.copy(self)
-        out.catalogue = list(self.catalogue)
-        return out
 
     def widen(self, width: int) -> None:
         """Make room for columns that were added at the end."""

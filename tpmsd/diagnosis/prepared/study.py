@@ -86,7 +86,8 @@ class Study:
     def copied(self) -> Study:
         """The same, to which columns and hypotheses may be added while this study stays what it is."""
         out = self.under({})
-        out.hypotheses = self.hypotheses.copied()
+        out.hypotheses = copy.copy(self.hypotheses)
+        out.hypotheses.catalogue = list(self.hypotheses.catalogue)
         return out
 
     def evidence(self) -> Evidence:
