@@ -109,7 +109,7 @@ class Settings:
     """The same for the steering wheel: the ratio varies over the angle, and an understeering car needs up to
     twice the angle."""
     unit_near: float = 0.25
-    """Logarithm of a factor: of a role's units none are closer than a third, so this near is meant."""
+    """Logarithm of a factor; a role's units differ by at least a third, so one this near is meant."""
     copy_share: float = 0.95
     """Of a message's payloads that another bus has, too, from which it is a copy: gateways lose frames."""
     compared_payloads: int = 2_000
