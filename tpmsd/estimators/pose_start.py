@@ -34,8 +34,11 @@ class PoseFinder:
         self._fixes.clear()
 
     def update(self, fix: Fix, moving: bool) -> PoseStart | None:
-        """Take a fix; the pose it completes, or None while the heading is open."""
-        if not math.isnan(fix.heading_rad) and fix.speed_mps >= SETTINGS.course_speed_mps:
+        """Take a fix; the pose it completes, or None while the heading is open.
+
+        `moving`: whether the wheels are faster than `start_speed_mps`.
+        """
+        if not math.isnan(fix.heading_rad) and fix.speed_mps >= SETTINGS.start_speed_mps:
             at_rest, by_speed = SETTINGS.start_heading_std_rad
             return PoseStart(fix, fix.heading_rad, at_rest + by_speed / fix.speed_mps)
         while self._fixes and fix.time_s - self._fixes[0].time_s > SETTINGS.chord_max_s:

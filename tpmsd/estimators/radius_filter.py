@@ -18,6 +18,7 @@ from tpmsd.estimators.belief import Belief, Car, Coasting, Moment, Moments, Roll
 from tpmsd.estimators.fix_gate import FixGate
 from tpmsd.estimators.motion_gate import MotionGate
 from tpmsd.estimators.pose_start import PoseFinder
+from tpmsd.estimators.reversing import ReverseWatch
 from tpmsd.estimators.settings import SETTINGS
 from tpmsd.timeline.tick import Fix, Tick
 
@@ -67,6 +68,7 @@ class RadiusFilter:
         self.belief = belief
         self._fix_gate = FixGate()
         self._finder = PoseFinder()
+        self._reverse = ReverseWatch()
         self._located = False
         self._informative_s = 0.0
         self._last_fix_s = self._last_used_s = -math.inf
@@ -97,6 +99,9 @@ class RadiusFilter:
             return self._moment(tick, False)
         self._coasting_s = 0.0
         way, turn = self._car.virtual_motion(left, right)
+        self._reverse.rolled(way / tick.dt_s, tick.dt_s)
+        if self._reverse.backward:
+            angle, way, turn = -angle, -way, -turn
         gentle = self._gate.update(tick, way / tick.dt_s, turn / tick.dt_s)
         moment = self._moment(tick, gentle or not self._gates.ticks)
         if way == 0.0 and self._gates.ticks:
@@ -149,8 +154,10 @@ class RadiusFilter:
         sight = Sight(fix, tick, self._speed, self._yaw_rate, interval_s)
         if not self._located:
             if self._coasting_s == 0.0:  # else a pose is of no use before the wheels turn again
-                self._try_to_place(sight, moving)
+                self._try_to_place(sight, self._speed > SETTINGS.start_speed_mps)
             return
+        if self._reverse.asks:
+            self._reverse.saw(fix, self.belief.moments().pose.heading_rad)
         if self._gates.fixes:
             if not moving or interval_s < self._gates.fix_interval_s:
                 if not self._fix_gate.rejecting:

@@ -30,7 +30,18 @@ class EstimatorSettings:
     """Below this a fix is no measurement: at a standstill correlated fixes would only sharpen a wrong
     position."""
     course_speed_mps: float = 3.0
-    """Above this the receiver's course starts a heading (0.06 m/s of Doppler noise: 1.2 degrees)."""
+    """Above this the receiver's course is a measurement (0.06 m/s of Doppler noise: 1.2 degrees)."""
+    start_speed_mps: float = 4.0
+    """Above this the receiver's course or a chord starts a heading: slower cars may be reversing, and their
+    heading is then the other way round."""
+    reverse_course_mps: float = 0.8
+    """From this speed on the receiver's course tells forward from backward (0.1 m/s of noise: 7 degrees)."""
+    reverse_within_rad: float = 0.8
+    """Of the opposite direction: no car slips sideways by so much at this speed."""
+    reverse_after_s: float = 0.35
+    """Between two courses that say so: one may be the echo of a fix before."""
+    reverse_rest_s: float = 0.5
+    """Standing still for this long opens the direction: gears take as long, counts at a crawl less."""
     chord_in_std: float = 8.0
     """A chord between two fixes tells a heading if it is this many standard deviations long (7 degrees)."""
     chord_min_m: float = 6.0
