@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -55,6 +56,17 @@ def shares(drive_ticks: list[Tick]) -> list[bool]:
         left, right = t.rotation_rad[2] * RADIUS_M, t.rotation_rad[3] * RADIUS_M
         out.append(gate.update(t, (left + right) / 2 / t.dt_s, (right - left) / TRACK_M / t.dt_s))
     return out
+
+
+@pytest.mark.parametrize("flag", ["brake_active", "abs_active", "esc_active"])
+def test_nothing_is_learned_while_the_car_brakes(flag: str) -> None:
+    """A flag of the car that is set in part of a tick closes the gate; one that is not set does not."""
+    gate = MotionGate(FilterConfig())
+    free = [gate.update(replace(tick(k), **{flag: 0.0}), 20.0, 0.0) for k in range(10)]
+    braked = [gate.update(replace(tick(k), **{flag: 0.2}), 20.0, 0.0) for k in range(10, 20)]
+
+    assert all(free[1:])
+    assert not any(braked)
 
 
 @pytest.mark.parametrize("course", [True, False])

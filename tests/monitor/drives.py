@@ -53,8 +53,10 @@ class Player:
         lost: Sequence[int] = (),
         faults: tuple[SourceFault, ...] = (),
         std_m: float | None = None,
+        tyre_set: float = math.nan,
     ) -> list[AlarmEvent]:
-        """`change`: relative to the radius; `lost`: wheels without signal. The alarms raised and cleared."""
+        """`change`: relative to the radius; `lost`: wheels without signal; `tyre_set`: the car's number.
+        The alarms raised and cleared."""
         events: list[AlarmEvent] = []
         wheels = self.monitor._wheels
         for _ in range(round(duration_s / self.dt_s)):
@@ -77,6 +79,7 @@ class Player:
                 rotation_std_rad=np.full(4, 0.05),
                 host_time_s=self.time_s - 500.0,
                 faults=faults,
+                tyre_set=tyre_set,
             )
             estimate = RadiusEstimate(
                 time_s=self.time_s,

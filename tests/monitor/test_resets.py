@@ -221,3 +221,24 @@ def test_a_reset_that_is_not_decided_is_a_malfunction() -> None:
     assert any("a reset waits" in event.reason for event in events)
     events = player.play(120.0)
     assert 2 == said(events).count(("malfunction", None, "cleared"))
+
+
+def test_the_car_says_which_set_is_mounted() -> None:
+    """Another number is another set with a baseline of its own; the first is taken up again with its own."""
+    player = learned()
+    assert [] == player.play(100.0, [-0.004] * 4, tyre_set=2.0)
+    assert ("set-2", "accepted") == (learning(player.last).tyres, learning(player.last).reset)
+    player.play(10.0, tyre_set=0.0)
+    assert "default" == learning(player.last).tyres
+    assert {WheelState.MONITORING} == {wheel.state for wheel in player.last.wheels}
+    assert all(abs(wheel.change_m) < 1e-4 for wheel in player.last.wheels)
+
+
+@pytest.mark.parametrize("number", [math.nan, 2.5, -1.0])
+def test_what_is_no_number_of_a_set_changes_none(number: float) -> None:
+    """Neither silence nor fractions, which a switch within a tick makes, nor signal-not-available."""
+    player = learned()
+    player.play(20.0, tyre_set=number)
+    assert ("default", "none") == (learning(player.last).tyres, learning(player.last).reset)
+    player.play(3.0, tyre_set=3.0)
+    assert "default" == learning(player.last).tyres

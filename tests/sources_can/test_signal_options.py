@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from pathlib import Path
 
 import cantools
@@ -91,6 +92,27 @@ def test_a_direction_bit_makes_the_count_signed() -> None:
     frames = [frame(1020, 0), frame(1023, 0), frame(1, 0), frame(3, 0, back=1), frame(5, 0, back=1)]
 
     assert [0, 3, 5, 3, 1] == angles(decoder(wheel_count_rl=option), frames)
+
+
+def test_the_reverse_gear_turns_signals_without_a_sign() -> None:
+    """While the flag is set, unsigned counts go back; a signed speed keeps the sign that it bears."""
+    dbc = DBC.replace('16|10@1+ (1,0) [0|1023] ""', '16|16@1- (0.01,0) [-99|99] "rad/s"')
+    database = cantools.database.load_string(dbc, "dbc", strict=False)
+    vehicle = VehicleConfig((0.3, 0.3, 0.3, 0.3), 1.5, 1.5, 2.6, teeth_per_rev=TEETH)
+    signals = {
+        "wheel_count_rl": "WHEELS.RL",
+        "wheel_speed_rr": "WHEELS.RR",
+        "reverse_gear": "WHEELS.BACK",
+    }
+    decoded = CanDecoder(Config(vehicle, CanConfig(signals, Path("bus.dbc"))), database)
+    slowly_back = 0xFFFF - 99
+    frames = [(2 * k | slowly_back << 16 | (k > 2) << 34).to_bytes(8, "little") for k in range(5)]
+    told = [event for k, data in enumerate(frames) for event in decoded.decode(0.02 * k, 176, False, data)]
+    turns = [event for event in told if isinstance(event, RotationSample)]
+    angle = {wheel: [one.angle_rad for one in turns if one.wheel == wheel] for wheel in (2, 3)}
+
+    assert [0, 2, 4, 2, 0] == pytest.approx([turn * TEETH / (2 * math.pi) for turn in angle[2]])
+    assert [-0.02] * 4 == pytest.approx([b - a for a, b in pairwise(angle[3])])
 
 
 def test_teeth_by_wheel_scale_each_wheel() -> None:

@@ -89,7 +89,9 @@ class MotionGate:
         return fast and gentle and abs(yaw_rate) <= SETTINGS.max_curvature_per_m * self.speed_mps
 
     def _gentle(self, tick: Tick, yaw_rate_radps: float) -> bool:
-        """Whether the forces are small enough; `yaw_rate_radps` is the witness's."""
+        """Whether forces are small and nothing brakes; `yaw_rate_radps` is the witness's."""
+        if tick.brake_active > 0.0 or tick.abs_active > 0.0 or tick.esc_active > 0.0:  # false for NaN
+            return False
         accel_long = self._accel_long(tick)
         accel_lat = self.speed_mps * yaw_rate_radps
         limits = self._settings

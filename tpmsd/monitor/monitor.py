@@ -115,11 +115,11 @@ class Monitor:
         resonance: ResonanceEvidence | None = None,
         agreement: Agreement = AGREED,
     ) -> MonitorReport:
-        """Take one tick and its estimate, and what the wheels' resonances say if they are listened to.
-
-        `agreement`: of wheels and receiver; without it no tyre is judged and nothing is learned.
-        """
+        """Take one tick, its estimate, and what the resonances say if they are listened to. Without the
+        `agreement` of wheels and receiver no tyre is judged and nothing is learned."""
         self._resonance = resonance
+        if (mounted := self._sets.mounted.update(tick)) not in (None, self._sets.name):
+            self.reset(mounted)
         self._why.tick(tick, estimate, agreement)
         known_wrong = bool(self._configuration.contradiction)
         contradicted = bool(self._configuration.update(tick))

@@ -276,6 +276,8 @@ class TyreSetSettings:
     refill_per_s: float = 1.0 / 200.0
     """... and it fills up by one in 200 s: three at once, then one in ten minutes. A leak that is reset away
     every minute would else never be a change."""
+    signal_steady_s: float = 5.0
+    """The car's own number of the set counts after so long: signals pass through others while units start."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,11 +18,11 @@ from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.baseline import Baseline
 from tpmsd.monitor.judge import Judge
 from tpmsd.monitor.records import LearningReport
+from tpmsd.monitor.set_signal import DEFAULT_SET, SetSignal
 from tpmsd.monitor.settings import FIRST_START, TYRE_SETS
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import WHEELS, FloatArray
 
-DEFAULT_SET = "default"
 NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,23}")
 """Names of sets: they go into files, sentences and JSON."""
 
@@ -45,6 +45,8 @@ class TyreSets:
         self._others: dict[str, dict[str, Any]] = {}
         self._before: Baseline | None = None
         self._name_before = DEFAULT_SET
+        self.mounted = SetSignal()
+        """What the car itself says of the set."""
         self.state: ResetState = "none"
         self.reason = ""
         self._requests = 0

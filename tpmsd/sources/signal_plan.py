@@ -25,6 +25,8 @@ from tpmsd.sources.databases import database_of
 
 EXTENDED = 1 << 31
 """Marks a 29-bit identifier in a plan's key, as SocketCAN marks it on the wire."""
+REVERSE_ROLE = "reverse_gear"
+"""While this flag is set, wheel signals without a sign turn backward."""
 BUS_SHIFT = 32
 """A plan's key holds the number of its bus (0: that of [can]) above the identifier."""
 
@@ -164,6 +166,10 @@ def compile_plans(config: Config, database: Database) -> dict[int, MessagePlan]:
             plan = replace(plan, valid_when=conditions.number(bus, role, option.valid_when))
         if option.backward_when is not None:
             plan = replace(plan, backward_when=conditions.number(bus, role, option.backward_when))
+        elif plan.wheel is not None and not plan.field.signed and REVERSE_ROLE in config.can.signals:
+            engaged = Condition(config.can.signals[REVERSE_ROLE], "!=", 0.0)
+            number = conditions.number(config.can.bus_number(REVERSE_ROLE), REVERSE_ROLE, engaged)
+            plan = replace(plan, backward_when=number)
         found.setdefault(_key(bus, message), (message, []))[1].append((signal, plan))
     for key, message in conditions.messages.items():
         found.setdefault(key, (message, []))

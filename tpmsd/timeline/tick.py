@@ -59,6 +59,12 @@ class Tick:
     brake_pressure_pa: float = NAN
     drive_torque_nm: float = NAN
     ambient_temp_k: float = NAN
+    abs_active: float = NAN
+    """Share of the interval's readings of this flag that are set; so the next two."""
+    esc_active: float = NAN
+    brake_active: float = NAN
+    tyre_set: float = NAN
+    """Number of the set of tyres that the car says is mounted."""
     host_time_s: float = NAN
     """End of the interval as the host clock had it; what users are told."""
     gap_s: float = 0.0

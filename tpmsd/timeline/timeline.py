@@ -49,6 +49,10 @@ FIELDS = {
     "brake_pressure": "brake_pressure_pa",
     "drive_torque": "drive_torque_nm",
     "ambient_temp": "ambient_temp_k",
+    "abs_active": "abs_active",
+    "esc_active": "esc_active",
+    "brake_active": "brake_active",
+    "tyre_set": "tyre_set",
 }
 
 
