@@ -52,7 +52,7 @@ def test_counts_lost_at_all_times_or_for_a_while_are_told_with_their_share(
     counts_per_s = float(np.nanmean(recording.rotation_rad[:, RL])) / recording.dt_s / (2.0 * np.pi) * COUNTS
 
     assert "rl" == found.wheel
-    assert found.share == pytest.approx(mean, abs=3.0 * found.share_std)
+    assert found.share == pytest.approx(mean, abs=2e-4)
     assert found.share_std < 4e-4
     assert found.rate_per_s == pytest.approx(found.share * counts_per_s, rel=0.05)
     assert found.per_turn == pytest.approx(COUNTS * (1.0 - found.share))
