@@ -121,7 +121,7 @@ class CounterSettings:
     """Over which what a wheel counts less than the other one is smoothed: many turns, less than a bend."""
     missed_block_s: float = 60.0
     """In which a ripple is coherent: 700 turns tell shares of 1e-3 apart, and a bend's load is over."""
-    missed_largest: float = 6e-3
+    missed_largest: float = 1e-2
     """Share of the counts: one wheel that loses more is off by a whole tyre size."""
     missed_step: float = 1e-4
     """Between shares that are tried: a tenth of a ripple's width in a block."""

@@ -105,22 +105,42 @@ def _pair(recording: Recording, reference: Reference, axle: tuple[int, int]) -> 
 def _missed(recording: Recording, pair: _Pair, side: int, wheel: str) -> Missed | None:
     shares = SETTINGS.counters.missed_shares
     as_counted = _power(pair, side, False)
-    whole = as_counted[np.abs(shares) <= SETTINGS.counters.missed_ring_error].max()
+    ring_error = SETTINGS.counters.missed_ring_error
+    whole = np.where(_whole(_power(pair, 1 - side, False)), as_counted, -math.inf)
+    of_ring = float(shares[int(np.argmax(whole))])
+    if abs(of_ring) <= ring_error:
+        of_ring = 0.0
     come_and_go = _power(pair, side, True)
     which = max((as_counted, come_and_go), key=lambda power: float(power.max()))
     at = int(np.argmax(which))
     turned = float(np.ptp(pair.angle[:, side]))
-    share = float(shares[at])
+    share = float(shares[at]) - of_ring
     if which is come_and_go:
         share += float(pair.less[-1, side] - pair.less[0, side]) / turned
-    gain = float(which[at] - whole)
-    if gain < SETTINGS.counters.lost_admit_nats or share <= SETTINGS.counters.missed_ring_error:
+    gain = float(which[at] - whole.max())
+    if gain < SETTINGS.counters.lost_admit_nats or not 0 < at < len(shares) - 1:
         return None
     bend = -float(np.gradient(np.gradient(which, shares), shares)[at])
-    std = math.hypot(SETTINGS.counters.missed_ring_error, max(bend, 1e-12) ** -0.5)
-    ring = recording.car.teeth_per_rev
+    std = math.hypot(ring_error, max(bend, 1e-12) ** -0.5)
+    if share < SETTINGS.assessment.seen_stds * std:  # what comes and goes with bends is load
+        return None
+    ring = recording.car.teeth_per_rev * (1.0 - of_ring)
     per_s = turned / (2.0 * math.pi) * ring / (len(pair.angle) * recording.dt_s)
     return Missed(wheel, share, std, share * per_s, std * per_s, gain, ring * (1.0 - share), ring)
+
+
+def _whole(other: FloatArray) -> np.ndarray:
+    """(shares,) which of them a counter shows that loses none: its ring has the counts of the configuration,
+    or those of the other wheel's ring, whose ripple has the power `other`: two encoders do not lose alike."""
+    shares, error = SETTINGS.counters.missed_shares, SETTINGS.counters.missed_ring_error
+    as_configured = np.abs(shares) <= error
+    best = int(np.argmax(other))
+    if other[best] < SETTINGS.counters.lost_admit_nats:
+        return np.asarray(as_configured)
+    # At an end of what is tried the other wheel only says on which side of the configured count it lies.
+    least = shares[best] - error if best < len(shares) - 1 else 0.0
+    most = shares[best] + error if best > 0 else 0.0
+    return np.asarray(as_configured | ((shares >= least) & (shares <= most)))
 
 
 def _power(pair: _Pair, side: int, come_and_go: bool) -> FloatArray:
