@@ -5,13 +5,20 @@ In: a path and how long the file may be. Out: its text, or a ConfigError of one 
 
 from __future__ import annotations
 
+import errno
+import os
 import re
+import select
+import stat
 from pathlib import Path
+from typing import BinaryIO
 
 from tpmsd.errors import ConfigError
 
 _TABLES = re.compile(rb"^\s*\[(vehicle|can|can\.signals|gnss)\]", re.MULTILINE)
 _LOOK_BYTES = 1 << 16
+PIPE_PATIENCE_S = 2.0
+"""A shell's `<(...)` begins to write within this time."""
 
 
 def names_configuration(path: Path) -> bool:
@@ -23,12 +30,15 @@ def names_configuration(path: Path) -> bool:
         return False
 
 
-def is_pipe(path: Path) -> bool:
-    """Whether it is a named pipe: reading it would wait for ever. A shell's `<(...)` has no name."""
-    try:
-        return path.resolve().is_fifo()
-    except (OSError, ValueError, RuntimeError):  # what is wrong with it, opening says
-        return False
+def opened(path: Path) -> BinaryIO:
+    """A file to read; OSError where it cannot be opened, and for a pipe into which nobody writes."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    file = os.fdopen(descriptor, "rb")
+    if stat.S_ISFIFO(os.fstat(descriptor).st_mode) and not select.select([file], [], [], PIPE_PATIENCE_S)[0]:
+        file.close()
+        raise OSError(errno.ETIMEDOUT, "a pipe into which nobody writes")
+    os.set_blocking(descriptor, True)
+    return file
 
 
 def read_text(path: Path, most_bytes: int, what: str) -> str:
@@ -36,10 +46,8 @@ def read_text(path: Path, most_bytes: int, what: str) -> str:
 
     `what` it should be stands in the reason, `a model` for one.
     """
-    if is_pipe(path):
-        raise ConfigError(f"{path}: a pipe, not a file")
     try:
-        with path.open("rb") as file:
+        with opened(path) as file:
             content = file.read(most_bytes + 1)
     except (OSError, ValueError) as error:  # ValueError: a NUL byte in the path
         reason = getattr(error, "strerror", None) or error

@@ -171,8 +171,12 @@ MISTAKES = (
     Mistake("the same to discover", "discover d", 3, "d/gnss.nmea: not a file", folder(NMEA)),
     Mistake("a receiver's log that leads to itself", "replay d", 3, "d/gnss.nmea: not a file", loop(NMEA)),
     Mistake("a pipe for the receiver's log", "replay d", 3, "d/gnss.nmea: not a file", pipe(NMEA)),
-    Mistake("a pipe for the configuration", "check d", 2, "d/vehicle.toml: a pipe", pipe(TOML)),
-    Mistake("a pipe for the model", "replay d --model m.toml", 2, "m.toml: a pipe", pipe("m.toml")),
+    Mistake(
+        "a pipe for the configuration", "check d", 2, "d/vehicle.toml: cannot be read: a pipe", pipe(TOML)
+    ),
+    Mistake(
+        "a pipe for the model", "replay d --model m.toml", 2, "m.toml: cannot be read: a pipe", pipe("m.toml")
+    ),
     Mistake("a DBC in UTF-16", "check d", 2, "not a bus description", recoded(DBC, "utf-16")),
     Mistake("a CAN log in UTF-16", "replay d", 3, "no CAN frame in it", recoded(LOG, "utf-16")),
     Mistake("a configuration in Latin-1", "check d", 2, ":35: not UTF-8", latin_1_comment),

@@ -13,7 +13,7 @@ from typing import Any
 
 from tpmsd.config.locate import KeyPath, Step, line_of, locate
 from tpmsd.config.problems import ConfigProblems, Problem
-from tpmsd.text_file import is_pipe
+from tpmsd.text_file import opened
 from tpmsd.toml_text import parse_toml
 
 VEHICLE_FILE = "vehicle.toml"
@@ -50,10 +50,8 @@ def read_document(path: Path) -> Document:
 
 
 def _read(file: Path) -> bytes:
-    if is_pipe(file):
-        raise _unreadable(file, "a pipe, not a file")
     try:
-        with file.open("rb") as stream:
+        with opened(file) as stream:
             content = stream.read(_LARGEST_BYTES + 1)
     except FileNotFoundError:
         if file.name == VEHICLE_FILE and file.parent.is_dir() and not file.is_symlink():
