@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import re
 from pathlib import Path
@@ -31,7 +30,7 @@ ALARM: Message = DATABASE.get_message_by_name("TPMSD_ALARM")
 
 def wheel_report(wheel: str, **changed: Any) -> WheelReport:
     wheel_ = WheelReport(wheel, WheelState.MONITORING, -0.0012, 0.00013, -0.0003, 0.0002, 0.01, 0.0)
-    return dataclasses.replace(wheel_, **changed)
+    return wheel_._replace(**changed)
 
 
 def alarm(
@@ -391,7 +390,7 @@ def test_the_frames_shown_in_the_documentation_are_these_very_frames() -> None:
     )
     wheels = (
         *wheels[:2],
-        dataclasses.replace(wheels[2], deflation_probability=0.998, pressure_loss=0.37),
+        wheels[2]._replace(deflation_probability=0.998, pressure_loss=0.37),
         wheels[3],
     )
     frames = CanReporter(AlarmsConfig()).frames(0.0, report(0.0, wheels, (alarm(),), (alarm(),)))

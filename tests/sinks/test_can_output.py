@@ -89,7 +89,7 @@ def sent(made: CanOutputs, report: MonitorReport, start_s: float = LISTEN_S, tic
 
 
 def quiet(report: MonitorReport) -> MonitorReport:
-    return dataclasses.replace(report, active=())
+    return report._replace(active=())
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHM_NAMES)
@@ -127,9 +127,9 @@ def test_the_lists_of_algorithms_and_values_are_those_that_there_are() -> None:
 def test_unknown_numbers_are_what_the_configuration_says(tmp_path: Path) -> None:
     """Without a value the configured one is sent, else the initial one; out of range is the limit."""
     made = outputs(tmp_path)
-    wheels = tuple(dataclasses.replace(wheel, change_m=math.nan, deviation_m=-1.0) for wheel in REPORT.wheels)
+    wheels = tuple(wheel._replace(change_m=math.nan, deviation_m=-1.0) for wheel in REPORT.wheels)
     made.frames(0.0, REPORT)
-    (data,) = sent(made, dataclasses.replace(REPORT, wheels=wheels))
+    (data,) = sent(made, REPORT._replace(wheels=wheels))
     decoded: Any = cantools.database.load_file(tmp_path / "foreign.dbc").decode_message(977, data)
 
     assert (20.0, -20.0) == pytest.approx((decoded["DEV_FR"], decoded["DEV_RL"]))
@@ -147,11 +147,11 @@ def test_changes_are_sent_at_once(tmp_path: Path) -> None:
     """On change: once at first, then only when a state or a bit changes; numbers alone change nothing."""
     made = outputs(tmp_path, more='when = "change"')
     made.frames(0.0, REPORT)
-    other = tuple(dataclasses.replace(wheel, deviation_m=0.001) for wheel in REPORT.wheels)
+    other = tuple(wheel._replace(deviation_m=0.001) for wheel in REPORT.wheels)
     reports = [
         REPORT,
         REPORT,
-        dataclasses.replace(REPORT, wheels=other),
+        REPORT._replace(wheels=other),
         quiet(REPORT),
         quiet(REPORT),
         REPORT,
@@ -292,7 +292,7 @@ def test_j1939_trouble_codes_are_read_by_another_library(tmp_path: Path) -> None
     malfunction = AlarmEvent(1.0, AlarmKind.MALFUNCTION, None, "raised", math.nan, math.nan, 1.0, "no fixes")
     made.frames(0.0, REPORT)
     seen = []
-    for k, report in enumerate((REPORT, quiet(REPORT), dataclasses.replace(REPORT, active=(malfunction,)))):
+    for k, report in enumerate((REPORT, quiet(REPORT), REPORT._replace(active=(malfunction,)))):
         (frames,) = made.frames(10.0 + k, report).values()
         parser = j1939.Dm1(_Application())
         heard: list[tuple[Any, ...]] = []
@@ -314,8 +314,7 @@ def test_any_report_makes_a_frame(tmp_path_factory: pytest.TempPathFactory, numb
     """Numbers that are none, or too great, never keep a frame from being made."""
     made = outputs(tmp_path_factory.getbasetemp() / "any")
     wheels = tuple(
-        dataclasses.replace(
-            wheel,
+        wheel._replace(
             deviation_m=numbers[k],
             std_m=numbers[4 + k],
             change_m=numbers[8 + k],
@@ -323,7 +322,7 @@ def test_any_report_makes_a_frame(tmp_path_factory: pytest.TempPathFactory, numb
         )
         for k, wheel in enumerate(REPORT.wheels)
     )
-    report = dataclasses.replace(REPORT, wheels=wheels)
+    report = REPORT._replace(wheels=wheels)
     made.frames(0.0, report)
 
     assert [8] == [len(data) for data in sent(made, report)]

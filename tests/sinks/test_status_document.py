@@ -86,10 +86,8 @@ def test_the_wheels_that_are_not_watched_are_named_with_the_reason() -> None:
         1.0, AlarmKind.MALFUNCTION, "rl", "raised", NAN, NAN, 1.0, "no usable signal of wheel rl"
     )
     states = (WheelState.MONITORING, WheelState.UNAVAILABLE, WheelState.UNAVAILABLE, WheelState.LEARNING)
-    wheels = tuple(
-        dataclasses.replace(wheel, state=state) for wheel, state in zip(REPORT.wheels, states, strict=True)
-    )
-    report = dataclasses.replace(REPORT, wheels=wheels, active=(lost,))
+    wheels = tuple(wheel._replace(state=state) for wheel, state in zip(REPORT.wheels, states, strict=True))
+    report = REPORT._replace(wheels=wheels, active=(lost,))
     off = SourceHealth(SourceState.OFF)
     watch = build_status(report, loop=LOOP, can=off, gnss=off)["watch"]
     assert ["fl"] == watch["watched"]
@@ -219,15 +217,15 @@ def test_the_table_says_it_in_words() -> None:
 def test_each_state_has_its_word(state: WheelState, kind: AlarmKind | None, word: str) -> None:
     """The word for a tyre follows from the alarms that stand for it and from its state."""
     active = () if kind is None else (dataclasses.replace(DEFLATION, kind=kind, wheel="fl"),)
-    wheels = (dataclasses.replace(REPORT.wheels[0], state=state),)
-    report = dataclasses.replace(REPORT, wheels=wheels, active=active)
+    wheels = (REPORT.wheels[0]._replace(state=state),)
+    report = REPORT._replace(wheels=wheels, active=active)
     line = render_status(build_status(report, loop=LOOP, can=CAN, gnss=GNSS)).splitlines()[3]
     assert ["front left", word] == [line[:13].strip(), line[14:29].strip()]
 
 
 def test_without_alarms_the_table_says_so() -> None:
     """'No alarms.' stands where alarms would."""
-    quiet = build_status(dataclasses.replace(REPORT, active=()), loop=LOOP, can=CAN, gnss=GNSS)
+    quiet = build_status(REPORT._replace(active=()), loop=LOOP, can=CAN, gnss=GNSS)
     assert "No alarms." == render_status(quiet).splitlines()[8]
 
 
