@@ -26,6 +26,7 @@ from tpmsd.monitor.records import (
     WheelReport,
     WheelState,
 )
+from tpmsd.monitor.sight import Sight
 from tpmsd.resonance.watch import ResonanceState, ResonanceStatus
 from tpmsd.sinks.status_document import LoopHealth, SourceHealth, SourceState, build_status
 
@@ -99,6 +100,22 @@ def test_the_wheels_that_are_not_watched_are_named_with_the_reason() -> None:
     assert watch["all_four_rest_on"].startswith("the receiver alone")
     shown = " ".join(render_status(build_status(report, loop=LOOP, can=off, gnss=off)).split())
     assert "not watched: fr (there is no signal of it); rl (no usable signal of wheel rl)" in shown
+
+
+def test_the_watch_names_the_losses_that_would_not_be_seen() -> None:
+    """A loss of 20 % that is beyond sight now is named, in the document and in the table."""
+    off = SourceHealth(SourceState.OFF)
+    said = {}
+    for least in (0.19, 0.31, 1.0):
+        report = REPORT._replace(sight=Sight(one_tyre=0.12, all_tyres=least))
+        document = build_status(report, loop=LOOP, can=off, gnss=off)
+        said[least] = document["watch"]["cannot_see"]
+        assert {"one_tyre": 12.0, "all_tyres_alike": 100 * least} == document["watch"][
+            "smallest_loss_percent"
+        ]
+        assert bool(said[least]) == ("cannot see now" in render_status(document))
+    of_all = "a loss of 20 % of the pressure of all tyres alike"
+    assert {0.19: [], 0.31: [f"{of_all} (seen from 31 % on)"], 1.0: [of_all]} == said
 
 
 def test_the_document_holds_all_in_the_units_it_states() -> None:

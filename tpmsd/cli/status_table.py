@@ -83,15 +83,20 @@ def _visible(text: str) -> int:
 
 
 def _not_watched_lines(document: Mapping[str, Any], paint: _Paint) -> list[str]:
-    """The wheels that nobody watches; those that are learned show so in the table."""
+    """The wheels that nobody watches, those that are learned show so in the table; what would not be seen."""
     missing = {
         str(name): str(why)
         for name, why in _dict(_dict(document, "watch"), "not_watched").items()
         if why != "its normal radius is being learned"
     }
-    if not missing:
-        return []
-    return [paint("not watched: " + "; ".join(f"{name} ({why})" for name, why in missing.items()), _BOLD)]
+    lines = []
+    if missing:
+        said = "; ".join(f"{name} ({why})" for name, why in missing.items())
+        lines.append(paint(f"not watched: {said}", _BOLD))
+    unseen = _dict(document, "watch").get("cannot_see")
+    if isinstance(unseen, list) and unseen:
+        lines.append(paint("cannot see now: " + "; ".join(map(str, unseen)), _DIM))
+    return lines
 
 
 def _heading(document: Mapping[str, Any]) -> str:

@@ -19,6 +19,7 @@ from tpmsd.monitor.hypotheses import Comparison, Verdict, subsets
 from tpmsd.monitor.nuisance import Nuisance, mean_share
 from tpmsd.monitor.probability import normal_cdf
 from tpmsd.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
+from tpmsd.monitor.sight import Sight, sight
 from tpmsd.physics.motion import driven_mask
 from tpmsd.physics.tyre import tyre_model
 from tpmsd.resonance.evidence import ResonanceEvidence
@@ -64,7 +65,9 @@ class Judgement:
     finding: Finding | None = None
     """What sees the most of a loss."""
     account: int | None = None
-    """The likeliest of the drive's `Accounts`, where neither this moment nor the last minutes show a loss."""
+    """The likeliest of the drive's `Accounts`, where it alone shows a loss."""
+    sight: Sight | None = None
+    """Which losses would be seen; None before anything was judged."""
     drive_models: dict[str, float] = field(default_factory=dict)
     """Posterior probability of each drive model; empty while the drive is too short."""
 
@@ -121,6 +124,7 @@ class Judge:
             share = settings.deflation_pressure_percent / 100.0
             losses = [-one.radius_change_m(share) for one in self._tyres]
             self._threshold = float(np.mean(np.array(losses) / self._radius))
+        self._asked = settings.raise_probability
         self._limit_m = settings.deviation_percent / 100.0 * self._radius
         grip = next(model for model in DRIVE_EVIDENCE.models if model.name == DRIVE_EVIDENCE.low_grip)
         self._driven = driven_mask(vehicle.driven_axle)[wheels]
@@ -176,6 +180,10 @@ class Judge:
             # Driven wheels that spin for a moment are off by far more than the model of low grip has.
             by_drive = of_drive.verdict.deflated * np.where(self._driven, 1.0 - low_grip, 1.0)
         deflated = self._deflated(at_once.verdict, lately.verdict, mean.samples, by_drive)
+        account = None
+        if of_drive is not None:
+            else_ = self._deflated(at_once.verdict, lately.verdict, mean.samples, None)
+            account = of_drive.account if else_.max() <= JUDGE.undecided < deflated.max() else None
         return Judgement(
             change_m=self._on_all(now.change_m),
             change_std_m=self._on_all(std),
@@ -188,7 +196,8 @@ class Judge:
             contrast_std_m=_contrast_std(now.covariance_m2),
             now=now,
             finding=finding,
-            account=None if _shows(at_once) or _shows(lately) else finding.account,
+            account=account,
+            sight=self._sight(mean, mean_m2, of_drive),
             drive_models=models,
         )
 
@@ -205,6 +214,14 @@ class Judge:
         if by_drive is not None:
             return np.maximum(at_once, by_drive)
         return np.maximum(at_once, mean.deflated) if samples >= JUDGE.full_samples else at_once
+
+    def _sight(self, mean: Change, mean_m2: FloatArray, of_drive: Finding | None) -> Sight:
+        """One tyre is seen by the mean over minutes, all alike by the drive as a whole, or if there is none
+        by a mean that is long enough."""
+        all_m2 = None if mean.samples < JUDGE.full_samples else mean_m2
+        if of_drive is not None:
+            all_m2 = of_drive.covariance_m2
+        return sight(mean_m2, all_m2, self._radius, self._tyres, self._threshold, self._asked)
 
     def _deviates(self, now: Change, tolerance_m2: FloatArray, low_grip: float) -> FloatArray:
         """(d,) probability of a change beyond the limit. What driven wheels slip at low grip is none."""
@@ -269,10 +286,6 @@ class Judge:
         out = np.full(4, math.nan)
         out[self._wheels] = values
         return out
-
-
-def _shows(finding: Finding) -> bool:
-    return float(finding.verdict.deflated.max()) > JUDGE.undecided
 
 
 def _contrast_std(covariance_m2: FloatArray) -> float:

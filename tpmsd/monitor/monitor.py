@@ -61,8 +61,7 @@ class Monitor:
         self._judged = Judgement.unknown()
         self._told = (self._judged, self._judged.by_wheel())
         """What was judged, and the same as plain numbers."""
-        self._trusted = True
-        self._restored = False
+        self._trusted, self._restored = True, False
         self._since_seen_s = math.inf
         """Since the wheels were last known well enough to see a soft one."""
         radius = float(np.mean(np.array(vehicle.wheel_radius_m)[self._wheels]))
@@ -148,6 +147,7 @@ class Monitor:
             events=tuple(events),
             learning_fraction=self.baseline.fraction,
             learning=self._learning,
+            sight=self._judged.sight,
         )
 
     def car_states(self, kmh: int) -> None:
@@ -173,8 +173,8 @@ class Monitor:
             changes = judging.changes(estimate, self._judge.harmless_m2)
             if changes is None:
                 return []
-            accounts = judging.accounts(alarm_stands=bool(self._standing))
-            self._judged = self._judge.judge(*changes, self._resonance, self._sets.other_tyres, accounts)
+            drive = judging.accounts(alarm_stands=bool(self._standing))
+            self._judged = self._judge.judge(*changes, self._resonance, self._sets.other_tyres, drive)
             self._since_seen_s = 0.0 if self._judged.contrast_std_m <= self._seen_m else math.inf
             self._why.judged(estimate, self._judged, self._resonance)
             trusted = self._judged.trusted(judging.settled) and not self._standing

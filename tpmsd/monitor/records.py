@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, Literal, NamedTuple
 
+from tpmsd.monitor.sight import Sight
+
 
 class WheelState(StrEnum):
     """What is being done for one wheel."""
@@ -128,3 +130,5 @@ class MonitorReport(NamedTuple):
     learning_fraction: float
     """How much of the baseline is learned, 0 to 1."""
     learning: LearningReport | None = None
+    sight: Sight | None = None
+    """Which losses would be seen now; None before anything was judged."""

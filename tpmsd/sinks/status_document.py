@@ -23,6 +23,7 @@ from tpmsd.monitor.records import (
     WheelReport,
     WheelState,
 )
+from tpmsd.monitor.sight import Sight
 from tpmsd.plain import finite, millimetres
 from tpmsd.resonance.watch import ResonanceStatus
 from tpmsd.sinks.status_version import DOCUMENT_VERSION
@@ -130,7 +131,31 @@ def _watch(report: MonitorReport) -> dict[str, Any]:
             of_all = [alarm.reason for alarm in malfunctions if alarm.wheel is None]
             not_watched[wheel.wheel] = (of_it + of_all + ["there is no signal of it"])[0]
     watched = [wheel.wheel for wheel in report.wheels if wheel.wheel not in not_watched]
-    return {"watched": watched, "not_watched": not_watched, "all_four_rest_on": ALL_FOUR}
+    return {
+        "watched": watched,
+        "not_watched": not_watched,
+        "all_four_rest_on": ALL_FOUR,
+        **_sight(report.sight),
+    }
+
+
+LOW = 0.2
+"""Share of the pressure: the loss that is to be seen (UN R141)."""
+
+
+def _sight(sight: Sight | None) -> dict[str, Any]:
+    """The smallest losses that would be seen now, and whose 20 % would not be."""
+    if sight is None:
+        return {"smallest_loss_percent": None, "cannot_see": []}
+    losses = {"one tyre": sight.one_tyre, "all tyres alike": sight.all_tyres}
+    cannot_see = [
+        f"a loss of 20 % of the pressure of {what}"
+        + ("" if least >= 1.0 else f" (seen from {100.0 * least:.0f} % on)")
+        for what, least in losses.items()
+        if least > LOW
+    ]
+    percent = {what.replace(" ", "_"): finite(100.0 * least) for what, least in losses.items()}
+    return {"smallest_loss_percent": percent, "cannot_see": cannot_see}
 
 
 def _resonance(report: MonitorReport | None, resonance: Sequence[ResonanceStatus]) -> dict[str, Any]:

@@ -1,0 +1,34 @@
+"""Which losses would be seen: held against what the comparison of hypotheses then says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tpmsd.config.model import TyreConfig
+from tpmsd.monitor.hypotheses import Comparison
+from tpmsd.monitor.sight import sight
+from tpmsd.physics.tyre import tyre_model
+
+RADIUS = np.full(4, 0.316)
+THRESHOLD, ASKED = 0.0025, 0.99
+TYRES = [tyre_model(TyreConfig(), 0.316)] * 4
+
+
+@pytest.mark.parametrize("common", [1e-4, 5e-4, 1.2e-3])
+@pytest.mark.parametrize("own", [1e-4, 4e-4])
+def test_the_smallest_losses_are_those_that_would_be_raised(common: float, own: float) -> None:
+    """A tenth more than the smallest loss is raised, of one tyre and of all alike; a quarter less is not."""
+    covariance = (np.full((4, 4), common**2) + np.eye(4) * own**2) * 0.316**2
+    found = sight(covariance, covariance, RADIUS, TYRES, THRESHOLD, ASKED)
+    for share, lost in ((found.one_tyre, np.array([1.0, 0.0, 0.0, 0.0])), (found.all_tyres, np.ones(4))):
+        least_m = -TYRES[0].radius_change_m(share)
+        for times, raised in ((1.1, True), (0.75, False)):
+            verdict = Comparison(RADIUS, THRESHOLD).of(-times * least_m * lost, covariance)
+            assert raised == bool(verdict.deflated[0] >= ASKED), (times, verdict.deflated)
+
+
+def test_where_all_are_not_judged_no_loss_of_theirs_is_seen() -> None:
+    """Not even that of all their air."""
+    found = sight(np.eye(4) * 1e-8, None, RADIUS, TYRES, THRESHOLD, ASKED)
+    assert (1.0, True) == (found.all_tyres, found.one_tyre < 0.15)
