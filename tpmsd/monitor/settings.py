@@ -110,9 +110,11 @@ class JudgeSettings:
     losses: tuple[float, float, int] = (0.0008, 0.05, 24)
     """Least and greatest relative loss considered and their number, in equal ratios: 0.46 % is a 20 % loss
     of pressure, 5 % a flat tyre."""
-    prior_by_size: tuple[float, float, float, float] = (1e-3, 3e-4, 1e-4, 1e-3)
-    """Prior probability of each subset of one to four wheels: one tyre loses air more often than two or
-    three at once; all four lose it together, by diffusion and neglect."""
+    losses_per_km: tuple[float, float, float, float] = (4.5e-6, 1.4e-6, 4.5e-7, 4.5e-6)
+    """How often each subset of one to four tyres loses air: one tyre in 220,000 km, two or three at once more
+    rarely, all four by diffusion and neglect as often as one (docs/explanation/alarms.md has the sources)."""
+    unseen_km: float = 220.0
+    """Over which a loss may have gone unseen, in a week of 12,000 km a year: a prior of 1 in 1,000."""
     prior_larger: float = 1e-4
     """Prior probability of each wheel that it is larger than was learned: a new tyre of which nobody told,
     as rare as three tyres that lose air at once.
@@ -145,6 +147,11 @@ class JudgeSettings:
     which a tyre that has lost 20 % (1.8 thresholds) is seen."""
     seen_fresh_s: float = 2.5
     """After the last judgement with such a standard deviation: two may fail."""
+
+    @property
+    def prior_by_size(self) -> tuple[float, ...]:
+        """Prior probability of each subset of one to four wheels."""
+        return tuple(rate * self.unseen_km for rate in self.losses_per_km)
 
 
 @dataclass(frozen=True, slots=True)
