@@ -94,7 +94,8 @@ def test_lines_alike_but_for_one_character(line: str, changes: list[tuple[int, s
 
 
 @pytest.mark.parametrize(
-    "stamp", ["1719820800.012345678", "999999999999.999999999", "9999999999.999999", "0.1"]
+    "stamp",
+    ["1719820800.012345678", "999999999999.999999999", "9999999999.999999", "18446744073.709551616", "0.1"],
 )
 def test_stamps_are_those_of_float(stamp: str) -> None:
     """Nanoseconds since 1970 have more digits than a double: they are rounded as Python rounds them."""

@@ -14,7 +14,8 @@
 /* As in `candump_line`, `signal_plan` and `can_block`. */
 #define ERROR_FLAG 0x20000000u
 #define EXTENDED 0x80000000u
-enum { MAX_STANDARD = 0x7FF, CLASSIC_BYTES = 8, WHOLE_DIGITS = 12, FRACTION_DIGITS = 9 };
+enum { MAX_STANDARD = 0x7FF, CLASSIC_BYTES = 8 };
+enum { WHOLE_DIGITS = 10, FRACTION_DIGITS = 9 }; /* 19 in all, which 64 bits hold */
 /* A stamp of fewer digits is exact as an integer and so is its division by a power of ten. */
 static const uint64_t EXACT_BELOW = 9000000000000000u;
 static const double TENS[FRACTION_DIGITS + 1] = {1, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9};
