@@ -15,9 +15,12 @@ DEV := $(VENV)/.dev-$(SETUP_ID)
 # Tests run on all cores, one per process: numpy's own threads would only fight for the same cores.
 PYTEST_JOBS ?= auto
 PYTEST_ARGS ?=
-# Whole drives and every command's manual page are left to `make test`.
+# Whole drives, recordings, every command's manual page and hostile archives are left to `make test`.
 FAST = tests/test_house.py tests/config tests/cli tests/sinks tests/sources_can tests/timeline tests/gnss \
-	--ignore=tests/cli/test_explain.py --ignore=tests/cli/test_completion.py
+	--ignore=tests/cli/test_explain.py --ignore=tests/cli/test_completion.py \
+	--ignore=tests/timeline/test_block_source.py --ignore=tests/timeline/test_tick_source_pace.py \
+	--ignore=tests/sources_can/test_packed_bounds.py --ignore=tests/sources_can/test_candump_text.py \
+	--ignore=tests/sources_can/test_recordings.py --ignore=tests/gnss/test_recordings.py
 # The live path, from frames to alarms; measured by the tests of these packages alone.
 CORE = config sources timeline estimators monitor sinks pipeline physics inference resonance vehicle_state
 CORE_TESTS = tests/config tests/sources_can tests/gnss tests/timeline tests/estimators tests/monitor tests/sinks \
