@@ -14,7 +14,7 @@ from tests.resonance.test_watch import RADIUS_M, drive, readings
 from tpmsd.config.load import load_config
 from tpmsd.config.model import MonitorConfig
 from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.monitor.hypotheses import compare, subsets
+from tpmsd.monitor.hypotheses import Comparison, Verdict, subsets
 from tpmsd.monitor.monitor import Monitor
 from tpmsd.monitor.records import MonitorReport
 from tpmsd.pipeline import Pipeline
@@ -25,16 +25,21 @@ from tpmsd.simulator.drive_writer import write_drive
 from tpmsd.sources.can_decoder import load_database
 from tpmsd.sources.events import RotationSample
 from tpmsd.timeline.tick import Tick
+from tpmsd.wheels import FloatArray
 
-ONE = {"change_m": np.array([-0.0012]), "covariance_m2": np.array([[4e-8]]), "radius_m": np.array([0.3])}
 RL_SOFT = ResonanceEvidence((0, 1, 2, 3), {one: 4.0 * ((2,) == one) for one in [(), *subsets(4)]})
 """A resonance that speaks for the rear left wheel alone, with e^4 to 1."""
 
 
+def of_one_wheel(log_ratios: FloatArray | None) -> Verdict:
+    """Of a wheel of 0.3 m that is 1.2 +- 0.2 mm smaller, with a witness beside the radii."""
+    comparison = Comparison(np.array([0.3]), 0.0025, log_ratios)
+    return comparison.of(np.array([-0.0012]), np.array([[4e-8]]))
+
+
 def test_a_log_ratio_is_added_to_the_odds_of_the_radii() -> None:
     """For one wheel the odds of a loss rise by just the ratio, and so does the share beyond the threshold."""
-    alone = compare(**ONE, threshold=0.0025)
-    together = compare(**ONE, threshold=0.0025, log_ratios=np.array([1.5]))
+    alone, together = of_one_wheel(None), of_one_wheel(np.array([1.5]))
     odds = [(1.0 - verdict.none) / verdict.none for verdict in (alone, together)]
 
     assert math.exp(1.5) == pytest.approx(odds[1] / odds[0])
@@ -45,7 +50,7 @@ def test_a_log_ratio_is_added_to_the_odds_of_the_radii() -> None:
 
 def test_ratios_of_one_change_nothing() -> None:
     """Evidence that speaks for nobody leaves the verdict as it is."""
-    alone, together = (compare(**ONE, threshold=0.0025, log_ratios=r) for r in (None, np.zeros(1)))
+    alone, together = of_one_wheel(None), of_one_wheel(np.zeros(1))
 
     assert alone.none == together.none
     assert alone.deflated.tolist() == together.deflated.tolist()
