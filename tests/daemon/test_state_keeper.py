@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import logging
 import threading
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -268,6 +269,36 @@ def test_what_was_saved_is_what_is_restored(tmp_path: Path) -> None:
     restored = StateKeeper(config, LOG).restored(lambda: Pipeline(config, database))
 
     assert json.dumps(snapshot["monitor"]) == json.dumps(restored.snapshot()["monitor"])
+
+
+def test_a_state_of_a_version_without_the_table_of_teeth_stays_valid(tmp_path: Path) -> None:
+    """The digest of a car with one number of teeth is that of before the table; a table is another car."""
+    config, _ = car(tmp_path)
+    vehicle = asdict(config.vehicle)
+    assert vehicle.pop("teeth_by_wheel") is None
+    before = json.dumps({"vehicle": vehicle, "signals": config.can.signals}, sort_keys=True)
+    other = replace(config, vehicle=replace(config.vehicle, teeth_by_wheel=(48.0, 48.0, 44.0, 44.0)))
+
+    assert hashlib.sha256(before.encode()).hexdigest() == fingerprint(config)
+    assert fingerprint(other) != fingerprint(config)
+
+
+def test_a_state_that_cannot_be_read_is_said_and_done_without(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A folder in the file's place: one warning, and a car that learns anew."""
+    state, config = keeper(tmp_path)
+    assert config.state.file is not None
+    config.state.file.mkdir()
+    made = []
+
+    def make() -> Pipeline:
+        made.append(Pipeline(*car(tmp_path)))
+        return made[-1]
+
+    assert made == [state.restored(make)]
+    (line,) = caplog.messages
+    assert line.endswith("starting without it")
 
 
 def test_without_a_file_nothing_is_kept(tmp_path: Path) -> None:
