@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from bench.campaigns.diagnosis.draw import draw_case
+from bench.worlds.folder import write_folder
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
 from tests.physics.motions import car
+from tpmsd.api.drive import load
+from tpmsd.api.functions import recording_of as read
 from tpmsd.diagnosis.assessment.lost_counts import missed
 from tpmsd.diagnosis.counters.missed import missed_counts
 from tpmsd.diagnosis.prepared.study import Study
@@ -84,6 +89,15 @@ def test_what_comes_and_goes_with_bends_is_no_loss() -> None:
     rotation[:, RL] *= 1.0 - 3e-3 * (turn - turn.mean())
 
     assert [] == missed_counts(dataclasses.replace(recording, rotation_rad=rotation), reference(recording))
+
+
+def test_the_ripple_of_a_rear_ring_is_none_of_the_front_wheels(tmp_path: Path) -> None:
+    """A rear ring that is far off centre moves the motion that the frames tell, and no front wheel loses."""
+    case = draw_case("tone_ring_error", 2.0, 8)
+    write_folder(drive(dataclasses.replace(case.spec, duration_s=420.0), case.world_seed), tmp_path)
+    recording = read(load(tmp_path))
+
+    assert [] == missed_counts(recording, reference(recording))
 
 
 def test_coarse_rings_tell_nothing() -> None:

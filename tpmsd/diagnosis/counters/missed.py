@@ -82,9 +82,16 @@ def _pair(recording: Recording, reference: Reference, axle: tuple[int, int]) -> 
     read = np.isfinite(rotation).all(axis=1)
     angle = np.concatenate([np.zeros((1, 2)), np.cumsum(np.nan_to_num(rotation), axis=0)])
     speeds = wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, car.geometry)[:, wheels]
-    ahead = angle - integrate(speeds, motion.time_s) / car.radius_m[wheels]
-    between: FloatArray = ahead[:, 0] - ahead[:, 1]
-    rapid = between - gaussian(between, SETTINGS.counters.ripple_high_pass_s / dt_s, NEAREST)
+    rolled = integrate(speeds, motion.time_s) / car.radius_m[wheels]
+    high_pass = SETTINGS.counters.ripple_high_pass_s / dt_s
+    by_motion: FloatArray = rolled[:, 0] - rolled[:, 1]
+    if axle == (
+        FL,
+        FR,
+    ):  # the motion has the ripple of the rear wheels, which would pass for one of the front's
+        by_motion = gaussian(by_motion, high_pass, NEAREST)
+    between: FloatArray = angle[:, 0] - angle[:, 1] - by_motion
+    rapid = between - gaussian(between, high_pass, NEAREST)
     slow = gaussian(between, SETTINGS.counters.missed_smoothing_s / dt_s, NEAREST)
     unread = np.where(read, 0.0, 1.0)
     broken = gaussian(unread, SETTINGS.counters.missed_smoothing_s / dt_s) > 0.02
@@ -144,7 +151,12 @@ def _whole(other: FloatArray) -> np.ndarray:
 
 
 def _power(pair: _Pair, side: int, come_and_go: bool) -> FloatArray:
-    """(shares,) log-likelihood gain of a ripple in the angle with each share put back, over the blocks."""
+    """(shares,) log-likelihood gain of a ripple in the angle with each share put back, over the blocks.
+
+    The noise that counts is that near one period per turn: roads and frames make more of it there than
+    elsewhere. It is the median over the shares, of which a ripple takes one in a block's resolution of many;
+    that of an exponential distribution is log 2 of its mean.
+    """
     shares = SETTINGS.counters.missed_shares
     out = np.zeros(len(shares))
     variance = float(pair.ripple.var())
@@ -154,5 +166,6 @@ def _power(pair: _Pair, side: int, come_and_go: bool) -> FloatArray:
         put_back = pair.less[here, side] if come_and_go else 0.0
         wave = pair.ripple[here] * np.exp(-1j * (angle + put_back))
         power = np.square(np.abs(np.exp(-1j * np.outer(shares, angle)) @ wave))
-        out += power / (len(here) * variance)
+        near = float(np.median(power)) / math.log(2.0)
+        out += power / max(len(here) * variance, near)
     return out
