@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-from tpmsd.monitor.sight import Sight
+if TYPE_CHECKING:
+    from tpmsd.monitor.sight import Sight  # with numpy, which `tpmsd status` does without
 
 
 class WheelState(StrEnum):
