@@ -100,7 +100,7 @@ REFUSED: dict[str, tuple[Damage, int, str]] = {
     "text as asc": (renamed("can.log", "can.asc"), 3, "can.asc: no CAN frame in it"),
     "text as blf": (renamed("can.log", "can.blf"), 3, "can.blf: no CAN frame in it"),
     "two logs": (put("can.asc", b"x"), 3, "more than one CAN log (can.asc can.log)"),
-    "a folder for a log": (a_folder_for("can.log"), 3, "no CAN log"),
+    "a folder for a log": (a_folder_for("can.log"), 3, "can.log: not a file"),
     "wrong DBC": (
         put("bus.dbc", OTHER_DBC.encode()),
         2,

@@ -497,7 +497,7 @@ def test_an_alarm_of_all_wheels_says_that_it_rests_on_the_receiver() -> None:
     for change in ((-0.006,) * 4, (-0.006, 0.0, 0.0, 0.0)):
         player = Player(monitor())
         player.play(300.0)
-        events = player.play(240.0, change)
+        events = player.play(420.0, change)
         raised = [e for e in events if e.kind is AlarmKind.DEFLATION]
         raised.sort(key=lambda e: WHEELS.index(e.wheel or ""))
         reasons[tuple(e.wheel for e in raised)] = ["the receiver's speed alone" in e.reason for e in raised]

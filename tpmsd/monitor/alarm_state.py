@@ -20,8 +20,12 @@ class Hysteresis:
     active: bool = False
     held_s: float = 0.0
 
-    def update(self, probability: float, elapsed_s: float) -> Literal["raised", "cleared"] | None:
+    def update(
+        self, probability: float, elapsed_s: float, least_hold_s: float = 0.0
+    ) -> Literal["raised", "cleared"] | None:
         """Take the probability that held for `elapsed_s`; the change it brings, if any.
+
+        `least_hold_s`: an alarm that is not raised yet has to last for so long at least.
 
         Never on a single reading: the first reading beyond a threshold only starts the hold.
         """
@@ -29,7 +33,7 @@ class Hysteresis:
         if not beyond:
             self.held_s = 0.0
             return None
-        hold = self.clear_hold_s if self.active else self.raise_hold_s
+        hold = self.clear_hold_s if self.active else max(self.raise_hold_s, least_hold_s)
         if self.held_s == 0.0:
             self.held_s = 1e-9
             return None

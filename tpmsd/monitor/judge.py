@@ -76,6 +76,12 @@ class Judgement:
         """Whether the most probable loss is one of all wheels: then only the receiver tells it from none."""
         return self.finding is not None and bool(np.all(self.finding.verdict.best_loss_m > 0.0))
 
+    @property
+    def least_hold_s(self) -> float:
+        """For how long an alarm has to last: what rests on the receiver's speed alone until that was held
+        against its own positions."""
+        return JUDGE.alike_hold_s if self.all_alike else 0.0
+
     def trusted(self, settled: bool) -> bool:
         """Whether the baseline may learn; `settled`: whether it has been learned once."""
         return self.suspicion < (JUDGE.suspicious if settled else JUDGE.suspicious_at_first)

@@ -184,7 +184,7 @@ class Monitor:
                     alarm.held_s = 0.0
                     continue  # its baseline is that of a tyre that was soft already
                 probability = self._probability(kind, wheel)
-                turned = alarm.update(probability, elapsed_s)
+                turned = alarm.update(probability, elapsed_s, self._judged.least_hold_s)
                 if turned is not None:
                     events.append(self._tyre_event(kind, wheel, turned, probability, tick, estimate))
                     judging.alarm_turned(self._judged.account if turned == "raised" else None)

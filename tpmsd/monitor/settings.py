@@ -110,6 +110,9 @@ class JudgeSettings:
     losses: tuple[float, float, int] = (0.0008, 0.05, 24)
     """Least and greatest relative loss considered and their number, in equal ratios: 0.46 % is a 20 % loss
     of pressure, 5 % a flat tyre."""
+    alike_hold_s: float = 180.0
+    """An alarm of all wheels rests on the receiver's speed alone, which is held against its positions over so
+    long (`estimators.path_length`): a receiver whose speed drifts is a malfunction by then."""
     losses_per_km: tuple[float, float, float, float] = (4.5e-6, 1.4e-6, 4.5e-7, 4.5e-6)
     """How often each subset of one to four tyres loses air: one tyre in 220,000 km, two or three at once more
     rarely, all four by diffusion and neglect as often as one (docs/explanation/alarms.md has the sources)."""
