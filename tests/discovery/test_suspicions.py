@@ -6,12 +6,15 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bench.campaigns.drawn_buses import LAYOUTS, DrawnBus, draw
 from tpmsd.cli.main import main
 from tpmsd.config.dbc import load_dbc
 from tpmsd.config.model import CanConfig, Config, GnssConfig, SignalOptions
+from tpmsd.discovery.material import prepare
+from tpmsd.discovery.other_roles import find_gyro
 from tpmsd.discovery.suspicions import Suspicion, suspicions
 from tpmsd.sources.events import GnssFix
 from tpmsd.wheels import WHEELS
@@ -123,6 +126,22 @@ def test_other_signals_of_the_wrong_size(tmp_path: Path) -> None:
     for expected, option in wrong.items():
         found = ask(replace(fitted, can=replace(fitted.can, options=option)), bus)
         assert [expected] == [(one.key, one.suspicion) for one in found]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_gyro_of_either_sign_is_turned_also_where_cells_are_unknown(tmp_path: Path, sign: float) -> None:
+    """Cells without readings leave the gyro's sign to be seen, and with it which wheels are left."""
+    bus = drawn(CARS[1])
+    config = right(bus, tmp_path)
+    found = prepare(bus.log, bus.fixes, load_dbc(config.can.dbc))
+    gyro = next(one for one in found.series if one.field.unit == "deg/s" and one.kind == "value")
+    rate = sign * gyro.rate
+    rate[np.flatnonzero(found.reference.moving)[100::100]] = np.nan
+    told = find_gyro([replace(gyro, rate=rate)], found.reference)
+
+    assert told is not None
+    both = np.isfinite(told) & np.isfinite(found.reference.yaw_radps)
+    assert 0.9 < np.corrcoef(told[both], found.reference.yaw_radps[both])[0, 1]
 
 
 @pytest.mark.parametrize("offset_s", [1.0, -3.0, 10.0, -45.0, 3600.0])

@@ -56,10 +56,11 @@ def find_gyro(
             continue
         factor, _ = to_si("yaw_rate", one.field.unit)
         value = physical(one) * factor
-        rows = reference.moving & np.isfinite(value) & np.isfinite(course)
+        slow = smooth(value)  # unknown beside cells that are
+        rows = reference.moving & np.isfinite(slow) & np.isfinite(course)
         if rows.sum() < 40 or not np.ptp(value[rows]) > 0:
             continue
-        r = float(np.corrcoef(smooth(value)[rows], course[rows])[0, 1])
+        r = float(np.corrcoef(slow[rows], course[rows])[0, 1])
         if abs(r) < 0.4 or (best is not None and abs(r) <= best[0]):
             continue
         slope = float(np.std(value[rows])) / max(float(np.std(course[rows])), 1e-9)
