@@ -46,7 +46,7 @@ def test_the_document_has_the_form_that_others_rely_on(out: Path) -> None:
     assert "s2" == finding["parameters"]["coefficient"]["unit"]
     assert ("wheel_ratio", "accel_lat") == (finding["where"]["channel"], finding["where"]["covariate"])
     assert finding["heldout"]["rms_after"] < finding["heldout"]["rms_before"]
-    assert {"significant", "where"} == set(document["unexplained"])
+    assert {"significant", "where", "radius_drift"} == set(document["unexplained"])
 
 
 def test_the_extended_model_can_be_taken_up_again(out: Path) -> None:

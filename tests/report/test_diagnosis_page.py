@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import re
 from dataclasses import replace
@@ -12,11 +13,20 @@ import pytest
 from tests.report.pages import ORIGIN, Page
 from tests.report.test_alarms_compared import LEAK
 from tpmsd.diagnosis.assessment.reach import ChannelReach, Reach
-from tpmsd.diagnosis.assessment.result import Diagnosis, Finding, Ground, Inner, Quantity, Trace, Where
+from tpmsd.diagnosis.assessment.result import (
+    Diagnosis,
+    Finding,
+    Ground,
+    Inner,
+    Quantity,
+    RadiusDrift,
+    Trace,
+    Where,
+)
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.report.diagnosis_document import diagnosis_document
 from tpmsd.report.diagnosis_page import diagnosis_page
-from tpmsd.report.diagnosis_summary import diagnosis_summary, reached
+from tpmsd.report.diagnosis_summary import diagnosis_summary, left_over, reached
 
 SHAPE = Finding(
     effect="unknown",
@@ -100,6 +110,51 @@ def test_the_summary_says_where_a_shape_goes() -> None:
 def test_what_is_left_is_said_in_a_sentence(reach: Reach, sentence: str) -> None:
     """Noise, structure, or nothing to reach at all."""
     assert sentence == reached(reach)
+
+
+WANDER = RadiusDrift(7e-4, 60.0, "monday", Where(("rl", "rr"), "wheel_ratio", "time", (0.0, 600.0)))
+ALL = replace(REACH, left=-15.0, left_std=34.0)
+NOTHING_LEFT = reached(ALL)
+ALL_REACHED = replace(FOUND, reach=ALL)
+
+
+@pytest.mark.parametrize(
+    ("diagnosis", "sentences"),
+    [
+        (ALL_REACHED, [NOTHING_LEFT]),
+        (
+            replace(ALL_REACHED, drift=WANDER),
+            [
+                NOTHING_LEFT,
+                "All of this is beside radii of monday that drift by 0.07 % within 60 s (rl rr), more than "
+                "tyres and roads make them: this is taken as noise, and its cause is not known.",
+            ],
+        ),
+        (
+            replace(ALL_REACHED, unexplained=WANDER.where),
+            [
+                NOTHING_LEFT,
+                "One more term alone would still explain structure: differences between wheels (rl rr), "
+                "over time from 0 to 600 s.",
+            ],
+        ),
+    ],
+)
+def test_what_is_left_is_told_without_contradiction(diagnosis: Diagnosis, sentences: list[str]) -> None:
+    """Drift that passes for noise is said to be that, on page and in summary, and not what is unexplained."""
+    page = diagnosis_page(diagnosis, ["monday"], ORIGIN)
+    summary = diagnosis_summary(diagnosis, None)
+    assert sentences == left_over(diagnosis)
+    assert all(one in summary for one in sentences)
+    assert all(one in html.unescape(page) for one in sentences)
+    assert "Still unexplained" not in page
+
+
+def test_drift_that_passes_for_noise_is_a_number_in_the_document() -> None:
+    """It counts as unexplained, with its size."""
+    document = diagnosis_document(replace(FOUND, drift=WANDER), None)["unexplained"]
+    assert (True, ["rl", "rr"]) == (document["significant"], document["where"]["wheels"])
+    assert {"relative_std": 7e-4, "time_constant_s": 60.0, "drive": "monday"} == document["radius_drift"]
 
 
 def test_the_document_has_what_was_reached() -> None:

@@ -10,7 +10,7 @@ from dataclasses import asdict
 from typing import Any
 
 from tpmsd.diagnosis.assessment.reach import Reach
-from tpmsd.diagnosis.assessment.result import Diagnosis, Finding, Where
+from tpmsd.diagnosis.assessment.result import Diagnosis, Finding, RadiusDrift, Where
 from tpmsd.report.alarms_compared import AlarmsCompared, alarms_document
 
 
@@ -18,6 +18,8 @@ def diagnosis_document(
     diagnosis: Diagnosis, model_file: str | None, alarms: Sequence[AlarmsCompared] = ()
 ) -> dict[str, Any]:
     """The document; `model_file` is where the extended model was written, `alarms` one entry per drive."""
+    drift = diagnosis.drift
+    unexplained = diagnosis.unexplained or (None if drift is None else drift.where)
     document: dict[str, Any] = {
         "verdict": diagnosis.verdict,
         "reason": diagnosis.reason or None,
@@ -28,8 +30,9 @@ def diagnosis_document(
         },
         "findings": [_finding(finding) for finding in diagnosis.findings],
         "unexplained": {
-            "significant": diagnosis.unexplained is not None,
-            "where": None if diagnosis.unexplained is None else _where(diagnosis.unexplained),
+            "significant": unexplained is not None,
+            "where": None if unexplained is None else _where(unexplained),
+            "radius_drift": None if drift is None else _drift(drift),
         },
         "certificate": _certificate(diagnosis),
         "model_file": model_file,
@@ -131,6 +134,14 @@ def _finding(finding: Finding) -> dict[str, Any]:
     if finding.shape:
         out["shape"] = [{"at": x, "value": value, "std": std} for x, value, std in finding.shape]
     return out
+
+
+def _drift(drift: RadiusDrift) -> dict[str, Any]:
+    return {
+        "relative_std": drift.relative_std,
+        "time_constant_s": drift.time_constant_s,
+        "drive": drift.drive or None,
+    }
 
 
 def _where(where: Where) -> dict[str, Any]:

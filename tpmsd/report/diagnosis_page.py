@@ -24,11 +24,10 @@ from tpmsd.report.diagnosis_figures import (
 from tpmsd.report.diagnosis_summary import (
     CHANNELS,
     diagnosis_summary,
-    explained,
+    left_over,
     p_text,
     place,
     quantity_text,
-    reached,
 )
 from tpmsd.report.page import Cell, Drawn, Origin, Table, Tile, drawn, render
 from tpmsd.report.replay_result import ReplayResult
@@ -238,10 +237,7 @@ def _confounded(diagnosis: Diagnosis) -> Table:
 
 
 def _reached(diagnosis: Diagnosis) -> list[str]:
-    out = [] if diagnosis.reach is None else [reached(diagnosis.reach)]
-    out += [text for text in map(explained, diagnosis.explanatory) if text]
-    if diagnosis.unexplained is not None:
-        out.append(f"Still unexplained: {place(diagnosis.unexplained)}.")
+    out = left_over(diagnosis)
     removed = diagnosis.down_weighted
     if removed is not None and removed.share >= 0.005:
         spans = ", ".join(f"{drive_time(start)} to {drive_time(end)}" for start, end in removed.time_spans)

@@ -79,16 +79,32 @@ def _found(diagnosis: Diagnosis, model_file: str | None) -> str:
 
 
 def _rest(diagnosis: Diagnosis) -> str:
-    text = f"\n{reached(diagnosis.reach)}" if diagnosis.reach is not None else ""
-    if diagnosis.unexplained is not None:
-        text += f"\nThe residual still varies systematically: {place(diagnosis.unexplained)}."
-    for told in filter(None, map(explained, diagnosis.explanatory)):
-        text += f"\n{told}"
+    text = "".join(f"\n{sentence}" for sentence in left_over(diagnosis))
     if diagnosis.proposals:
         text += "\nClosed forms for what has no name, with their held-out gains in its place:"
     for one in diagnosis.proposals:
         text += f"\n  {one.coefficient:.3g} * {one.formula} on {one.on}: {one.heldout_gain:.1f} nats"
     return text
+
+
+def left_over(diagnosis: Diagnosis) -> list[str]:
+    """What the findings leave, in sentences that hold side by side."""
+    out = [] if diagnosis.reach is None else [reached(diagnosis.reach)]
+    if diagnosis.unexplained is not None:
+        but = "One more term alone would" if out and not _structured(diagnosis) else "One more term would"
+        out.append(f"{but} still explain structure: {place(diagnosis.unexplained)}.")
+    if (drift := diagnosis.drift) is not None:
+        of = f" of {drift.drive}" if drift.drive else ""
+        out.append(
+            f"All of this is beside radii{of} that drift by {100 * drift.relative_std:.2g} % within"
+            f" {drift.time_constant_s:.0f} s ({' '.join(drift.where.wheels)}), more than tyres and roads make"
+            " them: this is taken as noise, and its cause is not known."
+        )
+    return out + [text for text in map(explained, diagnosis.explanatory) if text]
+
+
+def _structured(diagnosis: Diagnosis) -> bool:
+    return diagnosis.reach is not None and diagnosis.reach.structured
 
 
 def reached(reach: Reach) -> str:

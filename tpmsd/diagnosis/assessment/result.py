@@ -127,6 +127,19 @@ class Finding:
 
 
 @dataclass(frozen=True)
+class RadiusDrift:
+    """Radii that drift more than tyres and roads make them: the model takes it as noise, and does not explain
+    it."""
+
+    relative_std: float
+    """Of the drift, relative to the radius."""
+    time_constant_s: float
+    drive: str
+    """Of several drives, the one in which it is largest; empty for one drive."""
+    where: Where
+
+
+@dataclass(frozen=True)
 class Remaining:
     """The best of all hypotheses that were not chosen, against what chance makes of them."""
 
@@ -153,6 +166,7 @@ class Diagnosis:
     baseline_loglik_per_s: float
     model_rms: float
     unexplained: Where | None
+    """Structure in the residual that one more term would explain."""
     model: ExtendedModel
     evidence: tuple[tuple[str, float], ...] = ()
     """Held-in gain of every hypothesis alone against the rolling model, the best first."""
@@ -168,6 +182,8 @@ class Diagnosis:
     """What slips by the tyre model would gain."""
     replicates: int = 0
     """Drawn for the certificate of the findings; 0 without one."""
+    drift: RadiusDrift | None = None
+    """None where the radii drift no more than usual."""
     remaining: Remaining | None = None
     """None without a certificate."""
     control: float | None = None

@@ -23,6 +23,7 @@ from tpmsd.diagnosis.assessment.result import (
     Finding,
     Inner,
     Quantity,
+    RadiusDrift,
     Where,
 )
 from tpmsd.diagnosis.assessment.simulated import compared, simulated_effects, whole_model
@@ -132,7 +133,8 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
         baseline_rms=_rms(baseline, rows),
         baseline_loglik_per_s=(baseline + constant) / seconds,
         model_rms=_rms(whole, rows),
-        unexplained=_unexplained(study, selector, terms) or _wandering(study),
+        unexplained=_unexplained(study, selector, terms),
+        drift=_drift(study),
         model=without(ExtendedModel(tuple(effects), tuple(effect_stds)), findings),
         evidence=_alone(study, selector),
         baseline=("simulation",) if study.simulation else ("rolling",),
@@ -260,14 +262,16 @@ def _unexplained(study: Study, selector: Selector, terms: list[Term]) -> Where |
     return None
 
 
-def _wandering(study: Study) -> Where | None:
+def _drift(study: Study) -> RadiusDrift | None:
     """Radius drift beyond what tyres and roads make: something acts that no term holds."""
     drive = max(study.drives, key=lambda one: one.noise.wander)
     if drive.noise.wander < SETTINGS.report.drift_told_from:
         return None
-    wheels = tuple(WHEELS[k] for k in drive.reader.recording.wheels)
-    end = float(drive.reader.recording.edges_s[-1])
-    return Where(wheels, "wheel_ratio", "time", (0.0, end))
+    recording = drive.reader.recording
+    wheels = tuple(WHEELS[k] for k in recording.wheels)
+    where = Where(wheels, "wheel_ratio", "time", (0.0, float(recording.edges_s[-1])))
+    name = recording.name if len(study.drives) > 1 else ""
+    return RadiusDrift(drive.noise.wander, drive.noise.wander_tau_s, name, where)
 
 
 def evidence_gain(selector: Selector, terms: list[Term], more: Term) -> float:
