@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from tests.sources_can.build import RADIUS_M, rotations
 from tpmsd.sources.can_faults import FaultLog
 from tpmsd.sources.events import Event
-from tpmsd.sources.wheel_speed import WheelSpeedIntegrator
+from tpmsd.sources.wheel_speed import FrozenSpeeds, WheelSpeedIntegrator
 
 PERIOD_S = 0.02
 
@@ -130,3 +131,30 @@ def test_a_stuck_speed_begins_a_segment_when_it_moves_again() -> None:
     assert [(0, 0.0), (1, 0.0), (1, 0.5)] == [
         (sample.segment, pytest.approx(sample.angle_rad * RADIUS_M)) for sample in rotations(wheel.out)
     ]
+
+
+def frozen_after_s(noise_mps: float) -> float:
+    """How long after 100 s of bends and changing speed an even 20 m/s is taken for frozen (at most 60 s).
+
+    The wheels' noise has this standard deviation, their resolution is 0.01 km/h.
+    """
+    rng = np.random.default_rng(1)
+    wheels = (Wheel(), Wheel())
+    frozen = FrozenSpeeds(tuple(wheel.integrator for wheel in wheels))
+    for step in range(8000):
+        time_s = step * PERIOD_S
+        drive_s = min(time_s, 100.0)
+        for wheel, side in zip(wheels, (1.0, -1.0), strict=True):
+            speed_mps = 20.0 + 4.0 * math.sin(2.0 * math.pi * drive_s / 50.0)
+            speed_mps += side * 0.3 * math.sin(2.0 * math.pi * drive_s / 20.0)
+            speed_mps += noise_mps * rng.normal() if time_s < 100.0 else 0.0
+            wheel.feed(time_s, round(speed_mps * 360.0) / 360.0)
+        if frozen.judge(time_s):
+            return time_s - 100.0
+    return 60.0
+
+
+def test_even_speeds_are_frozen_only_where_speeds_have_noise() -> None:
+    """Constant for a minute: a simulator's cruise where speeds never trembled, a sender that hangs else."""
+    assert 60.0 == frozen_after_s(0.0)
+    assert frozen_after_s(0.01) < 2.1

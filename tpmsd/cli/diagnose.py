@@ -36,10 +36,10 @@ examples:
   tpmsd diagnose drives/monday
   tpmsd diagnose drives/monday --json monday.json --html monday.html
   tpmsd diagnose drives/monday --model-out model.toml
-  tpmsd diagnose drives/monday drives/tuesday           one car, fitted together
-  tpmsd diagnose drives/monday --simulation sims/monday what your own simulator leaves out
-  tpmsd diagnose drives/monday --alarms                 and what it means for the tyres
-  tpmsd simulate drives/again --model model.toml        a drive that holds what was found
+  tpmsd diagnose drives/monday drives/tuesday              one car, fitted together
+  tpmsd diagnose drives/monday --simulation sims/monday    what your own simulator leaves out
+  tpmsd diagnose drives/monday --alarms                    and what it means for the tyres
+  tpmsd simulate drives/again --model model.toml           a drive that holds what was found
 
 Nothing is written but what was asked for: --model-out for the extended model, --json, --html.
 """

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import datetime
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 Row = dict[str, Any]
@@ -136,11 +136,16 @@ def _named(findings: Iterable[Row]) -> list[Row]:
     return [{"effect": name, "drives": len(drives[name]), "cars": len(cars[name])} for name in sorted(drives)]
 
 
+def drives_of_cars(row: Mapping[str, Any]) -> str:
+    """How many drives of how many cars, in words."""
+    drives, cars = row["drives"], row["cars"]
+    return f"{drives} drive{'s' * (drives != 1)} of {cars} car{'s' * (cars != 1)}"
+
+
 def report_text(document: dict[str, Any]) -> str:
     """The report in lines."""
     lines = [
-        f"{document['drives']} drives of {document['cars']} cars: "
-        f"{document['distance_km']:.0f} km, {document['duration_h']:.1f} h",
+        f"{drives_of_cars(document)}: {document['distance_km']:.0f} km, {document['duration_h']:.1f} h",
         "",
     ]
     if not document["attention"]:
@@ -149,14 +154,11 @@ def report_text(document: dict[str, Any]) -> str:
         since = f" (since {row['since']} UTC)" if row["since"] else ""
         lines.append(f"[{row['urgency']}] {row['car']}: {row['why']}{since}: {row['what_to_do']}")
     for model in document["models"]:
-        lines += ["", f"model {model['model']}: {model['drives']} drives of {model['cars']} cars"]
+        lines += ["", f"model {model['model']}: {drives_of_cars(model)}"]
         lines += [
             f"  {row['effect']} {row['parameter']}: {row['value']:+.3g} ± {row['std']:.2g} {row['unit']}"
             f" (p {row['p_value']:.1g})"
             for row in model["findings"]
         ]
-        lines += [
-            f"  {row['effect']}: named in {row['drives']} drives of {row['cars']} cars"
-            for row in model["named_in_drives"]
-        ]
+        lines += [f"  {row['effect']}: named in {drives_of_cars(row)}" for row in model["named_in_drives"]]
     return "\n".join(lines)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.fleet.report import utc
+from tpmsd.fleet.report import drives_of_cars, utc
 from tpmsd.fleet.settings import SETTINGS
 from tpmsd.report.figures import Chart, Curve
 from tpmsd.report.page import Cell, Drawn, Origin, Table, Tile, drawn, render
@@ -114,7 +114,7 @@ def _model(model: Row) -> ModelView:
     )
     interval = "95 % interval"
     return ModelView(
-        f"{model['model']}: {model['drives']} drives of {model['cars']} cars",
+        f"{model['model']}: {drives_of_cars(model)}",
         Table(("effect of the model", "parameter", "value", interval, "unit", "p-value"), findings),
         Table(
             ("vehicle", "what", "effect", "parameter", "difference or slope", interval, "unit", "p-value"),

@@ -338,8 +338,14 @@ class _Try:
                 )
                 since = np.maximum(since, own)
         since = np.where(np.isnan(since), np.inf, since)
-        for at, (stamp, still_s) in enumerate(zip(time_s.tolist(), since.tolist(), strict=True)):
-            if frozen.take(stamp, still_s):
+        first = next(
+            value * tracker.radius_m
+            for (_, _, _, _, _, tracker), value in zip(group.fields, values, strict=True)
+            if tracker is frozen.trackers[0] and value is not None
+        )
+        rows = zip(time_s.tolist(), since.tolist(), first.tolist(), strict=True)
+        for at, (stamp, still_s, speed_mps) in enumerate(rows):
+            if frozen.take(stamp, still_s, speed_mps):
                 self._found_odd(int(places[at]))
                 return
         self._settle.append(lambda: setattr(group, "frozen", frozen))

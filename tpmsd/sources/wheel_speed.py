@@ -30,6 +30,8 @@ FROZEN_S = 2.0
 FROZEN_MPS = 1.5
 FROZEN_RUNS, FROZEN_MIN_S, FROZEN_LEARN_S = 5.0, 0.25, 10.0
 FORGET = 0.9999
+NOISE_TURNS = 10.0
+"""A signal with noise would have changed its direction this often within a stretch that is called frozen."""
 FINE_MPS = 0.03
 """0.1 km/h: a single tooth of a ring makes more of a difference from frame to frame."""
 
@@ -38,15 +40,21 @@ class FrozenSpeeds:
     """Tells speeds of several wheels that all stay the same to the last bit: their sender or a gateway hangs.
 
     Noise makes them differ from frame to frame, some signals more and some less. So a stretch is frozen that
-    is several times as long as the longest one of the last minutes, or longer than `FROZEN_S`.
+    is several times as long as the longest one of the last minutes, or longer than `FROZEN_S`, and in which
+    the noise would have turned the signal back and forth `NOISE_TURNS` times. A signal that turns as rarely
+    as the car's own speed does carries no noise (a simulator's, a smoothing sender's): there an even speed
+    is an even speed, and a sender that hangs shows by the receiver.
     """
 
-    __slots__ = ("_longest_s", "_run_s", "_since_s", "trackers")
+    __slots__ = ("_before", "_longest_s", "_moving_s", "_run_s", "_since_s", "_turns", "trackers")
 
     def __init__(self, trackers: tuple[WheelSpeedIntegrator, ...]) -> None:
         self.trackers = trackers
         self._run_s = self._longest_s = 0.0
         self._since_s = math.nan
+        self._before = (math.nan, 0.0, 0.0)
+        """Time and speed of the reading before, and in which direction the speed last changed."""
+        self._moving_s = self._turns = 0.0
 
     def judge(self, time_s: float) -> tuple[WheelSpeedIntegrator, ...]:
         """The wheels that are found frozen with the frame at `time_s`."""
@@ -57,26 +65,36 @@ class FrozenSpeeds:
                 still_s = math.inf
                 break
             still_s = max(still_s, since_s)
-        return self.trackers if self.take(time_s, still_s) else ()
+        return self.trackers if self.take(time_s, still_s, self.trackers[0].speed_mps) else ()
 
     def copied(self) -> FrozenSpeeds:
         """One that goes its own way."""
         return copy.copy(self)
 
-    def take(self, time_s: float, still_s: float) -> bool:
+    def take(self, time_s: float, still_s: float, speed_mps: float) -> bool:
         """Take a frame after which the last of all speeds is the same since `still_s` (infinite: they are
-        not); whether they are frozen."""
+        not) and the first wheel's is `speed_mps`; whether they are frozen."""
         if math.isnan(self._since_s) or time_s < self._since_s:
             self._since_s = time_s
         if still_s == math.inf:
             self._longest_s = max(self._run_s, FORGET * self._longest_s)
             self._run_s = 0.0
+            self._watch_noise(time_s, speed_mps)
             return False
         self._run_s = max(time_s - still_s, 0.0)
         usual_s = FROZEN_S
         if time_s - self._since_s > FROZEN_LEARN_S:
             usual_s = min(max(FROZEN_RUNS * self._longest_s, FROZEN_MIN_S), FROZEN_S)
-        return self._run_s > usual_s
+        return self._run_s > max(usual_s, NOISE_TURNS * self._moving_s / (1.0 + self._turns))
+
+    def _watch_noise(self, time_s: float, speed_mps: float) -> None:
+        """Count how often the first wheel's speed turns from rising to falling, in motion."""
+        before_s, before_mps, direction = self._before
+        change = speed_mps - before_mps
+        if 0.0 < time_s - before_s < FROZEN_S and abs(speed_mps) > FROZEN_MPS:
+            self._moving_s = FORGET * self._moving_s + time_s - before_s
+            self._turns = FORGET * self._turns + (change * direction < 0.0)
+        self._before = (time_s, speed_mps, change or direction)
 
 
 class WheelSpeedIntegrator:
