@@ -20,6 +20,7 @@ from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.alarm_state import Hysteresis
 from tpmsd.monitor.baseline import Baseline
 from tpmsd.monitor.configuration_watch import ConfigurationWatch
+from tpmsd.monitor.encoder_watch import EncoderWatch
 from tpmsd.monitor.explanation import Explanation
 from tpmsd.monitor.first_start import BEFORE, FirstStart
 from tpmsd.monitor.judge import Judge, Judgement
@@ -66,32 +67,28 @@ class Monitor:
         """Since the wheels were last known well enough to see a soft one."""
         radius = float(np.mean(np.array(vehicle.wheel_radius_m)[self._wheels]))
         self._seen_m = JUDGE.seen_share * settings.deflation_percent / 100.0 * radius
-        self._alarms = {
-            (kind, wheel): Hysteresis(
+
+        def hysteresis() -> Hysteresis:
+            return Hysteresis(
                 settings.raise_probability,
                 settings.clear_probability,
                 settings.raise_hold_s,
                 settings.clear_hold_s,
             )
+
+        self._alarms = {
+            (kind, wheel): hysteresis()
             for kind in (AlarmKind.DEFLATION, AlarmKind.RADIUS_DEVIATION)
             for wheel in self._wheels
         }
         nominal = np.array(vehicle.wheel_radius_m)[self._wheels]
-        self._first = FirstStart(
-            self._wheels,
-            nominal,
-            lambda: Hysteresis(
-                settings.raise_probability,
-                settings.clear_probability,
-                settings.raise_hold_s,
-                settings.clear_hold_s,
-            ),
-        )
+        self._first = FirstStart(self._wheels, nominal, hysteresis)
         self._standing: dict[tuple[AlarmKind, int], AlarmEvent] = {}
         self._taken_back: list[tuple[AlarmKind, int]] = []
         self._why = Explanation(self._wheels, settings, self._judge.threshold_m)
         self._signals = SignalWatch(settings, self._wheels)
         self._configuration = ConfigurationWatch(vehicle, self._wheels)
+        self._encoders = EncoderWatch(vehicle, self._wheels)
         self._leaks = SlowLeakWatch(vehicle, self._tyre, self._wheels)
         self._resonance: ResonanceEvidence | None = None
         self._learning = self.learning()
@@ -126,6 +123,7 @@ class Monitor:
             self._sets.begin_anew()  # it was learned through a wrong file
         self._trusted = agreement.trusted and not contradicted
         self._since_seen_s += tick.dt_s
+        self._encoders.update(tick)
         events = self._signals.update(tick, estimate, self._watching(), agreement)
         events += self._announce_taken_back(tick, estimate)
         self._sets.update(tick, estimate)
@@ -162,7 +160,7 @@ class Monitor:
     def _watching(self) -> Watching:
         """Whether a soft tyre would be seen now."""
         sees = self._since_seen_s <= JUDGE.seen_fresh_s
-        return Watching(sees, self._sets.undecided, self._configuration.contradiction)
+        return Watching(sees, self._sets.undecided, self._configuration.contradiction, self._encoders.losing)
 
     def _judge_now(self, tick: Tick, estimate: RadiusEstimate, elapsed_s: float) -> list[AlarmEvent]:
         """A second of driving: judge, decide on a reset, learn."""
@@ -189,7 +187,8 @@ class Monitor:
                     events.append(self._tyre_event(kind, wheel, turned, probability, tick, estimate))
                     judging.alarm_turned(self._judged.account if turned == "raised" else None)
         events += self._judge_first(tick, estimate, elapsed_s)
-        self.baseline.learn(estimate, self._judge.harmless_m2, trusted, elapsed_s)
+        sound = trusted and not self._encoders.losing  # lost counts look like a larger tyre
+        self.baseline.learn(estimate, self._judge.harmless_m2, sound, elapsed_s)
         if self._sets.decide(estimate) == "accepted":
             self._take_back()
         self._learning = self.learning()

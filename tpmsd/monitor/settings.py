@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from tpmsd.monitor.drive_settings import DriveEvidenceSettings
+from tpmsd.monitor.encoder_settings import EncoderSettings
 from tpmsd.monitor.leak_settings import ReadingSettings, TrendSettings
 from tpmsd.monitor.nuisance import Nuisance
 
@@ -302,6 +303,7 @@ class MonitorSettings:
     first_start: FirstStartSettings = FirstStartSettings()
     signals: SignalSettings = SignalSettings()
     configuration: ConfigurationSettings = ConfigurationSettings()
+    encoders: EncoderSettings = field(default_factory=EncoderSettings)
     explanation: ExplanationSettings = ExplanationSettings()
     tyre_sets: TyreSetSettings = TyreSetSettings()
     readings: ReadingSettings = field(default_factory=ReadingSettings)
@@ -318,6 +320,7 @@ JUDGE = SETTINGS.judge
 FIRST_START = SETTINGS.first_start
 SIGNALS = SETTINGS.signals
 CONFIGURATION = SETTINGS.configuration
+ENCODERS = SETTINGS.encoders
 EXPLANATION = SETTINGS.explanation
 TYRE_SETS = SETTINGS.tyre_sets
 READINGS = SETTINGS.readings

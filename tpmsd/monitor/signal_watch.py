@@ -9,8 +9,9 @@ that disagree on the speed: frozen frames, a frozen receiver, or a DBC of anothe
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Literal, NamedTuple
 
 from tpmsd.config.model import MonitorConfig
@@ -68,6 +69,8 @@ class Watching(NamedTuple):
     """Whether a reset waits for its new baseline."""
     contradiction: str = ""
     """What of the configuration the drive contradicts; empty if nothing."""
+    losing: Mapping[int, float] = MappingProxyType({})
+    """Wheels whose encoder loses counts, and which share of them."""
 
 
 @dataclass(slots=True)
@@ -135,9 +138,13 @@ class SignalWatch:
             wheel: _Malfunction(f"no usable signal of wheel {WHEELS[wheel]} while the others turn", wheel)
             for wheel in wheels
         }
+        self._losing = {
+            wheel: _Malfunction(f"the encoder of wheel {WHEELS[wheel]} loses counts", wheel)
+            for wheel in wheels
+        }
         inputs = (self._rear, self._gnss, self._unplugged, self._spoofed, self._disagree, self._unsteady)
         own = (self._car_differs, self._restarted, self._blind, self._undecided, self._contradicted)
-        self._all = (*inputs, *own, *self._wheels.values())
+        self._all = (*inputs, *own, *self._wheels.values(), *self._losing.values())
         self._blinding = (self._rear, self._disagree, self._unsteady, self._restarted, self._contradicted)
         """Those by which no wheel at all is watched."""
         self._stood = False
@@ -219,6 +226,22 @@ class SignalWatch:
         turning = any(angle > SIGNALS.turning_rad for angle in turned)  # false for NaN
         for wheel, malfunction in self._wheels.items():
             events += malfunction.update(not valid[wheel] and turning, valid[wheel], limit_s, tick)
+        if watching.losing or any(one.raised for one in self._losing.values()):
+            events += self._encoders(watching.losing, tick)
+        return events
+
+    def _encoders(self, losing: Mapping[int, float], tick: Tick) -> list[AlarmEvent]:
+        """Those that lose counts, and those that did; which share of them, by wheel."""
+        events: list[AlarmEvent] = []
+        for wheel, malfunction in self._losing.items():
+            bad = wheel in losing
+            if bad:
+                percent = 100.0 * losing[wheel]
+                malfunction.reason = (
+                    f"the encoder of wheel {WHEELS[wheel]} loses {percent:.2f} % of its counts: "
+                    "the ripple of its ring comes after fewer than that of the other wheel"
+                )
+            events += malfunction.update(bad, not bad, SIGNALS.at_once_s, tick)
         return events
 
     def _faults(self, tick: Tick) -> list[AlarmEvent]:

@@ -25,6 +25,7 @@ from tpmsd.physics.catalogue import TEETH
 from tpmsd.physics.effect import Parameter
 from tpmsd.physics.kinematics import wheel_speeds
 from tpmsd.physics.motion import integrate
+from tpmsd.physics.ring_ripple import ripple_gain
 from tpmsd.wheels import FL, FR, RL, RR, WHEELS, FloatArray
 
 AXLES = ((FL, FR), (RL, RR))
@@ -151,12 +152,7 @@ def _whole(other: FloatArray) -> np.ndarray:
 
 
 def _power(pair: _Pair, side: int, come_and_go: bool) -> FloatArray:
-    """(shares,) log-likelihood gain of a ripple in the angle with each share put back, over the blocks.
-
-    The noise that counts is that near one period per turn: roads and frames make more of it there than
-    elsewhere. It is the median over the shares, of which a ripple takes one in a block's resolution of many;
-    that of an exponential distribution is log 2 of its mean.
-    """
+    """(shares,) log-likelihood gain of a ripple in the angle with each share put back, over the blocks."""
     shares = SETTINGS.counters.missed_shares
     out = np.zeros(len(shares))
     variance = float(pair.ripple.var())
@@ -164,8 +160,5 @@ def _power(pair: _Pair, side: int, come_and_go: bool) -> FloatArray:
         here = np.flatnonzero(pair.blocks == block)
         angle = pair.angle[here, side] - pair.angle[here[0], side]
         put_back = pair.less[here, side] if come_and_go else 0.0
-        wave = pair.ripple[here] * np.exp(-1j * (angle + put_back))
-        power = np.square(np.abs(np.exp(-1j * np.outer(shares, angle)) @ wave))
-        near = float(np.median(power)) / math.log(2.0)
-        out += power / max(len(here) * variance, near)
+        out += ripple_gain(angle, pair.ripple[here] * np.exp(-1j * put_back), shares, variance)
     return out

@@ -1,0 +1,53 @@
+"""The settings of encoders that lose counts (a part of `settings`).
+
+In: nothing. Out: `EncoderSettings`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.wheels import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class EncoderSettings:
+    """The ripple of a ring, once per turn (`encoder_watch`)."""
+
+    least_counts: float = 2000.0
+    """Of a turn: a usual ripple of a few tenths of a milliradian is a tenth of a count there, and seen."""
+    from_hz: float = 8.0
+    """Turns per second of both wheels: two and more in `high_pass_s`."""
+    high_pass_s: float = 0.3
+    """Width of the Gaussian that takes slow differences between the wheels away."""
+    edge_widths: int = 4
+    """Where it ends on each side, in widths."""
+    block_s: float = 60.0
+    """In which a ripple is coherent: 700 turns tell shares of 1e-3 apart."""
+    kept: int = 10
+    """Blocks that speak: the last ten minutes above `from_hz`."""
+    least_blocks: int = 3
+    """From so many on they are believed: in one the other wheel's ripple may lie at any share."""
+    most_share: float = 1e-2
+    """Of the counts: one that loses more is off by a whole tyre size."""
+    step: float = 1e-4
+    """Between shares that are tried: a tenth of a ripple's width in a block."""
+    ring_error: float = 3e-4
+    """Share by which the number of a ring's counts is known no better: 12 of 40,000, as two wheels of one
+    van differ on six drives."""
+    least_stds: float = 3.0
+    """Of `ring_error` of both wheels, from which one has fewer counts than the other."""
+    outlier_medians: float = 9.0
+    """Rapid differences beyond so many median sizes (six standard deviations) are kerbs and joints:
+    they count as this much."""
+    raise_nats: float = 14.0
+    """Over that of a counter that loses none: for the share, its limit among thirty, and odds of a
+    thousand."""
+
+    @property
+    def shares(self) -> FloatArray:
+        """(shares,) of both signs: where one as good is negative, none is lost."""
+        count = round(self.most_share / self.step)
+        return np.linspace(-self.most_share, self.most_share, 2 * count + 1)

@@ -1,0 +1,118 @@
+"""Whether a wheel's encoder loses counts, told from a larger tyre by the ripple of its ring.
+
+In: ticks. Out: the wheels whose ripple comes after fewer counts than that of the other wheel of the axle, and
+by which share.
+
+Both wheels of an axle are heard in their rapid difference. Each minute of fast driving says how well the
+ripple of each repeats if a share of its counts is missing (`physics.ring_ripple`); the last minutes are added
+up. Only fine encoders are watched: on a ring of 48 teeth a usual ripple is far below a count.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+
+import numpy as np
+
+from tpmsd.config.model import VehicleConfig
+from tpmsd.monitor.settings import ENCODERS
+from tpmsd.physics.ring_ripple import ripple_gain
+from tpmsd.timeline.tick import Tick
+from tpmsd.wheels import FL, FR, RL, RR, FloatArray
+
+AXLES = ((FL, FR), (RL, RR))
+_SHARES = ENCODERS.shares
+
+
+class EncoderWatch:
+    """All axles of one car whose rings are fine enough."""
+
+    def __init__(self, vehicle: VehicleConfig, wheels: list[int]) -> None:
+        fine = {wheel for wheel in wheels if vehicle.teeth(wheel) >= ENCODERS.least_counts}
+        self._axles = [_Axle(*pair) for pair in AXLES if set(pair) <= fine]
+        self.losing: dict[int, float] = {}
+        """Wheels whose encoder loses counts, and which share of them."""
+
+    def update(self, tick: Tick) -> None:
+        """Take one tick."""
+        for axle in self._axles:
+            if axle.update(tick):
+                for wheel in axle.wheels:
+                    self.losing.pop(wheel, None)
+                self.losing |= axle.losing()
+
+
+class _Axle:
+    """Two wheels, and what the last minutes say of them."""
+
+    def __init__(self, left: int, right: int) -> None:
+        self.wheels = (left, right)
+        self._angles: list[tuple[float, float]] = []
+        """Of the ticks of the minute that is going on, rad."""
+        self._lasted_s = 0.0
+        self._gains: deque[FloatArray] = deque(maxlen=ENCODERS.kept)
+        """(2, shares) of each minute."""
+
+    def update(self, tick: Tick) -> bool:
+        """Take one tick; whether a minute is over."""
+        left, right = (float(tick.rotation_rad[wheel]) for wheel in self.wheels)
+        if not min(left, right) >= 2.0 * math.pi * ENCODERS.from_hz * tick.dt_s:  # false for NaN, too
+            self._angles.clear()
+            self._lasted_s = 0.0
+            return False
+        self._angles.append((left, right))
+        self._lasted_s += tick.dt_s
+        if self._lasted_s < ENCODERS.block_s:
+            return False
+        turned, width = np.array(self._angles), ENCODERS.high_pass_s * len(self._angles) / self._lasted_s
+        self._gains.append(_gains(np.cumsum(turned, axis=0), width))
+        self._angles.clear()
+        self._lasted_s = 0.0
+        return True
+
+    def losing(self) -> dict[int, float]:
+        """Wheels that lose counts since any of the last minutes, and which share by the minutes that show it
+        best."""
+        out: dict[int, float] = {}
+        shown = dict.fromkeys(self.wheels, ENCODERS.raise_nats)
+        for since in np.cumsum(list(self._gains)[::-1], axis=0)[ENCODERS.least_blocks - 1 :]:
+            for side, wheel in enumerate(self.wheels):
+                share, gain = _lost(since[side], since[1 - side])
+                if gain >= shown[wheel]:
+                    out[wheel], shown[wheel] = share, gain
+        return out
+
+
+def _lost(own: FloatArray, other: FloatArray) -> tuple[float, float]:
+    """Which share of its counts a wheel loses by the gains (shares,) of its own ripple and of the other
+    wheel's, and the gain over its having as many per turn as the other ring or as are configured; (0, 0)
+    where a ripple does not show.
+
+    The ripple of one wheel shows in the angle of the other, too, at the share by which they turned unlike
+    each other: so what the other ring shows is no proof that this one should.
+    """
+    if min(np.ptp((np.median(gains), gains.max())) for gains in (own, other)) < ENCODERS.raise_nats:
+        return 0.0, 0.0
+    at, whole = int(own.argmax()), float(_SHARES[other.argmax()])
+    share = float(_SHARES[at]) - whole
+    if at == len(_SHARES) - 1 or share < ENCODERS.least_stds * math.sqrt(2.0) * ENCODERS.ring_error:
+        return 0.0, 0.0
+    off = np.minimum(np.abs(_SHARES - whole), np.abs(_SHARES))
+    return share, float(own[at] - own[off <= ENCODERS.ring_error + 0.5 * ENCODERS.step].max())
+
+
+def _gains(angle_rad: FloatArray, width: float) -> FloatArray:
+    """(2, shares) of a minute's angles (n, 2); `width` of the high-pass in ticks."""
+    between = angle_rad[:, 0] - angle_rad[:, 1]
+    reach = round(ENCODERS.edge_widths * width)
+    kernel = np.exp(-0.5 * np.square(np.arange(-reach, reach + 1) / width))
+    inside = slice(reach, len(between) - reach)
+    rapid = between[inside] - np.convolve(between, kernel / kernel.sum(), mode="valid")
+    limit = ENCODERS.outlier_medians * float(np.median(np.abs(rapid)))
+    return np.stack(
+        [
+            ripple_gain(angle, np.clip(rapid, -limit, limit), _SHARES, float(rapid.var()))
+            for angle in angle_rad[inside].T
+        ]
+    )

@@ -1,0 +1,36 @@
+"""The ripple of a wheel's ring, once per turn, in the counts of the wheel: how many counts a turn has.
+
+In: the angle of a wheel by its counts, and what its axle's wheels do rapidly against each other. Out: the
+log-likelihood that this ripple repeats once per turn, for each share of the counts that may be missing.
+
+A ring's unevenness goes with the wheel's true angle. Of a larger tyre it comes after as many counts as ever,
+of counts that are lost after fewer: this alone tells the two apart.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tpmsd.wheels import FloatArray
+
+
+def ripple_gain(
+    angle_rad: FloatArray,
+    ripple_rad: FloatArray | NDArray[np.complex128],
+    shares: FloatArray,
+    variance_rad2: float,
+) -> FloatArray:
+    """(shares,) log-likelihood gain of a ripple once per turn over noise of this variance, if the wheel has
+    turned by (1 + share) times the counted angle (n,), at whatever phase: Schuster's periodogram (1898).
+
+    The noise that counts is that near one period per turn: roads and frames make more of it there than
+    elsewhere. It is the median over the shares, of which a ripple takes few; that of an exponential
+    distribution is log 2 of its mean.
+    """
+    wave = ripple_rad * np.exp(-1j * angle_rad)
+    power = np.square(np.abs(np.exp(-1j * np.outer(shares, angle_rad)) @ wave))
+    near = float(np.median(power)) / math.log(2.0)
+    return np.asarray(power / max(len(ripple_rad) * variance_rad2, near, 1e-30))
