@@ -115,6 +115,19 @@ class CounterSettings:
     """Usual change of speed before a stop, which blurs the limit."""
     lost_fewest: int = 3
     """Fixes below the limit."""
+    single_block_windows: int = 120
+    """Two minutes, over which a mean is taken away: radii drift slowly."""
+    single_most_steps: int = 60
+    """Counts lost in a window: of more the scatter looks normal, and no steps show."""
+    single_stds: float = 6.0
+    """Standard deviations above the mean up to which numbers of lost counts are added up."""
+    single_probe: float = 0.05
+    """Step in the logarithm of rate and noise by which the likelihood's curvature is taken."""
+    single_alike: float = 0.98
+    """Share of what an error of the best wheel explains, from which another wheel's explains it as well."""
+    single_least_own: float = 0.05
+    """Share of a wheel's way that the motion must leave open: without a gyro half of it is, on two wheels
+    nothing."""
     missed_from_hz: float = 4.0
     """Turns per second from which a ripple is faster than the car's own changes of speed."""
     missed_smoothing_s: float = 2.0

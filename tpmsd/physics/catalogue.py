@@ -148,6 +148,7 @@ FAULT = _the("a ramp of a radius", lambda effect: effect.ramp)
 TEETH = _the("of a ring's teeth", lambda effect: effect.by_teeth)
 LOST = _the("of counts lost at walking pace", lambda effect: effect.at_walking_pace)
 MISSED = _the("of counts told by the ripple", lambda effect: effect.by_ripple)
+ADDED = _the("of counts that are added", lambda effect: effect.mirror_of == MISSED.name)
 SLOPES = _the("the shortening by slopes", lambda effect: effect.shortens)
 RADIUS = _the("a constant of each wheel", lambda effect: effect.always_fitted and bool(effect.places))
 """What a calibration takes up."""

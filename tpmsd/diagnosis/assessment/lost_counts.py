@@ -1,7 +1,8 @@
 """Counts that are lost as findings.
 
 In: a `Study`. Out: `Finding`s. They are looked for apart from all else: at walking pace below the speeds of
-the windows (`counters.low_speed`), while a wheel turns by the rings' ripple (`counters.missed`).
+the windows (`counters.low_speed`), while a wheel turns by the rings' ripple (`counters.missed`) or one by one
+by the scatter of its way (`counters.single_losses`).
 """
 
 from __future__ import annotations
@@ -13,9 +14,11 @@ import numpy as np
 from tpmsd.diagnosis.assessment.result import Finding, Quantity, Where
 from tpmsd.diagnosis.counters.low_speed import Lost, lost_counts
 from tpmsd.diagnosis.counters.missed import Missed, missed_counts
+from tpmsd.diagnosis.counters.single_losses import SingleLosses, single_losses
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.physics.catalogue import LOST, MISSED, TEETH
+from tpmsd.inference.least_squares import Fit
+from tpmsd.physics.catalogue import ADDED, LOST, MISSED, TEETH
 from tpmsd.wheels import WHEELS
 
 
@@ -81,4 +84,45 @@ def _missed_finding(one: Missed, drives: tuple[str, ...], seconds: float) -> Fin
         # The probability that a likelihood ratio of this size favours the wrong account is less than its
         # inverse; so many wheels were looked at.
         p_value=min(1.0, len(WHEELS) * math.exp(-one.gain)),
+    )
+
+
+def lost_singly(study: Study, fit: Fit, seconds: float) -> list[Finding]:
+    """The wheels that lose or add counts one by one beside the fitted model, in each drive that shows it."""
+    out = []
+    for drive in study.examined:
+        recording, car = drive.reader.recording, drive.reader.reference.car
+        per_rev = [one or car.teeth_per_rev for one in recording.counts_per_rev]
+        count_m = np.where(recording.quantum_rad > 0.0, 2.0 * np.pi * car.radius_m / np.array(per_rev), 0.0)
+        left = drive.left(fit.design, fit.values)
+        one = single_losses(drive.reader.windows, left, count_m, drive.noise.gyro_radps)
+        if one is not None:
+            name = (recording.name,) if len(study.examined) > 1 else ()
+            out.append(_single_finding(one, name, seconds))
+    return out
+
+
+def _single_finding(one: SingleLosses, drives: tuple[str, ...], seconds: float) -> Finding:
+    kind, other = (MISSED, ADDED) if one.rate_per_s > 0.0 else (ADDED, MISSED)
+    gain = one.gain + one.unlike
+    return Finding(
+        effect=kind.name,
+        confidence=1.0 / (1.0 + math.exp(-min(one.gain, 50.0))),
+        parameters={
+            "wheel": Quantity(one.wheel, None, ""),
+            "rate_per_s": Quantity(abs(one.rate_per_s), one.rate_std_per_s, "1/s"),
+        },
+        where=Where((one.wheel,), *kind.shows_in, None),
+        rms_before=1.0,
+        rms_after=1.0,
+        loglik_gain_per_s=gain / seconds,
+        gain=gain,
+        indistinguishable_from=(other.name,) if one.twins else (),
+        drives=drives,
+        told_by=(
+            f"its way {'falls back' if kind is MISSED else 'leaps ahead'} at random in steps of a count"
+            f" (standard deviation {one.std:.2g} counts in a second); a radius makes no steps"
+        ),
+        # As by the ripple; of both signs.
+        p_value=min(1.0, 2.0 * len(WHEELS) * math.exp(-gain)),
     )

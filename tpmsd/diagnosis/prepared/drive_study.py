@@ -267,6 +267,12 @@ class DriveStudy:
         used = np.flatnonzero(weights)
         return np.asarray(self.white[:, :, used] @ weights[used])
 
+    def left(self, design: FloatArray, values: FloatArray) -> FloatArray:
+        """(w, 9) what a fit leaves of the channels, in their units."""
+        weights = self.own(design) @ values
+        used = np.flatnonzero(weights)
+        return np.asarray(self.columns[:, :, 0] - self.columns[:, :, used] @ weights[used])
+
     def whitened(self, columns: FloatArray) -> FloatArray:
         """(w, 9, t) further columns (w, 9, t), whitened as the others are."""
         return self.present.whitener.apply(columns)

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from tpmsd.diagnosis.assessment.explanatory import explanatory
-from tpmsd.diagnosis.assessment.lost_counts import lost, missed
+from tpmsd.diagnosis.assessment.lost_counts import lost, lost_singly, missed
 from tpmsd.diagnosis.assessment.reach import Seen, reach
 from tpmsd.diagnosis.assessment.result import (
     CONSISTENT,
@@ -111,6 +111,8 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
     if not study.simulation:
         readers = [drive.reader for drive in study.examined]
         apart = lost(study, seconds) + missed(study, seconds) + unusual(readers, seconds, study.speeds)
+        met = {one.effect for one in findings + apart}
+        apart += [one for one in lost_singly(study, selection.fit, seconds) if one.effect not in met]
     # Beside the events: chains on an axle for half of a drive look like a tooth less on the other.
     rings = evidence.fit(selector.design([term for term in terms if term.pulse]))
     for finding in [*apart, *teeth(study, rings, seconds)]:

@@ -1,0 +1,131 @@
+"""Counts that a wheel loses one by one, told from a larger radius by how its way scatters."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cache
+
+import numpy as np
+import pytest
+
+from bench.worlds.kinematic import Spec, drive
+from tests.diagnosis.recorded import recording_of
+from tpmsd.diagnosis.counters.single_losses import SingleLosses, single_losses
+from tpmsd.diagnosis.diagnose import diagnose
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.trajectory import reference
+from tpmsd.inference.windows import CHANNELS, GYRO, Linearised, Reader
+from tpmsd.wheels import WHEELS, FloatArray
+
+COUNT_M = np.full(4, 0.041)
+GYRO_RADPS = 2e-4
+WINDOWS = 720
+RL = WHEELS.index("rl")
+
+
+@cache
+def _recording(share: float = 0.0) -> Recording:
+    """Six minutes with rings of 48 teeth, of which the one at rl loses a share at random."""
+    recording = recording_of(drive(Spec(duration_s=360.0, road="city"), 5))
+    rng = np.random.default_rng(1)
+    count_rad = 2.0 * np.pi / recording.car.teeth_per_rev
+    rotation = recording.rotation_rad.copy()
+    counts = np.round(rotation[:, RL] / count_rad).astype(int)
+    rotation[:, RL] -= count_rad * rng.binomial(np.maximum(counts, 0), share)
+    return dataclasses.replace(recording, rotation_rad=rotation)
+
+
+@cache
+def _windows() -> Linearised:
+    reader = Reader(_recording(), reference(_recording()))
+    repeated = np.resize(np.arange(len(reader.windows)), WINDOWS)
+    return dataclasses.replace(
+        reader.windows,
+        design=reader.windows.design[repeated],
+        covariates={name: values[repeated] for name, values in reader.windows.covariates.items()},
+    )
+
+
+def _left(more: dict[str, FloatArray], seed: int = 3) -> FloatArray:
+    """(w, 9) errors of the motion, quantised readings, and more (w,) counts of some wheels."""
+    rng = np.random.default_rng(seed)
+    left = np.full((WINDOWS, CHANNELS), np.nan)
+    moved = _windows().design[:, : GYRO + 1, :2] @ np.array([0.3, 0.02])
+    read = rng.uniform(-0.5, 0.5, (WINDOWS + 1, 4))
+    left[:, :GYRO] = moved[:, :GYRO] + COUNT_M * np.diff(read, axis=0)
+    left[:, GYRO] = moved[:, GYRO] + GYRO_RADPS * rng.standard_normal(WINDOWS)
+    for wheel, counts in more.items():
+        left[:, WHEELS.index(wheel)] += COUNT_M[0] * counts
+    return left
+
+
+def _lost(share: float, seed: int = 7) -> FloatArray:
+    """(w,) counts that are lost, less their mean, which a calibration takes up."""
+    mean = share * _windows().covariates["speed"] / COUNT_M[0]
+    return np.random.default_rng(seed).poisson(mean) - mean
+
+
+def _found(left: FloatArray) -> SingleLosses | None:
+    return single_losses(_windows(), left, COUNT_M, GYRO_RADPS)
+
+
+@pytest.mark.parametrize("wheel", WHEELS)
+@pytest.mark.parametrize(("sign", "share"), [(-1.0, 0.004), (-1.0, 0.001), (1.0, 0.004)])
+def test_lost_and_added_counts_are_told_with_their_rate(wheel: str, sign: float, share: float) -> None:
+    """Four and one in a thousand counts, lost or added on any wheel, within three standard deviations."""
+    found = _found(_left({wheel: sign * _lost(share)}))
+    rate_per_s = -sign * share * float(np.mean(_windows().covariates["speed"])) / COUNT_M[0]
+
+    assert found is not None
+    assert (wheel, ()) == (found.wheel, found.twins)
+    assert found.rate_per_s == pytest.approx(rate_per_s, abs=3.0 * found.rate_std_per_s)
+    assert found.rate_std_per_s < 0.2 * abs(rate_per_s)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("freedom", [None, 3.0, 100.0])
+def test_symmetric_scatter_of_any_size_is_no_loss(seed: int, freedom: float | None) -> None:
+    """Quantisation alone, a wheel twice as rough, one with heavy tails."""
+    rng = np.random.default_rng(seed)
+    rough = np.zeros(WINDOWS) if freedom is None else 1.5 * rng.standard_t(freedom, WINDOWS)
+
+    assert _found(_left({"rl": rough}, seed)) is None
+
+
+def test_steps_of_many_counts_are_no_loss_of_single_ones() -> None:
+    """A wheel that locks now and then loses dozens of counts at once."""
+    locked = np.where(np.random.default_rng(2).uniform(size=WINDOWS) < 0.01, -30.0, 0.0)
+
+    assert _found(_left({"fl": locked})) is None
+
+
+def test_without_a_gyro_another_wheel_that_adds_counts_looks_the_same() -> None:
+    """Four wheels leave two differences open: the wheel that loses counts is named, the other one is said."""
+    left = _left({"rl": -_lost(0.004)})
+    left[:, GYRO] = np.nan
+    found = _found(left)
+
+    assert found is not None
+    assert ("rl", ("fl",)) == (found.wheel, found.twins)
+    assert found.rate_per_s > 0.0
+
+
+def test_two_wheels_alone_do_not_tell() -> None:
+    """They tell the motion, and nothing beyond it."""
+    left = _left({"rl": -_lost(0.004)})
+    left[:, [0, 1, GYRO]] = np.nan
+
+    assert _found(left) is None
+
+
+@pytest.mark.parametrize(("share", "effects"), [(0.0, []), (0.004, ["counter_missed_pulses"])])
+def test_a_diagnosis_names_lost_counts_that_a_calibration_takes_up(share: float, effects: list[str]) -> None:
+    """In the mean they are a larger radius; the finding has wheel, rate and what tells it."""
+    recording = _recording(share)
+    diagnosis = diagnose([recording])
+    named = [finding for finding in diagnosis.findings if finding.effect == "counter_missed_pulses"]
+
+    assert effects == [finding.effect for finding in named]
+    for finding in named:
+        assert ("rl", ("rl",)) == (finding.parameters["wheel"].value, finding.where.wheels)
+        assert "in steps of a count" in finding.told_by

@@ -1,0 +1,189 @@
+"""Counts that a wheel loses or adds one by one, told by how its way scatters.
+
+In: a drive's `Linearised` windows, what the model leaves of the channels. Out: `SingleLosses`, or None.
+
+A share of counts that is lost is taken up by the calibration of the radius, for it is a constant. But counts
+are lost one at a time and at random: a wheel's way falls back in steps of a whole count, and their number in
+a window has a Poisson distribution, whose mean is a share of what was counted. So the wheel scatters more
+than the others, and two accounts of its scatter are compared by their likelihood: steps of a count beside
+normal noise; and symmetric noise of any size, with tails as heavy as it likes (Student's distribution). A
+wheel's way is compared with what the other wheels and the gyro leave open, the motion's speed and yaw rate
+eliminated by least squares.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize
+from scipy.special import gammaln, logsumexp
+
+from tpmsd.diagnosis.settings import SETTINGS
+from tpmsd.inference.trajectory import WINDOW_S
+from tpmsd.inference.windows import GYRO, Linearised
+from tpmsd.wheels import WHEELS, FloatArray
+
+
+@dataclass(frozen=True)
+class SingleLosses:
+    """Counts that one wheel loses or adds."""
+
+    wheel: str
+    rate_per_s: float
+    """Positive where they are lost."""
+    rate_std_per_s: float
+    std: float
+    """Of the wheel's way over a window, in counts."""
+    twins: tuple[str, ...]
+    """Other wheels of which the opposite would look the same."""
+    gain: float
+    """Log-likelihood of steps over that of symmetric noise, nats."""
+    unlike: float
+    """Log-likelihood of a scatter of its own over that of the other wheels' scatter, nats."""
+
+
+@dataclass(frozen=True)
+class _Way:
+    """What a wheel's way shows beside the other wheels and the gyro."""
+
+    counts: FloatArray
+    """(w,) in counts, less the mean of some minutes."""
+    counted: FloatArray
+    """(w,) that the wheel made in a window."""
+    explained: float
+    """Half the sum of squares that an error of this wheel explains."""
+
+
+@dataclass(frozen=True)
+class _Steps:
+    """Steps of a count beside normal noise."""
+
+    share: float
+    """Of what was counted."""
+    std: float
+    """Of the share, by the curvature of the likelihood."""
+    log_likelihood: float
+
+
+def single_losses(
+    windows: Linearised, left: FloatArray, count_m: FloatArray, gyro_radps: float
+) -> SingleLosses | None:
+    """`left` (w, 9) of the channels by the model; `count_m` (4,) way of a wheel per count, zero where it does
+    not count; `gyro_radps` standard deviation of a window's yaw rate."""
+    ways = _ways(windows, left, count_m, gyro_radps)
+    if not ways:
+        return None
+    most = max(way.explained for way in ways.values())
+    alike = [wheel for wheel in ways if ways[wheel].explained > SETTINGS.counters.single_alike * most]
+    # A counter in order rather misses a count than makes one up.
+    wheel = min(alike, key=lambda one: float(np.mean(ways[one].counts ** 3)))
+    counts = ways[wheel].counts
+    sign = -1.0 if float(np.mean(counts**3)) < 0.0 else 1.0
+    counted = ways[wheel].counted
+    steps = _steps(sign * counts, counted)
+    gain = steps.log_likelihood - _symmetric(counts)
+    unlike = _unlike(counts, [way.counts for other, way in ways.items() if other not in alike])
+    if gain < SETTINGS.selection.admit_nats or gain + unlike < SETTINGS.counters.lost_admit_nats:
+        return None
+    per_s = float(counted.mean()) / WINDOW_S
+    return SingleLosses(
+        wheel=WHEELS[wheel],
+        rate_per_s=-sign * steps.share * per_s,
+        rate_std_per_s=steps.std * per_s,
+        std=float(counts.std()),
+        twins=tuple(WHEELS[other] for other in alike if other != wheel),
+        gain=gain,
+        unlike=unlike,
+    )
+
+
+def _ways(windows: Linearised, left: FloatArray, count_m: FloatArray, gyro_radps: float) -> dict[int, _Way]:
+    """By wheel; none of a wheel that the motion's own errors explain as well."""
+    rows = [wheel for wheel in range(GYRO) if np.isfinite(left[:, wheel]).mean() > 0.5]
+    if any(count_m[wheel] <= 0.0 for wheel in rows):
+        return {}
+    stds = [count_m[wheel] / math.sqrt(6.0) for wheel in rows]  # of a difference of two readings
+    if np.isfinite(left[:, GYRO]).mean() > 0.5:
+        rows, stds = [*rows, GYRO], [*stds, gyro_radps]
+    read = np.isfinite(left[:, rows]).all(axis=1)
+    if len(rows) < 3 or read.sum() < SETTINGS.counters.single_block_windows:
+        return {}
+    scaled = left[read][:, rows] / np.array(stds)
+    design = windows.design[read][:, rows, :2] / np.array(stds)[:, None]
+    solved = np.linalg.pinv(design)
+    onto = np.eye(len(rows)) - design @ solved
+    rest = np.einsum("wij,wj->wi", onto, scaled)
+    out = {}
+    for k, wheel in enumerate(rows):
+        own = onto[:, k, k]
+        if wheel == GYRO or float(np.median(own)) < SETTINGS.counters.single_least_own:
+            continue
+        error = rest[:, k] / own * stds[k] / count_m[wheel]
+        explained = 0.5 * float(np.sum(rest[:, k] ** 2 / own))
+        counted = windows.covariates["speed"][read] * WINDOW_S / count_m[wheel]
+        out[wheel] = _Way(_around(error), counted, explained)
+    return out
+
+
+def _unlike(values: FloatArray, others: list[FloatArray]) -> float:
+    """Of normal noise, which an error of the wheel puts into the others as well; zero without others."""
+    if not others:
+        return 0.0
+    ratio = float(values.var()) / max(float(np.mean([other.var() for other in others])), 1e-30)
+    return 0.5 * len(values) * (ratio - 1.0 - math.log(ratio)) if ratio > 1.0 else 0.0
+
+
+def _around(values: FloatArray) -> FloatArray:
+    """(w,) less the mean of their block: radii drift slowly."""
+    block = np.arange(len(values)) // SETTINGS.counters.single_block_windows
+    mean = np.bincount(block, values) / np.bincount(block)
+    return np.asarray(values - mean[block])
+
+
+def _steps(values: FloatArray, counted: FloatArray) -> _Steps:
+    """Upward steps: values (w,) are counts more than their mean, a share of those `counted` (w,)."""
+    spread = float(values.var())
+    most = 0.5 * spread + SETTINGS.counters.single_stds * math.sqrt(spread) + 1.0
+    number = np.arange(min(math.ceil(most), SETTINGS.counters.single_most_steps))
+    ways, usual = gammaln(number + 1.0), counted / counted.mean()
+
+    def negative(free: FloatArray) -> float:
+        mean, std = usual * math.exp(free[0]), math.exp(free[1])
+        weight = number * np.log(mean)[:, None] - mean[:, None] - ways
+        off = (values[:, None] - number + mean[:, None]) / std
+        return -float(logsumexp(weight - 0.5 * off**2, axis=1).sum()) + len(values) * float(free[1])
+
+    found = _least(negative, [math.log(0.5 * spread), 0.5 * math.log(0.5 * spread)])
+    share = math.exp(found[0]) / float(counted.mean())
+    return _Steps(share, share * math.sqrt(_variance(negative, found)), -negative(found))
+
+
+def _variance(negative: Callable[[FloatArray], float], at: FloatArray) -> float:
+    """Of the first of two values, the other one free, by the curvature of the likelihood."""
+    step = SETTINGS.counters.single_probe * np.eye(2)
+    middle = negative(at)
+    moved = [[negative(at + k * one) for k in (-1.0, 1.0)] for one in step]
+    (a, d) = (float(sum(pair)) - 2.0 * middle for pair in moved)
+    both = step.sum(axis=0)
+    b = 0.5 * (negative(at + both) + negative(at - both) - 2.0 * middle - a - d)
+    bend = (a - b**2 / d if d > 0.0 else a) / SETTINGS.counters.single_probe**2
+    return 1.0 / max(bend, 1e-12)
+
+
+def _symmetric(values: FloatArray) -> float:
+    """Log-likelihood by Student's distribution of any size and freedom, less the constant of a normal one."""
+
+    def negative(free: FloatArray) -> float:
+        std, freedom = np.exp(free)
+        one = gammaln(0.5 * (freedom + 1.0)) - gammaln(0.5 * freedom) - 0.5 * math.log(0.5 * freedom)
+        tails = 0.5 * (freedom + 1.0) * np.log1p(np.square(values / std) / freedom)
+        return float(tails.sum()) - len(values) * float(one - free[0])
+
+    return -negative(_least(negative, [0.5 * math.log(float(values.var())), math.log(30.0)]))
+
+
+def _least(function: Callable[[FloatArray], float], start: list[float]) -> FloatArray:
+    return np.asarray(minimize(function, start, method="Nelder-Mead", options={"xatol": 1e-3}).x)
