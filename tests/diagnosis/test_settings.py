@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import ast
 import dataclasses
+import inspect
 from pathlib import Path
 
 import pytest
 
 from tpmsd.diagnosis import settings
+from tpmsd.diagnosis.counters.settings import CounterSettings
 from tpmsd.diagnosis.settings import SETTINGS
 
 HOME = Path(settings.__file__).parent
-SOURCE = ast.parse(Path(settings.__file__).read_text(encoding="utf-8"))
+SOURCES = [
+    ast.parse(Path(inspect.getfile(record)).read_text(encoding="utf-8"))
+    for record in (settings.DiagnosisSettings, CounterSettings)
+]
 
 
 def has_number(value: ast.expr) -> bool:
@@ -49,7 +54,7 @@ def test_what_has_a_number_is_told_from_what_has_none() -> None:
 def test_every_setting_has_its_reason() -> None:
     """A docstring follows each field, or the last of up to three that belong together."""
     without = []
-    for group in (node for node in SOURCE.body if isinstance(node, ast.ClassDef)):
+    for group in (node for source in SOURCES for node in source.body if isinstance(node, ast.ClassDef)):
         if group.name == "DiagnosisSettings":
             continue
         waiting: list[int] = []

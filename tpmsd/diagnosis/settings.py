@@ -6,10 +6,11 @@ findings was fixed on the benchmark's development seeds (`python -m bench run di
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from tpmsd.diagnosis.counters.settings import CounterSettings
 from tpmsd.wheels import FloatArray
 
 
@@ -48,116 +49,6 @@ class HypothesisSettings:
     is not this effect."""
     best_per_drive: int = 10
     """Terms over time and distance of one drive that a scan of several drives returns."""
-
-
-@dataclass(frozen=True, slots=True)
-class CounterSettings:
-    """What is looked for in counts, apart from the windows."""
-
-    ripple_high_pass_s: float = 0.5
-    """Width of the Gaussian that takes slow differences between wheels away: several turns."""
-    ripple_from_mps: float = 4.0
-    """Below, a turn lasts as long as the high-pass."""
-    ripple_block_ticks: int = 300
-    """Half a minute: blocks over which the ripple's variance is told."""
-    ripple_folds: int = 5
-    """Of cross-validation."""
-    ripple_admit_nats: float = 12.0
-    """For amplitude, phase and flattening of one of four wheels, and odds of a thousand."""
-    ripple_longest_period_s: float = 0.1
-    """Between readings: what is interpolated between them is flatter than the ripple, the more the faster
-    the wheel turns. Periods are tried in steps of a tenth of this."""
-    ripple_flattened_std: float = 0.1
-    """Relative standard deviation of an amplitude: how much flatter is known no better."""
-    ripple_ranges: int = 12
-    """Of turns per second, where speeds fold the ripple."""
-    ripple_folded_from: float = 2.0
-    """Gain of folded ripples, over that of plain ones, from which they are folded."""
-    ripple_folded_std: float = 0.6
-    """Relative standard deviation of an amplitude that was folded."""
-    fewest_teeth: int = 20
-    most_teeth: int = 200
-    """Counts per turn of the rings that cars have (48 to 100 are usual), and of finer ones."""
-    teeth_from_offset: float = 0.012
-    """Relative offset of a radius from which another number of teeth is thought of: radii differ by some
-    tenths of a per cent."""
-    teeth_within: float = 0.35
-    """How near to a whole number of teeth the offset must be."""
-    teeth_all_from: float = 0.055
-    """Relative offset of all wheels together: so far off no radius of a tyre of about the right size is."""
-    teeth_at_once: float = 0.04
-    """Relative offset of one wheel that is put right before anything else is looked for: no small
-    change."""
-    radius_spread: float = 0.003
-    """Relative standard deviation between the radii of one car's wheels: where one tooth is less, no count
-    is told from its neighbour."""
-    nominal_radius_m: float = 0.3
-    """Radius to which the prior of radii belongs."""
-    lost_compared_to_mps: float = 15.0
-    """Up to which fixes are compared for lost counts: beyond, radii that grow with speed show."""
-    lost_least_limit_mps: float = 1.0
-    lost_most_limit_mps: float = 4.0
-    lost_limit_step_mps: float = 0.1
-    """Speeds below which counts may be lost: passive sensors fall silent at 1 to 3 m/s."""
-    lost_least_mps: float = 0.6
-    """Least speed looked at: the receiver's course and speed are noise below."""
-    lost_errors: float = 4.0
-    """The same in standard deviations of the receiver's speed."""
-    lost_half_s: float = 0.25
-    """Half the time over which a wheel's speed is taken."""
-    lost_admit_nats: float = 14.0
-    """For the share that is lost, its limit among thirty, and odds of a thousand."""
-    lost_share: float = 0.3
-    """Least share of counts that is called lost: what is less may be a low-pass of the sensor."""
-    lost_block_s: float = 20.0
-    """Fixes nearer than this err alike."""
-    lost_braking_mps2: float = 2.0
-    """Usual change of speed before a stop, which blurs the limit."""
-    lost_fewest: int = 3
-    """Fixes below the limit."""
-    single_block_windows: int = 120
-    """Two minutes, over which a mean is taken away: radii drift slowly."""
-    single_most_steps: int = 60
-    """Counts lost in a window: of more the scatter looks normal, and no steps show."""
-    single_stds: float = 6.0
-    """Standard deviations above the mean up to which numbers of lost counts are added up."""
-    single_probe: float = 0.05
-    """Step in the logarithm of rate and noise by which the likelihood's curvature is taken."""
-    single_alike: float = 0.98
-    """Share of what an error of the best wheel explains, from which another wheel's explains it as well."""
-    single_least_own: float = 0.05
-    """Share of a wheel's way that the motion must leave open: without a gyro half of it is, on two wheels
-    nothing."""
-    missed_from_hz: float = 4.0
-    """Turns per second from which a ripple is faster than the car's own changes of speed."""
-    missed_smoothing_s: float = 2.0
-    """Over which what a wheel counts less than the other one is smoothed: many turns, less than a bend."""
-    missed_block_s: float = 60.0
-    """In which a ripple is coherent: 700 turns tell shares of 1e-3 apart, and a bend's load is over."""
-    missed_largest: float = 1e-2
-    """Share of the counts: one wheel that loses more is off by a whole tyre size."""
-    missed_step: float = 1e-4
-    """Between shares that are tried: a tenth of a ripple's width in a block."""
-    missed_ring_error: float = 3e-4
-    """Share by which the number of a ring's counts is known no better: 12 of 40,000, as two wheels of one
-    van differ on six drives."""
-
-    @property
-    def ripple_periods_s(self) -> FloatArray:
-        """Periods between readings that are tried, from none."""
-        return np.linspace(0.0, self.ripple_longest_period_s, 11)
-
-    @property
-    def missed_shares(self) -> FloatArray:
-        """Shares that are tried, of both signs: where one as good is negative, none is lost."""
-        count = round(self.missed_largest / self.missed_step)
-        return np.linspace(-self.missed_largest, self.missed_largest, 2 * count + 1)
-
-    @property
-    def lost_limits_mps(self) -> FloatArray:
-        """Limits that are tried."""
-        count = round((self.lost_most_limit_mps - self.lost_least_limit_mps) / self.lost_limit_step_mps)
-        return np.linspace(self.lost_least_limit_mps, self.lost_most_limit_mps, count + 1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -399,7 +290,7 @@ class DiagnosisSettings:
     """All of them, by room."""
 
     hypotheses: HypothesisSettings = HypothesisSettings()
-    counters: CounterSettings = CounterSettings()
+    counters: CounterSettings = field(default_factory=CounterSettings)
     preparation: PreparationSettings = PreparationSettings()
     selection: SelectionSettings = SelectionSettings()
     refinement: RefinementSettings = RefinementSettings()
