@@ -174,7 +174,7 @@ class Broken:
             raise np.linalg.LinAlgError("not positive definite")
         spread = estimate.covariance_m2.copy()
         spread[3, 0] = math.inf
-        return replace(estimate, covariance_m2=spread)
+        return estimate._replace(covariance_m2=spread)
 
 
 @pytest.mark.parametrize("how", ["covariance", "raises"])
@@ -210,11 +210,11 @@ def test_what_is_no_estimate_is_told_from_one() -> None:
     ):
         deviation = estimate.deviation_m.copy()
         deviation[1] = value
-        assert reason == unsound(replace(estimate, deviation_m=deviation), [0, 1, 2, 3])
-        assert "" == unsound(replace(estimate, deviation_m=deviation), [0, 2, 3])
+        assert reason == unsound(estimate._replace(deviation_m=deviation), [0, 1, 2, 3])
+        assert "" == unsound(estimate._replace(deviation_m=deviation), [0, 2, 3])
     spread = estimate.covariance_m2.copy()
     spread[2, 2] = -1e-12
-    assert "a variance is negative" == unsound(replace(estimate, covariance_m2=spread), [0, 1, 2, 3])
+    assert "a variance is negative" == unsound(estimate._replace(covariance_m2=spread), [0, 1, 2, 3])
 
 
 def test_bounds_refuse_what_is_beyond_them() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import math
 import struct
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -158,7 +157,7 @@ def test_the_line_is_of_the_last_step(tmp_path: Path) -> None:
     for speed_mps, words in ((20.0, " 72 km/h;"), (math.nan, " bus ")):
         last = steps[-1]._replace(
             report=report(*[WATCHED] * 4),
-            estimate=replace(steps[-1].estimate, speed_mps=speed_mps),
+            estimate=steps[-1].estimate._replace(speed_mps=speed_mps),
         )
         health.stepped([first, last], pipeline, 1.0)
         assert health.line(pipeline, 1.0, 3).startswith(f"monitoring 4 wheels, no alarm;{words}")

@@ -134,11 +134,11 @@ def test_a_second_in_order_takes_back_what_was_counted() -> None:
 def test_a_wheel_is_lost_after_its_time_and_not_before() -> None:
     """More than thirty seconds without a value; a wheel that was never read is lost from the start."""
     ticks = Ticks()
-    assert ticks.watch.is_lost(1, ticks.time_s)
+    assert [] == ticks.watch.heard(ticks.time_s)
     ticks.until("raised", most_s=5.0)
 
-    assert not ticks.watch.is_lost(1, ticks.time_s + 30.0)
-    assert ticks.watch.is_lost(1, ticks.time_s + 30.1)
+    assert [0, 1, 2, 3] == ticks.watch.heard(ticks.time_s + 30.0)
+    assert [] == ticks.watch.heard(ticks.time_s + 30.1)
 
 
 def test_a_slow_car_without_fixes_is_in_order() -> None:

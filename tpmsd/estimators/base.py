@@ -7,16 +7,15 @@ In: `Tick`s. Out: a `RadiusEstimate` per tick. An estimator does no I/O, reads n
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class RadiusEstimate:
-    """Joint posterior of the four radii, and the pose that came with it, at the end of one tick."""
+class RadiusEstimate(NamedTuple):
+    """Joint posterior of the four radii, and the pose that came with it, at the end of one tick. A named
+    tuple: one is made in every tick."""
 
     time_s: float
     deviation_m: FloatArray

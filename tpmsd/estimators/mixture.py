@@ -188,10 +188,8 @@ class MixtureBelief:
     def _reading_heading(self, tick: Tick) -> float:
         """The counters' reading error at one instant (half of a tick's variance) as an error of heading,
         rad."""
-        rolls = [
-            float(tick.rotation_std_rad[wheel] * radius_m)
-            for wheel, radius_m in zip(self._car.order[:2], self._car.nominal_m, strict=False)
-        ]
+        std_rad, radius_m = tick.rotation_std_rad.tolist(), self._car.nominal_m.tolist()
+        rolls = [std_rad[wheel] * radius_m[place] for place, wheel in enumerate(self._car.order[:2])]
         known = [roll for roll in rolls if roll == roll]
         return math.hypot(*known) / math.sqrt(2.0) / self._car.geometry.track_rear_m
 

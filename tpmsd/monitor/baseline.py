@@ -28,12 +28,14 @@ from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.conditions import ConditionTracker
 from tpmsd.monitor.drive_evidence import Accounts, DriveEvidence
 from tpmsd.monitor.probability import chi_square_quantile
-from tpmsd.monitor.reference import KNOTS_MPS, Reference, speed_range
+from tpmsd.monitor.reference import Reference, speed_range
 from tpmsd.monitor.settings import BASELINE, CONDITIONS, REFERENCE
 from tpmsd.physics.priors import GROWTH_S2PM
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import FloatArray
 
+KNOTS_KMH = tuple(round(3.6 * knot_mps) for knot_mps in REFERENCE.knots_mps)
+"""Middles of the ranges of speed, km/h."""
 FIT_LIMIT = {count: chi_square_quantile(BASELINE.fit_probability, count) for count in range(1, 5)}
 """Largest squared distance of a sample that is learned, by number of wheels: quantile of chi-square."""
 
@@ -297,7 +299,7 @@ class Baseline:
     def samples_by_kmh(self) -> tuple[tuple[int, int], ...]:
         """Samples learned in each range of speed, by its middle in km/h; those of this drive among them."""
         ranges = (self._shadow or self.reference).ranges
-        return tuple((round(3.6 * k), n) for k, n in zip(KNOTS_MPS, ranges, strict=True))
+        return tuple(zip(KNOTS_KMH, ranges, strict=True))
 
     # -- what survives a restart -----------------------------------------------------------------------------
 

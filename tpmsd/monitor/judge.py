@@ -74,7 +74,7 @@ class Judgement:
     @property
     def all_alike(self) -> bool:
         """Whether the most probable loss is one of all wheels: then only the receiver tells it from none."""
-        return self.finding is not None and bool(np.all(self.finding.verdict.best_loss_m > 0.0))
+        return self.finding is not None and bool(self.finding.verdict.best_loss_m.min() > 0.0)
 
     @property
     def least_hold_s(self) -> float:
@@ -89,15 +89,13 @@ class Judgement:
     def by_wheel(self) -> list[tuple[float, ...]]:
         """For each of four wheels its change, standard deviation, probabilities of a deflation and of a
         deviation (0 where nothing was judged), lost pressure and standard deviation."""
-        probabilities = np.nan_to_num(np.stack([self.deflated, self.deviates]))
-        columns = [
-            self.change_m,
-            self.change_std_m,
-            *probabilities,
-            self.pressure_loss,
-            self.pressure_loss_std,
-        ]
-        return [tuple(row) for row in np.stack(columns, axis=1).tolist()]
+        deflated, deviates = (
+            [0.0 if math.isnan(chance) else chance for chance in chances.tolist()]
+            for chances in (self.deflated, self.deviates)
+        )
+        change_m, std_m = self.change_m.tolist(), self.change_std_m.tolist()
+        loss, loss_std = self.pressure_loss.tolist(), self.pressure_loss_std.tolist()
+        return list(zip(change_m, std_m, deflated, deviates, loss, loss_std, strict=True))
 
     @classmethod
     def unknown(cls) -> Judgement:

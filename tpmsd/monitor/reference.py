@@ -47,6 +47,7 @@ LOAD, DAY, WANDER, WANDER_OWN = slice(20, 22), 22, 23, slice(24, 28)
 SIZE = 28
 
 KNOTS_MPS = np.array(REFERENCE.knots_mps)
+_PLACES = np.arange(float(KNOTS_MPS.size))
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +70,7 @@ class Reference:
         self._driven = np.array(
             [vehicle.driven_axle in ("front", "all"), vehicle.driven_axle in ("rear", "all")]
         )
+        self._acts = self._signs()
         self.mean, self.covariance = self._prior()
         self.ranges = [0] * KNOTS_MPS.size
         """Samples learned in each range of speed, by its knot."""
@@ -94,24 +96,26 @@ class Reference:
         covariance[CAR:, CAR:] = np.diag(_drive_std() ** 2)
         return mean, covariance
 
+    def _signs(self) -> FloatArray:
+        """(4, SIZE) on which wheels each parameter acts, and with which sign."""
+        out = np.zeros((4, SIZE))
+        out[:, OWN] = out[:, GROWTH_OWN] = out[:, WANDER_OWN] = np.eye(4)
+        out[:, SPEED] = out[:, GROWTH] = out[:, DAY] = out[:, WANDER] = 1.0
+        out[:, DRAG] = np.where(np.where(IS_FRONT, *self._driven), -1.0, 0.0)
+        out[:, WARM], out[:, WARM_AXLE] = -1.0, np.where(IS_FRONT, -1.0, 1.0)
+        for axle, mask in enumerate((IS_FRONT, ~IS_FRONT)):
+            out[mask, HILL.start + axle] = out[mask, LOAD.start + axle] = 1.0
+        return out
+
     def features(self, at: Conditions) -> FloatArray:
         """(4, SIZE) how each parameter acts on each wheel, relative to its radius."""
-        out = np.zeros((4, SIZE))
+        quantities = np.ones(SIZE)
         speed2 = at.speed2 / REFERENCE.per_speed2
-        driven = np.where(IS_FRONT, self._driven[0], self._driven[1])
-        out[:, OWN] = np.eye(4)
-        out[:, GROWTH_OWN] = np.eye(4) * speed2
-        out[:, SPEED] = hats(math.sqrt(at.speed2))
-        out[:, GROWTH] = speed2
-        out[:, DRAG] = -speed2 * driven
-        out[:, WARM] = -np.array(at.cold)
-        out[:, WARM_AXLE] = -at.cold[1] * np.where(IS_FRONT, 1.0, -1.0)
-        for axle, mask in enumerate((IS_FRONT, ~IS_FRONT)):
-            out[mask, HILL.start + axle] = at.slope_mps2
-            out[mask, LOAD.start + axle] = 1.0
-        out[:, DAY] = out[:, WANDER] = 1.0
-        out[:, WANDER_OWN] = np.eye(4)
-        return out
+        quantities[GROWTH_OWN] = quantities[GROWTH] = quantities[DRAG] = speed2
+        quantities[SPEED] = hats(math.sqrt(at.speed2))
+        quantities[WARM], quantities[WARM_AXLE] = at.cold, at.cold[1]
+        quantities[HILL] = at.slope_mps2
+        return np.asarray(self._acts * quantities)
 
     def expected(self, at: Conditions) -> tuple[FloatArray, FloatArray]:
         """Radius minus nominal to expect (4,), m, and its covariance (4, 4), m2."""
@@ -204,7 +208,7 @@ class Reference:
     def copy(self) -> Reference:
         """One that learns apart from this one."""
         out = Reference.__new__(Reference)
-        out._radius, out._driven = self._radius, self._driven
+        out._radius, out._driven, out._acts = self._radius, self._driven, self._acts
         out.mean, out.covariance, out.ranges = self.mean.copy(), self.covariance.copy(), list(self.ranges)
         return out
 
@@ -250,8 +254,8 @@ def _drive_std() -> FloatArray:
 
 def hats(speed_mps: float) -> FloatArray:
     """(knots,) piecewise linear weights of the ranges of speed; their sum is 1."""
-    place = float(np.interp(speed_mps, KNOTS_MPS, np.arange(KNOTS_MPS.size)))
-    return np.asarray(np.maximum(1.0 - np.abs(np.arange(KNOTS_MPS.size) - place), 0.0))
+    place = float(np.interp(speed_mps, KNOTS_MPS, _PLACES))
+    return np.asarray(np.maximum(1.0 - np.abs(_PLACES - place), 0.0))
 
 
 def speed_range(at: Conditions) -> int:

@@ -39,26 +39,26 @@ def sight(
 ) -> Sight:
     """`one_m2` and `all_m2` (d, d): covariance by which one tyre and all alike are judged, None where they
     are not; radius_m (d,); `threshold` relative; `probability` asked for."""
-    d = radius_m.size
-    single = max(
-        _smallest(one_m2, radius_m * row, threshold, probability, JUDGE.prior_by_size[0]) for row in np.eye(d)
-    )
+    priors = JUDGE.prior_by_size
+    # The information of a loss of one wheel alone is an element of the diagonal.
+    of_each = radius_m**2 * np.linalg.inv(one_m2).diagonal()
+    single = _pressure(_smallest(float(of_each.min()), threshold, probability, priors[0]), radius_m, tyres)
     if all_m2 is None:
-        return Sight(_pressure(single, radius_m, tyres), 1.0)
-    alike = _smallest(all_m2, radius_m, threshold, probability, JUDGE.prior_by_size[d - 1])
-    return Sight(_pressure(single, radius_m, tyres), _pressure(alike, radius_m, tyres))
+        return Sight(single, 1.0)
+    of_all = float(radius_m @ np.linalg.solve(all_m2, radius_m))
+    alike = _smallest(of_all, threshold, probability, priors[radius_m.size - 1])
+    return Sight(single, _pressure(alike, radius_m, tyres))
 
 
-def _smallest(
-    covariance_m2: FloatArray, pattern_m: FloatArray, threshold: float, probability: float, prior: float
-) -> float:
-    """Relative loss of the wheels of a pattern (d,), m per relative loss."""
-    std = 1.0 / math.sqrt(float(pattern_m @ np.linalg.solve(covariance_m2, pattern_m)))
+def _smallest(information: float, threshold: float, probability: float, prior: float) -> float:
+    """Relative loss that is seen where a relative loss has this information, 1."""
+    std = 1.0 / math.sqrt(information)
     nats = math.log(probability / (1.0 - probability)) - math.log(prior / JUDGE.losses[2])
     return max(math.sqrt(2.0 * nats) * std, threshold + std)
 
 
 def _pressure(loss: float, radius_m: FloatArray, tyres: list[TyreModel]) -> float:
     """Share of the pressure that a relative loss of radius stands for, mean of the tyres."""
-    shares = [tyre.pressure_loss(-loss * float(r), 0.0)[0] for tyre, r in zip(tyres, radius_m, strict=True)]
-    return min(float(np.mean(shares)), 1.0)
+    lost_m = (loss * radius_m).tolist()
+    shares = [tyre.pressure_loss(-one_m)[0] for tyre, one_m in zip(tyres, lost_m, strict=True)]
+    return min(sum(shares) / len(shares), 1.0)

@@ -88,6 +88,8 @@ class _Malfunction:
     def update(self, bad: bool, good: bool, limit_s: float, tick: Tick) -> list[AlarmEvent]:
         """Count bad time up to the limit; a tenth of it in good order clears. Neither: the counts stand
         still."""
+        if not (bad or self.bad_s or self.raised):
+            return []  # as nearly always; the time in good order counts from the next bad tick on
         if bad:
             self.bad_s += tick.dt_s
             self.good_s = 0.0
@@ -156,9 +158,10 @@ class SignalWatch:
         """The malfunctions that stand now, each as it was raised."""
         return tuple([m.raised for m in self._all if m.raised is not None])
 
-    def is_lost(self, wheel: int, time_s: float) -> bool:
-        """Whether a wheel has had no usable signal for as long as a malfunction takes."""
-        return time_s - self._last_valid_s.get(wheel, -math.inf) > self._settings.malfunction_s
+    def heard(self, time_s: float) -> list[int]:
+        """Wheels of which there was a usable signal within the time that a malfunction takes."""
+        limit_s = self._settings.malfunction_s
+        return [wheel for wheel, valid_s in self._last_valid_s.items() if not time_s - valid_s > limit_s]
 
     @property
     def unusable(self) -> bool:

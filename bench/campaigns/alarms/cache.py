@@ -7,7 +7,6 @@ bit. What was not asked for the last time (a case ended with its alarm) is estim
 from __future__ import annotations
 
 import ast
-import dataclasses
 import functools
 import hashlib
 import importlib.util
@@ -24,7 +23,7 @@ from tpmsd.estimators.base import Estimator, RadiusEstimate
 from tpmsd.timeline.tick import Tick
 
 OURS = ("tpmsd.", "bench.")
-FIELDS = [field.name for field in dataclasses.fields(RadiusEstimate)]
+FIELDS = list(RadiusEstimate._fields)
 SHAPES: dict[str, tuple[int, ...]] = {"deviation_m": (4,), "covariance_m2": (4, 4), "noise_std_m": (4,)}
 
 
