@@ -34,8 +34,6 @@ from tpmsd.physics.priors import GROWTH_S2PM
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import FloatArray
 
-KNOTS_KMH = tuple(round(3.6 * knot_mps) for knot_mps in REFERENCE.knots_mps)
-"""Middles of the ranges of speed, km/h."""
 FIT_LIMIT = {count: chi_square_quantile(BASELINE.fit_probability, count) for count in range(1, 5)}
 """Largest squared distance of a sample that is learned, by number of wheels: quantile of chi-square."""
 
@@ -299,7 +297,7 @@ class Baseline:
     def samples_by_kmh(self) -> tuple[tuple[int, int], ...]:
         """Samples learned in each range of speed, by its middle in km/h; those of this drive among them."""
         ranges = (self._shadow or self.reference).ranges
-        return tuple(zip(KNOTS_KMH, ranges, strict=True))
+        return tuple((round(3.6 * k), n) for k, n in zip(REFERENCE.knots_mps, ranges, strict=True))
 
     # -- what survives a restart -----------------------------------------------------------------------------
 

@@ -347,7 +347,6 @@ class Monitor:
         std = [_std(one) for one in variance]
         if not self._trusted:
             deviation = std = [math.nan] * 4
-        # Made from rows: half of the time of a call with each field.
         rows = zip(WHEELS, states, deviation, std, self._told[1], strict=True)
         return tuple([WheelReport._make((*own, *told)) for *own, told in rows])
 
