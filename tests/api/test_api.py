@@ -115,10 +115,13 @@ def test_the_tick_table_is_documented(replay: tpmsd.Replay) -> None:
 
 
 def test_a_replay_shows_itself(replay: tpmsd.Replay) -> None:
-    """The plot draws on the axes it is given, a band and a line per wheel; the HTML names the alarm."""
+    """The plot has a line and a band per wheel, names the alarm, and not flattened by the first seconds."""
     axes = Figure().subplots()
 
     assert axes is replay.plot(axes)
+    assert "deflation RL" in {text.get_text() for text in axes.texts}
+    highest_mm = 1e3 * float(np.nanmax(replay.result.deviation_m + 2.0 * replay.result.std_m))
+    assert axes.get_ylim()[1] < highest_mm
     assert list(WHEELS) == [text.get_text() for text in axes.get_legend().get_texts()]
     assert 4 == len(axes.collections)
     assert "<td>deflation</td><td>rl</td>" in replay._repr_html_()

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tpmsd.api.axes import own_axes
 from tpmsd.api.car_library import load_cars
 from tpmsd.api.drive import Drive
 from tpmsd.api.raw_drive import read_drive
@@ -30,7 +31,7 @@ from tpmsd.sources.can_frame import CanFrame
 from tpmsd.sources.databases import load_database
 from tpmsd.sources.events import GnssFix
 from tpmsd.sources.nmea_epoch import NmeaAssembler
-from tpmsd.tables.extras import need, need_pandas
+from tpmsd.tables.extras import need_pandas
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -81,15 +82,14 @@ class Discovery:
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Probability of the signal of each role."""
-        axes = need("matplotlib.pyplot", "plot", "plots").subplots()[1] if ax is None else ax
+        axes = own_axes(ax)
         names = list(self.roles)[::-1]
         axes.barh(
             range(len(names)), [self.roles[name].probability for name in names], color=STYLES["after"].colour
         )
         axes.set_yticks(range(len(names)), names)
         axes.set(xlabel="probability", xlim=(0.0, 1.0))
-        made: Axes = axes
-        return made
+        return axes
 
     def _repr_html_(self) -> str:
         """The roles as a table for a notebook."""

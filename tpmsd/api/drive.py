@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,7 @@ class Drive:
     """A recorded or simulated drive with the configuration of its car."""
 
     name: str
-    config: Config
+    config: Config = field(repr=False)
     recording: Recording
     vehicle_toml: str | None = None
     """The configuration as text, where the drive has no folder."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tpmsd.api.axes import own_axes
 from tpmsd.errors import ConfigError
 from tpmsd.monitor.records import AlarmEvent
 from tpmsd.palette import STYLES, line_style
@@ -22,7 +23,9 @@ from tpmsd.plain import plain
 from tpmsd.provenance import provenance
 from tpmsd.report.replay_document import replay_document
 from tpmsd.report.replay_result import ReplayResult, WheelOutcome
-from tpmsd.tables.extras import need, need_pandas
+from tpmsd.report.replay_series import settled_range
+from tpmsd.report.wording import alarm_label
+from tpmsd.tables.extras import need_pandas
 from tpmsd.tables.tick_table import TickTable
 from tpmsd.wheels import WHEELS
 
@@ -96,7 +99,9 @@ class Replay:
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Deviation of each radius from nominal with a band of two standard deviations, and the alarms."""
-        axes = _axes(ax)
+        axes = own_axes(ax)
+        from tpmsd.report.mpl_style import place_labels
+
         result = self.result
         minutes = (result.time_s - result.start_s) / 60.0
         for k, wheel in enumerate(WHEELS):
@@ -105,11 +110,15 @@ class Replay:
                 continue
             (line,) = axes.plot(minutes, middle, label=wheel, **line_style(wheel))
             axes.fill_between(minutes, middle - band, middle + band, color=line.get_color(), alpha=0.2, lw=0)
-        for alarm in result.alarms:
-            dashes = "-" if alarm.state == "raised" else ":"
-            axes.axvline((alarm.time_s - result.start_s) / 60.0, color="black", lw=0.8, ls=dashes)
         axes.set(xlabel="time (min)", ylabel="radius minus nominal (mm)", title=result.drive)
-        axes.legend(ncols=4, frameon=False)
+        axes.set_ylim(*settled_range(1e3 * result.deviation_m, 1e3 * result.std_m, [0.0]))
+        axes.legend(ncols=4, frameon=False, loc="upper left", bbox_to_anchor=(0.0, -0.12))
+        moments = []
+        for alarm in result.alarms:
+            raised = alarm.state == "raised"
+            name = f"{alarm_label(alarm)}{'' if raised else ' cleared'}"
+            moments.append(((alarm.time_s - result.start_s) / 60.0, name, "bad" if raised else "soft"))
+        place_labels(axes, moments)
         return axes
 
     def _repr_html_(self) -> str:
@@ -206,12 +215,19 @@ class Diagnosis:
         return diagnosis_page(self.result, self.drives, origin, standalone=standalone)
 
     def plot(self, ax: Axes | None = None) -> Axes:
-        """Held-out log-likelihood gain of each finding."""
-        axes = _axes(ax)
-        names = [finding.effect for finding in self.findings][::-1]
-        gains = [finding.gain for finding in self.findings][::-1]
-        axes.barh(range(len(names)), gains, color=STYLES["after"].colour)
-        axes.set_yticks(range(len(names)), names)
+        """Held-out log-likelihood gain of each finding, as a logarithm; suspicions are hatched."""
+        axes = own_axes(ax)
+        found = self.findings[::-1]
+        gains = [finding.gain for finding in found]
+        bars = axes.barh(range(len(found)), gains, color=STYLES["after"].colour)
+        for bar, finding in zip(bars, found, strict=True):
+            if finding.status == "suspicion":
+                bar.set(facecolor="none", edgecolor=STYLES["after"].colour, hatch="//")
+        axes.bar_label(bars, [f"{gain:.3g}" for gain in gains], padding=3)
+        axes.set_yticks(range(len(found)), [finding.effect for finding in found])
+        if gains:
+            axes.set_xscale("symlog")
+            axes.set_xlim(min(0.0, *gains), 10.0 * max(1.0, *gains))
         axes.set(
             xlabel="held-out log-likelihood gain (nats)", title=f"{', '.join(self.drives)}: {self.verdict}"
         )
@@ -255,7 +271,7 @@ class Calibration:
 
     def plot(self, ax: Axes | None = None) -> Axes:
         """Each wheel's radius with two standard deviations."""
-        axes = _axes(ax)
+        axes = own_axes(ax)
         wheels = self.result.wheels
         values = [1e3 * one.radius_m for one in wheels.values()]
         bands = [2e3 * one.radius_std_m for one in wheels.values()]
@@ -273,15 +289,6 @@ class Calibration:
             for wheel, one in self.result.wheels.items()
         ]
         return _page(f"Calibration from {', '.join(self.result.drives)}", (("wheel", "radius (mm)"), rows))
-
-
-def _axes(ax: Axes | None) -> Axes:
-    if ax is not None:
-        return ax
-    pyplot = need("matplotlib.pyplot", "plot", "plots")
-    _, made = pyplot.subplots(layout="constrained")
-    axes: Axes = made
-    return axes
 
 
 def _plain_dict(document: dict[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,22 @@
+"""Axes for the plots that results make of themselves.
+
+In: the caller's axes, or None. Out: these, or new ones in a figure of their own. matplotlib is an extra.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from tpmsd.tables.extras import need
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def own_axes(ax: Axes | None) -> Axes:
+    """`ax`, or the axes of a new figure that leaves room for its labels; ConfigError without matplotlib."""
+    if ax is not None:
+        return ax
+    _, made = need("matplotlib.pyplot", "plot", "plots").subplots(layout="constrained")
+    axes: Axes = made
+    return axes
