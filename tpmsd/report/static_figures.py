@@ -8,6 +8,7 @@ policy may forbid others.
 from __future__ import annotations
 
 import io
+import math
 import re
 from dataclasses import dataclass
 from typing import Any
@@ -151,6 +152,9 @@ def _bars(bars: Bars) -> Canvas:
     if is_logarithmic(bars):
         axes.set_xscale("symlog", linthresh=1.0, linscale=0.5)
         axes.set_xlim(0.0, float(values.max()) * 4.0)
+        decades = math.floor(math.log10(float(values.max()) * 4.0))
+        every = 1 + decades**2 // 25  # longer numbers need more room each
+        axes.set_xticks([0.0, *(10.0**decade for decade in range(0, decades + 1, every))])
     else:
         axes.set_xlim(0.0, max(float(values.max(initial=0.0)), 1e-9) * 1.18)
     axes.barh(positions, values, color=colours, height=0.7)
