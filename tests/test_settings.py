@@ -37,7 +37,7 @@ STRUCTURE = {
 }
 """What is no setting, and why."""
 AT_MOST = {
-    "sources": 130,
+    "sources": 126,
     "physics": 70,
     "calibration": 60,
     "resonance": 50,

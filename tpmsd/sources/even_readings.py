@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tpmsd.sources.can_arrival import MIN_TIMEOUT_S, TIMEOUT_PERIODS
+from tpmsd.sources.settings import SETTINGS
 from tpmsd.sources.wheel_counter import (
     MAX_ACCEL_MPS2,
     MAX_SPEED_MPS,
@@ -24,7 +25,7 @@ from tpmsd.sources.wheel_counter import (
     STUCK_S,
     WheelCounter,
 )
-from tpmsd.sources.wheel_speed import FROZEN_S, SLACK_MPS, WheelSpeedIntegrator
+from tpmsd.sources.wheel_speed import SLACK_MPS, WheelSpeedIntegrator
 from tpmsd.wheels import FloatArray
 
 IntArray = NDArray[np.int64]
@@ -187,7 +188,7 @@ def even_speeds(
     begin, since = _still(same, before_s)
     run = np.where(same, time_s - since, 0.0)
     last = np.arange(count) == count - 1
-    long = same & ((run > np.where(omega_radps == 0.0, STUCK_S, FROZEN_S)) | last)
+    long = same & ((run > np.where(omega_radps == 0.0, STUCK_S, SETTINGS.frozen_s)) | last)
 
     def settle() -> None:
         tracker._omega, tracker._time_s = float(omega_radps[-1]), float(time_s[-1])

@@ -23,10 +23,11 @@ from numpy.typing import NDArray
 from tpmsd.sources.can_block import ERROR, REMOTE, FrameBlock
 from tpmsd.sources.can_decoder import CanDecoder, Group
 from tpmsd.sources.even_readings import Even, even_counts, even_speeds
+from tpmsd.sources.settings import SETTINGS
 from tpmsd.sources.signal_bits import RawArray, numbers, raw_bits
 from tpmsd.sources.signal_plan import BUS_SHIFT, BitField, ConditionPlan, MessagePlan, SignalPlan
 from tpmsd.sources.wheel_counter import WheelCounter
-from tpmsd.sources.wheel_speed import FROZEN_MPS, WheelSpeedIntegrator
+from tpmsd.sources.wheel_speed import WheelSpeedIntegrator
 from tpmsd.wheels import FloatArray
 
 MIN_FRAMES = 40
@@ -334,7 +335,9 @@ class _Try:
             if isinstance(tracker, WheelSpeedIntegrator) and tracker in frozen.trackers:
                 assert value is not None
                 own = np.where(
-                    np.abs(value * tracker.radius_m) > FROZEN_MPS, evens[tracker].still_since_s, np.nan
+                    np.abs(value * tracker.radius_m) > SETTINGS.frozen_mps,
+                    evens[tracker].still_since_s,
+                    np.nan,
                 )
                 since = np.maximum(since, own)
         since = np.where(np.isnan(since), np.inf, since)

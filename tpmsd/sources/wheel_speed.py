@@ -19,19 +19,13 @@ import math
 from tpmsd.sources.can_arrival import MIN_TIMEOUT_S, TIMEOUT_PERIODS
 from tpmsd.sources.can_faults import FaultLog
 from tpmsd.sources.events import Event, RotationSample
+from tpmsd.sources.settings import SETTINGS
 from tpmsd.sources.wheel_counter import MAX_ACCEL_MPS2, MAX_SPEED_MPS, STUCK_S
 
 SLACK_MPS = 1.0
 """Many senders round slow speeds to zero, so a wheel seems to start with a step."""
 STUCK_ZERO_M = 2.0
 """The other wheels have rolled this far while this one says zero."""
-FROZEN_S = 2.0
-"""A speed other than zero may be constant on a smooth road; not for so long while the others change."""
-FROZEN_MPS = 1.5
-FROZEN_RUNS, FROZEN_MIN_S, FROZEN_LEARN_S = 5.0, 0.25, 10.0
-FORGET = 0.9999
-NOISE_TURNS = 10.0
-"""A signal with noise would have changed its direction this often within a stretch that is called frozen."""
 FINE_MPS = 0.03
 """0.1 km/h: a single tooth of a ring makes more of a difference from frame to frame."""
 
@@ -40,8 +34,8 @@ class FrozenSpeeds:
     """Tells speeds of several wheels that all stay the same to the last bit: their sender or a gateway hangs.
 
     Noise makes them differ from frame to frame, some signals more and some less. So a stretch is frozen that
-    is several times as long as the longest one of the last minutes, or longer than `FROZEN_S`, and in which
-    the noise would have turned the signal back and forth `NOISE_TURNS` times. A signal that turns as rarely
+    is several times as long as the longest one of the last minutes, or longer than `frozen_s`, and in which
+    the noise would have turned the signal back and forth `noise_turns` times. A signal that turns as rarely
     as the car's own speed does carries no noise (a simulator's, a smoothing sender's): there an even speed
     is an even speed, and a sender that hangs shows by the receiver.
     """
@@ -61,7 +55,7 @@ class FrozenSpeeds:
         still_s = -math.inf
         for tracker in self.trackers:
             since_s = tracker.still_since
-            if since_s is None or tracker.stuck or not abs(tracker.speed_mps) > FROZEN_MPS:
+            if since_s is None or tracker.stuck or not abs(tracker.speed_mps) > SETTINGS.frozen_mps:
                 still_s = math.inf
                 break
             still_s = max(still_s, since_s)
@@ -77,23 +71,25 @@ class FrozenSpeeds:
         if math.isnan(self._since_s) or time_s < self._since_s:
             self._since_s = time_s
         if still_s == math.inf:
-            self._longest_s = max(self._run_s, FORGET * self._longest_s)
+            self._longest_s = max(self._run_s, SETTINGS.frozen_forget * self._longest_s)
             self._run_s = 0.0
             self._watch_noise(time_s, speed_mps)
             return False
         self._run_s = max(time_s - still_s, 0.0)
-        usual_s = FROZEN_S
-        if time_s - self._since_s > FROZEN_LEARN_S:
-            usual_s = min(max(FROZEN_RUNS * self._longest_s, FROZEN_MIN_S), FROZEN_S)
-        return self._run_s > max(usual_s, NOISE_TURNS * self._moving_s / (1.0 + self._turns))
+        usual_s = SETTINGS.frozen_s
+        if time_s - self._since_s > SETTINGS.frozen_learn_s:
+            usual_s = min(
+                max(SETTINGS.frozen_runs * self._longest_s, SETTINGS.frozen_least_s), SETTINGS.frozen_s
+            )
+        return self._run_s > max(usual_s, SETTINGS.noise_turns * self._moving_s / (1.0 + self._turns))
 
     def _watch_noise(self, time_s: float, speed_mps: float) -> None:
         """Count how often the first wheel's speed turns from rising to falling, in motion."""
         before_s, before_mps, direction = self._before
         change = speed_mps - before_mps
-        if 0.0 < time_s - before_s < FROZEN_S and abs(speed_mps) > FROZEN_MPS:
-            self._moving_s = FORGET * self._moving_s + time_s - before_s
-            self._turns = FORGET * self._turns + (change * direction < 0.0)
+        if 0.0 < time_s - before_s < SETTINGS.frozen_s and abs(speed_mps) > SETTINGS.frozen_mps:
+            self._moving_s = SETTINGS.frozen_forget * self._moving_s + time_s - before_s
+            self._turns = SETTINGS.frozen_forget * self._turns + (change * direction < 0.0)
         self._before = (time_s, speed_mps, change or direction)
 
 
@@ -194,9 +190,9 @@ class WheelSpeedIntegrator:
             if still_s <= STUCK_S:
                 return None
             return sum(abs(way) >= STUCK_ZERO_M for way in others_m) >= needed
-        if still_s <= FROZEN_S:
+        if still_s <= SETTINGS.frozen_s:
             return None
-        return sum(abs(change) >= FROZEN_MPS for change in others_change_mps) >= needed
+        return sum(abs(change) >= SETTINGS.frozen_mps for change in others_change_mps) >= needed
 
     def is_fine(self, step_radps: float) -> bool:
         """Whether a signal of this resolution shows the noise that every wheel speed has."""
