@@ -37,6 +37,16 @@ class Fit:
     gain: float
     """Log-likelihood over that of no columns at all."""
 
+    def known(self, column: int, std: float) -> Fit:
+        """The fit with one value known beforehand to be zero within `std`; the gain stays the data's."""
+        across = self.covariance[:, column]
+        total = std**2 + across[column]
+        return replace(
+            self,
+            values=self.values - across * (self.values[column] / total),
+            covariance=self.covariance - np.outer(across, across) / total,
+        )
+
 
 @dataclass(frozen=True)
 class Part:

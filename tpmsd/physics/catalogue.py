@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import importlib
+import math
 import pkgutil
 from collections.abc import Callable, Iterable
 from dataclasses import MISSING, dataclass, fields
@@ -155,6 +156,14 @@ RADIUS = _the("a constant of each wheel", lambda effect: effect.always_fitted an
 ALWAYS = frozenset(name for name, effect in EFFECTS.items() if effect.always_fitted)
 """What is fitted along with every model."""
 EVENTS = tuple(name for name, effect in EFFECTS.items() if effect.span)
+
+
+def usual_size(effect: type[Effect], parameter: str) -> float:
+    """Root mean square of a parameter by its prior; ValueError where it has none."""
+    known = parameters_of(effect.name)[parameter]
+    if not isinstance(known, Parameter) or known.prior is None:
+        raise ValueError(f"{effect.name}.{parameter} has no prior")
+    return math.hypot(known.prior.mean - known.neutral, known.prior.std)
 
 
 def parameters_of(name: str) -> dict[str, AnyParameter]:

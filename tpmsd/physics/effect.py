@@ -121,7 +121,7 @@ class Effect:
     beside: ClassVar[tuple[str, ...]] = ()
     """Effects beside which it must be needed, where shapes act that no formula holds."""
     beside_value: ClassVar[tuple[str, ...]] = ()
-    """Further ones that are fitted along when its value is told."""
+    """Effects of which every car has some: fitted along within their priors when its value is told."""
     own_per_drive: ClassVar[bool] = False
     """Whether each drive has a value of its own, and none is common to all."""
     alike_on_every_drive: ClassVar[bool] = False

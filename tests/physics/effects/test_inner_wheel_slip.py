@@ -37,3 +37,16 @@ def test_wheels_that_are_not_driven_slip_under_the_brakes_alone() -> None:
     braking = effect.wheel_slip(_turning(-2.0, -3.0), car("front"))[0]
     assert [0.0, 0.0, 6e-4, -6e-4] == pytest.approx(braking.tolist())
     assert not np.any(effect.wheel_slip(_turning(2.0, -3.0), car("front")))
+
+
+def test_driven_wheels_slip_less_under_the_brakes_that_all_wheels_share() -> None:
+    """Brakes put 40 % of the force on the driven axle, drive force is all theirs: for the same deceleration
+    the difference between the wheels is 0.4 times as large, and of the other sign."""
+    k, c, a_y = 0.07, 4e-3, 2.0
+    effect = make_effect("inner_wheel_slip", driven=c * k, braked=0.4 * c * k)
+
+    driving, braking = (effect.wheel_slip(_turning(a_x, a_y), car("rear"))[0] for a_x in (1.5, -1.5))
+    assert [0.0, 0.0] == braking[:2].tolist()
+    assert (braking[2:] / driving[2:]).tolist() == pytest.approx([-0.4, -0.4])
+    assert ("rl", "rr") == effect.acting_wheels(car("rear"), ("braked",))
+    assert ("fl", "fr") == effect.acting_wheels(car("rear"), ("free",))

@@ -13,7 +13,8 @@ import numpy as np
 
 from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term, group_gain
 from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import Evidence
+from tpmsd.inference.least_squares import Evidence, Fit
+from tpmsd.physics.catalogue import usual_size
 from tpmsd.wheels import FloatArray
 
 
@@ -30,6 +31,20 @@ class Candidates:
     def design(self, terms: Sequence[Term]) -> FloatArray:
         """Calibration and these terms."""
         return np.concatenate([self.hypotheses.nuisance, *(term.design for term in terms)], axis=1)
+
+    def valued(self, terms: Sequence[Term], of: Term) -> Fit:
+        """The fit by which a term's values are told: beside effects of which every car has some, as usual.
+
+        The values of the terms stand where they stand in their own fit.
+        """
+        usual = set(of.kind_of.beside_value) - {term.effect for term in terms}
+        more = [t for t in self.hypotheses.catalogue if t.effect in usual and t.drive is None]
+        fit = self.evidence.fit(self.design([*terms, *more]))
+        first = fit.design.shape[1] - sum(t.design.shape[1] for t in more)
+        stds = [usual_size(t.kind_of, name) for t in more for name in t.parameters]
+        for column, std in enumerate(stds, first):
+            fit = fit.known(column, std)
+        return fit
 
     def gain(self, terms: Sequence[Term]) -> float:
         """Log-likelihood of calibration and these terms."""

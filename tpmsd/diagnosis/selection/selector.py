@@ -221,10 +221,9 @@ class Selector(Candidates):
             other.free and other.covariate == term.covariate != "time" for other in chosen
         )
 
-    def _beside(self, terms: list[Term], which: int, value: bool = False) -> list[Term]:
+    def _beside(self, terms: list[Term], which: int) -> list[Term]:
         """What else an effect must be told from where spline terms act over its covariate: a shape of its own
-        for each axle, unless that is the effect in other words, and the effects that it names itself. For its
-        `value` also further ones.
+        for each axle, unless that is the effect in other words, and the effects that it names itself.
         """
         over = self._over(terms, which)
         if not over:
@@ -234,8 +233,7 @@ class Selector(Candidates):
         wanted = ("all" if "all" not in places else "front",) if "all" in usual else ("front", "rear")
         out = [usual[place] for place in wanted if place in usual and place not in places]
         out = [shape for shape in out if self._replaced(terms[which], shape) < SETTINGS.selection.same_effect]
-        effect = terms[which].kind_of
-        alike = {*effect.beside, *(effect.beside_value if value else ())} - {term.effect for term in terms}
+        alike = set(terms[which].kind_of.beside) - {term.effect for term in terms}
         return out + [term for term in self.hypotheses.catalogue if term.effect in alike]
 
     def _replaced(self, term: Term, shape: Term) -> float:
@@ -339,7 +337,7 @@ class Selector(Candidates):
         fit = self.evidence.fit(self.design(chosen))
         start = self.hypotheses.nuisance.shape[1] + sum(t.design.shape[1] for t in chosen[:which])
         at = slice(start, start + term.design.shape[1])
-        beside = self.evidence.fit(self.design([*chosen, *self._beside(chosen, which, value=True)]))
+        beside = self.valued([*chosen, *self._beside(chosen, which)], term)
         ratios = np.clip(self.evidence.sandwich(beside)[at], 1.0, SETTINGS.selection.most_overdispersion)
         gain = fit.gain - self.gain(rest)
         sure = gain / float(ratios.max()) - term.penalty

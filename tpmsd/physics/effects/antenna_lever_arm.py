@@ -32,6 +32,7 @@ class AntennaLeverArm(Effect):
     sentence = "the antenna is not where the configuration says"
     telling_drive = "drive full circles at walking pace, to both sides, then bends at speed"
     shows_in = ("gnss_course", "yaw_rate")
+    beside_value = ("lateral_slip",)
     parameters = (
         Parameter(
             "forward_m",

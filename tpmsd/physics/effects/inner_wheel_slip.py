@@ -14,7 +14,8 @@ from tpmsd.wheels import IS_LEFT, WHEELS, FloatArray
 @dataclass(frozen=True)
 class InnerWheelSlip(Effect):
     """omega * r = v * (1 +- q * a_x * a_y), plus on the left and minus on the right wheels: q of the driven
-    wheels acts for either sign of a_x, that of the others under the brakes alone.
+    wheels is one under drive force and another under the brakes, of which they carry a part; the other wheels
+    have one under the brakes alone.
 
     A differential gives both wheels of an axle the same torque, and so do their brakes; a tyre's slip is s =
     F_x / (C * F_z), for its stiffness is in proportion to its load. In a left turn (a_y > 0) the left wheels
@@ -25,7 +26,7 @@ class InnerWheelSlip(Effect):
     """
 
     name = "inner_wheel_slip"
-    formula = "omega * r = v * (1 +- q * a_x * a_y), + left, - right, q = driven, or free where a_x < 0"
+    formula = "omega * r = v * (1 +- q * a_x * a_y), + left, - right, q = driven (a_x > 0), braked, free"
     contrast = True
     sentence = "the inner wheels, which carry less load, slip more in bends"
     telling_drive = "speed up and brake in bends to both sides, ten times each"
@@ -38,9 +39,19 @@ class InnerWheelSlip(Effect):
             3e-4,
             -1e-2,
             1e-2,
-            "q of the driven wheels",
+            "q of the driven wheels under drive force",
             probe=1e-6,
             prior=Prior(3e-4, 3e-4, "k = 0.07 s2/m times a slip of 1e-3 to 8e-3 s2/m"),
+        ),
+        Parameter(
+            "braked",
+            "s4/m2",
+            1.5e-4,
+            -1e-2,
+            1e-2,
+            "q of the driven wheels under the brakes",
+            probe=1e-6,
+            prior=Prior(1.5e-4, 2e-4, "the same with the slip under the brakes"),
         ),
         Parameter(
             "free",
@@ -54,19 +65,22 @@ class InnerWheelSlip(Effect):
         ),
     )
     driven: float = 0.0
+    braked: float = 0.0
     free: float = 0.0
 
     @classmethod
     def acting_wheels(cls, car: Car, fitted: tuple[str, ...]) -> tuple[str, ...]:
         """The driven ones or the others, as they were fitted."""
+        asked = {"driven", "braked"} & set(fitted), {"free"} & set(fitted)
         return tuple(
             wheel
             for wheel, drives in zip(WHEELS, car.driven, strict=True)
-            if ("driven" if drives else "free") in fitted
+            if (asked[0] if drives else asked[1])
         )
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) q * a_x * a_y, with the sign of the side."""
         force = motion.specific_force_long_mps2[:, None]
-        scaled = np.where(car.driven, self.driven * force, self.free * np.minimum(force, 0.0))
+        brake = np.where(car.driven, self.braked, self.free) * np.minimum(force, 0.0)
+        scaled = np.where(car.driven, self.driven * np.maximum(force, 0.0), 0.0) + brake
         return np.asarray(scaled * motion.accel_lat_mps2[:, None] * np.where(IS_LEFT, 1.0, -1.0))

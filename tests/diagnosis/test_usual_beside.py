@@ -1,0 +1,52 @@
+"""Values that are told beside effects of which every car has some."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.diagnosis.test_beside_shapes import Given, columns, directions, noiseless
+from tpmsd.diagnosis.hypotheses.terms import Term
+from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.inference.least_squares import Fit
+from tpmsd.physics.catalogue import EFFECTS, usual_size
+
+ARM_M, SLIP, SPEED2 = -0.6, 3e-3, 225.0
+"""An antenna behind the rear axle, the side slip of a car, and the square of a speed at which both turn the
+antenna's course alike: f * yaw_rate / v and -c * v * yaw_rate."""
+PER_METRE = 30.0
+
+
+@pytest.mark.parametrize(("one_speed", "std_m"), [(True, 1.31), (False, 1.0 / PER_METRE)])
+def test_an_arm_is_as_uncertain_as_the_side_slip_that_looks_like_it(one_speed: bool, std_m: float) -> None:
+    """At one speed usual side slip moves it by more than a metre; bends at two speeds tell them apart."""
+    u = directions(2)
+    slip = -SPEED2 * u[:, 0] if one_speed else -SPEED2 * u[:, 1]
+    responses = PER_METRE * np.stack([u[:, 0], slip], axis=1)
+    arm = Term("antenna_lever_arm", columns(1, width=3), ("forward_m",), 3.5)
+    usual = Term("lateral_slip", columns(2, width=3), ("coefficient",), 3.5)
+    made = noiseless(ARM_M * responses[:, 0] + SLIP * responses[:, 1], responses)
+    (found,) = Selector(made, Given(3, [arm, usual], [])).judged([arm]).chosen
+
+    assert found.stds[0] == pytest.approx(std_m, rel=0.05)
+    assert abs(found.values[0] - ARM_M) < found.stds[0]
+
+
+def test_what_is_known_beforehand_is_a_reading_more() -> None:
+    """Values and covariance are those of least squares with a row that reads one value as zero."""
+    rng = np.random.default_rng(2)
+    rows, data, std = rng.standard_normal((50, 3)), rng.standard_normal(50), 0.05
+    more = np.concatenate([rows, [[0.0, 1.0 / std, 0.0]]])
+    expected = np.linalg.inv(more.T @ more)
+    covariance = np.linalg.inv(rows.T @ rows)
+    fit = Fit(np.eye(3), covariance @ rows.T @ data, covariance, 1.0).known(1, std)
+
+    assert fit.covariance == pytest.approx(expected)
+    assert fit.values == pytest.approx(expected @ rows.T @ data)
+
+
+def test_the_usual_size_is_that_of_the_prior() -> None:
+    """The root mean square about no effect; what has no prior has no usual size."""
+    assert usual_size(EFFECTS["lateral_slip"], "coefficient") == pytest.approx(np.hypot(5e-3, 3e-3))
+    with pytest.raises(ValueError, match=r"radius_change\.wheel has no prior"):
+        usual_size(EFFECTS["radius_change"], "wheel")
