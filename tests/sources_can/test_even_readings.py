@@ -91,6 +91,29 @@ def test_counters(
 
 
 @settings(derandomize=True, deadline=None, max_examples=100)
+@given(
+    PERIODS, JITTER, st.sampled_from([256, 65536]), st.lists(st.integers(0, 119), max_size=1), st.booleans()
+)
+def test_counters_that_stand(
+    period_s: float, jitter: list[float], modulus: int, moved: list[int], released: bool
+) -> None:
+    """Once the wheels together have shown that the car stands, all is even up to the next change."""
+    time_s, _ = drive(period_s, 0.0, 0.0, jitter)
+    raw = np.full(len(time_s), 17)
+    for place in moved:
+        raw[KNOWN + place :] += 1
+    tracker = WheelCounter(0, modulus, 1.0, 48.0, 0.316, FaultLog())
+    for at in range(KNOWN):
+        tracker.update(float(time_s[at]), int(raw[at]), period_s, [])
+    if released:
+        tracker.mark_standing()
+    later, values = time_s[KNOWN:], raw[KNOWN:]
+    even = even_counts(tracker, later, values, np.full(len(later), period_s))
+    assert min([*moved, len(later)]) * released == even.odd
+    assert_alike(tracker, even, later.tolist(), values.tolist(), period_s)
+
+
+@settings(derandomize=True, deadline=None, max_examples=100)
 @given(PERIODS, st.floats(0.0, 60.0), st.floats(-9.0, 9.0), JITTER, st.sampled_from([0.0, 0.01, 0.5]))
 def test_speeds(
     period_s: float, speed_mps: float, accel_mps2: float, jitter: list[float], step_mps: float

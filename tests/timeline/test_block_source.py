@@ -136,7 +136,15 @@ def damage(place: int, text: str) -> Change:
     return change
 
 
+def turn_one_wheel(log: list[str], at: int) -> None:
+    """The counter of one wheel goes on by itself for a while, also where the car stands."""
+    for k, place in enumerate([place for place, line in enumerate(log) if place >= at and " 0B0#" in line]):
+        if k < 150:
+            damage(32, f"{k:02X}")(log, place)
+
+
 CHANGES: list[Change] = [
+    turn_one_wheel,
     lambda log, at: log.pop(at),
     lambda log, at: log.insert(at, log[at]),
     lambda log, at: log.__setitem__(at, shifted(log[at], -0.03)),
@@ -171,12 +179,12 @@ def test_faulty_lines(changes: list[tuple[Change, float]]) -> None:
 
 
 def test_a_healthy_drive_goes_in_blocks(tmp_path: Path) -> None:
-    """Once the car rolls, and nothing is odd, all frames are decoded at once: 14 s of these 22 s."""
+    """Once the car is known to stand or rolls, and nothing is odd, all frames are decoded at once."""
     log, others = lines()
     for file, content in others.items():
         (tmp_path / file).write_bytes(content)
     (tmp_path / "can.log").write_text("\n".join(log) + "\n", "ascii")
-    assert_same(tmp_path, 0.6)
+    assert_same(tmp_path, 0.93)
 
 
 def test_a_standing_car_on_a_full_bus(tmp_path: Path) -> None:

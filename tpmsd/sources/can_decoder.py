@@ -205,6 +205,24 @@ class CanDecoder:
         """Whether the values of all wheels change."""
         return all(tracker.still_since is None and not tracker.stuck for tracker in self._wheels)
 
+    @property
+    def rests(self) -> bool:
+        """Whether all wheels are counted and stand, and none has rolled since another one stopped: nothing is
+        judged of them as long as no value changes."""
+        return all(
+            isinstance(tracker, WheelCounter) and tracker.stands and self._alone(tracker)
+            for tracker in self._wheels
+        )
+
+    def _alone(self, tracker: WheelCounter) -> bool:
+        """Whether no other wheel has rolled since this one stopped."""
+        witness = self._witnesses.get(tracker.wheel)
+        return (
+            witness is not None
+            and witness.since_s == tracker.still_since
+            and not any(tracker.is_a_way(other.travel_m - travel_m) for other, travel_m, _ in witness.others)
+        )
+
     def forget_calm(self) -> None:
         """Frames were taken without a poll: the next one looks at every message."""
         self._polled_s = self._calm_until_s = -math.inf

@@ -75,12 +75,13 @@ def _too_long(begin: IntArray, odd: BoolArray) -> int:
 
 
 def even_counts(counter: WheelCounter, time_s: FloatArray, raw: IntArray, period_s: FloatArray) -> Even:
-    """(n,) readings of a counter at rising times, with the message's period at each."""
-    count = len(time_s)
+    """(n,) readings of a counter at rising times, with the message's period at each. Those of one that
+    stands are even as long as they stay the same."""
+    count, stands = len(time_s), counter.stands
     if (
         counter._raw is None
         or counter.stuck
-        or counter.still_since is not None
+        or (counter.still_since is not None and not stands)
         or counter._held is not None
         or counter._suspect is not None
         or counter._odd
@@ -113,10 +114,15 @@ def even_counts(counter: WheelCounter, time_s: FloatArray, raw: IntArray, period
     odd = (least != bits) | (bits > high) | (bits + modulus <= high)
     same = bits == 0
     begin, since = _still(same, before_s)
-    run = np.where(same, time_s - since, 0.0)
-    way = np.abs(speed[begin]) * run - 0.5 * accel * run * (width + run)
-    last = np.arange(count) == count - 1
-    long = same & ((way >= REPEATED_BITS) | (run > STUCK_S) | last)
+    if stands:
+        even = _first(odd | ~same)
+        since = np.full(count, counter.still_since)
+    else:
+        run = np.where(same, time_s - since, 0.0)
+        way = np.abs(speed[begin]) * run - 0.5 * accel * run * (width + run)
+        last = np.arange(count) == count - 1
+        long = same & ((way >= REPEATED_BITS) | (run > STUCK_S) | last)
+        even = min(_first(odd), _too_long(begin, long))
 
     def settle() -> None:
         counter._total, counter._raw = int(totals[-1]), int(raw[-1])
@@ -124,13 +130,13 @@ def even_counts(counter: WheelCounter, time_s: FloatArray, raw: IntArray, period
         counter._history.clear()
         counter._history.extend(zip(times[first[-1] :].tolist(), totals[first[-1] :].tolist(), strict=True))
         counter._speed, counter._span = float(speeds[-1]), float(spans[-1])
-        counter._released = False
-        if same.any():
+        counter._released = stands
+        if same.any() and not stands:
             counter._run_speed = float(speed[begin[same][-1]])
             counter._withheld = False
 
     angle = (totals[known:] - counter._base) * counter.rad_per_bit
-    return Even(angle, since, min(_first(odd), _too_long(begin, long)), settle)
+    return Even(angle, since, even, settle)
 
 
 def _window(times: FloatArray, known: int) -> IntArray:

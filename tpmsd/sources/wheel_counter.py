@@ -131,6 +131,12 @@ class WheelCounter:
         """Whether the value stopped changing while the wheel must have turned on."""
         return self._withheld and not self._released
 
+    @property
+    def stands(self) -> bool:
+        """Whether the value stands still and is a reading all the same: the wheels together have shown that
+        the car stands."""
+        return self.still_since is not None and self._released and not self.stuck
+
     def update(self, time_s: float, raw: int, period_s: float, out: list[Event]) -> None:
         """Judge one reading. `raw` are the signal's bits, `period_s` the message's period (0: not known)."""
         if self._raw is None:
@@ -177,8 +183,12 @@ class WheelCounter:
         assert self.still_since is not None
         if time_s - self.still_since <= STUCK_S:
             return None
-        moved = sum(abs(way) >= STUCK_BITS * self.m_per_bit for way in others_m)
+        moved = sum(map(self.is_a_way, others_m))
         return moved >= min(2, max(1, len(others_m)))
+
+    def is_a_way(self, way_m: float) -> bool:
+        """Whether another wheel has rolled so far that this one cannot stand with it."""
+        return abs(way_m) >= STUCK_BITS * self.m_per_bit
 
     def mark_stuck(self) -> None:
         """No samples until the value changes; that begins a new segment."""

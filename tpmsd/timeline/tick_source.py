@@ -55,8 +55,9 @@ class TickSource:
     @property
     def may_look_ahead(self) -> bool:
         """Whether nothing stands against decoding frames before their time: fixes are not made of them, there
-        is a time, and the wheels roll."""
-        return self._on_bus is None and self.timeline.due_s > -math.inf and self.decoder.rolls
+        is a time, and the wheels roll or stand together."""
+        decoder = self.decoder
+        return self._on_bus is None and self.timeline.due_s > -math.inf and (decoder.rolls or decoder.rests)
 
     def on_frame(
         self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0
