@@ -322,3 +322,14 @@ BO_ 2147483650 REAR: 8 CAR
     expected = counts_at(60.0, rear[-1].time_s) - counts_at(60.0, 0.01)
     assert expected == round(rear[-1].angle_rad * TEETH / math.pi, 6)
     assert {0} == {sample.segment for sample in rotations(out)}
+
+
+def test_wheels_rest_once_all_stand_and_none_has_turned_alone() -> None:
+    """A car at a standstill rests after half a second; not if one wheel was turned after the others stood."""
+    for turned, expected in ((0, True), (6, False)):
+        decoder = counter_decoder()
+        for k in range(200):
+            own = 500 + min(max(k - 20, 0), turned)
+            assert not decoder.rests or k > 25
+            decoder.decode(10.0 + 0.02 * k, 176, False, counts_frame(own, 700, 800, 900))
+        assert expected == decoder.rests

@@ -5,9 +5,9 @@ make of the frames one by one, each with the place of its frame; or None, where 
 go through the decoder one by one. Pure; nothing is changed before `Stretch.settle`.
 
 Odd is whatever makes the decoder say or count something: a frame lost, late, repeated, too short, a value
-that is invalid or that the wheel cannot have, a message that is silent, a wheel that stands. All that is left
-then is arithmetic on arrays: bits, numbers, angles. Arrivals and senders are judged by copies of the
-decoder's own objects, frame by frame, for that takes little.
+that is invalid or that the wheel cannot have, a message that is silent, a wheel that stops or sets off. All
+that is left then is arithmetic on arrays: bits, numbers, angles. Arrivals and senders are judged by copies of
+the decoder's own objects, frame by frame, for that takes little.
 """
 
 from __future__ import annotations
