@@ -42,11 +42,18 @@ class State:
     selection: Selection | None = None
 
     @property
-    def found(self) -> Found:
+    def chosen(self) -> Selection:
         """What was chosen; ValueError before anything was."""
-        if self.selection is None or self.evidence is None:
+        if self.selection is None:
             raise ValueError("nothing was chosen yet")
-        return Found(self.study, self.selection, self.evidence)
+        return self.selection
+
+    @property
+    def found(self) -> Found:
+        """The same with the study and the evidence of which it was chosen; ValueError without them."""
+        if self.evidence is None:
+            raise ValueError("there is no evidence")
+        return Found(self.study, self.chosen, self.evidence)
 
 
 def first_noise(state: State) -> State:
@@ -99,19 +106,20 @@ def choose(state: State) -> State:
 def down_weight(state: State) -> State:
     """Let single readings weigh less that no chosen term explains.
 
-    Events have been looked for by now: what a hypothesis explains keeps its weight.
+    Events have been looked for by now: what a hypothesis explains keeps its weight. What was whitened so far
+    is let go: it takes as much memory as the columns, and the next origin has others.
     """
     study, selection, _ = state.found
     drives = []
     for drive in study.drives:
         white = drive.residual(selection.fit.design, selection.fit.values)
-        drives.append(drive.under(inflate=outliers(white, drive.blocks, drive.inflate)))
-    return replace(state, study=study.trial(drives))
+        drives.append(drive.reweighted(outliers(white, drive.blocks, drive.inflate)))
+    return replace(state, study=study.trial(drives), evidence=None)
 
 
 def move_origin(state: State) -> State:
     """Linearise about the best model so far."""
-    return replace(state, study=relinearised(state.study, state.found.selection))
+    return replace(state, study=relinearised(state.study, state.chosen))
 
 
 def verdict(state: State) -> State:

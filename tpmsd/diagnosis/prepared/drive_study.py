@@ -220,6 +220,12 @@ class DriveStudy:
         out.inflate = self.inflate if inflate is None else inflate
         return out
 
+    def reweighted(self, inflate: FloatArray) -> DriveStudy:
+        """The same with other factors (w, 9) on the variances, and without what was whitened so far."""
+        out = self.under(inflate=inflate)
+        out._kept = []
+        return out
+
     def append(self, columns: FloatArray) -> None:
         """Further columns (w, 9, k) at the end."""
         self.columns = np.concatenate([self.columns, columns], axis=2)
