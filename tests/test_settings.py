@@ -47,7 +47,7 @@ AT_MOST = {
     "sinks": 50,
     "daemon": 50,
     "config": 50,
-    "estimators": 45,
+    "estimators": 15,
     "simulator": 45,
     "report": 35,
     "cli": 35,

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from tpmsd.estimators.path_length import WINDOWS_S, PathLength
+from tpmsd.estimators.path_length import PathLength
+from tpmsd.estimators.settings import PATH_LENGTH
 from tpmsd.timeline.tick import Fix
 
 
@@ -20,7 +21,7 @@ def driven(
     noise_m: float = 0.0,
     quality: int = 1,
     jump_m: float = 0.0,
-    window_s: float = WINDOWS_S[0],
+    window_s: float = PATH_LENGTH.windows_s[0],
     wander_m: float = 0.0,
     seed: int = 3,
 ) -> tuple[PathLength, list[bool]]:
@@ -78,7 +79,7 @@ def test_a_scale_of_one_and_a_half_per_cent_parts_them(scale: float) -> None:
 )
 def test_what_receivers_do_is_no_lie(kind: dict[str, float]) -> None:
     """Late speeds, noise, a new solution and float ambiguities part nothing."""
-    for window_s in WINDOWS_S:
+    for window_s in PATH_LENGTH.windows_s:
         assert not any(driven(240.0, window_s=window_s, **kind)[1])  # type: ignore[arg-type]
 
 
@@ -87,14 +88,14 @@ def test_the_long_window_finds_a_scale_of_half_a_per_cent(scale: float) -> None:
     """At 72 km/h a speed that is 0.5 % off is found in three minutes, by the long window alone; honest speeds
     that are late, with positions that scatter, are not found out of anything."""
     _, short = driven(300.0, scale)
-    _, long = driven(300.0, scale, window_s=WINDOWS_S[1])
-    _, honest = driven(600.0, lag_s=0.3, noise_m=0.3, window_s=WINDOWS_S[1])
+    _, long = driven(300.0, scale, window_s=PATH_LENGTH.windows_s[1])
+    _, honest = driven(600.0, lag_s=0.3, noise_m=0.3, window_s=PATH_LENGTH.windows_s[1])
     assert not any(short)
     assert any(long[:180])
     assert not any(honest)
 
 
-@pytest.mark.parametrize("window_s", WINDOWS_S)
+@pytest.mark.parametrize("window_s", PATH_LENGTH.windows_s)
 def test_positions_that_wander_by_metres_are_no_lie(window_s: float) -> None:
     """Twenty honest drives of ten minutes with positions that wander by 3 m, as those of plain receivers:
     none is found out of anything; a scale of 3 % is, in each of five."""

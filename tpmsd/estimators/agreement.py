@@ -20,33 +20,11 @@ from statistics import median
 
 import numpy as np
 
-from tpmsd.estimators.path_length import WINDOWS_S, PathLength
+from tpmsd.estimators.path_length import PathLength
+from tpmsd.estimators.settings import AGREEMENT, PATH_LENGTH
 from tpmsd.timeline.tick import Fix, Tick
 from tpmsd.wheels import FloatArray
 
-WINDOW_S = 10.0
-LEAST_FIXES, LEAST_SPAN_S = 4, 3.0
-OFF_SHARE = 0.5
-"""Share of the window's fixes that are off, from which it is a disagreement, ..."""
-FAIR_SHARE = 0.1
-"""... and up to which it is agreement again."""
-SPEED_NOISE_MPS = 0.35
-"""Doppler 0.1 m/s, counts over half a second 0.1 m/s: three standard deviations."""
-SPEED_SHARE = 0.01
-"""Of the speed: what all four radii may do beyond what is believed of them."""
-LAG_S = 0.6
-"""By so much a receiver's speed may be late, of the present acceleration."""
-SMOOTHING_S = 0.5
-MOVING_MPS = 5.0
-"""Below, counts and Doppler are too coarse to tell drives apart."""
-POSITION_NOISE_MPS, POSITION_SHARE = 2.5, 0.1
-"""Of a speed from positions a second or more apart."""
-RECOVER_S = (10.0, 40.0)
-RECOVER_SHARE = 0.5
-FAULTS_WINDOW_S, FAULT_BIN_S, FAULT_BINS = 30.0, 5.0, 4
-"""Wheel readings that are faulty in 4 of the last 6 spans of five seconds are not a fault that passes."""
-STEADY_S = 15.0
-"""So long without a fault, and they are believed again."""
 FAULT_KINDS = frozenset({"jump", "reset", "late", "implausible"})
 
 
@@ -83,7 +61,7 @@ class AgreementWatch:
         self._window: deque[tuple[float, bool]] = deque()
         self._off = 0
         """How many of the window are off."""
-        self._paths = [PathLength(window_s) for window_s in WINDOWS_S]
+        self._paths = [PathLength(window_s) for window_s in PATH_LENGTH.windows_s]
         self._anchor: Fix | None = None
         self._withheld = self._unsteady = False
         self._bad_s = self._good_s = 0.0
@@ -98,12 +76,12 @@ class AgreementWatch:
                 float(np.nanmean(radius_m)),
             )
         self._follow(tick)
-        share = SPEED_SHARE + 3.0 * radius_std_m / self._mean_m
+        share = AGREEMENT.speed_share + 3.0 * radius_std_m / self._mean_m
         for fix in tick.fixes:
             self._compare(fix, share)
             for path in self._paths:
                 path.update(fix)
-        while self._window and self._window[0][0] < tick.time_s - WINDOW_S:
+        while self._window and self._window[0][0] < tick.time_s - AGREEMENT.window_s:
             self._off -= self._window.popleft()[1]
         was = self._withheld or self._unsteady
         self._decide(tick.dt_s)
@@ -117,7 +95,7 @@ class AgreementWatch:
         if tick.gap_s > 0.0:
             self._speeds = [math.nan] * 4
         dt_s = tick.dt_s
-        share = 1.0 - math.exp(-dt_s / SMOOTHING_S)
+        share = 1.0 - math.exp(-dt_s / AGREEMENT.smoothing_s)
         moved: list[float] = []
         steps: list[float] = []
         for before, turned, radius_m in zip(
@@ -140,14 +118,14 @@ class AgreementWatch:
         speed = fix.speed_mps
         fastest = max(median(wheels), speed if math.isfinite(speed) else 0.0)
         chord = self._chord(fix)
-        if fastest < MOVING_MPS:
+        if fastest < AGREEMENT.moving_mps:
             return
-        lag = LAG_S * abs(self._accel)
+        lag = AGREEMENT.lag_s * abs(self._accel)
         off = False
         if math.isfinite(speed):
-            off = min(abs(one - speed) for one in wheels) > SPEED_NOISE_MPS + share * fastest + lag
+            off = min(abs(one - speed) for one in wheels) > AGREEMENT.speed_noise_mps + share * fastest + lag
         if math.isfinite(chord):
-            limit = POSITION_NOISE_MPS + (POSITION_SHARE + share) * fastest + lag
+            limit = AGREEMENT.position_noise_mps + (AGREEMENT.position_share + share) * fastest + lag
             off = off or min(abs(one - chord) for one in wheels) > limit
         if math.isfinite(speed) or math.isfinite(chord):
             self._window.append((fix.time_s, off))
@@ -167,28 +145,41 @@ class AgreementWatch:
         return way / (fix.time_s - anchor.time_s)
 
     def _decide(self, dt_s: float) -> None:
-        enough = len(self._window) >= LEAST_FIXES and self._window[-1][0] - self._window[0][0] >= LEAST_SPAN_S
+        enough = (
+            len(self._window) >= AGREEMENT.least_fixes
+            and self._window[-1][0] - self._window[0][0] >= AGREEMENT.least_span_s
+        )
         if not enough:
             return
         off = self._off / len(self._window)
-        if off >= OFF_SHARE or any(path.apart for path in self._paths):
+        if off >= AGREEMENT.off_share or any(path.apart for path in self._paths):
             self._withheld, self._good_s = True, 0.0
             self._bad_s += dt_s
-        elif self._withheld and off > FAIR_SHARE:
+        elif self._withheld and off > AGREEMENT.fair_share:
             self._good_s = 0.0
         elif self._withheld:
             self._good_s += dt_s
-            if self._good_s >= min(max(RECOVER_SHARE * self._bad_s, RECOVER_S[0]), RECOVER_S[1]):
+            if self._good_s >= min(
+                max(AGREEMENT.recover_share * self._bad_s, AGREEMENT.recover_s[0]), AGREEMENT.recover_s[1]
+            ):
                 self._withheld, self._bad_s = False, 0.0
 
     def _count_faults(self, tick: Tick) -> None:
         if tick.faults and any(fault.source == "can" and fault.kind in FAULT_KINDS for fault in tick.faults):
-            bin_s = FAULT_BIN_S * math.floor(tick.time_s / FAULT_BIN_S)
+            bin_s = AGREEMENT.fault_bin_s * math.floor(tick.time_s / AGREEMENT.fault_bin_s)
             if not self._faulty or self._faulty[-1] != bin_s:
                 self._faulty.append(bin_s)
-        while self._faulty and self._faulty[0] < tick.time_s - FAULTS_WINDOW_S - FAULT_BIN_S:
+        while (
+            self._faulty and self._faulty[0] < tick.time_s - AGREEMENT.faults_window_s - AGREEMENT.fault_bin_s
+        ):
             self._faulty.popleft()
         if self._unsteady:
-            self._unsteady = bool(self._faulty) and tick.time_s - self._faulty[-1] < FAULT_BIN_S + STEADY_S
+            self._unsteady = (
+                bool(self._faulty)
+                and tick.time_s - self._faulty[-1] < AGREEMENT.fault_bin_s + AGREEMENT.steady_s
+            )
         else:
-            self._unsteady = len(self._faulty) >= FAULT_BINS and self._faulty[-1] + FAULT_BIN_S > tick.time_s
+            self._unsteady = (
+                len(self._faulty) >= AGREEMENT.fault_bins
+                and self._faulty[-1] + AGREEMENT.fault_bin_s > tick.time_s
+            )

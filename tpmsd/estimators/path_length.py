@@ -5,7 +5,7 @@ slowly, by an attacker or by a fault, is followed by the radii as fast as by any
 against; its own positions it contradicts.
 
 Both are summed over a window of fixes that follow each other closely. A step of the path is the
-chord between two fixes at least `STEP_S` apart, made an arc by the change of course. A speed that lags adds
+chord between two fixes at least `step_s` apart, made an arc by the change of course. A speed that lags adds
 the lag times the change of speed to the difference, whatever the length of the window.
 """
 
@@ -16,31 +16,9 @@ from collections import deque
 from itertools import pairwise
 from typing import NamedTuple
 
+from tpmsd.estimators.settings import PATH_LENGTH
 from tpmsd.timeline.tick import Fix
 
-WINDOWS_S = (60.0, 180.0)
-"""Two are watched side by side: the short one finds a large scale early, the long one a scale of 0.5 % from
-45 km/h on. Honest drives of the recordings reach a tenth of the limit in either."""
-STEP_S, LONGEST_STEP_S = 0.9, 2.5
-LEAST_M = 400.0
-"""Path below which the wander of positions hides what is looked for."""
-PLACE_M = 4.0
-"""By so much the ends of a path may wander against each other at least, ..."""
-PLACE_STDS = 5.0
-"""... and by so many standard deviations of a random walk whose rate is that of the steps in the window: the
-positions of some receivers wander by 3 m in a minute, those of others by centimetres."""
-SHARE = 0.003
-"""Of the path: bends between fixes, rounding of speeds (0.1 knots is 0.05 m/s)."""
-LAG_S = 1.0
-"""By so much speeds may be late against positions."""
-AGREE_SHARE = 0.6
-"""Of the limit, below which they agree again."""
-JUMP_M, JUMP_SHARE = 1.0, 0.1
-"""A step that is off by more is a position that jumped (another solution of the receiver), and no scale."""
-SLOWEST_MPS = 3.0
-"""Below, positions wander as fast as the car moves."""
-MOST_TURN_RAD = 1.0
-"""Of a step: beyond, it is no arc."""
 UNSTEADY = frozenset({5, 6})
 """GGA qualities: an RTK solution with float ambiguities slides by tens of metres while it converges; dead
 reckoning has no position of its own."""
@@ -63,7 +41,7 @@ class _Step(NamedTuple):
 class PathLength:
     """Follows one receiver."""
 
-    def __init__(self, window_s: float = WINDOWS_S[0]) -> None:
+    def __init__(self, window_s: float = PATH_LENGTH.windows_s[0]) -> None:
         self._window_s = window_s
         self._before: Fix | None = None
         self._speeds: list[tuple[float, float]] = []
@@ -80,11 +58,11 @@ class PathLength:
     @property
     def limit_m(self) -> float:
         """What the difference may be; infinite while the path is too short to say."""
-        if self._path_m < LEAST_M:
+        if self._path_m < PATH_LENGTH.least_m:
             return math.inf
         change = abs(self._steps[-1].speed_mps - self._steps[0].speed_mps)
-        place = max(PLACE_M, PLACE_STDS * self._wander_m())
-        return place + SHARE * self._path_m + LAG_S * change
+        place = max(PATH_LENGTH.place_m, PATH_LENGTH.place_stds * self._wander_m())
+        return place + PATH_LENGTH.share * self._path_m + PATH_LENGTH.lag_s * change
 
     def _wander_m(self) -> float:
         """Standard deviation of the difference by positions that walk, from its steps: their long-run
@@ -103,7 +81,7 @@ class PathLength:
             self._begin(fix if known else None)
             return
         self._speeds.append((fix.time_s, fix.speed_mps))
-        if fix.time_s - before.time_s < STEP_S:
+        if fix.time_s - before.time_s < PATH_LENGTH.step_s:
             return
         self._add(before, fix)
         self._before, self._speeds = fix, [(fix.time_s, fix.speed_mps)]
@@ -111,12 +89,14 @@ class PathLength:
             self._drop()
         limit = self.limit_m
         if math.isfinite(limit):
-            self.apart = abs(self.difference_m) > limit * (AGREE_SHARE if self.apart else 1.0)
+            self.apart = abs(self.difference_m) > limit * (PATH_LENGTH.agree_share if self.apart else 1.0)
 
     @staticmethod
     def _follows(before: Fix, fix: Fix) -> bool:
         """Whether no fix is missing between the two, and both are of one solution."""
-        return before.quality == fix.quality and 0.0 < fix.time_s - before.time_s <= LONGEST_STEP_S
+        return (
+            before.quality == fix.quality and 0.0 < fix.time_s - before.time_s <= PATH_LENGTH.longest_step_s
+        )
 
     def _begin(self, fix: Fix | None) -> None:
         """The path begins anew; what was found stands until another one says otherwise."""
@@ -137,15 +117,15 @@ class PathLength:
 
     def _add(self, before: Fix, fix: Fix) -> None:
         integral = sum(0.5 * (v0 + v1) * (t1 - t0) for (t0, v0), (t1, v1) in pairwise(self._speeds))
-        if min(before.speed_mps, fix.speed_mps) < SLOWEST_MPS:
+        if min(before.speed_mps, fix.speed_mps) < PATH_LENGTH.slowest_mps:
             return
         path = math.hypot(fix.east_m - before.east_m, fix.north_m - before.north_m)
         turn = math.remainder(fix.heading_rad - before.heading_rad, math.tau)
-        if abs(turn) > MOST_TURN_RAD:
+        if abs(turn) > PATH_LENGTH.most_turn_rad:
             return
         if abs(turn) > 1e-3:
             path *= 0.5 * turn / math.sin(0.5 * turn)
-        if abs(path - integral) > JUMP_M + JUMP_SHARE * integral:
+        if abs(path - integral) > PATH_LENGTH.jump_m + PATH_LENGTH.jump_share * integral:
             return
         off = path - integral
         product = off * self._steps[-1].difference_m if self._steps else 0.0

@@ -1,7 +1,8 @@
 """Every tunable number of the estimators, with its unit and where it comes from.
 
-In: nothing. Out: `SETTINGS`. What the operator may set is in `config.model.FilterConfig`. `bench` in a reason
-means the estimator benchmark (`bench/results/estimators.md`): development seeds, both receivers.
+In: nothing. Out: `SETTINGS`, `AGREEMENT`, `PATH_LENGTH`. What the operator may set is in
+`config.model.FilterConfig`. `bench` in a reason means the estimator benchmark
+(`bench/results/estimators.md`): development seeds, both receivers.
 """
 
 from __future__ import annotations
@@ -229,4 +230,90 @@ class EstimatorSettings:
 
 
 SETTINGS = EstimatorSettings()
+"""The ones in use."""
+
+
+@dataclass(frozen=True, slots=True)
+class AgreementSettings:
+    """When wheels and receiver report the same drive (`agreement`)."""
+
+    window_s: float = 10.0
+    """Length of the window over which fixes that are off are counted, ..."""
+    least_fixes: int = 4
+    """... which has to hold so many, ..."""
+    least_span_s: float = 3.0
+    """... so far apart."""
+    off_share: float = 0.5
+    """Share of the window's fixes that are off, from which it is a disagreement, ..."""
+    fair_share: float = 0.1
+    """... and up to which it is agreement again."""
+    speed_noise_mps: float = 0.35
+    """Doppler 0.1 m/s, counts over half a second 0.1 m/s: three standard deviations."""
+    speed_share: float = 0.01
+    """Of the speed: what all four radii may do beyond what is believed of them."""
+    lag_s: float = 0.6
+    """By so much a receiver's speed may be late, of the present acceleration."""
+    smoothing_s: float = 0.5
+    """Time constant of the wheels' speeds and of their acceleration: a tick of 0.1 s holds few counts."""
+    moving_mps: float = 5.0
+    """Below, counts and Doppler are too coarse to tell drives apart."""
+    position_noise_mps: float = 2.5
+    """Of a speed from positions a second or more apart, ..."""
+    position_share: float = 0.1
+    """... and its share of the speed."""
+    recover_s: tuple[float, float] = (10.0, 40.0)
+    """Shortest and longest time of agreement that ends a disagreement, ..."""
+    recover_share: float = 0.5
+    """... and its share of the time that the disagreement lasted."""
+    faults_window_s: float = 30.0
+    """Wheel readings that are faulty in 4 of the last 6 spans of five seconds are not a fault that passes:
+    the time that is looked at, ..."""
+    fault_bin_s: float = 5.0
+    """... one span, ..."""
+    fault_bins: int = 4
+    """... and how many of them."""
+    steady_s: float = 15.0
+    """So long without a fault, and they are believed again."""
+
+
+AGREEMENT = AgreementSettings()
+"""The ones in use."""
+
+
+@dataclass(frozen=True, slots=True)
+class PathLengthSettings:
+    """When a receiver's positions and its speeds are of one drive (`path_length`)."""
+
+    windows_s: tuple[float, ...] = (60.0, 180.0)
+    """Two are watched side by side: the short one finds a large scale early, the long one a scale of 0.5 %
+    from 45 km/h on. Honest drives of the recordings reach a tenth of the limit in either."""
+    step_s: float = 0.9
+    """Least time between the ends of a step of the path ..."""
+    longest_step_s: float = 2.5
+    """... and most: beyond, too little is known of the way between them."""
+    least_m: float = 400.0
+    """Path below which the wander of positions hides what is looked for."""
+    place_m: float = 4.0
+    """By so much the ends of a path may wander against each other at least, ..."""
+    place_stds: float = 5.0
+    """... and by so many standard deviations of a random walk whose rate is that of the steps in the window:
+    the positions of some receivers wander by 3 m in a minute, those of others by centimetres."""
+    share: float = 0.003
+    """Of the path: bends between fixes, rounding of speeds (0.1 knots is 0.05 m/s)."""
+    lag_s: float = 1.0
+    """By so much speeds may be late against positions."""
+    agree_share: float = 0.6
+    """Of the limit, below which they agree again."""
+    jump_m: float = 1.0
+    """A step that is off by more is a position that jumped (another solution of the receiver), and no scale;
+    ..."""
+    jump_share: float = 0.1
+    """... the same as a share of the step."""
+    slowest_mps: float = 3.0
+    """Below, positions wander as fast as the car moves."""
+    most_turn_rad: float = 1.0
+    """Of a step: beyond, it is no arc."""
+
+
+PATH_LENGTH = PathLengthSettings()
 """The ones in use."""
