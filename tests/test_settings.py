@@ -30,7 +30,7 @@ STRUCTURE = {
     "monitor.slow_leak._EPOCH": "the calendar",
     "monitor.slow_leak._LAST_DAY": "the calendar",
     "fleet.discoveries.DAYS_PER_WEEK": "a unit",
-    "fleet.joint.SECONDS_PER_DAY": "a unit",
+    "fleet.losses.DAY_S": "a unit",
     "fleet.parameters.BACK": "radii of contrasts, by their definition",
     "fleet.parameters.PARAMETERS_OF_FLEET": "units in which the parameters are counted",
     "fleet.store._UMASK": "what the process has",

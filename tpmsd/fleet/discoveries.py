@@ -31,7 +31,8 @@ class Discovery:
     car: str
     """Empty for a model."""
     kind: str
-    """effect: acts on the model. differs: this car is unlike its model. leak, wear: a trend of this car."""
+    """effect: acts on the model. differs: this car is unlike its model. leak, wear: a trend of this car.
+    loss: a radius that is smaller from one of its drives on."""
     effect: str
     parameter: str
     value: float
@@ -40,6 +41,8 @@ class Discovery:
     unit: str
     p_value: float
     kept: bool = False
+    since_s: float | None = None
+    """Host time from which on, where there is a moment (s)."""
 
 
 def model_effects(model: str, fit: ModelFit) -> list[Discovery]:

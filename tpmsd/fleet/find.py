@@ -59,7 +59,7 @@ def _folders(name: str) -> Iterator[str]:
             below.sort()
             if VEHICLE in files:
                 below.clear()  # a drive holds no drives
-                yield str(Path(here).resolve())
+                yield os.path.abspath(here)  # noqa: PTH100 - a link keeps its name: the folder names the car
 
 
 def _remote_folders(url: str) -> Iterator[str]:

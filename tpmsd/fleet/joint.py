@@ -21,12 +21,12 @@ from tpmsd.fleet.discoveries import (
     trends,
 )
 from tpmsd.fleet.hierarchy import ModelFit, Stack
+from tpmsd.fleet.losses import DAY_S, losses
 from tpmsd.fleet.parameters import PARAMETERS_OF_FLEET, aligned
 from tpmsd.fleet.store import DriveEntry
 from tpmsd.wheels import FloatArray
 
 Row = dict[str, Any]
-SECONDS_PER_DAY = 86_400.0
 
 
 def joint_rows(
@@ -39,7 +39,7 @@ def joint_rows(
         told = ((result or {}).get("calibrate") or {}).get("statistics")
         if result is not None and told is not None:
             start = (result.get("replay") or {}).get("start_time")
-            day = float("nan") if start is None else float(start) / SECONDS_PER_DAY
+            day = float("nan") if start is None else float(start) / DAY_S
             groups[entry.model].append((entry.car, entry.key, told, day))
     tested: list[Discovery] = []
     statistics: list[Row] = []
@@ -51,6 +51,7 @@ def joint_rows(
         tested += model_effects(model, fit)
         tested += cars_that_differ(model, cars, fit, alike)
         tested += trends(model, cars, stack, days, np.square(fit.drive_spread))
+        tested += losses(model, cars, stack, days, np.square(fit.drive_spread))
         statistics += _statistics(model, cars, fit)
     return [_finding(one) for one in controlled(tested) if one.kept], statistics
 
@@ -88,6 +89,7 @@ def _finding(one: Discovery) -> Row:
         "std": one.std,
         "unit": one.unit,
         "p_value": one.p_value,
+        "since": one.since_s,
         "status": "finding",
     }
 

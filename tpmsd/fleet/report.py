@@ -19,6 +19,7 @@ _WHEELS = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "re
 _WHAT_TO_DO = {
     "deflation": "check the pressure before the next drive",
     "radius_deviation": "look at the tyre: another size, worn, or the wrong pressure",
+    "loss": "check the pressure before the next drive, unless this tyre was changed",
     "slow_leak": "check the pressure; look for a nail or a leaking valve",
     "malfunction": "look at bus and receiver: tpmsd could not do its work",
     "differs": "compare configuration, tyres and sensors with the other cars of the model",
@@ -93,12 +94,17 @@ def _joint(findings: Iterable[Row]) -> list[Row]:
         size = f"{row['value']:+.3g} ± {row['std']:.2g} {row['unit']}"
         if row["effect"] == "slow_leak":
             why, kind = f"slow leak {_WHEELS[row['parameter']]}: {size} of radius", "slow_leak"
+        elif row["kind"] == "loss":
+            why, kind = (
+                f"{_WHEELS[row['parameter']]} smaller than on drives before: {size} of radius",
+                "loss",
+            )
         elif row["kind"] == "wear":
             why, kind = f"wear: {size} of radius", "wear"
         else:
             why, kind = f"unlike its model: {row['effect']} {row['parameter']} by {size}", "differs"
-        urgency = SOON if kind == "slow_leak" else LOOK
-        found.append(_attention(row["car"], urgency, why, None, kind, None))
+        urgency = {"loss": URGENT, "slow_leak": SOON}.get(kind, LOOK)
+        found.append(_attention(row["car"], urgency, why, row.get("since"), kind, None))
     return found
 
 

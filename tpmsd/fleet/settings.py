@@ -28,6 +28,14 @@ class FleetSettings:
     """Of a car, for a trend: two parameters and a spread, with some to spare."""
     min_span_days: float = 1.0
     """Between the first and the last drive, for a trend: tyres warm up and cool down within a day."""
+    drive_scales: float = 0.5
+    """What radii differ from drive to drive at least, in scales: 0.05 % left against right (sun, a
+    passenger), 0.25 % front against rear and in the mean (load, and 10 K by night: 0.1 %)."""
+    least_changes: int = 8
+    """Between successive drives, for a median that says what is usual of a model."""
+    grown_nats: float = 3.0
+    """A tyre that became larger than its fellows (changed alone, or inflated) is twenty times as rare as one
+    that lost air, and of two on one axle the drives tell badly which it was."""
     outlier_p: float = 1e-3
     """Cars that differ at this level by themselves do not take part in estimating what cars of the model are
     like: a faulty car would widen the spread that it is held against."""

@@ -70,6 +70,7 @@ COLUMNS: dict[str, dict[str, str]] = {
         "unit": "string",
         "confidence": "double",
         "p_value": "double",
+        "since": "double",
         "status": "string",
     },
     "statistics": {

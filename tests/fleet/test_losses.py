@@ -1,0 +1,89 @@
+"""Losses between the drives of a car, on drawn fleets: found on their wheel, and none where there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.fleet.test_hierarchy import P, drawn
+from tpmsd.fleet.discoveries import Discovery, controlled
+from tpmsd.fleet.hierarchy import Stack
+from tpmsd.fleet.losses import losses
+from tpmsd.fleet.parameters import BACK, SCALES
+from tpmsd.wheels import WHEELS, FloatArray
+
+CARS = [f"car-{k}" for k in range(6)]
+USUAL = np.where(np.arange(P) < 4, 0.3, 0.2)
+"""Spread of drives in scales: of tyres 0.03 % left against right, and 0.15 % else."""
+
+
+def fleet(seed: int, per_car: int = 6, information: float = 400.0) -> tuple[Stack, FloatArray]:
+    """Drives of six cars, one a day."""
+    rng = np.random.default_rng(seed)
+    stack, _ = drawn(rng, len(CARS), per_car, np.zeros(P), np.full(P, 0.8), USUAL, information)
+    return stack, np.tile(np.arange(per_car, dtype=np.float64) + 20_000.0, len(CARS))
+
+
+def changed(stack: Stack, days: FloatArray, car: int, day: float, radius: FloatArray) -> Stack:
+    """The same with this change (4,) of the radii of one car, in parts of them, from a day on."""
+    step = np.zeros(P)
+    step[:4] = np.linalg.solve(BACK, radius) / SCALES[:4]
+    those = (stack.car == car) & (days >= day)
+    vector = stack.vector + np.where(those[:, None], np.einsum("nij,j->ni", stack.information, step), 0.0)
+    return Stack(stack.information, vector, stack.car)
+
+
+def kept(stack: Stack, days: FloatArray) -> list[Discovery]:
+    """What is reported; cars are those that the stack has."""
+    found = losses("m", CARS[: stack.cars], stack, days, np.square(USUAL))
+    return [one for one in controlled(found) if one.kept]
+
+
+@pytest.mark.parametrize("wheel", range(4))
+@pytest.mark.parametrize(("per_car", "day"), [(2, 20_001.0), (6, 20_004.0)])
+def test_a_tyre_that_went_soft_overnight_is_found(wheel: int, per_car: int, day: float) -> None:
+    """0.5 % of one radius from a day on, as 20 % of the pressure: car, wheel, size and day."""
+    stack, days = fleet(wheel, per_car)
+    [found] = kept(changed(stack, days, 3, day, np.where(np.arange(4) == wheel, -5e-3, 0.0)), days)
+
+    assert ("car-3", "loss", "radius_change", WHEELS[wheel]) == (
+        found.car,
+        found.kind,
+        found.effect,
+        found.parameter,
+    )
+    assert abs(found.value + 0.5) < 3.0 * found.std < 0.3
+    assert day * 86_400.0 == found.since_s
+
+
+def test_a_single_car_with_two_drives_is_enough() -> None:
+    """The first fleet of a user: one car, two drives, a soft tyre on the second."""
+    stack, days = fleet(9, 2)
+    one = stack.of(np.arange(len(CARS)) == 0)
+    [found] = kept(changed(one, days[:2], 0, 20_001.0, np.array([0.0, 0.0, 0.0, -5e-3])), days[:2])
+
+    assert "rr" == found.parameter
+
+
+def test_a_fleet_without_losses_has_none() -> None:
+    """Forty fleets whose tyres differ from day to day as tyres do; a load on the back is no loss either."""
+    assert [] == [one for seed in range(40) for one in kept(*fleet(seed))]
+    stack, days = fleet(3)
+    assert [] == kept(changed(stack, days, 2, 20_003.0, np.array([5e-4, 5e-4, -2e-3, -2e-3])), days)
+
+
+def test_what_a_model_does_from_day_to_day_is_no_loss() -> None:
+    """Encoders that lose counts move left against right by 0.3 % from drive to drive: no car stands out."""
+    rng = np.random.default_rng(4)
+    spread = np.where(np.arange(P) < 4, 3.0, 0.2)
+    stack, _ = drawn(rng, len(CARS), 8, np.zeros(P), np.full(P, 0.8), spread, 400.0)
+
+    assert [] == kept(stack, np.tile(np.arange(8.0) + 20_000.0, len(CARS)))
+
+
+def test_a_tyre_that_was_inflated_is_no_loss() -> None:
+    """1 % more of one radius: the other wheel of its axle is not said to be soft."""
+    for seed in range(8):
+        stack, days = fleet(seed)
+        told = kept(changed(stack, days, 1, 20_003.0, np.array([1e-2, 0.0, 0.0, 0.0])), days)
+        assert [] == [one.parameter for one in told]

@@ -1,0 +1,108 @@
+"""Tyres that lost air while the car stood: radii that are smaller from one drive of a car to the next.
+
+In: the drives' statistics and dates. Out: `Discovery`s of kind `loss`. Each drive of a fleet is replayed for
+itself, so an alarm needs a loss during the drive; what happened before it shows in the radii alone. Pure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy import stats
+
+from tpmsd.fleet.discoveries import Discovery
+from tpmsd.fleet.hierarchy import Stack, shrunken
+from tpmsd.fleet.parameters import BACK, SCALES
+from tpmsd.fleet.settings import SETTINGS, FleetSettings
+from tpmsd.wheels import WHEELS, FloatArray
+
+DAY_S = 86_400.0
+_TO_CONTRASTS = np.linalg.inv(BACK) / SCALES[:4, None]
+"""(4, 4) scaled contrasts of a change of each radius."""
+
+
+def losses(
+    model: str,
+    cars: Sequence[str],
+    stack: Stack,
+    days: FloatArray,
+    drive_variance: FloatArray,
+    settings: FleetSettings = SETTINGS,
+) -> list[Discovery]:
+    """Tests of each wheel for a radius that is smaller from some drive on; `days` (n,) are the drives' dates.
+
+    Generalised least squares with a step of one radius and constants for all else. One-sided, for air goes
+    out: a wheel counts where no wheel that became larger explains the drives better by more than its rarity.
+    The p-value of the best moment is multiplied by the number of moments (Bonferroni).
+    """
+    variance = drive_variance.copy()
+    variance[:4] = between_drives(stack, days, settings)
+    K, k = shrunken(stack.information, stack.vector, variance)
+    found = []
+    for c, car in enumerate(cars):
+        mine = np.flatnonzero((stack.car == c) & np.isfinite(days))
+        mine = mine[np.argsort(days[mine], kind="stable")]
+        if len(mine) < 2:
+            continue
+        steps = [_steps(K[mine], k[mine], first) for first in range(1, len(mine))]
+        value = np.array([one for one, _ in steps])
+        std = np.array([one for _, one in steps])
+        score = value / std
+        grown = 0.5 * np.square(np.maximum(score.max(), 0.0)) - settings.grown_nats
+        for wheel in np.flatnonzero(0.5 * np.square(np.minimum(score.min(axis=0), 0.0)) > grown):
+            at = int(np.argmin(score[:, wheel]))
+            p_value = min(1.0, len(steps) * float(stats.norm.cdf(score[at, wheel])))
+            size = (100.0 * float(value[at, wheel]), 100.0 * float(std[at, wheel]))
+            since_s = float(days[mine[at + 1]]) * DAY_S
+            where = ("loss", "radius_change", WHEELS[wheel])
+            found.append(Discovery("car", model, car, *where, *size, "%", p_value, since_s=since_s))
+    return _best_of_each_car(found)
+
+
+def between_drives(stack: Stack, days: FloatArray, settings: FleetSettings = SETTINGS) -> FloatArray:
+    """(4,) variance of the scaled contrasts of radii from drive to drive: of tyres, or the model's own.
+
+    By the median of the changes between a car's successive drives, to which single losses do not matter.
+    """
+    own = stack.information + settings.ridge * np.eye(stack.vector.shape[1])
+    covariance = np.linalg.inv(own)
+    value = np.einsum("nij,nj->ni", covariance, stack.vector)[:, :4]
+    order = np.lexsort((days, stack.car))
+    same = stack.car[order][1:] == stack.car[order][:-1]
+    least = np.full(4, np.square(settings.drive_scales))
+    if same.sum() < settings.least_changes:
+        return least
+    change = np.diff(value[order], axis=0)[same]
+    noise = np.einsum("nii->ni", covariance)[order][:, :4]
+    by_noise = np.median((noise[1:] + noise[:-1])[same], axis=0)
+    median = np.square(np.median(np.abs(change), axis=0) / stats.norm.ppf(0.75))
+    return np.asarray(np.maximum(least, 0.5 * (median - by_noise)), dtype=np.float64)
+
+
+def _steps(K: FloatArray, k: FloatArray, first: int) -> tuple[FloatArray, FloatArray]:
+    """(4,) each radius's change from drive `first` on, and its standard deviation, in parts of the radius."""
+    p = k.shape[1]
+    value, std = np.empty(4), np.empty(4)
+    for wheel in range(4):
+        step = np.zeros(p)
+        step[:4] = _TO_CONTRASTS[:, wheel]
+        later = K[first:].sum(axis=0)
+        total = np.zeros((p + 1, p + 1))
+        total[:p, :p] = K.sum(axis=0)
+        total[:p, p] = total[p, :p] = later @ step
+        total[p, p] = step @ later @ step
+        total += SETTINGS.ridge * np.eye(p + 1)
+        right = np.append(k.sum(axis=0), k[first:].sum(axis=0) @ step)
+        covariance = np.linalg.inv(total)
+        value[wheel], std[wheel] = (covariance @ right)[p], np.sqrt(covariance[p, p])
+    return value, std
+
+
+def _best_of_each_car(found: list[Discovery]) -> list[Discovery]:
+    """One wheel per car: a loss of one shows in the means against which the others are held."""
+    best: dict[str, Discovery] = {}
+    for one in found:
+        if one.car not in best or one.p_value < best[one.car].p_value:
+            best[one.car] = one
+    return list(best.values())
