@@ -12,6 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from tpmsd.physics.effect import Effect, Kind, Parameter, Prior, WheelParameter
+from tpmsd.physics.kinematics import wheel_speeds
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.wheels import WHEELS, FloatArray
 
@@ -63,7 +64,8 @@ class PulseRate(Effect):
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) share of the pulses on its wheel."""
         wheel = WHEELS.index(self.wheel)
-        turns_per_s = np.maximum(motion.speed_mps, LEAST_MPS) / (2.0 * np.pi * car.radius_m[wheel])
+        speed_mps = wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, car.geometry)[:, wheel]
+        turns_per_s = np.maximum(speed_mps, LEAST_MPS) / (2.0 * np.pi * car.radius_m[wheel])
         out = np.zeros((len(motion), 4))
         out[:, wheel] = self.more * self.rate_per_s / (car.teeth_per_rev * turns_per_s)
         return out

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from tests.physics.motions import car, steady
 from tpmsd.physics.catalogue import make_effect
+from tpmsd.physics.kinematics import wheel_speeds
 
 
 def test_an_offset_weighs_more_at_low_speed() -> None:
@@ -13,3 +15,12 @@ def test_an_offset_weighs_more_at_low_speed() -> None:
     share = make_effect("speed_rounding_offset", offset_mps=-0.05).wheel_slip(steady(10.0), car())[0]
 
     assert pytest.approx([-5e-3] * 4) == share.tolist()
+
+
+def test_in_a_bend_each_wheel_is_shown_by_its_own_speed() -> None:
+    """The inner wheel is slower than the car; by the car's speed the error would tell a wrong track."""
+    motion, geometry = steady(10.0, yaw_rate_radps=0.3), car().geometry
+    hubs = wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, geometry)
+    slip = make_effect("speed_rounding_offset", offset_mps=-0.05).wheel_slip(motion, car())
+
+    assert np.allclose(hubs - 0.05, hubs * (1.0 + slip), rtol=1e-12)

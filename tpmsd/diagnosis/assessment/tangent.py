@@ -74,7 +74,8 @@ def _of_grid(
     assert grid is not None
     assert tau is not None
     trials = np.concatenate([[tau], np.geomspace(*grid.range, 19)])
-    rest = np.concatenate([study.hypotheses.nuisance, *(term.design for term in others)], axis=1)
+    beside = [*(term.design for term in others), one.term.design[:, 1:]]
+    rest = np.concatenate([study.hypotheses.nuisance, *beside], axis=1)
     linear_only = 1 + rest.shape[1]
     known = linear_only + len(tangents)
     gram = np.zeros((known + len(trials), known + len(trials)))

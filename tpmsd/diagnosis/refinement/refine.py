@@ -50,6 +50,8 @@ def refine(study: Study, selection: Selection, evidence: Evidence, again: bool) 
                 continue
             others = [other for j, other in enumerate(terms) if j != k]
             design = Selector(evidence, study.hypotheses).design(others)
+            # A term's further values are fitted along, where they stand.
+            design = np.concatenate([design, term.design[:, 1:]], axis=1)
             point, column = _best(study, evidence, design, term)
             added.append((term, point))
             columns.append((_refined(term, point), column))

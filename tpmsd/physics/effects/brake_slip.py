@@ -2,34 +2,46 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Parameter, Prior
+from tpmsd.physics.effect import Effect, Grid, Parameter, Prior
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.wheels import IS_FRONT, WHEELS, FloatArray
 
 
 @dataclass(frozen=True)
 class BrakeSlip(Effect):
-    """omega * r = v * (1 - c * max(-a_x, 0)), c for each axle: brakes act on all wheels, in other shares than
-    drive.
+    """omega * r = v * (1 - c * max(-a_x - from_mps2, 0)), c for each axle: brakes act on all wheels, in other
+    shares than drive.
 
-    a_x is the specific force. Slip under drive force acts for either sign of it: beside that, c of a driven
-    axle is what the brakes make beyond it. Source: linear slip stiffness, F_x = C * s, and a brake balance
-    of two thirds in front (Gustafsson, Automatica 33(6), 1997; Gillespie, ch. 3): 1e-3 to 5e-3 s2/m.
+    a_x is the specific force. Drag and the rolling engine slow a car down before its brakes do: free wheels
+    turn without force up to from_mps2. Slip under drive force acts for either sign of it: beside that, c of a
+    driven axle is what the brakes make beyond it. Source: linear slip stiffness, F_x = C * s, and a brake
+    balance of two thirds in front (Gustafsson, Automatica 33(6), 1997; Gillespie, ch. 3): 1e-3 to 5e-3 s2/m.
+    Rolling resistance is 0.1 m/s2, drag 2.7e-4 /m * v^2, which is 0.24 m/s2 at 30 m/s (Gillespie, ch. 4).
     """
 
     name = "brake_slip"
-    formula = "omega * r = v * (1 - c * max(-a_x, 0)), c = front or rear"
+    formula = "omega * r = v * (1 - c * max(-a_x - from_mps2, 0)), c = front or rear"
     sentence = "all wheels slip under the brakes"
     telling_drive = "brake firmly and gently from the same speed on a straight, ten times"
     shows_in = ("wheel_ratio", "accel_long")
     one_sign = True
     ratio_limits = (0.2, 1.0)
     """The front brakes bear half to five sixths of the force."""
+    grid = Grid(
+        "from_mps2",
+        values=(0.02, 0.2),
+        middle=0.02,
+        range=(0.01, 0.8),
+        price=lambda least: 0.7 + 0.5 * (math.log(least / 0.1) / 1.5) ** 2,
+        step=2.0,
+    )
+    """No drag, and that at usual speeds."""
     parameters = (
         Parameter(
             "front",
@@ -53,9 +65,19 @@ class BrakeSlip(Effect):
             prior=Prior(1e-3, 1.5e-3, "one third of the force at the rear"),
             fitted=(0.0, 0.1),
         ),
+        Parameter(
+            "from_mps2",
+            "m/s2",
+            0.0,
+            0.0,
+            2.0,
+            "deceleration without brakes",
+            prior=Prior(0.2, 0.15, "rolling resistance and drag at usual speeds: Gillespie, ch. 4"),
+        ),
     )
     front: float
     rear: float
+    from_mps2: float = 0.0
 
     @classmethod
     def completed_by(cls, car: Car) -> Mapping[str, str]:
@@ -70,6 +92,6 @@ class BrakeSlip(Effect):
         return tuple(wheel for wheel, name in zip(WHEELS, axle, strict=True) if name in fitted)
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
-        """(n, 4) -c times the deceleration on each axle."""
-        braking = np.maximum(-motion.specific_force_long_mps2, 0.0)
+        """(n, 4) -c times the deceleration by the brakes on each axle."""
+        braking = np.maximum(-motion.specific_force_long_mps2 - self.from_mps2, 0.0)
         return -braking[:, None] * np.where(IS_FRONT, self.front, self.rear)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.physics.effect import Parameter, Prior
+from tpmsd.physics.kinematics import wheel_speeds
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.physics.speed_signal import SpeedSignalFault
 from tpmsd.wheels import FloatArray
@@ -40,6 +41,6 @@ class SpeedRoundingOffset(SpeedSignalFault):
     offset_mps: float
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
-        """(n, 4) the offset over the speed, on all wheels."""
-        share = self.offset_mps / np.maximum(motion.speed_mps, LEAST_MPS)
-        return np.repeat(share[:, None], 4, axis=1)
+        """(n, 4) the offset over each wheel's own speed."""
+        speeds = wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, car.geometry)
+        return np.asarray(self.offset_mps / np.maximum(speeds, LEAST_MPS))

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from tpmsd.physics.effect import Parameter, Prior
+from tpmsd.physics.kinematics import wheel_speeds
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.physics.speed_signal import SpeedSignalFault
 from tpmsd.wheels import FloatArray
@@ -39,5 +38,5 @@ class SpeedScaleNonlinearity(SpeedSignalFault):
     per_mps: float
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
-        """(n, 4) k * v on all wheels."""
-        return np.repeat(self.per_mps * motion.speed_mps[:, None], 4, axis=1)
+        """(n, 4) k * v, v of each wheel."""
+        return self.per_mps * wheel_speeds(motion.speed_mps, motion.yaw_rate_radps, car.geometry)
