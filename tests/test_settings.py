@@ -43,7 +43,7 @@ AT_MOST = {
     "resonance": 50,
     "inference": 60,
     "timeline": 50,
-    "discovery": 52,
+    "discovery": 12,
     "sinks": 50,
     "daemon": 50,
     "config": 50,

@@ -18,14 +18,6 @@ from tpmsd.discovery.settings import SETTINGS, Settings
 from tpmsd.discovery.wheels import Follower
 from tpmsd.wheels import WHEELS, FloatArray
 
-_MOST_IN_CLUSTER = 14
-_LAG_SCALE_S = 0.008
-"""A copy of a wheel that comes this much later is that much less likely the wheel itself."""
-_SLIP_ALIKE_S2PM = 0.0006
-"""Slip per acceleration of two wheels of one axle: an open differential gives both the same torque."""
-_DECOY_STD_M = 0.5
-"""Spread of lateral places of speeds that are no wheel's."""
-
 
 @dataclass(frozen=True, slots=True)
 class Role:
@@ -75,7 +67,7 @@ def assign(
 
 
 def _likely(group: Sequence[Follower], settings: Settings) -> list[Follower]:
-    return sorted(group, key=lambda m: (-abs(m.lateral_m), m.lag_s))[:_MOST_IN_CLUSTER]
+    return sorted(group, key=lambda m: (-abs(m.lateral_m), m.lag_s))[: settings.most_in_cluster]
 
 
 def _log_normal(x: float, mean: float, std: float) -> float:
@@ -104,14 +96,14 @@ def _scores(
         side_std = float(np.hypot(std, np.hypot(settings.track_std_m / 2, 0.05)))
         decoy = np.logaddexp(
             _log_normal(member.lateral_m, centre, std) + np.log(0.9),
-            _log_normal(member.lateral_m, centre, float(np.hypot(std, _DECOY_STD_M))) + np.log(0.1),
+            _log_normal(member.lateral_m, centre, float(np.hypot(std, settings.decoy_std_m))) + np.log(0.1),
         )
         late = max(member.lag_s - earliest, 0.0)
         late_std = float(np.hypot(member.lag_std_s, 0.003))
         for k, wheel in enumerate(WHEELS):
             side = half if wheel[1] == "l" else -half
             score = _log_normal(member.lateral_m - centre, side, side_std) - decoy
-            score -= max(late - late_std, 0.0) / _LAG_SCALE_S
+            score -= max(late - late_std, 0.0) / settings.lag_scale_s
             score += 1.0 * (named_wheel(member.series.field.signal) is not None)
             if match is not None and match.wheels.get(wheel) == member.series.field.signal:
                 score += settings.named_platform if match.by_name else settings.platform_layout
@@ -179,7 +171,7 @@ def _coherence(members: Sequence[Follower], way: Sequence[int]) -> float:
         score += 1.0 * (one.key == other.key) + 1.0 * (one.place.length == other.place.length)
         # A driven axle's wheels slip alike.
         pair = members[way[left]], members[way[right]]
-        std = float(np.hypot(np.hypot(pair[0].slip_std, pair[1].slip_std), _SLIP_ALIKE_S2PM))
+        std = float(np.hypot(np.hypot(pair[0].slip_std, pair[1].slip_std), SETTINGS.slip_alike_s2pm))
         if np.isfinite(std):
             score -= 0.5 * min(((pair[0].slip - pair[1].slip) / std) ** 2, 30.0)
     lags = [members[i].lag_s for i in way]

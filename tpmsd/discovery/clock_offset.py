@@ -7,11 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from tpmsd.discovery.settings import SETTINGS
 from tpmsd.wheels import FloatArray
-
-_STEP_S = 1.0
-_LEAST_OVERLAP = 120
-"""Seconds that both recordings must share at an offset, so that chance does not fit."""
 
 
 def best_offset(
@@ -24,7 +21,7 @@ def best_offset(
     """
     one, start_one = _resampled(wheel_s, wheel)
     other, start_other = _resampled(fix_s, speed)
-    if min(len(one), len(other)) < _LEAST_OVERLAP or min(one.std(), other.std()) < 0.5:
+    if min(len(one), len(other)) < SETTINGS.least_overlap_steps or min(one.std(), other.std()) < 0.5:
         return None
     size = 1 << int(np.ceil(np.log2(len(one) + len(other))))
 
@@ -40,16 +37,16 @@ def best_offset(
     covariance = correlate(one, other) - sum_x * sum_y / count
     with np.errstate(divide="ignore", invalid="ignore"):
         r = covariance / np.sqrt(np.maximum(var_x, 1e-6) * np.maximum(var_y, 1e-6))
-    shared = count >= min(_LEAST_OVERLAP, 0.5 * min(len(one), len(other)))
+    shared = count >= min(SETTINGS.least_overlap_steps, 0.5 * min(len(one), len(other)))
     r = np.where(shared & (var_x / count > 0.3) & (var_y / count > 0.3), r, -1.0)
-    lags = np.arange(-(len(other) - 1), len(one)) * _STEP_S
+    lags = np.arange(-(len(other) - 1), len(one)) * SETTINGS.offset_step_s
     best = int(np.argmax(r))
     offsets = lags + start_one - start_other
     top = float(offsets[best])
     if 0 < best < len(r) - 1 and min(r[best - 1], r[best + 1]) > 0.0:
         before, after = r[best - 1] - r[best], r[best + 1] - r[best]
-        top += 0.5 * _STEP_S * float((before - after) / min(before + after, -1e-12))
-    near = np.flatnonzero(np.abs(offsets) < _STEP_S)
+        top += 0.5 * SETTINGS.offset_step_s * float((before - after) / min(before + after, -1e-12))
+    near = np.flatnonzero(np.abs(offsets) < SETTINGS.offset_step_s)
     here = float(r[near].max()) if len(near) else float("nan")
     return top, float(r[best]), here
 
@@ -60,5 +57,5 @@ def _resampled(time_s: FloatArray, value: FloatArray) -> tuple[FloatArray, float
     if len(t) < 2:
         return np.zeros(0), 0.0
     start = float(np.ceil(t[0]))
-    grid = np.arange(start, t[-1], _STEP_S)
+    grid = np.arange(start, t[-1], SETTINGS.offset_step_s)
     return np.interp(grid, t, x), start

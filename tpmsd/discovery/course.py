@@ -29,8 +29,6 @@ from tpmsd.discovery.settings import SETTINGS, Settings
 from tpmsd.physics.priors import LATERAL_LOAD_S2
 from tpmsd.wheels import FloatArray
 
-_LEAST_CELLS = 6
-"""Cells of a stretch; its constant takes one of them."""
 _YAW_COLUMNS = (2, 3, 4)
 """Of the design: those of the wheels' yaw rate itself, not of its integral."""
 
@@ -150,4 +148,4 @@ def _stretches(usable: NDArray[np.bool_], block: FloatArray) -> list[NDArray[np.
     if not len(cells):
         return []
     parts = np.split(cells, np.flatnonzero(np.diff(number[cells])) + 1)
-    return [part for part in parts if len(part) >= _LEAST_CELLS]
+    return [part for part in parts if len(part) >= SETTINGS.least_cells]

@@ -33,12 +33,7 @@ from tpmsd.discovery.wheels import (
 )
 from tpmsd.sources.events import GnssFix
 
-_LEAST_DRIVE_S = 30.0
-_EQUAL_R2 = 5e-4
-"""Readings of the same bits that follow the speed equally well differ by less."""
 _SPEED_UNITS = ("km/h", "m/s", "mph", "knots")
-_UNIT_TOLERANCE = 0.08
-"""Makers scale wheel speeds by a radius of their own, some per cent off the true one."""
 _NICE_KMH = (
     0.01,
     0.02,
@@ -85,7 +80,7 @@ def decide(
         has_dbc=material.has_dbc,
         channels=material.channels,
     )
-    if reference.duration_s < _LEAST_DRIVE_S:
+    if reference.duration_s < settings.least_drive_s:
         why = f"only {reference.duration_s:.0f} s of driving above 2 m/s with fixes"
         return replace(nothing, undecided=_no_wheels(why, "10 min of mixed driving with the sky in view"))
     match = None if database is None else match_car(cars, dbc_fields(database, material.logs))
@@ -216,7 +211,7 @@ def _disjoint(found: Sequence[Follower]) -> list[Follower]:
             for one in found
             if one.series.field.key == first.series.field.key
             and one.series.kind == first.series.kind
-            and one.r2 > first.r2 - _EQUAL_R2
+            and one.r2 > first.r2 - SETTINGS.equal_r2
             and not any(_bits_of(one.series.field) & other for other in others)
         ]
         best = _smoothest(first, equals)
@@ -312,13 +307,13 @@ def _in_unit(key: str, one: Follower, probability: float, rivals: tuple[tuple[st
         radius = mps_per_unit / factor
         fits = 0.2 < radius < 0.6
     else:
-        fits = abs(mps_per_unit / factor - 1.0) < _UNIT_TOLERANCE
+        fits = abs(mps_per_unit / factor - 1.0) < SETTINGS.unit_tolerance
     if fits:
         return FoundRole(
             key, known, probability, rivals, unit=None if canonical_unit(known.unit) else declared
         )
     for unit in _SPEED_UNITS:
-        if abs(mps_per_unit / UNITS[unit][1] - 1.0) < _UNIT_TOLERANCE:
+        if abs(mps_per_unit / UNITS[unit][1] - 1.0) < SETTINGS.unit_tolerance:
             return FoundRole(key, known, probability, rivals, unit=unit)
     scale = 3.6 / one.per_mps
     nice = min(_NICE_KMH, key=lambda n: abs(n / scale - 1.0))

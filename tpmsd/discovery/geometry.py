@@ -28,13 +28,6 @@ from tpmsd.discovery.settings import SETTINGS, Settings
 from tpmsd.discovery.wheels import Follower, drag_slip_std
 from tpmsd.wheels import FloatArray
 
-_SLIP_FLOOR_S2PM = 0.0007
-"""Difference of the axles' slip that load transfer alone makes: 1e-4 s2 over 0.32 m, both axles."""
-_WIDEST_M, _LONGEST_M = 2.0, 8.0
-"""Antennas are on the car; what is farther out, or as uncertain, is not told."""
-_TRACK_FLOOR = 0.004
-"""Relative: what steering geometry and unequal slip do to a track told by the wheels."""
-
 
 def driven_axle(assignment: Assignment) -> tuple[str, float] | None:
     """The axle that turns faster under drive force, and how sure that is; None for a pair alone."""
@@ -43,7 +36,7 @@ def driven_axle(assignment: Assignment) -> tuple[str, float] | None:
     slip = [role.follower.slip for role in assignment.roles]
     stds = [role.follower.slip_std for role in assignment.roles]
     difference = 0.5 * (slip[0] + slip[1] - slip[2] - slip[3])
-    std = math.hypot(0.5 * math.sqrt(sum(s * s for s in stds)), _SLIP_FLOOR_S2PM)
+    std = math.hypot(0.5 * math.sqrt(sum(s * s for s in stds)), SETTINGS.slip_floor_s2pm)
     if not math.isfinite(std):
         return "front", 0.5
     front = float(norm.cdf(difference / std))
@@ -76,7 +69,7 @@ class CarGeometry:
         self._tracks(gyro)
         if self._course is not None:
             forward = Estimate(float(self._course.value[3]), math.hypot(self._course.std(3), 0.1))
-            if abs(forward.value) < _LONGEST_M and forward.std < _LONGEST_M:
+            if abs(forward.value) < settings.antenna_farthest_m and forward.std < settings.antenna_farthest_m:
                 self.gnss["antenna_forward_m"] = forward
         if "antenna_left_m" in self.gnss and "track_rear_m" in self.geometry:
             # The speed's regression had yaw rates by the usual track.
@@ -96,7 +89,7 @@ class CarGeometry:
         course, geometry = self._course, self.geometry
         if course is not None and course.value[0] > 0:
             track = 1.0 / float(course.value[0])
-            std = math.hypot(course.std(0) * track**2, _TRACK_FLOOR * track)
+            std = math.hypot(course.std(0) * track**2, SETTINGS.track_floor * track)
             if std < 0.5:
                 geometry["track_rear_m"] = Estimate(track, std)
         if "fl" in self._by_wheel and "track_rear_m" in geometry:
@@ -161,7 +154,7 @@ class CarGeometry:
             return
         gnss["latency_s"] = Estimate(-float(made.value[2]), math.hypot(made.std(2), 0.006))
         left = Estimate(-float(made.value[1]), math.hypot(made.std(1), 0.05))
-        if abs(left.value) < _WIDEST_M and left.std < _WIDEST_M:
+        if abs(left.value) < SETTINGS.antenna_widest_m and left.std < SETTINGS.antenna_widest_m:
             gnss["antenna_left_m"] = left
 
 

@@ -23,18 +23,14 @@ from tpmsd.discovery.settings import SETTINGS, Settings
 from tpmsd.errors import ConfigError
 from tpmsd.wheels import FloatArray
 
-_SMOOTH_CELLS = 5
 _LEAST_R = {
     "yaw_rate": 0.7, "accel_long": 0.6, "accel_lat": 0.7, "steering_wheel_angle": 0.7, "brake_pressure": 0.5,
     "drive_torque": 0.4,
 }  # fmt: skip
 """Correlation with the expectation below which a signal plays no role."""
-_UNIT_NATS = 3.0
-_STEERING_RATIO = (8.0, 30.0)
-_AMBIENT_C = (-45.0, 60.0)
 
 
-def smooth(value: FloatArray, cells: int = _SMOOTH_CELLS) -> FloatArray:
+def smooth(value: FloatArray, cells: int = SETTINGS.smooth_cells) -> FloatArray:
     """Running mean; NaN where a cell is unknown."""
     kernel = np.ones(cells) / cells
     return np.asarray(np.convolve(value, kernel, mode="same"))
@@ -136,8 +132,10 @@ def _ranked(
         r = float(np.corrcoef(value[rows], aim[rows])[0, 1])
         if not abs(r) >= _LEAST_R[role]:
             continue
-        effective = min(rows.sum() / (2 * _SMOOTH_CELLS), 100.0)
-        evidence = -0.5 * effective * math.log(max(1 - r * r, 1e-4)) + word + (_UNIT_NATS if fits else 0.0)
+        effective = min(rows.sum() / (2 * SETTINGS.smooth_cells), 100.0)
+        evidence = (
+            -0.5 * effective * math.log(max(1 - r * r, 1e-4)) + word + (SETTINGS.unit_nats if fits else 0.0)
+        )
         if role == "steering_wheel_angle" and fits:
             evidence += _steering_scale(one, value, aim, rows)
         scored.append((evidence, r, one, evidence))
@@ -166,7 +164,7 @@ def _steering_scale(one: Series, value: FloatArray, curvature: FloatArray, rows:
     ratio = (
         float(np.std(value[rows])) * factor / max(float(np.std(curvature[rows])), 1e-9) / SETTINGS.wheelbase_m
     )
-    return 0.0 if _STEERING_RATIO[0] < ratio < _STEERING_RATIO[1] else -6.0
+    return 0.0 if SETTINGS.steering_ratios[0] < ratio < SETTINGS.steering_ratios[1] else -6.0
 
 
 def _ambient(series: Sequence[Series], taken: set[str]) -> FoundRole | None:
@@ -183,7 +181,10 @@ def _ambient(series: Sequence[Series], taken: set[str]) -> FoundRole | None:
             continue
         factor, offset = to_si("ambient_temp", one.field.unit)
         celsius = factor * known + offset - 273.15
-        if not (_AMBIENT_C[0] < celsius.min() and celsius.max() < _AMBIENT_C[1]) or np.ptp(celsius) > 12.0:
+        if (
+            not (SETTINGS.ambient_c[0] < celsius.min() and celsius.max() < SETTINGS.ambient_c[1])
+            or np.ptp(celsius) > 12.0
+        ):
             continue
         ranked.append((role_evidence(one.field.signal, "ambient_temp"), one))
     if not ranked:

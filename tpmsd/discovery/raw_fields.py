@@ -13,19 +13,12 @@ import numpy as np
 
 from tpmsd.discovery.frames import MessageLog
 from tpmsd.discovery.series import Field
+from tpmsd.discovery.settings import SETTINGS
 from tpmsd.sources.signal_plan import BUS_SHIFT, EXTENDED, BitField
 from tpmsd.wheels import FloatArray
 
 MOST_BYTES = 16
 MIN_BITS, MAX_BITS = 6, 33
-_RISE = 1.35
-"""Flip rates of neighbours within one number may rise by so much by chance."""
-_NOISE = 0.004
-_SLOW = 0.2
-"""Bits that flip oftener are low ones, whose rates follow from the steps: they may rise (steps of 2^k)."""
-_HALVING = 0.1
-"""Lost frames shift the flip rates of an alive counter's bits by less than this share."""
-_SAMPLE = 400_000
 
 
 def message_name(key: int) -> str:
@@ -36,7 +29,7 @@ def message_name(key: int) -> str:
 
 def flip_rates(log: MessageLog) -> FloatArray:
     """(bytes, 8) share of frames in which a bit differs from the frame before; bit 0 is the lowest."""
-    data = log.data[:_SAMPLE, :MOST_BYTES]
+    data = log.data[: SETTINGS.flip_sample, :MOST_BYTES]
     flips = np.unpackbits(data[1:] ^ data[:-1], axis=1, bitorder="little").reshape(
         len(data) - 1, data.shape[1], 8
     )
@@ -79,7 +72,7 @@ def _runs(line: FloatArray) -> list[tuple[int, int]]:
         end = start + 1
         least = line[start]
         while end < len(line) and end - start < MAX_BITS:
-            if least < _SLOW and line[end] > _RISE * least + _NOISE:
+            if least < SETTINGS.flip_slow and line[end] > SETTINGS.flip_rise * least + SETTINGS.flip_noise:
                 break
             if line[end] > 0.0:
                 least = min(least, line[end])
@@ -95,7 +88,7 @@ def _runs(line: FloatArray) -> list[tuple[int, int]]:
 
 def _alive_bits(rates: FloatArray) -> int:
     """Bits of an alive counter at the low end of a run: they flip in every frame, every second one, ..."""
-    halving = np.abs(rates * 2.0 ** np.arange(len(rates)) - 1.0) < _HALVING
+    halving = np.abs(rates * 2.0 ** np.arange(len(rates)) - 1.0) < SETTINGS.flip_halving
     return len(rates) if halving.all() else int(np.argmin(halving))
 
 

@@ -19,11 +19,6 @@ from tpmsd.sources.events import GnssFix
 from tpmsd.wheels import FloatArray
 
 _EARTH_M = 6_371_008.8
-_LONGEST_GAP_S = 2.5
-"""Between two fixes; a receiver of 1 Hz may lose one."""
-_OFFSET_WINDOW_S = 60.0
-_BASE_S = 0.8
-"""Positions are differenced over at least this time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +88,9 @@ def cell_means(time_s: FloatArray, value: FloatArray, edges: FloatArray) -> Floa
     return np.where(_covered(t, edges), means, np.nan)
 
 
-def _covered(time_s: FloatArray, edges: FloatArray, longest_s: float = _LONGEST_GAP_S) -> NDArray[np.bool_]:
+def _covered(
+    time_s: FloatArray, edges: FloatArray, longest_s: float = SETTINGS.longest_gap_s
+) -> NDArray[np.bool_]:
     """Cells that no gap between two samples reaches into."""
     after = np.clip(np.searchsorted(time_s, edges, side="right"), 1, len(time_s) - 1)
     fine = time_s[after] - time_s[after - 1] <= longest_s
@@ -115,7 +112,7 @@ def _stamps(fixes: Sequence[GnssFix]) -> FloatArray:
     # Piecewise medians: the host's clock may wander against UTC by tenths of a second in a drive.
     centres, medians = [], []
     while start < len(at):
-        stop = int(np.searchsorted(at, at[start] + _OFFSET_WINDOW_S))
+        stop = int(np.searchsorted(at, at[start] + SETTINGS.offset_window_s))
         stop = max(stop, start + 1)
         centres.append(float(np.mean(at[start:stop])))
         medians.append(float(np.median(offset[start:stop])))
@@ -152,10 +149,10 @@ def _by_position(fixes: Sequence[GnssFix], time_s: FloatArray) -> tuple[FloatArr
     t = time_s[known]
     north = _EARTH_M * (latitude[known] - latitude[known[0]])
     east = _EARTH_M * np.cos(latitude[known[0]]) * (longitude[known] - longitude[known[0]])
-    before = np.clip(np.searchsorted(t, t - _BASE_S / 2, side="right") - 1, 0, None)
-    after = np.clip(np.searchsorted(t, t + _BASE_S / 2), None, len(t) - 1)
+    before = np.clip(np.searchsorted(t, t - SETTINGS.position_base_s / 2, side="right") - 1, 0, None)
+    after = np.clip(np.searchsorted(t, t + SETTINGS.position_base_s / 2), None, len(t) - 1)
     step = t[after] - t[before]
-    fine = (step > 0.2) & (step < _LONGEST_GAP_S)
+    fine = (step > 0.2) & (step < SETTINGS.longest_gap_s)
     centred = np.abs(0.5 * (t[after] + t[before]) - t) < 0.06 + 0.1 * step
     use = fine & centred
     with np.errstate(divide="ignore", invalid="ignore"):

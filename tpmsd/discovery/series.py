@@ -20,12 +20,6 @@ from tpmsd.sources.signal_plan import BitField
 from tpmsd.wheels import FloatArray
 
 Kind = Literal["count", "value"]
-_LONG_GAP_PERIODS = 5.0
-_LEAST_CUSTOM, _CUSTOM_APART = 1023, 0.9
-"""Numbers of ten bits and more may be reserved, and a speed does not jump by a tenth between two frames."""
-_FEW_WRAPS = 3
-_STEP_STD = 0.7
-"""Least standard deviation of a step against the mean of its neighbours, in counts: rounding of three."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,10 +89,10 @@ def as_value(field: Field, log: MessageLog, raw: RawArray, edges: FloatArray) ->
 def _no_value(raw: RawArray) -> frozenset[int]:
     """A greatest number that is all ones, far above all others: by custom it says that there is no value."""
     greatest = int(raw.max()) if len(raw) else 0
-    if greatest < _LEAST_CUSTOM or greatest & (greatest + 1):
+    if greatest < SETTINGS.least_reserved or greatest & (greatest + 1):
         return frozenset()
     others = raw[raw != greatest]
-    apart = len(others) > len(raw) // 2 and int(others.max()) < _CUSTOM_APART * greatest
+    apart = len(others) > len(raw) // 2 and int(others.max()) < SETTINGS.reserved_apart * greatest
     return frozenset({greatest}) if apart else frozenset()
 
 
@@ -155,7 +149,7 @@ def unwrap(field: Field, log: MessageLog, raw: RawArray) -> Counter | None:
     step = np.where(step < -0.5 * modulus, step + modulus, step)
     step = np.where(step > modulus - jitter, step - modulus, step)
     gap = np.diff(time_s)
-    long = gap > _LONG_GAP_PERIODS * log.period_s
+    long = gap > SETTINGS.long_gap_periods * log.period_s
     if long.any():
         # How often it rolled over in a gap follows from the speed before and after.
         usual = np.interp(time_s[:-1], time_s[:-1][~long], (step / np.maximum(gap, 1e-6))[~long])
@@ -196,12 +190,12 @@ def _modulus(
     at = np.flatnonzero(wrapped)
     at = at[(at > 0) & (at < len(step) - 1)]
     at = at[~either_way[at - 1] & ~either_way[at + 1]] if len(at) else at
-    if len(at) < _FEW_WRAPS:
+    if len(at) < SETTINGS.few_wraps:
         return whole, False
     missing = 0.5 * (step[at - 1] + step[at + 1]) - step[at]
     centre = float(np.median(missing))
     spread = 1.4826 * float(np.median(np.abs(missing - centre)))
-    std = max(1.2533 * spread, _STEP_STD) / np.sqrt(len(at))
+    std = max(1.2533 * spread, SETTINGS.step_std) / np.sqrt(len(at))
     if abs(centre - whole) < max(4.0 * std, 0.5):
         return whole, True
     # A power of two below the field's width: the bits above never change.

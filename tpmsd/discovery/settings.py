@@ -114,6 +114,123 @@ class Settings:
     """Of a message's payloads that another bus has, too, from which it is a copy: gateways lose frames."""
     compared_payloads: int = 2_000
     """Payloads of a message that are looked up for that, spread over the drive."""
+
+    # -- `assign` --
+
+    most_in_cluster: int = 14
+    """Signals of one speed that are tried as its wheels, those farthest out first: the number of ways to
+    assign them grows with its fourth power."""
+    lag_scale_s: float = 0.008
+    """A copy of a wheel that comes this much later is that much less likely the wheel itself."""
+    slip_alike_s2pm: float = 0.0006
+    """Slip per acceleration of two wheels of one axle: an open differential gives both the same torque."""
+    decoy_std_m: float = 0.5
+    """Spread of lateral places of speeds that are no wheel's."""
+
+    # -- `clock_offset`, `course`, `discover` --
+
+    offset_step_s: float = 1.0
+    """Grid on which two recordings' speeds are compared to find the offset of their clocks."""
+    least_overlap_steps: int = 120
+    """Steps of that grid that both recordings must share at an offset, so that chance does not fit."""
+    least_cells: int = 6
+    """Cells of a stretch; its constant takes one of them."""
+    least_drive_s: float = 30.0
+    """Shorter drives hold too few cells to tell a wheel from what follows the speed by chance."""
+    equal_r2: float = 5e-4
+    """Readings of the same bits that follow the speed equally well differ by less."""
+    unit_tolerance: float = 0.08
+    """Makers scale wheel speeds by a radius of their own, some per cent off the true one."""
+
+    # -- `geometry` --
+
+    slip_floor_s2pm: float = 0.0007
+    """Difference of the axles' slip that load transfer alone makes: 1e-4 s2 over 0.32 m, both axles."""
+    antenna_widest_m: float = 2.0
+    """Antennas are on the car; what is farther to the side, or as uncertain, is not told, ..."""
+    antenna_farthest_m: float = 8.0
+    """... nor what is farther along it."""
+    track_floor: float = 0.004
+    """Relative: what steering geometry and unequal slip do to a track told by the wheels."""
+
+    # -- `other_roles` --
+
+    smooth_cells: int = 5
+    """Cells of the running mean of a signal, and of what is expected of it, before they are compared."""
+    unit_nats: float = 3.0
+    """Log-likelihood ratio of a signal whose unit is one of the role's."""
+    steering_ratios: tuple[float, float] = (8.0, 30.0)
+    """Least and greatest steering ratio of cars."""
+    ambient_c: tuple[float, float] = (-45.0, 60.0)
+    """Least and greatest temperature of the air on a road."""
+
+    # -- `raw_fields` --
+
+    flip_rise: float = 1.35
+    """Flip rates of neighbouring bits within one number may rise by so much by chance, ..."""
+    flip_noise: float = 0.004
+    """... and by so much whatever their size."""
+    flip_slow: float = 0.2
+    """Bits that flip oftener are low ones, whose rates follow from the steps: they may rise (steps of
+    2^k)."""
+    flip_halving: float = 0.1
+    """Lost frames shift the flip rates of an alive counter's bits by less than this share."""
+    flip_sample: int = 400_000
+    """Frames of a message whose bits are looked at: rates are known to a thousandth by then."""
+
+    # -- `reference` --
+
+    longest_gap_s: float = 2.5
+    """Between two fixes; a receiver of 1 Hz may lose one."""
+    offset_window_s: float = 60.0
+    """Length of the pieces whose median gives the host's clock against UTC: it may wander by tenths of a
+    second in a drive."""
+    position_base_s: float = 0.8
+    """Positions are differenced over at least this time."""
+
+    # -- `series` --
+
+    long_gap_periods: float = 5.0
+    """How often a counter rolled over in a longer gap follows from its speed before and after."""
+    least_reserved: int = 1023
+    """Numbers of ten bits and more may be reserved, ..."""
+    reserved_apart: float = 0.9
+    """... and a speed does not jump by a tenth between two frames."""
+    few_wraps: int = 3
+    """Roll-overs from which they tell the modulus; with fewer it is that of the field's width."""
+    step_std: float = 0.7
+    """Least standard deviation of a step against the mean of its neighbours, in counts: rounding of three."""
+
+    # -- `tone_ring`, `tooth_count` --
+
+    faultless: float = 0.5
+    """Prior of no line at all. Assumed: rings on simulated buses are perfect, real ones are not."""
+    ripple_least_window: int = 7
+    """Samples of the window that takes out the smooth motion, for a polynomial of the third degree."""
+    ripple_jump: float = 20.0
+    """Steps beyond this many usual ones are resets and long gaps: counts on either side share no phase."""
+    ripple_outlier: float = 6.0
+    """Residuals beyond this many robust standard deviations are lost frames and bumps."""
+    bins_per_cycle: float = 16.0
+    """Bins smear a line by at most 0.7 % of its power."""
+    oversampled: int = 8
+    """Frequencies per width of a line: between two of them 1.3 % of its power is lost at most."""
+    even_count: float = 0.15
+    """Weight of an even number of counts that no workshop lists, ..."""
+    odd_count: float = 0.07
+    """... and of an odd one. Assumed."""
+    most_whole: float = 300.0
+    """More counts than this come from an encoder, not from teeth, and are told as a number, not to the
+    count."""
+    grid_per_line: float = 8.0
+    """Trial numbers per width of a line, for encoders."""
+    line_nats: float = 10.0
+    """Evidence from which a line of an encoder is one: e^-10 times the thousand trials is 1 in 20."""
+    most_trials: int = 4000
+    """Of them at most."""
+
+    # -- all of them --
+
     max_probability: float = 0.999
     """No more is claimed, whatever the numbers: the model itself may be wrong."""
 

@@ -29,17 +29,6 @@ from tpmsd.wheels import FloatArray
 
 _SIZES = (0.0, *(float(s) for s in np.geomspace(0.03, 3000.0, 16)))
 """Power of the line over that of the noise, per block; 0: a ring without fault."""
-_FAULTLESS = 0.5
-"""Prior of no line at all. Assumed: rings on simulated buses are perfect, real ones are not."""
-_LEAST_SAMPLES = 7
-_JUMP = 20.0
-"""Steps beyond this many usual ones are resets and long gaps: counts on either side share no phase."""
-_OUTLIER = 6.0
-"""Residuals beyond this many robust standard deviations are lost frames and bumps."""
-_BINS_PER_CYCLE = 16.0
-"""Bins smear a line by at most 0.7 % of its power."""
-_OVERSAMPLED = 8
-"""Frequencies per width of a line: between two of them 1.3 % of its power is lost at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +70,7 @@ def cut(wheels: Sequence[tuple[Counter, float]], expected: float, settings: Sett
 def _block_of(counter: Counter, settings: Settings) -> NDArray[np.int64]:
     """(n,) number of the block of each sample; a counter that jumps begins another."""
     step = np.diff(counter.counts, prepend=counter.counts[0])
-    jump = (step < 0) | (step > _JUMP * max(float(np.median(step[step > 0])), 1.0))
+    jump = (step < 0) | (step > settings.ripple_jump * max(float(np.median(step[step > 0])), 1.0))
     period = np.floor((counter.time_s - counter.time_s[0]) / settings.ripple_block_s)
     begins = jump | (np.diff(period, prepend=0.0) > 0)
     return np.cumsum(begins, dtype=np.int64)
@@ -91,15 +80,15 @@ def _ahead(counter: Counter, settings: Settings) -> FloatArray:
     """(n,) counts beyond a cubic over the samples around (Savitzky, Golay 1964); NaN at lost frames."""
     from scipy.signal import savgol_filter
 
-    if len(counter.time_s) < 4 * _LEAST_SAMPLES:
+    if len(counter.time_s) < 4 * settings.ripple_least_window:
         return np.full(len(counter.time_s), np.nan)
     period = float(np.median(np.diff(counter.time_s)))
-    window = max(2 * int(0.5 * settings.ripple_window_s / period) + 1, _LEAST_SAMPLES)
+    window = max(2 * int(0.5 * settings.ripple_window_s / period) + 1, settings.ripple_least_window)
     if window > len(counter.counts):
         return np.full(len(counter.time_s), np.nan)
     ahead = counter.counts - savgol_filter(counter.counts, window, 3)
     spread = 1.4826 * float(np.median(np.abs(ahead)))
-    return np.where(np.abs(ahead) <= _OUTLIER * spread, ahead, np.nan)
+    return np.where(np.abs(ahead) <= settings.ripple_outlier * spread, ahead, np.nan)
 
 
 def powers(blocks: Blocks, per_turn: FloatArray) -> FloatArray:
@@ -108,10 +97,10 @@ def powers(blocks: Blocks, per_turn: FloatArray) -> FloatArray:
     By a Fourier transform over the counts, gathered in bins of a small part of a cycle.
     """
     out = np.empty((len(blocks.counts), len(per_turn)))
-    width = float(per_turn.min()) / _BINS_PER_CYCLE
+    width = float(per_turn.min()) / SETTINGS.bins_per_cycle
     for row, (counts, residual) in enumerate(zip(blocks.counts, blocks.residual, strict=True)):
         binned = np.bincount(np.rint(counts / width).astype(np.int64), weights=residual)
-        size = 1 << int(np.ceil(np.log2(_OVERSAMPLED * len(binned))))
+        size = 1 << int(np.ceil(np.log2(SETTINGS.oversampled * len(binned))))
         spectrum = np.fft.rfft(binned, size)
         at = np.rint(size * width / per_turn).astype(np.int64)
         out[row] = np.abs(spectrum[at]) ** 2 / max(float(residual @ residual), 1e-300)
@@ -148,6 +137,6 @@ def _mixture(power: FloatArray, other_lines: float) -> FloatArray:
     noise, line = -power, -power / (1.0 + size) - np.log1p(size)
     own = np.log1p(-other_lines)
     ratio = (np.logaddexp(own + line, other) - np.logaddexp(own + noise, other)).sum(axis=1)
-    prior = np.full(len(_SIZES), (1.0 - _FAULTLESS) / (len(_SIZES) - 1))
-    prior[0] = _FAULTLESS
+    prior = np.full(len(_SIZES), (1.0 - SETTINGS.faultless) / (len(_SIZES) - 1))
+    prior[0] = SETTINGS.faultless
     return np.asarray(logsumexp(ratio, axis=0, b=prior[:, None]))

@@ -24,15 +24,6 @@ _USUAL_COUNTS: dict[int, float] = {
     86: 1.0, 88: 1.0, 92: 0.8, 94: 0.8, 72: 0.6, 120: 0.6,
 }  # fmt: skip
 """Weights of ring sizes, one or both edges counted. Assumed: rings that workshops list, no survey of cars."""
-_EVEN, _ODD = 0.15, 0.07
-"""Weights of any other number. Assumed."""
-_MOST_WHOLE = 300.0
-"""More counts than this come from an encoder, not from teeth, and are told as a number, not to the count."""
-_GRID_PER_LINE = 8.0
-"""Trial numbers per width of a line, for encoders."""
-_LINE_NATS = 10.0
-"""Evidence from which a line of an encoder is one: e^-10 times the thousand trials is 1 in 20."""
-_MOST_TRIALS = 4000
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +66,7 @@ def tooth_count(
     expected = 2 * math.pi * mean * per_metre
     spread = expected * math.hypot(share, per_metre_std / per_metre)
     blocks = cut(wheels, expected, settings)
-    if expected > _MOST_WHOLE:
+    if expected > settings.most_whole:
         return _encoder(expected, spread, per_metre, blocks)
     numbers = np.arange(max(1, int(expected - 5 * spread)), int(expected + 5 * spread) + 2).astype(np.float64)
     log_weight = -0.5 * ((numbers - expected) / spread) ** 2 + np.log([_usual(int(n)) for n in numbers])
@@ -94,7 +85,7 @@ def tooth_count(
 
 
 def _usual(number: int) -> float:
-    return _USUAL_COUNTS.get(number, _ODD if number % 2 else _EVEN)
+    return _USUAL_COUNTS.get(number, SETTINGS.odd_count if number % 2 else SETTINGS.even_count)
 
 
 def _between(expected: float) -> FloatArray:
@@ -108,15 +99,15 @@ def _encoder(expected: float, spread: float, per_metre: float, blocks: Blocks) -
     unknown = ToothCount(float(round(expected)), spread, 0.0, expected / (2 * math.pi * per_metre))
     if blocks.longest <= 0.0:
         return unknown
-    step = min(expected**2 / blocks.longest / _GRID_PER_LINE, 0.25 * spread)
-    trials = min(int(8 * spread / step) + 1, _MOST_TRIALS)
+    step = min(expected**2 / blocks.longest / SETTINGS.grid_per_line, 0.25 * spread)
+    trials = min(int(8 * spread / step) + 1, SETTINGS.most_trials)
     grid = np.asarray(expected + step * (np.arange(trials) - trials // 2), dtype=np.float64)
     evidence = log_evidence(blocks, grid, grid, 0.0) - 0.5 * ((grid - expected) / spread) ** 2
     best = int(np.argmax(evidence))
-    if evidence[best] - float(np.median(evidence)) < _LINE_NATS or not 0 < best < trials - 1:
+    if evidence[best] - float(np.median(evidence)) < SETTINGS.line_nats or not 0 < best < trials - 1:
         return unknown
     # The bins of the search blur a line by some steps; without them its top is plain.
-    near = grid[best] + step * np.linspace(-_GRID_PER_LINE, _GRID_PER_LINE, 33)
+    near = grid[best] + step * np.linspace(-SETTINGS.grid_per_line, SETTINGS.grid_per_line, 33)
     top = float(near[np.argmax(exact_powers(blocks, near).sum(axis=0))])
     near = top + step * np.linspace(-0.5, 0.5, 11)
     power = exact_powers(blocks, near)
