@@ -108,6 +108,22 @@ def test_an_input_is_silent_after_its_time_and_late_frames_are_counted(tmp_path:
     assert 2 == document["can"]["faults"]["too_late"]
 
 
+def test_a_receiver_that_gave_no_fix_is_waited_for(tmp_path: Path) -> None:
+    """It is open, and sentences may come, but there is no fix yet, and so none that has an age."""
+    config, database = car(tmp_path, '[gnss]\ndevice = "none"\n')
+    bus = FakeBus()
+    link = BusLink(lambda: bus.opener()(config.can, None, "fake"), "CAN fake", LOG)
+    receiver = ReceiverLink(configured_receiver(config.gnss), "receiver none", LOG)
+    receiver._is_down = False
+    pipeline = Pipeline(config, database)
+    health = Health(config, link, receiver, InputQueue(), 0.0)
+    health.stepped([], pipeline, 5.0)
+
+    gnss = health.document(pipeline, 60.0, 0)["gnss"]
+
+    assert ("waiting", 0, None) == (gnss["state"], gnss["fixes"], gnss["age_s"])
+
+
 def report(
     *states: str, alarms: tuple[tuple[str, str | None], ...] = (), learned: float = 1.0
 ) -> MonitorReport:
