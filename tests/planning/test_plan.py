@@ -58,6 +58,16 @@ def test_what_no_sensor_reads_is_not_told() -> None:
     assert not planned(["yaw_rate_bias"], equipment, LIBRARY[:2], 200.0).told
 
 
+def test_what_no_drive_tells_is_said_with_what_does(capsys: pytest.CaptureFixture[str]) -> None:
+    """Wear takes thousands of kilometres: no manoeuvres are proposed for it."""
+    assert 0 == main(["plan", "wear"])
+
+    text = capsys.readouterr().out
+    assert "No drive of these manoeuvres tells it." in text
+    assert "hold" not in text
+    assert "what tells it: compare the radii of drives that lie thousands of kilometres apart" in text
+
+
 def test_a_step_is_driven_as_it_says() -> None:
     """The speed in the middle of a ramp, the lateral acceleration of a bend, the slope of a hill."""
     steps = [Step(20.0, 20.0), Step(20.0, 20.0, 0.005), Step(20.0, 20.0, 0.0, 0.06)]

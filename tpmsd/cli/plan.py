@@ -126,13 +126,19 @@ def _manoeuvre(one: Manoeuvre) -> dict[str, Any]:
 
 def summary(plan: Plan) -> str:
     """The plan for people."""
+    from tpmsd.physics.catalogue import EFFECTS
     from tpmsd.planning.search import TARGET
 
-    lines = [f"Drive {plan.duration_s / 60.0:.0f} min:"]
-    lines += [f"  {number}. {one.name}" for number, one in enumerate(plan.manoeuvres, 1)]
+    if any(gain >= TARGET for gain in plan.gains.values()):
+        lines = [f"Drive {plan.duration_s / 60.0:.0f} min:"]
+        lines += [f"  {number}. {one.name}" for number, one in enumerate(plan.manoeuvres, 1)]
+    else:
+        lines = ["No drive of these manoeuvres tells it."]
     lines.append("What it is to tell, at the usual size of each effect beside the others (nats):")
     for name, gain in plan.gains.items():
         lines.append(f"  {name:28} {gain:8.1f}" + ("" if gain >= TARGET else "  cannot be told so"))
+        if gain < TARGET and EFFECTS[name].telling_drive:
+            lines.append(f"      what tells it: {EFFECTS[name].telling_drive}")
     return "\n".join(lines)
 
 
