@@ -78,7 +78,8 @@ def add_parser(subparsers: Subparsers) -> None:
         default=REPLICATES,
         metavar="N",
         help="give each finding a p-value from at most N replicates of the drive, drawn without it; what is"
-        " not sure enough is a suspicion and makes no mismatch (default: %(default)s; 0 skips it)",
+        " not sure enough is a suspicion and makes no mismatch (default: %(default)s; 0 skips it; with"
+        " --simulation there are none)",
     )
     parser.add_argument("--model-out", type=Path, metavar="FILE", help="where the extended model goes")
     parser.add_argument(
