@@ -18,6 +18,8 @@ STRUCTURE = {
     "monitor.leak_filter.LEVEL": "a place",
     "monitor.leak_filter.NONE": "a sign",
     "monitor.leak_filter.WEEK_D": "a unit",
+    "monitor.leak_filter.SEEN": "which parameters a reading shows",
+    "monitor.leak_filter.FILLED": "on which parameters a refill acts",
     "monitor.probability.MOST_STEPS": "terms of a series, by which it has converged to the last bit",
     "monitor.reference.CAR": "a place in an array, like the others of this module",
     "monitor.reference.GROWTH": "a place",

@@ -80,13 +80,18 @@ class LeakHistory:
         """The likeliest leak on an axle (0 front, 1 rear); None with too few days."""
         if not self.days:
             return None
-        # The last day may have further drives: it is taken for good when it is over.
+        own, other = (self._now(one, metres_per_percent) for one in (axle, 1 - axle))
+        return trend_of(own.beside(other), self._settings)
+
+    def _now(self, axle: int, metres_per_percent: float) -> LeakFilter:
+        """Of one axle by all days. The last one may have further drives: it is taken for good when it is
+        over."""
         past = self._filters.setdefault((axle, metres_per_percent), LeakFilter(self._settings))
         over = -math.inf if past.day is None else past.day
         self._play(past, [d for d in self.days[:-1] if d.day > over], axle, metres_per_percent)
         now = past.copy()
         self._play(now, self.days[-1:], axle, metres_per_percent)
-        return trend_of(now, self._settings)
+        return now
 
     def ended(
         self, axle: int, metres_per_percent: float, left: bool, rate: tuple[float, float], since_day: float

@@ -48,30 +48,39 @@ class ReadingSettings:
 class TrendSettings:
     """How the left-right difference of an axle moves over weeks: per cent of pressure, and per week."""
 
-    scatters: tuple[float, ...] = (0.6, 1.1, 2.0, 3.5)
+    scatters: tuple[float, ...] = (0.7, 1.5, 3.0)
     """Standard deviations of a day's reading beyond what its estimates state; 1 % is 0.07 mm of radius."""
-    stated_share: float = 1.3
-    """Variance of the estimates relative to the stated one."""
+    stated_shares: tuple[float, ...] = (0.5, 1.6)
+    """Variances of the estimates relative to the stated one: stated too wide or too narrow, by the car."""
     outlier_share: float = 0.06
     outlier_variance: float = 12.0
     """One reading in sixteen scatters by 3.5 times as much: errors have heavy tails."""
     first_level_std: float = 15.0
     """Left against right at first: 1 mm."""
-    level_walks: tuple[float, ...] = (0.1,)
-    """Per square root of a day: 1 % in a quarter; with 0.05 and 0.4 fewer leaks are found in time (bench)."""
+    level_walk: float = 0.05
+    """Per square root of a day: 0.5 % in a quarter."""
+    drift_stds: tuple[float, ...] = (0.3, 1.2)
+    """Standard deviations of what comes and goes within weeks (tyres answer to warmth unequally, by a tenth;
+    radius drift of 0.03 mm): white noise of so many days would be a trend."""
+    drift_d: float = 10.0
+    """Its time constant: a spell of weather lasts 4 days, radius drift up to a month."""
     healthy_rate_std: float = 0.25
     """Diffusion of 1 to 3 % per month, unequal by a third, and wear that is unequal by a tenth."""
     rate_walk: float = 0.01
     """Per square root of a day: 0.1 % in a quarter."""
-    refill_every_d: float = 60.0
-    refill_std: float = 4.0
-    """Air is put in every other month; gauges of a petrol station differ by 2 to 3 % from wheel to wheel."""
-    change_every_d: float = 240.0
+    refill_every_d: float = 85.0
+    refill_std: float = 2.8
+    """Air is put in every one to five months; a gauge is off by 2 % from wheel to wheel."""
+    change_every_d: float = 600.0
     change_std: float = 12.0
-    """Wheels are changed or rotated, by 0.8 mm of radius."""
+    """Wheels are changed or rotated, by 0.8 mm of radius; twice a year, most with a reset."""
+    both_share: float = 0.8
+    """Of changes without a word, that are of both axles: seasonal tyres, and rotation front to rear."""
+    same_change_d: float = 5.0
+    """Between the days on which readings of both axles place the same change."""
     step_at_reset: tuple[float, float] = (0.35, 0.25)
     """Probabilities of a refill and of changed wheels where the driver asked for a reset, ..."""
-    step_after_gap: tuple[float, float] = (0.3, 0.1)
+    step_after_gap: tuple[float, float] = (0.1, 0.05)
     gap_d: float = 6.0
     """... and at least, after so long without a drive."""
     leak_every_d: float = 4000.0
@@ -82,7 +91,7 @@ class TrendSettings:
     """... with these rates: mean, standard deviation and share of leaks; faster ones are a `deflation`."""
     onsets_from: int = 12
     """Likeliest hypotheses without a leak in which one may begin."""
-    kept: int = 40
+    kept: int = 60
     """Hypotheses without a leak, with one on the left, and with one on the right."""
     least_rate: float = 1.0
     """A tyre at this rate is 20 % low after 20 weeks."""

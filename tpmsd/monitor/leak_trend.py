@@ -12,7 +12,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from tpmsd.monitor.leak_filter import LEFT, LOST, NONE, RATE, RIGHT, WEEK_D, Hypotheses, LeakFilter
+from tpmsd.monitor.leak_filter import LEFT, LOW, NONE, RATE, RIGHT, WEEK_D, Hypotheses, LeakFilter
 from tpmsd.monitor.leak_settings import TrendSettings
 from tpmsd.monitor.probability import normal_cdf
 from tpmsd.monitor.settings import TREND
@@ -34,7 +34,7 @@ class Trend:
     """Per cent of pressure per week, and its standard deviation."""
     rate_std: float
     lost: float
-    """Per cent of pressure since the leak began, less what was refilled."""
+    """Per cent of pressure that the tyre lacks of its fellow's, by loss and filling."""
     days: float
     span_d: float
     """Days with readings since the leak began, and the time since; expected values."""
@@ -69,7 +69,7 @@ def trend_of(filter_: LeakFilter, settings: TrendSettings = TREND) -> Trend | No
         left=likelier == 0,
         rate=rate,
         rate_std=math.sqrt(float(weight @ (leak.covariance[:, RATE, RATE] + (rates - rate) ** 2))),
-        lost=float(weight @ leak.mean[:, LOST]),
+        lost=float(weight @ (leak.side * leak.mean[:, LOW])),
         days=float(weight @ leak.days),
         span_d=float(weight @ (filter_.day - leak.onset_d)),
         low_in_d=_low_in_d(leak, weight, filter_.day, settings),
@@ -98,12 +98,14 @@ def _low_in_d(
     steps = [NORMAL.inv_cdf((k + 0.5) / settings.strata) for k in range(settings.strata)]
     first, second, third, fourth = (axis.ravel() for axis in np.meshgrid(steps, steps, steps, steps))
     std = np.sqrt(leak.covariance[:, RATE, RATE])
-    shared = -leak.side * leak.covariance[:, RATE, LOST] / std
-    rest = np.sqrt(np.maximum(leak.covariance[:, LOST, LOST] - shared**2, 0.0))
+    shared = -leak.covariance[:, RATE, LOW] / std
+    rest = np.sqrt(np.maximum(leak.covariance[:, LOW, LOW] - shared**2, 0.0))
     # Tyres differ in how much radius a loss of pressure costs.
     scale = np.exp(settings.softness_std * fourth)
     rates = scale * (-leak.side[:, None] * leak.mean[:, RATE, None] + std[:, None] * first)
-    lost = scale * (leak.mean[:, LOST, None] + shared[:, None] * first + rest[:, None] * second)
+    lost = scale * (
+        leak.side[:, None] * leak.mean[:, LOW, None] + shared[:, None] * first + rest[:, None] * second
+    )
     # The fellow loses air, too, and unequal wear passes for pressure.
     beside = settings.diffusion[0] + math.hypot(settings.diffusion[1], settings.healthy_rate_std) * third
     lost = lost + beside * (day - leak.onset_d[:, None]) / WEEK_D
