@@ -146,6 +146,9 @@ class JudgeSettings:
     millimetre; held to the former limit it would take its own error for a fault and never learn better."""
     every_s: float = 1.0
     """Between two judgements."""
+    sight_stds: float = 1.28
+    """Standard deviations by which the evidence of a loss that `status` calls seen may fall short of what is
+    to be expected: one in ten does by more."""
     seen_share: float = 1.5
     """Standard deviation of a wheel against the others, relative to the threshold of a deflation, up to
     which a tyre that has lost 20 % (1.8 thresholds) is seen."""

@@ -3,9 +3,10 @@
 In: the covariances of what is judged. Out: `Sight`: the smallest loss of one tyre, and of all alike, that
 would raise an alarm.
 
-A loss s of the wheels p (1 for each) is known with the standard deviation (p' C^-1 p)^-1/2. Its expected
-log-likelihood ratio to none is half of its square in standard deviations; it must outweigh its prior odds and
-those asked for. And it must reach the threshold, which a standard deviation below it does not for sure.
+A loss s of the wheels p (1 for each) is known with the standard deviation (p' C^-1 p)^-1/2; let it be d of
+these. Its log-likelihood ratio to none is normal about d^2 / 2 with the standard deviation d; in nine of ten
+drives it must outweigh its prior odds and those asked for. And the loss must be known to exceed the
+threshold as surely, wherever in these nine of ten the estimate lies.
 """
 
 from __future__ import annotations
@@ -54,7 +55,8 @@ def _smallest(information: float, threshold: float, probability: float, prior: f
     """Relative loss that is seen where a relative loss has this information, 1."""
     std = 1.0 / math.sqrt(information)
     nats = math.log(probability / (1.0 - probability)) - math.log(prior / JUDGE.losses[2])
-    return max(math.sqrt(2.0 * nats) * std, threshold + std)
+    short = JUDGE.sight_stds
+    return max((short + math.sqrt(short**2 + 2.0 * nats)) * std, threshold + 2.0 * short * std)
 
 
 def _pressure(loss: float, radius_m: FloatArray, tyres: list[TyreModel]) -> float:
