@@ -347,8 +347,8 @@ class Monitor:
         std = [_std(one) for one in variance]
         if not self._trusted:
             deviation = std = [math.nan] * 4
-        rows = zip(WHEELS, states, deviation, std, self._told[1], strict=True)
-        return tuple([WheelReport._make((*own, *told)) for *own, told in rows])
+        make, rows = WheelReport._make, zip(WHEELS, states, deviation, std, self._told[1], strict=True)
+        return tuple([make((name, state, off_m, std_m, *told)) for name, state, off_m, std_m, told in rows])
 
     # -- what survives a restart -----------------------------------------------------------------------------
 
