@@ -168,6 +168,13 @@ def test_the_receivers_speed_is_its_own_for_two_seconds() -> None:
     assert [9.0, 9.0, True, True] == [math.isnan(now) or now for now in map(speed.update, later)]
 
 
+def test_a_reckoned_fix_hides_no_other_of_its_tick() -> None:
+    """Of two fixes in a tick, one reckoned by the receiver itself (quality 6), the other tells the speed."""
+    first, second = at(10.0, 30.0).fixes[0], at(10.0, 9.0).fixes[0]
+    both = replace(at(10.0), fixes=(replace(first, quality=6), second))
+    assert 9.0 == ReceiverSpeed().update(both)
+
+
 def test_the_way_between_positions_a_second_apart_makes_a_speed() -> None:
     """From one to two seconds; of less and of more nothing is made."""
     speed = ReceiverSpeed()
