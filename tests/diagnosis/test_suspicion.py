@@ -50,6 +50,16 @@ def test_a_gain_below_its_penalty_by_the_block_wise_variance_makes_no_mismatch(s
         assert () == diagnosis.model.effects
 
 
+def test_what_is_less_likely_than_nothing_is_not_suspected(spin: Examined) -> None:
+    """A gain far below its penalty by the block-wise variance is not reported, and not in the model."""
+    study, selection, evidence = spin
+    (one,) = selection.chosen
+    doubted = replace(selection, chosen=(replace(one, admitted_by=-20.0, confidence=1e-9),))
+    diagnosis = report(study, doubted, evidence)
+
+    assert ("consistent", (), ()) == (diagnosis.verdict, diagnosis.findings, diagnosis.model.effects)
+
+
 def test_a_gain_is_held_against_what_the_model_leaves(spin: Examined) -> None:
     """The same gain is a finding where the model leaves noise, and a suspicion where it leaves as many times
     the expected variance as the gain has nats."""

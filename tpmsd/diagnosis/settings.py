@@ -273,6 +273,8 @@ class ReportSettings:
 
     drift_told_from: float = 2e-4
     """Relative standard deviation of the radii's drift from which it is reported as unexplained."""
+    suspected_from: float = 0.5
+    """Confidence of a suspicion: below, it is likelier that there is nothing, or something else."""
     much_removed: float = 0.25
     """Share of a block's data from which its span of time is named."""
     bins: int = 16

@@ -80,6 +80,8 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
         if note := usual(one, study.speeds):
             notes = (*notes, note)
             continue
+        if one.admitted_by <= 0.0 and one.confidence < SETTINGS.report.suspected_from:
+            continue
         rest = terms[:k] + terms[k + 1 :]
         left_out = float(evidence.heldout(selector.design(rest))[blocks].sum())
         quantities = _quantities(_in_full(study, selection, k), stds.get(k, {}))
