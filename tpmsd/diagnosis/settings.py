@@ -121,6 +121,9 @@ class SelectionSettings:
     linear in the responses, and not the drive."""
     rival_weight: float = 1e-3
     """Of a rival over the term's own, above which it is asked whether its values are thinkable at all."""
+    nearer_shares: tuple[float, ...] = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
+    """Shares by which a value may lie nearer to zero where it is priced; at a half a quarter of the gain is
+    lost."""
     needed_share: float = 0.7
     """Share of what admits a term that keeps it in a backward step: above a half, so that steps do not
     cycle."""
