@@ -15,6 +15,7 @@ from tpmsd.fleet.discoveries import Discovery
 from tpmsd.fleet.hierarchy import Stack, shrunken
 from tpmsd.fleet.parameters import BACK, SCALES
 from tpmsd.fleet.settings import SETTINGS, FleetSettings
+from tpmsd.physics.catalogue import FAULT
 from tpmsd.wheels import WHEELS, FloatArray
 
 DAY_S = 86_400.0
@@ -55,7 +56,7 @@ def losses(
             p_value = min(1.0, len(steps) * float(stats.norm.cdf(score[at, wheel])))
             size = (100.0 * float(value[at, wheel]), 100.0 * float(std[at, wheel]))
             since_s = float(days[mine[at + 1]]) * DAY_S
-            where = ("loss", "radius_change", WHEELS[wheel])
+            where = ("loss", FAULT.name, WHEELS[wheel])
             found.append(Discovery("car", model, car, *where, *size, "%", p_value, since_s=since_s))
     return _best_of_each_car(found)
 
