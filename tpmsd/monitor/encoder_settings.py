@@ -42,9 +42,11 @@ class EncoderSettings:
     outlier_medians: float = 9.0
     """Rapid differences beyond so many median sizes (six standard deviations) are kerbs and joints:
     they count as this much."""
-    raise_nats: float = 14.0
-    """Over that of a counter that loses none: for the share, its limit among thirty, and odds of a
-    thousand."""
+    raise_nats: float = 10.0
+    """Over that of a counter that loses none. By noise alone half a chi-square of one degree is beyond with
+    4e-6; of some thirty shares, two wheels and three stretches, one in a thousand drives passes."""
+    clear_nats: float = 5.0
+    """Down to which a loss stands: half of it, for the last minutes of a loss that stands go up and down."""
 
     @property
     def shares(self) -> FloatArray:

@@ -17,7 +17,7 @@ import numpy as np
 
 from tpmsd.config.model import VehicleConfig
 from tpmsd.monitor.settings import ENCODERS
-from tpmsd.physics.ring_ripple import ripple_gain
+from tpmsd.physics.ring_ripple import of_one_size, ripple_gain
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import FL, FR, RL, RR, FloatArray
 
@@ -38,9 +38,8 @@ class EncoderWatch:
         """Take one tick."""
         for axle in self._axles:
             if axle.update(tick):
-                for wheel in axle.wheels:
-                    self.losing.pop(wheel, None)
-                self.losing |= axle.losing()
+                standing = {wheel for wheel in axle.wheels if self.losing.pop(wheel, None) is not None}
+                self.losing |= axle.losing(standing)
 
 
 class _Axle:
@@ -71,28 +70,34 @@ class _Axle:
         self._lasted_s = 0.0
         return True
 
-    def losing(self) -> dict[int, float]:
+    def losing(self, standing: set[int]) -> dict[int, float]:
         """Wheels that lose counts since any of the last minutes, and which share by the minutes that show it
-        best."""
+        best; of those that are `standing` less evidence is enough."""
         out: dict[int, float] = {}
-        shown = dict.fromkeys(self.wheels, ENCODERS.raise_nats)
-        for since in np.cumsum(list(self._gains)[::-1], axis=0)[ENCODERS.least_blocks - 1 :]:
+        limits = {
+            wheel: ENCODERS.clear_nats if wheel in standing else ENCODERS.raise_nats for wheel in self.wheels
+        }
+        shown = dict(limits)
+        for minutes, gains in enumerate(np.cumsum(list(self._gains)[::-1], axis=0), 1):
+            if minutes < ENCODERS.least_blocks:
+                continue
+            since = of_one_size(gains, minutes)
             for side, wheel in enumerate(self.wheels):
-                share, gain = _lost(since[side], since[1 - side])
+                share, gain = _lost(since[side], since[1 - side], limits[wheel])
                 if gain >= shown[wheel]:
                     out[wheel], shown[wheel] = share, gain
         return out
 
 
-def _lost(own: FloatArray, other: FloatArray) -> tuple[float, float]:
+def _lost(own: FloatArray, other: FloatArray, limit: float) -> tuple[float, float]:
     """Which share of its counts a wheel loses by the gains (shares,) of its own ripple and of the other
     wheel's, and the gain over its having as many per turn as the other ring or as are configured; (0, 0)
-    where a ripple does not show.
+    where a ripple does not show by `limit`.
 
     The ripple of one wheel shows in the angle of the other, too, at the share by which they turned unlike
     each other: so what the other ring shows is no proof that this one should.
     """
-    if min(np.ptp((np.median(gains), gains.max())) for gains in (own, other)) < ENCODERS.raise_nats:
+    if min(np.ptp((np.median(gains), gains.max())) for gains in (own, other)) < limit:
         return 0.0, 0.0
     at, whole = int(own.argmax()), float(_SHARES[other.argmax()])
     share = float(_SHARES[at]) - whole

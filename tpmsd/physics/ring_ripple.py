@@ -34,3 +34,15 @@ def ripple_gain(
     power = np.square(np.abs(np.exp(-1j * np.outer(shares, angle_rad)) @ wave))
     near = float(np.median(power)) / math.log(2.0)
     return np.asarray(power / max(len(ripple_rad) * variance_rad2, near, 1e-30))
+
+
+def of_one_size(gains: FloatArray, blocks: int) -> FloatArray:
+    """(...) log-likelihood gain of a ripple of one size in all blocks, at another phase in each.
+
+    `gains` (...) are the sums of `ripple_gain` over them. With a size and a phase of its own in each block,
+    noise alone gains as many nats as there are blocks, and its greatest sum over many shares far more. Of one
+    size, unknown, a block's gain has an exponential distribution, of mean 1 by noise and larger by a ripple:
+    n (m - 1 - log m) is the gain of the likeliest mean m over 1.
+    """
+    mean = np.maximum(np.asarray(gains) / blocks, 1.0)
+    return np.asarray(blocks * (mean - 1.0 - np.log(mean)))

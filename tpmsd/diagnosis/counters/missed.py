@@ -25,7 +25,7 @@ from tpmsd.physics.catalogue import TEETH
 from tpmsd.physics.effect import Parameter
 from tpmsd.physics.kinematics import wheel_speeds
 from tpmsd.physics.motion import integrate
-from tpmsd.physics.ring_ripple import ripple_gain
+from tpmsd.physics.ring_ripple import of_one_size, ripple_gain
 from tpmsd.wheels import FL, FR, RL, RR, WHEELS, FloatArray
 
 AXLES = ((FL, FR), (RL, RR))
@@ -152,13 +152,14 @@ def _whole(other: FloatArray) -> np.ndarray:
 
 
 def _power(pair: _Pair, side: int, come_and_go: bool) -> FloatArray:
-    """(shares,) log-likelihood gain of a ripple in the angle with each share put back, over the blocks."""
+    """(shares,) log-likelihood gain of a ripple in the angle with each share put back."""
     shares = SETTINGS.counters.missed_shares
     out = np.zeros(len(shares))
     variance = float(pair.ripple.var())
-    for block in np.unique(pair.blocks):
+    blocks = np.unique(pair.blocks)
+    for block in blocks:
         here = np.flatnonzero(pair.blocks == block)
         angle = pair.angle[here, side] - pair.angle[here[0], side]
         put_back = pair.less[here, side] if come_and_go else 0.0
         out += ripple_gain(angle, pair.ripple[here] * np.exp(-1j * put_back), shares, variance)
-    return out
+    return of_one_size(out, len(blocks))
