@@ -66,6 +66,19 @@ def test_counts_lost_below_a_speed_are_found() -> None:
     assert abs(found.below_mps - BELOW_MPS) < 2.0 * found.below_std_mps < 1.5
 
 
+def test_a_single_stop_loses_nothing() -> None:
+    """A receiver whose speed is late at one stop, the only one that it reads: nobody knows how it errs."""
+    recording = city()
+    slow = recording.speed_mps < 4.0
+    first = recording.fix_time_s[slow][0] // 20.0
+    one_stop = recording.fix_time_s // 20.0 == first
+    late_mps = np.where(slow & one_stop, 2.0 * recording.speed_mps, recording.speed_mps)
+    read = replace(recording, speed_mps=np.where(slow & ~one_stop, np.nan, late_mps))
+
+    assert np.count_nonzero(slow & one_stop) >= 3
+    assert lost_counts(read, reference(read).car.radius_m) is None
+
+
 def test_whole_counters_lose_nothing() -> None:
     """The receiver's speed and the wheels' agree down to walking pace."""
     assert lost_counts(city(), reference(city()).car.radius_m) is None

@@ -68,7 +68,7 @@ def lost_counts(recording: Recording, radii_m: FloatArray) -> Lost | None:
         below_std_mps=below_std,
         share=float(np.clip(share, 0.0, 1.0)),
         share_std=share_std,
-        gain=float(sum(one[-1] for one in alike)),
+        gain=max(one[-1] for one in alike),  # what the receiver errs by is in every wheel
         speeds_mps=(least, below),
     )
 
@@ -89,11 +89,14 @@ def _best(
         )
         size = float(x @ x)
         share = float(x @ y) / size
-        # Fixes that follow each other err alike: blocks tell how sure the share is (White, 1980).
-        score = np.bincount(block - block.min(), x * (y - share * x))
-        spread = max(float(score @ score), size * std**2)
-        ratio = spread / (size * std**2)
-        gain = 0.5 * float(x @ y) ** 2 / size / std**2 / ratio
+        # Fixes that follow each other err alike: blocks, mostly a stop each, tell how sure the share is
+        # (White, 1980); a single one tells nothing of it.
+        held, block = np.unique(block, return_inverse=True)
+        if len(held) < 2:
+            continue
+        score = np.bincount(block, x * (y - share * x))
+        spread = max(float(score @ score) * len(held) / (len(held) - 1.0), size * std**2)
+        gain = 0.5 * (share * size) ** 2 / spread
         if (
             share > SETTINGS.counters.lost_share
             and gain > SETTINGS.counters.lost_admit_nats
