@@ -11,6 +11,8 @@ WHEELS = ("fl", "fr", "rl", "rr")
 """Front left, front right, rear left, rear right."""
 
 FL, FR, RL, RR = range(4)
+AXLES = ((FL, FR), (RL, RR))
+"""Left and right of each, front first."""
 
 if TYPE_CHECKING:
     import numpy as np

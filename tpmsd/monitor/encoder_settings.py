@@ -7,10 +7,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from tpmsd.wheels import FloatArray
-
 
 @dataclass(frozen=True, slots=True)
 class EncoderSettings:
@@ -30,15 +26,8 @@ class EncoderSettings:
     """Blocks that speak: the last ten minutes above `from_hz`."""
     least_blocks: int = 3
     """From so many on they are believed: in one the other wheel's ripple may lie at any share."""
-    most_share: float = 1e-2
-    """Of the counts: one that loses more is off by a whole tyre size."""
-    step: float = 1e-4
-    """Between shares that are tried: a tenth of a ripple's width in a block."""
-    ring_error: float = 3e-4
-    """Share by which the number of a ring's counts is known no better: 12 of 40,000, as two wheels of one
-    van differ on six drives."""
     least_stds: float = 3.0
-    """Of `ring_error` of both wheels, from which one has fewer counts than the other."""
+    """Of the `ring_error` of both wheels, from which one has fewer counts than the other."""
     outlier_medians: float = 9.0
     """Rapid differences beyond so many median sizes (six standard deviations) are kerbs and joints:
     they count as this much."""
@@ -47,9 +36,3 @@ class EncoderSettings:
     4e-6; of some thirty shares, two wheels and three stretches, one in a thousand drives passes."""
     clear_nats: float = 5.0
     """Down to which a loss stands: half of it, for the last minutes of a loss that stands go up and down."""
-
-    @property
-    def shares(self) -> FloatArray:
-        """(shares,) of both signs: where one as good is negative, none is lost."""
-        count = round(self.most_share / self.step)
-        return np.linspace(-self.most_share, self.most_share, 2 * count + 1)

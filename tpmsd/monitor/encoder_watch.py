@@ -17,12 +17,11 @@ import numpy as np
 
 from tpmsd.config.model import VehicleConfig
 from tpmsd.monitor.settings import ENCODERS
-from tpmsd.physics.ring_ripple import of_one_size, ripple_gain
+from tpmsd.physics.ring_ripple import LOST_SHARES, of_one_size, ripple_gain
 from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import FL, FR, RL, RR, FloatArray
+from tpmsd.wheels import AXLES, FloatArray
 
-AXLES = ((FL, FR), (RL, RR))
-_SHARES = ENCODERS.shares
+_SHARES = LOST_SHARES.values
 
 
 class EncoderWatch:
@@ -101,10 +100,10 @@ def _lost(own: FloatArray, other: FloatArray, limit: float) -> tuple[float, floa
         return 0.0, 0.0
     at, whole = int(own.argmax()), float(_SHARES[other.argmax()])
     share = float(_SHARES[at]) - whole
-    if at == len(_SHARES) - 1 or share < ENCODERS.least_stds * math.sqrt(2.0) * ENCODERS.ring_error:
+    if at == len(_SHARES) - 1 or share < ENCODERS.least_stds * math.sqrt(2.0) * LOST_SHARES.ring_error:
         return 0.0, 0.0
     off = np.minimum(np.abs(_SHARES - whole), np.abs(_SHARES))
-    return share, float(own[at] - own[off <= ENCODERS.ring_error + 0.5 * ENCODERS.step].max())
+    return share, float(own[at] - own[off <= LOST_SHARES.ring_error + 0.5 * LOST_SHARES.step].max())
 
 
 def _gains(angle_rad: FloatArray, width: float) -> FloatArray:

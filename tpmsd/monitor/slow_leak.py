@@ -27,10 +27,9 @@ from tpmsd.monitor.records import AlarmEvent, AlarmKind
 from tpmsd.monitor.settings import READINGS
 from tpmsd.physics.tyre import tyre_model
 from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import FL, FR, RL, RR, WHEELS, FloatArray
+from tpmsd.wheels import AXLES, WHEELS, FloatArray
 
 DAY_S = 86400.0
-AXLES = ((FL, FR), (RL, RR))
 _EPOCH = date(1970, 1, 1).toordinal()
 _LAST_DAY = date(9999, 12, 31).toordinal() - _EPOCH
 

@@ -25,10 +25,8 @@ from tpmsd.physics.catalogue import TEETH
 from tpmsd.physics.effect import Parameter
 from tpmsd.physics.kinematics import wheel_speeds
 from tpmsd.physics.motion import integrate
-from tpmsd.physics.ring_ripple import of_one_size, ripple_gain
-from tpmsd.wheels import FL, FR, RL, RR, WHEELS, FloatArray
-
-AXLES = ((FL, FR), (RL, RR))
+from tpmsd.physics.ring_ripple import LOST_SHARES, of_one_size, ripple_gain
+from tpmsd.wheels import AXLES, WHEELS, FloatArray
 
 
 @dataclass(frozen=True)
@@ -86,10 +84,8 @@ def _pair(recording: Recording, reference: Reference, axle: tuple[int, int]) -> 
     rolled = integrate(speeds, motion.time_s) / car.radius_m[wheels]
     high_pass = SETTINGS.counters.ripple_high_pass_s / dt_s
     by_motion: FloatArray = rolled[:, 0] - rolled[:, 1]
-    if axle == (
-        FL,
-        FR,
-    ):  # the motion has the ripple of the rear wheels, which would pass for one of the front's
+    if axle == AXLES[0]:
+        # The motion has the ripple of the rear wheels, which would pass for one of the front's.
         by_motion = gaussian(by_motion, high_pass, NEAREST)
     between: FloatArray = angle[:, 0] - angle[:, 1] - by_motion
     rapid = between - gaussian(between, high_pass, NEAREST)
@@ -111,9 +107,9 @@ def _pair(recording: Recording, reference: Reference, axle: tuple[int, int]) -> 
 
 
 def _missed(recording: Recording, pair: _Pair, side: int, wheel: str) -> Missed | None:
-    shares = SETTINGS.counters.missed_shares
+    shares = LOST_SHARES.values
     as_counted = _power(pair, side, False)
-    ring_error = SETTINGS.counters.missed_ring_error
+    ring_error = LOST_SHARES.ring_error
     whole = np.where(_whole(_power(pair, 1 - side, False)), as_counted, -math.inf)
     of_ring = float(shares[int(np.argmax(whole))])
     if abs(of_ring) <= ring_error:
@@ -140,7 +136,7 @@ def _missed(recording: Recording, pair: _Pair, side: int, wheel: str) -> Missed 
 def _whole(other: FloatArray) -> np.ndarray:
     """(shares,) which of them a counter shows that loses none: its ring has the counts of the configuration,
     or those of the other wheel's ring, whose ripple has the power `other`: two encoders do not lose alike."""
-    shares, error = SETTINGS.counters.missed_shares, SETTINGS.counters.missed_ring_error
+    shares, error = LOST_SHARES.values, LOST_SHARES.ring_error
     as_configured = np.abs(shares) <= error
     best = int(np.argmax(other))
     if other[best] < SETTINGS.counters.lost_admit_nats:
@@ -153,7 +149,7 @@ def _whole(other: FloatArray) -> np.ndarray:
 
 def _power(pair: _Pair, side: int, come_and_go: bool) -> FloatArray:
     """(shares,) log-likelihood gain of a ripple in the angle with each share put back."""
-    shares = SETTINGS.counters.missed_shares
+    shares = LOST_SHARES.values
     out = np.zeros(len(shares))
     variance = float(pair.ripple.var())
     blocks = np.unique(pair.blocks)

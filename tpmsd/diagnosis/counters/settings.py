@@ -96,24 +96,11 @@ class CounterSettings:
     """Over which what a wheel counts less than the other one is smoothed: many turns, less than a bend."""
     missed_block_s: float = 60.0
     """In which a ripple is coherent: 700 turns tell shares of 1e-3 apart, and a bend's load is over."""
-    missed_largest: float = 1e-2
-    """Share of the counts: one wheel that loses more is off by a whole tyre size."""
-    missed_step: float = 1e-4
-    """Between shares that are tried: a tenth of a ripple's width in a block."""
-    missed_ring_error: float = 3e-4
-    """Share by which the number of a ring's counts is known no better: 12 of 40,000, as two wheels of one
-    van differ on six drives."""
 
     @property
     def ripple_periods_s(self) -> FloatArray:
         """Periods between readings that are tried, from none."""
         return np.linspace(0.0, self.ripple_longest_period_s, 11)
-
-    @property
-    def missed_shares(self) -> FloatArray:
-        """Shares that are tried, of both signs: where one as good is negative, none is lost."""
-        count = round(self.missed_largest / self.missed_step)
-        return np.linspace(-self.missed_largest, self.missed_largest, 2 * count + 1)
 
     @property
     def lost_limits_mps(self) -> FloatArray:
