@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from tests.fleet.test_hierarchy import P, drawn
 from tpmsd.fleet.discoveries import Discovery, controlled
@@ -54,6 +55,20 @@ def test_a_tyre_that_went_soft_overnight_is_found(wheel: int, per_car: int, day:
     )
     assert abs(found.value + 0.5) < 3.0 * found.std < 0.3
     assert day * 86_400.0 == found.since_s
+
+
+@pytest.mark.parametrize(("per_car", "moments"), [(2, 1), (6, 5)])
+def test_the_best_of_several_moments_pays_for_all(per_car: int, moments: int) -> None:
+    """The p-value is a normal distribution's, times the number of moments between drives (Bonferroni)."""
+    stack, days = fleet(5, per_car)
+    step = changed(stack, days, 3, days.max(), np.array([0.0, -2e-3, 0.0, 0.0]))
+    [found] = [
+        one
+        for one in losses("m", CARS, step, days, np.square(USUAL))
+        if (one.car, one.parameter) == ("car-3", "fr")
+    ]
+
+    assert moments * stats.norm.cdf(found.value / found.std) == pytest.approx(found.p_value)
 
 
 def test_a_single_car_with_two_drives_is_enough() -> None:

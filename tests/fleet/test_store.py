@@ -45,6 +45,15 @@ def test_adding_twice_does_nothing(van: Path, tmp_path: Path, capsys: pytest.Cap
     assert 1 == len({entry.model for entry in entries})
 
 
+def test_a_link_keeps_its_name(van: Path, tmp_path: Path) -> None:
+    """Drives that are linked into a folder for each car belong to the car of that folder."""
+    (tmp_path / "van-8").mkdir()
+    (tmp_path / "van-8" / "monday").symlink_to(van / "drive-1")
+    (entry,) = find_drives([str(tmp_path / "van-8" / "monday")])
+
+    assert ("van-8", str(tmp_path / "van-8" / "monday")) == (entry.car, entry.path)
+
+
 def test_another_byte_is_another_drive(van: Path, tmp_path: Path) -> None:
     """A drive in which a byte differs has another key."""
     copy = shutil.copytree(van / "drive-1", tmp_path / "copy")
