@@ -155,6 +155,6 @@ def frozen_after_s(noise_mps: float) -> float:
 
 
 def test_even_speeds_are_frozen_only_where_speeds_have_noise() -> None:
-    """Constant for a minute: a simulator's cruise where speeds never trembled, a sender that hangs else."""
+    """Constant for a minute: a simulator's cruise where readings have no noise, a sender that hangs else."""
     assert 60.0 == frozen_after_s(0.0)
     assert frozen_after_s(0.01) < 2.1
