@@ -67,13 +67,16 @@ def assert_alike(one: Bank, other: Bank) -> None:
 @pytest.mark.parametrize("wheels", [2, 4])
 @pytest.mark.parametrize("driven_rear", [False, True])
 def test_a_tick_moves_the_bank_alike(fast: BankKernel, count: int, wheels: int, driven_rear: bool) -> None:
-    """Both kernels propagate banks of any size alike, by wheels, witness and steering."""
+    """Both kernels propagate banks of any size alike, by wheels, witness, steering and load transfer."""
     process = ProcessModel(NOMINAL[:wheels], TRACK_M, driven_rear)
-    for seed, (informative, witness, curvature) in enumerate(
-        [(True, None, None), (False, None, None), (True, 0.01, None), (False, 0.02, 0.05)]
+    for seed, (informative, witness, known, curvature) in enumerate(
+        [
+            *((True, None, True, None), (False, None, False, None), (True, 0.01, False, None)),
+            *((False, 0.02, True, 0.05), (True, 0.02, False, 0.05)),
+        ]
     ):
         rear = np.array([6.0, 6.1])
-        motion = Motion(0.1, rear, 0.7, -1.2, informative, 0.998, witness, curvature)
+        motion = Motion(0.1, rear, 0.7, -1.2, informative, 0.998, witness, known, curvature)
         one = some_bank(count, wheels, seed)
         other = copied(one)
         drift = process.drift_at(one.level * np.random.default_rng(seed).uniform(0.1, 2.0, one.level.shape))

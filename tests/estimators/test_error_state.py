@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -125,6 +126,58 @@ def test_the_mean_moves_as_the_paper_says() -> None:
     assert [way * math.cos(0.5 + turn / 2), way * math.sin(0.5 + turn / 2), 0.5 + turn] == pytest.approx(
         mean[0, :3].tolist()
     )
+
+
+@pytest.mark.parametrize("turn_radps", [-0.2, 0.03, 0.1])
+@pytest.mark.parametrize("coefficient_s2", [0.0, 1e-4, 1.4e-3])
+def test_the_turn_of_a_leaning_car_needs_no_other_instrument(
+    coefficient_s2: float, turn_radps: float
+) -> None:
+    """Radii of +- c * a_y, of usual cars and of one that leans 14 times as much: the wheels' turn without it
+    is the car's, at once, whatever the smoothed lateral acceleration says."""
+    model = ProcessModel(NOMINAL, TRACK_M, False)
+    mean, _ = initial_state(1, NOMINAL)
+    mean[0, LOAD] = coefficient_s2
+    nominal_m, speed_mps = NOMINAL[:2], 20.0
+    lean_m = coefficient_s2 * speed_mps * turn_radps
+    rolled_m = speed_mps + turn_radps * TRACK_M / 2 * np.array([-1.0, 1.0])
+    rear_rad = TICK_S * rolled_m / (nominal_m + lean_m * np.array([1.0, -1.0]))
+    late = Motion(TICK_S, rear_rad, 0.0, 0.0, True, witness_turn_rad=0.0, lateral_known=False)
+
+    _, turn = model.way_and_turn(mean, late)
+
+    assert turn_radps * TICK_S == pytest.approx(turn[0], rel=3e-3)
+
+
+@settings(derandomize=True, deadline=None, max_examples=30)
+@given(
+    st.floats(5.0, 100.0),
+    st.floats(-0.02, 0.02),
+    st.floats(0.0, 1.5e-3),
+    st.floats(-0.004, 0.004),
+)
+def test_a_leaning_cars_radii_turn_it_by_their_share(
+    wheel_radps: float, apart: float, coefficient_s2: float, offset_m: float
+) -> None:
+    """Heading by radii and load transfer: the covariance of one step of each is the derivative's square."""
+    model = ProcessModel(NOMINAL, TRACK_M, False)
+    mean, _ = initial_state(1, NOMINAL)
+    mean[0, [LOAD, MU]] = coefficient_s2, offset_m
+    rear_rad = wheel_radps * TICK_S * np.array([1.0, 1.0 + apart])
+    free = Motion(TICK_S, rear_rad, 0.0, 0.0, True, lateral_known=False)
+    turn = float(model.way_and_turn(mean, free)[1][0])
+    speed_mps = float(rear_rad @ NOMINAL[:2]) / (2 * TICK_S)
+    motion = replace(free, accel_lat_mps2=speed_mps * turn / TICK_S)
+    size = mean.shape[1]
+    still = propagated(model, mean, np.zeros((1, size, size)), motion)
+    for place, step in ((LOAD, 1e-8), (MU, 1e-7), (MU + 1, 1e-7)):
+        one = np.zeros((1, size, size))
+        one[0, place, place] = 1.0
+        by_state = math.sqrt((propagated(model, mean, one, motion) - still)[0, PSI, PSI])
+        moved = mean.copy()
+        moved[0, place] += step
+        numeric = (float(model.way_and_turn(moved, free)[1][0]) - turn) / step
+        assert abs(numeric) == pytest.approx(by_state, rel=0.01, abs=1e-3)
 
 
 def test_steering_replaces_the_wheels_turn() -> None:

@@ -81,6 +81,8 @@ class World:
     fault: tuple[int, float, float] | None = None
     """(wheel, relative change of its radius, from when)."""
     fault_takes_s: float = 0.0
+    lean_s2: float = 0.0
+    """c: radii of the left wheels grow by c * a_y, those of the right ones shrink by as much."""
     teeth: float = 48.0
     """Counts per revolution; infinite for exact angles."""
     receiver: Receiver = field(default_factory=Receiver)
@@ -98,6 +100,7 @@ class World:
             wheel, relative, onset = self.fault
             done = np.clip((time - onset) / max(self.fault_takes_s, 1e-9), 0.0, 1.0)
             radii[:, wheel] *= 1.0 + relative * done
+        radii += np.outer(self.lean_s2 * speed * yaw, [1.0, -1.0, 1.0, -1.0])
         half = TRACK_M / 2
         rolling = np.stack(
             [

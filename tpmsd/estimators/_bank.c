@@ -52,31 +52,35 @@ static int is_bank(const Py_buffer *mean, const Py_buffer *covariance)
 /* ---- a tick --------------------------------------------------------------------------------------------- */
 
 struct motion {
-    double rear_m[2], rear_rad[2], half_horizontal, slip_accel, load_turn, track_m, witness_turn, curvature;
+    double rear_m[2], rear_rad[2], half_horizontal, slip_accel, load_turn, load_gain, least_load;
+    double track_m, witness_turn, curvature;
     double bias_decay, way_noise, way_noise2, turn_noise, turn_noise2, turn_way_noise2, latency_noise;
     double gyro_noise, bias_noise, dt_s;
 };
 enum { MOTION_NUMBERS = sizeof(struct motion) / sizeof(double) };
 
-/* Way and turn of hypotheses [from, to): [Lundquist 2013, eqs 6a, 6b]. */
+/* Way and turn of hypotheses [from, to): [Lundquist 2013, eqs 6a, 6b]; share: `_Bend.share`. */
 static void way_and_turn(const struct motion *m, const double *mean, Py_ssize_t count, Py_ssize_t from,
-                         Py_ssize_t to, double *way, double *turn)
+                         Py_ssize_t to, double *way, double *turn, double *share)
 {
-    int steered = !isnan(m->curvature);
+    int steered = !isnan(m->curvature), known = isnan(m->load_gain);
     for (Py_ssize_t h = from; h < to; h++) {
         double left = (mean[MU * count + h] + m->rear_m[0]) * m->rear_rad[0];
         double right = (mean[(MU + 1) * count + h] + m->rear_m[1]) * m->rear_rad[1];
         double w = (left + right) * m->half_horizontal * (1.0 - mean[SLIP * count + h] * m->slip_accel);
+        double load = mean[LOAD * count + h], factor = 1.0 + load * m->load_gain;
+        double shown = (right - left) * (1.0 + mean[TRK * count + h]) / m->track_m;
         way[h - from] = w;
+        share[h - from] = known ? 1.0 : 1.0 / (factor > m->least_load ? factor : m->least_load);
         turn[h - from] = steered ? w * m->curvature
-                                 : (right - left) * (1.0 + mean[TRK * count + h]) / m->track_m +
-                                       mean[LOAD * count + h] * m->load_turn;
+                         : known ? shown + load * m->load_turn
+                                 : shown * share[h - from];
     }
 }
 
 /* The derivative of a tick's change of E, N and PSI by the state, of a tile of hypotheses: what is not zero. */
 struct bend {
-    double across[2][TILE], by_radius[2][2][TILE], by_slip[2][TILE], by_track[TILE];
+    double across[2][TILE], by_radius[2][2][TILE], by_slip[2][TILE], by_track[TILE], share[TILE];
     double load, turned[2];
     int steered, slips;
 };
@@ -101,7 +105,7 @@ static void bend_column(const struct bend *b, double *column, Py_ssize_t stride,
         }
     if (!b->steered)
         for (Py_ssize_t h = 0; h < size; h++)
-            heading[h] += b->load * load[h] + b->turned[0] * left[h] + b->turned[1] * right[h] +
+            heading[h] += b->share[h] * (b->load * load[h] + b->turned[0] * left[h] + b->turned[1] * right[h]) +
                           b->by_track[h] * track[h];
 }
 
@@ -113,7 +117,7 @@ static void move(const struct motion *m, double *mean, double *covariance, Py_ss
     Py_ssize_t size = to - from, row = n * count;
     double *state = mean + from, *spread = covariance + from;
     struct bend b;
-    way_and_turn(m, mean, count, from, to, way, turn);
+    way_and_turn(m, mean, count, from, to, way, turn, b.share);
     b.steered = !isnan(m->curvature);
     b.slips = m->slip_accel != 0.0;
     b.load = m->load_turn;
@@ -127,7 +131,7 @@ static void move(const struct motion *m, double *mean, double *covariance, Py_ss
         for (int i = 0; i < 2; i++)
             for (int axis = 0; axis < 2; axis++)
                 b.by_radius[i][axis][h] = m->rear_rad[i] * m->half_horizontal * along[axis] +
-                                          b.turned[i] * (0.5 * b.across[axis][h]);
+                                          b.turned[i] * (0.5 * b.share[h] * b.across[axis][h]);
         for (int axis = 0; axis < 2; axis++)
             b.by_slip[axis][h] = along[axis] * (way[h] * -m->slip_accel);
         b.by_track[h] = isnan(m->witness_turn) ? turn[h] : m->witness_turn;

@@ -102,6 +102,9 @@ class Motion:
     """Way over the map per way along the road (`grade`)."""
     witness_turn_rad: float | None = None
     """The tick's turn as something smoother than the wheels' reading tells it, for TRK; None: the wheels'."""
+    lateral_known: bool = True
+    """Whether `accel_lat_mps2` is another instrument's; else it is the wheels', smoothed and late by seconds,
+    and serves for derivatives alone."""
     steered_curvature: float | None = None
     """Curvature by the steering, eq. (38c), where it replaces the wheels' turn."""
 
@@ -119,6 +122,8 @@ class _Bend(NamedTuple):
     """(N,) of PSI by TRK, or of all hypotheses alike."""
     by_load: FloatArray | None = None
     """(3,) of PSI by LOAD and the rear radii, of all hypotheses alike; None where steering tells the turn."""
+    share: FloatArray | float = 1.0
+    """(N,) by which each hypothesis multiplies `by_load` (`ProcessModel._turn_share`)."""
 
     def add_to(self, rows: FloatArray) -> None:
         """Add B times `rows` (n, k, N) to them, in place."""
@@ -130,7 +135,7 @@ class _Bend(NamedTuple):
             place += self.by_slip[:, None] * rows[SLIP]
         if self.by_load is not None:
             together = rows[LOAD : MU + 2]  # LOAD, then the rear radii
-            heading += (self.by_load @ together.reshape(3, -1)).reshape(heading.shape)
+            heading += self.share * (self.by_load @ together.reshape(3, -1)).reshape(heading.shape)
             heading += self.by_track * rows[TRK]
 
 
@@ -171,8 +176,22 @@ class ProcessModel:
             return way, way * motion.steered_curvature
         turn = (right - left) * (1.0 + state[TRK])
         turn /= self._track
-        turn += state[LOAD] * self.load_turn(motion)
+        if motion.lateral_known:
+            turn += state[LOAD] * self.load_turn(motion)
+        else:
+            turn *= self._turn_share(state, motion)
         return way, turn
+
+    def _turn_share(self, state: FloatArray, motion: Motion) -> FloatArray:
+        """(N,) share of the wheels' turn that is the car's, where they alone tell it: by a_y = v * turn / dt
+        `load_turn` is proportional to the turn itself."""
+        factor: FloatArray = 1.0 + state[LOAD] * self.load_gain(motion)
+        return np.reciprocal(np.maximum(factor, SETTINGS.least_load_factor))
+
+    def load_gain(self, motion: Motion) -> float:
+        """By how much of the car's turn the wheels show too much of it, per LOAD."""
+        way_m = float(motion.rear_rad @ self._rear_m[:, 0]) / 2.0
+        return way_m * float(motion.rear_rad.sum()) / (self._track * motion.dt_s**2)
 
     def load_turn(self, motion: Motion) -> float:
         """Turn per LOAD: in a left turn the right radius shrinks and the left one grows, so the wheels show
@@ -195,6 +214,7 @@ class ProcessModel:
         """
         count = mean.shape[0]
         state, spread = mean.T, covariance.transpose(1, 2, 0)
+        share = 1.0 if motion.lateral_known else self._turn_share(state, motion)
         way, turn = self.way_and_turn(mean, motion)
         middle = turn * 0.5
         middle += state[PSI]
@@ -204,7 +224,7 @@ class ProcessModel:
         step = along * way
         # F P F' with F = I + B, of which only the pose's rows hold anything: P + B P in those rows, then
         # (P + B P) B' in their first columns; the other rows of the first columns are these, mirrored.
-        bend = self._bend(along, step, way, turn, motion)
+        bend = self._bend(along, step, way, turn, motion, share)
         pose = spread[: PSI + 1]
         bend.add_to(spread)
         bend.add_to(pose.swapaxes(0, 1))
@@ -229,7 +249,7 @@ class ProcessModel:
 
     def constants(self, motion: Motion, position_std_m: float) -> tuple[float, ...]:
         """What `propagate` takes of a tick as plain numbers, in the order of `struct motion` in `_bank.c`;
-        NaN where there is no witness or no steering."""
+        NaN where there is no witness or no steering, or where the lateral acceleration is known."""
         nan, dt_s, track_m = math.nan, motion.dt_s, self._track
         rough = 0.0 if motion.informative else 1.0
         if self._decay[0] != dt_s:
@@ -241,6 +261,8 @@ class ProcessModel:
             *(left_m, right_m, left_rad, right_rad, 0.5 * motion.horizontal),
             motion.accel_long_mps2 if self._driven_rear else 0.0,
             -motion.accel_lat_mps2 * (left_rad + right_rad) / track_m,
+            nan if motion.lateral_known else self.load_gain(motion),
+            SETTINGS.least_load_factor,
             track_m,
             nan if motion.witness_turn_rad is None else motion.witness_turn_rad,
             nan if motion.steered_curvature is None else motion.steered_curvature,
@@ -257,9 +279,16 @@ class ProcessModel:
         )
 
     def _bend(
-        self, along: FloatArray, step: FloatArray, way: FloatArray, turn: FloatArray, motion: Motion
+        self,
+        along: FloatArray,
+        step: FloatArray,
+        way: FloatArray,
+        turn: FloatArray,
+        motion: Motion,
+        share: FloatArray | float,
     ) -> _Bend:
-        """Of a tick; along (2, N): cosine and sine of the heading at mid-step, step (2, N): way along it."""
+        """Of a tick; along (2, N): cosine and sine of the heading at mid-step, step (2, N): way along it,
+        share: of `_Bend`."""
         by_wheels = motion.steered_curvature is None
         across = np.empty_like(step)
         np.negative(step[1], out=across[0])
@@ -269,13 +298,13 @@ class ProcessModel:
         turned = [-left / self._track, right / self._track] if by_wheels else [0.0, 0.0]
         by_radius = by_way[:, None, None] * along
         if by_wheels:
-            by_radius += np.array(turned)[:, None, None] * (0.5 * across)
+            by_radius += np.array(turned)[:, None, None] * (0.5 * share * across)
         by_slip = along * (way * -motion.accel_long_mps2) if self._driven_rear else None
         if not by_wheels:
             return _Bend(across, by_radius, by_slip)
         # The wheels' own reading error here would be taken for a track (errors in variables).
         by_track = turn if motion.witness_turn_rad is None else motion.witness_turn_rad
-        return _Bend(across, by_radius, by_slip, by_track, np.array([self.load_turn(motion), *turned]))
+        return _Bend(across, by_radius, by_slip, by_track, np.array([self.load_turn(motion), *turned]), share)
 
     def _set_noise(self, out: FloatArray, motion: Motion, distance: float, turn: float) -> None:
         """What a tick adds to the variances of every hypothesis (GYRO + 1, 1), but for BE and BN."""

@@ -118,7 +118,9 @@ class MixtureBelief:
     def _roll(self, rolling: Rolling) -> tuple[float, float]:
         moment, tick = rolling.moment, rolling.moment.tick
         rear = rolling.angle_rad[:2]
-        yaw_rate = self._witnessed_yaw_rate(moment)
+        by_gyro = moment.gyro_trusted and math.isfinite(tick.yaw_rate_radps)
+        # The wheels' is smoothed: one that does not hold this tick's reading error.
+        yaw_rate = tick.yaw_rate_radps - self._gyro_bias if by_gyro else self._slow_yaw_rate
         self._grade.move(rolling.way_m)
         motion = Motion(
             dt_s=tick.dt_s,
@@ -128,6 +130,7 @@ class MixtureBelief:
             informative=moment.informative,
             horizontal=self._grade.horizontal,
             witness_turn_rad=yaw_rate * tick.dt_s,
+            lateral_known=by_gyro,
             steered_curvature=rolling.curvature,
         )
         way, turn = self._kernel.propagate(
@@ -137,12 +140,6 @@ class MixtureBelief:
         slow = 1.0 - math.exp(-tick.dt_s / SETTINGS.slow_yaw_s)
         self._slow_yaw_rate += slow * (turn / tick.dt_s - self._slow_yaw_rate)
         return way, turn
-
-    def _witnessed_yaw_rate(self, moment: Moment) -> float:
-        """Yaw rate that does not hold this tick's reading error: the gyro's, else the wheels' smoothed."""
-        if moment.gyro_trusted and math.isfinite(moment.tick.yaw_rate_radps):
-            return moment.tick.yaw_rate_radps - self._gyro_bias
-        return self._slow_yaw_rate
 
     def _coast(self, coasting: Coasting) -> tuple[float, float]:
         self._blocks.reset()

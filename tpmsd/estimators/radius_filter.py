@@ -114,6 +114,7 @@ class RadiusFilter:
         self._speed, self._yaw_rate = way / tick.dt_s, turn / tick.dt_s
         share = 1.0 - math.exp(-tick.dt_s / SETTINGS.steady_s)
         self._steady_yaw_rate += share * (self._yaw_rate - self._steady_yaw_rate)
+        self._gate.check_gyro(tick, self._steady_yaw_rate)
         if moment.informative:
             self._informative_s += tick.dt_s
         return moment

@@ -192,6 +192,9 @@ class EstimatorSettings:
     """Position error before the receiver has stated one."""
     latency_drift: float = 0.001
     """s per sqrt(s): what the tracking of the clocks leaves."""
+    least_load_factor: float = 0.5
+    """Of the wheels' turn over the car's, which load transfer makes larger: less than one is unphysical, at
+    zero a turn would have no end."""
     gyro_drift: float = 5e-6
     """rad/s per sqrt(s): 0.3 mrad/s in an hour, as production gyros drift with temperature."""
     common_prior: float = 0.75
