@@ -21,7 +21,7 @@ from tests.faults.drives import drive, played
 from tpmsd.bounds import check_like, check_plain, covariance, no_wider, number
 from tpmsd.config.model import Config
 from tpmsd.daemon.state_keeper import StateKeeper, fingerprint
-from tpmsd.estimators.base import RadiusEstimate, unsound
+from tpmsd.estimators.base import NIGHT_S, RadiusEstimate, unsound
 from tpmsd.pipeline import Pipeline
 from tpmsd.sinks.state_file import save_state
 from tpmsd.sources.can_decoder import load_database
@@ -162,8 +162,8 @@ class Broken:
         saved: dict[str, Any] = self._inner.snapshot()
         return saved
 
-    def restore(self, saved: dict[str, Any]) -> None:
-        self._inner.restore(saved)
+    def restore(self, saved: dict[str, Any], since_s: float = NIGHT_S) -> None:
+        self._inner.restore(saved, since_s)
 
     def step(self, tick: Tick) -> RadiusEstimate:
         self._ticks += 1

@@ -9,7 +9,7 @@ import pytest
 
 from tests.monitor.drives import RADIUS_M
 from tpmsd.estimators.agreement import AGREED, Agreement
-from tpmsd.estimators.base import RadiusEstimate
+from tpmsd.estimators.base import NIGHT_S, RadiusEstimate
 from tpmsd.estimators.guarded import KEEP_EVERY_S, GuardedEstimator
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import FloatArray
@@ -32,7 +32,7 @@ class Spun:
     def snapshot(self) -> dict[str, Any]:
         return {}
 
-    def restore(self, saved: dict[str, Any]) -> None:
+    def restore(self, saved: dict[str, Any], since_s: float = 0.0) -> None:
         raise ValueError("the saved mean_m is not finite or beyond 0.03")
 
 
@@ -59,3 +59,34 @@ def test_what_cannot_be_taken_up_again_is_forgotten(monkeypatch: pytest.MonkeyPa
         given, _, _ = guarded.step(tick)
         faults.append([fault.kind for fault in given.faults])
     assert [[], [], ["restarted"]] == faults
+
+
+class Drifting:
+    """An estimator that knows nothing but for how long it was away."""
+
+    def __init__(self) -> None:
+        self.away_s: list[float] = []
+
+    def step(self, tick: Tick) -> RadiusEstimate:
+        return Spun().step(tick)
+
+    def snapshot(self) -> dict[str, Any]:
+        return {}
+
+    def restore(self, saved: dict[str, Any], since_s: float = NIGHT_S) -> None:
+        self.away_s.append(since_s)
+
+
+@pytest.mark.parametrize(("quiet_s", "away_s"), [(25.0, 15.0), (300.0, 80.0)])
+def test_a_short_disagreement_is_no_night(
+    monkeypatch: pytest.MonkeyPatch, quiet_s: float, away_s: float
+) -> None:
+    """Radii of before a disagreement are widened by the time since then, not by what a night does."""
+    guarded = GuardedEstimator(Drifting, [0, 1, 2, 3], np.full(4, RADIUS_M))
+    ticks = round(quiet_s)
+    monkeypatch.setattr(guarded, "_watch", DisagreesAtTheEnd(ticks))
+    for k in range(ticks):
+        guarded.step(Tick(k, float(k), 1.0, np.ones(4), np.full(4, 0.05)))
+
+    assert isinstance(guarded.inner, Drifting)
+    assert [away_s] == guarded.inner.away_s

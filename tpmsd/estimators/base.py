@@ -40,6 +40,10 @@ class RadiusEstimate(NamedTuple):
     effective_particles: float
 
 
+NIGHT_S = 1000.0
+"""A snapshot of an earlier start is taken up as after so much driving: what a night can do to radii."""
+
+
 class Estimator(Protocol):
     """A filter that turns ticks into radius estimates."""
 
@@ -51,8 +55,8 @@ class Estimator(Protocol):
         """JSON-serialisable summary of what was learned, enough for `restore` on another start."""
         ...
 
-    def restore(self, saved: dict[str, Any]) -> None:
-        """Take up a snapshot; ValueError if it does not fit."""
+    def restore(self, saved: dict[str, Any], since_s: float = NIGHT_S) -> None:
+        """Take up a snapshot after so much driving, or after a night; ValueError if it does not fit."""
         ...
 
 

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from tpmsd.estimators.base import NIGHT_S
 from tpmsd.estimators.pose_start import PoseStart
 from tpmsd.physics.kinematics import Geometry
 from tpmsd.timeline.tick import Fix, Tick
@@ -165,8 +166,8 @@ class Belief(Protocol):
         """What was learned, as plain numbers: `mean_m` and `covariance_m2` of the radii, and its own."""
         ...
 
-    def restore(self, saved: Saved) -> None:
-        """Take up a snapshot; ValueError, and nothing changed, if it does not fit."""
+    def restore(self, saved: Saved, since_s: float = NIGHT_S) -> None:
+        """Take up a snapshot after so much driving; ValueError, and nothing changed, if it does not fit."""
         ...
 
 

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from tpmsd.estimators.base import NIGHT_S
 from tpmsd.estimators.belief import (
     Belief,
     Car,
@@ -140,8 +141,8 @@ class FrontBeside:
         radii = {"mean_m": said.mean_m.tolist(), "covariance_m2": said.covariance_m2.tolist()}
         return {**self.rear.snapshot(), **radii}
 
-    def restore(self, saved: Saved) -> None:
+    def restore(self, saved: Saved, since_s: float = NIGHT_S) -> None:
         """Take up the moments of all four."""
         mean, covariance = saved_radii(saved, self._car.nominal_m)
-        self.rear.restore({**saved, "mean_m": mean[:2], "covariance_m2": covariance[:2, :2]})
+        self.rear.restore({**saved, "mean_m": mean[:2], "covariance_m2": covariance[:2, :2]}, since_s)
         self._contrast.restore(mean, covariance)

@@ -20,6 +20,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from tpmsd.estimators.base import NIGHT_S
 from tpmsd.estimators.batched_kalman import Weights, scalar_update, square_weights, symmetrise
 from tpmsd.estimators.belief import (
     Car,
@@ -267,7 +268,7 @@ class GaussianBelief:
             "noise_m2": self.mean[SIGMA:].tolist(),
         }
 
-    def restore(self, saved: Saved) -> None:
+    def restore(self, saved: Saved, since_s: float = NIGHT_S) -> None:
         """Take up radii and Sigma, uncorrelated with the pose."""
         mean, covariance = saved_radii(saved, self._car.nominal_m[:2])
         noise = saved_noise(saved)

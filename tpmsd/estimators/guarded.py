@@ -10,18 +10,30 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from tpmsd.estimators.agreement import Agreement, AgreementWatch
-from tpmsd.estimators.base import Estimator, RadiusEstimate, unsound
+from tpmsd.estimators.base import NIGHT_S, Estimator, RadiusEstimate, unsound
 from tpmsd.sources.events import SourceFault
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import FloatArray
 
 KEEP_EVERY_S, KEPT = 10.0, 8
 """What is known is kept for 80 s: readings are unsteady for 20 s, fixes off for 5 s, before that shows."""
+
+
+class _Kept(NamedTuple):
+    """What was known at an instant."""
+
+    at_s: float
+    """On the guard's own clock, which counts ticks."""
+    snapshot: dict[str, Any]
+    radius_m: FloatArray
+    """(4,)"""
+    std_m: float
+    """Root mean square of the wheels'."""
 
 
 class GuardedEstimator:
@@ -34,13 +46,14 @@ class GuardedEstimator:
         self._nominal = radius_m
         self.inner = make()
         self._watch = AgreementWatch()
-        self._kept: deque[tuple[dict[str, Any], FloatArray, float]] = deque(maxlen=KEPT)
-        self._since_kept_s = 0.0
+        self._kept: deque[_Kept] = deque(maxlen=KEPT)
+        self._clock_s = self._last_kept_s = 0.0
         self._trusted = True
         self._believed = (radius_m, 0.01 * float(np.mean(radius_m)))
 
     def step(self, tick: Tick) -> tuple[Tick, RadiusEstimate, Agreement]:
         """Advance by one tick."""
+        self._clock_s += tick.dt_s
         agreement = self._watch.update(tick, *self._believed)
         if agreement.trusted != self._trusted:
             unknown = self._go_back()
@@ -56,7 +69,7 @@ class GuardedEstimator:
             estimate, _ = self._try(given)
         assert estimate is not None
         if agreement.trusted:
-            self._keep(tick, estimate)
+            self._keep(estimate)
         return tick, estimate, agreement
 
     def _try(self, tick: Tick) -> tuple[RadiusEstimate | None, str]:
@@ -70,30 +83,30 @@ class GuardedEstimator:
     def _go_back(self) -> str:
         """Begin again with what was known before the trouble; why not, where that cannot be believed."""
         self.inner = self._make()
+        self._last_kept_s = self._clock_s
         if not self._kept:
             return ""
         kept = self._kept[0]
         self._kept.clear()
         try:
-            self.inner.restore(kept[0])
+            self.inner.restore(kept.snapshot, min(self._clock_s - kept.at_s, NIGHT_S))
         except ValueError as error:  # radii that had left all bounds before that showed
             self.inner = self._make()
             return str(error)
         self._kept.append(kept)
         return ""
 
-    def _keep(self, tick: Tick, estimate: RadiusEstimate) -> None:
-        self._since_kept_s += tick.dt_s
-        if self._since_kept_s < KEEP_EVERY_S:
+    def _keep(self, estimate: RadiusEstimate) -> None:
+        if self._clock_s - self._last_kept_s < KEEP_EVERY_S:
             return
-        self._since_kept_s = 0.0
+        self._last_kept_s = self._clock_s
         radius = self._nominal + np.nan_to_num(estimate.deviation_m)
         wheels = np.ix_(self._wheels, self._wheels)
         std = float(np.sqrt(max(float(np.mean(estimate.covariance_m2[wheels])), 0.0)))
-        self._kept.append((self.inner.snapshot(), radius, std))
+        self._kept.append(_Kept(self._clock_s, self.inner.snapshot(), radius, std))
         # The radii of half a minute ago: those of now may have followed a lie already.
         past = self._kept[max(len(self._kept) - 4, 0)]
-        self._believed = (past[1], past[2])
+        self._believed = (past.radius_m, past.std_m)
 
     def taken_up(self, saved: dict[str, Any]) -> None:
         """Take up a snapshot; raises as the estimator's `restore`."""

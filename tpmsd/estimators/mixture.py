@@ -27,6 +27,7 @@ import numpy as np
 from tpmsd.bounds import no_wider
 from tpmsd.estimators import measurements
 from tpmsd.estimators.bank_kernel import KERNEL, BankKernel
+from tpmsd.estimators.base import NIGHT_S
 from tpmsd.estimators.batched_kalman import Weights, square_weights
 from tpmsd.estimators.belief import (
     Car,
@@ -66,8 +67,6 @@ from tpmsd.physics.grade import GradeTracker
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import FloatArray
 
-RESTART_S = 1000.0
-"""A snapshot's radii are taken up as after so much driving: what a night can do to them."""
 NUISANCE_LIMIT = 10.0
 """No saved nuisance parameter is larger, in any of their units."""
 
@@ -300,9 +299,9 @@ class MixtureBelief:
             "nuisance_covariance": cov[others, others].tolist(),
         }
 
-    def restore(self, saved: Saved) -> None:
-        """The radii may have changed while the car stood, and the receiver may be another: the saved
-        covariances are widened by what a night can do, to those of the prior at most."""
+    def restore(self, saved: Saved, since_s: float = NIGHT_S) -> None:
+        """The radii may have changed meanwhile, and after a night the receiver may be another: the saved
+        covariances are widened by what that time can do, to those of the prior at most."""
         mean, covariance = saved_radii(saved, self._car.nominal_m)
         size = MU - LAT
         nuisance = numbers(saved, "nuisance", (size,), NUISANCE_LIMIT)
@@ -310,6 +309,6 @@ class MixtureBelief:
         bank = self.bank
         most = np.diag(initial_state(1, self._car.nominal_m)[1][0])
         bank.mean[:, MU:] = self._radii = mean
-        bank.covariance[:, MU:, MU:] = no_wider(covariance + self._process.drift * RESTART_S, most[MU:])
+        bank.covariance[:, MU:, MU:] = no_wider(covariance + self._process.drift * since_s, most[MU:])
         bank.mean[:, LAT:MU] = nuisance
-        bank.covariance[:, LAT:MU, LAT:MU] = no_wider(nuisance_m2 * 2.0, most[LAT:MU])
+        bank.covariance[:, LAT:MU, LAT:MU] = no_wider(nuisance_m2 * (1.0 + since_s / NIGHT_S), most[LAT:MU])

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tpmsd.config.model import FilterConfig, VehicleConfig
-from tpmsd.estimators.base import RadiusEstimate
+from tpmsd.estimators.base import NIGHT_S, RadiusEstimate
 from tpmsd.estimators.belief import Belief, Car, Coasting, Moment, Moments, Rolling, Sight, Standing, numbers
 from tpmsd.estimators.fix_gate import FixGate
 from tpmsd.estimators.motion_gate import MotionGate
@@ -233,13 +233,14 @@ class RadiusFilter:
             "informative_s": self._informative_s,
         }
 
-    def restore(self, saved: dict[str, Any]) -> None:
-        """Take up a snapshot of the same car; ValueError, and nothing changed, if it does not fit."""
+    def restore(self, saved: dict[str, Any], since_s: float = NIGHT_S) -> None:
+        """Take up a snapshot of the same car after so much driving; ValueError, and nothing changed, if it is
+        another's."""
         nominal = self._car.nominal_m
         if saved.get("order") != list(self._car.order) or not np.allclose(
             numbers(saved, "nominal_m", nominal.shape, 10.0), nominal
         ):
             raise ValueError("the saved radii belong to another set of wheels or nominal radii")
         informative_s = float(numbers(saved, "informative_s", (), LONGEST_S))
-        self.belief.restore(saved)
+        self.belief.restore(saved, since_s)
         self._informative_s = informative_s

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from tpmsd.estimators.base import NIGHT_S
 from tpmsd.estimators.belief import (
     Car,
     Coasting,
@@ -159,7 +160,7 @@ class SampledBelief:
             "noise_m2": noise.tolist(),
         }
 
-    def restore(self, saved: Saved) -> None:
+    def restore(self, saved: Saved, since_s: float = NIGHT_S) -> None:
         """Draw the radii from the saved moments."""
         mean, covariance = saved_radii(saved, self._car.nominal_m[:2])
         noise = saved_noise(saved)

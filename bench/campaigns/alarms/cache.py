@@ -19,7 +19,7 @@ import numpy as np
 from bench.worlds.instruments import Drive
 from bench.worlds.magic_tyre import Array
 from tpmsd.config.model import Config
-from tpmsd.estimators.base import Estimator, RadiusEstimate
+from tpmsd.estimators.base import NIGHT_S, Estimator, RadiusEstimate
 from tpmsd.timeline.tick import Tick
 
 OURS = ("tpmsd.", "bench.")
@@ -35,7 +35,7 @@ class RememberedEstimator:
         self._real = real
         self._folder = folder
         self._key = key
-        self._restored: dict[str, Any] | None = None
+        self._restored: tuple[dict[str, Any], float] | None = None
         self._kept: Array | None = None
         self._snapshots: dict[int, dict[str, Any]] = {}
         """By the number of ticks before each: the guard of the pipeline asks for one every few seconds."""
@@ -45,10 +45,10 @@ class RememberedEstimator:
         self._really = 0
         """Ticks that the real estimator has seen."""
 
-    def restore(self, saved: dict[str, Any]) -> None:
+    def restore(self, saved: dict[str, Any], since_s: float = NIGHT_S) -> None:
         """As the real one; before the first tick."""
-        self._real.restore(saved)
-        self._restored = saved
+        self._real.restore(saved, since_s)
+        self._restored = saved, since_s
 
     def step(self, tick: Tick) -> RadiusEstimate:
         """From memory where it reaches, else by the real one."""
