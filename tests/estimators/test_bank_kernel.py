@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import pytest
 from tests.estimators.test_error_state import NOMINAL, TRACK_M
 from tpmsd.config.model import FilterConfig, GnssConfig, VehicleConfig
 from tpmsd.estimators import measurements
-from tpmsd.estimators.bank_kernel import ArrayKernel, BankKernel, CompiledKernel, compiled
+from tpmsd.estimators.bank_kernel import ArrayKernel, BankKernel, CompiledKernel, compiled, usable
 from tpmsd.estimators.batched_kalman import Weights, square_weights
 from tpmsd.estimators.build import build_filter
 from tpmsd.estimators.error_state import SLIP, Motion, ProcessModel, side_by_side
@@ -29,7 +30,7 @@ SAME = 1e-11
 @pytest.fixture
 def fast() -> BankKernel:
     """The compiled kernel."""
-    if compiled is None:
+    if compiled is None or not usable(compiled):
         pytest.skip("the compiled kernel is not built here (no compiler, or no headers of Python)")
     return CompiledKernel(compiled)
 
@@ -61,6 +62,16 @@ def assert_alike(one: Bank, other: Bank) -> None:
     assert np.all(np.abs(one.mean - other.mean) <= SAME * (np.abs(one.mean) + scale))
     assert np.all(np.abs(one.covariance - other.covariance) <= SAME * scale[:, :, None] * scale[:, None, :])
     np.testing.assert_allclose(one.log_weights, other.log_weights, rtol=SAME, atol=SAME)
+
+
+def test_a_kernel_of_other_sources_is_not_used() -> None:
+    """A module that was built before a tick had its present numbers is as good as none."""
+    motion = Motion(0.1, np.array([6.0, 6.1]), 0.0, 0.0, True)
+    numbers = len(ProcessModel(NOMINAL, TRACK_M, False).constants(motion, 1.0))
+    older, present = ModuleType("_bank"), ModuleType("_bank")
+    present.MOTION_NUMBERS = numbers  # type: ignore[attr-defined]
+
+    assert [False, False, True] == [usable(module) for module in (None, older, present)]
 
 
 @pytest.mark.parametrize("count", [1, 40, 100])

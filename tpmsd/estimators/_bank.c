@@ -452,7 +452,14 @@ static PyMethodDef methods[] = {
     FAST(antenna, "Predicted position of the antenna and its derivatives."),
     {NULL, NULL, 0, NULL},
 };
-static PyModuleDef_Slot slots[] = {{0, NULL}};
+
+/* What tells a module that was built of other sources. */
+static int add_constants(PyObject *module)
+{
+    return PyModule_AddIntConstant(module, "MOTION_NUMBERS", MOTION_NUMBERS);
+}
+
+static PyModuleDef_Slot slots[] = {{Py_mod_exec, add_constants}, {0, NULL}};
 static struct PyModuleDef module = {
     PyModuleDef_HEAD_INIT, "tpmsd.estimators._bank", "Arithmetic of the hypothesis bank.", 0, methods, slots,
     NULL, NULL, NULL,

@@ -28,6 +28,13 @@ except ImportError:  # not built: there was no compiler, or it was left out
     compiled: ModuleType | None = None  # type: ignore[no-redef]
 
 
+def usable(module: ModuleType | None) -> bool:
+    """Whether this compiled kernel was built, and of sources whose `propagate` takes what is handed to it."""
+    standing = Motion(1.0, np.zeros(2), 0.0, 0.0, False)
+    handed = ProcessModel(np.ones(2), 1.0, False).constants(standing, 1.0)
+    return getattr(module, "MOTION_NUMBERS", None) == len(handed)
+
+
 class Summary(NamedTuple):
     """Of all hypotheses together."""
 
@@ -180,5 +187,5 @@ class CompiledKernel:
         return Summary(mean, radii_m2, *pose)
 
 
-KERNEL: BankKernel = ArrayKernel() if compiled is None else CompiledKernel(compiled)
+KERNEL: BankKernel = CompiledKernel(compiled) if usable(compiled) else ArrayKernel()
 """The one in use."""
