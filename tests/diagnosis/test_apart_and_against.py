@@ -14,7 +14,7 @@ from tpmsd.diagnosis.assessment import lost_counts
 from tpmsd.diagnosis.assessment import teeth as of_teeth
 from tpmsd.diagnosis.assessment.lost_counts import lost
 from tpmsd.diagnosis.assessment.simulated import Common, Differences, floored, key_of, widened
-from tpmsd.diagnosis.assessment.teeth import teeth
+from tpmsd.diagnosis.assessment.teeth import teeth, usual_ring
 from tpmsd.diagnosis.counters.low_speed import Lost
 from tpmsd.diagnosis.counters.tone_ring import Ripple
 from tpmsd.diagnosis.hypotheses.terms import Term
@@ -82,6 +82,17 @@ def test_a_ring_pays_for_the_drives_in_which_it_was_looked_for(rings: dict[int, 
 
     assert 1 == len(teeth(studied(1), CALIBRATION, SECONDS))
     assert [] == teeth(studied(3), CALIBRATION, SECONDS)
+
+
+def test_a_ring_that_runs_out_no_more_than_rings_do_is_no_finding(rings: dict[int, list[Ripple]]) -> None:
+    """Edge-timed speeds show runouts of hundredths of a millimetre; a tenth on a ring of 50 mm is told."""
+    rings[0] = [ripple(2e-4, 3e-5)]
+    (small,) = teeth(studied(1), CALIBRATION, SECONDS)
+    rings[0] = [ripple(2e-3, 3e-5)]
+    (large,) = teeth(studied(1), CALIBRATION, SECONDS)
+
+    assert "ring of rr: uneven by 2.0e-04 +- 3.0e-05 rad" in usual_ring(small, speeds=True)
+    assert "" == usual_ring(large, speeds=True)
 
 
 def test_of_a_simulation_that_holds_the_ring_the_difference_is_left(rings: dict[int, list[Ripple]]) -> None:

@@ -92,14 +92,16 @@ def test_a_term_says_where_and_when_it_acts() -> None:
 
 
 def test_what_instruments_usually_do_is_said_and_no_finding() -> None:
-    """A receiver's velocity lag of 50 ms is its own; half a second is not."""
+    """A velocity lag of 50 ms is its own, half a second is not; a gyro's zero of 3e-4 rad/s is."""
 
-    def chosen(lag_s: float) -> Chosen:
-        lag = term("velocity_lag", "lag_s")
-        return Chosen(lag, 50.0, 40.0, 30.0, 1.0, (), np.array([lag_s]), np.array([0.005]))
+    def chosen(effect: str, parameter: str, value: float) -> Chosen:
+        one = term(effect, parameter)
+        return Chosen(one, 50.0, 40.0, 30.0, 1.0, (), np.array([value]), np.array([0.1 * value]))
 
-    assert "0.050 +- 0.005 s" in usual(chosen(0.05), speeds=False)
-    assert "" == usual(chosen(0.5), speeds=False)
+    assert "0.050 +- 0.005 s" in usual(chosen("velocity_lag", "lag_s", 0.05), speeds=False)
+    assert "" == usual(chosen("velocity_lag", "lag_s", 0.5), speeds=False)
+    assert "3.0e-04 +- 3.0e-05 rad/s" in usual(chosen("yaw_rate_bias", "bias", 3e-4), speeds=False)
+    assert "" == usual(chosen("yaw_rate_bias", "bias", 1e-3), speeds=False)
 
 
 def test_the_usual_size_of_an_effect_is_that_of_its_prior() -> None:

@@ -52,6 +52,19 @@ def teeth(study: Study, calibration: Fit, seconds: float) -> list[Finding]:
     return beyond + [replace(finding, held_by=RECORDING) for finding in miscounted]
 
 
+def usual_ring(finding: Finding, speeds: bool) -> str:
+    """What is said of a ring that is no more uneven than rings are; empty: it is a finding.
+
+    `speeds` says that the bus has wheel speeds and no counts.
+    """
+    amplitude = finding.parameters.get("amplitude_rad")
+    if finding.effect != TEETH.name or amplitude is None:
+        return ""
+    assert isinstance(amplitude.value, float)
+    note = TEETH.usual(amplitude.value, amplitude.std or 0.0, speeds)
+    return note and f"the ring of {finding.parameters['wheel'].value}: {note}"
+
+
 def _beyond(finding: Finding, simulated: dict[str, Ripple]) -> Finding | None:
     """A finding less what the simulation holds of it; None if that is all."""
     ring = simulated.get(str(finding.parameters["wheel"].value))

@@ -28,7 +28,7 @@ from tpmsd.diagnosis.assessment.result import (
 )
 from tpmsd.diagnosis.assessment.simulated import compared, simulated_effects, whole_model
 from tpmsd.diagnosis.assessment.tangent import nonlinear_stds
-from tpmsd.diagnosis.assessment.teeth import teeth
+from tpmsd.diagnosis.assessment.teeth import teeth, usual_ring
 from tpmsd.diagnosis.hypotheses.advice import advice
 from tpmsd.diagnosis.hypotheses.terms import Term, group_gain
 from tpmsd.diagnosis.prepared.study import Study
@@ -118,6 +118,9 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
     # Beside the events: chains on an axle for half of a drive look like a tooth less on the other.
     rings = evidence.fit(selector.design([term for term in terms if term.pulse]))
     for finding in [*apart, *teeth(study, rings, seconds)]:
+        if note := usual_ring(finding, study.speeds):
+            notes = (*notes, note)
+            continue
         findings.append(finding)
         if finding.drives:  # the model is the car's
             continue

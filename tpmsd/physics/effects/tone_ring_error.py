@@ -9,6 +9,10 @@ import numpy as np
 from tpmsd.physics.effect import Effect, Kind, Parameter, Prior, WheelParameter
 from tpmsd.wheels import WHEELS, FloatArray
 
+USUAL_RAD = 5e-4
+"""Amplitude up to which a ring is usual: 0.025 mm off centre on a ring of 50 mm. Workshop manuals allow a
+runout of 0.15 mm, three times that (Chrysler, tone wheel runout)."""
+
 
 @dataclass(frozen=True)
 class ToneRingError(Effect):
@@ -48,6 +52,13 @@ class ToneRingError(Effect):
     amplitude_rad: float = 0.0
     teeth_per_rev: float | None = None
     phase_rad: float = 0.0
+
+    @classmethod
+    def usual(cls, value: float, std: float, speeds: bool) -> str:
+        """No ring runs quite true; speeds that are timed from edge to edge show it."""
+        if abs(value) - 2.0 * std > USUAL_RAD:
+            return ""
+        return f"uneven by {value:.1e} +- {std:.1e} rad once per turn, as rings are"
 
     def tooth_angle_error_rad(self, angle_rad: FloatArray, wheel: int) -> FloatArray:
         """The first harmonic on its wheel, zero on the others."""

@@ -8,6 +8,10 @@ from tpmsd.physics.effect import Effect, Kind, Parameter
 from tpmsd.physics.priors import GYRO_ZERO_RADPS
 from tpmsd.wheels import FloatArray
 
+USUAL_RADPS = 5e-4
+"""Up to which a zero is usual: what a standstill leaves (1e-4), flicker noise, and a bus that rounds to
+0.01 to 0.05 degrees per second."""
+
 
 @dataclass(frozen=True)
 class YawRateBias(Effect):
@@ -38,6 +42,13 @@ class YawRateBias(Effect):
         ),
     )
     bias: float
+
+    @classmethod
+    def usual(cls, value: float, std: float, speeds: bool) -> str:
+        """No gyro reads zero on the straight."""
+        if abs(value) - 2.0 * std > USUAL_RADPS:
+            return ""
+        return f"the gyro reads {value:.1e} +- {std:.1e} rad/s on the straight, as they do"
 
     def read_yaw_rate(self, true_radps: FloatArray) -> FloatArray:
         """Truth plus bias."""
