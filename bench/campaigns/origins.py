@@ -1,4 +1,5 @@
-"""The diagnosis on drives of every origin: null drives, and faults and events whose name is known.
+"""The diagnosis on drives of every origin: null drives, faults and events whose name is known, and effects of
+known size.
 
     python -m bench run origins                              20 null drives per origin
     python -m bench run origins --only traffic,awkward --number 5 --kinds null,faults
@@ -17,13 +18,14 @@ import shutil
 import tempfile
 import traceback
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bench.campaigns import origins_coverage
 from bench.campaigns.diagnosis.run import is_fault
 from bench.campaigns.diagnosis.seal import asked
 from bench.campaigns.origins_report import HELD_OUT_FROM, REAL, markdown
@@ -43,7 +45,7 @@ class Job:
 
     origin: str
     kind: str
-    """`null`, one of `awkward.FAULTS`, or one of `real_drives.INJECTED`."""
+    """`null`, one of `awkward.FAULTS` or of `real_drives.INJECTED`, or `origins_coverage.KIND`."""
     seed: int
 
 
@@ -54,6 +56,8 @@ def plan(origins: list[str], kinds: list[str], first: int, number: int) -> list[
         for origin in origins:
             faults = real_drives.INJECTED if origin == REAL else awkward.FAULTS if origin == "awkward" else ()
             wanted = [*(["null"] if "null" in kinds else []), *(faults if "faults" in kinds else ())]
+            if origins_coverage.KIND in kinds and origin in ORIGINS:
+                wanted.append(origins_coverage.KIND)
             jobs += [Job(origin, kind, seed) for kind in wanted]
     return jobs
 
@@ -71,7 +75,9 @@ def make(job: Job, folder: Path, places: Places) -> dict[str, Any]:
         return known
     origin = ORIGINS[job.origin]
     spec = origin.spec(rng)
-    if job.kind != "null":
+    if job.kind == origins_coverage.KIND:
+        spec = replace(spec, physics=origins_coverage.known(spec, rng))
+    elif job.kind != "null":
         spec = awkward.fault(job.kind, spec, rng)
     _, drive = origin.drive(spec, rng, job.seed, places)
     write_folder(drive, folder)
@@ -83,6 +89,8 @@ def make(job: Job, folder: Path, places: Places) -> dict[str, Any]:
         "wheel_age_s": 0.5 * spec.speed_window_s + spec.speed_filter_s,
         "bus": [spec.wheel_signal, spec.wheel_hz, spec.teeth, spec.with_gyro, spec.with_accel],
     }
+    if job.kind == origins_coverage.KIND:
+        known["truth"] = origins_coverage.as_told(spec.physics, spec)
     if job.kind == "spin_on_ice":
         event = spec.physics["wheel_spin"]
         wheels = [("fl", "fr", "rl", "rr")[k] for k in event["wheels"]]
@@ -139,7 +147,7 @@ def described(row: Row) -> str:
 def options(parser: argparse.ArgumentParser) -> None:
     """Its options."""
     parser.add_argument("--only", help=f"origins, comma-separated: {','.join([*ORIGINS, REAL])} (all)")
-    parser.add_argument("--kinds", default="null", help="null, faults or both, comma-separated (null)")
+    parser.add_argument("--kinds", default="null", help="null, faults, known, comma-separated (null)")
     parser.add_argument("--number", type=int, default=20, help="drives per origin and kind (20)")
     parser.add_argument("--seed", type=int, default=1, help="the first seed, below 50000 (1)")
     parser.add_argument("--held-out", action="store_true", help="the other half of the seeds")

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.campaigns import origins_coverage
 from bench.statistics import apart, count, percent, uniform
 from bench.worlds import awkward, real_drives
 from bench.worlds.origins import ORIGINS
@@ -54,7 +55,8 @@ def markdown(rows: Sequence[Row]) -> str:
     for half, name in ((False, "Development seeds"), (True, "Held-out seeds")):
         those = [row for row in done if (row["seed"] >= HELD_OUT_FROM) == half]
         if those:
-            parts += [f"### {name}\n", _null_table(those), _faults_table(those), _conditions_table(those)]
+            parts += [f"### {name}\n", _null_table(those), _faults_table(those)]
+            parts += [origins_coverage.table(those), _conditions_table(those)]
     parts.append(_speed(done))
     if failed:
         told = [f"{row['origin']}/{row['kind']} {row['seed']}" for row in failed]

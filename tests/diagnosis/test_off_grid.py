@@ -5,30 +5,57 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
+from tpmsd.diagnosis.assessment.tangent import nonlinear_stds
 from tpmsd.diagnosis.hypotheses.terms import Hypotheses
 from tpmsd.diagnosis.prepared.admission import admitted
 from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.refinement.refine import plainest_shape
-from tpmsd.physics.catalogue import groups
+from tpmsd.diagnosis.refinement.refine import plainest_shape, refine
+from tpmsd.diagnosis.selection.selector import Selector
+from tpmsd.physics.catalogue import groups, make_effect
 
 CURVE = next(group for group in groups() if group[0].effect == "drive_slip_curve" and len(group) == 2)
 
 
 def test_all_values_of_an_effect_stay_when_its_parameter_is_refined() -> None:
-    """The parameter shapes the first value's response; the second value keeps its own column."""
+    """Each value's response has a column of its own, at the refined parameter."""
     hypotheses = Hypotheses([("data",), *(probe.key for probe in CURVE)], np.zeros(0), frozenset())
     like = next(term for term in hypotheses.catalogue if len(term.parameters) == 2)
-    hypotheses.widen(4)
+    hypotheses.widen(5)
 
-    hypotheses.add_off_grid(like, 3.1, column=3)
+    hypotheses.add_off_grid(like, 3.1, columns=(3, 4))
 
     exact = hypotheses.catalogue[-1]
     assert like.parameters == exact.parameters
     assert 3.1 == exact.at
-    assert [[3], [2]] == [np.flatnonzero(column).tolist() for column in exact.design.T]
+    assert [[3], [4]] == [np.flatnonzero(column).tolist() for column in exact.design.T]
+
+
+def test_a_lag_off_the_grid_shapes_all_values_of_its_effect() -> None:
+    """A sunny side behind 220 s, between two of the grid's lags: lag and both values within their standard
+    deviations, and nothing beside it."""
+    recording = recording_of(drive(Spec(duration_s=600.0, road="city", radius_wander=0.0), 8))
+    base = Study(admitted([recording])[0]).drives[0].reader
+    truth = make_effect("sun_side", east_m=6e-4, north_m=-4e-4, lag_s=220.0)
+    change = truth.radius_change_m(base.reference.motion, base.reference.car)
+    turns = recording.rotation_rad / (1.0 + change[: recording.ticks] / recording.car.radius_m)
+    study = Study(admitted([replace(recording, rotation_rad=turns)])[0])
+    evidence = study.evidence()
+
+    assert refine(study, Selector(evidence, study.hypotheses).select(1), evidence, again=True)
+    selection = Selector(study.evidence(), study.hypotheses).select()
+    stds = nonlinear_stds(study, selection)[0]
+
+    assert ["sun_side"] == [one.term.effect for one in selection.chosen]
+    sun = selection.chosen[0]
+    assert sun.term.at == pytest.approx(220.0, abs=4.0 * stds["lag_s"])
+    assert 40.0 > stds["lag_s"]
+    for name, true, found in zip(("east_m", "north_m"), (6e-4, -4e-4), sun.values, strict=True):
+        assert found == pytest.approx(true, abs=4.0 * stds[name])
+        assert 1e-4 > stds[name] >= 0.99 * float(sun.stds[("east_m", "north_m").index(name)])
 
 
 def test_a_spline_over_time_keeps_its_knots() -> None:

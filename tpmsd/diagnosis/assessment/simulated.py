@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from tpmsd.diagnosis.hypotheses.joint_terms import JointHypotheses
-from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term, numbers_of, wheels_of
-from tpmsd.diagnosis.prepared.drive_study import Refined
+from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term
+from tpmsd.diagnosis.prepared.drive_study import Refined, refined
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.diagnosis.selection.selector import Selector
@@ -236,23 +236,21 @@ def _take(
 ) -> Evidence:
     """Make these terms part of what both hold (or note that the simulation is silent about them)."""
     wanted = [term for term in terms if not _settled(term, common, silent)]
-    exact = [term for term in wanted if _refined(term) is not None]
+    exact = {term: _refined(term) for term in wanted}
     columns: list[tuple[Refined, dict[int, FloatArray]]] = []
-    for term in exact:
-        refined = _refined(term)
-        assert refined is not None
-        by_drive = {k: refined.column(drive.reader, drive.base) for k, drive in enumerate(study.drives)}
-        columns += [(refined, by_drive), (refined, {0: by_drive[0]})]
-    places = study.append(columns)
-    if places:
+    for part in (part for term in wanted for part in exact[term]):
+        by_drive = {k: part.column(drive.reader, drive.base) for k, drive in enumerate(study.drives)}
+        columns += [(part, by_drive), (part, {0: by_drive[0]})]
+    places = iter(study.append(columns))
+    if columns:
         evidence = study.evidence()
         for k, one in enumerate(common):
             common[k] = Common(replace(one.term, design=widened(one.term.design, study.width)))
     for term in wanted:
-        if term in exact:
-            tied, alone = places[2 * exact.index(term) :][:2]
-            design = evidence.unit(tied)
-            joint.catalogue.append(replace(term, design=evidence.unit(alone), drive=0))
+        if exact[term]:
+            both = [[evidence.unit(next(places)) for _ in ("tied", "alone")] for _ in exact[term]]
+            design, alone = (np.concatenate(each, axis=1) for each in zip(*both, strict=True))
+            joint.catalogue.append(replace(term, design=alone, drive=0))
         elif term.drive is None:
             design = widened(term.design, study.width)
         else:
@@ -270,14 +268,12 @@ def _take(
     return evidence
 
 
-def _refined(term: Term) -> Refined | None:
-    """What has an onset or a time constant of its own, as a column of both drives."""
-    if term.ramp:
-        onset, end = term.span_s
-        return Refined(numbers_of(term.wheel), onset, end - onset)
-    if term.pulse:
-        return Refined(wheels_of(term.place), *term.span_s, pulse=True)
-    return None if term.at is None else Refined((), term.at, like=term)
+def _refined(term: Term) -> tuple[Refined, ...]:
+    """What has an onset or a time constant of its own, as columns of both drives; none of other terms."""
+    begin, end = term.span_s
+    if term.ramp or term.pulse:
+        return refined(term, begin, end - begin if term.ramp else end)
+    return () if term.at is None else refined(term, term.at)
 
 
 def _told(evidence: Evidence, nuisance: FloatArray, design: FloatArray) -> float:

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.response import grid_column
 from tpmsd.diagnosis.hypotheses.terms import numbers_of, wheels_of
-from tpmsd.diagnosis.prepared.drive_study import DriveStudy, Refined
+from tpmsd.diagnosis.prepared.drive_study import DriveStudy, Refined, refined
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.diagnosis.settings import SETTINGS
@@ -63,22 +62,21 @@ def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, fl
 def _of_grid(
     study: Study, selection: Selection, which: int, tangents: list[dict[int, FloatArray]]
 ) -> dict[str, float]:
-    """Standard deviations of an effect's linear and nonlinear parameter; `tangents` by drive, of what is
-    beside.
+    """Standard deviations of an effect's linear parameters and of the nonlinear one; `tangents` by drive, of
+    what is beside.
 
     The farthest end of the interval in which the likelihood, all linear values fitted, is within 1.92 of its
     maximum (Wilks, Annals of Mathematical Statistics 9, 1938) counts as 1.96 of them.
     """
     one, others = selection.chosen[which], [c.term for k, c in enumerate(selection.chosen) if k != which]
-    grid, tau, size = one.term.kind_of.grid, one.term.at, float(one.values[0])
+    grid, tau, own = one.term.kind_of.grid, one.term.at, len(one.values)
     assert grid is not None
     assert tau is not None
     trials = np.concatenate([[tau], np.geomspace(*grid.range, 19)])
-    beside = [*(term.design for term in others), one.term.design[:, 1:]]
-    rest = np.concatenate([study.hypotheses.nuisance, *beside], axis=1)
+    rest = np.concatenate([study.hypotheses.nuisance, *(term.design for term in others)], axis=1)
     linear_only = 1 + rest.shape[1]
     known = linear_only + len(tangents)
-    gram = np.zeros((known + len(trials), known + len(trials)))
+    gram = np.zeros((known + own * len(trials), known + own * len(trials)))
     acting = study.acting(one.term)
     for number, drive in enumerate(study.drives):
         rows = np.zeros((*drive.white.shape[:2], len(gram)))
@@ -88,16 +86,16 @@ def _of_grid(
             if number in tangent:
                 rows[:, :, linear_only + j] = drive.whitened(tangent[number][:, :, None])[:, :, 0]
         if number in acting:
-            term = one.term
-            columns = [grid_column(drive.reader, term.effect, term.place, x, drive.base) for x in trials]
+            parts = [part for x in trials for part in refined(one.term, x)]
+            columns = [part.column(drive.reader, drive.base) for part in parts]
             rows[:, :, known:] = drive.whitened(np.stack(columns, axis=2))
         flat = rows.reshape(-1, len(gram))
         gram += flat.T @ flat
-    gains, sizes = np.zeros(len(trials)), np.zeros(len(trials))
+    gains, sizes = np.zeros(len(trials)), np.zeros((own, len(trials)))
     for k in range(len(trials)):
-        at = np.concatenate([np.arange(known), [known + k]])
+        at = np.concatenate([np.arange(known), known + own * k + np.arange(own)])
         values, gains[k] = fitted(gram[np.ix_(at, at)])
-        sizes[k] = values[-1]
+        sizes[:, k] = values[-own:]
     lowest = min(float(gains.max()) - SETTINGS.assessment.interval_nats, float(gains[0]))
     order = np.argsort(trials, kind="stable")
     inside = np.flatnonzero(gains[order] >= lowest)
@@ -107,12 +105,12 @@ def _of_grid(
     ]
     places = np.arange(len(trials), dtype=np.float64)
     reach = float(np.abs(np.interp(ends, places, trials[order]) - tau).max())
-    spread = float(np.abs(np.interp(ends, places, sizes[order]) - sizes[0]).max())
-    linear = float(one.stds[0])
-    scale = linear / max(abs(size), 1e-12)
+    spread = [float(np.abs(np.interp(ends, places, size[order]) - size[0]).max()) for size in sizes]
+    scale = float(np.min(one.stds / np.maximum(np.abs(one.values), 1e-12)))
+    stds = np.hypot(one.stds, np.array(spread) / 1.96)
     return {
         grid.parameter: max(reach / 1.96, scale * tau),
-        one.term.parameters[0]: float(np.hypot(linear, spread / 1.96)),
+        **dict(zip(one.term.parameters, stds.tolist(), strict=True)),
     }
 
 

@@ -133,10 +133,11 @@ def _response(reader: Reader, probe: Probe, base: ExtendedModel) -> FloatArray:
 
 
 def grid_column(
-    reader: Reader, effect: str, place: str, at: float, base: ExtendedModel | None = None
+    reader: Reader, effect: str, parameter: str, place: str, at: float, base: ExtendedModel | None = None
 ) -> FloatArray:
     """(w, 9) response to an effect's linear parameter where its nonlinear one has this value, at `base`."""
-    probe = replace(next(one for one in probes() if one.effect == effect and one.place == place), at=at)
+    wanted = (effect, parameter, place)
+    probe = replace(next(p for p in probes() if (p.effect, p.parameter, p.place) == wanted), at=at)
     change = reader.change(ROLLING if base is None else base, probe.made())
     return np.asarray(change / (probe.value - probe.neutral))
 

@@ -8,7 +8,7 @@ covariate).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -225,12 +225,10 @@ class Hypotheses:
         design[column, 0] = 1.0
         self.catalogue.append(Term(FAULT.name, design, (RAMPED,), ramp_price(), wheel=wheel, span_s=span_s))
 
-    def add_off_grid(self, like: Term, at: float, column: int) -> None:
-        """A term whose nonlinear parameter lies off the grid: it shapes the first value's response alone."""
+    def add_off_grid(self, like: Term, at: float, columns: Sequence[int]) -> None:
+        """A term whose nonlinear parameter lies off the grid, with the response to each of its values."""
         more = grid_price(like.kind_of, at) - grid_price(like.kind_of, like.at)
-        beside = np.zeros((self.width, like.design.shape[1] - 1))
-        beside[: len(like.design)] = like.design[:, 1:]
-        design = np.concatenate([self._column(column), beside], axis=1)
+        design = np.concatenate([self._column(column) for column in columns], axis=1)
         self.catalogue.append(replace(like, design=design, penalty=like.penalty + more, at=at, drive=None))
 
     def add_pulse(self, like: Term, span_s: tuple[float, float], column: int) -> None:

@@ -21,7 +21,7 @@ from tpmsd.diagnosis.hypotheses.response import (
     ramp_column,
     response_at,
 )
-from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Name, Term
+from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Name, Term, numbers_of, wheels_of
 from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.covariate_errors import expected
 from tpmsd.inference.gram import Grams
@@ -69,13 +69,15 @@ class Refined:
     hat: Hat | None = None
     like: Term | None = None
     """The term of a nonlinear effect."""
+    parameter: str = ""
+    """Of that term, the one whose response it is."""
 
     def column(self, reader: Reader, base: ExtendedModel) -> FloatArray:
         """(w, 9) the response to a metre (to the unit of a hat or a parameter), at `base`."""
         if self.hat is not None:
             return self.hat.column(reader)
         if self.like is not None:
-            return grid_column(reader, self.like.effect, self.like.place, self.first, base)
+            return grid_column(reader, self.like.effect, self.parameter, self.like.place, self.first, base)
         out: FloatArray = np.zeros(0)
         for wheel in self.wheels:
             one = ramp_column(reader, wheel, self.first, 0.0 if self.pulse else self.second, base)
@@ -83,6 +85,16 @@ class Refined:
                 one = one - ramp_column(reader, wheel, self.second, 0.0, base)
             out = one if not out.size else out + one
         return out
+
+
+def refined(term: Term, first: float, second: float = 0.0) -> tuple[Refined, ...]:
+    """A term's columns, one per value: a ramp's by onset and duration, a pulse's by begin and end (s), those
+    of others by the parameter that enters nonlinearly."""
+    if term.ramp:
+        return (Refined(numbers_of(term.wheel), first, second),)
+    if term.pulse:
+        return (Refined(wheels_of(term.place), first, second, pulse=True),)
+    return tuple(Refined((), first, like=term, parameter=name) for name in term.parameters)
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.diagnosis.hypotheses.response import ramp_knots
-from tpmsd.diagnosis.hypotheses.terms import Term, for_drive, numbers_of, wheels_of
-from tpmsd.diagnosis.prepared.drive_study import Refined
+from tpmsd.diagnosis.hypotheses.terms import Term, for_drive
+from tpmsd.diagnosis.prepared.drive_study import Refined, refined
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.refinement.finer import Shape, best_knots, finer_shape, finest_shape
 from tpmsd.diagnosis.selection.chosen import Selection
@@ -23,6 +23,9 @@ from tpmsd.diagnosis.selection.selector import Selector
 from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence
 from tpmsd.wheels import FloatArray
+
+ByDrive = tuple[Refined, dict[int, FloatArray]]
+"""What a column is, and the column (w, 9) in each drive in which it acts."""
 
 
 @dataclass(frozen=True)
@@ -43,38 +46,38 @@ def refine(study: Study, selection: Selection, evidence: Evidence, again: bool) 
     """
     terms = [one.term for one in selection.chosen]
     added: list[tuple[Term, Point]] = []
-    columns: list[tuple[Refined, dict[int, FloatArray]]] = []
+    columns: list[ByDrive] = []
     for k, term in enumerate(terms):
         if term.ramp or term.pulse or term.at is not None:
             if not again and int(np.flatnonzero(term.design[:, 0])[0]) >= study.grid:
                 continue
             others = [other for j, other in enumerate(terms) if j != k]
-            design = Selector(evidence, study.hypotheses).design(others)
-            # A term's further values are fitted along, where they stand.
-            design = np.concatenate([design, term.design[:, 1:]], axis=1)
-            point, column = _best(study, evidence, design, term)
+            point, best = _best(study, evidence, Selector(evidence, study.hypotheses).design(others), term)
             added.append((term, point))
-            columns.append((_refined(term, point), column))
+            columns += best
     shapes = [] if study.simulation else _shapes(study, evidence, terms)
     places = study.append([*columns, *(column for shape in shapes for column in shape.columns)])
     at = len(columns)
     for shape in shapes:
         shape.add_to(study, places[at : at + len(shape.columns)])
         at += len(shape.columns)
-    for (term, point), place in zip(added, places[: len(columns)], strict=True):
-        _add(study, term, point, place)
+    at = 0
+    for term, point in added:
+        width = term.design.shape[1]
+        _add(study, term, point, places[at : at + width])
+        at += width
     return bool(added or shapes)
 
 
-def _add(study: Study, term: Term, point: Point, place: int) -> None:
-    """Make a hypothesis of a term at a point off its grid, whose column stands at that place."""
+def _add(study: Study, term: Term, point: Point, places: Sequence[int]) -> None:
+    """Make a hypothesis of a term at a point off its grid, whose columns stand at these places."""
     if term.ramp:
         onset = point.first - point.second / 2
-        study.hypotheses.add_ramp(term.wheel, (onset, onset + point.second), place)
+        study.hypotheses.add_ramp(term.wheel, (onset, onset + point.second), places[0])
     elif term.pulse:
-        study.hypotheses.add_pulse(term, (point.first, point.second), place)
+        study.hypotheses.add_pulse(term, (point.first, point.second), places[0])
     else:
-        study.hypotheses.add_off_grid(term, point.first, place)
+        study.hypotheses.add_off_grid(term, point.first, places)
     _of_its_drive(study, term)
 
 
@@ -117,10 +120,10 @@ def exact(
 
     Knots are up to half a minute off: what a strong event leaves there would pass for noise.
     """
-    point, column = _best(study, evidence, design, term)
-    (place,) = study.append([(_refined(term, point), column)])
+    point, columns = _best(study, evidence, design, term)
+    places = study.append(columns)
     for one in (*rivals, term):
-        _add(study, one, point, place)
+        _add(study, one, point, places)
     return study.hypotheses.catalogue[-1]
 
 
@@ -161,13 +164,9 @@ def _is_coarse(term: Term) -> bool:
     return shape and term.covariate not in ("time", "distance")
 
 
-def _refined(term: Term, point: Point) -> Refined:
-    if term.ramp:
-        onset = point.first - point.second / 2
-        return Refined(numbers_of(term.wheel), onset, point.second)
-    if term.pulse:
-        return Refined(wheels_of(term.place), point.first, point.second, pulse=True)
-    return Refined((), point.first, like=term)
+def _refined(term: Term, point: Point) -> tuple[Refined, ...]:
+    onset = point.first - point.second / 2 if term.ramp else point.first
+    return refined(term, onset, point.second)
 
 
 def _trials(term: Term, centre: Point, width: Point) -> list[Point]:
@@ -186,12 +185,9 @@ def _trials(term: Term, centre: Point, width: Point) -> list[Point]:
     return [Point(centre.first * width.first**a) for a in np.linspace(-1.0, 1.0, 11)]
 
 
-def _best(
-    study: Study, evidence: Evidence, design: FloatArray, term: Term
-) -> tuple[Point, dict[int, FloatArray]]:
-    """The point of greatest likelihood with all linear values of a design fitted along, and its column by
-    drive: of several values of the term, the first one's, which the point shapes."""
-    design = np.concatenate([design, term.design[:, 1:]], axis=1)
+def _best(study: Study, evidence: Evidence, design: FloatArray, term: Term) -> tuple[Point, list[ByDrive]]:
+    """The point of greatest likelihood with all linear values of a design fitted along, and its columns, one
+    per value of the term."""
     believed = sum(part.small(design).sum(axis=0) for part in evidence.parts)
     acting = [(number, study.drives[number]) for number in study.acting(term)]
     if term.ramp:
@@ -207,42 +203,48 @@ def _best(
         assert grid is not None
         assert term.at is not None
         centre, width = Point(term.at), Point(grid.step)
-    columns: dict[int, FloatArray] = {}
+    values = term.design.shape[1]
+    columns: list[ByDrive] = []
     for _ in range(SETTINGS.refinement.rounds):
         points = _trials(term, centre, width)
-        cross, size = np.zeros((len(believed), len(points))), np.zeros(len(points))
+        parts = [part for point in points for part in _refined(term, point)]
+        cross = np.zeros((len(believed), len(points), values))
+        size = np.zeros((len(points), values, values))
         trials = {}
         for number, drive in acting:
-            trial = np.stack(
-                [_refined(term, point).column(drive.reader, drive.base) for point in points], axis=2
-            )
-            rows = drive.whitened(trial).reshape(-1, len(points))
+            trial = np.stack([part.column(drive.reader, drive.base) for part in parts], axis=2)
+            rows = drive.whitened(trial).reshape(-1, len(points), values)
             known = np.concatenate([drive.white[:, :, :1], drive.acting(design)], axis=2)
-            cross += known.reshape(-1, len(believed)).T @ rows
-            size += (rows**2).sum(axis=0)
+            cross += np.tensordot(known.reshape(-1, len(believed)), rows, (0, 0))
+            size += np.einsum("nti,ntj->tij", rows, rows, optimize=True)
             trials[number] = trial
         best = int(np.argmax(_gains(believed, cross, size)))
         centre = points[best]
-        columns = {number: trial[:, :, best] for number, trial in trials.items()}
+        columns = [
+            (parts[k], {number: trial[:, :, k] for number, trial in trials.items()})
+            for k in range(best * values, (best + 1) * values)
+        ]
         on_grid = term.at is not None
         width = Point(width.first**0.4 if on_grid else width.first / 2.5, width.second / 2.5)
     return centre, columns
 
 
 def _gains(believed: FloatArray, cross: FloatArray, size: FloatArray) -> FloatArray:
-    """(t,) gain of each trial column beyond the believed ones, from Gram matrices.
+    """(t,) gain of each trial's columns beyond the believed ones, from Gram matrices.
 
-    `believed` (1 + k, 1 + k) holds the data first, `cross` (1 + k, t) is with the trials, `size` (t,) their
-    squared length.
+    `believed` (1 + k, 1 + k) holds the data first, `cross` (1 + k, t, v) is with the trials' v columns, and
+    `size` (t, v, v) these columns' Gram matrices.
     """
     scale = 1.0 / np.sqrt(np.maximum(np.diag(believed), 1e-300))
-    length = np.sqrt(np.maximum(size, 1e-300))
+    length = np.sqrt(np.maximum(np.diagonal(size, axis1=1, axis2=2), 1e-300))
     gram = believed * np.outer(scale, scale)
-    both = cross * scale[:, None] / length
-    score, left = both[0], np.ones(len(size))
+    both = cross * scale[:, None, None] / length
+    score = both[0]
+    left = size / (length[:, :, None] * length[:, None, :])
     if len(believed) > 1:
         A = gram[1:, 1:] + 1e-9 * np.eye(len(gram) - 1)
-        solved = np.linalg.solve(A, both[1:])
-        score = score - gram[0, 1:] @ solved
-        left = left - (both[1:] * solved).sum(axis=0)
-    return np.asarray(0.5 * (score / scale[0]) ** 2 / np.maximum(left, 1e-9))
+        solved = np.linalg.solve(A, both[1:].reshape(len(A), -1)).reshape(both[1:].shape)
+        score = score - np.tensordot(gram[0, 1:], solved, 1)
+        left = left - np.einsum("kti,ktj->tij", both[1:], solved)
+    found = np.linalg.solve(left + 1e-9 * np.eye(left.shape[1]), score[:, :, None])[:, :, 0]
+    return np.asarray(0.5 * (score * found).sum(axis=1) / scale[0] ** 2)
