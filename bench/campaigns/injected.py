@@ -5,7 +5,9 @@
 In: drive folders. Out: a line per effect: what the diagnosis finds in the drive as it is, and with the effect
 injected. Roads, noise and receiver are real; the effect's equation is written here, not taken from the
 catalogue, and acts on the readings: a wheel whose radius is larger by d turns less by d / r, a receiver that
-is late stamps its fixes later. Acceleration and yaw rate are those of the wheels, smoothed over seconds.
+is late stamps its fixes later. Acceleration and yaw rate are those of the wheels, slopes those of the receiver's
+heights, all smoothed over seconds. Drive force acts against inertia and slope: on a motorway the slope has the
+greater part of it.
 """
 
 from __future__ import annotations
@@ -29,6 +31,8 @@ LOSS_M = -1.4e-3
 """20 % of the pressure."""
 LEFT = (0, 2)
 SMOOTH_S = 1.5
+SLOW_MPS = 3.0
+G_MPS2 = 9.81
 
 
 class Injected:
@@ -41,9 +45,18 @@ class Injected:
         way = np.nan_to_num(recording.rotation_rad) * radius
         self.time_s: Array = (np.arange(len(way)) + 0.5) * dt
         self.speed: Array = gaussian_filter1d(way[:, self.wheels].mean(axis=1) / dt, SMOOTH_S / dt)
-        self.pull: Array = np.gradient(self.speed, dt)
+        self.pull: Array = np.gradient(self.speed, dt) + G_MPS2 * self._slope()
         turning = (way[:, 3] - way[:, 2]) / dt / recording.car.geometry.track_rear_m
         self.across: Array = self.speed * gaussian_filter1d(turning, SMOOTH_S / dt)
+
+    def _slope(self) -> Array:
+        """(n,) sine of the slope by the receiver's heights; zero where the car hardly moves or none are known."""
+        known = np.isfinite(self.recording.up_m)
+        if not known.any():
+            return np.zeros(len(self.time_s))
+        height = np.interp(self.time_s, self.recording.fix_time_s[known], self.recording.up_m[known])
+        rise = np.gradient(gaussian_filter1d(height, SMOOTH_S / self.recording.dt_s), self.recording.dt_s)
+        return np.asarray(np.where(self.speed > SLOW_MPS, rise / np.maximum(self.speed, SLOW_MPS), 0.0))
 
     def radii(self, change_m: dict[int, Array]) -> Recording:
         """With other radii, by wheel."""

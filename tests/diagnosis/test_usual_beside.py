@@ -65,3 +65,27 @@ def test_a_lag_that_may_be_usual_is_priced_as_such(
     net = gain * (1.0 - share_nearer**2) - 3.5 - against_nats
 
     assert net == pytest.approx(Candidates.net(lag, gain, 0.074))
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameter", "beside", "others", "usual"),
+    [
+        ("gnss_latency", "latency_s", "velocity_lag", ("lag_s",), np.hypot(0.03, 0.05)),
+        ("track_width_error", "rear_m", "yaw_rate_scale", ("scale",), 0.03),
+        ("yaw_rate_scale", "scale", "track_width_error", ("rear_m", "front_m"), 0.045),
+    ],
+)
+def test_a_value_is_as_uncertain_as_what_reads_alike_is_usual(
+    effect: str, parameter: str, beside: str, others: tuple[str, ...], usual: float
+) -> None:
+    """Responses that are the same: the value may be that of the other effect, which counts once, however many
+    hypotheses it has."""
+    u = directions(2)
+    responses = PER_METRE * np.stack([u[:, 0], u[:, 0], u[:, 1]], axis=1)
+    asked = Term(effect, columns(1, width=4), (parameter,), 3.5)
+    singles = [Term(beside, columns(2 + k, width=4), (name,), 3.5) for k, name in enumerate(others)]
+    whole = Term(beside, columns(*(2 + k for k in range(len(others))), width=4), others, 7.0)
+    made = noiseless(10.0 * usual * responses[:, 0], responses)
+    (found,) = Selector(made, Given(4, [asked, *singles, whole], [])).judged([asked]).chosen
+
+    assert found.stds[0] == pytest.approx(np.hypot(usual, 1.0 / PER_METRE), rel=0.05)

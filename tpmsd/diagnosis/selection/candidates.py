@@ -38,7 +38,11 @@ class Candidates:
         The values of the terms stand where they stand in their own fit.
         """
         usual = set(of.kind_of.beside_value) - {term.effect for term in terms}
-        more = [t for t in self.hypotheses.catalogue if t.effect in usual and t.drive is None]
+        by_effect: dict[str, Term] = {}
+        for t in self.hypotheses.catalogue:
+            if t.effect in usual and t.drive is None:
+                by_effect[t.effect] = max(by_effect.get(t.effect, t), t, key=lambda one: len(one.parameters))
+        more = list(by_effect.values())
         fit = self.evidence.fit(self.design([*terms, *more]))
         first = fit.design.shape[1] - sum(t.design.shape[1] for t in more)
         stds = [usual_size(t.kind_of, name) for t in more for name in t.parameters]

@@ -25,7 +25,7 @@ class GnssLatency(Effect):
     formula = "position, speed and course of t arrive at t + latency_s"
     needs = ("gnss",)
     beside = ("velocity_lag",)
-    beside_value = ("lateral_slip",)
+    beside_value = ("lateral_slip", "velocity_lag")
     in_calibration = (("latency", "latency_s", "s"),)
     sentence = "a fix arrives later than it was valid (GNSS latency)"
     telling_drive = "accelerate and brake firmly on a straight, ten times"

@@ -22,6 +22,7 @@ class TrackWidthError(Effect):
     kind = Kind.INSTRUMENT
     formula = "hub speeds = v -+ yaw rate * (track + error) / 2"
     contrast = True
+    beside_value = ("yaw_rate_scale",)
     in_calibration = (
         ("track_rear", "rear_relative", "1"),
         ("track_front", "front_relative", "1"),

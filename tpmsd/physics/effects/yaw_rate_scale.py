@@ -20,6 +20,7 @@ class YawRateScale(Effect):
     kind = Kind.INSTRUMENT
     formula = "reading = scale * truth"
     needs = ("yaw_rate",)
+    beside_value = ("track_width_error",)
     in_calibration = (("gyro_gain", "scale_minus_one", "1"),)
     sentence = "the gyro's scale is off"
     telling_drive = "drive ten full circles to each side"
