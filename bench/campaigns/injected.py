@@ -5,9 +5,9 @@
 In: drive folders. Out: a line per effect: what the diagnosis finds in the drive as it is, and with the effect
 injected. Roads, noise and receiver are real; the effect's equation is written here, not taken from the
 catalogue, and acts on the readings: a wheel whose radius is larger by d turns less by d / r, a receiver that
-is late stamps its fixes later. Acceleration and yaw rate are those of the wheels, slopes those of the receiver's
-heights, all smoothed over seconds. Drive force acts against inertia and slope: on a motorway the slope has the
-greater part of it.
+is late stamps its fixes later. Acceleration and yaw rate are those of the wheels, slopes those of the
+receiver's heights, all smoothed over seconds. Drive force acts against inertia and slope: on a motorway the
+slope has the greater part of it.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Injected:
         self.across: Array = self.speed * gaussian_filter1d(turning, SMOOTH_S / dt)
 
     def _slope(self) -> Array:
-        """(n,) sine of the slope by the receiver's heights; zero where the car hardly moves or none are known."""
+        """(n,) sine of the slope by the heights; zero at walking pace, and where none are known."""
         known = np.isfinite(self.recording.up_m)
         if not known.any():
             return np.zeros(len(self.time_s))
