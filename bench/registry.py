@@ -69,6 +69,11 @@ CAMPAIGNS = {
         _campaign("goldens", "the program's answers to a fixed set of drives, compared with stored ones"),
         _campaign("origins", "the diagnosis on null drives and faults of every origin", page="origins.md"),
         _campaign(
+            "each-effect",
+            "every effect of the catalogue by other formulas: named, intervals",
+            page="effects.md",
+        ),
+        _campaign(
             "alarms",
             "soft tyres and harmless drives: detection, false alarms per km",
             "alarms.run",

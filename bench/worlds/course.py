@@ -10,69 +10,21 @@ rr.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.worlds import causes
+from bench.worlds.causes import DRIVEN, LEFT
+from bench.worlds.motion import Array, Course, summed
 from bench.worlds.spec import Spec
 
-Array = NDArray[np.float64]
-G = 9.80665
+__all__ = ["Array", "Course", "summed"]
+
 SPIN_RISE_S = 0.5
 WHEEL_NAMES = ("fl", "fr", "rl", "rr")
-LEFT = np.array([1.0, -1.0, 1.0, -1.0])
 FRONT = np.array([1.0, 1.0, -1.0, -1.0])
-DRIVEN = {"front": [1.0, 1.0, 0.0, 0.0], "rear": [0.0, 0.0, 1.0, 1.0], "all": [1.0, 1.0, 1.0, 1.0]}
-
-
-@dataclass(frozen=True)
-class Course:
-    """Arrays over n evenly spaced instants; the reference point is the middle of the rear axle."""
-
-    time_s: Array
-    speed: Array
-    """Along the body."""
-    yaw: Array
-    grade: Array
-    """Angle of the slope."""
-    heading: Array
-    """Mathematical angle of the body, not wrapped."""
-    accel: Array
-    """Rate of the speed."""
-    a_lat: Array
-    bend: Array
-    """Curvature, for the steering wheel."""
-    beta: Array
-    """The rear axle's course minus the heading, by the world's own tyres."""
-    hubs: Array | None = None
-    """(n, 4) speeds of the hubs where the world has its own suspension; None: of a rigid body."""
-    spin: Array | None = None
-    """(n, 4) relative surplus of turning by the world's own tyres."""
-
-    @property
-    def force(self) -> Array:
-        """Specific force along the body: what an accelerometer reads."""
-        return np.asarray(self.accel + G * np.sin(self.grade))
-
-    def every(self, step: int) -> Course:
-        """The same course at every `step`-th instant."""
-        parts = {name: None if value is None else value[::step] for name, value in vars(self).items()}
-        return Course(**parts)
-
-    def cut(self, first: int, last: int) -> Course:
-        """Instants `first` to `last`, the time beginning anew."""
-        parts = {name: None if value is None else value[first:last] for name, value in vars(self).items()}
-        return replace(Course(**parts), time_s=self.time_s[first:last] - self.time_s[first])
-
-
-def summed(rate: Array, time_s: Array) -> Array:
-    """Integral over time by trapezoids, zero at the start; along the first axis."""
-    out = np.zeros_like(rate)
-    step = float(time_s[1] - time_s[0])
-    out[1:] = np.cumsum(0.5 * (rate[1:] + rate[:-1]) * step, axis=0)
-    return out
 
 
 def rigid(
@@ -124,7 +76,7 @@ def hub_speeds(course: Course, spec: Spec) -> Array:
 def radii(course: Course, spec: Spec) -> Array:
     """(n, 4) change of the rolling radii by the concealed physics."""
     t, v, a_lat = course.time_s, course.speed, course.a_lat
-    out = np.zeros((len(t), 4))
+    out = causes.radius_change(course, spec)
     out += value(spec, "centrifugal_growth", "coefficient") * v[:, None] ** 2
     if "thermal_growth" in spec.physics:
         tau = value(spec, "thermal_growth", "time_constant_s", 600.0)
@@ -172,7 +124,7 @@ def wheel_rates(course: Course, spec: Spec, own: Array | float = 0.0) -> Array:
     """(n, 4) turning rates in rad/s; `own` (n, 4) or (4,) is added to the radius of the specification."""
     slip = value(spec, "longitudinal_slip", "slip_per_accel") * course.force
     slip = slip + value(spec, "longitudinal_slip", "slip_per_speed2") * course.speed**2
-    share = 1.0 + slip[:, None] * np.array(DRIVEN[spec.driven])
+    share = 1.0 + slip[:, None] * DRIVEN[spec.driven] + causes.slip(course, spec)
     if course.spin is not None:
         share = share * (1.0 + course.spin)
     if "wheel_spin" in spec.physics:  # an axle on ice, for a while
@@ -181,7 +133,8 @@ def wheel_rates(course: Course, spec: Spec, own: Array | float = 0.0) -> Array:
         acting = np.clip(np.minimum(since, p["duration_s"] - since) / SPIN_RISE_S, 0.0, 1.0)
         wheels = np.isin(np.arange(4), p["wheels"])
         share = share * (1.0 + p["slip"] * acting[:, None] * wheels)
-    return np.asarray(hub_speeds(course, spec) * share / (spec.radius_m + own + radii(course, spec)))
+    rates = hub_speeds(course, spec) * share / (spec.radius_m + own + radii(course, spec))
+    return causes.shown_rates(rates, course, spec)
 
 
 def gyro_reading(course: Course, spec: Spec) -> Array:
@@ -192,7 +145,7 @@ def gyro_reading(course: Course, spec: Spec) -> Array:
         out = out + p["size_radps"] * np.exp(-course.time_s / p["warming_s"])
     if "strange_gyro_square" in spec.physics:  # an element that gives way at high rates
         out = out + spec.physics["strange_gyro_square"]["per_rad"] * course.yaw**2
-    return np.asarray(out)
+    return np.asarray(out + causes.gyro_error(course, spec))
 
 
 @dataclass(frozen=True)
@@ -216,12 +169,13 @@ def antenna(course: Course, spec: Spec) -> Antenna:
     cos, sin = np.cos(course.heading), np.sin(course.heading)
     vx, vy = along - course.yaw * left, across + course.yaw * ahead
     t = course.time_s
+    east_mps, north_mps = causes.received_velocity(vx * cos - vy * sin, vx * sin + vy * cos, course, spec)
     return Antenna(
         east=summed(along * cos - across * sin, t) + ahead * cos - left * sin,
         north=summed(along * sin + across * cos, t) + ahead * sin + left * cos,
         up=summed(course.speed * np.sin(course.grade), t),
-        east_mps=vx * cos - vy * sin,
-        north_mps=vx * sin + vy * cos,
+        east_mps=east_mps,
+        north_mps=north_mps,
     )
 
 

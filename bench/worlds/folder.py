@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.signal import lfilter
 
-from bench.worlds.instruments import Array, Drive
+from bench.worlds import causes
+from bench.worlds.instruments import STEERING_RATIO, Array, Drive
 from bench.worlds.spec import FINE_TEETH, Spec
 
 LATITUDE, LONGITUDE, HEIGHT = 48.7, 9.1, 380.0
@@ -70,7 +71,7 @@ class Message:
 def write_folder(drive: Drive, folder: Path) -> None:
     """Write the drive as another program's recording would be."""
     folder.mkdir(parents=True, exist_ok=True)
-    messages = [*wheel_messages(drive), *inertial_messages(drive)]
+    messages = [*wheel_messages(drive), *inertial_messages(drive), *weather_messages(drive)]
     dbc = 'VERSION ""\n\nNS_ :\n\nBS_:\n\nBU_: CAR\n\n' + "".join(each.dbc() for each in messages)
     (folder / "bus.dbc").write_text(dbc, encoding="utf-8")
     (folder / "vehicle.toml").write_text(_vehicle(drive.spec, messages), encoding="utf-8")
@@ -86,7 +87,7 @@ track_front_m = {spec.track_front_m!r}
 track_rear_m = {spec.track_rear_m!r}
 wheelbase_m = {spec.wheelbase_m!r}
 driven_axle = "{spec.driven}"
-steering_ratio = 15.0
+steering_ratio = {STEERING_RATIO}
 teeth_per_rev = {spec.configured_teeth or spec.teeth:g}
 
 [can]
@@ -192,14 +193,35 @@ def inertial_messages(drive: Drive) -> list[Message]:
     ]
 
 
+def weather_messages(drive: Drive) -> list[Message]:
+    """The frames of the thermometer outside, once a second; none where the bus has none."""
+    if not drive.spec.with_temperature:
+        return []
+    time_s = np.arange(drive.time_s[0], drive.time_s[-1], 1.0)
+    celsius = np.interp(time_s, drive.time_s, drive.temperature_k) - 273.15
+    return [
+        Message(
+            identifier=208,
+            name="WEATHER",
+            bits=16,
+            signed=True,
+            signals=(("ambient_temp", "OUTSIDE", 0.1, "degC"),),
+            time_s=time_s + 0.0007,
+            raw=np.round(celsius / 0.1).astype(np.int64)[:, None],
+        )
+    ]
+
+
 def _can_log(drive: Drive, messages: list[Message]) -> str:
     spec, rng = drive.spec, np.random.default_rng([drive.seed, 4])
     lines: list[tuple[float, str]] = []
     for each in messages:
         lost = rng.random(len(each.time_s)) < spec.lost_share
         twice = rng.random(len(each.time_s)) < spec.repeated_share
-        for k, (t, data) in enumerate(zip(each.time_s.tolist(), each.payloads(), strict=True)):
-            stamp = drive.start_s + spec.host_offset_s + t
+        drifts = causes.clock_error_s(each.time_s, spec).tolist()
+        sent = zip(each.time_s.tolist(), drifts, each.payloads(), strict=True)
+        for k, (t, drift, data) in enumerate(sent):
+            stamp = drive.start_s + spec.host_offset_s + t + drift
             line = f"({stamp:.6f}) can0 {each.identifier:03X}#{data}\n"
             if not lost[k]:
                 lines.append((stamp, line))
@@ -218,6 +240,7 @@ def _sentences(drive: Drive) -> list[str]:
     east0 = north0 = 0.0
     a, e2 = 6378137.0, 6.69437999014e-3
     lag = drive.fix_lag_s if len(drive.fix_lag_s) else np.zeros(len(drive.fix_true_s))
+    drift = causes.clock_error_s(drive.fix_true_s, spec)
     for k, t in enumerate(drive.fix_true_s):
         de, dn = float(drive.fix_east[k]) - east0, float(drive.fix_north[k]) - north0
         east0, north0 = float(drive.fix_east[k]), float(drive.fix_north[k])
@@ -234,7 +257,7 @@ def _sentences(drive: Drive) -> list[str]:
         turned = math.degrees(math.pi / 2 - course) % 360
         degrees = "" if math.isnan(course) else f"{turned:.{spec.course_digits}f}"
         height = HEIGHT + float(drive.fix_up[k])
-        arrival = utc + drive.fix_age_s + float(lag[k]) + spec.host_offset_s
+        arrival = utc + drive.fix_age_s + float(lag[k]) + spec.host_offset_s + float(drift[k])
         speed = f"{knots:.{spec.speed_digits}f}"
         for body in (
             f"GNRMC,{clock},A,{place},{speed},{degrees},{when.strftime('%d%m%y')},,,A",

@@ -13,12 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from bench.worlds import causes
 from bench.worlds.course import Course, antenna, gyro_reading, strange_speed, summed, wheel_rates
 from bench.worlds.spec import Spec
 
 Array = NDArray[np.float64]
 WHEELS = ("fl", "fr", "rl", "rr")
 START_S = 1_719_820_800.0
+STEERING_RATIO = 15.0
 
 
 @dataclass
@@ -36,6 +38,7 @@ class Drive:
     accel_long: Array
     accel_lat: Array
     steering_wheel: Array
+    temperature_k: Array
     fix_true_s: Array
     fix_age_s: float
     fix_east: Array
@@ -98,6 +101,7 @@ def observe(course: Course, spec: Spec, rng: np.random.Generator, seed: int, err
         p = spec.physics["tone_ring_error"]
         k = WHEELS.index(p["wheel"])
         angle[:, k] += float(p["amplitude_rad"]) * np.sin(angle[:, k] + float(p.get("phase_rad", 0.7)))
+    angle = angle + causes.ring_error(angle, spec) + causes.pulse_scatter(course, spec, more)
     if spec.frame_jitter_s > 0:
         late = rng.exponential(spec.frame_jitter_s, n)
         if spec.wheel_signal == "counts":  # speeds are made of edges, before the frame is late
@@ -116,14 +120,16 @@ def observe(course: Course, spec: Spec, rng: np.random.Generator, seed: int, err
 def felt(course: Course, spec: Spec, rng: np.random.Generator) -> dict[str, Array]:
     """The motion itself, and what accelerometers and the steering wheel's sensor make of it."""
     n = len(course.time_s)
+    along, across = causes.accelerations(course, spec)
     return {
         "time_s": course.time_s,
         "speed": course.speed,
         "yaw_rate": course.yaw,
         "grade": course.grade,
-        "accel_long": course.force + rng.normal(0, spec.accel_std, n),
-        "accel_lat": course.a_lat + rng.normal(0, spec.accel_std, n),
-        "steering_wheel": 15.0 * np.arctan(spec.wheelbase_m * course.bend) + rng.normal(0, 0.01, n),
+        "accel_long": along + rng.normal(0, spec.accel_std, n),
+        "accel_lat": across + rng.normal(0, spec.accel_std, n),
+        "temperature_k": causes.ambient_k(course, spec),
+        "steering_wheel": causes.steering_wheel(course, spec, STEERING_RATIO) + rng.normal(0, 0.01, n),
     }
 
 

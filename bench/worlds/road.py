@@ -38,7 +38,8 @@ def profile(spec: Spec, rng: np.random.Generator) -> tuple[Array, Array, Array]:
     if spec.hilly > 0:
         way = np.cumsum(speed) * STEP_S
         knots = np.arange(0.0, way[-1] + 800.0, 300.0)
-        slope = np.clip(CubicSpline(knots, rng.normal(0, spec.hilly, len(knots)))(way), -0.15, 0.15)
+        slope = CubicSpline(knots, rng.normal(0, spec.hilly, len(knots)))(way)
+        slope = np.clip(slope + np.where(way < 0.5 * way[-1], spec.climb, -spec.climb), -0.15, 0.15)
     return speed, bend, slope
 
 

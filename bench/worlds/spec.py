@@ -45,6 +45,8 @@ class Spec:
     """Standard deviation of a wheel's way in metres per square root of a metre."""
     hilly: float = 0.0
     """Standard deviation of the slope."""
+    climb: float = 0.0
+    """Mean slope of a pass: up over the first half of the way, down over the second."""
     antenna_forward_m: float = 0.0
     antenna_left_m: float = 0.0
     rising_speed: bool = False
@@ -75,6 +77,7 @@ class Spec:
     with_gyro: bool = True
     with_accel: bool = True
     with_steering: bool = True
+    with_temperature: bool = False
     host_offset_s: float = 0.0
     """Host clock minus UTC."""
     lost_share: float = 0.0

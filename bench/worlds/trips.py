@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.worlds import surfaces as events
-from bench.worlds.course import DRIVEN, Course, decayed, hub_speeds, rigid, summed
+from bench.worlds.causes import DRIVEN
+from bench.worlds.course import Course, decayed, hub_speeds, rigid, summed
 from bench.worlds.instruments import START_S, Drive, markov
 from bench.worlds.magic_tyre import SLIP_STIFFNESS, Array, gauge_at
 from bench.worlds.surfaces import Surface

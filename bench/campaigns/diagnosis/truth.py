@@ -18,7 +18,8 @@ import numpy as np
 from bench.campaigns.diagnosis.draw import EFFECTS, Case
 from bench.campaigns.diagnosis.information import explained, gram, without
 from bench.campaigns.diagnosis.signals import CHANNELS, Physics, Windows
-from bench.worlds.course import DRIVEN, Array
+from bench.worlds.causes import DRIVEN
+from bench.worlds.course import Array
 from bench.worlds.origins import ORIGINS
 
 WHEELS = ("fl", "fr", "rl", "rr")
@@ -199,7 +200,8 @@ def truth_of(case: Case, windows: Windows) -> Truth:
             if share > best:
                 best, rival = share, name
         if base_name(key) == "tone_ring_error":
-            gain, best, rival = _tooth_gain(case, windows), 0.0, ""
+            amplitude_rad = case.spec.physics["tone_ring_error"]["amplitude_rad"]
+            gain, best, rival = tooth_gain(windows, amplitude_rad), 0.0, ""
         where = _where(case, key, windows, parts[k])
         out.effects.append(
             Concealed(
@@ -221,9 +223,9 @@ def _own_name(case: Case, key: str) -> str:
     return base_name(key)
 
 
-def _tooth_gain(case: Case, windows: Windows) -> float:
+def tooth_gain(windows: Windows, amplitude_rad: float) -> float:
     """Once-per-turn errors are too quick for windows: each frame's reading against its own noise."""
-    spec, p = case.spec, case.spec.physics["tone_ring_error"]
+    spec = windows.spec
     grain = 2 * math.pi / spec.teeth / math.sqrt(12)
     frames = spec.wheel_hz
     if spec.wheel_signal == "speeds":
@@ -231,12 +233,12 @@ def _tooth_gain(case: Case, windows: Windows) -> float:
         error = math.hypot(
             spec.speed_step_kmh / 3.6 / math.sqrt(12) / spec.radius_m, spec.edge_noise_rad * 70.0
         )
-        size = np.asarray(p["amplitude_rad"] * omega)
+        size = np.asarray(amplitude_rad * omega)
         return float(0.25 * frames * (size[windows.read[:, 0]] ** 2).sum() / error**2)
     # between two edges the same count is read again, which tells nothing new
     edges = windows.speed / spec.radius_m * spec.teeth / (2 * math.pi)
     fresh = np.minimum(edges, frames)[windows.read[:, 0]]
-    return float(0.25 * fresh.sum() * p["amplitude_rad"] ** 2 / (grain**2 + spec.edge_noise_rad**2))
+    return float(0.25 * fresh.sum() * amplitude_rad**2 / (grain**2 + spec.edge_noise_rad**2))
 
 
 def _inherent(windows: Windows, injected: Sequence[str]) -> tuple[list[Concealed], float]:

@@ -1,0 +1,141 @@
+"""The tables of the campaign `each-effect`.
+
+In: rows. Out: Markdown. Shares bear 95 % intervals of Clopper and Pearson. A drive can tell an effect by
+`effect_tells.py`; `named` and `named first` are of such drives, wrong names of all drives. Names that are
+true beside the effect are passed over: they are neither first nor wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from bench.campaigns.effect_cases import CASES
+from bench.statistics import count, percent
+
+HELD_OUT_FROM = 50_000
+"""Seeds from here on belong to the held-out half."""
+SURE = 0.9
+STDS = 1.96
+"""Of a 95 % interval."""
+Row = dict[str, Any]
+
+
+def judged(row: Row) -> list[dict[str, Any]]:
+    """Its findings without those that are true beside the effect."""
+    return [each for each in row["findings"] if each["effect"] not in row["also"]]
+
+
+def named(row: Row) -> bool:
+    """Whether the effect is among the findings."""
+    return any(each["effect"] == row["effect"] for each in row["findings"])
+
+
+def named_first(row: Row) -> bool:
+    """Whether it is the strongest finding."""
+    left = judged(row)
+    return bool(left) and left[0]["effect"] == row["effect"]
+
+
+def right_wheels(row: Row) -> bool:
+    """Whether it is found on the wheels on which it acts."""
+    found = (each for each in row["findings"] if each["effect"] == row["effect"])
+    return any(set(each["where"]["wheels"]) == set(row["wheels"]) for each in found)
+
+
+def wrong_names(row: Row) -> list[str]:
+    """Names of the catalogue that are sure and not true."""
+    sure = [each["effect"] for each in judged(row) if each["confidence"] > SURE]
+    return [name for name in sure if name not in (row["effect"], "unknown")]
+
+
+def errors(row: Row) -> Iterable[tuple[str, float]]:
+    """Parameters found, with their errors in standard deviations."""
+    for finding in row["findings"]:
+        if finding["effect"] == row["effect"]:
+            for name, true in row["truth"].items():
+                value, std = finding["parameters"].get(name, (None, None))
+                if isinstance(value, float) and std:
+                    yield name, (value - true) / std
+
+
+def markdown(rows: Sequence[Row]) -> str:
+    """All tables."""
+    failed = [row for row in rows if row.get("error") or row.get("benchmark_fault")]
+    done = [row for row in rows if row not in failed]
+    parts = []
+    for half, name in ((False, "Development seeds"), (True, "Held-out seeds")):
+        those = [row for row in done if (row["seed"] >= HELD_OUT_FROM) == half]
+        if those:
+            parts += [f"### {name}\n", _totals(those), _effects(those), _odd(those)]
+    if failed:
+        told = ", ".join(f"{row['effect']} {row['seed']}" for row in failed)
+        parts.append(f"Not diagnosed, the program or the benchmark failed: {told}.\n")
+    return "\n".join(parts)
+
+
+def _totals(rows: Sequence[Row]) -> str:
+    can = [row for row in rows if row["can"]]
+    held = [abs(z) <= STDS for row in can for _, z in errors(row)]
+    lines = ["| figure | measured | bar |", "| --- | --- | --- |"]
+    for name, part, bar in (
+        ("drives that can tell", count(row["can"] for row in rows), ""),
+        ("- named", count(map(named, can)), ""),
+        ("- named first", count(map(named_first, can)), "95 %"),
+        ("- of these on the right wheels", count(right_wheels(row) for row in can if _on_wheels(row)), ""),
+        ("95 % intervals that hold the truth", count(held), "90 to 98 %"),
+        ("all drives: a wrong name above 0.9", count(bool(wrong_names(row)) for row in rows), "none"),
+        ("all drives: an `unknown`", count(map(_unknown, rows)), ""),
+    ):
+        lines.append(f"| {name} | {percent(part)} | {bar} |")
+    return "\n".join(lines) + "\n"
+
+
+def _on_wheels(row: Row) -> bool:
+    return bool(row["wheels"]) and named(row)
+
+
+def _unknown(row: Row) -> bool:
+    return any(each["effect"] == "unknown" for each in judged(row))
+
+
+def _effects(rows: Sequence[Row]) -> str:
+    lines = [
+        "| effect | can tell | named | named first | a wrong name above 0.9 | an `unknown` "
+        "| intervals that hold the truth |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for effect in CASES:
+        those = [row for row in rows if row["effect"] == effect]
+        if not those:
+            continue
+        can = [row for row in those if row["can"]]
+        held = [abs(z) <= STDS for row in can for _, z in errors(row)]
+        cells = (
+            f"{len(can)}/{len(those)}",
+            f"{sum(map(named, can))}/{len(can)}",
+            f"{sum(map(named_first, can))}/{len(can)}",
+            f"{sum(bool(wrong_names(row)) for row in those)}/{len(those)}",
+            f"{sum(map(_unknown, those))}/{len(those)}",
+            f"{sum(held)}/{len(held)}",
+        )
+        lines.append(f"| `{effect}` | {' | '.join(cells)} |")
+    return "\n".join(lines) + "\n"
+
+
+def _odd(rows: Sequence[Row]) -> str:
+    """What was missed or wrong, drive by drive."""
+    lines = []
+    for row in rows:
+        wrong, missed = wrong_names(row), row["can"] and not named_first(row)
+        off = [f"{name} {z:+.1f}" for name, z in errors(row) if row["can"] and abs(z) > STDS]
+        if wrong or missed or off or _unknown(row):
+            found = ", ".join(f"{each['effect']} {each['confidence']:.2f}" for each in row["findings"])
+            close = f", {row['margin']:.0f} beyond `{row['rival']}`" if row["rival"] else ""
+            said = [f"found: {found or 'nothing'}"]
+            if off:
+                said.append(f"off by {', '.join(off)} standard deviations")
+            lines.append(
+                f"- `{row['effect']}` {row['seed']} ({row['gain']:.0f} nats{close}): {'; '.join(said)}"
+            )
+    return "\n".join(sorted(lines)) + "\n"
