@@ -175,7 +175,7 @@ def _chains(rng: np.random.Generator) -> Drawn:
     thick = float(rng.uniform(0.007, 0.012))
     span = {"onset_s": float(rng.uniform(120.0, 220.0)), "duration_s": float(rng.uniform(150.0, 300.0))}
     physics = {"chain_rings": {"wheels": wheels, "thick_m": thick, **span}}
-    return Drawn(physics, {"road": "city"}, {"slip": -thick / (0.325 + thick), **span}, wheels=names)
+    return Drawn(physics, {"road": "city"}, span, effect_truth.chains, wheels=names)
 
 
 def _wheel_lock(rng: np.random.Generator) -> Drawn:

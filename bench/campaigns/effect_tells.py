@@ -7,6 +7,7 @@ program that is tested is used.
 
 from __future__ import annotations
 
+import math
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -21,6 +22,7 @@ from bench.campaigns.effect_cases import CASES, Drawn, draw
 from bench.worlds.causes import accelerations, clock_error_s, steering_wheel
 from bench.worlds.course import Array
 from bench.worlds.instruments import STEERING_RATIO
+from bench.worlds.spec import Spec
 
 READINGS: Mapping[str, tuple[tuple[str, ...], float]] = {
     "acceleration": (("accelerometer_bias", "accelerometer_tilt", "road_bank"), 0.1),
@@ -41,6 +43,8 @@ rival by itself."""
 GIVES_WAY = {"longitudinal_slip": "drive_slip_curve", "load_transfer_longitudinal": "drive_split"}
 """Effects and those that contain them as a limit, which are no rivals of them."""
 LEAST_STOPS = 2
+SHORTEST_STOP_S = 20.0
+"""In less nobody gets in."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,9 @@ def tells(effect: str, drawn: Drawn, windows: Windows) -> Tells:
     if effect == "counter_lost_low_speed":
         stops = int(np.count_nonzero(np.diff((windows.course.speed < 0.2).astype(int)) == 1))
         return Tells(float("inf") if stops >= LEAST_STOPS else 0.0, float("inf"), "")
+    if effect == "load_static" and _longest_stop_s(windows) < SHORTEST_STOP_S:
+        return Tells(0.0, 0.0, "")
+    windows = replace(windows, spec=_with_scatter(windows))
     base = {"no_shortening": {}} if effect == "road_grade" else {}
     still = windows.channels(base)
     own = windows.channels(drawn.physics) - still
@@ -83,6 +90,22 @@ def tells(effect: str, drawn: Drawn, windows: Windows) -> Tells:
         if share > best:
             best, rival = share, name
     return Tells(gain, gain - best, rival)
+
+
+def _longest_stop_s(windows: Windows) -> float:
+    course = windows.course
+    return float(np.max(np.diff(course.time_s[course.speed > 0.2]), initial=0.0))
+
+
+def _with_scatter(windows: Windows) -> Spec:
+    """The specification with the scatter of pulses that come at random, as if all wheels had it."""
+    spec = windows.spec
+    if "pulses" not in spec.physics:
+        return spec
+    pitch_m = 2.0 * math.pi / spec.teeth * spec.radius_m
+    mean_mps = float(windows.speed[windows.read[:, 0]].mean())
+    scatter = pitch_m * math.sqrt(abs(spec.physics["pulses"]["per_s"]) / mean_mps)
+    return replace(spec, rough=math.hypot(spec.rough, scatter))
 
 
 def generator(effect: str, seed: int, use: int) -> np.random.Generator:
@@ -108,7 +131,8 @@ def _rivals(effect: str, drawn: Drawn, windows: Windows) -> Iterator[tuple[str, 
 def _possible(one: Drawn, windows: Windows) -> bool:
     """Whether such a bus, car and drive can have it."""
     spec = windows.spec
-    same = all(getattr(spec, key) == one.fixed[key] for key in ("wheel_signal", "driven") if key in one.fixed)
+    same = one.fixed.get("wheel_signal", spec.wheel_signal) == spec.wheel_signal
+    same &= one.fixed.get("driven") != "all" or spec.driven == "all"
     has = all(getattr(spec, key) for key in ("with_gyro", "with_temperature") if one.fixed.get(key))
     hills = one.fixed.get("hilly", 0.0) == 0.0 or spec.hilly > 0.0
     stood = "luggage" not in one.physics or bool((windows.course.speed < 0.2).any())

@@ -110,3 +110,9 @@ def leak(course: Course, spec: Spec) -> Truth:
 def warming_gyro(course: Course, spec: Spec) -> Truth:
     """Slope of the line through the gyro's zero."""
     return {"rate": float(np.polyfit(course.time_s, gyro_error(course, spec), 1)[0])}
+
+
+def chains(course: Course, spec: Spec) -> Truth:
+    """What the rings make of the wheels' turning."""
+    thick = spec.physics["chain_rings"]["thick_m"]
+    return {"slip": -thick / (spec.radius_m + thick)}

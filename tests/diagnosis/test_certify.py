@@ -61,6 +61,17 @@ def test_a_strong_effect_is_certified(diagnosis: Diagnosis) -> None:
     assert diagnosis.replicates < 9
 
 
+def test_an_effect_without_a_parameter_is_certified() -> None:
+    """Replicates of a hilly drive are shortened by its slopes, as the recording is: these are a finding."""
+    spec = Spec(duration_s=480.0, road="hills", hilly=0.07, teeth=96, doppler_mps=0.02, receiver_hz=10.0)
+    hilly = recording_of(drive(spec, 5))
+    found = diagnose([hilly], certify=Certification(9, np.random.default_rng(1))).findings
+
+    assert [("road_grade", "finding")] == [(one.effect, one.status) for one in found]
+    assert found[0].p_value is not None
+    assert found[0].p_value < 0.01
+
+
 def test_without_a_certificate_there_is_no_p_value(plain: Diagnosis) -> None:
     """None asked for, or no replicates: a finding stays one."""
     finding = plain.findings[0]

@@ -47,7 +47,7 @@ from tpmsd.diagnosis.hypotheses.terms import Term
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.robustness.negative_control import negative_control
 from tpmsd.diagnosis.selection.candidates import Candidates
-from tpmsd.diagnosis.selection.chosen import Selection
+from tpmsd.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.diagnosis.selection.described import effect_of
 from tpmsd.diagnosis.selection.empirical import empirical_effect
 from tpmsd.diagnosis.settings import SETTINGS
@@ -55,8 +55,10 @@ from tpmsd.inference.least_squares import Evidence
 from tpmsd.inference.recording import Recording
 from tpmsd.inference.replicate import replicate
 from tpmsd.inference.trajectory import reference
+from tpmsd.physics.catalogue import make_effect
 from tpmsd.physics.effect import Effect
 from tpmsd.physics.model import ExtendedModel
+from tpmsd.wheels import FloatArray
 
 
 @dataclass(frozen=True)
@@ -228,10 +230,17 @@ def _model(study: Study, selection: Selection, drive: int) -> ExtendedModel:
         if one.term.free:
             effects.append(empirical_effect(one, study.knots(one.term))[0])
         else:
-            made = effect_of(one.term, one.values)
-            if made is not None:
-                effects.append(made[0])
+            effects.append(_acting(one)[0])
     return ExtendedModel(tuple(effects))
+
+
+def _acting(one: Chosen) -> tuple[Effect, FloatArray]:
+    """An effect as it acts in replicates, and the values (k,) by which its columns say the same.
+
+    One without parameters acts in full, whatever share of it fits best.
+    """
+    made = effect_of(one.term, one.values)
+    return made if made is not None else (make_effect(one.term.effect), np.ones(1))
 
 
 def _statistic(
@@ -272,8 +281,7 @@ def _of_term(
     value = min(
         search.studentised(rest, one.term, net), (net + one.term.penalty) / dispersion - one.term.penalty
     )
-    made = None if one.term.free else effect_of(one.term, one.values)
-    response = one.term.design @ (one.values if made is None else made[1])
+    response = one.term.design @ (one.values if one.term.free or one.term.calibrates else _acting(one)[1])
 
     def largest(again: Replicate) -> float:
         return _largest_gain(Candidates(again.evidence.less(response), study.hypotheses), rest)
