@@ -10,11 +10,12 @@ Channels of a window, in this order: ways of the four wheels (m), mean yaw rate 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from tpmsd.inference.recording import Recording
+from tpmsd.inference.rounding import held_variance
 from tpmsd.inference.trajectory import WINDOW_S, Reference, moved
 from tpmsd.physics.covariates import COVARIATES, covariate
 from tpmsd.physics.effect import Effect
@@ -70,6 +71,8 @@ class Linearised:
     """(w, 9, 3) response of the channels to an error of the reference's speed, yaw rate and heading."""
     to_east_north: FloatArray
     """(w, 2, 3) growth of the position's error by errors of speed, yaw rate and heading."""
+    held_m2: FloatArray = field(default_factory=lambda: np.zeros((1, 4)), kw_only=True)
+    """(w, 4) or (1, 4) variance of the wheels' ways by rounding that stays the same."""
 
     def __len__(self) -> int:
         return len(self.index)
@@ -109,6 +112,7 @@ class Reader:
         driven = self._driven() if kept is None else kept
         self._kept = spread(driven, limit)
         self.left_out = len(driven) - len(self._kept)
+        self._held_m2 = held_variance(recording)
         self._window_of_fix = np.floor(recording.fix_time_s / WINDOW_S).astype(int)
         self.windows = self._windows(ExtendedModel() if base is None else base)
         self._rolled: FloatArray | None = None
@@ -293,6 +297,7 @@ class Reader:
             design=self._designs(base),
             to_east_north=self._growth(),
             measured=measured,
+            held_m2=self._held_m2[kept],
         )
 
     def _covariates(self) -> dict[str, FloatArray]:

@@ -1,0 +1,67 @@
+"""Rounding of wheel speeds that a steady car holds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bench.worlds.kinematic import Spec, drive
+from tests.diagnosis.recorded import recording_of
+from tpmsd.inference.noise import Noise
+from tpmsd.inference.recording import Recording
+from tpmsd.inference.rounding import held_variance
+from tpmsd.inference.state_space import diagonals, geometry
+from tpmsd.inference.trajectory import reference
+from tpmsd.inference.windows import Reader
+
+STEP_MPS, DT_S = 0.0625 / 3.6, 0.1
+CRUISE_S = (40, 65)
+
+
+def _recorded(step_mps: float, tremble: float = 0.0) -> Recording:
+    """From 19 to 20 m/s, a cruise of 25 s and down again, by speeds in such steps whose ticks tremble by a
+    share; the last wheel trembles by 1e-4."""
+    counted = recording_of(drive(Spec(duration_s=101.0), 3))
+    t = np.arange(counted.ticks) * DT_S
+    speed = np.interp(t, [0.0, CRUISE_S[0], CRUISE_S[1], 100.0], [19.0, 20.003, 20.003, 19.2])
+    shown = np.round(speed / step_mps) * step_mps if step_mps else speed
+    shown = shown * (1.0 + tremble * np.where(np.arange(len(t)) % 3, 1.0, -1.0))
+    ways = np.repeat(DT_S * shown[:, None], 4, axis=1)
+    ways[:, 3] *= 1.0 + 1e-4 * np.random.default_rng(1).standard_normal(len(t))
+    turned = ways / counted.car.radius_m
+    return replace(counted, rotation_rad=turned, quantum_rad=np.zeros(4))
+
+
+def test_a_run_of_one_reading_tells_no_more_than_one_rounding() -> None:
+    """On a cruise a window has the variance of the rounding times their number; no wheel that trembles."""
+    held = held_variance(_recorded(STEP_MPS))
+    number = CRUISE_S[1] - CRUISE_S[0]
+
+    assert held[45:60, :3] == pytest.approx(number * STEP_MPS**2 / 12.0, rel=0.1)
+    assert held[:35, :3].max() < 0.1 * held[50, 0]
+    assert 0.0 == held[:, 3].max()
+
+
+def test_speeds_without_steps_stamps_that_tremble_and_counts() -> None:
+    """Exact speeds of a simulator and counts hold nothing; stamps that leave 4e-6 change nothing."""
+    recorded = _recorded(STEP_MPS)
+    held = held_variance(recorded)
+
+    assert 0.0 == held_variance(_recorded(0.0)).max()
+    assert 0.0 == held_variance(replace(recorded, quantum_rad=np.full(4, 0.01))).max()
+    assert held_variance(_recorded(STEP_MPS, 2e-6))[50, 0] == pytest.approx(held[50, 0], rel=0.02)
+
+
+def test_the_variance_of_a_way_holds_it() -> None:
+    """That of a window on a cruise is larger by it."""
+    recording = _recorded(STEP_MPS)
+    reader = Reader(recording, reference(recording))
+    space = geometry(reader.windows, np.isfinite(reader.windows.measured))
+    noise = Noise.first(recording.quantum_rad, recording.car.radius_m)
+    plain = noise.rough_m**2 * space.speed_mps + noise.floor_m**2
+    held = held_variance(recording)[reader.windows.index]
+
+    assert held.any()
+    assert diagonals(space, noise).variance[:, :4] == pytest.approx(plain[:, None] + held)
