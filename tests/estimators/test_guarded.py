@@ -90,3 +90,17 @@ def test_a_short_disagreement_is_no_night(
 
     assert isinstance(guarded.inner, Drifting)
     assert [away_s] == guarded.inner.away_s
+
+
+def test_trouble_right_after_the_start_leaves_what_was_taken_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A disagreement before anything of this start was kept: those of the earlier one are taken up anew."""
+    guarded = GuardedEstimator(Drifting, [0, 1, 2, 3], np.full(4, RADIUS_M))
+    guarded.taken_up({})
+    monkeypatch.setattr(guarded, "_watch", DisagreesAtTheEnd(2))
+    first = guarded.inner
+    for k in range(2):
+        guarded.step(Tick(k, float(k), 1.0, np.ones(4), np.full(4, 0.05)))
+
+    assert isinstance(guarded.inner, Drifting)
+    assert first is not guarded.inner
+    assert [NIGHT_S] == guarded.inner.away_s

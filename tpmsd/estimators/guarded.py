@@ -47,6 +47,8 @@ class GuardedEstimator:
         self.inner = make()
         self._watch = AgreementWatch()
         self._kept: deque[_Kept] = deque(maxlen=KEPT)
+        self._taken_up: dict[str, Any] | None = None
+        """What an earlier start has left."""
         self._clock_s = self._last_kept_s = 0.0
         self._trusted = True
         self._believed = (radius_m, 0.01 * float(np.mean(radius_m)))
@@ -85,6 +87,8 @@ class GuardedEstimator:
         self.inner = self._make()
         self._last_kept_s = self._clock_s
         if not self._kept:
+            if self._taken_up is not None:
+                self.inner.restore(self._taken_up)
             return ""
         kept = self._kept[0]
         self._kept.clear()
@@ -111,6 +115,7 @@ class GuardedEstimator:
     def taken_up(self, saved: dict[str, Any]) -> None:
         """Take up a snapshot; raises as the estimator's `restore`."""
         self.inner.restore(saved)
+        self._taken_up = saved
         self._kept.clear()
 
 
