@@ -80,6 +80,7 @@ def _drive_slip_curve(rng: np.random.Generator) -> Drawn:
         {"grip": {"stiffness": 1.0 / c, "most": float(rng.uniform(2.2, 4.0))}},
         {"driven": driven, "road": "mixed"},
         fitted=effect_truth.grip,
+        also=("longitudinal_slip",),  # what it is where the force is small
         wheels=WHEELS[:2] if driven == "front" else WHEELS[2:],
     )
 
@@ -171,11 +172,14 @@ def _radius_change(rng: np.random.Generator) -> Drawn:
 
 
 def _chains(rng: np.random.Generator) -> Drawn:
-    wheels, names = _axle(rng)
+    driven = str(rng.choice(["front", "rear"]))
+    wheels = [0, 1] if driven == "front" else [2, 3]
+    names = tuple(WHEELS[k] for k in wheels)
     thick = float(rng.uniform(0.007, 0.012))
     span = {"onset_s": float(rng.uniform(120.0, 220.0)), "duration_s": float(rng.uniform(150.0, 300.0))}
     physics = {"chain_rings": {"wheels": wheels, "thick_m": thick, **span}}
-    return Drawn(physics, {"road": "city"}, span, effect_truth.chains, wheels=names)
+    fixed = {"road": "city", "driven": driven}
+    return Drawn(physics, fixed, span, effect_truth.chains, wheels=names)
 
 
 def _wheel_lock(rng: np.random.Generator) -> Drawn:

@@ -42,6 +42,8 @@ SPANNED = (
 rival by itself."""
 GIVES_WAY = {"longitudinal_slip": "drive_slip_curve", "load_transfer_longitudinal": "drive_split"}
 """Effects and those that contain them as a limit, which are no rivals of them."""
+FORMULAS_SHARE = 1e-3
+"""Of the gain: less beyond a rival is no more than what two formulas of one effect differ by."""
 LEAST_STOPS = 2
 SHORTEST_STOP_S = 20.0
 """In less nobody gets in."""
@@ -58,7 +60,7 @@ class Tells:
     @property
     def can(self) -> bool:
         """Whether the drive can tell the effect."""
-        return self.gain >= TELLS_GAIN and self.margin >= TELLS_MARGIN
+        return self.gain >= TELLS_GAIN and self.margin >= max(TELLS_MARGIN, FORMULAS_SHARE * self.gain)
 
 
 def tells(effect: str, drawn: Drawn, windows: Windows) -> Tells:

@@ -74,3 +74,33 @@ def test_a_spline_gives_away_a_share_of_its_gain(place: str, covariate: str, sha
     term = Term("unknown", np.eye(3)[:, :1], ("at_1",), 5.0, place=place, covariate=covariate)
 
     assert pytest.approx((1.0 - share) * 100.0 - 5.0) == Candidates.net(term, 100.0, 1e-3)
+
+
+class Arm(Two):
+    """An antenna's place of two values, and a latency."""
+
+    def __init__(self) -> None:
+        self.width = 4
+        self.nuisance = np.zeros((4, 0))
+        names = ("forward_m", "left_m")
+        self.catalogue = [
+            Term("antenna_lever_arm", np.eye(4)[:, 1:3], names, 7.0),
+            Term("gnss_latency", np.eye(4)[:, 3:], ("latency_s",), 3.5),
+        ]
+
+
+@pytest.mark.parametrize(("angle", "alike"), [(0.05, True), (0.8, False)])
+def test_a_name_is_unsure_where_a_rival_takes_the_place_of_one_of_its_values(
+    angle: float, alike: bool
+) -> None:
+    """A forward arm that a latency replaces, beside a sideways one that nothing does: both are possible."""
+    rng = np.random.default_rng(4)
+    forward, left, other = np.linalg.qr(rng.standard_normal((WINDOWS * 9, 3)))[0].T * np.sqrt(WINDOWS * 9)
+    late = np.cos(angle) * forward + np.sin(angle) * other
+    data = 0.1 * forward + 0.1 * left + rng.standard_normal(WINDOWS * 9)
+    rows = np.stack([data, 0.2 * forward, 0.4 * left, late], axis=1).reshape(WINDOWS, 9, 4)
+    facts = Evidence([part(rows, np.arange(WINDOWS) // 30)], 4)
+    chosen = Selector(facts, Arm(), last=True).judged([Arm().catalogue[0]]).chosen
+
+    assert (("gnss_latency",) if alike else ()) == chosen[0].rivals
+    assert (chosen[0].confidence < 0.6) is alike

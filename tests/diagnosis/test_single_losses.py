@@ -129,3 +129,14 @@ def test_a_diagnosis_names_lost_counts_that_a_calibration_takes_up(share: float,
     for finding in named:
         assert ("rl", ("rl",)) == (finding.parameters["wheel"].value, finding.where.wheels)
         assert "in steps of a count" in finding.told_by
+
+
+def test_without_a_gyro_either_wheel_is_as_likely() -> None:
+    """What may as well be counts that another wheel adds is named with the confidence of one of two."""
+    recording = _recording(0.004)
+    blind = {**recording.inertial, "yaw_rate_radps": np.full(recording.ticks, np.nan)}
+    diagnosis = diagnose([dataclasses.replace(recording, inertial=blind)])
+    (named,) = [one for one in diagnosis.findings if one.effect == "counter_missed_pulses"]
+
+    assert 0.5 == pytest.approx(named.confidence, abs=0.01)
+    assert ("counter_extra_pulses",) == named.indistinguishable_from

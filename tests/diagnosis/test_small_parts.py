@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -14,8 +15,10 @@ from tpmsd.diagnosis.hypotheses.advice import advice
 from tpmsd.diagnosis.hypotheses.joint_terms import is_copied, is_own
 from tpmsd.diagnosis.hypotheses.plausible import completions_of, with_completions
 from tpmsd.diagnosis.hypotheses.terms import Term
-from tpmsd.diagnosis.selection.chosen import Chosen
+from tpmsd.diagnosis.reporting.findings import outweighed
+from tpmsd.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.diagnosis.selection.described import effect_of, neutral_of, nonlinear_of, usual, words_of
+from tpmsd.inference.least_squares import Fit
 from tpmsd.inference.recording import Recording
 from tpmsd.physics.catalogue import EFFECTS
 from tpmsd.physics.motion import driven_mask
@@ -102,6 +105,31 @@ def test_what_instruments_usually_do_is_said_and_no_finding() -> None:
     assert "" == usual(chosen("velocity_lag", "lag_s", 0.5), speeds=False)
     assert "3.0e-04 +- 3.0e-05 rad/s" in usual(chosen("yaw_rate_bias", "bias", 3e-4), speeds=False)
     assert "" == usual(chosen("yaw_rate_bias", "bias", 1e-3), speeds=False)
+
+
+@pytest.mark.parametrize(
+    ("effect", "place", "gain", "doubtful"),
+    [
+        ("message_delay", "front", 400.0, True),
+        ("message_delay", "front", 600.0, False),
+        ("message_delay", "rear", 400.0, False),
+        ("longitudinal_slip", "front", 400.0, False),
+    ],
+)
+def test_an_instruments_effect_must_gain_more_than_a_spline_on_its_wheels(
+    effect: str, place: str, gain: float, doubtful: bool
+) -> None:
+    """What its form leaves looks like a delay of messages; the car's own physics keeps its name."""
+    one = term(effect, "front_s", place=place)
+    shape = term("unknown", "at_1", place="front", covariate="grade")
+
+    def chosen(of: Term, brings: float) -> Chosen:
+        return Chosen(of, brings, brings, brings, 1.0, (), np.ones(1), np.ones(1))
+
+    both = chosen(one, gain), chosen(shape, 500.0)
+    selection = Selection(both, cast(Fit, None), np.zeros(1), np.zeros(1))
+
+    assert doubtful is outweighed(both[0], selection)
 
 
 def test_the_usual_size_of_an_effect_is_that_of_its_prior() -> None:

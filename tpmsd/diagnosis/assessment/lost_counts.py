@@ -107,7 +107,8 @@ def _single_finding(one: SingleLosses, drives: tuple[str, ...], seconds: float) 
     gain = one.gain + one.unlike
     return Finding(
         effect=kind.name,
-        confidence=1.0 / (1.0 + math.exp(-min(one.gain, 50.0))),
+        # Without a gyro a count more on one wheel is a count less on another: as likely, each.
+        confidence=1.0 / (1.0 + len(one.twins) + math.exp(-min(one.gain, 50.0))),
         parameters={
             "wheel": Quantity(one.wheel, None, ""),
             "rate_per_s": Quantity(abs(one.rate_per_s), one.rate_std_per_s, "1/s"),

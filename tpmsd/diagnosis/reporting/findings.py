@@ -30,7 +30,7 @@ from tpmsd.diagnosis.assessment.simulated import compared, simulated_effects, wh
 from tpmsd.diagnosis.assessment.tangent import nonlinear_stds
 from tpmsd.diagnosis.assessment.teeth import teeth, usual_ring
 from tpmsd.diagnosis.hypotheses.advice import advice
-from tpmsd.diagnosis.hypotheses.terms import Term, group_gain
+from tpmsd.diagnosis.hypotheses.terms import PATTERNS, Term, group_gain
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.reporting.down_weighted import down_weighted
 from tpmsd.diagnosis.reporting.information import speed_ranges
@@ -47,7 +47,7 @@ from tpmsd.inference.least_squares import Evidence
 from tpmsd.inference.trajectory import WINDOW_S
 from tpmsd.inference.windows import CHANNEL_NAMES
 from tpmsd.physics.catalogue import FAULT, make_effect, parameters_of
-from tpmsd.physics.effect import Effect, Parameter, Std
+from tpmsd.physics.effect import Effect, Kind, Parameter, Std
 from tpmsd.physics.model import ExtendedModel
 from tpmsd.wheels import WHEELS
 
@@ -102,7 +102,7 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
                 held_by=versus[k].by if versus else "",
                 simulated=_quantities(versus[k].simulated, {}) if versus else {},
                 # With the variance from block to block it does not pay for what was tried.
-                status=FINDING if one.admitted_by > 0.0 else SUSPICION,
+                status=FINDING if one.admitted_by > 0.0 and not outweighed(one, selection) else SUSPICION,
             )
         )
         if one.term.drive is None:  # the model is the car's, not that of one day
@@ -169,6 +169,27 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
             ground(study, selection, evidence),
         ),
     )
+
+
+def outweighed(one: Chosen, selection: Selection) -> bool:
+    """Whether an instrument's effect on differences between wheels gains less than a spline on these wheels.
+
+    No formula holds there what is stronger than it; of what the spline's form leaves, an effect over another
+    covariate may take up a part without acting itself.
+    """
+    effect = one.term.kind_of
+    if effect.kind is not Kind.INSTRUMENT or effect.shows_in[0] != "wheel_ratio":
+        return False
+    shapes = (
+        each for each in selection.chosen if each.term.free and each.term.on_radii and not each.term.pulse
+    )
+    wheels = _wheels(one.term)
+    return any(each.heldout_gain > one.heldout_gain and wheels & _wheels(each.term) for each in shapes)
+
+
+def _wheels(term: Term) -> set[str]:
+    """On which wheels a term acts; all where it does not say."""
+    return {term.wheel} if term.wheel else set(PATTERNS[term.place] if term.place else WHEELS)
 
 
 def _drives(study: Study, terms: list[Term], term: Term) -> tuple[str, ...]:

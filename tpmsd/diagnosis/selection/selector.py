@@ -379,6 +379,10 @@ class Selector(Candidates):
                     for k in range(term.design.shape[1])
                 )
                 raw = part - self.gain(rest)
+                # Then the name may hold for that part, and the rest of it be the rival's.
+                price = rival.penalty + term.penalty / term.design.shape[1]
+                better = raw - price - self.net(term, gain, float(fit.values[start]))
+                weights[name] = max(weights.get(name, 0.0), math.exp(min(better / doubt, 0.0)))
             if raw > gain - alike:
                 rivals.setdefault(rival.effect, raw)
         confidence = 1.0 / sum(weights.values())
