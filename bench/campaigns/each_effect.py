@@ -65,7 +65,7 @@ def make(job: Job, folder: Path) -> Row:
     return {
         "truth": {**drawn.truth, **(drawn.fitted(course, spec) if drawn.fitted else {})},
         "wheels": list(drawn.wheels),
-        "also": [*drawn.also, *late],
+        "also": [*drawn.also, *drawn.limit, *late],
         "gain": told.gain,
         "margin": told.margin,
         "rival": told.rival,

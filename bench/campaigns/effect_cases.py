@@ -38,6 +38,8 @@ class Drawn:
     """Where the effect acts on wheels that are looked for."""
     also: tuple[str, ...] = ()
     """Names beside it that are true."""
+    limit: tuple[str, ...] = ()
+    """What it is where it is small: no wrong name, and not the right one."""
 
 
 def either(rng: np.random.Generator, std: float) -> float:
@@ -80,7 +82,7 @@ def _drive_slip_curve(rng: np.random.Generator) -> Drawn:
         {"grip": {"stiffness": 1.0 / c, "most": float(rng.uniform(2.2, 4.0))}},
         {"driven": driven, "road": "mixed"},
         fitted=effect_truth.grip,
-        also=("longitudinal_slip",),  # what it is where the force is small
+        limit=("longitudinal_slip",),
         wheels=WHEELS[:2] if driven == "front" else WHEELS[2:],
     )
 

@@ -371,7 +371,7 @@ class Selector(Candidates):
             if rival.free or rival.effect == term.effect or rival.calibrates:
                 continue
             if raw < gain - alike and 1 < term.design.shape[1] <= 2:
-                # Part of the term may stay beside the rival.
+                # Part of the term may stay beside the rival, and its name hold for that alone.
                 part = max(
                     self.evidence.fit(
                         np.concatenate([self.design([*rest, rival]), term.design[:, k : k + 1]], axis=1)
@@ -379,10 +379,9 @@ class Selector(Candidates):
                     for k in range(term.design.shape[1])
                 )
                 raw = part - self.gain(rest)
-                # Then the name may hold for that part, and the rest of it be the rival's.
-                price = rival.penalty + term.penalty / term.design.shape[1]
-                better = raw - price - self.net(term, gain, float(fit.values[start]))
-                weights[name] = max(weights.get(name, 0.0), math.exp(min(better / doubt, 0.0)))
+                if raw > gain - alike:
+                    better += raw - net - rival.penalty - term.penalty / term.design.shape[1]
+                    weights[name] = max(weights.get(name, 0.0), math.exp(min(better / doubt, 0.0)))
             if raw > gain - alike:
                 rivals.setdefault(rival.effect, raw)
         confidence = 1.0 / sum(weights.values())
