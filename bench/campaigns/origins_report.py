@@ -41,6 +41,8 @@ LAG_STDS = 4.0
 one, right to within so many standard deviations and the age of the wheels' own speed, is true."""
 ACTING = (REAL, "multibody")
 """Origins in whose null drives something acts: there no p-value is uniform."""
+SMALL = 0.05
+"""Of p-values: so large a share lies below where they are uniform."""
 SURE = 0.9
 SPAN_S = 5.0
 """An event's span counts as found when both ends are right to within this time."""
@@ -69,8 +71,8 @@ def _null_table(rows: Sequence[Row]) -> str:
     judged = [row for row in null if row["verdict"] != "insufficient_data"]
     lines = [
         "| null drives of | drives | too little data | with a finding | with a suspicion only "
-        "| differs from the others (p) | p-values uniform (p) | false names |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- |",
+        "| differs from the others (p) | p-values uniform (p) | p-values below 0.05 | false names |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     simulated = [row for row in judged if row["origin"] != REAL]
     for origin in [*ORIGINS, REAL]:
@@ -94,7 +96,8 @@ def _null_row(name: str, null: Sequence[Row], judged: Sequence[Row], differs: st
     known = [value for row in nothing if (value := p_of_the_rest(row)) is not None]
     tested = uniform(known)
     cells = [name, str(len(null)), str(len(null) - len(judged)), percent(_found(judged)), percent(suspected)]
-    cells += [differs, "-" if tested is None else f"{tested:.2g} of {len(known)}", told]
+    cells += [differs, "-" if tested is None else f"{tested:.2g} of {len(known)}"]
+    cells += [str(sum(value < SMALL for value in known)), told]
     return f"| {' | '.join(cells)} |"
 
 

@@ -188,7 +188,8 @@ class DriveStudy:
         """The same columns under the same noise, of a replicate of this drive's recording that a model made.
 
         Its reference motion is made anew from the replicate, and moved by its own smoothed errors: what it
-        shares with the residual it shares here as well.
+        shares with the residual it shares here as well. All is one block: gains are not divided by an
+        overdispersion.
         """
         out = copy.copy(self)
         out.reader = Reader(recording, reference(recording), kept=self.reader.windows.index)
