@@ -57,6 +57,11 @@ class Candidates:
             self._gains[key] = self.evidence.fit(self.design(terms)).gain
         return self._gains[key]
 
+    def gain_of_part(self, terms: Sequence[Term], term: Term) -> float:
+        """Log-likelihood of calibration, these terms and the best single value of another one."""
+        columns = (term.design[:, k : k + 1] for k in range(term.design.shape[1]))
+        return max(self.evidence.fit(np.concatenate([self.design(terms), c], axis=1)).gain for c in columns)
+
     def _worth(self, terms: Sequence[Term]) -> float:
         """Log-likelihood of calibration and terms, less what these cost."""
         return self.gain(terms) - sum(term.penalty for term in terms)

@@ -370,15 +370,10 @@ class Selector(Candidates):
                 weights[name] = weight
             if rival.free or rival.effect == term.effect or rival.calibrates:
                 continue
-            if raw < gain - alike and 1 < term.design.shape[1] <= 2:
+            whole = self.gain_of_part(rest, term) - self.gain(rest) > gain - alike
+            if raw < gain - alike and 1 < term.design.shape[1] <= 2 and not whole:
                 # Part of the term may stay beside the rival, and its name hold for that alone.
-                part = max(
-                    self.evidence.fit(
-                        np.concatenate([self.design([*rest, rival]), term.design[:, k : k + 1]], axis=1)
-                    ).gain
-                    for k in range(term.design.shape[1])
-                )
-                raw = part - self.gain(rest)
+                raw = self.gain_of_part([*rest, rival], term) - self.gain(rest)
                 if raw > gain - alike:
                     better += raw - net - rival.penalty - term.penalty / term.design.shape[1]
                     weights[name] = max(weights.get(name, 0.0), math.exp(min(better / doubt, 0.0)))
