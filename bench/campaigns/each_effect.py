@@ -13,17 +13,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import shutil
-import tempfile
-import traceback
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-from bench.campaigns.diagnosis.seal import asked
+from bench.campaigns.diagnosed import HELD_OUT_FROM, Row, diagnosed
 from bench.campaigns.diagnosis.signals import windows_of
-from bench.campaigns.each_effect_report import HELD_OUT_FROM, markdown
+from bench.campaigns.each_effect_report import markdown
 from bench.campaigns.effect_cases import CASES, draw
 from bench.campaigns.effect_tells import generator, tells
 from bench.places import OUT, REPO
@@ -34,7 +30,6 @@ from bench.worlds.folder import write_folder
 from bench.worlds.instruments import observe
 from bench.worlds.spec import draw_spec
 
-Row = dict[str, Any]
 SHORTEST_S, LONGEST_S = 600.0, 900.0
 
 
@@ -77,36 +72,8 @@ def make(job: Job, folder: Path) -> Row:
 
 
 def one(job: Job, program: Path) -> Row:
-    """Make a drive, have it diagnosed; its row. A failure of the benchmark is a row as well."""
-    folder = Path(tempfile.mkdtemp(prefix="drive-"))
-    row: Row = {"effect": job.effect, "seed": job.seed}
-    try:
-        row |= make(job, folder)
-        answer = asked(folder, program)
-    except Exception:
-        return {**row, "benchmark_fault": traceback.format_exc().strip().splitlines()[-1]}
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-    found = [_short(each) for each in answer.document.get("findings", [])]
-    return row | {
-        "error": answer.error,
-        "verdict": answer.document.get("verdict"),
-        "findings": [each for each in found if each["status"] == "finding"],
-        "suspicions": [each["effect"] for each in found if each["status"] != "finding"],
-        "cpu_s": round(answer.cpu_s, 2),
-    }
-
-
-def _short(finding: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "effect": finding["effect"],
-        "confidence": finding["confidence"],
-        "status": finding.get("status", "finding"),
-        "where": finding["where"],
-        "parameters": {name: [each["value"], each["std"]] for name, each in finding["parameters"].items()},
-        "gain": finding["heldout"].get("loglik_gain"),
-        "or": finding["indistinguishable_from"],
-    }
+    """Make a drive, have it diagnosed; its row."""
+    return diagnosed({"effect": job.effect, "seed": job.seed}, partial(make, job), program)
 
 
 def described(row: Row) -> str:

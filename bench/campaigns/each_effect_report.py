@@ -10,15 +10,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from bench.campaigns.diagnosed import Row, by_half, parted
 from bench.campaigns.effect_cases import CASES
 from bench.statistics import count, percent
 
-HELD_OUT_FROM = 50_000
-"""Seeds from here on belong to the held-out half."""
 SURE = 0.9
 STDS = 1.96
 """Of a 95 % interval."""
-Row = dict[str, Any]
 
 
 def judged(row: Row) -> list[dict[str, Any]]:
@@ -61,13 +59,10 @@ def errors(row: Row) -> Iterable[tuple[str, float]]:
 
 def markdown(rows: Sequence[Row]) -> str:
     """All tables."""
-    failed = [row for row in rows if row.get("error") or row.get("benchmark_fault")]
-    done = [row for row in rows if row not in failed]
+    done, failed = parted(rows)
     parts = []
-    for half, name in ((False, "Development seeds"), (True, "Held-out seeds")):
-        those = [row for row in done if (row["seed"] >= HELD_OUT_FROM) == half]
-        if those:
-            parts += [f"### {name}\n", _totals(those), _effects(those), _odd(those)]
+    for title, those in by_half(done):
+        parts += [f"### {title}\n", _totals(those), _effects(those), _odd(those)]
     if failed:
         told = ", ".join(f"{row['effect']} {row['seed']}" for row in failed)
         parts.append(f"Not diagnosed, the program or the benchmark failed: {told}.\n")

@@ -14,9 +14,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import shutil
-import tempfile
-import traceback
 from collections import Counter
 from dataclasses import dataclass, replace
 from functools import partial
@@ -26,17 +23,15 @@ from typing import Any
 import numpy as np
 
 from bench.campaigns import origins_coverage
+from bench.campaigns.diagnosed import HELD_OUT_FROM, Row, diagnosed
 from bench.campaigns.diagnosis.run import is_fault
-from bench.campaigns.diagnosis.seal import asked
-from bench.campaigns.origins_report import HELD_OUT_FROM, REAL, markdown
+from bench.campaigns.origins_report import REAL, markdown
 from bench.places import OUT, RECORDINGS, REPO
 from bench.registry import UsageError
 from bench.runner import code_state, last_state, read, resume
 from bench.worlds import awkward, real_drives
 from bench.worlds.folder import write_folder
 from bench.worlds.origins import ORIGINS, Places
-
-Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -99,38 +94,9 @@ def make(job: Job, folder: Path, places: Places) -> dict[str, Any]:
 
 
 def one(job: Job, places: Places, program: Path, passed: tuple[str, ...] = ()) -> Row:
-    """Make a drive, have it diagnosed; its row. A failure of the benchmark is a row as well."""
-    folder = Path(tempfile.mkdtemp(prefix="drive-"))
-    row: Row = {"origin": job.origin, "kind": job.kind, "seed": job.seed}
-    try:
-        row |= make(job, folder, places)
-        answer = asked(folder, program, *passed)
-    except Exception:
-        return {**row, "benchmark_fault": traceback.format_exc().strip().splitlines()[-1]}
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-    document = answer.document
-    findings = [_short(each) for each in document.get("findings", [])]
-    return row | {
-        "error": answer.error,
-        "verdict": document.get("verdict"),
-        "findings": [each for each in findings if each["status"] == "finding"],
-        "suspicions": [each for each in findings if each["status"] != "finding"],
-        "remaining": (document.get("certificate") or {}).get("remaining"),
-        "cpu_s": round(answer.cpu_s, 2),
-    }
-
-
-def _short(finding: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "effect": finding["effect"],
-        "confidence": finding["confidence"],
-        "status": finding.get("status", "finding"),
-        "p_value": finding.get("p_value"),
-        "where": finding["where"],
-        "parameters": {name: [each["value"], each["std"]] for name, each in finding["parameters"].items()},
-        "gain": finding["heldout"].get("loglik_gain"),
-    }
+    """Make a drive, have it diagnosed; its row."""
+    row = {"origin": job.origin, "kind": job.kind, "seed": job.seed}
+    return diagnosed(row, partial(make, job, places=places), program, *passed)
 
 
 def described(row: Row) -> str:

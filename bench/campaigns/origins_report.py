@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 
 from bench.campaigns import origins_coverage
+from bench.campaigns.diagnosed import Row, by_half, parted
 from bench.statistics import apart, count, percent, uniform
 from bench.worlds import awkward, real_drives
 from bench.worlds.origins import ORIGINS
 from tpmsd.diagnosis.settings import SETTINGS
 
-HELD_OUT_FROM = 50_000
-"""Seeds from here on belong to the held-out half."""
 REAL = "real"
 EXPECTED = {
     "spin_on_ice": "wheel_spin",
@@ -46,19 +45,15 @@ SMALL = 0.05
 SURE = 0.9
 SPAN_S = 5.0
 """An event's span counts as found when both ends are right to within this time."""
-Row = dict[str, Any]
 
 
 def markdown(rows: Sequence[Row]) -> str:
     """All tables."""
-    failed = [row for row in rows if row.get("error") or row.get("benchmark_fault")]
-    done = [row for row in rows if row not in failed]
+    done, failed = parted(rows)
     parts = []
-    for half, name in ((False, "Development seeds"), (True, "Held-out seeds")):
-        those = [row for row in done if (row["seed"] >= HELD_OUT_FROM) == half]
-        if those:
-            parts += [f"### {name}\n", _null_table(those), _faults_table(those)]
-            parts += [origins_coverage.table(those), _conditions_table(those)]
+    for title, those in by_half(done):
+        parts += [f"### {title}\n", _null_table(those), _faults_table(those)]
+        parts += [origins_coverage.table(those), _conditions_table(those)]
     parts.append(_speed(done))
     if failed:
         told = [f"{row['origin']}/{row['kind']} {row['seed']}" for row in failed]
