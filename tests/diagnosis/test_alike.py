@@ -89,15 +89,18 @@ class Arm(Two):
         ]
 
 
-@pytest.mark.parametrize(("angle", "alike"), [(0.05, True), (0.8, False)])
+@pytest.mark.parametrize(
+    ("angle", "left_m", "alike"), [(0.05, 0.1, True), (0.8, 0.1, False), (0.8, 0.0, False)]
+)
 def test_a_name_is_unsure_where_a_rival_takes_the_place_of_one_of_its_values(
-    angle: float, alike: bool
+    angle: float, left_m: float, alike: bool
 ) -> None:
-    """A forward arm that a latency replaces, beside a sideways one that nothing does: both are possible."""
+    """A forward arm that a latency replaces, beside a sideways one that nothing does: both are possible. What
+    stands beside a forward arm that suffices alone replaces nothing."""
     rng = np.random.default_rng(4)
     forward, left, other = np.linalg.qr(rng.standard_normal((WINDOWS * 9, 3)))[0].T * np.sqrt(WINDOWS * 9)
     late = np.cos(angle) * forward + np.sin(angle) * other
-    data = 0.1 * forward + 0.1 * left + rng.standard_normal(WINDOWS * 9)
+    data = 0.1 * forward + left_m * left + rng.standard_normal(WINDOWS * 9)
     rows = np.stack([data, 0.2 * forward, 0.4 * left, late], axis=1).reshape(WINDOWS, 9, 4)
     facts = Evidence([part(rows, np.arange(WINDOWS) // 30)], 4)
     chosen = Selector(facts, Arm(), last=True).judged([Arm().catalogue[0]]).chosen

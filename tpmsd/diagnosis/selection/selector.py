@@ -343,6 +343,10 @@ class Selector(Candidates):
         sure = gain / float(ratios.max()) - term.penalty
         rivals: dict[str, float] = {}
         alike = max(SETTINGS.selection.confounded_nats, SETTINGS.selection.confounded_share * gain)
+        # Both of two values are needed: where one does alone, no rival takes the other one's place.
+        divided = term.design.shape[1] == 2 and (
+            self.gain_of_part(rest, term) - self.gain(rest) <= gain - alike
+        )
         weights = {term.effect: 1.0, "": math.exp(-min(max(sure, -50.0), 50.0))}
         for net, terms in self.candidates(rest):
             rival = terms[0]
@@ -370,8 +374,7 @@ class Selector(Candidates):
                 weights[name] = weight
             if rival.free or rival.effect == term.effect or rival.calibrates:
                 continue
-            whole = self.gain_of_part(rest, term) - self.gain(rest) > gain - alike
-            if raw < gain - alike and 1 < term.design.shape[1] <= 2 and not whole:
+            if divided and raw < gain - alike:
                 # Part of the term may stay beside the rival, and its name hold for that alone.
                 raw = self.gain_of_part([*rest, rival], term) - self.gain(rest)
                 if raw > gain - alike:
