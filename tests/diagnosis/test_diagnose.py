@@ -29,6 +29,19 @@ def test_a_drive_with_nothing_missing_is_consistent() -> None:
     assert ("consistent", (), None) == (diagnosis.verdict, diagnosis.findings, diagnosis.unexplained)
 
 
+def test_a_ring_that_is_uneven_as_rings_are_makes_no_mismatch() -> None:
+    """On an encoder of 1,000 counts 0.02 mm off centre shows: it is said, and the drive is consistent."""
+    ring = {"wheel": "fr", "amplitude_rad": 4e-4, "phase_rad": 0.5}
+    spec = Spec(
+        duration_s=360.0, road="city", teeth=1000, edge_noise_rad=1e-5, physics={"tone_ring_error": ring}
+    )
+    diagnosis = diagnose([recording_of(drive(spec, 7))])
+    (note,) = diagnosis.notes
+
+    assert ("consistent", ()) == (diagnosis.verdict, diagnosis.findings)
+    assert note.startswith("the ring of fr: uneven by ")
+
+
 @pytest.mark.parametrize(
     ("effect", "truth"),
     [
