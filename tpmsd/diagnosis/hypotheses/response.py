@@ -8,8 +8,8 @@ own forward model, so an effect is defined once.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -29,25 +29,72 @@ PLACES = ("fl", "fr", "rl", "rr", *READINGS)
 """Where a smooth term may act."""
 
 
-@dataclass
-class Columns:
-    """Named columns, all of shape (w, 9)."""
+@dataclass(frozen=True)
+class _Run:
+    """Neighbouring columns of the same kind."""
 
-    names: list[tuple[str, ...]] = field(default_factory=list)
-    arrays: list[FloatArray] = field(default_factory=list)
+    channel: int | None
+    """The only one that they show in; None where they show in any."""
+    arrays: list[FloatArray]
+    """Each (w, 9), or all together (w, k) of the one channel."""
+
+
+class Columns:
+    """Named columns, all of shape (w, 9). Most show in one channel alone, and are kept so."""
+
+    def __init__(self) -> None:
+        self.names: list[tuple[str, ...]] = []
+        self._runs: list[_Run] = []
 
     def add(self, name: tuple[str, ...], array: FloatArray) -> None:
-        """Append one; what is not finite (not measured) counts as no response."""
+        """Append one (w, 9); what is not finite (not measured) counts as no response."""
+        if not self._runs or self._runs[-1].channel is not None:
+            self._runs.append(_Run(None, []))
         self.names.append(name)
-        self.arrays.append(array if np.isfinite(array).all() else np.nan_to_num(array))
+        self._runs[-1].arrays.append(_finite(array))
+
+    def add_of_channel(self, names: Sequence[tuple[str, ...]], channel: int, values: FloatArray) -> None:
+        """Append several that are zero but in one channel: their values (w, k) there."""
+        self.names += names
+        self._runs.append(_Run(channel, [_finite(values)]))
+
+    def extend(self, other: Columns) -> None:
+        """Append those of another."""
+        self.names += other.names
+        self._runs += [_Run(run.channel, list(run.arrays)) for run in other._runs]
+
+    @property
+    def arrays(self) -> list[FloatArray]:
+        """Each (w, 9)."""
+        whole = self.stack()
+        return [whole[:, :, k] for k in range(whole.shape[2])]
 
     def index(self) -> dict[tuple[str, ...], int]:
         """Place of each name."""
         return {name: k for k, name in enumerate(self.names)}
 
-    def stack(self) -> FloatArray:
-        """(w, 9, p)"""
-        return np.stack(self.arrays, axis=2)
+    def stack(self, *before: FloatArray) -> FloatArray:
+        """(w, 9, p), with further columns (w, 9) in front."""
+        runs = [_Run(None, list(before)), *self._runs] if before else self._runs
+        windows = len(runs[0].arrays[0])
+        out = np.zeros((windows, CHANNELS, len(before) + len(self.names)))
+        first = 0
+        for run in runs:
+            if run.channel is not None:
+                values = run.arrays[0]
+                last = first + values.shape[1]
+                out[:, run.channel, first:last] = values
+            else:
+                last = first + len(run.arrays)
+                for start in range(0, windows, SETTINGS.preparation.windows_at_once):
+                    here = slice(start, start + SETTINGS.preparation.windows_at_once)
+                    out[here, :, first:last] = np.stack([array[here] for array in run.arrays], axis=2)
+            first = last
+        return out
+
+
+def _finite(array: FloatArray) -> FloatArray:
+    return array if np.isfinite(array).all() else np.nan_to_num(array)
 
 
 def linear_columns(
@@ -65,8 +112,7 @@ def linear_columns(
         ramp_columns(reader),
         smooth_columns(reader, knots, stds),
     ):
-        out.names += part.names
-        out.arrays += part.arrays
+        out.extend(part)
     for name, column in slip_columns(reader):
         out.add(name, column)
     return out
@@ -174,12 +220,12 @@ def ramp_columns(reader: Reader) -> Columns:
     """
     out = Columns()
     knots = ramp_knots(reader)
-    time_s = reader.windows.time_s
+    since_s = reader.windows.time_s[:, None] - knots[:-1]
+    shares = np.clip(since_s / np.maximum(np.diff(knots), 1e-9), 0.0, 1.0)
     for wheel in reader.recording.wheels:
         per_metre = _of_radius(reader, wheel)[:, wheel]
-        for k in range(SETTINGS.hypotheses.ramp_knots):
-            share = np.clip((time_s - knots[k]) / max(knots[k + 1] - knots[k], 1e-9), 0.0, 1.0)
-            out.add(("ramp", WHEELS[wheel], str(k)), _on(wheel, per_metre * share))
+        names = [("ramp", WHEELS[wheel], str(k)) for k in range(SETTINGS.hypotheses.ramp_knots)]
+        out.add_of_channel(names, wheel, per_metre[:, None] * shares)
     return out
 
 
@@ -233,22 +279,15 @@ def smooth_columns(
         hats = hat_functions(expected(reader.windows.covariates[covariate], stds.get(covariate, 0.0)), at)
         for place, response in responses.items():
             channel = channel_of(place)
-            for k in range(first_hat(place), hats.shape[1]):
-                name = ("smooth", place, covariate, str(k - first_hat(place)))
-                out.add(name, _on(channel, response[:, channel] * hats[:, k]))
+            mine = hats[:, first_hat(place) :]
+            names = [("smooth", place, covariate, str(k)) for k in range(mine.shape[1])]
+            out.add_of_channel(names, channel, response[:, channel, None] * mine)
     return out
 
 
 def channel_of(place: str) -> int:
     """The channel of a wheel or a reading."""
     return WHEELS.index(place) if place in WHEELS else READINGS[place]
-
-
-def _on(channel: int, values: FloatArray) -> FloatArray:
-    """(w, 9) values (w,) of one channel, zero elsewhere."""
-    out = np.zeros((len(values), CHANNELS))
-    out[:, channel] = values
-    return out
 
 
 def first_hat(place: str) -> int:

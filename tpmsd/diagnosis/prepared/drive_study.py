@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -135,7 +135,7 @@ class DriveStudy:
         residual = windows.measured - reader.predict(self.base)
         columns = linear_columns(reader, knots, stds)
         self.names: list[Name] = [("data",), *columns.names]
-        self.columns = stacked(residual, columns.arrays)
+        self.columns = columns.stack(residual)
         self.noise = first_noise(reader)
         self.inflate: FloatArray | None = None
         count = max(SETTINGS.preparation.fewest_blocks, round(len(windows) / block_s))
@@ -176,12 +176,12 @@ class DriveStudy:
     def _linearise(self, base: ExtendedModel, values: FloatArray) -> None:
         """All columns anew, about the present motion."""
         self.base, self.values = base, values
-        arrays = linear_columns(self.reader, self.knots, self.stds, base).arrays
-        arrays += [one.column(self.reader, base) for one in self.refined]
-        residual = self.reader.windows.measured - self.reader.predict(base)
+        columns = linear_columns(self.reader, self.knots, self.stds, base)
+        for one in self.refined:
+            columns.add(("refined",), one.column(self.reader, base))
+        self.columns = columns.stack(self.reader.windows.measured - self.reader.predict(base))
         for k in np.flatnonzero(values):
-            residual = residual + values[k] * arrays[k]
-        self.columns = stacked(residual, arrays)
+            self.columns[:, :, 0] += values[k] * self.columns[:, :, 1 + k]
         self._kept = []
 
     def repeated(self, recording: Recording, model: ExtendedModel) -> DriveStudy:
@@ -213,11 +213,11 @@ class DriveStudy:
         that was left before."""
         windows = self.reader.windows
         residual = windows.measured - self.reader.predict(model)
-        calibration = radius_columns(self.reader).arrays
+        both = radius_columns(self.reader).stack(residual)
         made = Whitener.of(windows, self.noise, np.isfinite(residual))
-        white = made.apply(stacked(residual, calibration)).reshape(-1, 1 + len(calibration))
+        white = made.apply(both).reshape(-1, both.shape[2])
         fitted = np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
-        left = residual - sum(value * column for value, column in zip(fitted, calibration, strict=True))
+        left = residual - both[:, :, 1:] @ fitted
         radii = self.reader.reference.car.radius_m.copy()
         wheels = self.reader.recording.wheels
         radii[wheels] += fitted[: len(wheels)]
@@ -315,16 +315,6 @@ class DriveStudy:
             found = replace(found, grams=found.grams.extended(more))
         self._kept = [*self._kept[-(SETTINGS.preparation.noises_kept - 1) :], found]
         return found
-
-
-def stacked(residual: FloatArray, arrays: Sequence[FloatArray]) -> FloatArray:
-    """(w, 9, 1 + p) the residual (w, 9) and p columns (w, 9)."""
-    every = (residual, *arrays)
-    out = np.empty((*residual.shape, len(every)))
-    for first in range(0, len(residual), SETTINGS.preparation.windows_at_once):
-        part = slice(first, first + SETTINGS.preparation.windows_at_once)
-        out[part] = np.stack([array[part] for array in every], axis=2)
-    return out
 
 
 def first_noise(reader: Reader) -> Noise:
