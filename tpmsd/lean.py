@@ -2,7 +2,8 @@
 what it must not wait for.
 
 In: nothing. Out: nothing; import system, collector or allocator are told. python-can imports asammdf
-wherever that is installed, and asammdf pandas: a second and 90 MB, of which only MF4 files make use.
+wherever that is installed, and asammdf pandas: a second and 90 MB, of which only MF4 files make use. cantools
+imports python-can for its test bench, and SciPy asks NumPy for everything that it has.
 """
 
 from __future__ import annotations
@@ -11,10 +12,11 @@ import ctypes
 import gc
 import importlib
 import importlib.abc
+import importlib.util
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from importlib.machinery import ModuleSpec
+from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
 
 
@@ -33,6 +35,35 @@ def leave_out_mf4() -> None:
     """From now on python-can is imported without its reader of MF4 files; once is enough."""
     if not any(isinstance(finder, _LeftOut) for finder in sys.meta_path):
         sys.meta_path.insert(0, _LeftOut())
+
+
+ON_DEMAND = frozenset(
+    {
+        *("cantools.tester", "scipy.spatial"),
+        *("numpy.ctypeslib", "numpy.f2py", "numpy.polynomial", "numpy.testing"),
+    }
+)
+"""Modules that packages in use import whole and of which no command needs more than the name."""
+
+
+class _OnDemand(importlib.abc.MetaPathFinder):
+    """Runs these modules where something of theirs is first used, not where they are imported."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        if fullname not in ON_DEMAND:
+            return None
+        spec = PathFinder.find_spec(fullname, path, target)
+        if spec is not None and spec.loader is not None:
+            spec.loader = importlib.util.LazyLoader(spec.loader)
+        return spec
+
+
+def import_on_demand() -> None:
+    """From now on the modules of `ON_DEMAND` run when they are first used; once is enough."""
+    if not any(isinstance(finder, _OnDemand) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _OnDemand())
 
 
 def bring_in_mf4() -> None:

@@ -69,3 +69,22 @@ print(len(list(read_can_log(path, lambda line, what: print(what)))))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert "1" == done.stdout.strip(), done.stderr
+
+
+def test_a_diagnosis_runs_no_module_that_it_has_no_use_for() -> None:
+    """Of what cantools and SciPy import whole, modules of which nothing is used do not run; what is asked for
+    does."""
+    code = """
+import sys
+from types import ModuleType
+from tpmsd.lean import ON_DEMAND, import_on_demand, leave_out_mf4
+leave_out_mf4()
+import_on_demand()
+import tpmsd.cli.drive_reading, tpmsd.diagnosis.diagnose
+ran = [name for name in ON_DEMAND if type(sys.modules.get(name)) is ModuleType]
+print(*ran, *(name for name in ("can", "pandas") if name in sys.modules))
+import numpy as np
+print(np.polynomial.Polynomial([1.0, 2.0])(3.0), type(np.polynomial) is ModuleType)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert ["", "7.0 True"] == done.stdout.splitlines(), done.stderr

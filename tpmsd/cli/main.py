@@ -22,7 +22,7 @@ from tpmsd import __version__
 from tpmsd.cli.output import Subparsers
 from tpmsd.cli.parser import EXIT_CODES, Parser
 from tpmsd.errors import ConfigError, TpmsdError
-from tpmsd.lean import leave_out_mf4, no_collection
+from tpmsd.lean import import_on_demand, leave_out_mf4, no_collection
 
 Commands = tuple[tuple[str, str, str], ...]
 
@@ -64,6 +64,7 @@ def main(argv: Sequence[str] | None = None, commands: Commands = COMMANDS) -> in
     """Run one of `commands`; `argv` defaults to the process's own arguments."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     leave_out_mf4()
+    import_on_demand()
     try:
         if isinstance(sys.stdout, io.TextIOWrapper):
             # A path or a unit that the terminal cannot show must not end the command.

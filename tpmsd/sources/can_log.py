@@ -20,7 +20,6 @@ from tpmsd.errors import InputError
 from tpmsd.sources.can_block import FrameBlock, block_of
 from tpmsd.sources.can_frame import CanFrame
 from tpmsd.sources.can_log_candump import read_candump
-from tpmsd.sources.can_log_others import read_by_python_can
 
 __all__ = ["SUFFIXES", "BadLine", "CanFrame", "find_can_log", "read_can_blocks", "read_can_log"]
 
@@ -29,6 +28,14 @@ BadLine = Callable[[int, str], None]
 
 FRAMES_PER_BLOCK = 4096
 """Of formats that are read frame by frame."""
+
+
+def read_by_python_can(suffix: str, path: Path, note: BadLine) -> Iterator[CanFrame]:
+    """As `can_log_others` does, which imports python-can."""
+    from tpmsd.sources import can_log_others
+
+    return can_log_others.read_by_python_can(suffix, path, note)
+
 
 Reader = Callable[[Path, BadLine], Iterator[FrameBlock] | Iterator[CanFrame]]
 """Takes the path of a log and whom to tell of what was skipped; gives frames, or blocks of them."""
