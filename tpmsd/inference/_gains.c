@@ -1,5 +1,5 @@
-/* The recursions of the whitening filter, compiled: the same as `gains.py` has for NumPy arrays, which is the
- * reference (tests/inference/test_gains.py).
+/* The recursions of the whitening filter, compiled: the same as `gains.py` and `scores.py` have for NumPy arrays,
+ * which are the reference (tests/inference/test_gains.py, test_scores.py).
  *
  * In and out: C-contiguous double arrays. Nothing is allocated. What makes it fast beside NumPy is that rows of
  * the moving matrix hold few numbers that are not zero. Floating-point contraction is off (setup.py).
@@ -9,7 +9,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { CHANNELS = 9, MOST_CARRIED = 48, MOST_ROWS = MOST_CARRIED + CHANNELS, TILE = 64 };
+enum { CHANNELS = 9, MOST_CARRIED = 48, MOST_ROWS = MOST_CARRIED + CHANNELS, MOST_STATES = 64, TILE = 64 };
 
 /* The arrays of a call, of which the first `writable` are written to. */
 static int get_all(PyObject *const *objects, Py_ssize_t given, Py_buffer *views, const int *dimensions, int count,
@@ -243,11 +243,191 @@ static PyObject *chain(PyObject *self, PyObject *const *args, Py_ssize_t given)
     Py_RETURN_NONE;
 }
 
+/* Sum of products of two rows [width]. */
+static double product(const double *one, const double *other, Py_ssize_t width)
+{
+    double sum[4] = {0.0, 0.0, 0.0, 0.0};
+    Py_ssize_t k = 0;
+    for (; k + 4 <= width; k += 4)
+        for (int lane = 0; lane < 4; lane++)
+            sum[lane] += one[k + lane] * other[k + lane];
+    for (; k < width; k++)
+        sum[0] += one[k] * other[k];
+    return (sum[0] + sum[1]) + (sum[2] + sum[3]);
+}
+
+/* The states before each window [w][c][p], given the innovations [w][9][p]. */
+static void filtered(Py_ssize_t count, Py_ssize_t carry, Py_ssize_t width, const double *moved, const double *gain,
+                     const double *white, double *states)
+{
+    const Py_ssize_t rows = carry + CHANNELS, size = carry * width;
+    if (count)
+        memset(states, 0, size * sizeof(double));
+    for (Py_ssize_t k = 0; k + 1 < count; k++) {
+        const double *M = moved + k * rows * carry, *B = gain + k * CHANNELS * carry;
+        const double *seen = white + k * CHANNELS * width, *state = states + k * size;
+        double *after = states + (k + 1) * size;
+        memset(after, 0, size * sizeof(double));
+        for (Py_ssize_t i = 0; i < carry; i++) {
+            for (Py_ssize_t j = 0; j < carry; j++)
+                if (M[i * carry + j] != 0.0)
+                    add(after + i * width, M[i * carry + j], state + j * width, width);
+            for (Py_ssize_t j = 0; j < CHANNELS; j++)
+                add(after + i * width, B[j * carry + i], seen + j * width, width);
+        }
+    }
+}
+
+/* The scores of carried states and channels [c + 9][p] at a window, of which `zeta` holds those of the states after
+ * it; behind these it has room for 9 rows more. */
+static void score_channels(Py_ssize_t carry, Py_ssize_t width, const double *B, const double *inverse,
+                           const double *white, double *zeta)
+{
+    double *error = zeta + carry * width, *left = error + CHANNELS * width;
+    memcpy(left, white, CHANNELS * width * sizeof(double));
+    memset(error, 0, CHANNELS * width * sizeof(double));
+    for (Py_ssize_t i = 0; i < CHANNELS; i++) {
+        for (Py_ssize_t j = 0; j < carry; j++)
+            add(left + i * width, -B[i * carry + j], zeta + j * width, width);
+        for (Py_ssize_t j = 0; j <= i; j++)
+            add(error + j * width, inverse[i * CHANNELS + j], left + i * width, width);
+    }
+}
+
+/* What carried states and channels tell together [c + 9][c + 9], by what is told of the states after a window N
+ * [c][c]: [N, -N K; -K' N, K' N K + (L L')^-1]. */
+static void joint_information(Py_ssize_t carry, const double *B, const double *inverse, const double *N, double *Z)
+{
+    const Py_ssize_t rows = carry + CHANNELS;
+    double K[MOST_CARRIED * CHANNELS], NK[MOST_CARRIED * CHANNELS];
+    memset(K, 0, sizeof K);
+    for (Py_ssize_t i = 0; i < carry; i++)
+        for (Py_ssize_t m = 0; m < CHANNELS; m++)
+            for (Py_ssize_t j = 0; j <= m; j++)
+                K[i * CHANNELS + j] += B[m * carry + i] * inverse[m * CHANNELS + j];
+    multiply(carry, carry, CHANNELS, N, K, NK);
+    for (Py_ssize_t i = 0; i < carry; i++) {
+        memcpy(Z + i * rows, N + i * carry, carry * sizeof(double));
+        for (Py_ssize_t j = 0; j < CHANNELS; j++)
+            Z[i * rows + carry + j] = Z[(carry + j) * rows + i] = -NK[i * CHANNELS + j];
+    }
+    for (Py_ssize_t i = 0; i < CHANNELS; i++) {
+        double *row = Z + (carry + i) * rows + carry;
+        memset(row, 0, CHANNELS * sizeof(double));
+        for (Py_ssize_t m = 0; m < carry; m++)
+            add(row, K[m * CHANNELS + i], NK + m * CHANNELS, CHANNELS);
+        for (Py_ssize_t m = i; m < CHANNELS; m++)
+            add(row, inverse[m * CHANNELS + i], inverse + m * CHANNELS, m + 1);
+    }
+}
+
+/* scores(variance_out [w][9], decay_out [w][s], fresh_out [w][s], start_out [c], room [w][c][p], room [2 (c + 9)][p],
+ *        moved [w][c + 9][c], joint [w][c + 9][s], inverse [w][9][9], gain [w][9][c], spread [w][c + 9][c],
+ *        white [w][9][p], carried [c]): derivatives of -1/2 (log-determinant + squares of white), by scores.py. */
+static PyObject *scores(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    enum { VARIANCE, DECAY, FRESH, START, STATES, ZETA, MOVED, JOINT, INVERSE, GAIN, SPREAD, WHITE, CARRIED, ALL };
+    static const int dimensions[ALL] = {2, 2, 2, 1, 3, 2, 3, 3, 3, 3, 3, 3, 1};
+    Py_buffer views[ALL];
+    if (get_all(args, given, views, dimensions, ALL, MOVED) < 0)
+        return NULL;
+    const Py_ssize_t count = views[WHITE].shape[0], width = views[WHITE].shape[2], carry = views[CARRIED].shape[0];
+    const Py_ssize_t rows = carry + CHANNELS, every = views[JOINT].shape[2];
+    const Py_ssize_t shapes[6][3] = {{count, rows, carry},         {count, rows, every}, {count, CHANNELS, CHANNELS},
+                                     {count, CHANNELS, carry},     {count, rows, carry}, {count, CHANNELS, width}};
+    const Py_ssize_t flat[4][2] = {{count, CHANNELS}, {count, every}, {count, every}, {2 * rows, width}};
+    static const int of_flat[4] = {VARIANCE, DECAY, FRESH, ZETA};
+    int fit = carry >= 1 && carry <= MOST_CARRIED && every <= MOST_STATES && have(views + MOVED, shapes, 6) &&
+              views[START].shape[0] == carry && views[STATES].shape[0] == count && views[STATES].shape[1] == carry &&
+              views[STATES].shape[2] == width;
+    for (int i = 0; i < 4; i++)
+        fit = fit && views[of_flat[i]].shape[0] == flat[i][0] && views[of_flat[i]].shape[1] == flat[i][1];
+    const double *carried = views[CARRIED].buf;
+    for (Py_ssize_t i = 0; fit && i < carry; i++)
+        fit = carried[i] >= 0.0 && carried[i] < every;
+    if (!fit)
+        return odd(views, ALL);
+    double *states = views[STATES].buf, *zeta = views[ZETA].buf, *start = views[START].buf;
+    double N[MOST_CARRIED * MOST_CARRIED], Z[MOST_ROWS * MOST_ROWS], S[MOST_ROWS * MOST_ROWS];
+    double turned[MOST_CARRIED * MOST_ROWS], back[MOST_ROWS * MOST_CARRIED];
+    filtered(count, carry, width, views[MOVED].buf, views[GAIN].buf, views[WHITE].buf, states);
+    memset(N, 0, sizeof N);
+    memset(zeta, 0, carry * width * sizeof(double));
+    for (Py_ssize_t k = count - 1; k >= 0; k--) {
+        const double *M = (double *)views[MOVED].buf + k * rows * carry;
+        const double *J = (double *)views[JOINT].buf + k * rows * every;
+        const double *inverse = (double *)views[INVERSE].buf + k * CHANNELS * CHANNELS;
+        const double *B = (double *)views[GAIN].buf + k * CHANNELS * carry;
+        const double *MP = (double *)views[SPREAD].buf + k * rows * carry;
+        const double *white = (double *)views[WHITE].buf + k * CHANNELS * width, *state = states + k * carry * width;
+        double *variance = (double *)views[VARIANCE].buf + k * CHANNELS;
+        double *decay = (double *)views[DECAY].buf + k * every, *fresh = (double *)views[FRESH].buf + k * every;
+        score_channels(carry, width, B, inverse, white, zeta);
+        joint_information(carry, B, inverse, N, Z);
+        for (Py_ssize_t i = 0; i < rows; i++)
+            for (Py_ssize_t j = i; j < rows; j++)
+                S[i * rows + j] = S[j * rows + i] =
+                    product(zeta + i * width, zeta + j * width, width) - Z[i * rows + j];
+        for (Py_ssize_t i = 0; i < CHANNELS; i++)
+            variance[i] = 0.5 * S[(carry + i) * rows + carry + i];
+        memset(decay, 0, every * sizeof(double));
+        for (Py_ssize_t s = 0; s < every; s++) {
+            Py_ssize_t at[MOST_ROWS], found = 0;
+            for (Py_ssize_t i = 0; i < rows; i++)
+                if (J[i * every + s] != 0.0)
+                    at[found++] = i;
+            double sum = 0.0;
+            for (Py_ssize_t i = 0; i < found; i++)
+                for (Py_ssize_t j = 0; j < found; j++)
+                    sum += J[at[i] * every + s] * J[at[j] * every + s] * S[at[i] * rows + at[j]];
+            fresh[s] = 0.5 * sum;
+            for (Py_ssize_t own = 0; own < carry; own++) {
+                if ((Py_ssize_t)carried[own] != s)
+                    continue;
+                for (Py_ssize_t i = 0; i < found; i++) {
+                    sum = product(zeta + at[i] * width, state + own * width, width);
+                    for (Py_ssize_t m = 0; m < rows; m++)
+                        sum += S[at[i] * rows + m] * MP[m * carry + own];
+                    decay[s] += J[at[i] * every + s] * sum;
+                }
+            }
+        }
+        /* N before the window is M' Z M, and the states' score before it M' zeta. */
+        memset(turned, 0, carry * rows * sizeof(double));
+        for (Py_ssize_t m = 0; m < rows; m++)
+            for (Py_ssize_t j = 0; j < carry; j++)
+                if (M[m * carry + j] != 0.0)
+                    add(turned + j * rows, M[m * carry + j], Z + m * rows, rows);
+        for (Py_ssize_t m = 0; m < rows; m++)
+            for (Py_ssize_t j = 0; j < carry; j++)
+                back[m * carry + j] = turned[j * rows + m];
+        memset(N, 0, carry * carry * sizeof(double));
+        double *before = zeta + rows * width;
+        memset(before, 0, carry * width * sizeof(double));
+        for (Py_ssize_t m = 0; m < rows; m++)
+            for (Py_ssize_t j = 0; j < carry; j++)
+                if (M[m * carry + j] != 0.0) {
+                    add(N + j * carry, M[m * carry + j], back + m * carry, carry);
+                    add(before + j * width, M[m * carry + j], zeta + m * width, width);
+                }
+        memcpy(zeta, before, carry * width * sizeof(double));
+        /* What rounding makes unsymmetric would grow, for nothing that is measured holds it. */
+        for (Py_ssize_t i = 0; i < carry; i++)
+            for (Py_ssize_t j = 0; j < i; j++)
+                N[i * carry + j] = N[j * carry + i] = 0.5 * (N[i * carry + j] + N[j * carry + i]);
+    }
+    for (Py_ssize_t i = 0; i < carry; i++)
+        start[i] = 0.5 * (product(zeta + i * width, zeta + i * width, width) - N[i * carry + i]);
+    release(views, ALL);
+    Py_RETURN_NONE;
+}
+
 #define FAST(name, doc) {#name, (PyCFunction)(void (*)(void))name, METH_FASTCALL, doc}
 static PyMethodDef methods[] = {
     FAST(recursion, "Gains of all windows."),
     FAST(apply, "Whiten columns."),
     FAST(chain, "States of a linear recursion."),
+    FAST(scores, "Derivatives of the likelihood."),
     {NULL, NULL, 0, NULL},
 };
 static PyModuleDef_Slot slots[] = {{0, NULL}};

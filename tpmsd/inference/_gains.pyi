@@ -19,3 +19,19 @@ def apply(
     /,
 ) -> None: ...
 def chain(out: FloatArray, last_out: FloatArray, step: FloatArray, added: FloatArray, /) -> None: ...
+def scores(
+    variance_out: FloatArray,
+    decay_out: FloatArray,
+    fresh_out: FloatArray,
+    start_out: FloatArray,
+    states_room: FloatArray,
+    scores_room: FloatArray,
+    moved: FloatArray,
+    joint: FloatArray,
+    inverse: FloatArray,
+    gain: FloatArray,
+    spread: FloatArray,
+    white: FloatArray,
+    carried: FloatArray,
+    /,
+) -> None: ...

@@ -105,6 +105,12 @@ def array_whitened(columns: FloatArray, here: np.ndarray, step: FloatArray) -> F
     return out
 
 
+def kernel() -> ModuleType:
+    """The compiled code, where it was built."""
+    assert compiled is not None
+    return compiled
+
+
 def is_compiled(states: int, columns: int) -> bool:
     """Whether the compiled code is there, has room, and is faster than the products of `array_whitened`."""
     return compiled is not None and states <= MOST_COMPILED and columns <= NARROW

@@ -22,8 +22,9 @@ import scipy.linalg
 from scipy.optimize import OptimizeResult, minimize
 
 from tpmsd.inference.noise import LIMITS, PRIORS, Noise
+from tpmsd.inference.scores import Derivatives
 from tpmsd.inference.state_space import Diagonals, Geometry, changed_diagonals, diagonals, geometry
-from tpmsd.inference.whitening import Derivatives, Whitener
+from tpmsd.inference.whitening import Whitener
 from tpmsd.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED, Linearised
 from tpmsd.wheels import FloatArray
 

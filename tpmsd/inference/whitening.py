@@ -19,28 +19,19 @@ the derivatives of the likelihood by every entry of the system (Koopman and Shep
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from tpmsd.inference.blocks import PN, PSI, QOLD, Layout, Q, V, W
-from tpmsd.inference.gains import array_whitened, chained, compiled_whitened, gains, is_compiled, steps
+from tpmsd.inference.gains import array_whitened, compiled_whitened, gains, is_compiled, steps
 from tpmsd.inference.layouts import DRIFTING_RADII
 from tpmsd.inference.noise import Noise
+from tpmsd.inference.scores import Derivatives, System, adjoints, informations, scores
 from tpmsd.inference.state_space import Diagonals, Geometry, diagonals, geometry
 from tpmsd.inference.windows import CHANNELS, Linearised
 from tpmsd.wheels import FloatArray
-
-
-@dataclass(frozen=True)
-class Derivatives:
-    """Of a log-likelihood, by what a noise decides; shapes as in `Diagonals`."""
-
-    variance: FloatArray
-    decay: FloatArray
-    fresh: FloatArray
-    start: FloatArray
 
 
 class Whitener:
@@ -50,19 +41,25 @@ class Whitener:
         """With `for_derivatives` covariances are kept. ValueError if the noise is not positive definite."""
         self._space, self._diagonal = space, diagonal
         self._carried = space.layout.carried
-        carry = self._carry = len(self._carried)
+        self._carry = len(self._carried)
         self._joint = space.joint
         moved = _moved(space, diagonal)
         fresh = _fresh(space, diagonal)
         found = gains(moved, fresh, diagonal.start[self._carried], for_derivatives)
         self._inverse, self._gain = found.inverse, found.gain
-        self._seen = self._inverse @ moved[:, carry:]
-        """G"""
-        self._phi = moved[:, :carry] - self._gain.transpose(0, 2, 1) @ self._seen
         self._moved, self._found = moved, found
         self.logdet = -2.0 * float(np.log(self._inverse[:, range(CHANNELS), range(CHANNELS)]).sum())
-        for array in (self._moved, *found, self._seen, self._phi):
+        for array in (self._moved, *found):
             array.flags.writeable = False
+
+    @cached_property
+    def _seen(self) -> FloatArray:
+        """G"""
+        return self._system.seen
+
+    @cached_property
+    def _phi(self) -> FloatArray:
+        return self._system.phi
 
     @cached_property
     def _step(self) -> FloatArray:
@@ -102,7 +99,7 @@ class Whitener:
     def motion_stds(self) -> FloatArray:
         """(w, 2) standard deviations of the smoothed errors of speed (m/s) and yaw rate (rad/s): how well the
         whole drive tells the motion of a window."""
-        information, _ = self._information()
+        information, _ = informations(self._phi, self._seen)
         into = self._space.motion[:, :, : W - V + 1]
         joint = self._space.joint[:, :, V : PN + 1] @ into
         white = self._inverse @ joint[:, self._carry :]
@@ -126,70 +123,17 @@ class Whitener:
     def derivatives(self, white: FloatArray) -> Derivatives:
         """Of -1/2 (logdet + sum of squares of white (w, 9, k)): of the restricted likelihood, if white are
         the residual and columns that are orthonormal. Only of a whitener made for derivatives."""
-        states = self._filtered_states(white)
-        adjoint, before = self._adjoint(white)
-        pull = self._pull(white, adjoint)
-        count = len(white)
-        information, N = self._information()
-        inverse, gain = self._inverse, self._gain
-        white_rows = inverse @ self._joint[:, self._carry :]
-        carried = self._joint[:, : self._carry] - gain.transpose(0, 2, 1) @ white_rows
-        onward = information @ carried
-        of_fresh = 0.5 * (
-            np.einsum("wsp,wsp->ws", pull, pull)
-            - np.einsum("wcs,wcs->ws", carried, onward)
-            - np.einsum("wcs,wcs->ws", white_rows, white_rows)
-        )
-        error = inverse.transpose(0, 2, 1) @ (white - gain @ adjoint)
-        K = gain.transpose(0, 2, 1) @ inverse
-        told = (inverse**2).sum(axis=1) + (K * (information @ K)).sum(axis=1)
-        of_variance = 0.5 * ((error**2).sum(2) - told) * self._space.here
-        # By the decay of each carried state: pull x' + (zeta zeta' - N) M P, the state's own row and column.
-        of_decay = np.zeros((count, self._space.layout.states))
-        MP = self._found.spread
-        zeta = np.concatenate([adjoint, error], axis=1)
-        through = zeta.transpose(0, 2, 1) @ MP
-        # T M P = (M_states - K M_channels) P
-        carried_spread = MP[:, : self._carry] - K @ MP[:, self._carry :]
-        seen_spread = inverse @ MP[:, self._carry :]
-        expected = onward.transpose(0, 2, 1) @ carried_spread + white_rows.transpose(0, 2, 1) @ seen_spread
-        at = np.arange(self._carry)
-        of_decay[:, self._carried] = (
-            np.einsum("wcp,wcp->wc", pull[:, self._carried], states + through.transpose(0, 2, 1))
-            - expected[:, self._carried, at]
-        )
-        of_start = np.zeros(self._space.layout.states)
-        of_start[self._carried] = 0.5 * ((before**2).sum(1) - np.diag(N))
-        return Derivatives(of_variance, of_decay, of_fresh, of_start)
+        found = scores(self._system, white)
+        return replace(found, variance=found.variance * self._space.here)
 
-    def _information(self) -> tuple[FloatArray, FloatArray]:
-        """(w, c, c) what all later windows tell about the carried states after each, and before the first."""
-        out = np.empty((len(self._phi), self._carry, self._carry))
-        N = np.zeros((self._carry, self._carry))
-        seen = self._seen.transpose(0, 2, 1) @ self._seen
-        for k in range(len(out) - 1, -1, -1):
-            out[k] = N
-            phi = self._phi[k]
-            N = phi.T @ (N @ phi)
-            N += seen[k]
-        return out, N
-
-    def _filtered_states(self, white: FloatArray) -> FloatArray:
-        """(w, c, p) the states before each window, given the innovations."""
-        drive = self._gain.transpose(0, 2, 1) @ white
-        return chained(self._moved[:, : self._carry], drive)[0]
+    @property
+    def _system(self) -> System:
+        return System(self._moved, self._joint, self._carried, self._found)
 
     def _adjoint(self, white: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(w, c, p) the likelihood's derivative by the carried states after each window, and before the first
         (c, p)."""
-        pushed = self._seen.transpose(0, 2, 1) @ white
-        out = np.empty_like(pushed)
-        adjoint = np.zeros(pushed.shape[1:])
-        for k in range(len(white) - 1, -1, -1):
-            out[k] = adjoint
-            adjoint = self._phi[k].T @ adjoint
-            adjoint += pushed[k]
-        return out, adjoint
+        return adjoints(self._phi, self._seen.transpose(0, 2, 1) @ white)
 
     def _pull(self, white: FloatArray, adjoint: FloatArray) -> FloatArray:
         """(w, s, p) the likelihood's derivative by what comes into each state in each window."""
