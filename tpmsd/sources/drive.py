@@ -12,6 +12,7 @@ A single stamp that leaps away and back is a damaged line and is left out.
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -220,7 +221,7 @@ class _Frames:
     @property
     def head_s(self) -> float | None:
         """Time of the next; None at the end."""
-        return None if self._block is None else float(self._block.time_s[self._at])
+        return None if self._block is None else self._time_s[self._at]
 
     def _take_block(self, before_s: float | None) -> None:
         """`before_s`: the last time of the block before."""
@@ -228,8 +229,10 @@ class _Frames:
         self._backward: list[int] = []
         """Places before which the clock steps back."""
         self._rises = True
+        self._time_s: list[float] = []
         if self._block is not None:
             time_s = self._block.time_s
+            self._time_s = time_s.tolist()
             before = np.append(time_s[0] if before_s is None else before_s, time_s[:-1])
             self._rises = bool(np.all(time_s[1:] >= before[1:]))
             self._backward += np.flatnonzero(time_s < before - BACKWARD_STEP_S).tolist()
@@ -244,21 +247,21 @@ class _Frames:
             stop = min(step, self._first_behind(limit_s, start + head))
             if stop > start:
                 yield Part(block, start, stop)
-                last_s = float(block.time_s[stop - 1])
+                last_s = self._time_s[stop - 1]
             self._at, head = stop, 0
             if stop < len(block):
                 if stop == step:
                     self.steps += 1
-                    self.step_from_s, self.step_to_s = last_s, float(block.time_s[stop])
+                    self.step_from_s, self.step_to_s = last_s, self._time_s[stop]
                 return
             self._take_block(last_s)
 
     def _first_behind(self, limit_s: float, start: int) -> int:
         """Place of the first frame from `start` on that is later than the limit."""
         assert self._block is not None
-        time_s = self._block.time_s
         if self._rises:
-            return max(int(time_s.searchsorted(limit_s, side="right")), start)
+            return max(bisect_right(self._time_s, limit_s), start)
+        time_s = self._block.time_s
         late = time_s[start:] > limit_s
         return start + int(np.argmax(late)) if late.any() else len(time_s)
 

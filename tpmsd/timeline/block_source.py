@@ -9,6 +9,7 @@ between its frames; its samples are handed to the timeline as time comes to them
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 
 import numpy as np
@@ -37,9 +38,13 @@ class _Ahead:
         self.stretch = stretch
         self._timeline, self._shift_s = timeline, timeline.shift_s
         self._plan = timeline.plan(stretch)
-        self._host_s = np.maximum.accumulate(block.time_s[stretch.start : stretch.stop])
+        time_s = block.time_s[stretch.start : stretch.stop]
+        latest_s = np.maximum.accumulate(time_s)
+        # Asked one by one some hundred thousand times: of lists that takes a tenth of the time.
+        self._time_s: list[float] = time_s.tolist()
+        self._host_s: list[float] = latest_s.tolist()
         """Greatest host time up to each frame."""
-        self._now_s = self._host_s + self._shift_s
+        self._now_s: list[float] = (latest_s + self._shift_s).tolist()
         self._given = [0] * len(stretch.groups)
         """Of each group of signals how many frames were handed on."""
         self._shown_s = -math.inf
@@ -47,15 +52,19 @@ class _Ahead:
 
     def latest_s(self, place: int) -> float:
         """Greatest host time of the frames before a place, which is not the first."""
-        return float(self._host_s[place - 1 - self.stretch.start])
+        return self._host_s[place - 1 - self.stretch.start]
+
+    def time_s(self, place: int) -> float:
+        """Host time of a frame."""
+        return self._time_s[place - self.stretch.start]
 
     def next_due(self, due_s: float, deadline_s: float, start: int, stop: int) -> int:
         """The first frame from `start` on that reaches `due_s` (logical) or passes the deadline (host); at
         most `stop`."""
         origin = self.stretch.start
-        place = int(self._now_s.searchsorted(due_s)) + origin
+        place = bisect_left(self._now_s, due_s) + origin
         if deadline_s < math.inf:
-            place = min(place, int(self._host_s.searchsorted(deadline_s, side="right")) + origin)
+            place = min(place, bisect_right(self._host_s, deadline_s) + origin)
         return min(max(place, start), stop)
 
     def planned_tick(self, index: int, end_s: float, place: int) -> PlannedTick | None:
@@ -162,7 +171,7 @@ class BlockSource:
 
     def covers(self, time_s: float) -> bool:
         """Whether the decoder is ahead of a host time, so that no message can be overdue then."""
-        if self._ahead is not None and not time_s <= self._ahead.block.time_s[self._at]:
+        if self._ahead is not None and not time_s <= self._ahead.time_s(self._at):
             self.leave()
         return self._ahead is not None
 
@@ -211,8 +220,9 @@ class BlockSource:
     def _serve(self, ahead: _Ahead, stop: int) -> Iterator[Tick]:
         """The samples up to a frame, and the ticks that its stamps complete."""
         source, timeline = self._source, self._source.timeline
-        time_s = ahead.block.time_s
-        if not timeline.goes_on(float(time_s[self._at])) and not timeline.is_even(time_s[self._at : stop]):
+        if not timeline.goes_on(ahead.time_s(self._at)) and not timeline.is_even(
+            ahead.block.time_s[self._at : stop]
+        ):
             self.leave()
             self._retry_at = stop
             return
@@ -225,7 +235,7 @@ class BlockSource:
             if place == stop:
                 break
             # Something is due with this very frame: as in `TickSource.on_frame`.
-            ticks = source.advance(float(time_s[place]))
+            ticks = source.advance(ahead.time_s(place))
             if self._ahead is None:
                 # The clock stepped, and the decoder had to be told: this frame goes through it.
                 self._retry_at = stop
