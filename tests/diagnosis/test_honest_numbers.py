@@ -16,6 +16,7 @@ from tpmsd.diagnosis.counters.tone_ring import ripples
 from tpmsd.diagnosis.diagnose import diagnose
 from tpmsd.diagnosis.hypotheses.response import catalogue_columns, radius_columns
 from tpmsd.diagnosis.prepared.drive_study import first_noise
+from tpmsd.inference.stack import Stack
 from tpmsd.inference.trajectory import reference
 from tpmsd.inference.whitening import whiten
 from tpmsd.inference.windows import Reader
@@ -38,9 +39,7 @@ def growth(seed: int) -> float:
     columns = catalogue_columns(reader)
     at = columns.index()[("centrifugal_growth", "coefficient")]
     residual = reader.windows.measured - reader.predict(ExtendedModel())
-    rows = np.concatenate(
-        [residual[:, :, None], radius_columns(reader).stack(), columns.arrays[at][:, :, None]], axis=2
-    )
+    rows = (Stack(residual) + radius_columns(reader).stack + Stack(columns.stack[at])).whole()
     noise = replace(first_noise(reader), slow_m=1.2, slow_tau_s=40.0, wander=1e-6)
     white, _ = whiten(reader.windows, noise, rows)
     flat = white.reshape(-1, rows.shape[2])

@@ -25,6 +25,7 @@ from tpmsd.diagnosis.robustness.found import Found
 from tpmsd.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.diagnosis.selection.selector import Selector
 from tpmsd.diagnosis.settings import SETTINGS
+from tpmsd.inference.stack import Stack
 from tpmsd.inference.windows import CHANNEL_NAMES, GYRO, NORTH
 from tpmsd.wheels import WHEELS, FloatArray
 
@@ -43,8 +44,8 @@ def injected(studied: Study, columns: FloatArray) -> Study:
     """The study with a response (w, 9) added to the data."""
     study = studied.copied()
     (one,) = study.drives
-    one.columns = one.columns.copy()
-    one.columns[:, :, 0] += columns
+    every = list(np.moveaxis(one.columns.whole(), 2, 0))
+    one.columns = Stack(every[0] + columns, *every[1:])
     one._kept = []
     return study
 
@@ -166,7 +167,7 @@ def test_a_trace_ends_without_a_mean_and_begins_with_the_response(studied: Study
     term = shape(studied, "yaw_rate", "speed")
     heights = 0.01 * np.arange(term.design.shape[1])
     (one,) = studied.drives
-    response = one.columns[:, :, one.local] @ (term.design @ heights)
+    response = one.columns.take(one.local) @ (term.design @ heights)
     study = injected(studied, response)
     selection = chosen(study, term)
 
@@ -183,7 +184,7 @@ def test_the_map_shows_places_as_measured_and_what_the_model_gained_there(studie
     """The gain of a window is half the drop of its squares, averaged over nine neighbours."""
     term = shape(studied, "yaw_rate", "speed")
     (one,) = studied.drives
-    study = injected(studied, 0.02 * one.columns[:, :, one.local] @ term.design.sum(axis=1))
+    study = injected(studied, 0.02 * one.columns.take(one.local) @ term.design.sum(axis=1))
     selection, evidence = chosen(study, term), study.evidence()
     rolling = evidence.fit(study.hypotheses.nuisance)
     squares = [
@@ -220,7 +221,7 @@ def test_a_term_without_an_effect_gains_nothing_on_data_left_out(studied: Study)
     """Values that were fitted to noise predict worse; those of an injected response predict better."""
     term = shape(studied, "yaw_rate", "speed")
     (one,) = studied.drives
-    study = injected(studied, 0.02 * one.columns[:, :, one.local] @ term.design[:, 2])
+    study = injected(studied, 0.02 * one.columns.take(one.local) @ term.design[:, 2])
     without, with_it = (
         evidence_gain(Selector(one.evidence(), one.hypotheses), [], term) for one in (studied, study)
     )

@@ -29,7 +29,7 @@ def first_fit(loss_m: float) -> Noise:
     reader = Reader(recording, reference(recording))
     study = DriveStudy(reader, {}, {})
     radii = [k for k, name in enumerate(study.names) if name[0] == RADIUS.name]
-    columns = study.columns[:, :, [0, *radii]]
+    columns = study.columns.take([0, *radii])
     return fit_noise(reader.windows, columns, first_noise(reader), Stage.FIRST)
 
 

@@ -10,8 +10,9 @@ import pytest
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
 from tpmsd.diagnosis.diagnose import first_noise
+from tpmsd.inference.stack import Stack
 from tpmsd.inference.trajectory import reference
-from tpmsd.inference.whitening import whiten
+from tpmsd.inference.whitening import Whitener, whiten
 from tpmsd.inference.windows import EAST, GYRO, SPEED, Reader
 from tpmsd.wheels import FloatArray
 
@@ -73,3 +74,18 @@ def test_what_was_not_measured_gives_no_row(reader: Reader) -> None:
     assert float(np.abs(white[:, EAST:]).max()) == 0.0
     assert with_nothing == 0.0
     assert with_wheels != 0.0
+
+
+@pytest.mark.parametrize("width", [5, 60])
+def test_a_stack_is_whitened_as_an_array_of_its_columns(reader: Reader, width: int) -> None:
+    """Few columns and many, all of them and those from the second on."""
+    rng = np.random.default_rng(width)
+    arrays = rng.standard_normal((width, len(reader.windows), 9))
+    here = np.isfinite(reader.windows.measured)
+    made = Whitener.of(reader.windows, first_noise(reader), here)
+    expected = made.apply(np.moveaxis(arrays, 0, 2))
+    stack = Stack(*arrays)
+    assert np.allclose(expected, made.apply_all(stack), rtol=0.0, atol=1e-9 * np.abs(expected).max())
+    assert np.allclose(
+        expected[:, :, 2:], made.apply_all(stack, 2), rtol=0.0, atol=1e-9 * np.abs(expected).max()
+    )

@@ -72,8 +72,6 @@ class PreparationSettings:
     """In a short drive blocks are shorter."""
     most_blocks: int = 120
     """Of all drives together: beyond an hour blocks grow, so that memory is bounded."""
-    windows_at_once: int = 32
-    """Of all columns that fit into a processor's cache while they are laid side by side."""
     most_moves: int = 8
     """Of radii and motion of a replicate. After one, a radius that is 8 % off leaves products that gain a
     thousand nats, a wheel that locks 75; five leave none."""

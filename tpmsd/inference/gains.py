@@ -7,6 +7,7 @@ give the same within rounding (tests/inference/test_gains.py), so nothing but ti
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from types import ModuleType
 from typing import NamedTuple
 
@@ -91,12 +92,19 @@ def steps(moved: FloatArray, by: Gains) -> FloatArray:
 def array_whitened(columns: FloatArray, here: np.ndarray, step: FloatArray) -> FloatArray:
     """(w, 9, p) the columns (w, 9, p), whitened by `steps`; `here` (w, 9): what is not there counts as zero.
     One product per window."""
-    width, carry = columns.shape[2], step.shape[1] - columns.shape[1]
-    out = np.empty(columns.shape)
+    return whitened_parts([columns], columns.shape, here, step)
+
+
+def whitened_parts(
+    parts: Iterable[FloatArray], shape: tuple[int, ...], here: np.ndarray, step: FloatArray
+) -> FloatArray:
+    """The same of columns that come in parts, each (some windows, 9, p), which make `shape` together."""
+    width, carry = shape[2], step.shape[1] - shape[1]
+    out = np.empty(shape)
     both, after = np.zeros((step.shape[1], width)), np.empty((step.shape[1], width))
     whole = np.asarray(here.all(axis=1))
-    for k in range(len(columns)):
-        both[carry:] = columns[k]
+    for k, columns in enumerate(window for part in parts for window in part):
+        both[carry:] = columns
         if not whole[k]:
             both[carry:][~here[k]] = 0.0
         np.matmul(step[k], both, out=after)

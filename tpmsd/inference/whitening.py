@@ -25,10 +25,18 @@ from functools import cached_property
 import numpy as np
 
 from tpmsd.inference.blocks import PN, PSI, QOLD, Layout, Q, V, W
-from tpmsd.inference.gains import array_whitened, compiled_whitened, gains, is_compiled, steps
+from tpmsd.inference.gains import (
+    array_whitened,
+    compiled_whitened,
+    gains,
+    is_compiled,
+    steps,
+    whitened_parts,
+)
 from tpmsd.inference.layouts import DRIFTING_RADII
 from tpmsd.inference.noise import Noise
 from tpmsd.inference.scores import Derivatives, System, adjoints, informations, scores
+from tpmsd.inference.stack import Stack
 from tpmsd.inference.state_space import Diagonals, Geometry, diagonals, geometry
 from tpmsd.inference.windows import CHANNELS, Linearised
 from tpmsd.wheels import FloatArray
@@ -84,6 +92,14 @@ class Whitener:
         if is_compiled(self._carry, columns.shape[2]):
             return compiled_whitened(columns, self._space.here, self._moved, self._found)
         return array_whitened(columns, self._space.here, self._step)
+
+    def apply_all(self, columns: Stack, first: int = 0) -> FloatArray:
+        """The same of a stack's columns from the first on."""
+        windows, channels, every = columns.shape
+        width = every - first
+        if is_compiled(self._carry, width):
+            return self.apply(np.concatenate(list(columns.parts(first))))
+        return whitened_parts(columns.parts(first), (windows, channels, width), self._space.here, self._step)
 
     def smooth(self, white: FloatArray) -> FloatArray:
         """(w, 3) what is to be added to the reference's speed (m/s), yaw rate (rad/s) and heading (rad, at

@@ -62,7 +62,7 @@ def expected_gains(motion: Motion, equipment: Equipment, effects: Sequence[str])
     names = [*calibration.names, *columns.names]
     noise = _noise(equipment, reader)
     whitener = Whitener.of(reader.windows, noise, np.isfinite(reader.windows.measured))
-    rows = whitener.apply(np.stack([*calibration.arrays, *columns.arrays], axis=2)).reshape(-1, len(names))
+    rows = whitener.apply_all(calibration.stack + columns.stack).reshape(-1, len(names))
     gram = rows.T @ rows
     out = dict.fromkeys(effects, 0.0)
     for name in shown:

@@ -9,7 +9,7 @@ own forward model, so an effect is defined once.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -17,6 +17,7 @@ import numpy as np
 from tpmsd.diagnosis.hypotheses.wheel_slip import slip_columns
 from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.covariate_errors import expected
+from tpmsd.inference.stack import Stack
 from tpmsd.inference.trajectory import WINDOW_S
 from tpmsd.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED, Reader
 from tpmsd.physics.catalogue import EFFECTS, FAULT, RADIUS, Probe, make_effect, probes
@@ -29,68 +30,36 @@ PLACES = ("fl", "fr", "rl", "rr", *READINGS)
 """Where a smooth term may act."""
 
 
-@dataclass(frozen=True)
-class _Run:
-    """Neighbouring columns of the same kind."""
-
-    channel: int | None
-    """The only one that they show in; None where they show in any."""
-    arrays: list[FloatArray]
-    """Each (w, 9), or all together (w, k) of the one channel."""
-
-
 class Columns:
-    """Named columns, all of shape (w, 9). Most show in one channel alone, and are kept so."""
+    """Named columns, all of shape (w, 9)."""
 
     def __init__(self) -> None:
         self.names: list[tuple[str, ...]] = []
-        self._runs: list[_Run] = []
+        self.stack = Stack()
 
     def add(self, name: tuple[str, ...], array: FloatArray) -> None:
         """Append one (w, 9); what is not finite (not measured) counts as no response."""
-        if not self._runs or self._runs[-1].channel is not None:
-            self._runs.append(_Run(None, []))
         self.names.append(name)
-        self._runs[-1].arrays.append(_finite(array))
+        self.stack.add(_finite(array))
 
     def add_of_channel(self, names: Sequence[tuple[str, ...]], channel: int, values: FloatArray) -> None:
         """Append several that are zero but in one channel: their values (w, k) there."""
         self.names += names
-        self._runs.append(_Run(channel, [_finite(values)]))
+        self.stack.add_of_channel(channel, _finite(values))
 
     def extend(self, other: Columns) -> None:
         """Append those of another."""
         self.names += other.names
-        self._runs += [_Run(run.channel, list(run.arrays)) for run in other._runs]
+        self.stack += other.stack
 
     @property
     def arrays(self) -> list[FloatArray]:
         """Each (w, 9)."""
-        whole = self.stack()
-        return [whole[:, :, k] for k in range(whole.shape[2])]
+        return [self.stack[k] for k in range(len(self.names))]
 
     def index(self) -> dict[tuple[str, ...], int]:
         """Place of each name."""
         return {name: k for k, name in enumerate(self.names)}
-
-    def stack(self, *before: FloatArray) -> FloatArray:
-        """(w, 9, p), with further columns (w, 9) in front."""
-        runs = [_Run(None, list(before)), *self._runs] if before else self._runs
-        windows = len(runs[0].arrays[0])
-        out = np.zeros((windows, CHANNELS, len(before) + len(self.names)))
-        first = 0
-        for run in runs:
-            if run.channel is not None:
-                values = run.arrays[0]
-                last = first + values.shape[1]
-                out[:, run.channel, first:last] = values
-            else:
-                last = first + len(run.arrays)
-                for start in range(0, windows, SETTINGS.preparation.windows_at_once):
-                    here = slice(start, start + SETTINGS.preparation.windows_at_once)
-                    out[here, :, first:last] = np.stack([array[here] for array in run.arrays], axis=2)
-            first = last
-        return out
 
 
 def _finite(array: FloatArray) -> FloatArray:

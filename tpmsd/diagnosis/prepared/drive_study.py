@@ -28,6 +28,7 @@ from tpmsd.inference.gram import Grams
 from tpmsd.inference.least_squares import Part
 from tpmsd.inference.noise import Noise
 from tpmsd.inference.recording import Recording
+from tpmsd.inference.stack import Stack
 from tpmsd.inference.trajectory import reference
 from tpmsd.inference.whitening import Whitener
 from tpmsd.inference.windows import Reader
@@ -135,7 +136,7 @@ class DriveStudy:
         residual = windows.measured - reader.predict(self.base)
         columns = linear_columns(reader, knots, stds)
         self.names: list[Name] = [("data",), *columns.names]
-        self.columns = columns.stack(residual)
+        self.columns = Stack(residual) + columns.stack
         self.noise = first_noise(reader)
         self.inflate: FloatArray | None = None
         count = max(SETTINGS.preparation.fewest_blocks, round(len(windows) / block_s))
@@ -159,7 +160,7 @@ class DriveStudy:
         radius from the former origin.
         """
         used = np.flatnonzero(fitted)
-        left = self.columns[:, :, 0] - self.columns[:, :, 1 + used] @ fitted[used]
+        left = self.columns[0] - self.columns.take(1 + used) @ fitted[used]
         made = Whitener.of(self.reader.windows, self.noise, np.isfinite(left), self.inflate)
         out = self.under()
         out.reader = copy.copy(self.reader)
@@ -179,9 +180,10 @@ class DriveStudy:
         columns = linear_columns(self.reader, self.knots, self.stds, base)
         for one in self.refined:
             columns.add(("refined",), one.column(self.reader, base))
-        self.columns = columns.stack(self.reader.windows.measured - self.reader.predict(base))
+        residual = self.reader.windows.measured - self.reader.predict(base)
         for k in np.flatnonzero(values):
-            self.columns[:, :, 0] += values[k] * self.columns[:, :, 1 + k]
+            residual += values[k] * columns.stack[int(k)]
+        self.columns = Stack(residual) + columns.stack
         self._kept = []
 
     def repeated(self, recording: Recording, model: ExtendedModel) -> DriveStudy:
@@ -213,7 +215,7 @@ class DriveStudy:
         that was left before."""
         windows = self.reader.windows
         residual = windows.measured - self.reader.predict(model)
-        both = radius_columns(self.reader).stack(residual)
+        both = (Stack(residual) + radius_columns(self.reader).stack).whole()
         made = Whitener.of(windows, self.noise, np.isfinite(residual))
         white = made.apply(both).reshape(-1, both.shape[2])
         fitted = np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
@@ -241,7 +243,7 @@ class DriveStudy:
 
     def append(self, columns: FloatArray) -> None:
         """Further columns (w, 9, k) at the end."""
-        self.columns = np.concatenate([self.columns, columns], axis=2)
+        self.columns += Stack(*np.moveaxis(columns, 2, 0))
 
     def own(self, design: FloatArray) -> FloatArray:
         """(n, k) a common design in this drive's columns."""
@@ -260,7 +262,7 @@ class DriveStudy:
         own = self.own(design)
         acting = own[:, np.any(own != 0.0, axis=0)]
         used = np.flatnonzero(np.any(acting != 0.0, axis=1))
-        return np.concatenate([self.columns[:, :, :1], self.columns[:, :, used] @ acting[used]], axis=2)
+        return np.concatenate([self.columns.take([0]), self.columns.take(used) @ acting[used]], axis=2)
 
     @property
     def white(self) -> FloatArray:
@@ -290,7 +292,7 @@ class DriveStudy:
         """(w, 9) what a fit leaves of the channels, in their units."""
         weights = self.own(design) @ values
         used = np.flatnonzero(weights)
-        return np.asarray(self.columns[:, :, 0] - self.columns[:, :, used] @ weights[used])
+        return np.asarray(self.columns[0] - self.columns.take(used) @ weights[used])
 
     def whitened(self, columns: FloatArray) -> FloatArray:
         """(w, 9, t) further columns (w, 9, t), whitened as the others are."""
@@ -306,12 +308,12 @@ class DriveStudy:
                 break
         width = self.columns.shape[2]
         if found is None:
-            here = np.isfinite(self.columns[:, :, 0])
+            here = np.isfinite(self.columns[0])
             whitener = Whitener.of(self.reader.windows, self.noise, here, self.inflate)
-            grams = Grams(whitener.apply(self.columns), self.blocks)
+            grams = Grams(whitener.apply_all(self.columns), self.blocks)
             found = Whitened(self.noise, self.inflate, whitener, grams)
         elif found.white.shape[2] < width:
-            more = found.whitener.apply(self.columns[:, :, found.white.shape[2] :])
+            more = found.whitener.apply_all(self.columns, found.white.shape[2])
             found = replace(found, grams=found.grams.extended(more))
         self._kept = [*self._kept[-(SETTINGS.preparation.noises_kept - 1) :], found]
         return found

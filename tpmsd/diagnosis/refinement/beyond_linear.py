@@ -88,4 +88,4 @@ def _linearisation_error(drive: DriveStudy, model: ExtendedModel, linear: FloatA
     more[: len(drive.values)] -= drive.values
     used = np.flatnonzero(more)
     change = drive.reader.predict(model) - drive.reader.predicted(drive.base)
-    return np.nan_to_num(change - drive.columns[:, :, 1 + used] @ more[used])
+    return np.nan_to_num(change - drive.columns.take(1 + used) @ more[used])

@@ -55,7 +55,7 @@ def jump_evidence(drive: DriveStudy, one: Chosen) -> float:
     wheels, index = drive.reader.recording.wheels, drive.reader.windows.index
     own = drive.own(one.term.design) @ one.values
     used = np.flatnonzero(own)
-    event = (drive.columns[:, wheels][:, :, used] @ own[used]).mean(axis=1)
+    event = (drive.columns.take(used)[:, wheels] @ own[used]).mean(axis=1)
     way = drive.reader.windows.measured[:, wheels].mean(axis=1)
     together = (np.diff(index)[1:] == 1) & (np.diff(index)[:-1] == 1)
     plain, less = (np.diff(course, 2)[together] for course in (way, way - event))

@@ -1,0 +1,124 @@
+"""Many columns of a drive side by side, most of which show in one channel alone.
+
+In: columns one by one. Out: `Stack`, which holds each once and as small as it is, and lays them side by side,
+all channels of some windows at a time: written out, hundreds of columns take three times the memory, and to
+touch memory for the first time takes as long as to whiten it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.inference.windows import CHANNELS
+from tpmsd.wheels import FloatArray
+
+WINDOWS_AT_ONCE = 32
+"""Of all columns that fit into a processor's cache while they are laid side by side."""
+
+
+@dataclass(frozen=True)
+class _Run:
+    """Neighbouring columns of the same kind."""
+
+    channel: int | None
+    """The only one that they show in; None where they show in any."""
+    arrays: list[FloatArray]
+    """Each (w, 9), or all together (w, k) of the one channel."""
+
+    @property
+    def width(self) -> int:
+        """How many columns."""
+        return len(self.arrays) if self.channel is None else int(self.arrays[0].shape[1])
+
+
+class Stack:
+    """Columns (w, 9) in order. Arrays are taken as they are and never changed."""
+
+    def __init__(self, *columns: FloatArray) -> None:
+        self._runs: list[_Run] = []
+        for column in columns:
+            self.add(column)
+
+    def add(self, column: FloatArray) -> None:
+        """Append one (w, 9)."""
+        if not self._runs or self._runs[-1].channel is not None:
+            self._runs.append(_Run(None, []))
+        self._runs[-1].arrays.append(column)
+
+    def add_of_channel(self, channel: int, values: FloatArray) -> None:
+        """Append several that are zero but in one channel: their values (w, k) there."""
+        self._runs.append(_Run(channel, [values]))
+
+    def __add__(self, other: Stack) -> Stack:
+        """Those of both."""
+        out = Stack()
+        for run in (*self._runs, *other._runs):
+            if run.channel is None:
+                for array in run.arrays:
+                    out.add(array)
+            else:
+                out._runs.append(run)
+        return out
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(w, 9, p) as of an array that holds all."""
+        windows = len(self._runs[0].arrays[0]) if self._runs else 0
+        return windows, CHANNELS, sum(run.width for run in self._runs)
+
+    def __getitem__(self, column: int) -> FloatArray:
+        """One column (w, 9)."""
+        return self.take([column])[:, :, 0]
+
+    def take(self, columns: Sequence[int] | np.ndarray) -> FloatArray:
+        """(w, 9, k) some of them."""
+        wanted = [int(column) for column in columns]
+        out = np.zeros((*self.shape[:2], len(wanted)))
+        first = 0
+        for run in self._runs:
+            for k, column in enumerate(wanted):
+                if 0 <= column - first < run.width:
+                    if run.channel is None:
+                        out[:, :, k] = run.arrays[column - first]
+                    else:
+                        out[:, run.channel, k] = run.arrays[0][:, column - first]
+            first += run.width
+        return out
+
+    def parts(self, first: int = 0) -> Iterator[FloatArray]:
+        """(some windows, 9, p - first) the columns from the first on, all windows in turn."""
+        windows, _, width = self.shape
+        runs = list(self._from(first))
+        for start in range(0, windows, WINDOWS_AT_ONCE):
+            here = slice(start, start + WINDOWS_AT_ONCE)
+            out = np.zeros((min(WINDOWS_AT_ONCE, windows - start), CHANNELS, width - first))
+            at = 0
+            for channel, arrays in runs:
+                if channel is None:
+                    out[:, :, at : at + len(arrays)] = np.stack([array[here] for array in arrays], axis=2)
+                    at += len(arrays)
+                else:
+                    values = arrays[0][here]
+                    out[:, channel, at : at + values.shape[1]] = values
+                    at += values.shape[1]
+            yield out
+
+    def whole(self) -> FloatArray:
+        """(w, 9, p)"""
+        out = np.empty(self.shape)
+        start = 0
+        for part in self.parts():
+            out[start : start + len(part)] = part
+            start += len(part)
+        return out
+
+    def _from(self, first: int) -> Iterator[tuple[int | None, list[FloatArray]]]:
+        for run in self._runs:
+            skipped = min(first, run.width)
+            first -= skipped
+            if skipped < run.width:
+                cut = run.arrays[skipped:] if run.channel is None else [run.arrays[0][:, skipped:]]
+                yield run.channel, cut
