@@ -95,18 +95,16 @@ def certified(
     statistics = [_statistic(study, selection, evidence, one, dispersion) for one in diagnosis.findings]
     statistics.append(_of_the_rest(study, selection, evidence))
     models = [_model(study, selection, number) for number in range(len(study.drives))]
-    drawn: list[list[float]] = [[] for _ in statistics]
-    for number in range(replicates):
-        again = _again(study, models, rng)
-        for values, one in zip(drawn, statistics, strict=True):
-            values.append(one.largest(again))
-        progress((number + 1) / replicates)
-        if all(_decided(one.value, values) for one, values in zip(statistics, drawn, strict=True)):
-            break
+    drawn = _drawn(study, models, statistics, replicates, rng, progress)
     *p_values, of_the_rest = [
         p_value(one.value, values) for one, values in zip(statistics, drawn, strict=True)
     ]
     rest = statistics.pop()
+    for k, finding in enumerate(diagnosis.findings):
+        if p_values[k] > SETTINGS.robustness.false_discovery_rate and finding.status == FINDING:
+            p_values[k] = _without_it(
+                study, selection, evidence, finding, dispersion, replicates, rng, p_values[k]
+            )
     p_values = [
         drawn_p if finding.p_value is None else finding.p_value
         for finding, drawn_p in zip(diagnosis.findings, p_values, strict=True)
@@ -130,6 +128,51 @@ def certified(
         remaining=Remaining(rest.value, of_the_rest, beyond(rest.value, drawn[-1]), len(drawn[-1])),
         control=control if math.isfinite(control) else None,
     )
+
+
+def _drawn(
+    study: Study,
+    models: Sequence[ExtendedModel],
+    statistics: Sequence[Statistic],
+    replicates: int,
+    rng: np.random.Generator,
+    progress: Callable[[float], None] = lambda share: None,
+) -> list[list[float]]:
+    """Of each statistic, its largest values in replicates, drawn until all is decided."""
+    drawn: list[list[float]] = [[] for _ in statistics]
+    for number in range(replicates):
+        again = _again(study, models, rng)
+        for values, one in zip(drawn, statistics, strict=True):
+            values.append(one.largest(again))
+        progress((number + 1) / replicates)
+        if all(_decided(one.value, values) for one, values in zip(statistics, drawn, strict=True)):
+            break
+    return drawn
+
+
+def _without_it(
+    study: Study,
+    selection: Selection,
+    evidence: Evidence,
+    finding: Finding,
+    dispersion: float,
+    replicates: int,
+    rng: np.random.Generator,
+    p_value_so_far: float,
+) -> float:
+    """The p-value of a spline term by replicates in which it does not act.
+
+    The model is linear about the effects of the catalogue, and not about spline terms. So taking a spline's
+    linear response out of a replicate leaves the rest of what it does, hundreds of nats of a plain one. What
+    is left passes for chance; a drawing without the term has none of it.
+    """
+    which = _of(selection, finding)
+    if which is None or not selection.chosen[which].term.free:
+        return p_value_so_far
+    one = _of_term(study, selection, evidence, which, dispersion, acts=False)
+    models = [_model(study, selection, number, but=which) for number in range(len(study.drives))]
+    (values,) = _drawn(study, models, [one], replicates, rng)
+    return p_value(one.value, values)
 
 
 def without(model: ExtendedModel, findings: Sequence[Finding]) -> ExtendedModel:
@@ -221,11 +264,11 @@ def _again(study: Study, models: Sequence[ExtendedModel], rng: np.random.Generat
     return Replicate(Evidence([drive.part() for drive in drives], study.width), tuple(recordings))
 
 
-def _model(study: Study, selection: Selection, drive: int) -> ExtendedModel:
-    """All that was chosen, as it acts in one drive."""
+def _model(study: Study, selection: Selection, drive: int, but: int | None = None) -> ExtendedModel:
+    """All that was chosen, as it acts in one drive; without number `but` of them."""
     effects: list[Effect] = []
-    for one in selection.chosen:
-        if drive not in study.acting(one.term) or one.term.calibrates:
+    for number, one in enumerate(selection.chosen):
+        if number == but or drive not in study.acting(one.term) or one.term.calibrates:
             continue
         if one.term.free:
             effects.append(empirical_effect(one, study.knots(one.term))[0])
@@ -271,8 +314,14 @@ def _largest_ripple(again: Replicate) -> float:
 
 
 def _of_term(
-    study: Study, selection: Selection, evidence: Evidence, which: int, dispersion: float
+    study: Study,
+    selection: Selection,
+    evidence: Evidence,
+    which: int,
+    dispersion: float,
+    acts: bool = True,
 ) -> Statistic:
+    """Of a chosen term; `acts`: whether replicates hold it, so that it has to be taken out of them."""
     terms = [one.term for one in selection.chosen]
     rest = terms[:which] + terms[which + 1 :]
     one = selection.chosen[which]
@@ -281,7 +330,9 @@ def _of_term(
     value = min(
         search.studentised(rest, one.term, net), (net + one.term.penalty) / dispersion - one.term.penalty
     )
-    response = one.term.design @ (one.values if one.term.free or one.term.calibrates else _acting(one)[1])
+    response = (
+        acts * one.term.design @ (one.values if one.term.free or one.term.calibrates else _acting(one)[1])
+    )
 
     def largest(again: Replicate) -> float:
         return _largest_gain(Candidates(again.evidence.less(response), study.hypotheses), rest)
