@@ -213,21 +213,4 @@ def test_driven_wheels_that_slip_at_low_grip_are_no_loss(seed: int) -> None:
     settings = MonitorConfig()
     assert np.all(found.deflated < settings.raise_probability)
     assert np.all(found.deviates < settings.raise_probability)
-    assert found.drive_models[DRIVE_EVIDENCE.low_grip] > 0.99
-
-
-def test_low_grip_widens_the_driven_wheels_alone_by_what_they_slip() -> None:
-    """At low grip the variance of a driven wheel's change grows by the square of slip times radius; the
-    probability beyond the limit is that of a normal variable, as it is for the other wheels without it."""
-    judge, settings = Judge(VEHICLE, MonitorConfig(), TyreConfig(), WHEELS), MonitorConfig()
-    change = Change(np.full(4, -4e-3), 1e-8 * np.eye(4), 1, np.zeros((4, 4)), True)
-    slip = next(model.slip_std for model in DRIVE_EVIDENCE.models if model.name == DRIVE_EVIDENCE.low_grip)
-    limit_m = settings.deviation_percent / 100.0 * RADIUS_M
-    plain_m2 = 1e-8 + JUDGE.unexplained.covariance(WHEELS, RADIUS)[0, 0]
-    expected = []
-    for more_m2 in (plain_m2 + (slip * RADIUS_M) ** 2, plain_m2):
-        std = math.sqrt(2.0 * more_m2)
-        near, far = (math.erfc((limit_m + sign * 4e-3) / std) / 2.0 for sign in (-1.0, 1.0))
-        expected += [near + far] * 2
-
-    assert pytest.approx(expected, rel=1e-9) == judge._deviates(change, np.zeros((4, 4)), 1.0)
+    assert sum(found.drive_models[name] for name in DRIVE_EVIDENCE.slipping) > 0.99

@@ -29,7 +29,7 @@ from tpmsd.monitor.conditions import ConditionTracker
 from tpmsd.monitor.drive_evidence import Accounts, DriveEvidence
 from tpmsd.monitor.probability import chi_square_quantile
 from tpmsd.monitor.reference import Reference, speed_range
-from tpmsd.monitor.settings import BASELINE, CONDITIONS, REFERENCE
+from tpmsd.monitor.settings import BASELINE, CONDITIONS, JUDGE, REFERENCE
 from tpmsd.physics.priors import GROWTH_S2PM
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import FloatArray
@@ -40,6 +40,25 @@ FIT_LIMIT = {count: chi_square_quantile(BASELINE.fit_probability, count) for cou
 
 _Sample = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 """Deviation (d,), its covariance, that of what the memory has not followed (d, d), features (d, n)."""
+
+
+def typical(
+    moments: list[_Sample], expected: FloatArray, radius_m: FloatArray, fellows: FloatArray
+) -> _Sample:
+    """Of moments in a row the last one; or, where a wheel spins or is locked beside its fellow just then, the
+    one that is nearest to the median of each wheel. What both wheels of an axle do tells of grip, and stays.
+
+    `expected` (n,): parameters of the reference; radius_m (d,) nominal; fellows (a, d): 1 and -1 for the
+    wheels of an axle.
+    """
+    rest = np.stack([deviation - h @ expected * radius_m for deviation, _, _, h in moments])
+    apart = rest @ fellows.T
+    off = apart[-1] - np.median(apart, axis=0)
+    harmless_m2 = JUDGE.harmless.own**2 * np.diag(radius_m**2)
+    variance = np.diag(fellows @ (moments[-1][1] + harmless_m2) @ fellows.T)
+    if np.all(off**2 <= FIT_LIMIT[1] * variance):
+        return moments[-1]
+    return moments[int(np.abs(rest - np.median(rest, axis=0)).sum(axis=1).argmin())]
 
 
 def _added(one: _Sample, other: _Sample) -> _Sample:
@@ -71,6 +90,9 @@ class Baseline:
         self._radius = np.array(vehicle.wheel_radius_m)[wheels]
         self._radius2 = np.outer(self._radius, self._radius)
         self._grid = np.ix_(wheels, wheels)
+        pairs = [(w, w + 1) for w in (0, 2) if w in wheels and w + 1 in wheels]
+        self._fellows = np.array([[float(w == a) - float(w == b) for w in wheels] for a, b in pairs])
+        self._fellows = self._fellows.reshape(-1, len(wheels))
         self._steep = BASELINE.steep.covariance(wheels, self._radius)
         self._learn_s = learn_s
         self._conditions = ConditionTracker()
@@ -87,6 +109,8 @@ class Baseline:
         self._recent_sum: tuple[_Sample, _Sample] | None = None
         """Sum of the recent samples, and the newest one in it."""
         self._recent_s = 0.0
+        self._moments: list[_Sample] = []
+        """Each second since the last of the recent samples."""
         self._evidence: DriveEvidence | None = None
         """Of this drive."""
         self._first_drive = False
@@ -165,11 +189,14 @@ class Baseline:
             if self._recent
             else one
         )
+        self._moments.append(now)
         if self._recent_s >= BASELINE.sample_every_s:
-            self._recent.append(now)
+            sample = typical(self._moments, self.reference.mean, self._radius, self._fellows)
+            self._recent.append(sample)
             if self._evidence is not None:
-                self._evidence.take(*now, self._recent_s)
+                self._evidence.take(*sample, self._recent_s)
             self._recent_s = 0.0
+            self._moments.clear()
         return one, both
 
     def alarm_turned(self, account: int | None) -> None:
@@ -195,6 +222,7 @@ class Baseline:
     def forget_recent(self) -> None:
         """What was seen in the last minutes is not to be believed, or is another drive's."""
         self._recent.clear()
+        self._moments.clear()
         self._evidence, self._closed, self._first_drive = None, False, False
 
     def accounts(self, *, alarm_stands: bool) -> Accounts | None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.monitor.change_bank import ChangeBank
-from tpmsd.monitor.nuisance import Nuisance
+from tpmsd.monitor.nuisance import Nuisance, log_normal
 from tpmsd.monitor.reference import Reference
 from tpmsd.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
 from tpmsd.wheels import FloatArray
@@ -41,7 +41,7 @@ class Accounts:
         normal with `harmless_m2` here, and the ratio of the two is N(change; 0, C + H) / N(change; 0, C).
         """
         total_m2 = self.covariance_m2 + harmless_m2
-        log_density = _log_normal(self.change_m, total_m2) - _log_normal(self.change_m, self.covariance_m2)
+        log_density = log_normal(self.change_m, total_m2) - log_normal(self.change_m, self.covariance_m2)
         return total_m2, self.log_weight + log_density
 
     def model_probabilities(self, chances: FloatArray) -> dict[str, float]:
@@ -49,13 +49,6 @@ class Accounts:
         return {
             model.name: float(chances[self.model == k].sum()) for k, model in enumerate(DRIVE_EVIDENCE.models)
         }
-
-
-def _log_normal(value: FloatArray, covariance: FloatArray) -> FloatArray:
-    """(n,) log densities of values (n, d) under N(0, covariance (n, d, d)), but for a constant."""
-    _, log_volume = np.linalg.slogdet(covariance)
-    solved = np.linalg.solve(covariance, value[:, :, None])[:, :, 0]
-    return np.asarray(-0.5 * (np.einsum("nd,nd->n", value, solved) + log_volume))
 
 
 class DriveEvidence:

@@ -26,6 +26,8 @@ class DriveModel:
     """Slip of the driven axles on slopes, per m/s2."""
     slip_std: float = 0.0
     """Slip of each driven axle, all drive long."""
+    pull_std: float = 0.0
+    """Slip of each driven axle at a moment of which it is not known how hard the car pulls."""
     axle_scatter: float = 0.0
     """Slip of each driven axle that comes and goes between samples, ..."""
     own_scatter: float = 0.0
@@ -54,21 +56,36 @@ class DriveEvidenceSettings:
         ),
         DriveModel(
             "low grip",
-            0.03,
+            0.02,
             "driven wheels slip, and say little of their radii",
             load_std=(6e-4, 3e-3),
             drag_std=1.6e-3,
             hill_std=1e-2,
             slip_std=5e-3,
+            pull_std=2.5e-2,
             axle_scatter=3e-3,
             own_scatter=1e-3,
+        ),
+        DriveModel(
+            "loose ground",
+            0.01,
+            "every wheel slips, spins or locks for itself; a soft tyre shows in the mean of many minutes",
+            load_std=(6e-4, 3e-3),
+            drag_std=1.6e-3,
+            hill_std=1e-2,
+            slip_std=5e-3,
+            pull_std=2.5e-2,
+            axle_scatter=5e-3,
+            own_scatter=5e-3,
         ),
     )
     """A full van lowers its rear tyres by 0.9 mm (3 kN a wheel, 0.25 mm per 500 N of a tyre of 1.6 times the
     stiffness). A trailer's drag area of 1.2 m2 doubles or trebles the drag slip of `physics.priors`, and its
-    mass the slip on slopes. On ice and gravel driven wheels slip by 2 to 3 mm. Shares of drives: assumed."""
-    low_grip: str = "low grip"
-    """The one in which driven wheels slip."""
+    mass the slip on slopes. A front axle that carries half of a car slips by 2.5 % at 1 m/s2 with 0.4 of
+    the dry stiffness (21 per unit of force over load: `longitudinal_slip`). On ice and gravel driven wheels
+    slip by 2 to 3 mm. Shares of drives: assumed."""
+    slipping: tuple[str, ...] = ("low grip", "loose ground")
+    """Those in which driven wheels slip."""
     estimate_share: float = 2.0
     """Variance of the mean of estimates 20 s apart relative to independent ones: their memory is 4 to 40 s,
     which makes 1.0 to 4.1."""

@@ -40,6 +40,8 @@ class Verdict:
     """(d,) expected loss of each wheel, m."""
     beyond: FloatArray
     """(s,) the same that the wheels of each of `subsets`, and no other, are."""
+    larger: FloatArray
+    """(d,) probability that the wheel, and no other, is larger than was learned."""
     suspicion: float
     """Log-likelihood ratio of the best loss beyond the threshold to none at all, whatever its prior, by the
     likeliest account."""
@@ -123,6 +125,7 @@ class Comparison:
         found = np.add.reduce(posterior)
         of_losses = found[lost]
         beyond = int(LOSS_GRID.searchsorted(self.threshold))
+        chances = np.add.reduce(found, axis=1)
         large = of_losses @ severity(self.threshold)
         # Sums of rounded shares may exceed 1 by the last bit; a saved probability may not.
         return Verdict(
@@ -130,8 +133,9 @@ class Comparison:
             none=float(np.add.reduce(none) + found[lost.stop :].sum()),
             loss_m=(of_losses @ LOSS_GRID) @ members * self.radius_m,
             beyond=large,
+            larger=chances[lost.stop :] if d > 2 else np.zeros(d),
             suspicion=float(np.maximum.reduce(likeliest[lost, beyond:], axis=None)),
-            chances=np.add.reduce(found, axis=1),
+            chances=chances,
             gains=np.maximum.reduce(likeliest, axis=1),
             best_loss_m=members[of_best] * LOSS_GRID[size] * self.radius_m,
             accounts=accounts,

@@ -14,10 +14,11 @@ import numpy as np
 
 from tpmsd.config.model import MonitorConfig, TyreConfig, VehicleConfig
 from tpmsd.monitor.baseline import Change
+from tpmsd.monitor.deviation import Deviation
 from tpmsd.monitor.drive_evidence import Accounts
+from tpmsd.monitor.grip import Grip
 from tpmsd.monitor.hypotheses import Comparison, Verdict, subsets
 from tpmsd.monitor.nuisance import Nuisance, mean_share
-from tpmsd.monitor.probability import normal_cdf
 from tpmsd.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
 from tpmsd.monitor.sight import Sight, sight
 from tpmsd.physics.motion import driven_mask
@@ -129,11 +130,13 @@ class Judge:
             losses = [-one.radius_change_m(share) for one in self._tyres]
             self._threshold = float(np.mean(np.array(losses) / self._radius))
         self._asked = settings.raise_probability
-        self._limit_m = settings.deviation_percent / 100.0 * self._radius
-        grip = next(model for model in DRIVE_EVIDENCE.models if model.name == DRIVE_EVIDENCE.low_grip)
+        self._grip = Grip(vehicle, wheels, self._radius)
+        limit_m = settings.deviation_percent / 100.0 * self._radius
+        self._deviation = Deviation(wheels, self._radius, limit_m, self._grip)
         self._driven = driven_mask(vehicle.driven_axle)[wheels]
-        self._slip_m = np.where(self._driven, grip.slip_std * self._radius, 0.0)
         self._apart = _apart(wheels)
+        self._fellow = np.array([[float(wheel == other ^ 1) for other in wheels] for wheel in wheels])
+        """(d, d) 1 for the other wheel of the axle."""
         self._told: tuple[Accounts, bool, Finding, dict[str, float]] | None = None
         """The last comparison of a drive: it changes with every sample, and is asked for every second."""
 
@@ -158,14 +161,13 @@ class Judge:
             ratios = np.array([resonance.log_ratio([self._wheels[i] for i in one]) for one in sets])
         averaged_m2 = harmless_m2 - self.harmless_m2 + self._harmless_of_mean_m2(mean.samples)
         against = Comparison(self._radius, self._threshold, ratios, other_tyres)
-        now_m2, mean_m2 = now.covariance_m2 + harmless_m2, mean.covariance_m2 + averaged_m2
-        verdicts = against.of_each(np.stack([now.change_m, mean.change_m]), np.stack([now_m2, mean_m2]))
-        at_once = Finding("now", verdicts[0], now.change_m, now_m2)
-        lately = Finding("minutes", verdicts[1], mean.change_m, mean_m2)
         of_drive: Finding | None = None
         models: dict[str, float] = {}
         if accounts is not None:
             of_drive, models = self._of_drive(accounts, ratios, other_tyres)
+        now_m2, mean_m2 = now.covariance_m2 + harmless_m2, mean.covariance_m2 + averaged_m2
+        at_once = self._look("now", now, now_m2, against, models)
+        lately = self._look("minutes", mean, mean_m2, against, models)
         # What shows in a mean alone is slow; what shows now alone is fast.
         findings = [at_once, lately] if of_drive is None else [at_once, lately, of_drive]
         finding = max(findings, key=lambda one: float(one.verdict.deflated.max()))
@@ -178,7 +180,8 @@ class Judge:
             for tyre, x, s in zip(self._tyres, steady, np.sqrt(np.diag(steady_m2)), strict=True)
         ]
         fits = now.fits and mean.fits
-        low_grip = models.get(DRIVE_EVIDENCE.low_grip, 0.0)
+        low_grip = self._grip.low(models)
+        wide_m2 = now.covariance_m2 + self._unexplained_m2 + harmless_m2 - self.harmless_m2
         by_drive = None
         if of_drive is not None:
             # Driven wheels that spin for a moment are off by far more than the model of low grip has.
@@ -192,7 +195,7 @@ class Judge:
             change_m=self._on_all(now.change_m),
             change_std_m=self._on_all(std),
             deflated=self._on_all(deflated),
-            deviates=self._on_all(self._deviates(now, harmless_m2 - self.harmless_m2, low_grip)),
+            deviates=self._on_all(self._deviation.probabilities(now.change_m, wide_m2, models)),
             loss_m=self._on_all(finding.verdict.loss_m),
             pressure_loss=self._on_all(np.array([loss for loss, _ in pressure])),
             pressure_loss_std=self._on_all(np.array([own for _, own in pressure])),
@@ -205,6 +208,22 @@ class Judge:
             drive_models=models,
         )
 
+    def _look(
+        self,
+        over: Literal["now", "minutes"],
+        change: Change,
+        covariance_m2: FloatArray,
+        against: Comparison,
+        models: dict[str, float],
+    ) -> Finding:
+        """What a change of covariance (d, d) says where the drive may slip as its `models` have it."""
+        slipping = self._grip.accounts(change.change_m, covariance_m2, change.samples, models)
+        each_m2 = slipping.covariance_m2
+        verdict = against.of_accounts(
+            np.broadcast_to(change.change_m, each_m2.shape[:2]), each_m2, slipping.log_weight
+        )
+        return Finding(over, verdict, change.change_m, each_m2[int(verdict.accounts.argmax())])
+
     def _deflated(self, now: Verdict, mean: Verdict, samples: int, by_drive: FloatArray | None) -> FloatArray:
         """(d,) probability of a deflation by what all say; `by_drive` (d,): by the drive as a whole.
 
@@ -213,7 +232,10 @@ class Judge:
         load for a while: so they are believed of the drive as a whole, or of the mean over minutes where the
         car is not known yet, and what shows of them now is only reason not to clear.
         """
-        apart = np.minimum(np.maximum(now.beyond @ self._apart, mean.beyond @ self._apart), 1.0)
+        # Two tyres of an axle that differ: the level of the axle says which of them has changed, and slip and
+        # slopes move it for a while. So what minutes say is a larger tyre is no loss of its fellow now.
+        now_apart = (now.beyond @ self._apart) * (1.0 - self._fellow @ mean.larger)
+        apart = np.minimum(np.maximum(now_apart, mean.beyond @ self._apart), 1.0)
         at_once = np.maximum(apart, np.minimum(now.deflated, JUDGE.undecided))
         if by_drive is not None:
             return np.maximum(at_once, by_drive)
@@ -226,16 +248,6 @@ class Judge:
         if of_drive is not None:
             all_m2 = of_drive.covariance_m2
         return sight(mean_m2, all_m2, self._radius, self._tyres, self._threshold, self._asked)
-
-    def _deviates(self, now: Change, tolerance_m2: FloatArray, low_grip: float) -> FloatArray:
-        """(d,) probability of a change beyond the limit. What driven wheels slip at low grip is none."""
-        wide_m2 = now.covariance_m2 + self._unexplained_m2 + tolerance_m2
-        out = np.zeros(now.change_m.size)
-        for share, slip_m in ((1.0 - low_grip, 0.0), (low_grip, self._slip_m)):
-            std = np.sqrt(np.diag(wide_m2) + slip_m**2)
-            beyond = np.stack([-self._limit_m - now.change_m, now.change_m - self._limit_m]) / std
-            out += share * np.array([normal_cdf(a) + normal_cdf(b) for a, b in beyond.T.tolist()])
-        return out
 
     def _of_drive(
         self, accounts: Accounts, log_ratios: FloatArray | None, other_tyres: bool

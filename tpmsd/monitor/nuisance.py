@@ -43,3 +43,11 @@ def mean_share(samples: int, correlation: float) -> float:
     correlation and those further apart its powers (first-order Gauss-Markov)."""
     lags = np.arange(1, samples)
     return float(1.0 + 2.0 * np.sum((1.0 - lags / samples) * correlation**lags)) / samples
+
+
+def log_normal(value: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(n,) log densities of values (n, d) or (d,) under N(0, covariance (n, d, d)), but for a constant."""
+    _, log_volume = np.linalg.slogdet(covariance)
+    values = np.broadcast_to(value, covariance.shape[:2])
+    solved = np.linalg.solve(covariance, values[:, :, None])[:, :, 0]
+    return np.asarray(-0.5 * (np.einsum("nd,nd->n", values, solved) + log_volume))

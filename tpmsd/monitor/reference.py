@@ -188,12 +188,22 @@ class Reference:
             out.covariance[place, place] += std**2
         return out
 
-    def scatter(self, model: DriveModel) -> FloatArray:
-        """(4, 4) relative covariance of what `model` adds to every sample."""
+    def slip(self, model: DriveModel) -> FloatArray:
+        """(4, 4) relative covariance of what driven axles slip by `model` all drive long."""
+        return self._of_driven(model.slip_std)
+
+    def pull(self, model: DriveModel) -> FloatArray:
+        """(4, 4) the same of what they slip at a moment, however hard they pull."""
+        return self._of_driven(model.pull_std)
+
+    def _of_driven(self, std: float) -> FloatArray:
         axle = IS_FRONT[:, None] == IS_FRONT[None, :]
         driven = np.where(IS_FRONT, self._driven[0], self._driven[1])
-        together = np.where(axle & driven[:, None], model.axle_scatter**2, 0.0)
-        return np.asarray(together + np.eye(4) * model.own_scatter**2)
+        return np.asarray(np.where(axle & driven[:, None], std**2, 0.0))
+
+    def scatter(self, model: DriveModel) -> FloatArray:
+        """(4, 4) relative covariance of what `model` adds to every sample."""
+        return self._of_driven(model.axle_scatter) + np.eye(4) * model.own_scatter**2
 
     def forget_drive(self, load_only: bool) -> None:
         """The car has stood: its load is another, and unless `load_only` so is the day."""

@@ -123,6 +123,11 @@ class JudgeSettings:
     """Prior probability of each wheel that it is larger than was learned: a new tyre of which nobody told,
     as rare as three tyres that lose air at once.
     Of a pair alone nothing tells which wheel has changed: there it is the one that lost."""
+    prior_resized: float = 1e-3
+    """Prior probability of each wheel, each axle and all that they are of another size than was learned:
+    spares, chains, other tyres; a few drives in a thousand (assumed)."""
+    resized_std: float = 0.02
+    """By how much, relative: a temporary spare 1 to 3 %, chains 2 to 3 %."""
     harmless: Nuisance = Nuisance(common=3e-4, axle=4e-4, side=3e-4, own=3e-4)
     """What comes and goes beyond what the baseline explains: wind, camber, ruts, load in bends."""
     harmless_s: float = 30.0

@@ -1,0 +1,102 @@
+"""One model of grip for what is seen now, over minutes and over a drive."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.monitor.drives import RADIUS_M, VEHICLE
+from tests.monitor.test_drive_evidence import RADIUS, WHEELS, at, judged, learned_car
+from tpmsd.config.model import MonitorConfig, TyreConfig
+from tpmsd.monitor.baseline import Change, typical
+from tpmsd.monitor.grip import Grip
+from tpmsd.monitor.judge import Judge
+from tpmsd.monitor.settings import DRIVE_EVIDENCE
+
+MODELS = {model.name: model for model in DRIVE_EVIDENCE.models}
+FELLOWS = np.array([[1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]])
+ASKED = MonitorConfig().raise_probability
+
+
+def test_slip_lasts_and_scatter_falls_with_the_number_of_samples() -> None:
+    """On loose ground the mean of four samples has the variance s^2 + (a^2 + o^2) / 4 on a driven wheel
+    beside the estimate's, s^2 + a^2 / 4 between the driven ones and o^2 / 4 on each other one."""
+    loose = MODELS["loose ground"]
+    chances = dict.fromkeys(MODELS, 0.0) | {"loose ground": 1.0}
+    found = Grip(VEHICLE, WHEELS, RADIUS).accounts(np.zeros(4), 1e-8 * np.eye(4), 4, chances)
+    shared = loose.slip_std**2 + loose.axle_scatter**2 / 4
+    own = loose.own_scatter**2 / 4
+    expected = np.diag([shared + own, shared + own, own, own])
+    expected[0, 1] = expected[1, 0] = shared
+    assert found.covariance_m2[-1] == pytest.approx(1e-8 * np.eye(4) + expected * RADIUS_M**2, rel=1e-9)
+
+
+def test_a_change_weighs_the_models_by_their_likelihood() -> None:
+    """Beforehand both are as probable; after a change of 3 mm of one wheel that does not slip on a usual road
+    the odds are those of two normal densities."""
+    chances = dict.fromkeys(MODELS, 0.0) | {"as learned": 0.5, "loose ground": 0.5}
+    change = np.array([0.0, 0.0, -3e-3, 0.0])
+    plain = 5e-4**2 * np.eye(4)
+    found = Grip(VEHICLE, WHEELS, RADIUS).accounts(change, plain, 1, chances)
+    densities = [
+        -0.5 * change @ np.linalg.inv(one) @ change - 0.5 * np.log(np.linalg.det(one))
+        for one in (plain, found.covariance_m2[-1])
+    ]
+    got = found.log_weight[-1] - found.log_weight[0]
+    assert got == pytest.approx(densities[1] - densities[0], rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_wheels_that_jump_on_loose_ground_are_no_loss_while_they_jump(seed: int) -> None:
+    """Each wheel strays by 1.2 mm from sample to sample for itself, and at the end one that is not driven has
+    strayed by -2.5 mm: nothing is raised, neither now nor over minutes nor over the drive."""
+    rng = np.random.default_rng(seed + 70)
+    extra = 1.2e-3 * rng.standard_normal((60, 4))
+    extra[-1, 2] = -2.5e-3
+    found = judged(learned_car().mean.copy(), extra, seed)
+    assert found.drive_models["loose ground"] > 0.99
+    assert np.all(found.deflated < ASKED)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_soft_tyre_on_loose_ground_is_named_by_the_drive_as_a_whole(seed: int) -> None:
+    """The same ground, and a rear tyre loses 3 mm after a third of the drive: it is named, and no other."""
+    rng = np.random.default_rng(seed + 90)
+    extra = 1.2e-3 * rng.standard_normal((60, 4))
+    extra[20:, 3] -= 3e-3
+    found = judged(learned_car().mean.copy(), extra, seed)
+    assert [3] == np.flatnonzero(found.deflated > ASKED).tolist()
+
+
+def test_a_wheel_that_is_locked_for_seconds_is_not_what_twenty_seconds_have_seen() -> None:
+    """Of twenty moments rl is off by 40 mm in the first six and fr by -20 mm in the last six: the sample is
+    one of those between; of a step after twelve it is one before it; what both wheels of an axle do stays."""
+    reference = learned_car()
+    h = reference.features(at(20.0))
+    usual = h @ reference.mean * RADIUS_M
+    shared = (1e-8 * np.eye(4), np.zeros((4, 4)), h)
+    off = np.zeros((20, 4))
+    off[:, 0] = 1e-5 * np.arange(20)
+    off[:6, 2], off[-6:, 1] = 40e-3, -20e-3
+    found = typical([(usual + one, *shared) for one in off], reference.mean, RADIUS, FELLOWS)
+    assert 6 <= round((found[0] - usual)[0] / 1e-5) < 14
+    off[:, 1:] = 0.0
+    off[12:, 3] = -2e-3
+    found = typical([(usual + one, *shared) for one in off], reference.mean, RADIUS, FELLOWS)
+    assert 0.0 == pytest.approx((found[0] - usual)[3], abs=1e-9)
+    off[12:, 2] = -2e-3
+    found = typical([(usual + one, *shared) for one in off], reference.mean, RADIUS, FELLOWS)
+    assert -2e-3 == pytest.approx((found[0] - usual)[3], abs=1e-9)
+
+
+@pytest.mark.parametrize(("level_m", "raised"), [(0.0, True), (2.3e-3, False)])
+def test_minutes_say_which_tyre_of_an_axle_has_changed(level_m: float, raised: bool) -> None:
+    """fl is 2.3 mm smaller than fr. Now, as the driven front axle slips, fl is low and fr is as learned: a
+    loss where minutes have seen it so, and none where over minutes fr was larger and fl as learned."""
+    own_m2 = np.full((4, 4), 5e-4**2) + np.eye(4) * 1e-4**2
+    change = np.array([-2.3e-3, 0.0, 0.0, 0.0])
+    before = change + np.array([level_m, level_m, 0.0, 0.0])
+    judge = Judge(VEHICLE, MonitorConfig(), TyreConfig(), WHEELS)
+    found = judge.judge(Change(change, own_m2, 1, own_m2, True), Change(before, own_m2, 9, own_m2, True))
+    assert raised == (found.deflated[0] > ASKED)
+    assert np.all(found.deflated[1:] < 0.5)
