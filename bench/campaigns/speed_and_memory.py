@@ -126,6 +126,11 @@ def replay_factor(folder: Path, config: Config) -> tuple[float, float]:
     return result.duration_s / cpu_s, 1e3 * cpu_s / (result.duration_s * config.filter.rate_hz)
 
 
+def compile_modules() -> None:
+    """As installed: no module is compiled while it is measured."""
+    subprocess.run([sys.executable, "-m", "compileall", "-q", str(REPO / "tpmsd")], check=True)
+
+
 def diagnosis_s(folder: Path, *options: str) -> float:
     """CPU seconds of `tpmsd diagnose` in a process of its own, reading included."""
     with tempfile.TemporaryDirectory() as name:
@@ -197,6 +202,7 @@ def figures(runs: int, drive_s: float, say: Callable[[Figure], None], only: str 
         folder = Path(folder_name)
         grows = {"centrifugal_growth": {"coefficient": 1.5e-6}}
         write_folder(drive(Spec(duration_s=DIAGNOSED_S, physics=grows), 1), folder)
+        compile_modules()
         for name, options in (("", ("--certify", "0")), (" with certificate", ())):
             take(
                 f"diagnosis, {DIAGNOSED_S / 60:.0f} min{name}",
