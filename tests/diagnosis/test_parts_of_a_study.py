@@ -11,6 +11,7 @@ from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
 from tpmsd.diagnosis.assessment.explanatory import explanatory
 from tpmsd.diagnosis.assessment.result import CONSISTENT
+from tpmsd.diagnosis.hypotheses.group_gain import group_gain
 from tpmsd.diagnosis.hypotheses.terms import Term
 from tpmsd.diagnosis.hypotheses.wheel_slip import WHEEL_SLIP
 from tpmsd.diagnosis.prepared.admission import admitted
@@ -279,3 +280,16 @@ def test_the_settings_hold_a_step_of_the_radii_to_what_is_a_calibration(studied:
 
     assert np.allclose(SETTINGS.refinement.most_calibration, grown)
     assert np.array_equal(before_m, one.reader.reference.car.radius_m)
+
+
+def test_the_gain_of_a_term_is_that_of_its_columns(studied: Study) -> None:
+    """What is kept of a term's design gives what the whole design gives, in effects and shapes."""
+    evidence, hypotheses = studied.evidence(), studied.hypotheses
+    gram, b = evidence.projected(hypotheses.nuisance)
+    shapes = [term for _, term in hypotheses.smooth_gains(gram, b)]
+    for term in [*hypotheses.catalogue, *shapes]:
+        assert group_gain(term.design[1:], gram, b) == term.gain(gram, b)
+        rows, part = term.acting
+        again = np.zeros_like(term.design)
+        again[1 + rows] = part
+        assert np.array_equal(term.design, again)

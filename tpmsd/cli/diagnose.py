@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -137,6 +138,8 @@ def run(args: argparse.Namespace) -> int:
     ]
     simulation = None if args.simulation is None else read_recording(args.simulation, name="your simulation")
     with contextlib.ExitStack() as stack:
+        gc.freeze()  # modules and drives stay: the collector need not look through them again and again
+        stack.callback(gc.unfreeze)
         replays = stack.enter_context(AlarmReplays(args.drives, args.config)) if args.alarms else None
         with Progress(1.0, "diagnose") as progress:
             if simulation is None:

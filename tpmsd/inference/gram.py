@@ -57,10 +57,11 @@ class Grams:
 
     def by_fold(self, folds: int) -> FloatArray:
         """(folds, n, n) of every so many-th block, from the first, the second... on."""
-        out = np.empty((folds, self.width, self.width))
-        for fold in range(folds):
-            rows = self.white[self._of_window % folds == fold].reshape(-1, self.width)
-            np.matmul(rows.T, rows, out=out[fold])
+        flat = self.white.reshape(-1, self.width)
+        out, one = np.zeros((folds, self.width, self.width)), np.empty((self.width, self.width))
+        for block, (first, last) in enumerate(self._spans):
+            np.matmul(flat[first:last].T, flat[first:last], out=one)
+            out[block % folds] += one
         return out
 
     def extended(self, columns: FloatArray) -> Grams:

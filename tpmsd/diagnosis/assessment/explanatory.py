@@ -11,7 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from tpmsd.diagnosis.assessment.result import Explanatory
-from tpmsd.diagnosis.hypotheses.terms import Term, group_gain
+from tpmsd.diagnosis.hypotheses.group_gain import group_gain
+from tpmsd.diagnosis.hypotheses.terms import Term
 from tpmsd.diagnosis.hypotheses.wheel_slip import SIDE_SLIP, WHEEL_SLIP
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.selection.selector import Selector

@@ -10,10 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
 
+from tpmsd.diagnosis.hypotheses.group_gain import gain_of_rows
 from tpmsd.diagnosis.hypotheses.response import PLACES
 from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.physics.catalogue import ALWAYS, EFFECTS, EVENTS, FAULT, FREE, groups
@@ -92,6 +94,16 @@ class Term:
     """Of a smooth term with finer knots than its covariate's usual ones."""
     drive: int | None = None
     """Number of the one drive in which it acts; None where it acts in all."""
+
+    @cached_property
+    def acting(self) -> tuple[np.ndarray, FloatArray]:
+        """Numbers (m,) of the columns behind the data that it combines, and how (m, k)."""
+        rows = np.flatnonzero(np.any(self.design[1:] != 0.0, axis=1))
+        return rows, self.design[1 + rows]
+
+    def gain(self, gram: FloatArray, b: FloatArray) -> tuple[float, float]:
+        """Log-likelihood that it brings, and its first value, as `group_gain`."""
+        return gain_of_rows(*self.acting, gram, b)
 
     def price(self, first: float) -> float:
         """The penalty, given the first value: rare values are penalised."""
@@ -368,7 +380,7 @@ class Hypotheses:
 
     def smooth_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
         """Gain of every smooth term."""
-        return [(group_gain(term.design[1:], gram, b)[0], term) for term in self._smooth]
+        return [(term.gain(gram, b)[0], term) for term in self._smooth]
 
 
 def _patterns() -> list[tuple[str, tuple[tuple[str, float], ...]]]:
@@ -380,19 +392,3 @@ def _patterns() -> list[tuple[str, tuple[tuple[str, float], ...]]]:
 def for_drive(term: Term, drive: int, drives: int) -> Term:
     """A term as that of one of so many drives: the choice must be paid for."""
     return replace(term, drive=drive, penalty=term.penalty + math.log(drives))
-
-
-def group_gain(design: FloatArray, gram: FloatArray, b: FloatArray) -> tuple[float, float]:
-    """Log-likelihood that a group of columns brings, and the value of its first, given Gram matrix and
-    correlation.
-    """
-    rows = np.flatnonzero(np.any(design != 0.0, axis=1))
-    part = design[rows]
-    A = part.T @ gram[np.ix_(rows, rows)] @ part
-    score = part.T @ b[rows]
-    scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
-    A = A / np.outer(scale, scale) + 1e-6 * np.eye(len(score))
-    score = score / scale
-    # A column that the others already explain has next to nothing left: it cannot bring anything.
-    values = np.linalg.solve(A, score)
-    return 0.5 * float(score @ values), float(values[0] / scale[0])

@@ -30,7 +30,8 @@ from tpmsd.diagnosis.assessment.simulated import compared, simulated_effects, wh
 from tpmsd.diagnosis.assessment.tangent import nonlinear_stds
 from tpmsd.diagnosis.assessment.teeth import teeth, usual_ring
 from tpmsd.diagnosis.hypotheses.advice import advice
-from tpmsd.diagnosis.hypotheses.terms import PATTERNS, Term, group_gain
+from tpmsd.diagnosis.hypotheses.group_gain import group_gain
+from tpmsd.diagnosis.hypotheses.terms import PATTERNS, Term
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.reporting.down_weighted import down_weighted
 from tpmsd.diagnosis.reporting.information import speed_ranges

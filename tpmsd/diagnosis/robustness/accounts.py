@@ -15,7 +15,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from tpmsd.diagnosis.assessment.simulated import widened
-from tpmsd.diagnosis.hypotheses.terms import Term, group_gain
+from tpmsd.diagnosis.hypotheses.group_gain import group_gain
+from tpmsd.diagnosis.hypotheses.terms import Term
 from tpmsd.diagnosis.prepared.drive_study import DriveStudy
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.refinement.refine import exact

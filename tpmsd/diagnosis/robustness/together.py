@@ -16,7 +16,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Term, group_gain
+from tpmsd.diagnosis.hypotheses.group_gain import group_gain
+from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Term
 from tpmsd.diagnosis.robustness.found import Found
 from tpmsd.diagnosis.selection.chosen import Selection
 from tpmsd.diagnosis.selection.selector import Selector

@@ -11,7 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term, group_gain
+from tpmsd.diagnosis.hypotheses.group_gain import group_gain
+from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term
 from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence, Fit
 from tpmsd.physics.catalogue import usual_size
@@ -97,16 +98,16 @@ class Candidates:
     def _looked_for(self, chosen: Sequence[Term], everything: bool) -> list[tuple[float, list[Term]]]:
         gram, b = self.evidence.projected(self.design(chosen))
         taken = {term.key for term in chosen}
-        total = np.diag(self.evidence.total)[1:]
+        own, total = np.diag(gram), np.diag(self.evidence.total)[1:]
         free = [term for term in self.hypotheses.catalogue if term.key not in taken]
         out: list[tuple[float, list[Term]]] = []
         usable = []
         for term in free:
-            rows = np.flatnonzero(np.any(term.design[1:] != 0.0, axis=1))
-            if np.any(np.diag(gram)[rows] < SETTINGS.selection.least_own_share * total[rows]):
+            rows, _ = term.acting
+            if np.any(own[rows] < SETTINGS.selection.least_own_share * total[rows]):
                 continue
             usable.append(term)
-            gain, first = group_gain(term.design[1:], gram, b)
+            gain, first = term.gain(gram, b)
             out.append((self.net(term, gain, first), [term]))
         if everything:
             shapes = self.hypotheses.pulse_gains(gram, b) + self.hypotheses.smooth_gains(gram, b)

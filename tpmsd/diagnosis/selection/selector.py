@@ -16,8 +16,9 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from tpmsd.diagnosis.hypotheses.group_gain import group_gain
 from tpmsd.diagnosis.hypotheses.plausible import against_ratio, ratio_limits, thinkable, with_completions
-from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term, group_gain
+from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term
 from tpmsd.diagnosis.selection.candidates import Candidates, handicap
 from tpmsd.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.diagnosis.settings import SETTINGS

@@ -1,0 +1,30 @@
+"""What a group of columns brings, by Gram matrices.
+
+In: a design, the Gram matrix and correlation of all columns. Out: log-likelihood and first value.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tpmsd.wheels import FloatArray
+
+
+def group_gain(design: FloatArray, gram: FloatArray, b: FloatArray) -> tuple[float, float]:
+    """Log-likelihood that a group of columns brings, and the value of its first, given Gram matrix and
+    correlation.
+    """
+    rows = np.flatnonzero(np.any(design != 0.0, axis=1))
+    return gain_of_rows(rows, design[rows], gram, b)
+
+
+def gain_of_rows(rows: np.ndarray, part: FloatArray, gram: FloatArray, b: FloatArray) -> tuple[float, float]:
+    """The same of a design that has these rows (m,) alone, `part` (m, k)."""
+    A = part.T @ gram[rows[:, None], rows] @ part
+    score = part.T @ b[rows]
+    scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    A = A / np.outer(scale, scale) + 1e-6 * np.eye(len(score))
+    score = score / scale
+    # A column that the others already explain has next to nothing left: it cannot bring anything.
+    values = np.linalg.solve(A, score)
+    return 0.5 * float(score @ values), float(values[0] / scale[0])
