@@ -90,13 +90,15 @@ class Arm(Two):
 
 
 @pytest.mark.parametrize(
-    ("angle", "left_m", "alike"), [(0.05, 0.1, True), (0.8, 0.1, False), (0.8, 0.0, False)]
+    ("angle", "left_m", "alike"),
+    [(0.05, 0.09, True), (0.8, 0.1, False), (0.8, 0.0, False), (0.05, 0.6, False)],
 )
 def test_a_name_is_unsure_where_a_rival_takes_the_place_of_one_of_its_values(
     angle: float, left_m: float, alike: bool
 ) -> None:
     """A forward arm that a latency replaces, beside a sideways one that nothing does: both are possible. What
-    stands beside a forward arm that suffices alone replaces nothing."""
+    stands beside a forward arm that suffices alone replaces nothing; and a name that rests on its sideways
+    value by nine tenths of the gain stands whatever takes the forward one's place."""
     rng = np.random.default_rng(4)
     forward, left, other = np.linalg.qr(rng.standard_normal((WINDOWS * 9, 3)))[0].T * np.sqrt(WINDOWS * 9)
     late = np.cos(angle) * forward + np.sin(angle) * other

@@ -45,12 +45,13 @@ def test_a_tyre_that_changed_halfway_does_not_make_single_readings_rough() -> No
 
 
 @pytest.mark.parametrize(
-    ("inside", "step", "expected"), [(2, 1, 2.25), (2, -1, 1.5), (3, 1, 3.0), (0, -1, 0.0)]
+    ("inside", "step", "expected"),
+    [(2, 1, 2.0 + 2.0 / 20.0), (2, -1, 2.0 - 2.0 / 20.0), (4, 1, 4.0), (0, -1, 0.0)],
 )
 def test_an_interval_ends_between_two_trials(inside: int, step: int, expected: float) -> None:
-    """Where a line between the last that is inside and the first that is not crosses the level; at the last
-    of all trials where none is outside.
+    """Where the parabola through the trials crosses the level: of 200 nats per step squared, 2 nats are a
+    tenth of a step, and a line would say a hundredth; at the last of all trials where none is outside.
     """
-    gains = np.array([6.0, 6.0, 10.0, 2.0])
+    gains = 10.0 - 200.0 * (np.arange(5) - 2.0) ** 2
 
-    assert crossing(gains, 8.0, inside, step) == expected
+    assert crossing(gains, 8.0, inside, step) == pytest.approx(expected)

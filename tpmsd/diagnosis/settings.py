@@ -182,6 +182,10 @@ class AssessmentSettings:
     """Prior standard deviations of a column's value that are tried, as powers of ten of its own noise."""
     interval_nats: float = 1.92
     """Fall of the log-likelihood at the ends of a 95 % interval (Wilks 1938)."""
+    firsts: int = 19
+    """Values over its range at which the likelihood of a nonlinear parameter is taken."""
+    seconds: int = 9
+    """The same of a second one."""
     simulation_floor: float = 0.5
     """A simulation's noise is no less than this share of the recording's: a difference cannot be told
     better than the recording tells it."""

@@ -62,6 +62,8 @@ class Probe:
     place: str = ""
     at: float | None = None
     """Of the parameter that enters nonlinearly."""
+    second: float | None = None
+    """Of a second one; None where it is typical."""
 
     @property
     def key(self) -> tuple[str, ...]:
@@ -81,6 +83,8 @@ class Probe:
                 values[p.name] = p.neutral if p.probe > 0.0 else p.typical
         if cls.grid is not None and self.at is not None:
             values[cls.grid.parameter] = self.at
+            if cls.grid.second is not None and self.second is not None:
+                values[cls.grid.second.parameter] = self.second
         return make_effect(self.effect, **values)
 
 

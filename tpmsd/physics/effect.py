@@ -35,6 +35,7 @@ from tpmsd.wheels import WHEELS, FloatArray
 __all__ = [
     "MAX_ENTRIES",
     "AnyParameter",
+    "Beside",
     "Effect",
     "Grid",
     "GroupParameter",
@@ -78,6 +79,19 @@ class Look(Enum):
 
 
 @dataclass(frozen=True, slots=True)
+class Beside:
+    """A second parameter that enters nonlinearly: typical on the grid, and fitted once the first one is."""
+
+    parameter: str
+    range: tuple[float, float]
+    """Least and greatest that is thinkable."""
+    price: Callable[[float], float]
+    """Nats against a value."""
+    step: float
+    """Factor by which it is first moved."""
+
+
+@dataclass(frozen=True, slots=True)
 class Grid:
     """Values of a parameter that enters nonlinearly, at which the effect is first looked for."""
 
@@ -91,6 +105,8 @@ class Grid:
     """Nats against a value, beside those for the choice among the grid's."""
     step: float
     """Factor between neighbours."""
+    second: Beside | None = None
+    """A further parameter that enters nonlinearly, if there is one."""
 
 
 ODD_SIGN = 4.0
@@ -142,6 +158,8 @@ class Effect:
     """Of its one parameter that enters nonlinearly."""
     ramp: ClassVar[bool] = False
     """Whether it steps or ramps once, at a time that is looked for."""
+    courses: ClassVar[tuple[str, ...]] = ()
+    """Of a ramp: the values of its parameter `course`, the plainest first."""
     span: ClassVar[bool] = False
     """Whether it acts from one time to another, which are looked for."""
     by_teeth: ClassVar[bool] = False
@@ -202,6 +220,11 @@ class Effect:
     def against(cls, value: float) -> float:
         """Nats against a first value (difference from neutral): rare values are penalised."""
         return ODD_SIGN if cls.one_sign and value < 0.0 else 0.0
+
+    @classmethod
+    def goes_before(cls, value: float) -> bool:
+        """Whether with this first value it goes before the effects whose limit it is, as the simpler one."""
+        return True
 
     @classmethod
     def usual(cls, value: float, std: float, speeds: bool) -> str:

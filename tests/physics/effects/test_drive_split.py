@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
@@ -47,3 +48,27 @@ def test_what_no_load_transfer_can_be_is_the_split_of_the_drive() -> None:
     assert finding.confidence > 0.95
     assert value.std is not None
     assert value.value == pytest.approx(-2.0 * 5e-4 / spec.radius_m, abs=4.0 * value.std)
+
+
+@pytest.mark.parametrize(("coefficient", "before"), [(6e-5, True), (1.5e-4, True), (2.9e-4, False)])
+def test_a_load_transfer_beyond_what_cars_have_is_no_simpler_name(coefficient: float, before: bool) -> None:
+    """Of 2.9e-4 s2, 4.6 standard deviations from the usual, the split of a drive is as good a name: Student's
+    distribution of four degrees has 2.5 log(1 + 4.6^2 / 4) nats against it."""
+    load = EFFECTS["load_transfer_longitudinal"]
+    beyond = max(coefficient - 6e-5, 0.0) / 5e-5
+
+    assert before is load.goes_before(coefficient)
+    assert load.against(coefficient) == pytest.approx(2.5 * np.log1p(beyond**2 / 4.0))
+    assert load.against(-1e-5) > load.against(1e-5)
+
+
+def test_a_small_split_and_a_large_load_transfer_share_the_confidence() -> None:
+    """2.9e-4 s2 of load transfer read like -1.8e-3 s2/m: neither name is sure, and each names the other."""
+    spec = Spec(
+        duration_s=240.0, driven="all", physics={"load_transfer_longitudinal": {"coefficient": 2.9e-4}}
+    )
+    (finding,) = diagnose([recording_of(drive(spec, 12))]).findings
+    names = {finding.effect, *finding.indistinguishable_from}
+
+    assert {"drive_split", "load_transfer_longitudinal"} == names
+    assert finding.confidence < 0.9

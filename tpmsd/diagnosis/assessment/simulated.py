@@ -202,7 +202,10 @@ def simulated_effects(study: Study, selection: Selection) -> tuple[str, ...]:
 
 
 def _alike(one: Term, other: Term) -> bool:
-    return (one.parameters, one.span_s, one.at) == (other.parameters, other.span_s, other.at)
+    return all(
+        getattr(one, name) == getattr(other, name)
+        for name in ("parameters", "span_s", "at", "second", "course")
+    )
 
 
 def _valued(one: Chosen, fit: Fit, into: FloatArray, ratio: float) -> tuple[Chosen, float]:
@@ -272,8 +275,8 @@ def _refined(term: Term) -> tuple[Refined, ...]:
     """What has an onset or a time constant of its own, as columns of both drives; none of other terms."""
     begin, end = term.span_s
     if term.ramp or term.pulse:
-        return refined(term, begin, end - begin if term.ramp else end)
-    return () if term.at is None else refined(term, term.at)
+        return refined(term, begin, end - begin if term.ramp else end, term.course)
+    return () if term.at is None else refined(term, term.at, term.second or 0.0)
 
 
 def _told(evidence: Evidence, nuisance: FloatArray, design: FloatArray) -> float:

@@ -8,6 +8,8 @@ alike, which no derivative shows.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from tpmsd.diagnosis.hypotheses.terms import numbers_of, wheels_of
@@ -62,17 +64,52 @@ def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, fl
 def _of_grid(
     study: Study, selection: Selection, which: int, tangents: list[dict[int, FloatArray]]
 ) -> dict[str, float]:
-    """Standard deviations of an effect's linear parameters and of the nonlinear one; `tangents` by drive, of
+    """Standard deviations of an effect's linear parameters and of the nonlinear ones; `tangents` by drive, of
     what is beside.
 
-    The farthest end of the interval in which the likelihood, all linear values fitted, is within 1.92 of its
+    The farthest end of the interval in which the likelihood, all other values fitted, is within 1.92 of its
     maximum (Wilks, Annals of Mathematical Statistics 9, 1938) counts as 1.96 of them.
     """
-    one, others = selection.chosen[which], [c.term for k, c in enumerate(selection.chosen) if k != which]
-    grid, tau, own = one.term.kind_of.grid, one.term.at, len(one.values)
+    one = selection.chosen[which]
+    grid, tau = one.term.kind_of.grid, one.term.at
     assert grid is not None
     assert tau is not None
-    trials = np.concatenate([[tau], np.geomspace(*grid.range, 19)])
+    seconds = np.zeros(1)
+    if grid.second is not None and one.term.second is not None:
+        seconds = np.concatenate(
+            [[one.term.second], np.geomspace(*grid.second.range, SETTINGS.assessment.seconds)]
+        )
+    firsts = np.concatenate([[tau], np.geomspace(*grid.range, SETTINGS.assessment.firsts)])
+    gains, sizes = _profiled(study, selection, which, tangents, [(a, b) for a in firsts for b in seconds])
+    gains = gains.reshape(len(firsts), len(seconds))
+    if grid.second is not None and len(seconds) > 1:
+        gains = gains - np.array([grid.second.price(value) for value in seconds])
+    sizes = sizes.reshape(-1, len(firsts), len(seconds))
+    # Along the first, the second fitted; then along the second, the first held: what is left of the variance.
+    best = np.argmax(gains, axis=1)
+    best[0] = 0 if gains[0, 0] >= gains[0, best[0]] - SETTINGS.preparation.moved_nats else best[0]
+    along = np.arange(len(firsts))
+    reach, spread = _reach(firsts, gains[along, best], sizes[:, along, best])
+    scale = float(np.min(one.stds / np.maximum(np.abs(one.values), 1e-12)))
+    out = {grid.parameter: max(reach / 1.96, scale * tau)}
+    stds = np.hypot(one.stds, spread / 1.96)
+    if grid.second is not None and len(seconds) > 1:
+        stds = np.hypot(stds, _reach(seconds, gains[0], sizes[:, 0])[1] / 1.96)
+        out[grid.second.parameter] = _reach(seconds, gains.max(axis=0), sizes[:, 0])[0] / 1.96
+    return {**out, **dict(zip(one.term.parameters, stds.tolist(), strict=True))}
+
+
+def _profiled(
+    study: Study,
+    selection: Selection,
+    which: int,
+    tangents: list[dict[int, FloatArray]],
+    trials: list[tuple[float, float]],
+) -> tuple[FloatArray, FloatArray]:
+    """(t,) gains and (k, t) linear values where a term's nonlinear parameters have these values, all linear
+    ones fitted."""
+    one, others = selection.chosen[which], [c.term for k, c in enumerate(selection.chosen) if k != which]
+    own = len(one.values)
     rest = np.concatenate([study.hypotheses.nuisance, *(term.design for term in others)], axis=1)
     linear_only = 1 + rest.shape[1]
     known = linear_only + len(tangents)
@@ -86,7 +123,7 @@ def _of_grid(
             if number in tangent:
                 rows[:, :, linear_only + j] = drive.whitened(tangent[number][:, :, None])[:, :, 0]
         if number in acting:
-            parts = [part for x in trials for part in refined(one.term, x)]
+            parts = [part for x in trials for part in refined(one.term, *x)]
             columns = [part.column(drive.reader, drive.base) for part in parts]
             rows[:, :, known:] = drive.whitened(np.stack(columns, axis=2))
         flat = rows.reshape(-1, len(gram))
@@ -96,6 +133,12 @@ def _of_grid(
         at = np.concatenate([np.arange(known), known + own * k + np.arange(own)])
         values, gains[k] = fitted(gram[np.ix_(at, at)])
         sizes[:, k] = values[-own:]
+    return gains, sizes
+
+
+def _reach(trials: FloatArray, gains: FloatArray, sizes: FloatArray) -> tuple[float, FloatArray]:
+    """How far from the first of the trials the interval of a nonlinear parameter ends, and by how much the
+    sizes (k, t) change on the way."""
     lowest = min(float(gains.max()) - SETTINGS.assessment.interval_nats, float(gains[0]))
     order = np.argsort(trials, kind="stable")
     inside = np.flatnonzero(gains[order] >= lowest)
@@ -104,23 +147,21 @@ def _of_grid(
         crossing(gains[order], lowest, int(inside[-1]), 1),
     ]
     places = np.arange(len(trials), dtype=np.float64)
-    reach = float(np.abs(np.interp(ends, places, trials[order]) - tau).max())
+    reach = float(np.abs(np.interp(ends, places, trials[order]) - trials[0]).max())
     spread = [float(np.abs(np.interp(ends, places, size[order]) - size[0]).max()) for size in sizes]
-    scale = float(np.min(one.stds / np.maximum(np.abs(one.values), 1e-12)))
-    stds = np.hypot(one.stds, np.array(spread) / 1.96)
-    return {
-        grid.parameter: max(reach / 1.96, scale * tau),
-        **dict(zip(one.term.parameters, stds.tolist(), strict=True)),
-    }
+    return reach, np.array(spread)
 
 
 def crossing(gains: FloatArray, level: float, inside: int, step: int) -> float:
-    """Where, from a place that is inside outwards, the gains fall to the level; between places, linearly."""
+    """Where, from a place that is inside outwards, the gains fall to the level; between places as a parabola
+    about the greatest of them does, whose root is a line."""
     outside = inside + step
     if not 0 <= outside < len(gains):
         return float(inside)
-    fall = float(gains[inside] - gains[outside])
-    return inside + step * float(np.clip((gains[inside] - level) / max(fall, 1e-12), 0.0, 1.0))
+    near, far, wanted = (
+        math.sqrt(max(float(np.max(gains)) - gain, 0.0)) for gain in (gains[inside], gains[outside], level)
+    )
+    return inside + step * float(np.clip((wanted - near) / max(far - near, 1e-12), 0.0, 1.0))
 
 
 def _tangents(drive: DriveStudy, one: Chosen) -> dict[str, FloatArray]:
@@ -137,7 +178,8 @@ def _tangents(drive: DriveStudy, one: Chosen) -> dict[str, FloatArray]:
             what = Refined(wheels_of(term.place), at, at + max(long, 0.0), pulse=True)
             radius = float(drive.reader.reference.car.radius_m[what.wheels[0]])
             return -radius * what.column(drive.reader, drive.base)
-        return Refined(numbers_of(term.wheel), at, max(long, 0.0)).column(drive.reader, drive.base)
+        what = Refined(numbers_of(term.wheel), at, max(long, 0.0), course=term.course)
+        return what.column(drive.reader, drive.base)
 
     by_onset = (column(onset + h, duration) - column(onset - h, duration)) / (2 * h)
     out = {"onset_s": size * by_onset}

@@ -148,25 +148,34 @@ def _response(reader: Reader, probe: Probe, base: ExtendedModel) -> FloatArray:
 
 
 def grid_column(
-    reader: Reader, effect: str, parameter: str, place: str, at: float, base: ExtendedModel | None = None
+    reader: Reader,
+    wanted: tuple[str, str, str],
+    at: tuple[float, float | None],
+    base: ExtendedModel | None = None,
 ) -> FloatArray:
-    """(w, 9) response to an effect's linear parameter where its nonlinear one has this value, at `base`."""
-    wanted = (effect, parameter, place)
-    probe = replace(next(p for p in probes() if (p.effect, p.parameter, p.place) == wanted), at=at)
+    """(w, 9) response to an effect's linear parameter at a place (`wanted`) where its nonlinear ones have
+    these values, at `base`."""
+    like = next(p for p in probes() if (p.effect, p.parameter, p.place) == wanted)
+    probe = replace(like, at=at[0], second=at[1])
     change = reader.change(ROLLING if base is None else base, probe.made())
     return np.asarray(change / (probe.value - probe.neutral))
 
 
 def ramp_column(
-    reader: Reader, wheel: int, onset_s: float, duration_s: float, base: ExtendedModel | None = None
+    reader: Reader,
+    wheel: int,
+    span: tuple[float, float],
+    base: ExtendedModel | None = None,
+    course: str = "",
 ) -> FloatArray:
-    """(w, 9) response to a radius that ramps by a metre, at `base`."""
+    """(w, 9) response to a radius that ramps by a metre, at `base`; `span` is onset and duration, s."""
     unit = make_effect(
         FAULT.name,
         wheel=WHEELS[wheel],
         deviation_m=SETTINGS.hypotheses.probe_m,
-        onset_s=onset_s,
-        duration_s=duration_s,
+        onset_s=span[0],
+        duration_s=span[1],
+        course=course or FAULT.courses[0],
     )
     motion, car = reader.reference.motion, reader.reference.car
     share = unit.radius_change_m(motion, car)[:, wheel] / SETTINGS.hypotheses.probe_m

@@ -56,14 +56,21 @@ def wheels_of(place: str) -> tuple[int, ...]:
     return tuple(WHEELS.index(wheel) for wheel in PATTERNS[place])
 
 
-def grid_price(effect: type[Effect], at: float | None) -> float:
-    """Penalty of a value of the parameter that enters nonlinearly."""
-    return 0.0 if effect.grid is None or at is None else effect.grid.price(at)
+def grid_price(effect: type[Effect], at: float | None, second: float | None = None) -> float:
+    """Penalty of values of the parameters that enter nonlinearly."""
+    if effect.grid is None or at is None:
+        return 0.0
+    more = effect.grid.second
+    return effect.grid.price(at) + (0.0 if more is None or second is None else more.price(second))
 
 
-def ramp_price() -> float:
-    """Penalty of a change of radius: its value, and the choice of wheels and onset."""
-    return SETTINGS.hypotheses.per_value_nats + math.log(len(RAMPED_PLACES) * SETTINGS.hypotheses.ramp_knots)
+def ramp_price(course: str = "") -> float:
+    """Penalty of a change of radius: its value, and the choice of wheels and onset; of the plainest course,
+    which takes no choice, less than of others."""
+    choices = len(RAMPED_PLACES) * SETTINGS.hypotheses.ramp_knots
+    if course not in ("", FAULT.courses[0]):
+        choices *= len(FAULT.courses)
+    return SETTINGS.hypotheses.per_value_nats + math.log(choices)
 
 
 def shape_price(hats: int) -> float:
@@ -88,6 +95,10 @@ class Term:
     """Of a ramp: onset and end; of a pulse, from when to when."""
     at: float | None = None
     """Value of the parameter that enters nonlinearly."""
+    second: float | None = None
+    """Of a second such parameter; None where there is none, or it is typical."""
+    course: str = ""
+    """Of a ramp; empty: the plainest."""
     place: str = ""
     covariate: str = ""
     knots: tuple[float, ...] = ()
@@ -231,17 +242,21 @@ class Hypotheses:
             out.append(Term(name, design, parameters, price, place=place, at=at))
         return out
 
-    def add_ramp(self, wheel: str, span_s: tuple[float, float], column: int) -> None:
+    def add_ramp(self, wheel: str, span_s: tuple[float, float], column: int, course: str = "") -> None:
         """A ramp off the grid, whose response is that column."""
-        design = np.zeros((self.width, 1))
-        design[column, 0] = 1.0
-        self.catalogue.append(Term(FAULT.name, design, (RAMPED,), ramp_price(), wheel=wheel, span_s=span_s))
+        design, price = self._column(column), ramp_price(course)
+        term = Term(FAULT.name, design, (RAMPED,), price, wheel=wheel, span_s=span_s, course=course)
+        self.catalogue.append(term)
 
-    def add_off_grid(self, like: Term, at: float, columns: Sequence[int]) -> None:
-        """A term whose nonlinear parameter lies off the grid, with the response to each of its values."""
-        more = grid_price(like.kind_of, at) - grid_price(like.kind_of, like.at)
+    def add_off_grid(
+        self, like: Term, at: float, columns: Sequence[int], second: float | None = None
+    ) -> None:
+        """A term whose nonlinear parameters lie off the grid, with the response to each of its values."""
+        price = like.penalty - grid_price(like.kind_of, like.at, like.second)
+        price += grid_price(like.kind_of, at, second)
         design = np.concatenate([self._column(column) for column in columns], axis=1)
-        self.catalogue.append(replace(like, design=design, penalty=like.penalty + more, at=at, drive=None))
+        moved = replace(like, design=design, penalty=price, at=at, second=second, drive=None)
+        self.catalogue.append(moved)
 
     def add_pulse(self, like: Term, span_s: tuple[float, float], column: int) -> None:
         """A pulse off the grid."""

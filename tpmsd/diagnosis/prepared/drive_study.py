@@ -65,7 +65,10 @@ class Refined:
     first: float = 0.0
     """Onset (s) or value of the parameter that enters nonlinearly."""
     second: float = 0.0
-    """Duration (s); of a pulse its end (s)."""
+    """Duration (s); of a pulse its end (s); of a nonlinear effect its second such parameter, 0 if there is
+    none."""
+    course: str = ""
+    """Of a ramp; empty: the plainest."""
     pulse: bool = False
     hat: Hat | None = None
     like: Term | None = None
@@ -78,24 +81,26 @@ class Refined:
         if self.hat is not None:
             return self.hat.column(reader)
         if self.like is not None:
-            return grid_column(reader, self.like.effect, self.parameter, self.like.place, self.first, base)
+            wanted = (self.like.effect, self.parameter, self.like.place)
+            return grid_column(reader, wanted, (self.first, self.second or None), base)
         out: FloatArray = np.zeros(0)
         for wheel in self.wheels:
-            one = ramp_column(reader, wheel, self.first, 0.0 if self.pulse else self.second, base)
+            span = (self.first, 0.0 if self.pulse else self.second)
+            one = ramp_column(reader, wheel, span, base, self.course)
             if self.pulse:
-                one = one - ramp_column(reader, wheel, self.second, 0.0, base)
+                one = one - ramp_column(reader, wheel, (self.second, 0.0), base)
             out = one if not out.size else out + one
         return out
 
 
-def refined(term: Term, first: float, second: float = 0.0) -> tuple[Refined, ...]:
-    """A term's columns, one per value: a ramp's by onset and duration, a pulse's by begin and end (s), those
-    of others by the parameter that enters nonlinearly."""
+def refined(term: Term, first: float, second: float = 0.0, course: str = "") -> tuple[Refined, ...]:
+    """A term's columns, one per value: a ramp's by onset, duration and course, a pulse's by begin and end
+    (s), those of others by the parameters that enter nonlinearly."""
     if term.ramp:
-        return (Refined(numbers_of(term.wheel), first, second),)
+        return (Refined(numbers_of(term.wheel), first, second, course=course),)
     if term.pulse:
         return (Refined(wheels_of(term.place), first, second, pulse=True),)
-    return tuple(Refined((), first, like=term, parameter=name) for name in term.parameters)
+    return tuple(Refined((), first, second, like=term, parameter=name) for name in term.parameters)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.diagnosis.hypotheses.response import ramp_knots
-from tpmsd.diagnosis.hypotheses.terms import Term, for_drive
+from tpmsd.diagnosis.hypotheses.terms import Term, for_drive, ramp_price
 from tpmsd.diagnosis.prepared.drive_study import Refined, refined
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.refinement.finer import Shape, best_knots, finer_shape, finest_shape
@@ -22,6 +22,8 @@ from tpmsd.diagnosis.selection.chosen import Selection
 from tpmsd.diagnosis.selection.selector import Selector
 from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence
+from tpmsd.physics.catalogue import parameters_of
+from tpmsd.physics.effect import Beside, Parameter
 from tpmsd.wheels import FloatArray
 
 ByDrive = tuple[Refined, dict[int, FloatArray]]
@@ -35,7 +37,9 @@ class Point:
     first: float
     """Middle of a ramp (s), begin of a pulse (s) or value of the parameter that enters nonlinearly."""
     second: float = 0.0
-    """Duration of a ramp (s), end of a pulse (s)."""
+    """Duration of a ramp (s), end of a pulse (s), value of a second nonlinear parameter (0: none)."""
+    course: str = ""
+    """Of a ramp; empty: the plainest. Of others `first` is the onset, and `second` the time constant."""
 
 
 def refine(study: Study, selection: Selection, evidence: Evidence, again: bool) -> bool:
@@ -72,12 +76,12 @@ def refine(study: Study, selection: Selection, evidence: Evidence, again: bool) 
 def _add(study: Study, term: Term, point: Point, places: Sequence[int]) -> None:
     """Make a hypothesis of a term at a point off its grid, whose columns stand at these places."""
     if term.ramp:
-        onset = point.first - point.second / 2
-        study.hypotheses.add_ramp(term.wheel, (onset, onset + point.second), places[0])
+        onset = _onset(point)
+        study.hypotheses.add_ramp(term.wheel, (onset, onset + point.second), places[0], point.course)
     elif term.pulse:
         study.hypotheses.add_pulse(term, (point.first, point.second), places[0])
     else:
-        study.hypotheses.add_off_grid(term, point.first, places)
+        study.hypotheses.add_off_grid(term, point.first, places, point.second or None)
     _of_its_drive(study, term)
 
 
@@ -165,11 +169,21 @@ def _is_coarse(term: Term) -> bool:
 
 
 def _refined(term: Term, point: Point) -> tuple[Refined, ...]:
-    onset = point.first - point.second / 2 if term.ramp else point.first
-    return refined(term, onset, point.second)
+    return refined(term, _onset(point) if term.ramp else point.first, point.second, point.course)
+
+
+def _onset(point: Point) -> float:
+    """Of a ramp."""
+    return point.first if point.course else point.first - point.second / 2
 
 
 def _trials(term: Term, centre: Point, width: Point) -> list[Point]:
+    if term.ramp and centre.course:
+        return [
+            Point(centre.first + a * width.first, centre.second * width.second**b, centre.course)
+            for a in np.linspace(-1.0, 1.0, 7)
+            for b in np.linspace(-1.0, 1.0, 7)
+        ]
     if term.ramp:
         return [
             Point(centre.first + a * width.first, max(0.0, centre.second + b * width.second))
@@ -182,28 +196,70 @@ def _trials(term: Term, centre: Point, width: Point) -> list[Point]:
             for a in np.linspace(-1.0, 1.0, 7)
             for b in np.linspace(-1.0, 1.0, 7)
         ]
-    return [Point(centre.first * width.first**a) for a in np.linspace(-1.0, 1.0, 11)]
+    along = [Point(centre.first * width.first**a) for a in np.linspace(-1.0, 1.0, 11)]
+    if not centre.second:
+        return along
+    seconds = centre.second * width.second ** np.linspace(-1.0, 1.0, 5)
+    low, high = _second(term).range
+    return [Point(one.first, float(np.clip(second, low, high))) for one in along for second in seconds]
+
+
+def _second(term: Term) -> Beside:
+    """A term's second nonlinear parameter, which it has."""
+    grid = term.kind_of.grid
+    assert grid is not None
+    assert grid.second is not None
+    return grid.second
 
 
 def _best(study: Study, evidence: Evidence, design: FloatArray, term: Term) -> tuple[Point, list[ByDrive]]:
-    """The point of greatest likelihood with all linear values of a design fitted along, and its columns, one
-    per value of the term."""
-    believed = sum(part.small(design).sum(axis=0) for part in evidence.parts)
-    acting = [(number, study.drives[number]) for number in study.acting(term)]
+    """The likeliest point, as `_searched`: a ramp also on its other courses, if one is likelier by more than
+    its choice costs."""
+    centre, width = _begin(study, term)
+    point, columns, gain = _searched(study, evidence, design, term, centre, width)
+    if term.ramp and point.second > SETTINGS.selection.step_s:
+        # The mean delay of a ramp is half of it, that of an exponential its time constant.
+        tau = point.second / 2
+        for course in term.kind_of.courses[1:]:
+            begin = Point(_onset(point), tau, course)
+            other = _searched(study, evidence, design, term, begin, Point(tau, 2.0, course))
+            long = other[0].second > SETTINGS.selection.step_s
+            if long and other[2] - ramp_price(course) > gain - ramp_price(point.course):
+                point, columns, gain = other
+    return point, columns
+
+
+def _begin(study: Study, term: Term) -> tuple[Point, Point]:
+    """Where a search starts, and how far it looks at first."""
+    knots = ramp_knots(study.drives[study.acting(term)[0]].reader)
     if term.ramp:
-        knots = ramp_knots(acting[0][1].reader)
         step = float(np.median(np.diff(knots)))
         centre = Point(0.5 * (term.span_s[0] + term.span_s[1]), term.span_s[1] - term.span_s[0])
         width = Point(step, max(1.5 * step, 0.3 * centre.second))
     elif term.pulse:
-        step = 0.5 * float(np.median(np.diff(ramp_knots(acting[0][1].reader))))
+        step = 0.5 * float(np.median(np.diff(knots)))
         centre, width = Point(*term.span_s), Point(step, step)
     else:
         grid = term.kind_of.grid
         assert grid is not None
         assert term.at is not None
         centre, width = Point(term.at), Point(grid.step)
-    values = term.design.shape[1]
+        if grid.second is not None:
+            known = parameters_of(term.effect)[grid.second.parameter]
+            assert isinstance(known, Parameter)
+            centre = Point(term.at, known.typical if term.second is None else term.second)
+            width = Point(grid.step, grid.second.step)
+    return centre, width
+
+
+def _searched(
+    study: Study, evidence: Evidence, design: FloatArray, term: Term, centre: Point, width: Point
+) -> tuple[Point, list[ByDrive], float]:
+    """The point of greatest likelihood with all linear values of a design fitted along, its columns, one per
+    value of the term, and its gain."""
+    believed = sum(part.small(design).sum(axis=0) for part in evidence.parts)
+    acting = [(number, study.drives[number]) for number in study.acting(term)]
+    values, gain = term.design.shape[1], 0.0
     columns: list[ByDrive] = []
     for _ in range(SETTINGS.refinement.rounds):
         points = _trials(term, centre, width)
@@ -218,15 +274,25 @@ def _best(study: Study, evidence: Evidence, design: FloatArray, term: Term) -> t
             cross += np.tensordot(known.reshape(-1, len(believed)), rows, (0, 0))
             size += np.einsum("nti,ntj->tij", rows, rows, optimize=True)
             trials[number] = trial
-        best = int(np.argmax(_gains(believed, cross, size)))
-        centre = points[best]
+        gains = _gains(believed, cross, size)
+        best = int(np.argmax(gains - np.array([_price(term, point) for point in points])))
+        centre, gain = points[best], float(gains[best])
         columns = [
             (parts[k], {number: trial[:, :, k] for number, trial in trials.items()})
             for k in range(best * values, (best + 1) * values)
         ]
         on_grid = term.at is not None
-        width = Point(width.first**0.4 if on_grid else width.first / 2.5, width.second / 2.5)
-    return centre, columns
+        factor = on_grid or bool(centre.course)
+        width = Point(
+            width.first**0.4 if on_grid else width.first / 2.5,
+            width.second**0.4 if factor else width.second / 2.5,
+        )
+    return centre, columns, gain
+
+
+def _price(term: Term, point: Point) -> float:
+    """What the values of a second nonlinear parameter cost more or less than others."""
+    return _second(term).price(point.second) if term.at is not None and point.second else 0.0
 
 
 def _gains(believed: FloatArray, cross: FloatArray, size: FloatArray) -> FloatArray:

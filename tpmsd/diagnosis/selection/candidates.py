@@ -58,10 +58,11 @@ class Candidates:
             self._gains[key] = self.evidence.fit(self.design(terms)).gain
         return self._gains[key]
 
-    def gain_of_part(self, terms: Sequence[Term], term: Term) -> float:
-        """Log-likelihood of calibration, these terms and the best single value of another one."""
+    def gains_of_parts(self, terms: Sequence[Term], term: Term) -> FloatArray:
+        """(k,) log-likelihood that single values of a term bring beside calibration and these terms."""
         columns = (term.design[:, k : k + 1] for k in range(term.design.shape[1]))
-        return max(self.evidence.fit(np.concatenate([self.design(terms), c], axis=1)).gain for c in columns)
+        designs = [np.concatenate([self.design(terms), column], axis=1) for column in columns]
+        return np.array([self.evidence.fit(design).gain for design in designs]) - self.gain(terms)
 
     def _worth(self, terms: Sequence[Term]) -> float:
         """Log-likelihood of calibration and terms, less what these cost."""

@@ -31,13 +31,15 @@ def usual(one: Chosen, speeds: bool) -> str:
 
 
 def words_of(term: Term) -> dict[str, str]:
-    """Parameters that say where a term acts: its wheel or wheels."""
+    """Parameters that say where a term acts, its wheel or wheels, and by which course."""
     out = {}
     for name, parameter in parameters_of(term.effect).items():
         if isinstance(parameter, WheelParameter) and (term.wheel or term.place):
             out[name] = term.wheel or term.place
         elif isinstance(parameter, TextParameter) and term.place:
             out[name] = " ".join(PATTERNS[term.place])
+    if term.course:
+        out["course"] = term.course
     return out
 
 
@@ -47,9 +49,11 @@ def nonlinear_of(term: Term) -> dict[str, float]:
     grid = term.kind_of.grid
     if grid is not None and term.at is not None:
         out[grid.parameter] = term.at
+        if grid.second is not None and term.second is not None:
+            out[grid.second.parameter] = term.second
     if term.ramp or (term.pulse and not term.free):
         onset, duration = term.span_s[0], term.span_s[1] - term.span_s[0]
-        if duration < SETTINGS.selection.step_s and term.ramp:
+        if duration < SETTINGS.selection.step_s and term.ramp and not term.course:
             onset, duration = onset + 0.5 * duration, 0.0
         out |= {"onset_s": onset, "duration_s": duration}
     return out

@@ -345,9 +345,8 @@ class Selector(Candidates):
         rivals: dict[str, float] = {}
         alike = max(SETTINGS.selection.confounded_nats, SETTINGS.selection.confounded_share * gain)
         # Both of two values are needed: where one does alone, no rival takes the other one's place.
-        divided = term.design.shape[1] == 2 and (
-            self.gain_of_part(rest, term) - self.gain(rest) <= gain - alike
-        )
+        alone = self.gains_of_parts(rest, term) if term.design.shape[1] == 2 else np.zeros(0)
+        divided = len(alone) == 2 and float(alone.max()) <= gain - alike
         weights = {term.effect: 1.0, "": math.exp(-min(max(sure, -50.0), 50.0))}
         for net, terms in self.candidates(rest):
             rival = terms[0]
@@ -357,7 +356,7 @@ class Selector(Candidates):
                 continue
             if same and (rival.kind_of.mirror_of or rival.effect) == (term.kind_of.mirror_of or term.effect):
                 continue  # the sign tells the two apart
-            if rival.kind_of.limit == term.effect:
+            if rival.kind_of.limit == term.effect and term.kind_of.goes_before(float(fit.values[start])):
                 continue  # the simpler of two that explain as much
             if raw > SETTINGS.selection.independent_share * gain and self._independent(
                 [*rest, rival], term, gain
@@ -377,10 +376,17 @@ class Selector(Candidates):
                 continue
             if divided and raw < gain - alike:
                 # Part of the term may stay beside the rival, and its name hold for that alone.
-                raw = self.gain_of_part([*rest, rival], term) - self.gain(rest)
+                parts = self.gains_of_parts([*rest, rival], term)
+                raw = float(parts.max()) + self.gain([*rest, rival]) - self.gain(rest)
                 if raw > gain - alike:
+                    # A name rests on what is replaced by the share of the gain that it brings; from a half
+                    # on, wholly.
+                    brings = 1.0 - float(alone[np.argmax(parts)]) / gain
+                    rests = min(1.0, brings / SETTINGS.selection.independent_share)
                     better += raw - net - rival.penalty - term.penalty / term.design.shape[1]
-                    weights[name] = max(weights.get(name, 0.0), math.exp(min(better / doubt, 0.0)))
+                    weights[name] = max(weights.get(name, 0.0), rests * math.exp(min(better / doubt, 0.0)))
+                    if rests < SETTINGS.selection.independent_share:
+                        continue
             if raw > gain - alike:
                 rivals.setdefault(rival.effect, raw)
         confidence = 1.0 / sum(weights.values())

@@ -10,23 +10,30 @@ from tpmsd.physics.effect import Effect, Parameter, Prior
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.wheels import IS_LEFT, WHEELS, FloatArray
 
+DRAG_PER_M, ROLLING_MPS2 = 2.7e-4, 0.1
+"""Half rho c_d A / m, and rolling resistance per mass."""
+
 
 @dataclass(frozen=True)
 class InnerWheelSlip(Effect):
-    """omega * r = v * (1 +- q * a_x * a_y), plus on the left and minus on the right wheels: q of the driven
+    """omega * r = v * (1 +- q * f * a_y), plus on the left and minus on the right wheels: q of the driven
     wheels is one under drive force and another under the brakes, of which they carry a part; the other wheels
-    have one under the brakes alone.
+    have one under the brakes alone. f = a_x + 2.7e-4 /m * v^2 + 0.1 m/s2 is the force that the tyres bring
+    up: that against drag and rolling resistance shifts between the wheels as well.
 
     A differential gives both wheels of an axle the same torque, and so do their brakes; a tyre's slip is s =
     F_x / (C * F_z), for its stiffness is in proportion to its load. In a left turn (a_y > 0) the left wheels
     are the inner ones: F_z = F_0 * (1 - k * a_y) there and F_0 * (1 + k * a_y) on the right, and with s = c *
-    a_x at F_0 the difference is q = c * k. a_x is the specific force. Source: [Gillespie 1992], ch. 6
-    (load transfer), Pacejka, Tyre and Vehicle Dynamics, ch. 4 (stiffness by load): 270 N per m/s2 of 3,700 N
-    are k = 0.07 s2/m, and c = 4e-3 s2/m makes q = 3e-4 s4/m2.
+    f at F_0 the difference is q = c * k. a_x is the specific force. Source: [Gillespie 1992], ch. 4
+    (drag, rolling resistance) and 6 (load transfer), Pacejka, Tyre and Vehicle Dynamics, ch. 4 (stiffness by
+    load): 270 N per m/s2 of 3,700 N are k = 0.07 s2/m, and c = 4e-3 s2/m makes q = 3e-4 s4/m2.
     """
 
     name = "inner_wheel_slip"
-    formula = "omega * r = v * (1 +- q * a_x * a_y), + left, - right, q = driven (a_x > 0), braked, free"
+    formula = (
+        "omega * r = v * (1 +- q * f * a_y), + left, - right, f = a_x + 2.7e-4 /m * v^2 + 0.1 m/s2, "
+        "q = driven (f > 0), braked, free"
+    )
     contrast = True
     sentence = "the inner wheels, which carry less load, slip more in bends"
     telling_drive = "speed up and brake in bends to both sides, ten times each"
@@ -79,8 +86,9 @@ class InnerWheelSlip(Effect):
         )
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
-        """(n, 4) q * a_x * a_y, with the sign of the side."""
-        force = motion.specific_force_long_mps2[:, None]
+        """(n, 4) q * f * a_y, with the sign of the side."""
+        drag = DRAG_PER_M * motion.speed_mps**2 + ROLLING_MPS2
+        force = (motion.specific_force_long_mps2 + drag)[:, None]
         brake = np.where(car.driven, self.braked, self.free) * np.minimum(force, 0.0)
         scaled = np.where(car.driven, self.driven * np.maximum(force, 0.0), 0.0) + brake
         return np.asarray(scaled * motion.accel_lat_mps2[:, None] * np.where(IS_LEFT, 1.0, -1.0))

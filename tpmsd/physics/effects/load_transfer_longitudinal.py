@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -11,6 +12,8 @@ from tpmsd.physics.effect import Effect, Parameter, Prior
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.physics.priors import MOST_LOAD_LONGITUDINAL_S2
 from tpmsd.wheels import IS_FRONT, FloatArray
+
+USUAL = Prior(6e-5, 5e-5, "156 N per wheel and m/s2, 0.25 mm per 500 N")
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,7 @@ class LoadTransferLongitudinal(Effect):
             2e-3,
             "c, metres of radius per m/s2",
             probe=1e-6,
-            prior=Prior(6e-5, 5e-5, "156 N per wheel and m/s2, 0.25 mm per 500 N"),
+            prior=USUAL,
         ),
     )
     coefficient: float
@@ -51,6 +54,17 @@ class LoadTransferLongitudinal(Effect):
         if not car.driven.all():
             return usual
         return {"coefficient": (usual["coefficient"][0], MOST_LOAD_LONGITUDINAL_S2)}
+
+    @classmethod
+    def against(cls, value: float) -> float:
+        """Beyond what usual cars have as their spread says, by Student's distribution."""
+        beyond = max(value - USUAL.mean, 0.0) / (2.0 * USUAL.std)
+        return super().against(value) + 2.5 * math.log1p(beyond**2)
+
+    @classmethod
+    def goes_before(cls, value: float) -> bool:
+        """What 95 of 100 cars have or less."""
+        return value < USUAL.mean + 2.0 * USUAL.std
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) +c*a_x on the front pair, -c*a_x on the rear pair."""

@@ -6,28 +6,38 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Kind, Look, Parameter, Prior, WheelParameter
+from tpmsd.errors import ConfigError
+from tpmsd.physics.effect import Effect, Kind, Look, Parameter, Prior, TextParameter, WheelParameter
 from tpmsd.physics.motion import Car, Motion
 from tpmsd.physics.spans import wheel_mask
 from tpmsd.wheels import FloatArray
 
+RAMP, EXPONENTIAL = "ramp", "exponential"
+
 
 @dataclass(frozen=True)
 class RadiusChange(Effect):
-    """A soft (or freshly inflated) tyre: 0 until the onset, then a linear ramp to `deviation_m`, then
-    constant. Several wheels may change alike.
+    """A soft (or freshly inflated) tyre: 0 until the onset, then a ramp to `deviation_m`. Several wheels may
+    change alike.
 
-    delta_r(t) = deviation_m * clip((t - onset_s) / duration_s, 0, 1); a step where duration_s = 0.
-    Source: the artificial slow puncture of [Lundquist 2013], eqs (39)-(41) (2.5 mm over ten minutes); -20 %
-    pressure is about -1.4 mm (`tpmsd.physics.tyre`).
+    delta_r(t) = deviation_m * clip((t - onset_s) / duration_s, 0, 1); a step where duration_s = 0. With the
+    course `exponential` deviation_m * (1 - exp(-(t - onset_s) / duration_s)): through a hole air leaves in
+    proportion to what is left. Source: the artificial slow puncture of [Lundquist 2013], eqs (39)-(41) (2.5
+    mm over ten minutes); -20 % pressure is about -1.4 mm (`tpmsd.physics.tyre`); blow-down of a vessel
+    through an orifice, exponential while the flow is choked (Anderson, Modern Compressible Flow, 2003,
+    chapter 5).
     """
 
     name = "radius_change"
     kind = Kind.FAULT
-    formula = "delta_r = deviation_m * clip((t - onset_s) / duration_s, 0, 1) on one or several wheels"
+    formula = (
+        "delta_r = deviation_m * clip((t - onset_s) / duration_s, 0, 1) on one or several wheels; "
+        "exponential: deviation_m * (1 - exp(-(t - onset_s) / duration_s))"
+    )
     looks = Look.WHEEL
     own_per_drive = True
     ramp = True
+    courses = (RAMP, EXPONENTIAL)
     sentence = "the radius of a tyre changed during the drive: the fault itself"
     telling_drive = "repeat the drive: a tyre that lost air stays small, warm-up starts anew"
     shows_in = ("wheel_ratio", "time")
@@ -43,17 +53,35 @@ class RadiusChange(Effect):
             prior=Prior(0.0, 2e-3, "-20 % of pressure is -1.4 mm on a 205/60R15 (Magic Formula 6.1)"),
         ),
         Parameter("onset_s", "s", 300.0, -1e6, 1e6, "when it begins, from the drive's start"),
-        Parameter("duration_s", "s", 30.0, 0.0, 1e7, "how long it takes; 0 for a step"),
+        Parameter(
+            "duration_s",
+            "s",
+            30.0,
+            0.0,
+            1e7,
+            "how long it takes, 0 for a step; time constant of an exponential",
+        ),
+        TextParameter("course", RAMP, "ramp or exponential"),
     )
     wheel: str
     deviation_m: float
     onset_s: float = 0.0
     duration_s: float = 0.0
+    course: str = RAMP
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.course not in self.courses:
+            raise ConfigError(
+                f"effect {self.name}: course = {self.course!r} is not one of {RAMP} {EXPONENTIAL}"
+            )
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
-        """(n, 4) the ramp on its wheel or wheels, zero elsewhere."""
+        """(n, 4) the course on its wheel or wheels, zero elsewhere."""
         since = motion.time_s - self.onset_s
-        if self.duration_s > 0:
+        if self.duration_s > 0 and self.course == EXPONENTIAL:
+            share = -np.expm1(-np.maximum(since, 0.0) / self.duration_s)
+        elif self.duration_s > 0:
             share = np.clip(since / self.duration_s, 0.0, 1.0)
         else:
             share = (since >= 0).astype(np.float64)
