@@ -22,6 +22,10 @@ from tpmsd.wheels import FL, FR, RL, RR, FloatArray
 WINDOW_S = 1.0
 """Over which the channels are compared."""
 SPEED_SMOOTHING_S = 0.35
+YAW_SMOOTHING_S = 1.5
+"""At most, where wheels alone tell the yaw rate: a corner in town lasts four seconds."""
+YAW_ERROR_RADPS = 1e-3
+"""Of such a yaw rate, by the rounding of counts: no more than a gyro scatters."""
 ACCEL_SMOOTHING_S = 0.25
 """On top of the speed's own."""
 GRADE_SMOOTHING_S = 0.5
@@ -85,6 +89,9 @@ def moved(recording: Recording, before: Reference, end_s: FloatArray, errors: Fl
     turned = np.concatenate([errors[:, 2], errors[first, 2] - WINDOW_S * errors[first, 1]])
     order = np.argsort(at, kind="stable")
     turn = np.interp(edges, at[order], turned[order])
+    width_s = _yaw_smoothing_s(recording, before.car)
+    if not _has_gyro(recording) and width_s > SPEED_SMOOTHING_S:
+        turn = gaussian(turn, width_s / recording.dt_s, NEAREST)
     yaw = old.yaw_rate_radps + np.gradient(turn, recording.dt_s)
     speed = np.maximum(old.speed_mps + speed, 0.0)
     motion = _motion(recording, before.car, speed, yaw, old.heading_rad + turn)
@@ -154,15 +161,15 @@ def twiced(values: FloatArray, sigma: float) -> FloatArray:
 def _yaw_and_speed(recording: Recording, car: Car) -> tuple[FloatArray, FloatArray]:
     rate = recording.rotation_rad / recording.dt_s * car.radius_m
     sigma = SPEED_SMOOTHING_S / recording.dt_s
-    gyro = recording.inertial["yaw_rate_radps"]
-    by_wheels = to_edges((rate[:, RR] - rate[:, RL]) / car.geometry.track_rear_m, sigma)
+    turning = (rate[:, RR] - rate[:, RL]) / car.geometry.track_rear_m
     rear = to_edges((rate[:, RL] + rate[:, RR]) / 2, sigma)
-    if np.isfinite(gyro).mean() > 0.8:
-        yaw = to_edges(gyro, 0.7)
+    if _has_gyro(recording):
+        by_wheels = to_edges(turning, sigma)
+        yaw = to_edges(recording.inertial["yaw_rate_radps"], 0.7)
         rolling = rear > min(COURSE_FROM_MPS, least_speed(rear))
         yaw = yaw - float(np.median((yaw - by_wheels)[rolling])) if np.any(rolling) else yaw
     else:
-        yaw = by_wheels
+        yaw = to_edges(turning, _yaw_smoothing_s(recording, car) / recording.dt_s)
     speed = rear
     if np.isfinite(rate[:, [FL, FR]]).all(axis=1).mean() > 0.8:
         unit = np.maximum(rear, 0.5)
@@ -170,6 +177,32 @@ def _yaw_and_speed(recording: Recording, car: Car) -> tuple[FloatArray, FloatArr
         front = to_edges((rate[:, FL] + rate[:, FR]) / 2, sigma)
         speed = 0.5 * (rear + front * unit / (share[:, FL] + share[:, FR]) * 2)
     return yaw, np.maximum(speed, 0.0)
+
+
+def _has_gyro(recording: Recording) -> bool:
+    return bool(np.isfinite(recording.inertial["yaw_rate_radps"]).mean() > 0.8)
+
+
+def _yaw_smoothing_s(recording: Recording, car: Car) -> float:
+    """Width of the Gaussian that leaves of the rear wheels' rounding an error of the yaw rate of
+    YAW_ERROR_RADPS.
+
+    What a coarse ring leaves of it in the heading's course within a second looks like anything that is later
+    or smoother than the wheels: a receiver's lag is not told from a low-pass.
+    """
+    # Of a turn, which holds the rounding of two readings, for each of the two wheels.
+    rounding_m = math.hypot(*(recording.quantum_rad[[RL, RR]] * car.radius_m[[RL, RR]])) / math.sqrt(2.0)
+    width = _width_s(rounding_m / car.geometry.track_rear_m, recording.dt_s, YAW_ERROR_RADPS)
+    return float(np.clip(width, SPEED_SMOOTHING_S, YAW_SMOOTHING_S))
+
+
+def _width_s(scatter: float, every_s: float, rate_error: float) -> float:
+    """Width of the Gaussian that leaves that error of the rate of what has white errors.
+
+    White errors of standard deviation s, one per T seconds, leave s T^(1/2) / (2 pi^(1/4) w^(3/2)) of a
+    rate behind a Gaussian of width w.
+    """
+    return float((scatter * math.sqrt(every_s) / (2.0 * math.pi**0.25 * rate_error)) ** (2.0 / 3.0))
 
 
 def _radius_scale(recording: Recording, speed: FloatArray, least_mps: float) -> float:
@@ -273,14 +306,12 @@ def slope_by_heights(recording: Recording, speed: FloatArray) -> FloatArray | No
 def _smoothing_s(time_s: FloatArray, up_m: FloatArray, speed_mps: float) -> float:
     """Width of the Gaussian that leaves of the heights' scatter an error of the slope of SLOPE_ERROR.
 
-    White errors of standard deviation s, one per T seconds, leave s T^(1/2) / (2 pi^(1/4) w^(3/2)) of a
-    rate behind a Gaussian of width w. The scatter is that of second differences, by their median.
+    The scatter is that of second differences, by their median.
     """
     second = np.diff(up_m, 2)
     scatter = max(float(np.median(np.abs(second))) / 0.6745 / math.sqrt(6.0), 0.03)
     every_s = float(np.median(np.diff(time_s)))
-    rate = SLOPE_ERROR * max(speed_mps, 1.0)
-    width = (scatter * math.sqrt(every_s) / (2.0 * math.pi**0.25 * rate)) ** (2.0 / 3.0)
+    width = _width_s(scatter, every_s, SLOPE_ERROR * max(speed_mps, 1.0))
     return float(np.clip(width, LEAST_SMOOTHING_S, HEIGHT_SMOOTHING_S))
 
 
