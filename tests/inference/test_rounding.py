@@ -65,3 +65,19 @@ def test_the_variance_of_a_way_holds_it() -> None:
 
     assert held.any()
     assert diagonals(space, noise).variance[:, :4] == pytest.approx(plain[:, None] + held)
+
+
+def test_a_step_is_that_of_readings_and_not_of_their_means() -> None:
+    """Whole kilometres per hour, ten readings to a tick: between two steps ticks are tenths of one, often two
+    alike in a row. A cruise of 20 s at 37 km/h holds one rounding of a whole step."""
+    counted = recording_of(drive(Spec(duration_s=401.0), 3))
+    rng, per_tick = np.random.default_rng(2), 10
+    t = np.arange(counted.ticks * per_tick) * DT_S / per_tick
+    # Plateaus of 20 s, those of whole numbers on a level and the others between two.
+    speed_kmh = 31.0 + np.floor(t / 20.0) * 0.75 + 0.5
+    shown = np.floor(speed_kmh + 0.05 * rng.standard_normal(len(t))).reshape(-1, per_tick).mean(axis=1) / 3.6
+    ways = np.repeat(DT_S * shown[:, None], 4, axis=1)
+    turned = ways / counted.car.radius_m
+    held = held_variance(replace(counted, rotation_rad=turned, quantum_rad=np.zeros(4)))
+
+    assert held[:, 0].max() == pytest.approx(20.0 / 3.6**2 / 12.0, rel=0.1)

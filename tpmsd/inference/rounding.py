@@ -6,8 +6,9 @@ Transactions on Instrumentation and Measurement 45, 1996); a cruise on a bus wit
 and the same error of up to half a step for half a minute: 0.13 mm of a radius at 20 m/s. All readings of such
 a run tell no more than one: their variances are that of one rounding times their number.
 
-Steps are found as the common measure of the speeds that stayed. Speeds without steps have none, nor have
-counts, whose rounding does not add up.
+Steps are found as the common measure of the speeds that stayed, for a window each where enough of them did:
+a tick is the mean of its readings, and two in a row may be alike anywhere between two steps. Speeds without
+steps have none, nor have counts, whose rounding does not add up.
 """
 
 from __future__ import annotations
@@ -33,10 +34,11 @@ def held_variance(recording: Recording) -> FloatArray:
     out = np.zeros((count, 4))
     for wheel in np.flatnonzero(recording.quantum_rad == 0.0):
         ways = recording.rotation_rad[:, wheel] * recording.car.radius_m[wheel]
-        step = _step(ways)
+        ticks = ways[: count * per].reshape(count, per)
+        still = np.ptp(ticks, axis=1) <= SAME * ticks.max(axis=1)
+        step = _measure(ticks[still & (ticks[:, 0] > 0.0), 0]) or _step(ways)
         if step > 0.0:
-            ticks = ways[: count * per].reshape(count, per)
-            run = _runs(np.ptp(ticks, axis=1) <= SAME * ticks.max(axis=1), ticks.mean(axis=1))
+            run = _runs(still, ticks.mean(axis=1))
             out[:, wheel] = run * (per * step) ** 2 / 12.0
     return out
 
@@ -44,7 +46,12 @@ def held_variance(recording: Recording) -> FloatArray:
 def _step(ways: FloatArray) -> float:
     """The common measure of the ways that two ticks in a row have in common; 0 where there is none."""
     same = (np.abs(np.diff(ways)) <= SAME * ways[1:]) & (ways[1:] > 0.0)
-    levels = np.sort(ways[1:][same])
+    return _measure(ways[1:][same])
+
+
+def _measure(levels: FloatArray) -> float:
+    """The common measure of levels that were held; 0 where there is none."""
+    levels = np.sort(levels)
     apart = np.diff(levels)
     apart = apart[apart > 2.0 * SAME * levels[1:]]
     if not len(apart):
