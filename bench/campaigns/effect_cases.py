@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -112,7 +112,7 @@ def _inner_wheel_slip(rng: np.random.Generator) -> Drawn:
     return Drawn(
         {"differential": {"stiffness": 1.0 / c, "load_per_lateral": k, "brake_share": brakes}},
         {"driven": driven},
-        {"driven": 0.9 * c * k, "braked": 0.9 * c * k * brakes, "free": 0.9 * c * k * brakes},
+        fitted=effect_truth.inner_wheels,
         # the force against drag, which is always there, shifts between the sides as their loads do
         also=("longitudinal_slip", "drive_slip_curve", "brake_slip", "load_transfer_lateral"),
     )
@@ -340,7 +340,9 @@ CASES: dict[str, Callable[[np.random.Generator], Drawn]] = {
     "speed_rounding_offset": _truncated,
     "speed_scale_nonlinearity": _capture,
     "steering_offset": _simple("column", {"off_rad": ("offset_rad", 0.06)}, **STEER),
-    "steering_ratio_error": _scaled("rack", "ratio", "ratio", 0.12, **STEER),
+    "steering_ratio_error": lambda rng: replace(
+        _scaled("rack", "ratio", "ratio", 0.12, **STEER)(rng), fitted=effect_truth.rack
+    ),
     "sun_side": _sun_side,
     "thermal_growth": lambda rng: Drawn(
         {

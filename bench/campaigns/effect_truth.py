@@ -7,11 +7,13 @@ squares over the driving, where a cause has no parameter of that meaning.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import least_squares
 
-from bench.worlds.causes import FRONT, LEFT, gyro_error, radius_change, slip
+from bench.worlds.causes import FRONT, LEFT, gyro_error, pull, radius_change, slip, steering_wheel
+from bench.worlds.instruments import STEERING_RATIO
 from bench.worlds.motion import Array, Course
 from bench.worlds.spec import Spec
 
@@ -95,6 +97,29 @@ def belt(course: Course, spec: Spec) -> Truth:
     on = _driving(course)
     v = course.speed[on]
     return _nearest([1e-6], ("coefficient",), lambda k: k * v**2, radius_change(course, spec)[on, 0])
+
+
+def inner_wheels(course: Course, spec: Spec) -> Truth:
+    """Difference of slips per force and lateral acceleration nearest to that of tyres by what they carry."""
+    on = _driving(course)
+    force, product = pull(course)[on], (pull(course) * course.a_lat)[on]
+    half = 0.5 * (slip(course, spec)[on][:, ::2] - slip(course, spec)[on][:, 1::2])
+    drives = 1 if spec.driven == "rear" else 0
+    out = {}
+    for name, axle, acts in (
+        *(("driven", drives, force > 0.0), ("braked", drives, force < 0.0)),
+        ("free", 1 - drives, force < 0.0),
+    ):
+        out[name] = float(half[acts, axle] @ product[acts] / (product[acts] @ product[acts]))
+    return out
+
+
+def rack(course: Course, spec: Spec) -> Truth:
+    """Ratio nearest to that of a rack which is quicker towards the lock."""
+    on = _driving(course)
+    bare = replace(spec, physics={})
+    shown, expected = (steering_wheel(course, one, STEERING_RATIO)[on] for one in (spec, bare))
+    return {"ratio": float(shown @ expected / (expected @ expected))}
 
 
 def luggage(course: Course, spec: Spec) -> Truth:

@@ -131,6 +131,30 @@ def test_a_cause_turns_the_gyro_nearly_as_the_catalogue_says(effect: str) -> Non
     assert np.linalg.norm((ours - theirs)[moving]) < 0.45 * np.linalg.norm(ours[moving])
 
 
+@pytest.mark.parametrize(("effect", "far"), [("steering_ratio_error", 0.05), ("inner_wheel_slip", 0.1)])
+def test_the_truth_is_where_the_formula_is_nearest(effect: str, far: float) -> None:
+    """A rack that is quicker towards the lock has a smaller ratio than in its middle, and the slip of inner
+    wheels is more than in proportion to the load: by less than that share, and by least squares any other
+    value leaves more."""
+    drawn, spec, course = made(effect)
+    assert drawn.fitted is not None
+    truth, moving = drawn.fitted(course, spec), course.speed > 5.0
+    p = next(iter(spec.physics.values()))
+    if effect == "steering_ratio_error":
+        middle, nearest = p["ratio"], truth["ratio"]
+        shape = causes.steering_wheel(course, replace(spec, physics={}), STEERING_RATIO)[moving]
+        shown = causes.steering_wheel(course, spec, STEERING_RATIO)[moving]
+    else:
+        middle, nearest = 0.9 * p["load_per_lateral"] / p["stiffness"], truth["driven"]
+        axle, acts = (2 if spec.driven == "rear" else 0), moving & (causes.pull(course) > 0.0)
+        shape = (causes.pull(course) * course.a_lat)[acts]
+        shown = 0.5 * np.diff(causes.slip(course, spec)[acts, axle : axle + 2][:, ::-1], axis=1)[:, 0]
+    left = [np.linalg.norm(shown - value * shape) for value in (nearest, 0.99 * nearest, 1.01 * nearest)]
+
+    assert 0.0 < abs(nearest / middle - 1.0) < far
+    assert left[0] < min(left[1:])
+
+
 def test_every_case_can_be_driven_and_says_what_is_true() -> None:
     """Each case names an effect of the catalogue, its parameters and wheels that exist."""
     for effect in CASES:
