@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from tpmsd.diagnosis.hypotheses.plausible import bounds_of
-from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term, shape_price
+from tpmsd.diagnosis.hypotheses.prices import shape_price
+from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.robustness.confirm import _receivers_own
 from tpmsd.diagnosis.selection.selector import Selector

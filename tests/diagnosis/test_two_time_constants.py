@@ -10,7 +10,8 @@ import pytest
 from bench.worlds.kinematic import Spec, drive
 from tests.diagnosis.recorded import recording_of
 from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.hypotheses.terms import Hypotheses, grid_price
+from tpmsd.diagnosis.hypotheses.prices import grid_price
+from tpmsd.diagnosis.hypotheses.terms import Hypotheses
 from tpmsd.diagnosis.prepared.admission import admitted
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.physics.catalogue import EFFECTS, groups

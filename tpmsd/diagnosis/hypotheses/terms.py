@@ -16,6 +16,7 @@ from types import MappingProxyType
 import numpy as np
 
 from tpmsd.diagnosis.hypotheses.group_gain import gain_of_rows
+from tpmsd.diagnosis.hypotheses.prices import RAMPED_PLACES, grid_price, ramp_price, shape_price
 from tpmsd.diagnosis.hypotheses.response import PLACES
 from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.physics.catalogue import ALWAYS, EFFECTS, EVENTS, FAULT, FREE, groups
@@ -40,8 +41,6 @@ Name = tuple[str, ...]
 RAMPED, SLIPPING = "deviation_m", "slip"
 """Parameter that is linear, of a ramp of the radius and of an event."""
 
-RAMPED_PLACES = ("fl", "fr", "rl", "rr", "front", "rear", "left", "right")
-"""Wheels, axles and sides whose radii may change alike."""
 PULSED = ("fl", "fr", "rl", "rr", "front", "rear")
 """Wheels and axles that may act for a span of time."""
 
@@ -54,28 +53,6 @@ def numbers_of(wheels: str) -> tuple[int, ...]:
 def wheels_of(place: str) -> tuple[int, ...]:
     """Numbers of the wheels of a place."""
     return tuple(WHEELS.index(wheel) for wheel in PATTERNS[place])
-
-
-def grid_price(effect: type[Effect], at: float | None, second: float | None = None) -> float:
-    """Penalty of values of the parameters that enter nonlinearly."""
-    if effect.grid is None or at is None:
-        return 0.0
-    more = effect.grid.second
-    return effect.grid.price(at) + (0.0 if more is None or second is None else more.price(second))
-
-
-def ramp_price(course: str = "") -> float:
-    """Penalty of a change of radius: its value, and the choice of wheels and onset; of the plainest course,
-    which takes no choice, less than of others."""
-    choices = len(RAMPED_PLACES) * SETTINGS.hypotheses.ramp_knots
-    if course not in ("", FAULT.courses[0]):
-        choices *= len(FAULT.courses)
-    return SETTINGS.hypotheses.per_value_nats + math.log(choices)
-
-
-def shape_price(hats: int) -> float:
-    """Penalty of a smooth term: its heights, and the choice of its place and covariate."""
-    return SETTINGS.hypotheses.per_value_nats * hats + math.log(SETTINGS.hypotheses.shapes)
 
 
 @dataclass(frozen=True, eq=False)

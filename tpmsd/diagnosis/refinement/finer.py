@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tpmsd.diagnosis.hypotheses.prices import shape_price
 from tpmsd.diagnosis.hypotheses.response import READINGS, finer_knots, first_hat, hat_functions
-from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, Term, shape_price
+from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, Term
 from tpmsd.diagnosis.prepared.drive_study import Hat, Refined
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.selection.selector import Selector

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tpmsd.diagnosis.hypotheses.prices import ramp_price
 from tpmsd.diagnosis.hypotheses.response import ramp_knots
-from tpmsd.diagnosis.hypotheses.terms import Term, for_drive, ramp_price
+from tpmsd.diagnosis.hypotheses.terms import Term, for_drive
 from tpmsd.diagnosis.prepared.drive_study import Refined, refined
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.refinement.finer import Shape, best_knots, finer_shape, finest_shape

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
+from tpmsd.diagnosis.hypotheses.prices import shape_price
 from tpmsd.diagnosis.hypotheses.response import READINGS, first_hat, hat_functions, response_at
-from tpmsd.diagnosis.hypotheses.terms import shape_price
 from tpmsd.diagnosis.prepared.drive_study import DriveStudy
 from tpmsd.diagnosis.prepared.study import Study
 from tpmsd.diagnosis.selection.chosen import Selection

@@ -200,3 +200,9 @@ def handicap(shape: Term) -> float:
     """Share of its gain that a spline term must bring more than an effect."""
     drift = shape.place == "all" and shape.covariate in ("time", "distance")
     return SETTINGS.selection.drift_handicap if drift else SETTINGS.selection.spline_handicap
+
+
+def resting(gain: float, kept: float) -> float:
+    """Share of a name that rests on what a rival replaces: by what is not kept of the gain, and from a half
+    on wholly."""
+    return min(1.0, (1.0 - kept / gain) / SETTINGS.selection.independent_share)

@@ -19,7 +19,7 @@ import numpy as np
 from tpmsd.diagnosis.hypotheses.group_gain import group_gain
 from tpmsd.diagnosis.hypotheses.plausible import against_ratio, ratio_limits, thinkable, with_completions
 from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term
-from tpmsd.diagnosis.selection.candidates import Candidates, handicap
+from tpmsd.diagnosis.selection.candidates import Candidates, handicap, resting
 from tpmsd.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.diagnosis.settings import SETTINGS
 from tpmsd.inference.least_squares import Evidence
@@ -348,8 +348,7 @@ class Selector(Candidates):
         alone = self.gains_of_parts(rest, term) if term.design.shape[1] == 2 else np.zeros(0)
         divided = len(alone) == 2 and float(alone.max()) <= gain - alike
         weights = {term.effect: 1.0, "": math.exp(-min(max(sure, -50.0), 50.0))}
-        for net, terms in self.candidates(rest):
-            rival = terms[0]
+        for net, (rival, *_) in self.candidates(rest):
             raw = net + rival.penalty
             same = (rival.wheel, rival.place) == (term.wheel, term.place)
             if same and (rival.effect == term.effect or (rival.pulse and term.pulse)):
@@ -379,14 +378,10 @@ class Selector(Candidates):
                 parts = self.gains_of_parts([*rest, rival], term)
                 raw = float(parts.max()) + self.gain([*rest, rival]) - self.gain(rest)
                 if raw > gain - alike:
-                    # A name rests on what is replaced by the share of the gain that it brings; from a half
-                    # on, wholly.
-                    brings = 1.0 - float(alone[np.argmax(parts)]) / gain
-                    rests = min(1.0, brings / SETTINGS.selection.independent_share)
+                    rests = resting(gain, float(alone[np.argmax(parts)]))
                     better += raw - net - rival.penalty - term.penalty / term.design.shape[1]
                     weights[name] = max(weights.get(name, 0.0), rests * math.exp(min(better / doubt, 0.0)))
-                    if rests < SETTINGS.selection.independent_share:
-                        continue
+                    raw = raw if rests >= SETTINGS.selection.independent_share else 0.0
             if raw > gain - alike:
                 rivals.setdefault(rival.effect, raw)
         confidence = 1.0 / sum(weights.values())

@@ -1,0 +1,37 @@
+"""What terms must bring to pay for their freedom, in nats.
+
+In: how many values and choices a term has. Out: its penalty.
+"""
+
+from __future__ import annotations
+
+import math
+
+from tpmsd.diagnosis.settings import SETTINGS
+from tpmsd.physics.catalogue import FAULT
+from tpmsd.physics.effect import Effect
+
+RAMPED_PLACES = ("fl", "fr", "rl", "rr", "front", "rear", "left", "right")
+"""Wheels, axles and sides whose radii may change alike."""
+
+
+def grid_price(effect: type[Effect], at: float | None, second: float | None = None) -> float:
+    """Penalty of values of the parameters that enter nonlinearly."""
+    if effect.grid is None or at is None:
+        return 0.0
+    more = effect.grid.second
+    return effect.grid.price(at) + (0.0 if more is None or second is None else more.price(second))
+
+
+def ramp_price(course: str = "") -> float:
+    """Penalty of a change of radius: its value, and the choice of wheels and onset; of the plainest course,
+    which takes no choice, less than of others."""
+    choices = len(RAMPED_PLACES) * SETTINGS.hypotheses.ramp_knots
+    if course not in ("", FAULT.courses[0]):
+        choices *= len(FAULT.courses)
+    return SETTINGS.hypotheses.per_value_nats + math.log(choices)
+
+
+def shape_price(hats: int) -> float:
+    """Penalty of a smooth term: its heights, and the choice of its place and covariate."""
+    return SETTINGS.hypotheses.per_value_nats * hats + math.log(SETTINGS.hypotheses.shapes)
