@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.worlds.kinematic import Spec, drive
+from bench.worlds.kinematic import STEP_S, Spec, drive
 from tests.diagnosis.recorded import PER_TICK, recording_of
 from tpmsd.diagnosis.assessment.result import Diagnosis
 from tpmsd.diagnosis.counters.tone_ring import ripples
@@ -131,3 +131,25 @@ def test_a_ripple_that_readings_flatten_has_its_size_all_the_same() -> None:
 
     assert "rl" == found[0].wheel
     assert found[0].amplitude_rad == pytest.approx(size, rel=0.15)
+
+
+@pytest.mark.parametrize("seed", [3, 6])
+def test_a_change_while_the_car_stands_has_an_onset_as_unsure_as_the_stop(seed: int) -> None:
+    """A tyre that loses 2 mm in a stop of 20 s: its onset is told within 1.96 standard deviations."""
+    made = drive(Spec(duration_s=420.0, road="city", stops=True, teeth=96), seed)
+    stands = np.concatenate([[False], made.speed < 0.05, [False]]).astype(int)
+    begins, ends = np.flatnonzero(np.diff(stands) > 0), np.flatnonzero(np.diff(stands) < 0)
+    inner = [(a, b) for a, b in zip(begins, ends, strict=True) if 100.0 < STEP_S * a and STEP_S * b < 330.0]
+    stop = max(inner, key=lambda span: span[1] - span[0])
+    lost_s = STEP_S * stop[1] - 2.0
+    plain = recording_of(made)
+    rotation = plain.rotation_rad.copy()
+    rotation[plain.dt_s * np.arange(len(rotation)) > lost_s, 2] *= 1.0 + 2e-3 / plain.car.radius_m[2]
+    found = diagnose([replace(plain, rotation_rad=rotation)]).findings[0]
+    onset = found.parameters["onset_s"]
+
+    assert STEP_S * (stop[1] - stop[0]) > 20.0
+    assert "radius_change" == found.effect
+    assert onset.std is not None
+    assert abs(float(onset.value) - lost_s) < 1.96 * onset.std
+    assert onset.std < 40.0

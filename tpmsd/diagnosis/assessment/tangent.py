@@ -9,6 +9,7 @@ alike, which no derivative shows.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,12 +25,12 @@ from tpmsd.wheels import FloatArray
 def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, float]]:
     """By place in the selection: standard deviations of amplitude and nonlinear parameters."""
     tangents: list[dict[int, FloatArray]] = []
-    owner: list[tuple[int, str]] = []
+    owner: list[tuple[int, str, float]] = []
     for k, one in enumerate(selection.chosen):
         by_drive = {number: _tangents(study.drives[number], one) for number in study.acting(one.term)}
         for name in dict.fromkeys(name for found in by_drive.values() for name in found):
-            tangents.append({number: found[name] for number, found in by_drive.items()})
-            owner.append((k, name))
+            tangents.append({number: found[name].by for number, found in by_drive.items()})
+            owner.append((k, name, min(found[name].flat_s for found in by_drive.values())))
     out = {
         k: _of_grid(study, selection, k, tangents)
         for k, one in enumerate(selection.chosen)
@@ -51,11 +52,11 @@ def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, fl
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     A = gram / np.outer(scale, scale) + 1e-7 * np.eye(len(gram))
     std = np.sqrt(np.diag(np.linalg.inv(A))) / scale
-    for j, (k, name) in enumerate(owner):
-        out.setdefault(k, {})[name] = float(std[first + j])
+    for j, (k, name, flat_s) in enumerate(owner):
+        out.setdefault(k, {})[name] = math.hypot(float(std[first + j]), flat_s / math.sqrt(3.0))
     start = study.hypotheses.nuisance.shape[1]
     for k, one in enumerate(selection.chosen):
-        if any(owned == k for owned, _ in owner):
+        if any(owned == k for owned, *_ in owner):
             out[k][one.term.parameters[0]] = float(std[start])
         start += one.term.design.shape[1]
     return out
@@ -164,14 +165,29 @@ def crossing(gains: FloatArray, level: float, inside: int, step: int) -> float:
     return inside + step * float(np.clip((wanted - near) / max(far - near, 1e-12), 0.0, 1.0))
 
 
-def _tangents(drive: DriveStudy, one: Chosen) -> dict[str, FloatArray]:
-    """Derivatives of a ramp's or an event's response by onset and duration."""
+@dataclass(frozen=True)
+class _Tangent:
+    """How a response goes with an onset or a duration."""
+
+    by: FloatArray
+    """(w, 9) change per second."""
+    flat_s: float
+    """Change to one side by which the log-likelihood falls by less than half a nat."""
+
+
+def _tangents(drive: DriveStudy, one: Chosen) -> dict[str, _Tangent]:
+    """Slopes of a ramp's or an event's response by onset and duration.
+
+    Where a car stands, a change of a radius shows later, and no slope says that its begin (at the same end)
+    or its end may be anywhere in the stop: the value is uniform over what the likelihood does not feel.
+    """
     term, size = one.term, float(one.values[0])
     event = term.pulse and not term.free
     if not term.ramp and not event:
         return {}
     onset, duration = term.span_s[0], term.span_s[1] - term.span_s[0]
-    h = max(2.0, 0.05 * duration)
+    least = max(2.0, 0.05 * duration)
+    whole_s = 0.5 * drive.reader.recording.ticks * drive.reader.recording.dt_s
 
     def column(at: float, long: float) -> FloatArray:
         if event:
@@ -181,9 +197,30 @@ def _tangents(drive: DriveStudy, one: Chosen) -> dict[str, FloatArray]:
         what = Refined(numbers_of(term.wheel), at, max(long, 0.0), course=term.course)
         return what.column(drive.reader, drive.base)
 
-    by_onset = (column(onset + h, duration) - column(onset - h, duration)) / (2 * h)
-    out = {"onset_s": size * by_onset}
-    if duration > 2 * h:
-        by_duration = (column(onset, duration + h) - column(onset, duration - h)) / (2 * h)
-        out["duration_s"] = size * by_duration
-    return out
+    here = column(onset, duration)
+
+    def flat(at: float, long: float, most: float) -> float:
+        h = 0.0
+        while (further := max(2.0 * h, least)) <= most:
+            change = size * (column(onset + at * further, duration + long * further) - here)
+            if np.sum(drive.whitened(change[:, :, None]) ** 2) > 1.0:
+                break
+            h = further
+        return h
+
+    def slope(at: float, long: float) -> FloatArray:
+        h = least
+        while True:
+            change = column(onset + at * h, duration + long * h) - column(onset - at * h, duration - long * h)
+            if change.any() or h > whole_s:
+                return np.asarray(size * change / (2.0 * h))
+            h *= 2.0
+
+    if duration <= 2 * least:
+        return {"onset_s": _Tangent(slope(1.0, 0.0), max(flat(-1.0, 0.0, whole_s), flat(1.0, 0.0, whole_s)))}
+    begin = max(flat(-1.0, 1.0, whole_s), flat(1.0, -1.0, duration))
+    end = max(flat(0.0, -1.0, duration), flat(0.0, 1.0, whole_s))
+    return {
+        "onset_s": _Tangent(slope(1.0, 0.0), begin),
+        "duration_s": _Tangent(slope(0.0, 1.0), math.hypot(begin, end)),
+    }
