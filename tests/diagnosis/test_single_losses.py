@@ -92,6 +92,24 @@ def test_symmetric_scatter_of_any_size_is_no_loss(seed: int, freedom: float | No
     assert _found(_left({"rl": rough}, seed)) is None
 
 
+def test_rounding_at_steady_speed_is_no_loss() -> None:
+    """A wheel that falls behind by a count each fourth second, as rounding at steady speed has it: the steps
+    are plain, but they come by the clock, and their sums never stray by more than a count."""
+    rng = np.random.default_rng(4)
+    left = np.full((WINDOWS, CHANNELS), np.nan)
+    left[:, : GYRO + 1] = _windows().design[:, : GYRO + 1, :2] @ np.array([0.3, 0.02])
+    left[:, :GYRO] += 0.08 * COUNT_M * rng.standard_normal((WINDOWS, 4))
+    left[:, GYRO] += GYRO_RADPS * rng.standard_normal(WINDOWS)
+    by_the_clock = np.diff(np.floor(0.24 * np.arange(WINDOWS + 1)))
+    at_random = rng.binomial(1, 0.24, WINDOWS)
+    steady, losing = left.copy(), left.copy()
+    steady[:, RL] -= COUNT_M[0] * by_the_clock
+    losing[:, RL] -= COUNT_M[0] * at_random
+
+    assert _found(steady) is None
+    assert _found(losing) is not None
+
+
 def test_steps_of_many_counts_are_no_loss_of_single_ones() -> None:
     """A wheel that locks now and then loses dozens of counts at once."""
     locked = np.where(np.random.default_rng(2).uniform(size=WINDOWS) < 0.01, -30.0, 0.0)

@@ -22,10 +22,11 @@ from tpmsd.wheels import FL, FR, RL, RR, FloatArray
 WINDOW_S = 1.0
 """Over which the channels are compared."""
 SPEED_SMOOTHING_S = 0.35
-YAW_SMOOTHING_S = 1.5
-"""At most, where wheels alone tell the yaw rate: a corner in town lasts four seconds."""
+YAW_SMOOTHING_S = 0.6
+"""At most, where wheels alone tell the yaw rate: 87 % of a lane change of four seconds are left, and the
+motion's own errors make up for the rest."""
 YAW_ERROR_RADPS = 1e-3
-"""Of such a yaw rate, by the rounding of counts: no more than a gyro scatters."""
+"""Of such a yaw rate, by the rounding of counts, where no more smoothing than that is needed for it."""
 ACCEL_SMOOTHING_S = 0.25
 """On top of the speed's own."""
 GRADE_SMOOTHING_S = 0.5

@@ -7,6 +7,9 @@ are lost one at a time and at random: a wheel's way falls back in steps of a who
 a window has a Poisson distribution, whose mean is a share of what was counted. So the wheel scatters more
 than the others, and two accounts of its scatter are compared by their likelihood: steps of a count beside
 normal noise; and symmetric noise of any size, with tails as heavy as it likes (Student's distribution). A
+wheel on a coarse ring at steady speed steps as well, where it falls behind another one by a count each few
+seconds; but rounding is made up for by the next edge. So sums over some windows are asked, too: losses at
+random add up as their number does, rounding to no more than what two readings are off by. A
 wheel's way is compared with what the other wheels and the gyro leave open, the motion's speed and yaw rate
 eliminated by least squares.
 """
@@ -86,6 +89,8 @@ def single_losses(
     steps = _steps(sign * counts, counted)
     gain = steps.log_likelihood - _symmetric(counts)
     unlike = _unlike(counts, [way.counts for other, way in ways.items() if other not in alike])
+    if _adds_up(counts, steps.share * float(counted.mean())) < SETTINGS.selection.admit_nats:
+        return None
     if gain < SETTINGS.selection.admit_nats or gain + unlike < SETTINGS.counters.lost_admit_nats:
         return None
     per_s = float(counted.mean()) / WINDOW_S
@@ -134,6 +139,16 @@ def _unlike(values: FloatArray, others: list[FloatArray]) -> float:
         return 0.0
     ratio = float(values.var()) / max(float(np.mean([other.var() for other in others])), 1e-30)
     return 0.5 * len(values) * (ratio - 1.0 - math.log(ratio)) if ratio > 1.0 else 0.0
+
+
+def _adds_up(values: FloatArray, mean: float) -> float:
+    """Log-likelihood of sums over some windows as those of losses at random, `mean` in each window, over
+    those of rounding: differences of two readings of the wheel and of those it is held against."""
+    long = SETTINGS.counters.single_sum_windows
+    sums = values[: len(values) // long * long].reshape(-1, long).sum(axis=1)
+    random, rounding = max(long * mean, 1e-12), SETTINGS.counters.rounding_counts2
+    square = float(np.sum(sums**2))
+    return 0.5 * (square * (1.0 / rounding - 1.0 / random) - len(sums) * math.log(random / rounding))
 
 
 def _around(values: FloatArray) -> FloatArray:
