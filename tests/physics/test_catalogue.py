@@ -212,7 +212,7 @@ def _effects() -> st.SearchStrategy[Effect]:
         values = {
             p.name: st.floats(p.lower, p.upper)
             if isinstance(p, Parameter)
-            else st.sampled_from(["fl", "fr", "rl", "rr"])
+            else st.sampled_from(["ramp", "exponential"] if p.name == "course" else ["fl", "fr", "rl", "rr"])
             for p in EFFECTS[name].parameters
         }
         return st.fixed_dictionaries(values).map(lambda given: make_effect(name, **given))

@@ -43,7 +43,8 @@ def test_a_puncture_to_a_folder(tmp_path: Path, capsys: pytest.CaptureFixture[st
     } == fault
     out = capsys.readouterr().out.splitlines()
     assert out[0].startswith("oval drive of 60 s and ")
-    assert "  radius_change: wheel = rl, deviation_m = -0.00632, onset_s = 30, duration_s = 20" == out[1]
+    fault_said = "wheel = rl, deviation_m = -0.00632, onset_s = 30, duration_s = 20, course = ramp"
+    assert f"  radius_change: {fault_said}" == out[1]
     assert f"written to {tmp_path / 'd'} (the truth is in truth.json)" == out[-1]
 
 

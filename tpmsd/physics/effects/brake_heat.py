@@ -46,7 +46,7 @@ class BrakeHeat(Effect):
         price=lambda tau: 1.1 + 0.5 * (math.log(tau / 200.0) / 0.7) ** 2,
         step=1.5,
         second=Beside(
-            "soak_s", range=(3.0, 300.0), price=lambda tau: 0.5 * (math.log(tau / 30.0) / 1.1) ** 2, step=4.0
+            "soak_s", range=(0.3, 300.0), price=lambda tau: 0.5 * (math.log(tau / 30.0) / 1.1) ** 2, step=4.0
         ),
     )
     """Discs and rims take two to ten minutes; how soon the tyre has it is known to a factor of three."""
@@ -75,7 +75,7 @@ class BrakeHeat(Effect):
         Parameter(
             "soak_s",
             "s",
-            30.0,
+            10.0,
             0.0,
             1e4,
             "time constant in which a disc's heat reaches its tyre; 0: at once",
@@ -85,7 +85,7 @@ class BrakeHeat(Effect):
     wheels: str
     growth: float
     cooling_s: float = 200.0
-    soak_s: float = 30.0
+    soak_s: float = 10.0
 
     def radius_change_m(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) k times the energy that is left, on its wheels."""
