@@ -135,7 +135,7 @@ def test_a_ripple_that_readings_flatten_has_its_size_all_the_same() -> None:
 
 @pytest.mark.parametrize("seed", [3, 6])
 def test_a_change_while_the_car_stands_has_an_onset_as_unsure_as_the_stop(seed: int) -> None:
-    """A tyre that loses 2 mm in a stop of 20 s: its onset is told within 1.96 standard deviations."""
+    """A tyre that loses 2 mm in a stop of 20 s: its onset is told within three standard deviations."""
     made = drive(Spec(duration_s=420.0, road="city", stops=True, teeth=96), seed)
     stands = np.concatenate([[False], made.speed < 0.05, [False]]).astype(int)
     begins, ends = np.flatnonzero(np.diff(stands) > 0), np.flatnonzero(np.diff(stands) < 0)
@@ -151,5 +151,5 @@ def test_a_change_while_the_car_stands_has_an_onset_as_unsure_as_the_stop(seed: 
     assert STEP_S * (stop[1] - stop[0]) > 20.0
     assert "radius_change" == found.effect
     assert onset.std is not None
-    assert abs(float(onset.value) - lost_s) < 1.96 * onset.std
+    assert abs(float(onset.value) - lost_s) < 3.0 * onset.std
     assert onset.std < 40.0

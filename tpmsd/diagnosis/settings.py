@@ -182,6 +182,8 @@ class AssessmentSettings:
     """Prior standard deviations of a column's value that are tried, as powers of ten of its own noise."""
     interval_nats: float = 1.92
     """Fall of the log-likelihood at the ends of a 95 % interval (Wilks 1938)."""
+    halvings: int = 4
+    """Of the span in which an onset's interval ends: to a sixteenth of it."""
     firsts: int = 19
     """Values over its range at which the likelihood of a nonlinear parameter is taken."""
     seconds: int = 9

@@ -30,7 +30,7 @@ def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, fl
         by_drive = {number: _tangents(study.drives[number], one) for number in study.acting(one.term)}
         for name in dict.fromkeys(name for found in by_drive.values() for name in found):
             tangents.append({number: found[name].by for number, found in by_drive.items()})
-            owner.append((k, name, min(found[name].flat_s for found in by_drive.values())))
+            owner.append((k, name, min(found[name].reach_s for found in by_drive.values())))
     out = {
         k: _of_grid(study, selection, k, tangents)
         for k, one in enumerate(selection.chosen)
@@ -52,8 +52,11 @@ def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, fl
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     A = gram / np.outer(scale, scale) + 1e-7 * np.eye(len(gram))
     std = np.sqrt(np.diag(np.linalg.inv(A))) / scale
-    for j, (k, name, flat_s) in enumerate(owner):
-        out.setdefault(k, {})[name] = math.hypot(float(std[first + j]), flat_s / math.sqrt(3.0))
+    whole_s = max(d.reader.recording.ticks * d.reader.recording.dt_s for d in study.drives) / math.sqrt(12.0)
+    for j, (k, name, reach_s) in enumerate(owner):
+        # A slope that lets an onset be outside the drive says nothing: there the likelihood alone does.
+        by_slope = float(std[first + j])
+        out.setdefault(k, {})[name] = max(reach_s / 1.96, by_slope if by_slope < whole_s else 0.0)
     start = study.hypotheses.nuisance.shape[1]
     for k, one in enumerate(selection.chosen):
         if any(owned == k for owned, *_ in owner):
@@ -171,15 +174,15 @@ class _Tangent:
 
     by: FloatArray
     """(w, 9) change per second."""
-    flat_s: float
-    """Change to one side by which the log-likelihood falls by less than half a nat."""
+    reach_s: float
+    """Change to one side, the farther one, by which the log-likelihood falls by 1.92 nats (Wilks 1938)."""
 
 
 def _tangents(drive: DriveStudy, one: Chosen) -> dict[str, _Tangent]:
     """Slopes of a ramp's or an event's response by onset and duration.
 
     Where a car stands, a change of a radius shows later, and no slope says that its begin (at the same end)
-    or its end may be anywhere in the stop: the value is uniform over what the likelihood does not feel.
+    or its end may be anywhere in the stop: how far is asked of the likelihood.
     """
     term, size = one.term, float(one.values[0])
     event = term.pulse and not term.free
@@ -199,14 +202,20 @@ def _tangents(drive: DriveStudy, one: Chosen) -> dict[str, _Tangent]:
 
     here = column(onset, duration)
 
-    def flat(at: float, long: float, most: float) -> float:
-        h = 0.0
-        while (further := max(2.0 * h, least)) <= most:
-            change = size * (column(onset + at * further, duration + long * further) - here)
-            if np.sum(drive.whitened(change[:, :, None]) ** 2) > 1.0:
-                break
-            h = further
-        return h
+    def reach(at: float, long: float, most: float) -> float:
+        def fall(h: float) -> float:
+            change = size * (column(onset + at * h, duration + long * h) - here)
+            return 0.5 * float(np.sum(drive.whitened(change[:, :, None]) ** 2))
+
+        inside, outside = 0.0, least
+        while outside < most and fall(outside) < SETTINGS.assessment.interval_nats:
+            inside, outside = outside, 2.0 * outside
+        for _ in range(SETTINGS.assessment.halvings):
+            middle = 0.5 * (inside + outside)
+            inside, outside = (
+                (middle, outside) if fall(middle) < SETTINGS.assessment.interval_nats else (inside, middle)
+            )
+        return inside
 
     def slope(at: float, long: float) -> FloatArray:
         h = least
@@ -217,9 +226,11 @@ def _tangents(drive: DriveStudy, one: Chosen) -> dict[str, _Tangent]:
             h *= 2.0
 
     if duration <= 2 * least:
-        return {"onset_s": _Tangent(slope(1.0, 0.0), max(flat(-1.0, 0.0, whole_s), flat(1.0, 0.0, whole_s)))}
-    begin = max(flat(-1.0, 1.0, whole_s), flat(1.0, -1.0, duration))
-    end = max(flat(0.0, -1.0, duration), flat(0.0, 1.0, whole_s))
+        return {
+            "onset_s": _Tangent(slope(1.0, 0.0), max(reach(-1.0, 0.0, whole_s), reach(1.0, 0.0, whole_s)))
+        }
+    begin = max(reach(-1.0, 1.0, whole_s), reach(1.0, -1.0, duration))
+    end = max(reach(0.0, -1.0, duration), reach(0.0, 1.0, whole_s))
     return {
         "onset_s": _Tangent(slope(1.0, 0.0), begin),
         "duration_s": _Tangent(slope(0.0, 1.0), math.hypot(begin, end)),
