@@ -170,11 +170,15 @@ def options(parser: argparse.ArgumentParser) -> None:
 
 
 def report(out: Path) -> str:
-    """The tables of what stands in a folder, its `development` or `held-out`."""
-    rows = [row for unit in last_state(out / "results.jsonl") for row in unit]
-    if not rows:
+    """The tables of each half that stands in a folder; UsageError where there is none."""
+    text = []
+    for half, title in (("held-out", "Held-out half"), ("development", "Development half")):
+        if (out / half / "results.jsonl").exists():
+            rows = [row for unit in last_state(out / half / "results.jsonl") for row in unit]
+            text += [f"### {title}", "", markdown(figures(rows))]
+    if not text:
         raise UsageError(f"no results in {out}")
-    return markdown(figures(rows))
+    return "\n".join(text)
 
 
 def main(args: argparse.Namespace) -> int:
