@@ -149,7 +149,7 @@ def test_of_a_pair_alone_the_smaller_wheel_has_lost() -> None:
 @pytest.mark.parametrize("change", [0.0036, -0.0036, 0.006, -0.005])
 def test_what_happens_to_all_wheels_alike_is_no_deflation(change: float) -> None:
     """Growth with speed by 0.36 % (or its loss when slowing, or warm-up) points at no wheel."""
-    assert [0.0] * 4 == pytest.approx(judged([change] * 4).deflated, abs=0.01)
+    assert [0.0] * 4 == pytest.approx(judged([change] * 4).deflated, abs=0.02)
 
 
 @pytest.mark.parametrize("change", [0.002, -0.002])
@@ -207,10 +207,28 @@ def test_left_and_right_and_front_and_rear_are_alike(change: list[float]) -> Non
 
 
 def test_the_priors_leave_room_for_nothing_having_happened() -> None:
-    """All subsets together are improbable beforehand: below one in a hundred."""
+    """All subsets together are improbable beforehand: below one in fifty."""
     total = sum(math.comb(4, size) * prior for size, prior in enumerate(JUDGE.prior_by_size, 1))
-    assert 0.0 < total < 0.01
+    assert 0.0 < total < 0.02
     assert len(WHEELS) == len(JUDGE.prior_by_size)
+
+
+def test_all_four_alike_are_unseen_for_longer_than_one() -> None:
+    """Beforehand they are as probable as a month's share of the four months that those 3 % of cars which are
+    driven with all four 25 % low [NHTSA 2001] have been so, to a factor of two; one tyre is by a week's."""
+    one, all_four = JUDGE.prior_by_size[0], JUDGE.prior_by_size[3]
+    assert 0.5 < all_four / (0.03 / 4.0) < 2.0
+    assert all_four / one == pytest.approx(1000.0 / 220.0)
+
+
+@pytest.mark.parametrize(("loss", "raised"), [(0.0042, True), (0.0034, False)])
+def test_a_loss_of_all_four_by_five_standard_deviations_is_raised(loss: float, raised: bool) -> None:
+    """A loss of 20 % that is known to 5.2 standard deviations has 13.5 nats: 4.6 for 0.99, 5.4 for its prior
+    and 2.6 for its size not being known; four fifths of it have 8.9."""
+    std = 0.0042 / 5.2
+    common = np.full((4, 4), std**2) + np.eye(4) * 1e-4**2
+    found = Comparison(np.ones(4), THRESHOLD).of(np.full(4, -loss), common)
+    assert raised == bool(np.all(found.deflated >= 0.99))
 
 
 # -- the mean over minutes -----------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from tpmsd.monitor.grip import Grip
 from tpmsd.monitor.hypotheses import Comparison, Verdict, subsets
 from tpmsd.monitor.nuisance import Nuisance, mean_share
 from tpmsd.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
-from tpmsd.monitor.sight import Sight, sight
+from tpmsd.monitor.sight import Alike, Sight, sight
 from tpmsd.physics.motion import driven_mask
 from tpmsd.physics.tyre import tyre_model
 from tpmsd.resonance.evidence import ResonanceEvidence
@@ -137,7 +137,7 @@ class Judge:
         self._apart = _apart(wheels)
         self._fellow = np.array([[float(wheel == other ^ 1) for other in wheels] for wheel in wheels])
         """(d, d) 1 for the other wheel of the axle."""
-        self._told: tuple[Accounts, bool, Finding, dict[str, float]] | None = None
+        self._told: tuple[Accounts, bool, Finding, dict[str, float], Alike] | None = None
         """The last comparison of a drive: it changes with every sample, and is asked for every second."""
 
     def judge(
@@ -163,8 +163,9 @@ class Judge:
         against = Comparison(self._radius, self._threshold, ratios, other_tyres)
         of_drive: Finding | None = None
         models: dict[str, float] = {}
+        alike: Alike | None = None
         if accounts is not None:
-            of_drive, models = self._of_drive(accounts, ratios, other_tyres)
+            of_drive, models, alike = self._of_drive(accounts, ratios, other_tyres)
         now_m2, mean_m2 = now.covariance_m2 + harmless_m2, mean.covariance_m2 + averaged_m2
         at_once = self._look("now", now, now_m2, against, models)
         lately = self._look("minutes", mean, mean_m2, against, models)
@@ -204,7 +205,7 @@ class Judge:
             now=now,
             finding=finding,
             account=account,
-            sight=self._sight(mean, mean_m2, of_drive),
+            sight=self._sight(mean, mean_m2, alike),
             drive_models=models,
         )
 
@@ -241,21 +242,21 @@ class Judge:
             return np.maximum(at_once, by_drive)
         return np.maximum(at_once, mean.deflated) if samples >= JUDGE.full_samples else at_once
 
-    def _sight(self, mean: Change, mean_m2: FloatArray, of_drive: Finding | None) -> Sight:
+    def _sight(self, mean: Change, mean_m2: FloatArray, alike: Alike | None) -> Sight:
         """One tyre is seen by the mean over minutes, all alike by the drive as a whole, or if there is none
         by a mean that is long enough."""
-        all_m2 = None if mean.samples < JUDGE.full_samples else mean_m2
-        if of_drive is not None:
-            all_m2 = of_drive.covariance_m2
-        return sight(mean_m2, all_m2, self._radius, self._tyres, self._threshold, self._asked)
+        if alike is None and mean.samples >= JUDGE.full_samples:
+            alike = Alike.of(mean.change_m[None], mean_m2[None], np.zeros(1), self._radius)
+        return sight(mean_m2, alike, self._radius, self._tyres, self._threshold, self._asked)
 
     def _of_drive(
         self, accounts: Accounts, log_ratios: FloatArray | None, other_tyres: bool
-    ) -> tuple[Finding, dict[str, float]]:
-        """What the drive as a whole says, and of the drive models; computed once for each of its samples."""
+    ) -> tuple[Finding, dict[str, float], Alike]:
+        """What the drive as a whole says, of the drive models, and how it knows a loss of all tyres; computed
+        once for each of its samples."""
         told = self._told
         if told is not None and told[0] is accounts and told[1] == other_tyres and log_ratios is None:
-            return told[2], told[3]
+            return told[2:]
         lasting = self._harmless.averaged(DRIVE_EVIDENCE.lasting_share)
         harmless_m2 = lasting.covariance(self._wheels, self._radius) + self._tolerance_m2(other_tyres)
         covariance_m2, log_weight = accounts.allowing(harmless_m2)
@@ -264,8 +265,11 @@ class Judge:
         best = int(verdict.accounts.argmax())
         finding = Finding("drive", verdict, accounts.change_m[best], covariance_m2[best], best)
         models = accounts.model_probabilities(verdict.accounts)
-        self._told = (accounts, other_tyres, finding, models)
-        return finding, models
+        first = np.unique(accounts.model, return_index=True)[1]  # of each model a change before the drive
+        change_m, each_m2 = accounts.change_m[first], covariance_m2[first]
+        alike = Alike.of(change_m, each_m2, log_weight[first], self._radius)
+        self._told = (accounts, other_tyres, finding, models, alike)
+        return finding, models, alike
 
     @property
     def threshold_m(self) -> float:

@@ -119,6 +119,9 @@ class JudgeSettings:
     rarely, all four by diffusion and neglect as often as one (docs/explanation/alarms.md has the sources)."""
     unseen_km: float = 220.0
     """Over which a loss may have gone unseen, in a week of 12,000 km a year: a prior of 1 in 1,000."""
+    unseen_alike_km: float = 1000.0
+    """The same of all four alike, which only long drives at learned speeds show: a month, and a prior of 1 in
+    220. Without a monitor 3 % of passenger cars and 6 % of light trucks are driven so [NHTSA 2001]."""
     prior_larger: float = 1e-4
     """Prior probability of each wheel that it is larger than was learned: a new tyre of which nobody told,
     as rare as three tyres that lose air at once.
@@ -154,6 +157,8 @@ class JudgeSettings:
     sight_stds: float = 1.28
     """Standard deviations by which the evidence of a loss that `status` calls seen may fall short of what is
     to be expected: one in ten does by more."""
+    sight_losses: int = 200
+    """Losses that are tried for the smallest one that would be seen, in equal steps up to the largest."""
     seen_share: float = 1.5
     """Standard deviation of a wheel against the others, relative to the threshold of a deflation, up to
     which a tyre that has lost 20 % (1.8 thresholds) is seen."""
@@ -163,7 +168,8 @@ class JudgeSettings:
     @property
     def prior_by_size(self) -> tuple[float, ...]:
         """Prior probability of each subset of one to four wheels."""
-        return tuple(rate * self.unseen_km for rate in self.losses_per_km)
+        some = tuple(rate * self.unseen_km for rate in self.losses_per_km[:-1])
+        return (*some, self.losses_per_km[-1] * self.unseen_alike_km)
 
 
 @dataclass(frozen=True, slots=True)

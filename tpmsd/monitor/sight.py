@@ -7,6 +7,10 @@ A loss s of the wheels p (1 for each) is known with the standard deviation (p' C
 these. Its log-likelihood ratio to none is normal about d^2 / 2 with the standard deviation d; in nine of ten
 drives it must outweigh its prior odds and those asked for. And the loss must be known to exceed the
 threshold as surely, wherever in these nine of ten the estimate lies.
+
+What another load or a trailer may do rivals a loss of all alike. With d_r by the drive model r, which has the
+probability w_r beside a loss, none is left with the sum of w_r exp(-d_r^2 / 2): so a model of small w_r in
+which d_r is small decides on large losses.
 """
 
 from __future__ import annotations
@@ -30,33 +34,62 @@ class Sight:
     all_tyres: float
 
 
+@dataclass(frozen=True, slots=True)
+class Alike:
+    """How a relative loss of all wheels alike is known, by m drive models."""
+
+    information: FloatArray
+    """(m,)"""
+    weight: FloatArray
+    """(m,) probability of each beside such a loss; their sum is 1."""
+
+    @classmethod
+    def of(
+        cls, change_m: FloatArray, covariance_m2: FloatArray, log_weight: FloatArray, radius_m: FloatArray
+    ) -> Alike:
+        """By changes (m, d), their covariances (m, d, d) and the log weights (m,) of the models if none has
+        changed; radius_m (d,)."""
+        of_all = np.broadcast_to(radius_m, change_m.shape)[:, :, None]
+        solved = np.linalg.solve(covariance_m2, of_all)[:, :, 0]
+        information = solved @ radius_m
+        beside = log_weight + 0.5 * np.einsum("md,md->m", solved, change_m) ** 2 / information
+        weight = np.exp(beside - beside.max())
+        return cls(information, weight / weight.sum())
+
+
 def sight(
     one_m2: FloatArray,
-    all_m2: FloatArray | None,
+    alike: Alike | None,
     radius_m: FloatArray,
     tyres: list[TyreModel],
     threshold: float,
     probability: float,
 ) -> Sight:
-    """`one_m2` and `all_m2` (d, d): covariance by which one tyre and all alike are judged, None where they
+    """`one_m2` (d, d): covariance by which one tyre is judged; `alike`: how all alike are, None where they
     are not; radius_m (d,); `threshold` relative; `probability` asked for."""
     priors = JUDGE.prior_by_size
     # The information of a loss of one wheel alone is an element of the diagonal.
     of_each = radius_m**2 * np.linalg.inv(one_m2).diagonal()
-    single = _pressure(_smallest(float(of_each.min()), threshold, probability, priors[0]), radius_m, tyres)
-    if all_m2 is None:
+    one = Alike(np.array([of_each.min()]), np.ones(1))
+    single = _pressure(_smallest(one, threshold, probability, priors[0]), radius_m, tyres)
+    if alike is None:
         return Sight(single, 1.0)
-    of_all = float(radius_m @ np.linalg.solve(all_m2, radius_m))
-    alike = _smallest(of_all, threshold, probability, priors[radius_m.size - 1])
-    return Sight(single, _pressure(alike, radius_m, tyres))
+    all_alike = _smallest(alike, threshold, probability, priors[radius_m.size - 1])
+    return Sight(single, _pressure(all_alike, radius_m, tyres))
 
 
-def _smallest(information: float, threshold: float, probability: float, prior: float) -> float:
-    """Relative loss that is seen where a relative loss has this information, 1."""
-    std = 1.0 / math.sqrt(information)
+def _smallest(known: Alike, threshold: float, probability: float, prior: float) -> float:
+    """Relative loss that is seen where a relative loss is known like this, 1."""
+    std = 1.0 / np.sqrt(known.information)
     nats = math.log(probability / (1.0 - probability)) - math.log(prior / JUDGE.losses[2])
     short = JUDGE.sight_stds
-    return max((short + math.sqrt(short**2 + 2.0 * nats)) * std, threshold + 2.0 * short * std)
+    # Alone, a model asks for d^2 / 2 - short d = nats; in a sum for at most so much.
+    most = (short + math.sqrt(short**2 + 2.0 * nats)) * float(std.max())
+    losses = np.linspace(0.0, 1.01 * most, JUDGE.sight_losses)
+    d = losses[:, None] / std
+    left = np.exp(short * d - 0.5 * d**2) @ known.weight
+    seen = float(losses[int(np.flatnonzero(left > math.exp(-nats))[-1]) + 1])
+    return max(seen, threshold + 2.0 * short * float(std[known.weight.argmax()]))
 
 
 def _pressure(loss: float, radius_m: FloatArray, tyres: list[TyreModel]) -> float:
