@@ -42,16 +42,16 @@ def first_notice(year: Year) -> Notice | None:
     for k, day in enumerate(year.day):
         if year.reset[k]:
             history.mark_step()
-        difference = year.radius_m[k, [0, 2]] - year.radius_m[k, [1, 3]]
-        variance = year.std_m[k, [0, 2]] ** 2 + year.std_m[k, [1, 3]] ** 2
+        fl, fr, rl, rr = year.radius_m[k]
+        fl_var, fr_var, rl_var, rr_var = year.std_m[k] ** 2
+        difference = np.array([fl - fr, rl - rr, (fl + fr - rl - rr) / 2.0])
+        variance = np.array([fl_var + fr_var, rl_var + rr_var, (fl_var + fr_var + rl_var + rr_var) / 4.0])
         history.add(20_000.0 + day, difference, variance)
         if k + 1 < year.day.size and int(year.day[k + 1]) == int(day):
             continue  # a drive of the same day follows: judged with it
-        for axle in (0, 1):
-            trend = history.trend(axle, METRES_PER_PERCENT)
-            if trend is not None and trend.noticeable():
-                wheel = 2 * axle + (0 if trend.left else 1)
-                return Notice(k, wheel, trend.rate, trend.low_in_d)
+        trend = history.trend((METRES_PER_PERCENT,) * 3)
+        if trend is not None and trend.noticeable():
+            return Notice(k, trend.wheel, trend.rate, trend.low_in_d)
     return None
 
 

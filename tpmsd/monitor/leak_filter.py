@@ -1,44 +1,47 @@
-"""How the left-right difference of an axle moves over weeks: a Gaussian-sum filter over what may happen.
+"""How the radii of four tyres move against each other over weeks: a Gaussian-sum filter over what may happen.
 
-In: one left-right difference per day, in per cent of pressure, with its variance. Out: hypotheses with their
-probabilities; each holds a Gaussian of (level, rate, low, drift).
+In: three contrasts per day (left minus right of each axle, front minus rear), in per cent of pressure, with
+their variances. Out: hypotheses with their probabilities; each holds a Gaussian of what `leak_state` names.
 
-Left and right of an axle have the same temperature, age and (nearly) load, so their difference holds neither
-seasons nor the diffusion of all four. In a healthy car it scatters from day to day, drifts for some days,
-steps (air is put in; wheels are changed) and has a small rate, since two tyres diffuse and wear unequally. A
-leak adds a rate of one sign from some day on. Per day:
-
-    level += rate * days / 7      in per cent of pressure; rate in per cent per week
-    low   -= rate * days / 7      by how much the left tyre is lower than the right one by loss and filling
-
-and a refill puts back what is low, to within `refill_std`: level += low + e, low = -e. So refills do not add
-up, and a leak comes back with each. A reading shows level + drift. Before each reading every hypothesis
-splits: no step, a refill, changed wheels; and those without a leak into onsets of one on either side. How far
-readings scatter, what the estimates state is to be believed, and the level drifts is one of a few steps each,
-told apart by the readings themselves; an outlier scatters more. The likeliest hypotheses of each side are
-kept (Alspach, Sorenson 1972, IEEE Transactions on Automatic Control 17: Gaussian sums).
+Contrasts hold neither seasons nor the diffusion of all four, and no error that is common to the wheels. In
+a healthy car they scatter from day to day, drift for some days, and step: air is put in, wheels are changed.
+One visit to the pump is mostly of all tyres, so that it shows in all three contrasts at once, as a leak shows
+in two. Before each reading every hypothesis splits: no step; a refill of all, an axle or one tyre; such
+changes of wheels; and those without a leak into onsets of one in each tyre. How far readings scatter is
+learned by each hypothesis (`leak_noise`). The likeliest hypotheses of each tyre are kept (Alspach, Sorenson
+1972, IEEE Transactions on Automatic Control 17: Gaussian sums).
 """
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tpmsd.monitor.leak_noise import Believed, NoiseLevels, taken
 from tpmsd.monitor.leak_settings import TrendSettings
+from tpmsd.monitor.leak_state import (
+    BASE,
+    CONTRASTS,
+    LOST,
+    RATE,
+    SEEN,
+    SIZE,
+    WEEK_D,
+    WHEEL_SETS,
+    filled,
+    first_gaussian,
+    predicted,
+)
 from tpmsd.monitor.settings import TREND
 from tpmsd.wheels import FloatArray
 
-WEEK_D = 7.0
-LEVEL, RATE, LOW, DRIFT = range(4)
-SEEN = np.array([1.0, 0.0, 0.0, 1.0])
-"""What a reading shows of each."""
-NONE, LEFT, RIGHT = 0.0, 1.0, -1.0
-FILLED = np.outer([1.0, 0.0, -1.0, 0.0], [1.0, 0.0, -1.0, 0.0])
-"""(4, 4) what one of the two was filled more is in the level and lacks the other."""
+IntArray = NDArray[np.int64]
+NO_WHEEL = -1
+"""No tyre leaks."""
+NO_EVENT = -1
 LEAST_CHANCE = 1e-6
 """That nothing has happened, after however long: its logarithm stays finite."""
 
@@ -50,233 +53,206 @@ class Hypotheses:
     log_weight: FloatArray
     """(n,)"""
     mean: FloatArray
-    """(n, 4) level, low and drift in per cent of pressure, rate in per cent per week"""
+    """(n, SIZE)"""
     covariance: FloatArray
-    """(n, 4, 4)"""
-    side: FloatArray
-    """(n,) 1 where the left tyre leaks, -1 the right one, 0 none"""
-    scatter: FloatArray
-    """(n,) standard deviation of a reading beyond what its estimates state, per cent"""
-    stated: FloatArray
-    """(n,) variance of the estimates relative to the stated one"""
+    """(n, SIZE, SIZE)"""
+    wheel: IntArray
+    """(n,) the tyre that leaks, or `NO_WHEEL`"""
     drift: FloatArray
-    """(n,) standard deviation of what comes and goes within days, per cent"""
-    changed_d: FloatArray
-    """(n,) day by which wheels were last changed without a word; NaN if they never were"""
+    """(n, 3) standard deviation of what comes and goes in each contrast within days, per cent"""
+    noise: FloatArray
+    """(n, 2) learned sums of squares (`leak_noise`)"""
     onset_d: FloatArray
     """(n,) day on which the leak began; NaN without one"""
     days: FloatArray
     """(n,) readings since then, or of all"""
 
-    def take(self, index: NDArray[np.int64]) -> Hypotheses:
+    def take(self, index: IntArray) -> Hypotheses:
         """Some of them."""
         return Hypotheses(*(getattr(self, field.name)[index] for field in fields(self)))
 
-    def moved(self, transition: FloatArray, log_weight: float | FloatArray) -> Hypotheses:
-        """All of them after a linear transition (n, 4, 4), `log_weight` (or (n,)) added to their weights."""
-        return Hypotheses(
-            self.log_weight + log_weight,
-            np.einsum("nij,nj->ni", transition, self.mean),
-            transition @ self.covariance @ transition.transpose(0, 2, 1),
-            *(self.side, self.scatter, self.stated, self.drift, self.changed_d, self.onset_d, self.days),
-        )
 
+@dataclass(frozen=True, slots=True)
+class Splits:
+    """m ways in which hypotheses may go on, before the reading."""
 
-def joined(parts: list[Hypotheses]) -> Hypotheses:
-    """All of several."""
-    return Hypotheses(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Hypotheses)))
+    parent: IntArray
+    """(m,) which hypothesis"""
+    event: IntArray
+    """(m,) `NO_EVENT`, a refill of `WHEEL_SETS[event]`, or a change of those after them"""
+    begins: IntArray
+    """(m,) the tyre in which a leak begins, or `NO_WHEEL`"""
+    rate: IntArray
+    """(m,) which of `leak_rates`"""
+    log_weight: FloatArray
+    """(m,)"""
+    mean: FloatArray
+    """(m, 3) contrasts to expect"""
+    covariance: FloatArray
+    """(m, 3, 3)"""
 
 
 class LeakFilter:
-    """One axle of one set of tyres."""
+    """One set of tyres."""
 
-    def __init__(
-        self, settings: TrendSettings = TREND, leak: tuple[float, float, float] | None = None
-    ) -> None:
-        """`leak`: (side, rate, its standard deviation): this leak goes on or there is none, one as probable
+    def __init__(self, settings: TrendSettings = TREND, leak: tuple[int, float, float] | None = None) -> None:
+        """`leak`: (wheel, rate, its standard deviation): this leak goes on or there is none, one as probable
         as the other, and no other begins. None: there is none yet."""
         self._settings = settings
         self._may_begin = leak is None
         self.day: float | None = None
-        sides = [(NONE, 0.0, 0.0)] if leak is None else [(NONE, 0.0, 0.0), leak]
-        levels = list(itertools.product(settings.scatters, settings.stated_shares, settings.drift_stds))
-        cases = [(*one, *level) for one in sides for level in levels]
-        side, rate, std, scatter, stated, drift = np.array(cases).T
-        n = len(cases)
-        covariance = np.zeros((n, len(SEEN), len(SEEN)))
-        covariance[:, LEVEL, LEVEL] = settings.first_level_std**2
-        covariance += settings.refill_std**2 * FILLED
-        covariance[:, DRIFT, DRIFT] = drift**2
-        covariance[:, RATE, RATE] = settings.healthy_rate_std**2 + std**2
-        mean = np.zeros((n, len(SEEN)))
-        mean[:, RATE] = -side * rate
-        onset, never = np.where(side == NONE, math.nan, 0.0), np.full(n, math.nan)
+        self._levels = NoiseLevels.first(settings)
+        cases = [(NO_WHEEL, 0.0, 0.0)] if leak is None else [(NO_WHEEL, 0.0, 0.0), leak]
+        drift = np.array([one for one in settings.drift_stds for _ in cases])
+        wheel = np.array([case[0] for _ in settings.drift_stds for case in cases], dtype=np.int64)
+        mean, covariance = first_gaussian(settings, drift)
+        for k, (one, rate, std) in enumerate(cases * len(settings.drift_stds)):
+            if one != NO_WHEEL:
+                mean[k, RATE.start + one] += rate
+                covariance[k, RATE.start + one, RATE.start + one] += std**2
+        n = len(wheel)
         self.hypotheses = Hypotheses(
             np.full(n, -math.log(n)),
             mean,
             covariance,
-            side,
-            scatter,
-            stated,
+            wheel,
             drift,
-            never,
-            onset,
+            self._levels.first_sums(n),
+            np.where(wheel == NO_WHEEL, math.nan, 0.0),
             np.zeros(n),
         )
 
     def copy(self) -> LeakFilter:
         """One that goes on apart from this one."""
         out = LeakFilter.__new__(LeakFilter)
-        out._settings, out._may_begin = self._settings, self._may_begin
+        out._settings, out._may_begin, out._levels = self._settings, self._may_begin, self._levels
         out.day, out.hypotheses = self.day, self.hypotheses  # never changed in place
         return out
 
-    def probability(self, side: float) -> float:
-        """Of a leak on this side."""
-        chosen = self.hypotheses.side == side
+    def probability(self, wheel: int) -> float:
+        """Of a leak of this tyre; of none with `NO_WHEEL`."""
+        chosen = self.hypotheses.wheel == wheel
         return float(np.exp(self.hypotheses.log_weight[chosen]).sum())
 
-    def beside(self, other: LeakFilter) -> LeakFilter:
-        """The same with what the other axle says: who changes wheels mostly does so on both.
-
-        The likelihood of the other axle's readings, relative to no change there at all, is the posterior over
-        the prior of its own filter. Under a change of this axle the other one was changed within
-        `same_change_d` of it with the probability `both_share`, or not; under none it was not, or alone.
-        """
-        s = self._settings
-        mine, others = self.hypotheses, other.hypotheses
-        out = self.copy()
-        if other.day is None:
-            return out
-        weight = np.exp(others.log_weight)
-        alike = np.abs(mine.changed_d[:, None] - others.changed_d) <= s.same_change_d  # false for NaN
-        prior = 1.0 - math.exp(-2.0 * s.same_change_d / s.change_every_d)
-        ever = float(weight[np.isfinite(others.changed_d)].sum())
-        likelihood = np.where(
-            np.isfinite(mine.changed_d),
-            s.both_share * (alike @ weight) / prior + (1.0 - s.both_share) * (1.0 - ever),
-            1.0 - s.both_share * ever,
-        )
-        log_weight = mine.log_weight + np.log(np.maximum(likelihood, LEAST_CHANCE))
-        out.hypotheses = replace(mine, log_weight=log_weight - np.logaddexp.reduce(log_weight))
-        return out
-
-    def add(self, day: float, value: float, variance: float, known_step: bool = False) -> None:
-        """Take the reading of a day, not before the last: `value` left minus right, per cent of pressure;
-        `variance` of the estimates; `known_step`: the driver asked for a reset before it."""
+    def add(self, day: float, value: FloatArray, variance: FloatArray, known_step: bool = False) -> None:
+        """Take the reading of a day, not before the last: (3,) contrasts in per cent of pressure, NaN where
+        one is not known; `variance` of the estimates; `known_step`: the driver asked for a reset before."""
         every = self.hypotheses
+        days = 0.0 if self.day is None else day - self.day
         if self.day is not None:
-            every = self._split(self._predicted(every, day - self.day), day, day - self.day, known_step)
-        self.day = day
-        every = self._updated(every, value, variance)
+            mean, covariance = predicted(self._settings, every.mean, every.covariance, every.drift, days)
+            every = replace(every, mean=mean, covariance=covariance)
+        splits = self._split(every, days, known_step)
+        # What a reading says of a split needs the contrasts alone: states are made for those that are kept.
+        seen = Believed(splits.mean, splits.covariance, every.noise[splits.parent])
+        log_weight = splits.log_weight + taken(seen, np.eye(len(CONTRASTS)), value, variance, self._levels)[1]
+        wheel = np.where(splits.begins == NO_WHEEL, every.wheel[splits.parent], splits.begins)
         best = [
-            chosen[np.argsort(-every.log_weight[chosen])[: self._settings.kept]]
-            for chosen in (np.flatnonzero(every.side == side) for side in (NONE, LEFT, RIGHT))
+            chosen[np.argsort(-log_weight[chosen], kind="stable")[: self._settings.kept]]
+            for chosen in (np.flatnonzero(wheel == one) for one in range(NO_WHEEL, 4))
         ]
-        kept = every.take(np.concatenate(best))
-        self.hypotheses = replace(kept, log_weight=kept.log_weight - np.logaddexp.reduce(kept.log_weight))
+        index = np.concatenate(best)
+        kept = replace(self._made(every, splits, index, day, days), log_weight=log_weight[index])
+        after, _ = taken(
+            Believed(kept.mean, kept.covariance, kept.noise), SEEN, value, variance, self._levels
+        )
+        self._levels, noise = self._levels.after(value, after.noise)
+        self.hypotheses = replace(
+            kept,
+            log_weight=kept.log_weight - np.logaddexp.reduce(kept.log_weight),
+            mean=after.mean,
+            covariance=after.covariance,
+            noise=noise,
+            days=kept.days + 1.0,
+        )
+        self.day = day
 
-    def _predicted(self, every: Hypotheses, days: float) -> Hypotheses:
+    def _split(self, every: Hypotheses, days: float, known_step: bool) -> Splits:
+        """No step, refills, changed wheels, onsets."""
         s = self._settings
-        transition = np.tile(np.eye(len(SEEN)), (len(every.side), 1, 1))
-        transition[:, LEVEL, RATE] = days / WEEK_D
-        transition[:, LOW, RATE] = -days / WEEK_D
-        transition[:, DRIFT, DRIFT] = left = math.exp(-days / s.drift_d)
-        out = every.moved(transition, 0.0)
-        out.covariance[:, LEVEL, LEVEL] += s.level_walk**2 * days
-        out.covariance[:, DRIFT, DRIFT] += every.drift**2 * (1.0 - left**2)
-        out.covariance[:, RATE, RATE] += s.rate_walk**2 * days
-        return out
+        n = len(every.wheel)
+        both = np.concatenate([SEEN, np.eye(SIZE)[LOST]])
+        mean = every.mean @ both.T
+        covariance = both @ every.covariance @ both.T
+        refilled, changed = self._chances(days, known_step)
+        same = math.log(max(1.0 - refilled - changed, LEAST_CHANCE))
+        three = slice(0, len(CONTRASTS))
+        means, covariances = [mean[:, three]], [covariance[:, three, three]]
+        logs, events = [every.log_weight + same], [NO_EVENT]
+        if self.day is not None:
+            for k, wheels in enumerate(WHEEL_SETS):
+                # Without what these had lost, and with what the pump leaves.
+                back = np.eye(len(CONTRASTS), len(both))
+                for wheel in wheels:
+                    back[:, len(CONTRASTS) + wheel] = CONTRASTS[:, wheel]
+                means.append(mean @ back.T)
+                covariances.append(back @ covariance @ back.T + CONTRASTS @ filled(s, wheels) @ CONTRASTS.T)
+                logs.append(every.log_weight + math.log(refilled * s.refill_shares[k]))
+                events.append(k)
+            for k, wheels in enumerate(WHEEL_SETS):
+                acts = CONTRASTS[:, wheels]
+                means.append(mean[:, three])
+                covariances.append(covariance[:, three, three] + s.change_std**2 * acts @ acts.T)
+                logs.append(every.log_weight + math.log(changed * s.change_shares[k]))
+                events.append(len(WHEEL_SETS) + k)
+        parents, begins = [np.tile(np.arange(n), len(events))], [np.full(n * len(events), NO_WHEEL)]
+        rates, kinds = [np.zeros(n * len(events), dtype=np.int64)], [np.repeat(events, n)]
+        if self._may_begin and days > 0.0:
+            without = np.flatnonzero(every.wheel == NO_WHEEL)
+            without = without[np.argsort(-every.log_weight[without], kind="stable")[: s.onsets_from]]
+            begun = same + math.log(-math.expm1(-days / s.leak_every_d))
+            for wheel in range(4):
+                for k, (rate, _, share) in enumerate(s.leak_rates):
+                    parents.append(without)
+                    begins.append(np.full(len(without), wheel))
+                    rates.append(np.full(len(without), k))
+                    kinds.append(np.full(len(without), NO_EVENT))
+                    # It has begun since the last reading, in the middle of that time.
+                    means.append(mean[without, three] - CONTRASTS[:, wheel] * rate * days / WEEK_D / 2.0)
+                    covariances.append(covariance[without, three, three])
+                    logs.append(every.log_weight[without] + begun + math.log(share))
+        return Splits(*map(np.concatenate, (parents, kinds, begins, rates, logs, means, covariances)))
 
-    def _split(self, every: Hypotheses, day: float, days: float, known_step: bool) -> Hypotheses:
-        """No step, a refill, changed wheels, an onset."""
+    def _chances(self, days: float, known_step: bool) -> tuple[float, float]:
+        """Of a refill and of changed wheels since the last reading."""
         s = self._settings
+        if self.day is None:
+            return 0.0, 0.0
+        if known_step:
+            return s.step_at_reset
         often = 1.0 / s.refill_every_d + 1.0 / s.change_every_d
         stepped = 1.0 - max(math.exp(-days * often), LEAST_CHANCE)
-        refilled = stepped / s.refill_every_d / often
-        changed = stepped - refilled
-        if known_step:
-            refilled, changed = s.step_at_reset
-        elif days > s.gap_d:
-            refilled, changed = max(refilled, s.step_after_gap[0]), max(changed, s.step_after_gap[1])
-        still = np.tile(np.eye(len(SEEN)), (len(every.side), 1, 1))
-        back = still.copy()
-        back[:, LEVEL, LOW], back[:, LOW, LOW] = 1.0, 0.0
-        after_refill = every.moved(back, math.log(refilled) if refilled > 0.0 else -math.inf)
-        after_refill.covariance[:] += s.refill_std**2 * FILLED
-        after_change = every.moved(still, math.log(changed) if changed > 0.0 else -math.inf)
-        after_change.covariance[:, LEVEL, LEVEL] += s.change_std**2
-        if not known_step:
-            after_change = replace(after_change, changed_d=np.full_like(every.side, day))
-        same = every.moved(still, math.log(max(1.0 - refilled - changed, LEAST_CHANCE)))
-        parts = [same, after_refill, after_change]
-        if self._may_begin and days > 0.0:
-            parts += self._onsets(same, day, days)
-        return joined(parts)
+        refilled = max(stepped / s.refill_every_d / often, LEAST_CHANCE)
+        changed = max(stepped - refilled, LEAST_CHANCE)
+        if days > s.gap_d:
+            return max(refilled, s.step_after_gap[0]), max(changed, s.step_after_gap[1])
+        return refilled, changed
 
-    def _onsets(self, same: Hypotheses, day: float, days: float) -> list[Hypotheses]:
-        """A leak has begun since the last reading, in the middle of that time."""
+    def _made(
+        self, every: Hypotheses, splits: Splits, index: IntArray, day: float, days: float
+    ) -> Hypotheses:
+        """The hypotheses of these splits, before the reading."""
         s = self._settings
-        without = np.flatnonzero(same.side == NONE)
-        without = without[np.argsort(-same.log_weight[without])[: s.onsets_from]]
-        begun = math.log(1.0 - math.exp(-days / s.leak_every_d)) - math.log(2.0)
-        out = []
-        for side in (LEFT, RIGHT):
-            for rate, std, share in s.leak_rates:
-                part = same.take(without)
-                fallen = rate * days / WEEK_D / 2.0
-                part.mean[:, RATE] -= side * rate
-                part.mean[:, LEVEL] -= side * fallen
-                part.mean[:, LOW] += side * fallen
-                part.covariance[:, RATE, RATE] += std**2
-                n = len(without)
-                weight = part.log_weight + begun + math.log(share)
-                onset = np.full(n, day - days / 2.0)
-                out.append(
-                    Hypotheses(
-                        *(weight, part.mean, part.covariance),
-                        *(
-                            np.full(n, side),
-                            part.scatter,
-                            part.stated,
-                            part.drift,
-                            part.changed_d,
-                            onset,
-                            np.zeros(n),
-                        ),
-                    )
-                )
+        out = every.take(splits.parent[index])  # a copy
+        event, begins = splits.event[index], splits.begins[index]
+        for k, wheels in enumerate(WHEEL_SETS):
+            chosen = np.flatnonzero(event == k)
+            places = [LOST.start + wheel for wheel in wheels]
+            out.mean[chosen[:, None], places] = 0.0
+            part = out.covariance[chosen]
+            part[:, places, :] = 0.0
+            part[:, :, places] = 0.0
+            part[:, LOST, LOST] += filled(s, wheels)
+            out.covariance[chosen] = part
+            chosen = np.flatnonzero(event == len(WHEEL_SETS) + k)
+            for place in (BASE.start + wheel for wheel in wheels):
+                out.covariance[chosen, place, place] += s.change_std**2
+        new = np.flatnonzero(begins != NO_WHEEL)
+        rate, std, _ = np.array(s.leak_rates)[splits.rate[index[new]]].T
+        out.mean[new, RATE.start + begins[new]] += rate
+        out.mean[new, LOST.start + begins[new]] += rate * days / WEEK_D / 2.0
+        out.covariance[new, RATE.start + begins[new], RATE.start + begins[new]] += std**2
+        out.wheel[new] = begins[new]
+        out.onset_d[new] = day - days / 2.0
+        out.days[new] = 0.0
         return out
-
-    def _updated(self, every: Hypotheses, value: float, variance: float) -> Hypotheses:
-        """After the reading, which may be an outlier: two Gaussians, joined again by their moments."""
-        s = self._settings
-        noise = every.stated * variance + every.scatter**2
-        off = value - every.mean @ SEEN
-        column = every.covariance @ SEEN
-        own = column @ SEEN
-        logs, means, covariances = [], [], []
-        for factor, share in ((1.0, 1.0 - s.outlier_share), (s.outlier_variance, s.outlier_share)):
-            spread = own + factor * noise
-            gain = column / spread[:, None]
-            logs.append(math.log(share) - 0.5 * (np.log(spread) + off**2 / spread))
-            means.append(every.mean + gain * off[:, None])
-            covariances.append(every.covariance - gain[:, :, None] * column[:, None, :])
-        log = np.logaddexp(*logs)
-        a = np.exp(logs[0] - log)[:, None]
-        apart = means[0] - means[1]
-        between = (a * (1.0 - a))[:, :, None] * apart[:, :, None] * apart[:, None, :]
-        return Hypotheses(
-            every.log_weight + log,
-            a * means[0] + (1.0 - a) * means[1],
-            a[:, :, None] * covariances[0] + (1.0 - a)[:, :, None] * covariances[1] + between,
-            *(
-                every.side,
-                every.scatter,
-                every.stated,
-                every.drift,
-                every.changed_d,
-                every.onset_d,
-                every.days + 1.0,
-            ),
-        )

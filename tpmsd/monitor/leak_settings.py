@@ -46,65 +46,71 @@ class ReadingSettings:
 
 @dataclass(frozen=True, slots=True)
 class TrendSettings:
-    """How the left-right difference of an axle moves over weeks: per cent of pressure, and per week."""
+    """How radii move against each other over weeks: per cent of pressure, and per week."""
 
-    scatters: tuple[float, ...] = (0.7, 1.5, 3.0)
-    """Standard deviations of a day's reading beyond what its estimates state; 1 % is 0.07 mm of radius."""
-    stated_shares: tuple[float, ...] = (0.5, 1.6)
-    """Variances of the estimates relative to the stated one: stated too wide or too narrow, by the car."""
+    noise_floor: tuple[float, float, float] = (1.0, 1.0, 2.0)
+    """Standard deviation of a day's contrasts (front and rear left-right, front-rear) beyond what their
+    estimates state, before it is learned: load, sun, camber; people and luggage behind; 1 % is 0.07 mm."""
+    noise_shape: float = 1.5
+    """Half the number of readings that this is worth: cars differ by factors."""
+    most_noise_shape: float = 100.0
+    """Half the number of readings remembered: a season; winter roads are another matter."""
     outlier_share: float = 0.06
     outlier_variance: float = 12.0
     """One reading in sixteen scatters by 3.5 times as much: errors have heavy tails."""
-    first_level_std: float = 15.0
-    """Left against right at first: 1 mm."""
-    level_walk: float = 0.05
-    """Per square root of a day: 0.5 % in a quarter."""
-    drift_stds: tuple[float, ...] = (0.3, 1.2)
-    """Standard deviations of what comes and goes within weeks (tyres answer to warmth unequally, by a tenth;
-    radius drift of 0.03 mm): white noise of so many days would be a trend."""
+    first_base_std: float = 10.0
+    """Of one tyre's own radius: 0.7 mm."""
+    base_walk: float = 0.035
+    """Of one tyre's own radius per square root of a day: 0.3 % in a quarter."""
+    drift_stds: tuple[tuple[float, float, float], ...] = ((0.3, 0.3, 0.6), (1.2, 1.2, 1.2))
+    """Standard deviations of what comes and goes within weeks in each contrast (tyres answer to warmth
+    unequally, by a tenth; radius drift of 0.03 mm): white noise of so many days would be a trend."""
     drift_d: float = 10.0
     """Its time constant: a spell of weather lasts 4 days, radius drift up to a month."""
-    healthy_rate_std: float = 0.25
-    """Diffusion of 1 to 3 % per month, unequal by a third, and wear that is unequal by a tenth."""
-    rate_walk: float = 0.01
-    """Per square root of a day: 0.1 % in a quarter."""
+    diffusion: tuple[float, float] = (0.45, 0.18)
+    """What a healthy tyre loses, mean and standard deviation over tyres: 1 to 3 % per month; and wear that is
+    unequal by a tenth."""
+    rate_walk: float = 0.007
+    """Of one tyre per square root of a day: 0.07 % in a quarter."""
+    wear_std: float = 0.25
+    """A driven axle wears out twice as fast: 0.5 mm in 20,000 km more, at 400 km a week."""
     refill_every_d: float = 85.0
-    refill_std: float = 2.8
+    refill_std: float = 2.0
     """Air is put in every one to five months; a gauge is off by 2 % from wheel to wheel."""
+    refill_shares: tuple[float, ...] = (0.7, 0.1, 0.1, 0.025, 0.025, 0.025, 0.025)
+    """Of visits to the pump, which fill all four tyres, the front or rear axle, one tyre (`WHEEL_SETS`)."""
     change_every_d: float = 600.0
-    change_std: float = 12.0
-    """Wheels are changed or rotated, by 0.8 mm of radius; twice a year, most with a reset."""
-    both_share: float = 0.8
-    """Of changes without a word, that are of both axles: seasonal tyres, and rotation front to rear."""
-    same_change_d: float = 5.0
-    """Between the days on which readings of both axles place the same change."""
+    change_std: float = 8.5
+    """Wheels are changed or rotated, each tyre by 0.6 mm of radius; twice a year, most with a reset."""
+    change_shares: tuple[float, ...] = (0.8, 0.05, 0.05, 0.025, 0.025, 0.025, 0.025)
+    """Of changes, those of all four wheels (seasonal tyres, rotation), an axle, one wheel."""
     step_at_reset: tuple[float, float] = (0.35, 0.25)
     """Probabilities of a refill and of changed wheels where the driver asked for a reset, ..."""
     step_after_gap: tuple[float, float] = (0.1, 0.05)
     gap_d: float = 6.0
     """... and at least, after so long without a drive."""
-    leak_every_d: float = 4000.0
-    """A leak per axle in so many days, ..."""
+    leak_every_d: float = 8000.0
+    """A leak per tyre in so many days, ..."""
     leak_rates: tuple[tuple[float, float, float], ...] = (
         *((1.4, 0.35, 0.3), (2.3, 0.6, 0.3), (3.9, 1.0, 0.25), (6.5, 1.8, 0.15)),
     )
     """... with these rates: mean, standard deviation and share of leaks; faster ones are a `deflation`."""
     onsets_from: int = 12
     """Likeliest hypotheses without a leak in which one may begin."""
-    kept: int = 60
-    """Hypotheses without a leak, with one on the left, and with one on the right."""
+    kept: int = 40
+    """Hypotheses without a leak, and with one in each tyre."""
     least_rate: float = 1.0
     """A tyre at this rate is 20 % low after 20 weeks."""
-    raise_probability: float = 0.6
+    raise_probability: float = 0.95
     """Of a leak of `least_rate` and more, from which it is noticed (bench)."""
     least_days: int = 7
     """Days with readings since it began, ..."""
     least_span_d: float = 14.0
     """... and the time since: shorter trends are load, weather, or chance."""
+    clear_days: int = 28
+    """Readings from which it is told whether a leak goes on: a tyre leaked until it was mended."""
     clear_gain: float = 3.0
-    """Nats by which no leak must explain the days since the notice better than the leak that was noticed."""
-    diffusion: tuple[float, float] = (0.45, 0.15)
-    """What the fellow loses: 1 to 3 % per month."""
+    """Nats by which no leak must explain these readings better than the leak that was noticed."""
     softness_std: float = 0.15
     """Of a tyre whose size is known: radius per pressure, relative (docs/explanation/alarms.md)."""
     strata: int = 5  # quantiles per unknown from which the date is computed

@@ -1,6 +1,6 @@
-"""Whether one tyre of an axle loses air over weeks: what the hypotheses of `leak_filter` say together.
+"""Whether one of four tyres loses air over weeks: what the hypotheses of `leak_filter` say together.
 
-In: a `LeakFilter`. Out: a `Trend`: the probability of a leak, its side and rate, and when the tyre will be
+In: a `LeakFilter`. Out: a `Trend`: the probability of a leak, its wheel and rate, and when the tyre will be
 20 % low.
 """
 
@@ -12,11 +12,12 @@ from statistics import NormalDist
 
 import numpy as np
 
-from tpmsd.monitor.leak_filter import LEFT, LOW, NONE, RATE, RIGHT, WEEK_D, Hypotheses, LeakFilter
+from tpmsd.monitor.leak_filter import NO_WHEEL, Hypotheses, LeakFilter
 from tpmsd.monitor.leak_settings import TrendSettings
+from tpmsd.monitor.leak_state import LOST, RATE, SIZE, WEEK_D
 from tpmsd.monitor.probability import normal_cdf
 from tpmsd.monitor.settings import TREND
-from tpmsd.wheels import FloatArray
+from tpmsd.wheels import AXLES, FloatArray
 
 NORMAL = NormalDist()
 """The standard normal distribution."""
@@ -24,14 +25,13 @@ NORMAL = NormalDist()
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """What the days of one axle say of the likelier side."""
+    """What the days say of the tyre that leaks most probably."""
 
     probability: float
-    """Of a leak of `least_rate` and more on that side."""
-    left: bool
-    """Whether the left tyre leaks."""
+    """Of a leak of `least_rate` and more in it."""
+    wheel: int
     rate: float
-    """Per cent of pressure per week, and its standard deviation."""
+    """Per cent of pressure per week beyond the other tyre of its axle, and its standard deviation."""
     rate_std: float
     lost: float
     """Per cent of pressure that the tyre lacks of its fellow's, by loss and filling."""
@@ -50,26 +50,57 @@ class Trend:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class Leaks:
+    """The hypotheses of one leaking tyre: what it loses beyond its fellow."""
+
+    weight: FloatArray
+    """(n,) sums to the probability of the leak"""
+    rate: FloatArray
+    rate_var: FloatArray
+    lost: FloatArray
+    lost_var: FloatArray
+    both_cov: FloatArray
+    """Covariance of rate and loss."""
+    onset_d: FloatArray
+    days: FloatArray
+
+    @classmethod
+    def of(cls, every: Hypotheses, wheel: int) -> Leaks:
+        """Of this tyre."""
+        chosen = every.take(np.flatnonzero(every.wheel == wheel))
+        pair = next(axle for axle in AXLES if wheel in axle)
+        fellow = pair[1 - pair.index(wheel)]
+        beyond = np.zeros((2, SIZE))
+        for row, part in enumerate((RATE, LOST)):
+            beyond[row, part.start + wheel], beyond[row, part.start + fellow] = 1.0, -1.0
+        mean = chosen.mean @ beyond.T
+        covariance = beyond @ chosen.covariance @ beyond.T
+        return cls(
+            np.exp(chosen.log_weight),
+            *(mean[:, 0], covariance[:, 0, 0], mean[:, 1], covariance[:, 1, 1], covariance[:, 0, 1]),
+            *(chosen.onset_d, chosen.days),
+        )
+
+
 def trend_of(filter_: LeakFilter, settings: TrendSettings = TREND) -> Trend | None:
-    """The likelier leak of either side; None where there being none is likelier."""
-    every = filter_.hypotheses
-    left, right = (every.take(np.flatnonzero(every.side == side)) for side in (LEFT, RIGHT))
-    if filter_.day is None or not left.side.size or not right.side.size:
+    """The likeliest leak; None where there being none is likelier."""
+    if filter_.day is None:
         return None
-    chances = [_beyond(side, settings) for side in (left, right)]
-    likelier = int(chances[1] > chances[0])
-    if chances[likelier] < 0.5:
+    leaks = [Leaks.of(filter_.hypotheses, wheel) for wheel in range(4)]
+    chances = [_beyond(leak, settings) for leak in leaks]
+    wheel = int(np.argmax(chances))
+    if chances[wheel] < 0.5:
         return None
-    leak = (left, right)[likelier]
-    weight = np.exp(leak.log_weight - np.logaddexp.reduce(leak.log_weight))
-    rates = -leak.side * leak.mean[:, RATE]
-    rate = float(weight @ rates)
+    leak = leaks[wheel]
+    weight = leak.weight / leak.weight.sum()
+    rate = float(weight @ leak.rate)
     return Trend(
-        probability=chances[likelier],
-        left=likelier == 0,
+        probability=chances[wheel],
+        wheel=wheel,
         rate=rate,
-        rate_std=math.sqrt(float(weight @ (leak.covariance[:, RATE, RATE] + (rates - rate) ** 2))),
-        lost=float(weight @ (leak.side * leak.mean[:, LOW])),
+        rate_std=math.sqrt(float(weight @ (leak.rate_var + (leak.rate - rate) ** 2))),
+        lost=float(weight @ leak.lost),
         days=float(weight @ leak.days),
         span_d=float(weight @ (filter_.day - leak.onset_d)),
         low_in_d=_low_in_d(leak, weight, filter_.day, settings),
@@ -79,35 +110,32 @@ def trend_of(filter_: LeakFilter, settings: TrendSettings = TREND) -> Trend | No
 def has_ended(filter_: LeakFilter, settings: TrendSettings = TREND) -> bool:
     """Whether the days that a filter of one leak (`leak` given) has seen speak against its going on."""
     seen = filter_.hypotheses.days.max() >= settings.least_days
-    gone = filter_.probability(NONE)
+    gone = filter_.probability(NO_WHEEL)
     return bool(seen and gone >= 1.0 / (1.0 + math.exp(-settings.clear_gain)))
 
 
-def _beyond(leak: Hypotheses, settings: TrendSettings) -> float:
-    """Probability of a leak on this side at `least_rate` and more."""
-    rates = -leak.side * leak.mean[:, RATE]
-    z = (rates - settings.least_rate) / np.sqrt(leak.covariance[:, RATE, RATE])
-    return float(np.exp(leak.log_weight) @ [normal_cdf(float(one)) for one in z])
+def _beyond(leak: Leaks, settings: TrendSettings) -> float:
+    """Probability of this leak at `least_rate` and more."""
+    z = (leak.rate - settings.least_rate) / np.sqrt(leak.rate_var)
+    return float(leak.weight @ np.array([normal_cdf(float(one)) for one in z]))
 
 
 def _low_in_d(
-    leak: Hypotheses, weight: FloatArray, day: float, settings: TrendSettings
+    leak: Leaks, weight: FloatArray, day: float, settings: TrendSettings
 ) -> tuple[float, float, float]:
     """Quantiles over what is not known: hypothesis, rate and loss so far, what the difference does not show
     (stratified normal quantiles of each)."""
     steps = [NORMAL.inv_cdf((k + 0.5) / settings.strata) for k in range(settings.strata)]
     first, second, third, fourth = (axis.ravel() for axis in np.meshgrid(steps, steps, steps, steps))
-    std = np.sqrt(leak.covariance[:, RATE, RATE])
-    shared = -leak.covariance[:, RATE, LOW] / std
-    rest = np.sqrt(np.maximum(leak.covariance[:, LOW, LOW] - shared**2, 0.0))
+    std = np.sqrt(leak.rate_var)
+    shared = leak.both_cov / std
+    rest = np.sqrt(np.maximum(leak.lost_var - shared**2, 0.0))
     # Tyres differ in how much radius a loss of pressure costs.
     scale = np.exp(settings.softness_std * fourth)
-    rates = scale * (-leak.side[:, None] * leak.mean[:, RATE, None] + std[:, None] * first)
-    lost = scale * (
-        leak.side[:, None] * leak.mean[:, LOW, None] + shared[:, None] * first + rest[:, None] * second
-    )
-    # The fellow loses air, too, and unequal wear passes for pressure.
-    beside = settings.diffusion[0] + math.hypot(settings.diffusion[1], settings.healthy_rate_std) * third
+    rates = scale * (leak.rate[:, None] + std[:, None] * first)
+    lost = scale * (leak.lost[:, None] + shared[:, None] * first + rest[:, None] * second)
+    # The fellow loses air, too.
+    beside = settings.diffusion[0] + settings.diffusion[1] * third
     lost = lost + beside * (day - leak.onset_d[:, None]) / WEEK_D
     left = np.maximum(settings.low_percent - lost, 0.0)
     days = WEEK_D * left / np.maximum(rates + beside, settings.least_rate)

@@ -123,8 +123,10 @@ class Reference:
         return h @ self.mean * self._radius, h @ self.covariance @ h.T * np.outer(self._radius, self._radius)
 
     def own_growth_m(self, at: Conditions) -> FloatArray:
-        """(4,) what each wheel grows with speed beyond the others, as far as it is learned."""
-        return np.asarray(self.mean[GROWTH_OWN] * at.speed2 / REFERENCE.per_speed2 * self._radius)
+        """(4,) what each wheel grows with speed beyond the others, or slips against the drag, as far as it is
+        learned."""
+        slope = self.mean[GROWTH_OWN] + self._acts[:, DRAG] * self.mean[DRAG]
+        return np.asarray(slope * at.speed2 / REFERENCE.per_speed2 * self._radius)
 
     def learn(
         self,

@@ -3,9 +3,9 @@
 In: ticks with their estimates, which set of tyres is driven, resets. Out: `AlarmEvent`s of the kind
 `slow_leak`. It is a notice: the wheel's state stays as it is.
 
-A drive gives one reading: the mean left-right difference of radii over minutes 2 to 12 of informative
-driving, so that tyres are about equally warm in all of them, less what one of the two grows more with speed.
-The trend over drives is judged once per drive (`leak_trend`).
+A drive gives one reading: the mean contrasts of radii (`leak_state`) over minutes 2 to 12 of informative
+driving, so that tyres are about equally warm in all of them, less what wheels grow or slip more than the
+others with speed. The trend over drives is judged once per drive (`leak_trend`).
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from tpmsd.config.model import TyreConfig, VehicleConfig
 from tpmsd.estimators.base import RadiusEstimate
 from tpmsd.monitor.baseline import Baseline
 from tpmsd.monitor.leak_history import LeakHistory
+from tpmsd.monitor.leak_state import CONTRASTS, FRONT_REAR
 from tpmsd.monitor.leak_trend import Trend
 from tpmsd.monitor.records import AlarmEvent, AlarmKind
 from tpmsd.monitor.settings import READINGS
@@ -39,8 +40,8 @@ class DriveReading:
 
     def __init__(self) -> None:
         self._driven_s = self._since_s = 0.0
-        self._sums = np.zeros((2, 2))
-        """Of difference and variance, for each axle."""
+        self._sums = np.zeros((2, 3))
+        """Of difference and variance, for each contrast."""
         self._samples = 0
         self._taken = False
 
@@ -51,13 +52,13 @@ class DriveReading:
         return self._driven_s >= READINGS.warm_s and self._since_s >= READINGS.sample_s and not self._taken
 
     def add(self, difference_m: FloatArray, variance_m2: FloatArray) -> None:
-        """Take a sample; (2,) each."""
+        """Take a sample; (3,) each."""
         self._since_s = 0.0
         self._sums += np.stack([difference_m, variance_m2])
         self._samples += 1
 
     def result(self, *, over: bool) -> tuple[FloatArray, FloatArray] | None:
-        """Difference and variance (2,) once there is a reading, and only once; `over`: the drive is."""
+        """Difference and variance (3,) once there is a reading, and only once; `over`: the drive is."""
         enough = READINGS.warm_s + (READINGS.least_s if over else READINGS.full_s)
         if self._taken or self._driven_s < enough or not self._samples:
             return None
@@ -72,7 +73,9 @@ class SlowLeakWatch:
     def __init__(self, vehicle: VehicleConfig, tyre: TyreConfig, wheels: list[int]) -> None:
         self._axles = [k for k, pair in enumerate(AXLES) if set(pair) <= set(wheels)]
         models = [tyre_model(tyre, float(np.mean(np.array(vehicle.wheel_radius_m)[list(p)]))) for p in AXLES]
-        self._per_percent = [-model.radius_change_m(0.1) / 10.0 for model in models]
+        front, rear = (-model.radius_change_m(0.1) / 10.0 for model in models)
+        self._per_percent = (front, rear, (front + rear) / 2.0)
+        self._contrasts = [*self._axles, FRONT_REAR] if len(self._axles) == len(AXLES) else self._axles
         self._histories: dict[str, LeakHistory] = {}
         self._tyres: str | None = None
         self._notices: dict[int, AlarmEvent] = {}
@@ -93,8 +96,8 @@ class SlowLeakWatch:
     def update(
         self, tick: Tick, estimate: RadiusEstimate, baseline: Baseline, tyres: str, trusted: bool
     ) -> list[AlarmEvent]:
-        """Take one tick. `baseline` knows what each wheel grows with speed beyond the others; `tyres`: the
-        set that is driven; `trusted`: whether wheels and receiver agree."""
+        """Take one tick. `baseline` knows what each wheel grows or slips with speed beyond the others;
+        `tyres`: the set that is driven; `trusted`: whether wheels and receiver agree."""
         events = self._changed(tyres, tick)
         begins = tick.time_s - self._moved_s > READINGS.new_drive_s
         if begins:
@@ -108,14 +111,12 @@ class SlowLeakWatch:
             return events
         self._day = tick.host_time_s / DAY_S
         radius = estimate.deviation_m - baseline.own_growth_m
-        difference, variance = np.full(2, math.nan), np.full(2, math.nan)
-        for axle in self._axles:
-            left, right = AXLES[axle]
-            spread = estimate.covariance_m2
-            variance[axle] = spread[left, left] + spread[right, right] - 2.0 * spread[left, right]
-            if 0.0 <= variance[axle] <= READINGS.most_std_m**2:
-                difference[axle] = radius[left] - radius[right]
-        if np.isfinite(difference[self._axles]).all():
+        known = self._contrasts
+        difference, variance = np.full(3, math.nan), np.full(3, math.nan)
+        variance[known] = np.diag(CONTRASTS @ estimate.covariance_m2 @ CONTRASTS.T)[known]
+        difference[known] = (CONTRASTS @ radius)[known]
+        sure = (variance[known] >= 0.0) & (variance[known] <= READINGS.most_std_m**2)
+        if known and sure.all() and np.isfinite(difference[known]).all():
             self._reading.add(difference, variance)
         return events + self._commit(tick, over=False)
 
@@ -141,28 +142,21 @@ class SlowLeakWatch:
             del self._histories[next(iter(self._histories))]
         if not history.add(self._day, *reading):
             return []
-        events = []
-        for axle in self._axles:
-            events += self._judge(axle, history, tick)
-        return events
+        return self._judge(history, tick)
 
-    def _judge(self, axle: int, history: LeakHistory, tick: Tick) -> list[AlarmEvent]:
-        per_percent = self._per_percent[axle]
-        standing = [wheel for wheel in AXLES[axle] if wheel in self._notices]
-        for wheel in standing:
-            notice = self._notices[wheel]
-            since, left = notice.time_s / DAY_S, wheel == AXLES[axle][0]
+    def _judge(self, history: LeakHistory, tick: Tick) -> list[AlarmEvent]:
+        for wheel, notice in self._notices.items():
+            since = notice.time_s / DAY_S
             rate = (notice.rate_percent_per_week, notice.rate_std_percent_per_week)
-            if history.ended(axle, per_percent, left, rate, since):
+            if history.ended(self._per_percent, wheel, rate, since):
                 del self._notices[wheel]
-                history.forget_before(since)
+                history.forget_before(history.last_since(since)[0].day)
                 return [_cleared(notice, tick, "the drives since then show no leak")]
-        trend = history.trend(axle, per_percent)
-        if standing or trend is None or not trend.noticeable():
+        trend = history.trend(self._per_percent)
+        if trend is None or not trend.noticeable() or self._notices:
             return []
-        wheel = AXLES[axle][0 if trend.left else 1]
-        self._notices[wheel] = notice_of(wheel, trend, tick.host_time_s)
-        return [self._notices[wheel]]
+        self._notices[trend.wheel] = notice_of(trend.wheel, trend, tick.host_time_s)
+        return [self._notices[trend.wheel]]
 
     # -- what survives a restart -----------------------------------------------------------------------------
 
