@@ -162,7 +162,7 @@ def test_what_is_harmless_belongs_to_the_likelihood_without_a_loss() -> None:
     for more in (np.zeros((4, 4)), harmless):
         whole = h @ prior @ h.T + np.kron(np.eye(9), own) + design @ more @ design.T
         likelihood.append(-0.5 * off @ np.linalg.solve(whole, off) - 0.5 * np.linalg.slogdet(whole)[1])
-    as_learned_from_the_start = float((log_weight - accounts.log_weight)[0])
+    as_learned_from_the_start = float(log_weight[0] - accounts.log_weight[0])
     assert likelihood[1] - likelihood[0] == pytest.approx(as_learned_from_the_start, rel=1e-4)
 
 

@@ -11,6 +11,7 @@ from tpmsd.config.model import MonitorConfig, TyreConfig
 from tpmsd.monitor.baseline import Change, typical
 from tpmsd.monitor.grip import Grip
 from tpmsd.monitor.judge import Judge
+from tpmsd.monitor.nuisance import log_normal
 from tpmsd.monitor.settings import DRIVE_EVIDENCE
 
 MODELS = {model.name: model for model in DRIVE_EVIDENCE.models}
@@ -20,15 +21,21 @@ ASKED = MonitorConfig().raise_probability
 
 def test_slip_lasts_and_scatter_falls_with_the_number_of_samples() -> None:
     """On loose ground the mean of four samples has the variance s^2 + (a^2 + o^2) / 4 on a driven wheel
-    beside the estimate's, s^2 + a^2 / 4 between the driven ones and o^2 / 4 on each other one."""
+    beside the estimate's, s^2 + a^2 / 4 between the driven ones; the others have the same without s^2. With
+    the probability 1 - (1 - p)^4 a wheel spun in one of them: e^2 / 16 more on each."""
     loose = MODELS["loose ground"]
     chances = dict.fromkeys(MODELS, 0.0) | {"loose ground": 1.0}
     found = Grip(VEHICLE, WHEELS, RADIUS).accounts(np.zeros(4), 1e-8 * np.eye(4), 4, chances)
-    shared = loose.slip_std**2 + loose.axle_scatter**2 / 4
-    own = loose.own_scatter**2 / 4
-    expected = np.diag([shared + own, shared + own, own, own])
-    expected[0, 1] = expected[1, 0] = shared
-    assert found.covariance_m2[-1] == pytest.approx(1e-8 * np.eye(4) + expected * RADIUS_M**2, rel=1e-9)
+    comes, own = loose.axle_scatter**2 / 4, loose.own_scatter**2 / 4
+    expected = np.diag([loose.slip_std**2] * 2 + [0.0] * 2) + comes * np.kron(np.eye(2), np.ones((2, 2)))
+    expected[0, 1] = expected[1, 0] = loose.slip_std**2 + comes
+    expected += own * np.eye(4)
+    spun = expected + loose.event_std**2 / 16 * np.eye(4)
+    for covariance_m2, relative in zip(found.covariance_m2[-2:], (expected, spun), strict=True):
+        assert covariance_m2 == pytest.approx(1e-8 * np.eye(4) + relative * RADIUS_M**2, rel=1e-9)
+    densities = log_normal(np.zeros(4), found.covariance_m2)
+    chance = np.exp(found.log_weight[-2:] - densities[-2:])
+    assert chance == pytest.approx([(1.0 - loose.event_share) ** 4, 1.0 - (1.0 - loose.event_share) ** 4])
 
 
 def test_a_change_weighs_the_models_by_their_likelihood() -> None:
@@ -40,10 +47,11 @@ def test_a_change_weighs_the_models_by_their_likelihood() -> None:
     found = Grip(VEHICLE, WHEELS, RADIUS).accounts(change, plain, 1, chances)
     densities = [
         -0.5 * change @ np.linalg.inv(one) @ change - 0.5 * np.log(np.linalg.det(one))
-        for one in (plain, found.covariance_m2[-1])
+        for one in (plain, *found.covariance_m2[-2:])
     ]
-    got = found.log_weight[-1] - found.log_weight[0]
-    assert got == pytest.approx(densities[1] - densities[0], rel=1e-6)
+    chances_of = np.log([1.0 - MODELS["loose ground"].event_share, MODELS["loose ground"].event_share])
+    got = found.log_weight[-2:] - found.log_weight[0]
+    assert got == pytest.approx(np.array(densities[1:]) - densities[0] + chances_of, rel=1e-6)
 
 
 @pytest.mark.parametrize("seed", range(6))

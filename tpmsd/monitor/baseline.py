@@ -30,6 +30,7 @@ from tpmsd.monitor.drive_evidence import Accounts, DriveEvidence
 from tpmsd.monitor.probability import chi_square_quantile
 from tpmsd.monitor.reference import Reference, speed_range
 from tpmsd.monitor.settings import BASELINE, CONDITIONS, JUDGE, REFERENCE
+from tpmsd.monitor.slip_slope import SlipSlope, SlopeSums
 from tpmsd.physics.priors import GROWTH_S2PM
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import FloatArray
@@ -96,6 +97,9 @@ class Baseline:
         self._steep = BASELINE.steep.covariance(wheels, self._radius)
         self._learn_s = learn_s
         self._conditions = ConditionTracker()
+        self._slip = SlipSlope(vehicle)
+        self._slip_seen, self._slip_taught = SlopeSums(), SlopeSums()
+        """Since the last of the recent samples, and since the last that was learned."""
         self.reference = Reference(vehicle)
         self._shadow: Reference | None = None
         """What counts from the next drive on; None as long as the car is learned for the first time."""
@@ -133,6 +137,9 @@ class Baseline:
     def update(self, tick: Tick, estimate: RadiusEstimate) -> None:
         """Take every tick: conditions, and what a standstill changes."""
         stood_s = self._conditions.update(tick, estimate)
+        if (window := self._slip.update(tick)) is not None:
+            self._slip_seen += window
+            self._slip_taught += window
         if stood_s >= CONDITIONS.parked_s:
             if stood_s >= CONDITIONS.new_day_s:
                 self._adopt_shadow()
@@ -194,8 +201,8 @@ class Baseline:
             sample = typical(self._moments, self.reference.mean, self._radius, self._fellows)
             self._recent.append(sample)
             if self._evidence is not None:
-                self._evidence.take(*sample, self._recent_s)
-            self._recent_s = 0.0
+                self._evidence.take(*sample, self._recent_s, self._slip_seen.slope())
+            self._recent_s, self._slip_seen = 0.0, SlopeSums()
             self._moments.clear()
         return one, both
 
@@ -221,6 +228,7 @@ class Baseline:
 
     def forget_recent(self) -> None:
         """What was seen in the last minutes is not to be believed, or is another drive's."""
+        self._slip_seen, self._slip_taught = SlopeSums(), SlopeSums()
         self._recent.clear()
         self._moments.clear()
         self._evidence, self._closed, self._first_drive = None, False, False
@@ -269,6 +277,8 @@ class Baseline:
             return
         if self.ready:
             self._doubt += (float(not trusted) - self._doubt) * min(elapsed_s / BASELINE.doubt_s, 1.0)
+        if self.ready and not trusted:
+            self._slip_taught = SlopeSums()
         if self._since_s < BASELINE.sample_every_s:
             return
         if not self.ready and not self._may_begin(found[1]):
@@ -284,6 +294,9 @@ class Baseline:
             return
         taught.wander(self._since_s)
         taught.learn(found[0], noise, self._wheels, at, car=car)
+        slope, self._slip_taught = self._slip_taught.slope(), SlopeSums()
+        if slope is not None and car:
+            taught.learn_slip(*slope)
         if self._shadow is not None and first:
             self.reference.wander(self._since_s)
             self.reference.learn(found[0], noise, self._wheels, at, car=False)

@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 
-from tpmsd.monitor.reference import SIZE, Reference
+from tpmsd.monitor.reference import SIZE, Innovation, Reference
 from tpmsd.monitor.settings import DRIVE_EVIDENCE, JUDGE
 from tpmsd.wheels import FloatArray
 
@@ -55,10 +55,25 @@ class ChangeBank:
         self._information += weighted @ seen
         self._vector += weighted @ found.value
         self._sensitivity += found.gain @ seen
-        _, log_volume = np.linalg.slogdet(found.spread)
-        self.log_likelihood -= 0.5 * float(found.value @ precision @ found.value + log_volume)
+        self._weigh(found)
         self.samples += 1
         self._prune()
+
+    def take_slip(self, slope: float, variance: float) -> None:
+        """Take a slip slope: no change of radii is in it, but what it says of slip tells slip from change in
+        the samples."""
+        found, h = self._reference.learn_slip(slope, variance)
+        seen = -(h @ self._sensitivity)
+        weighted = seen.transpose(0, 2, 1) / found.spread[0, 0]
+        self._information += weighted @ seen
+        self._vector += weighted @ found.value
+        self._sensitivity += found.gain @ seen
+        self._weigh(found)
+
+    def _weigh(self, found: Innovation) -> None:
+        _, log_volume = np.linalg.slogdet(found.spread)
+        squares = found.value @ np.linalg.solve(found.spread, found.value)
+        self.log_likelihood -= 0.5 * float(squares + log_volume)
 
     def _add_hypotheses(self, d: int) -> None:
         """A step with this sample, and a ramp that begins with the one before."""

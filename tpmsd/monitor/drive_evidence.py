@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmsd.monitor.change_bank import ChangeBank
+from tpmsd.monitor.drive_settings import DriveModel
 from tpmsd.monitor.nuisance import Nuisance, log_normal
 from tpmsd.monitor.reference import Reference
 from tpmsd.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
@@ -66,6 +67,8 @@ class DriveEvidence:
         alike = math.exp(-BASELINE.sample_every_s / JUDGE.harmless_s)
         quick = Nuisance(0.0, 0.0, JUDGE.harmless.side, JUDGE.harmless.own)
         self._quick = quick.covariance(wheels, np.ones(len(wheels))) * (1.0 + alike) / (1.0 - alike)
+        self._slopes = 0
+        """Slip slopes that were taken."""
         self.accounts: Accounts | None = None
         """By the samples so far; None as long as they are too few."""
 
@@ -76,18 +79,23 @@ class DriveEvidence:
         unsettled_m2: FloatArray,
         features: FloatArray,
         elapsed_s: float,
+        slip: tuple[float, float] | None = None,
     ) -> None:
         """Take a sample: radius minus nominal (d,), its covariance (d, d), that of what the estimate's memory
-        has not followed (d, d), and features (d, SIZE); `elapsed_s` of driving since the one before."""
+        has not followed (d, d), and features (d, SIZE); `elapsed_s` of driving since the one before; `slip`:
+        the slip slope since then and its variance."""
         scale = np.outer(self._radius, self._radius)
         noise = (DRIVE_EVIDENCE.estimate_share * estimate_m2 + unsettled_m2) / scale + self._quick
+        self._slopes += slip is not None
         for bank in self._banks:
             bank.take(deviation_m / self._radius, noise, features, elapsed_s)
+            if slip is not None:
+                bank.take_slip(*slip)
         found = [bank.changes() for bank in self._banks]
         if not found[0][0].size:
             return
         log_weights = [
-            math.log(model.prior) + bank.log_likelihood + log_weight
+            self._log_prior(model) + bank.log_likelihood + log_weight
             for model, bank, (_, _, log_weight) in zip(DRIVE_EVIDENCE.models, self._banks, found, strict=True)
         ]
         self.accounts = Accounts(
@@ -96,6 +104,10 @@ class DriveEvidence:
             log_weight=np.concatenate(log_weights),
             model=np.repeat(np.arange(len(found)), [len(change) for change, _, _ in found]),
         )
+
+    def _log_prior(self, model: DriveModel) -> float:
+        told = self._slopes > 0 or model.name not in DRIVE_EVIDENCE.by_slope
+        return math.log(model.prior) if told else -math.inf
 
     def reference_beside(self, account: int) -> Reference:
         """What the drive says of the car beside the change of this one of `accounts`."""

@@ -42,6 +42,8 @@ class Grip:
         self._lasting = np.stack([reference.slip(model)[grid] for model in models]) * scale
         self._scatter = np.stack([reference.scatter(model)[grid] for model in models]) * scale
         self._slipping = np.array([model.name in DRIVE_EVIDENCE.slipping for model in models])
+        self._event = np.stack([np.diag((model.event_std * radius_m) ** 2) for model in models])
+        self._event_share = np.array([model.event_share for model in models])
         self._pulling = np.stack([reference.pull(model)[grid] for model in models]) * scale
 
     def pulling(self, covariance_m2: FloatArray, models: dict[str, float]) -> tuple[FloatArray, FloatArray]:
@@ -55,9 +57,10 @@ class Grip:
         with np.errstate(divide="ignore"):  # a model that is impossible weighs nothing
             return total, np.log(np.append(chances[~self._slipping].sum(), chances[keep]))
 
-    def low(self, models: dict[str, float]) -> float:
-        """Probability that the drive slips."""
-        return sum(models.get(name, 0.0) for name in DRIVE_EVIDENCE.slipping)
+    def uneven(self, models: dict[str, float]) -> float:
+        """Probability that wheels slip by now more, now less."""
+        uneven = set(DRIVE_EVIDENCE.slipping) - set(DRIVE_EVIDENCE.by_slope)
+        return sum(chance for name, chance in models.items() if name in uneven)
 
     def accounts(
         self, change_m: FloatArray, covariance_m2: FloatArray, samples: int, models: dict[str, float]
@@ -69,7 +72,11 @@ class Grip:
         chances = np.array([models[model.name] for model in DRIVE_EVIDENCE.models])
         keep = self._slipping & (chances > 0.0)
         slips = self._lasting[keep] + self._scatter[keep] / samples
-        total = np.concatenate([covariance_m2[None], covariance_m2 + slips])
-        weights = np.append(chances[~self._slipping].sum(), chances[keep])
+        events = slips + self._event[keep] / samples**2
+        total = np.concatenate([covariance_m2[None], covariance_m2 + slips, covariance_m2 + events])
+        eventful = 1.0 - (1.0 - self._event_share[keep]) ** samples
+        weights = np.concatenate(
+            [[chances[~self._slipping].sum()], chances[keep] * (1.0 - eventful), chances[keep] * eventful]
+        )
         with np.errstate(divide="ignore"):  # a model that is impossible weighs nothing
             return Slipping(total, np.log(weights) + log_normal(change_m, total))

@@ -21,7 +21,6 @@ from tpmsd.monitor.hypotheses import Comparison, Verdict, subsets
 from tpmsd.monitor.nuisance import Nuisance, mean_share
 from tpmsd.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
 from tpmsd.monitor.sight import Alike, Sight, sight
-from tpmsd.physics.motion import driven_mask
 from tpmsd.physics.tyre import tyre_model
 from tpmsd.resonance.evidence import ResonanceEvidence
 from tpmsd.wheels import FloatArray
@@ -83,8 +82,16 @@ class Judgement:
         against its own positions."""
         return JUDGE.alike_hold_s if self.all_alike else 0.0
 
+    @property
+    def slippery(self) -> float:
+        """Probability that wheels slip on this drive as they have not before."""
+        return sum(self.drive_models.get(name, 0.0) for name in DRIVE_EVIDENCE.slipping)
+
     def trusted(self, settled: bool) -> bool:
-        """Whether the baseline may learn; `settled`: whether it has been learned once."""
+        """Whether the baseline may learn; `settled`: whether it has been learned once. Nothing is
+        learned on a slippery drive of a car that is known."""
+        if settled and self.slippery > JUDGE.undecided:
+            return False
         return self.suspicion < (JUDGE.suspicious if settled else JUDGE.suspicious_at_first)
 
     def by_wheel(self) -> list[tuple[float, ...]]:
@@ -133,7 +140,6 @@ class Judge:
         self._grip = Grip(vehicle, wheels, self._radius)
         limit_m = settings.deviation_percent / 100.0 * self._radius
         self._deviation = Deviation(wheels, self._radius, limit_m, self._grip)
-        self._driven = driven_mask(vehicle.driven_axle)[wheels]
         self._apart = _apart(wheels)
         self._fellow = np.array([[float(wheel == other ^ 1) for other in wheels] for wheel in wheels])
         """(d, d) 1 for the other wheel of the axle."""
@@ -181,12 +187,13 @@ class Judge:
             for tyre, x, s in zip(self._tyres, steady, np.sqrt(np.diag(steady_m2)), strict=True)
         ]
         fits = now.fits and mean.fits
-        low_grip = self._grip.low(models)
         wide_m2 = now.covariance_m2 + self._unexplained_m2 + harmless_m2 - self.harmless_m2
         by_drive = None
         if of_drive is not None:
-            # Driven wheels that spin for a moment are off by far more than the model of low grip has.
-            by_drive = of_drive.verdict.deflated * np.where(self._driven, 1.0 - low_grip, 1.0)
+            # Where grip comes and goes, axles and the level of all wheels do far more than the models have;
+            # one that stands out beside its fellow over many samples still tells.
+            apart = of_drive.verdict.beyond @ self._apart
+            by_drive = apart + (of_drive.verdict.deflated - apart) * (1.0 - self._grip.uneven(models))
         deflated = self._deflated(at_once.verdict, lately.verdict, mean.samples, by_drive)
         account = None
         if of_drive is not None:

@@ -148,6 +148,13 @@ class Reference:
         if car:
             self.ranges[speed_range(at)] += 1
 
+    def learn_slip(self, slope: float, variance: float, *, car: bool = True) -> tuple[Innovation, FloatArray]:
+        """Take a slip slope per m/s2 and its variance, `car` as in `learn`: the slip of the driven axle under
+        the force of a slope is that under an acceleration. What was found, and the features (1, SIZE)."""
+        h = np.zeros((1, SIZE))
+        h[0, HILL] = np.where(self._driven, -1.0, 1.0)
+        return self.correct(np.array([slope]), np.array([[variance]]), h, car=car), h
+
     def correct(
         self, deviation: FloatArray, noise: FloatArray, h: FloatArray, *, car: bool = True
     ) -> Innovation:
@@ -182,10 +189,15 @@ class Reference:
         """One in which this drive may differ from those before as `model` allows."""
         out = self.copy()
         slip_std = np.where(self._driven, model.slip_std, 0.0)
-        places = {DRAG: model.drag_std}
+        (hill, hill_std), (drag, drag_std) = model.hill_times, model.drag_times
+        places = {DRAG: math.hypot(model.drag_std, drag_std * self.mean[DRAG])}
+        out.mean[DRAG] *= drag
         for axle in range(2):
             places[LOAD.start + axle] = math.hypot(model.load_std[axle], slip_std[axle])
-            places[HILL.start + axle] = model.hill_std if self._driven[axle] else 0.0
+            if self._driven[axle]:
+                place = HILL.start + axle
+                places[place] = math.hypot(model.hill_std, hill_std * self.mean[place])
+                out.mean[place] *= hill
         for place, std in places.items():
             out.covariance[place, place] += std**2
         return out
@@ -195,17 +207,20 @@ class Reference:
         return self._of_driven(model.slip_std)
 
     def pull(self, model: DriveModel) -> FloatArray:
-        """(4, 4) the same of what they slip at a moment, however hard they pull."""
-        return self._of_driven(model.pull_std)
+        """(4, 4) the same of what they slip at a moment, however hard they pull. The estimate tells the axles
+        apart by positions, which takes a while: until then either axle may show it."""
+        return self._of_axles(model.pull_std)
 
     def _of_driven(self, std: float) -> FloatArray:
-        axle = IS_FRONT[:, None] == IS_FRONT[None, :]
         driven = np.where(IS_FRONT, self._driven[0], self._driven[1])
-        return np.asarray(np.where(axle & driven[:, None], std**2, 0.0))
+        return np.asarray(np.where(driven[:, None], self._of_axles(std), 0.0))
+
+    def _of_axles(self, std: float) -> FloatArray:
+        return np.where(IS_FRONT[:, None] == IS_FRONT[None, :], std**2, 0.0)
 
     def scatter(self, model: DriveModel) -> FloatArray:
         """(4, 4) relative covariance of what `model` adds to every sample."""
-        return self._of_driven(model.axle_scatter) + np.eye(4) * model.own_scatter**2
+        return self._of_axles(model.axle_scatter) + np.eye(4) * model.own_scatter**2
 
     def forget_drive(self, load_only: bool) -> None:
         """The car has stood: its load is another, and unless `load_only` so is the day."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from tpmsd.monitor.drive_settings import DriveEvidenceSettings
+from tpmsd.monitor.drive_settings import DriveEvidenceSettings, SlipSlopeSettings
 from tpmsd.monitor.encoder_settings import EncoderSettings
 from tpmsd.monitor.leak_settings import ReadingSettings, TrendSettings
 from tpmsd.monitor.nuisance import Nuisance
@@ -313,6 +313,7 @@ class MonitorSettings:
     reference: ReferenceSettings = ReferenceSettings()
     baseline: BaselineSettings = BaselineSettings()
     drive_evidence: DriveEvidenceSettings = field(default_factory=DriveEvidenceSettings)
+    slip_slope: SlipSlopeSettings = field(default_factory=SlipSlopeSettings)
     judge: JudgeSettings = JudgeSettings()
     first_start: FirstStartSettings = FirstStartSettings()
     signals: SignalSettings = SignalSettings()
@@ -330,6 +331,7 @@ CONDITIONS = SETTINGS.conditions
 REFERENCE = SETTINGS.reference
 BASELINE = SETTINGS.baseline
 DRIVE_EVIDENCE = SETTINGS.drive_evidence
+SLIP_SLOPE = SETTINGS.slip_slope
 JUDGE = SETTINGS.judge
 FIRST_START = SETTINGS.first_start
 SIGNALS = SETTINGS.signals

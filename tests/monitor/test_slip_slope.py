@@ -1,0 +1,173 @@
+"""The slip of driven wheels per acceleration, and what it says of grip."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.monitor.drives import RADIUS_M, VEHICLE
+from tests.monitor.test_drive_evidence import NOISE_M, RADIUS, WHEELS, at, learned_car
+from tpmsd.config.model import MonitorConfig, TyreConfig
+from tpmsd.monitor.baseline import Change
+from tpmsd.monitor.drive_evidence import DriveEvidence
+from tpmsd.monitor.judge import Judge, Judgement
+from tpmsd.monitor.reference import DRAG, HILL, Reference
+from tpmsd.monitor.settings import JUDGE, SLIP_SLOPE
+from tpmsd.monitor.slip_slope import SlipSlope, SlopeSums
+from tpmsd.timeline.tick import Tick
+from tpmsd.wheels import FloatArray
+
+DT_S = 0.1
+DRY = 7e-3
+"""Slip per m/s2."""
+ASKED = MonitorConfig().raise_probability
+
+
+def ticks(
+    seconds: float,
+    slope: float,
+    *,
+    driven: str = "front",
+    larger_m: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
+    yaw_radps: float = 0.0,
+    teeth: float = 0.0,
+    hill_mps2: float = 0.0,
+    seed: int = 0,
+) -> list[Tick]:
+    """Speed swings by 4 m/s about 18 m/s in 25 s. `larger_m`: radii beyond nominal; `teeth` per turn: whole
+    ones are counted (0: no rounding); `hill_mps2`: slopes of the road, a random walk of so much in 20 s."""
+    time = np.arange(round(seconds / DT_S)) * DT_S
+    phase = 2.0 * math.pi * time / 25.0 + seed
+    speed, accel = 18.0 + 4.0 * np.sin(phase), 4.0 * 2.0 * math.pi / 25.0 * np.cos(phase)
+    track, base = VEHICLE.track_rear_m, VEHICLE.wheelbase_m
+    rng = np.random.default_rng(seed)
+    force = accel + np.cumsum(rng.normal(0.0, hill_mps2 * math.sqrt(DT_S / 20.0), time.size))
+    side = np.array([-0.5, 0.5, -0.5, 0.5]) * track * yaw_radps
+    along = speed[:, None] + side
+    ahead = np.array([1.0, 1.0, 0.0, 0.0]) * base * yaw_radps
+    rate = np.hypot(along, ahead) / (RADIUS_M + np.array(larger_m))
+    pulled = np.array([1.0, 1.0, 0.0, 0.0]) if driven == "front" else np.array([0.0, 0.0, 1.0, 1.0])
+    turned = np.cumsum(rate * (1.0 + slope * force[:, None] * pulled) * DT_S, axis=0)
+    if teeth:
+        start = rng.uniform(0.0, 1.0, 4)
+        turned = np.floor(turned * teeth / (2.0 * math.pi) + start) * 2.0 * math.pi / teeth
+    turns = np.diff(turned, axis=0)
+    return [
+        Tick(index=k, time_s=float(t), dt_s=DT_S, rotation_rad=turn, rotation_std_rad=np.full(4, 0.05))
+        for k, (t, turn) in enumerate(zip(time[1:], turns, strict=True))
+    ]
+
+
+def sums_of(found: list[Tick], driven: str = "front") -> SlopeSums:
+    slip = SlipSlope(replace(VEHICLE, driven_axle=driven))
+    total = SlopeSums()
+    for tick in found:
+        total += slip.update(tick) or SlopeSums()
+    return total
+
+
+@pytest.mark.parametrize("driven", ["front", "rear"])
+@pytest.mark.parametrize("larger_m", [(0.0,) * 4, (-2e-3, -2e-3, 0.0, 0.0), (0.0, 0.0, -3e-3, 1e-3)])
+def test_the_slope_is_that_of_the_slip_whatever_the_radii(driven: str, larger_m: tuple[float, ...]) -> None:
+    wheels = (larger_m[0], larger_m[1], larger_m[2], larger_m[3])
+    found = sums_of(ticks(100.0, DRY, driven=driven, larger_m=wheels), driven).slope()
+    assert found is not None
+    # Of a swing of 25 s a difference over two seconds is smaller than its derivative by sin(x) / x, the mean
+    # of one second by the same of x / 2.
+    x = 2.0 * math.pi / 25.0
+    assert found[0] == pytest.approx(2.0 * DRY * math.sin(x / 2.0) / math.sin(x), rel=0.01)
+
+
+def test_a_bend_is_no_slip() -> None:
+    """Front wheels roll further in a bend; what of that goes with speed is taken out."""
+    found = sums_of(ticks(100.0, 0.0, yaw_radps=0.25)).slope()
+    assert found is not None and abs(found[0]) < 1e-4
+
+
+def test_stated_errors_cover_rounded_counts_and_hills() -> None:
+    """Of 100 drives of a minute with 48 teeth over slopes that change by 1 % in 20 s, 95 % and more are
+    within 1.96 standard deviations, which are at most four times as wide as the errors."""
+    off = []
+    for seed in range(100):
+        found = sums_of(ticks(60.0, DRY, teeth=48.0, hill_mps2=0.1, seed=seed)).slope()
+        assert found is not None
+        off.append((found[0] - 1.01 * DRY) / math.sqrt(found[1]))
+    assert np.mean(np.abs(off) < 1.96) >= 0.95
+    assert np.std(off) > 0.25
+
+
+def test_nothing_is_said_where_nothing_can_be_known() -> None:
+    drive = ticks(60.0, DRY)
+    assert sums_of(drive, "all").slope() is None
+    silent = [replace(one, rotation_rad=np.array([math.nan, *one.rotation_rad[1:]])) for one in drive]
+    assert sums_of(silent).slope() is None
+    stood = [replace(one, rotation_rad=np.zeros(4)) for one in drive]
+    assert sums_of(stood).slope() is None
+    steady = [replace(one, rotation_rad=np.full(4, 18.0 * DT_S / RADIUS_M)) for one in drive]
+    assert sums_of(steady).slope() is None
+
+
+def test_slopes_are_learned_as_the_slip_on_hills() -> None:
+    """Ten measurements of one slope with 1e-3 each, from a prior of 4e-3 +- 4e-3: their weighted mean."""
+    reference = Reference(VEHICLE)
+    prior = reference.covariance[HILL, HILL]
+    information = 10.0 / (1e-6 + 0.0)
+    for _ in range(10):
+        reference.learn_slip(DRY, 1e-6)
+    both = float(prior[0, 0] + prior[1, 1])
+    gain = both / (both + 1.0 / information)
+    axles = reference.mean[HILL]
+    assert axles[1] - axles[0] == pytest.approx(4e-3 + gain * (DRY - 4e-3), rel=1e-6)
+
+
+def judged(extra: FloatArray, slippier: float, seed: int) -> Judgement:
+    """Of a drive with a known car and a slip slope every 20 s; driven wheels slip so many times as much as
+    they did when the car was learned, uphill from the eighth sample on, and `extra` (n, 4) m comes on top."""
+    rng = np.random.default_rng(seed)
+    reference = learned_car()
+    reference.mean[HILL.start] = -DRY
+    truth = reference.mean.copy()
+    truth[[DRAG, HILL.start]] *= slippier
+    evidence = DriveEvidence(reference, WHEELS, RADIUS)
+    noise_m2 = np.eye(4) * NOISE_M**2
+    changes = []
+    for k, more in enumerate(extra):
+        uphill = replace(at(22.0 + 3.0 * math.sin(k / 3.0)), slope_mps2=0.5 if k >= 8 else 0.0)
+        features = reference.features(uphill)
+        seen = features @ truth * RADIUS_M + more + rng.normal(0.0, NOISE_M, 4)
+        measured = slippier * DRY + float(rng.normal(0.0, 2.5e-3))
+        evidence.take(seen, noise_m2, np.zeros((4, 4)), features, 20.0, (measured, 2.5e-3**2))
+        changes.append(seen - features @ reference.mean * RADIUS_M)
+    recent = np.mean(changes[-JUDGE.full_samples :], axis=0)
+    now = Change(changes[-1], noise_m2, 1, noise_m2, True)
+    mean = Change(recent, noise_m2, JUDGE.full_samples, noise_m2, True)
+    judge = Judge(VEHICLE, MonitorConfig(), TyreConfig(), WHEELS)
+    return judge.judge(now, mean, accounts=evidence.accounts)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_slope_tells_low_grip_from_two_soft_driven_tyres(seed: int) -> None:
+    """Both driven wheels are smaller by 1.3 mm after three minutes: by loss of air on a dry road, where both
+    are named; by 2.2 times the slip on an uphill road, where nothing is raised."""
+    soft = np.zeros((30, 4))
+    soft[8:, :2] = -1.3e-3
+    dry, slippery = judged(soft, 1.0, seed), judged(np.zeros((30, 4)), 2.2, seed)
+    assert [0, 1] == np.flatnonzero(dry.deflated > ASKED).tolist()
+    assert dry.slippery < 0.1
+    assert slippery.slippery > 0.7
+    assert np.all(slippery.deflated < ASKED)
+
+
+def test_what_a_known_car_does_on_a_slippery_road_is_not_learned() -> None:
+    found = judged(np.zeros((30, 4)), 2.2, 3)
+    assert not found.trusted(settled=True)
+    assert found.trusted(settled=False)
+    assert judged(np.zeros((30, 4)), 1.0, 3).trusted(settled=True)
+
+
+def test_settings_are_those_of_the_source() -> None:
+    """A road of 1 % more slope is 0.1 m/s2 more force."""
+    assert SLIP_SLOPE.hill_std_mps2 == pytest.approx(9.81 * 0.01, rel=0.03)

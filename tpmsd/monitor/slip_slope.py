@@ -1,0 +1,129 @@
+"""How much the driven wheels slip per acceleration: the slip slope, by which low grip is known.
+
+In: ticks. Out: `SlipSlope`, the regression of one window of driving after the other.
+
+The slip of the driven wheels against the others is in proportion to the force that they transmit, and the
+steeper the less grip the road has [Gustafsson 1997, "Slip-based tire-road friction estimation", Automatica].
+Within seconds radii, load and the road's slope hardly change, so within a window
+
+    log(rotation of the driven axle / of the other one) = constant + slope * acceleration
+
+Another radius shifts the constant and leaves the slope: so this tells low grip from two driven tyres that
+have lost air, which one drive's radii alone do not.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from tpmsd.config.model import VehicleConfig
+from tpmsd.monitor.settings import SLIP_SLOPE
+from tpmsd.timeline.tick import Tick
+
+
+@dataclass(frozen=True, slots=True)
+class SlopeSums:
+    """Sums of squares about each window's mean; windows add up."""
+
+    freedom: int = 0
+    """Seconds less one for each window."""
+    accel2: float = 0.0
+    """Of accelerations, (m/s2)2."""
+    both: float = 0.0
+    """Of accelerations times slips, m/s2."""
+    slip2: float = 0.0
+    """Of slips."""
+
+    def __add__(self, other: SlopeSums) -> SlopeSums:
+        return SlopeSums(
+            self.freedom + other.freedom,
+            self.accel2 + other.accel2,
+            self.both + other.both,
+            self.slip2 + other.slip2,
+        )
+
+    def slope(self) -> tuple[float, float] | None:
+        """Slip per m/s2 and its variance; None where the car was hardly accelerated."""
+        if self.freedom < SLIP_SLOPE.least_seconds or self.accel2 < SLIP_SLOPE.least_accel2:
+            return None
+        slope = self.both / self.accel2
+        noise2 = max(self.slip2 - slope * self.both, 0.0) / (self.freedom - 1)
+        # The slope of the road changes within a window, and so does the force at the same acceleration.
+        hills2 = (SLIP_SLOPE.usual * SLIP_SLOPE.hill_std_mps2) ** 2 * SLIP_SLOPE.hill_s
+        return slope, (SLIP_SLOPE.noise_share * noise2 + hills2) / self.accel2
+
+
+class SlipSlope:
+    """One car, of which one axle is driven and all wheels are heard."""
+
+    def __init__(self, vehicle: VehicleConfig) -> None:
+        self._front = {"front": 1.0, "rear": -1.0}.get(vehicle.driven_axle, 0.0)
+        """Sign of the front axle's rotation in the slip; 0: all are driven, and nothing is known."""
+        self._radius_m = [float(radius) for radius in vehicle.wheel_radius_m]
+        self._wheelbase_m, self._track_m = vehicle.wheelbase_m, vehicle.track_rear_m
+        self._way_m = [0.0] * 4
+        self._elapsed_s = 0.0
+        self._seconds: list[tuple[float, float]] = []
+        """Speed of the axle that is not driven, and slip, of each second in a row; the last two at least."""
+        self._points: list[tuple[float, float]] = []
+        """Acceleration and slip."""
+        self._window_s = 0.0
+
+    def update(self, tick: Tick) -> SlopeSums | None:
+        """Take a tick; the sums of a window that ends with it."""
+        if self._front == 0.0:
+            return None
+        if tick.gap_s > 0.0:
+            self._interrupt()
+        turns = tick.rotation_rad.tolist()
+        self._way_m = [
+            way + turn * radius for way, turn, radius in zip(self._way_m, turns, self._radius_m, strict=True)
+        ]
+        self._elapsed_s += tick.dt_s
+        self._window_s += tick.dt_s
+        if self._elapsed_s >= SLIP_SLOPE.second_s:
+            self._end_second()
+        return self._end_window() if self._window_s >= SLIP_SLOPE.window_s else None
+
+    def _interrupt(self) -> None:
+        self._way_m, self._elapsed_s = [0.0] * 4, 0.0
+        self._seconds.clear()
+
+    def _end_second(self) -> None:
+        fl, fr, rl, rr = self._way_m
+        elapsed_s = self._elapsed_s
+        self._way_m, self._elapsed_s = [0.0] * 4, 0.0
+        front, rear = 0.5 * (fl + fr), 0.5 * (rl + rr)
+        free = rear if self._front > 0.0 else front
+        if not (min(front, rear) > SLIP_SLOPE.slowest_mps * elapsed_s):  # also where one is not known
+            self._seconds.clear()
+            return
+        # In a bend the front wheels roll further than the rear ones.
+        bend = (rr - rl) / self._track_m / rear * self._wheelbase_m
+        slip = self._front * (math.log(front / rear) - 0.5 * math.log1p(bend * bend))
+        self._seconds.append((free / elapsed_s, slip))
+        if abs(bend) > SLIP_SLOPE.most_bend:
+            self._seconds.clear()
+        if len(self._seconds) < 3:
+            return
+        (before, _), (_, slip), (after, _) = self._seconds
+        accel = (after - before) / (2.0 * elapsed_s)
+        least, most = SLIP_SLOPE.accel_mps2
+        if least < accel < most:
+            self._points.append((accel, slip))
+        self._seconds.pop(0)
+
+    def _end_window(self) -> SlopeSums:
+        points, self._points, self._window_s = self._points, [], 0.0
+        if len(points) < 2:
+            return SlopeSums()
+        accel = sum(x for x, _ in points) / len(points)
+        slip = sum(y for _, y in points) / len(points)
+        apart = [(x - accel, y - slip) for x, y in points]
+        return SlopeSums(
+            len(points) - 1,
+            sum(x * x for x, _ in apart),
+            sum(x * y for x, y in apart),
+            sum(y * y for _, y in apart),
+        )
