@@ -6,7 +6,7 @@ from what was learned on the former, so that any of them can be played alone.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,10 @@ LEARNING = 2
 LEGS = LEARNING + 8
 WITH_OTHERS = ("load", "season", "sun", "outages", "multipath", "slip")
 SLOW_ROADS = ("city", "suburb", "alpine")
+SLIPPERY = (
+    *(("ice",), ("slip",), ("ice", "multipath"), ("slip", "outages"), ("ice", "load"), ("slip", "season")),
+    *(("gravel",), ("ice", "slip")),
+)
 DAY_S = 90_000.0
 KIND_S = 420.0
 """Of each leg of `kinds`; what a ferry or a tow adds comes on top."""
@@ -108,6 +112,21 @@ def kinds(pool: str, seed: int) -> Life:
             )
         )
     return Life(taught.car, tuple(legs))
+
+
+def slippery(pool: str, seed: int) -> Life:
+    """The car and the roads of `life`, each leg on ice, snow or gravel."""
+    usual = life(pool, seed)
+    rng = np.random.default_rng([seed, 4711])
+    roads = POOL_ROADS[pool]
+    legs = list(usual.legs[:LEARNING])
+    for k, leg in enumerate(usual.legs[LEARNING:]):
+        tags = SLIPPERY[(k + seed) % len(SLIPPERY)]
+        load = _load(tags, usual.legs[0].load, rng)
+        road = road_for(tags, str(rng.choice(roads)), roads)
+        plain = {"load": load["load"], "trailer_kg": load.get("trailer_kg", 0.0), "resized_m": (0.0,) * 4}
+        legs.append(replace(leg, seed=300 + k, tags=tags, road=road, **plain))
+    return Life(usual.car, tuple(legs))
 
 
 def _season(tags: tuple[str, ...], rng: np.random.Generator) -> float:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.campaigns.alarms.cases import group
-from bench.campaigns.alarms.lives import LEARNING, kinds, life
+from bench.campaigns.alarms.lives import LEARNING, kinds, life, slippery
 from bench.campaigns.alarms.play import Heard, hear
 from bench.worlds.folder import write_folder
 from bench.worlds.magic_tyre import Array
@@ -36,13 +36,13 @@ def story(name: str) -> Story:
         raise ValueError(f"{name}: names are POOL/SEED/CASE or POOL/life/SEED/LEG; pools: {', '.join(POOLS)}")
     try:
         if len(parts) == 4:
-            whole = {"life": life, "kinds": kinds}[parts[1]](parts[0], int(parts[2]))
+            whole = {"life": life, "kinds": kinds, "slippery": slippery}[parts[1]](parts[0], int(parts[2]))
             number = int(parts[3])
             asked = whole.legs[number : number + 1] if number >= LEARNING else ()
             return Story(whole.car, (*whole.legs[: min(number + 1, LEARNING)], *asked))
         of_car = group(parts[0], int(parts[1]))
     except KeyError:
-        raise ValueError(f"{name}: legs are those of `life` or of `kinds`") from None
+        raise ValueError(f"{name}: legs are those of `life`, `kinds` or `slippery`") from None
     except ValueError:
         raise ValueError(f"{name}: seeds and legs are whole numbers") from None
     found = [case for case in of_car.cases if case.name == name]

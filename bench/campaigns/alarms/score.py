@@ -142,7 +142,7 @@ def why_missed(case: Case, driven: Driven, heard: Heard, before: list[Said], lat
 def play_life(
     life: Life, pool: str, seed: int, memory: Path | None = None, what: str = "life"
 ) -> Iterator[Row]:
-    """A row for each leg, all of it heard, alarms or not; `what`: `life` or `kinds`, for the names."""
+    """A row for each leg, all of it heard, alarms or not; `what`: the units, for the names."""
     about = _about(life.car)
     state: State = {}
     tyre_k: Array | None = None

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bench.campaigns.alarms.cases import ONSETS, group
-from bench.campaigns.alarms.lives import LEARNING, LEGS, kinds, life
+from bench.campaigns.alarms.lives import LEARNING, LEGS, SLIPPERY, kinds, life, slippery
 from bench.worlds.magic_tyre import NOMINAL_PA, Tyre, gauge_at
 from bench.worlds.surfaces import RESIZED, TAGS, ride
 from bench.worlds.trip_cars import POOLS, Car, draw_car
@@ -164,6 +164,17 @@ def test_each_kind_of_confounder_has_a_leg_of_its_own() -> None:
     assert life("development", 1).legs[:LEARNING] == legs[:LEARNING]
     assert {*RESIZED} == {leg.tags[0] for leg in legs if any(leg.resized_m)}
     assert legs == kinds("development", 1).legs
+
+
+def test_a_slippery_life_has_ice_snow_or_gravel_on_each_leg() -> None:
+    """The car and its learning are those of its life, no wheel is of another size, and all kinds occur."""
+    legs = slippery("development", 5).legs
+
+    assert life("development", 5).legs[:LEARNING] == legs[:LEARNING]
+    assert all({"ice", "slip", "gravel"} & set(leg.tags) for leg in legs[LEARNING:])
+    assert set(SLIPPERY) == {leg.tags for leg in legs[LEARNING:]}
+    assert not any(any(leg.resized_m) for leg in legs)
+    assert legs == slippery("development", 5).legs
 
 
 def test_the_held_out_half_has_other_cars_and_roads() -> None:
