@@ -13,6 +13,7 @@ from tests.monitor.test_drive_evidence import NOISE_M, RADIUS, WHEELS, at, learn
 from tpmsd.config.model import MonitorConfig, TyreConfig
 from tpmsd.monitor.baseline import Change
 from tpmsd.monitor.drive_evidence import DriveEvidence
+from tpmsd.monitor.hypotheses import Comparison
 from tpmsd.monitor.judge import Judge, Judgement
 from tpmsd.monitor.reference import DRAG, HILL, Reference
 from tpmsd.monitor.settings import JUDGE, SLIP_SLOPE
@@ -159,6 +160,32 @@ def test_the_slope_tells_low_grip_from_two_soft_driven_tyres(seed: int) -> None:
     assert dry.slippery < 0.1
     assert slippery.slippery > 0.7
     assert np.all(slippery.deflated < ASKED)
+
+
+@pytest.mark.parametrize(
+    ("model", "lost", "left"),
+    [
+        ("evenly low grip", (0, 1), 0.2),
+        ("evenly low grip", (2, 3), 1.0),
+        ("low grip", (2, 3), 0.2),
+        ("low grip", (0, 1, 2, 3), 0.2),
+        ("evenly low grip", (0, 1, 2, 3), 1.0),
+        ("low grip", (0,), 1.0),
+        ("loose ground", (1, 2), 1.0),
+    ],
+)
+def test_what_grip_leaves_of_a_loss(model: str, lost: tuple[int, ...], left: float) -> None:
+    """Of a loss of 3 mm that is certain as such, on a car with a driven front axle: nothing of two driven
+    wheels while the road is slippery, nothing of an axle or all wheels while grip comes and goes (0.8 each),
+    all of what stands out beside its fellow."""
+    judge = Judge(VEHICLE, MonitorConfig(), TyreConfig(), WHEELS)
+    change = np.zeros(4)
+    change[list(lost)] = -3e-3
+    verdict = Comparison(RADIUS, 0.0025).of(change, 1e-4**2 * np.eye(4))
+    found = judge._by_drive(verdict, {"as learned": 0.2, model: 0.8})
+    expected = np.zeros(4)
+    expected[list(lost)] = left
+    assert found == pytest.approx(expected, abs=1e-3)
 
 
 def test_what_a_known_car_does_on_a_slippery_road_is_not_learned() -> None:

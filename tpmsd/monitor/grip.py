@@ -57,7 +57,13 @@ class Grip:
         with np.errstate(divide="ignore"):  # a model that is impossible weighs nothing
             return total, np.log(np.append(chances[~self._slipping].sum(), chances[keep]))
 
-    def uneven(self, models: dict[str, float]) -> float:
+    @staticmethod
+    def low(models: dict[str, float]) -> float:
+        """Probability that the drive slips."""
+        return sum(models.get(name, 0.0) for name in DRIVE_EVIDENCE.slipping)
+
+    @staticmethod
+    def uneven(models: dict[str, float]) -> float:
         """Probability that wheels slip by now more, now less."""
         uneven = set(DRIVE_EVIDENCE.slipping) - set(DRIVE_EVIDENCE.by_slope)
         return sum(chance for name, chance in models.items() if name in uneven)

@@ -21,6 +21,7 @@ from tpmsd.monitor.hypotheses import Comparison, Verdict, subsets
 from tpmsd.monitor.nuisance import Nuisance, mean_share
 from tpmsd.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
 from tpmsd.monitor.sight import Alike, Sight, sight
+from tpmsd.physics.motion import driven_mask
 from tpmsd.physics.tyre import tyre_model
 from tpmsd.resonance.evidence import ResonanceEvidence
 from tpmsd.wheels import FloatArray
@@ -85,7 +86,7 @@ class Judgement:
     @property
     def slippery(self) -> float:
         """Probability that wheels slip on this drive as they have not before."""
-        return sum(self.drive_models.get(name, 0.0) for name in DRIVE_EVIDENCE.slipping)
+        return Grip.low(self.drive_models)
 
     def trusted(self, settled: bool) -> bool:
         """Whether the baseline may learn; `settled`: whether it has been learned once. Nothing is
@@ -141,6 +142,13 @@ class Judge:
         limit_m = settings.deviation_percent / 100.0 * self._radius
         self._deviation = Deviation(wheels, self._radius, limit_m, self._grip)
         self._apart = _apart(wheels)
+        members = [
+            [float(place in subset) for place in range(len(wheels))] for subset in subsets(len(wheels))
+        ]
+        self._together = np.array(members) - self._apart
+        """(s, d): 1 for the other wheels of each of `subsets`."""
+        self._of_driven = ~np.any(self._together[:, ~driven_mask(vehicle.driven_axle)[wheels]] > 0.0, axis=1)
+        """(s,) whether these are all driven."""
         self._fellow = np.array([[float(wheel == other ^ 1) for other in wheels] for wheel in wheels])
         """(d, d) 1 for the other wheel of the axle."""
         self._told: tuple[Accounts, bool, Finding, dict[str, float], Alike] | None = None
@@ -190,10 +198,7 @@ class Judge:
         wide_m2 = now.covariance_m2 + self._unexplained_m2 + harmless_m2 - self.harmless_m2
         by_drive = None
         if of_drive is not None:
-            # Where grip comes and goes, axles and the level of all wheels do far more than the models have;
-            # one that stands out beside its fellow over many samples still tells.
-            apart = of_drive.verdict.beyond @ self._apart
-            by_drive = apart + (of_drive.verdict.deflated - apart) * (1.0 - self._grip.uneven(models))
+            by_drive = self._by_drive(of_drive.verdict, models)
         deflated = self._deflated(at_once.verdict, lately.verdict, mean.samples, by_drive)
         account = None
         if of_drive is not None:
@@ -248,6 +253,17 @@ class Judge:
         if by_drive is not None:
             return np.maximum(at_once, by_drive)
         return np.maximum(at_once, mean.deflated) if samples >= JUDGE.full_samples else at_once
+
+    def _by_drive(self, verdict: Verdict, models: dict[str, float]) -> FloatArray:
+        """(d,) probability of a deflation by the drive as a whole, where grip allows to say so.
+
+        Where grip comes and goes, axles and the level of all wheels do far more than the models have; on any
+        slippery road what driven axles do is slip. One that stands out beside its fellow over many samples
+        still tells.
+        """
+        slippery, uneven = self._grip.low(models), self._grip.uneven(models)
+        trusted = np.where(self._of_driven, 1.0 - slippery, 1.0 - uneven)
+        return np.minimum(verdict.beyond @ self._apart + (verdict.beyond * trusted) @ self._together, 1.0)
 
     def _sight(self, mean: Change, mean_m2: FloatArray, alike: Alike | None) -> Sight:
         """One tyre is seen by the mean over minutes, all alike by the drive as a whole, or if there is none
