@@ -96,7 +96,8 @@ class SlipSlope:
         self._way_m, self._elapsed_s = [0.0] * 4, 0.0
         front, rear = 0.5 * (fl + fr), 0.5 * (rl + rr)
         free = rear if self._front > 0.0 else front
-        if not (min(front, rear) > SLIP_SLOPE.slowest_mps * elapsed_s):  # also where one is not known
+        slow_m = SLIP_SLOPE.slowest_mps * elapsed_s
+        if not (front > slow_m and rear > slow_m):  # also where one is not known
             self._seconds.clear()
             return
         # In a bend the front wheels roll further than the rear ones.
