@@ -149,8 +149,6 @@ class SlipSlopeSettings:
     """Harder braking than an engine does is done by all four wheels; no road car keeps up more."""
     most_bend: float = 0.06
     """Wheelbase over radius: 45 m. In tighter bends side slip of the front wheels counts."""
-    usual: float = 8e-3
-    """Slip per m/s2 on a dry road at most: Gustafsson 1997 (`physics.priors`)."""
     hill_std_mps2: float = 0.1
     """By which the slope of the road changes within a window, 1 %, ..."""
     hill_s: float = 10.0

@@ -19,7 +19,11 @@ from dataclasses import dataclass
 
 from tpmsd.config.model import VehicleConfig
 from tpmsd.monitor.settings import SLIP_SLOPE
+from tpmsd.physics.priors import DRIVE_SLIP_S2PM
 from tpmsd.timeline.tick import Tick
+
+MOST_SLIP_S2PM = DRIVE_SLIP_S2PM.mean + DRIVE_SLIP_S2PM.std
+"""Per m/s2, of most cars on a dry road."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +54,7 @@ class SlopeSums:
         slope = self.both / self.accel2
         noise2 = max(self.slip2 - slope * self.both, 0.0) / (self.freedom - 1)
         # The slope of the road changes within a window, and so does the force at the same acceleration.
-        hills2 = (SLIP_SLOPE.usual * SLIP_SLOPE.hill_std_mps2) ** 2 * SLIP_SLOPE.hill_s
+        hills2 = (MOST_SLIP_S2PM * SLIP_SLOPE.hill_std_mps2) ** 2 * SLIP_SLOPE.hill_s
         return slope, (SLIP_SLOPE.noise_share * noise2 + hills2) / self.accel2
 
 
