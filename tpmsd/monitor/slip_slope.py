@@ -1,6 +1,6 @@
 """How much the driven wheels slip per acceleration: the slip slope, by which low grip is known.
 
-In: ticks. Out: `SlipSlope`, the regression of one window of driving after the other.
+In: ticks. Out: `SlopeSums`, the regression of one window of driving after the other.
 
 The slip of the driven wheels against the others is in proportion to the force that they transmit, and the
 steeper the less grip the road has [Gustafsson 1997, "Slip-based tire-road friction estimation", Automatica].
