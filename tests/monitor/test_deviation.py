@@ -31,8 +31,9 @@ def probabilities(change_m: FloatArray, models: dict[str, float]) -> FloatArray:
     [(0.0, 0.0, -3.2, 0.2), (-4.0, -4.5, 0.0, 0.0), (3.5, 0.0, 0.5, 0.0), (-2.5, -2.5, -2.6, -2.4)],
 )
 def test_the_probability_is_that_of_an_integral_over_all_sizes(change_mm: tuple[float, ...]) -> None:
-    """Before the drive can tell: the sum over drive models and resized wheels of prior times density,
-    integrated over the size by the trapezium rule, beyond the limit and in all."""
+    """Before the drive can tell: the sum over drive models, without what only a slip slope tells, and
+    resized wheels of prior times density, integrated over the size by the trapezium rule, beyond the limit
+    and in all."""
     change = 1e-3 * np.array(change_mm)
     sizes = np.linspace(-8.0, 8.0, 16001) * JUDGE.resized_std
     weights = JUDGE.prior_resized * np.exp(-0.5 * (sizes / JUDGE.resized_std) ** 2)
@@ -40,6 +41,8 @@ def test_the_probability_is_that_of_an_integral_over_all_sizes(change_mm: tuple[
     groups = [(0,), (1,), (2,), (3,), (0, 1), (2, 3), (0, 1, 2, 3)]
     total, beyond = 0.0, np.zeros(4)
     for model in DRIVE_EVIDENCE.models:
+        if model.name == "evenly low grip":
+            continue
         slip = np.zeros((4, 4))
         if model.name in DRIVE_EVIDENCE.slipping:
             shared = model.pull_std**2 + model.axle_scatter**2
