@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from tpmsd.monitor.change_bank import ChangeBank
 from tpmsd.monitor.conditions import Conditions
 from tpmsd.monitor.drive_evidence import DriveEvidence
 from tpmsd.monitor.judge import Judge, Judgement
-from tpmsd.monitor.reference import CAR, DRAG, GROWTH, SIZE, Reference
+from tpmsd.monitor.reference import CAR, DRAG, GROWTH, HILL, SIZE, Reference
 from tpmsd.monitor.settings import DRIVE_EVIDENCE, JUDGE
 from tpmsd.wheels import FloatArray
 
@@ -92,6 +93,61 @@ def test_changes_are_those_of_generalised_least_squares() -> None:
         size = np.linalg.solve(information, design.T @ precision @ off)
         assert size == pytest.approx(change[index], rel=1e-4, abs=1e-8)
         assert np.linalg.inv(information) == pytest.approx(covariance[index], rel=1e-4, abs=1e-12)
+
+
+@pytest.mark.parametrize("driven", ["front", "rear"])
+def test_changes_beside_slip_slopes_are_those_of_generalised_least_squares(driven: str) -> None:
+    """The same on a hilly road, with a slip slope after each sample: the slopes are rows more of that
+    regression, of the driven axle's slip per force less the other one's, in which no change is."""
+    rng = np.random.default_rng(6)
+    reference = Reference(replace(VEHICLE, driven_axle=driven))
+    mean, prior = reference.mean.copy(), reference.covariance.copy()
+    bank = ChangeBank(reference.copy(), np.zeros((4, 4)))
+    hills = rng.normal(0.0, 0.5, 12)
+    rows = [
+        reference.features(replace(at(float(v)), slope_mps2=float(hill)))
+        for v, hill in zip(SPEEDS[:12], hills, strict=True)
+    ]
+    axles = np.zeros((1, SIZE))
+    axles[0, HILL] = (-1.0, 1.0) if driven == "front" else (1.0, -1.0)
+    noise, slope_std = np.eye(4) * 4e-4**2, 6e-4
+    seen = [row @ mean + rng.normal(0.0, 1e-3, 4) for row in rows]
+    slopes = rng.normal(9e-3, slope_std, 12)
+    for row, sample, slope in zip(rows, seen, slopes, strict=True):
+        bank.take(sample, noise, row, 0.0)
+        bank.take_slip(float(slope), slope_std**2)
+    h = np.vstack([*rows, *[axles] * 12])
+    own = np.zeros((60, 60))
+    own[:48, :48], own[48:, 48:] = np.kron(np.eye(12), noise), np.eye(12) * slope_std**2
+    whole = h @ prior @ h.T + own
+    precision, off = np.linalg.inv(whole), np.concatenate([*seen, slopes]) - h @ mean
+    likelihood = -0.5 * off @ precision @ off - 0.5 * np.linalg.slogdet(whole)[1]
+    assert likelihood == pytest.approx(bank.log_likelihood, rel=1e-9)
+    change, covariance, _ = bank.changes()
+    old = np.flatnonzero(12 - bank._onset >= JUDGE.full_samples)
+    for index, place in enumerate(old):
+        since = np.arange(12.0) - int(bank._onset[place])
+        share = np.maximum(since, 0.0) if bank._ramp[place] else (since >= 0.0).astype(float)
+        design = np.vstack([np.kron(share[:, None], np.eye(4)) / float(share[-1]), np.zeros((12, 4))])
+        information = design.T @ precision @ design
+        size = np.linalg.solve(information, design.T @ precision @ off)
+        assert size == pytest.approx(change[index], rel=1e-4, abs=1e-8)
+        assert np.linalg.inv(information) == pytest.approx(covariance[index], rel=1e-4, abs=1e-12)
+
+
+@pytest.mark.parametrize("driven", ["front", "rear"])
+@pytest.mark.parametrize("name", ["as learned", "another load", "evenly low grip", "low grip"])
+def test_a_drive_model_expects_so_many_times_the_learned_slip(driven: str, name: str) -> None:
+    """At 30 m/s up a slope of 0.5 m/s2, driven wheels of a car with 7e-3 per m/s2 and 8e-7 per (m/s)^2
+    slip more by what the model multiplies each by; the others are as learned."""
+    model = {one.name: one for one in DRIVE_EVIDENCE.models}[name]
+    reference = Reference(replace(VEHICLE, driven_axle=driven))
+    reference.mean[HILL.start + (driven == "rear")] = -7e-3
+    uphill = replace(at(30.0), slope_mps2=0.5)
+    found = reference.widened(model).expected(uphill)[0] - reference.expected(uphill)[0]
+    more = (model.hill_times[0] - 1.0) * 7e-3 * 0.5 + (model.drag_times[0] - 1.0) * 8e-7 * 900.0
+    pulls = np.array([1.0, 1.0, 0.0, 0.0] if driven == "front" else [0.0, 0.0, 1.0, 1.0])
+    assert found == pytest.approx(-more * pulls * RADIUS_M, rel=1e-9, abs=1e-12)
 
 
 def test_the_car_beside_a_change_is_that_of_generalised_least_squares() -> None:
