@@ -15,6 +15,7 @@ import numpy as np
 
 from tpmsd.monitor.change_bank import ChangeBank
 from tpmsd.monitor.drive_settings import DriveModel
+from tpmsd.monitor.level_noise import LevelNoise
 from tpmsd.monitor.nuisance import Nuisance, log_normal
 from tpmsd.monitor.reference import Reference
 from tpmsd.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
@@ -67,6 +68,7 @@ class DriveEvidence:
         alike = math.exp(-BASELINE.sample_every_s / JUDGE.harmless_s)
         quick = Nuisance(0.0, 0.0, JUDGE.harmless.side, JUDGE.harmless.own)
         self._quick = quick.covariance(wheels, np.ones(len(wheels))) * (1.0 + alike) / (1.0 - alike)
+        self._level = LevelNoise(reference)
         self._slopes = 0
         """Slip slopes that were taken."""
         self.accounts: Accounts | None = None
@@ -86,6 +88,8 @@ class DriveEvidence:
         the slip slope since then and its variance."""
         scale = np.outer(self._radius, self._radius)
         noise = (DRIVE_EVIDENCE.estimate_share * estimate_m2 + unsettled_m2) / scale + self._quick
+        own = estimate_m2 / scale
+        noise = noise + self._level.take(deviation_m / self._radius, own, features)
         self._slopes += slip is not None
         for bank in self._banks:
             bank.take(deviation_m / self._radius, noise, features, elapsed_s)

@@ -1,6 +1,6 @@
 """The settings of what a drive as a whole says (a part of `settings`).
 
-In: nothing. Out: `DriveModel`, `DriveEvidenceSettings`, `SlipSlopeSettings`.
+In: nothing. Out: `DriveModel`, `DriveEvidenceSettings`, `SlipSlopeSettings`, `LevelSettings`.
 """
 
 from __future__ import annotations
@@ -155,3 +155,17 @@ class SlipSlopeSettings:
     """... and for how long it does: 200 m."""
     noise_share: float = 2.0
     """Variance of a slope from seconds in a row relative to independent ones: gusts and bumps last longer."""
+
+
+@dataclass(frozen=True, slots=True)
+class LevelSettings:
+    """Errors of what all wheels have in common (`level_noise`)."""
+
+    reflected_mps: float = 0.1
+    """Error of the receiver's speed by reflected signals, over an estimate's memory of half a minute."""
+    reflected_share: float = 0.02
+    """Of all samples (assumed)."""
+    reflected_samples: float = 4.0
+    """Samples in a row, 20 s apart: reflections last for 5 to 40 s, an estimate's memory as long again."""
+    slowest_mps: float = 4.0
+    """Below, estimates are not informed."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from tpmsd.monitor.drive_settings import DriveEvidenceSettings, SlipSlopeSettings
+from tpmsd.monitor.drive_settings import DriveEvidenceSettings, LevelSettings, SlipSlopeSettings
 from tpmsd.monitor.encoder_settings import EncoderSettings
 from tpmsd.monitor.leak_settings import ReadingSettings, TrendSettings
 from tpmsd.monitor.nuisance import Nuisance
@@ -314,6 +314,7 @@ class MonitorSettings:
     baseline: BaselineSettings = BaselineSettings()
     drive_evidence: DriveEvidenceSettings = field(default_factory=DriveEvidenceSettings)
     slip_slope: SlipSlopeSettings = field(default_factory=SlipSlopeSettings)
+    level: LevelSettings = field(default_factory=LevelSettings)
     judge: JudgeSettings = JudgeSettings()
     first_start: FirstStartSettings = FirstStartSettings()
     signals: SignalSettings = SignalSettings()
@@ -332,6 +333,7 @@ REFERENCE = SETTINGS.reference
 BASELINE = SETTINGS.baseline
 DRIVE_EVIDENCE = SETTINGS.drive_evidence
 SLIP_SLOPE = SETTINGS.slip_slope
+LEVEL = SETTINGS.level
 JUDGE = SETTINGS.judge
 FIRST_START = SETTINGS.first_start
 SIGNALS = SETTINGS.signals
