@@ -3,7 +3,7 @@
     python -m bench run slow-leak [--json FILE] [--healthy 500] [--leaks 100] [--first 1] [--rates 1.5,2,4]
 
 Each car of `bench/worlds/tyre_years.py` gives one reading per drive; the program's `LeakHistory` takes them
-and looks for a trend once per day (the monitor does once per drive). A healthy car-year counts as false if
+and looks for a trend after each. A healthy car-year counts as false if
 there is any notice. A leak begins between the 60th and the 250th day on one wheel and is in time if its wheel
 is noticed before 15 % of the pressure is lost since the beginning (refills counted as they come).
 """
@@ -47,8 +47,6 @@ def first_notice(year: Year) -> Notice | None:
         difference = np.array([fl - fr, rl - rr, (fl + fr - rl - rr) / 2.0])
         variance = np.array([fl_var + fr_var, rl_var + rr_var, (fl_var + fr_var + rl_var + rr_var) / 4.0])
         history.add(20_000.0 + day, difference, variance)
-        if k + 1 < year.day.size and int(year.day[k + 1]) == int(day):
-            continue  # a drive of the same day follows: judged with it
         trend = history.trend((METRES_PER_PERCENT,) * 3)
         if trend is not None and trend.noticeable():
             return Notice(k, trend.wheel, trend.rate, trend.low_in_d)

@@ -1,15 +1,15 @@
 """How the radii of four tyres move against each other over weeks: a Gaussian-sum filter over what may happen.
 
-In: three contrasts per day (left minus right of each axle, front minus rear), in per cent of pressure, with
+In: three contrasts per drive (left minus right of each axle, front minus rear), in per cent of pressure, with
 their variances. Out: hypotheses with their probabilities; each holds a Gaussian of what `leak_state` names.
 
 Contrasts hold neither seasons nor the diffusion of all four, and no error that is common to the wheels. In
 a healthy car they scatter from day to day, drift for some days, and step: air is put in, wheels are changed.
 One visit to the pump is mostly of all tyres, so that it shows in all three contrasts at once, as a leak shows
-in two. Before each reading every hypothesis splits: no step; a refill of all, an axle or one tyre; such
-changes of wheels; and those without a leak into onsets of one in each tyre. How far readings scatter is
-learned by each hypothesis (`leak_noise`). The likeliest hypotheses of each tyre are kept (Alspach, Sorenson
-1972, IEEE Transactions on Automatic Control 17: Gaussian sums).
+in two. Before the first reading of a day every hypothesis splits: no step; a refill of all, an axle or one
+tyre; such changes of wheels; and those without a leak into onsets of one in each tyre. How far readings
+scatter is learned by each hypothesis (`leak_noise`). The likeliest hypotheses of each tyre are kept (Alspach,
+Sorenson 1972, IEEE Transactions on Automatic Control 17: Gaussian sums).
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Hypotheses:
     onset_d: FloatArray
     """(n,) day on which the leak began; NaN without one"""
     days: FloatArray
-    """(n,) readings since then, or of all"""
+    """(n,) with readings since then, or all"""
 
     def take(self, index: IntArray) -> Hypotheses:
         """Some of them."""
@@ -122,21 +122,18 @@ class LeakFilter:
             np.zeros(n),
         )
 
-    def copy(self) -> LeakFilter:
-        """One that goes on apart from this one."""
-        out = LeakFilter.__new__(LeakFilter)
-        out._settings, out._may_begin, out._levels = self._settings, self._may_begin, self._levels
-        out.day, out.hypotheses = self.day, self.hypotheses  # never changed in place
-        return out
-
     def probability(self, wheel: int) -> float:
         """Of a leak of this tyre; of none with `NO_WHEEL`."""
         chosen = self.hypotheses.wheel == wheel
         return float(np.exp(self.hypotheses.log_weight[chosen]).sum())
 
     def add(self, day: float, value: FloatArray, variance: FloatArray, known_step: bool = False) -> None:
-        """Take the reading of a day, not before the last: (3,) contrasts in per cent of pressure, NaN where
-        one is not known; `variance` of the estimates; `known_step`: the driver asked for a reset before."""
+        """Take the reading of a drive, not before the last: (3,) contrasts in per cent of pressure, NaN where
+        one is not known; `variance` of the estimates; `known_step`: the driver asked for a reset before.
+        Nothing happens between the drives of a day: a second one is held against the same splits."""
+        if self.day is not None and math.floor(self.day) == math.floor(day) and not known_step:
+            self._take(self.hypotheses, value, variance)
+            return
         every = self.hypotheses
         days = 0.0 if self.day is None else day - self.day
         if self.day is not None:
@@ -152,20 +149,23 @@ class LeakFilter:
             for chosen in (np.flatnonzero(wheel == one) for one in range(NO_WHEEL, 4))
         ]
         index = np.concatenate(best)
-        kept = replace(self._made(every, splits, index, day, days), log_weight=log_weight[index])
-        after, _ = taken(
-            Believed(kept.mean, kept.covariance, kept.noise), SEEN, value, variance, self._levels
-        )
+        kept = self._made(every, splits, index, day, days)
+        self._take(replace(kept, days=kept.days + 1.0), value, variance)
+        self.day = day
+
+    def _take(self, every: Hypotheses, value: FloatArray, variance: FloatArray) -> None:
+        """Hold the reading against these."""
+        believed = Believed(every.mean, every.covariance, every.noise)
+        after, likelihood = taken(believed, SEEN, value, variance, self._levels)
         self._levels, noise = self._levels.after(value, after.noise)
+        log_weight = every.log_weight + likelihood
         self.hypotheses = replace(
-            kept,
-            log_weight=kept.log_weight - np.logaddexp.reduce(kept.log_weight),
+            every,
+            log_weight=log_weight - np.logaddexp.reduce(log_weight),
             mean=after.mean,
             covariance=after.covariance,
             noise=noise,
-            days=kept.days + 1.0,
         )
-        self.day = day
 
     def _split(self, every: Hypotheses, days: float, known_step: bool) -> Splits:
         """No step, refills, changed wheels, onsets."""
@@ -247,6 +247,7 @@ class LeakFilter:
             chosen = np.flatnonzero(event == len(WHEEL_SETS) + k)
             for place in (BASE.start + wheel for wheel in wheels):
                 out.covariance[chosen, place, place] += s.change_std**2
+        out.log_weight[:] = splits.log_weight[index]
         new = np.flatnonzero(begins != NO_WHEEL)
         rate, std, _ = np.array(s.leak_rates)[splits.rate[index[new]]].T
         out.mean[new, RATE.start + begins[new]] += rate

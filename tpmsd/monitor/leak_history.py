@@ -1,20 +1,20 @@
-"""Days of one set of tyres: the contrasts of its radii, bounded in number and in age.
+"""Readings of one set of tyres: the contrasts of its radii, bounded in number and in age.
 
-In: per drive the contrasts of `leak_state` with their variances. Out: a `Trend`. Drives of one day are one
-reading: load and weather are the same.
+In: per drive the contrasts of `leak_state` with their variances. Out: a `Trend`. Each drive is a reading of
+its own: where estimates scatter with heavy tails, the mean over a day's drives knows less than each of them.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from tpmsd.bounds import number, whole
+from tpmsd.bounds import number
 from tpmsd.monitor.leak_filter import LeakFilter
 from tpmsd.monitor.leak_settings import TrendSettings
 from tpmsd.monitor.leak_trend import Trend, has_ended, trend_of
@@ -22,78 +22,73 @@ from tpmsd.monitor.settings import READINGS, TREND
 from tpmsd.wheels import FloatArray
 
 Three = tuple[float, float, float]
-_BEFORE = 7
-"""Values of a saved day that has no front against rear (states of earlier versions)."""
+_FIRST = 7
+"""Values of a saved entry that has no front against rear (states of earlier versions), ..."""
+_MERGED = 9
+"""... and of one that is the mean over a day's drives, with their number."""
 
 
 @dataclass(frozen=True, slots=True)
-class Day:
-    """One day's drives."""
+class Reading:
+    """One drive."""
 
     day: float
     """Days since the epoch of the host's clock."""
     difference_m: Three
     """Left minus right of the front and of the rear axle, front minus rear; NaN where it is not known."""
     variance_m2: Three
-    drives: int = 1
     known_step: bool = False
     """Whether the driver asked for a reset before it."""
 
 
 class LeakHistory:
-    """The days of one set of tyres."""
+    """The readings of one set of tyres."""
 
     def __init__(self, settings: TrendSettings = TREND) -> None:
         self._settings = settings
-        self.days: list[Day] = []
-        self._filters: dict[Three, LeakFilter] = {}
-        """By metres per per cent, of all days but the last; after a restart made from `days`."""
+        self.readings: list[Reading] = []
+        self._filters: dict[Three, tuple[LeakFilter, int]] = {}
+        """By metres per per cent, with how many of the last readings are still to be taken; after a restart
+        made from `readings`."""
         self._step_next = False
 
     def add(self, day: float, difference_m: FloatArray, variance_m2: FloatArray) -> bool:
         """Take the reading of one drive, (3,) each; whether it was taken."""
-        last = self.days[-1].day if self.days else day
-        if day < last and last - day <= READINGS.stepped_back_d and math.floor(day) != math.floor(last):
+        last = self.readings[-1].day if self.readings else day
+        same = math.floor(day) == math.floor(last)
+        if day < last and last - day <= READINGS.stepped_back_d and not same:
             return False
-        if day - last > READINGS.longest_gap_d or (day < last and math.floor(day) != math.floor(last)):
-            self.days.clear()
+        if day - last > READINGS.longest_gap_d or (day < last and not same):
+            self.readings.clear()
             self._filters.clear()
-        one = Day(
-            day,
-            _three(difference_m),
-            _three(variance_m2),
-            known_step=self._step_next,
-        )
-        same = bool(self.days) and math.floor(self.days[-1].day) == math.floor(day)
-        if same and not self._step_next:
-            self.days[-1] = _merged(self.days[-1], one)
-        else:
-            # A clock that was set back within the day does not turn the order of its readings.
-            self.days.append(replace(one, day=max(day, last)) if same else one)
+            last = day
+        # A clock that was set back within the day does not turn the order of its readings.
+        one = Reading(max(day, last), _three(difference_m), _three(variance_m2), self._step_next)
         self._step_next = False
-        self.days = [d for d in self.days if day - d.day <= READINGS.oldest_d][-READINGS.most_days :]
+        self.readings.append(one)
+        self._filters = {scale: (past, new + 1) for scale, (past, new) in self._filters.items()}
+        young = [r for r in self.readings if day - r.day <= READINGS.oldest_d]
+        self.readings = young[-READINGS.most_readings :]
         return True
 
     def mark_step(self) -> None:
         """The driver asked for a reset: levels may change here, rates go on."""
-        self._step_next = bool(self.days)
+        self._step_next = bool(self.readings)
 
     def forget_before(self, day: float) -> None:
         """What was before has been dealt with."""
-        self.days = [d for d in self.days if d.day >= day]
+        self.readings = [r for r in self.readings if r.day >= day]
         self._filters.clear()
 
     def trend(self, metres_per_percent: Three) -> Trend | None:
-        """The likeliest leak; None with too few days. `metres_per_percent`: of each contrast."""
-        if not self.days:
+        """The likeliest leak; None with too few readings. `metres_per_percent`: of each contrast."""
+        if not self.readings:
             return None
-        past = self._filters.setdefault(metres_per_percent, LeakFilter(self._settings))
-        over = -math.inf if past.day is None else past.day
-        self._play(past, [d for d in self.days[:-1] if d.day > over], metres_per_percent)
-        # The last day may have further drives: it is taken for good when it is over.
-        now = past.copy()
-        self._play(now, self.days[-1:], metres_per_percent)
-        return trend_of(now, self._settings)
+        first = (LeakFilter(self._settings), len(self.readings))
+        past, new = self._filters.get(metres_per_percent, first)
+        self._play(past, self.readings[max(len(self.readings) - new, 0) :], metres_per_percent)
+        self._filters[metres_per_percent] = (past, 0)
+        return trend_of(past, self._settings)
 
     def ended(
         self, metres_per_percent: Three, wheel: int, rate: tuple[float, float], since_day: float
@@ -104,14 +99,16 @@ class LeakHistory:
         self._play(since, self.last_since(since_day), metres_per_percent)
         return has_ended(since, self._settings)
 
-    def last_since(self, day: float) -> list[Day]:
-        """The last days from this one on, by which it is judged whether a leak goes on."""
-        return [d for d in self.days if d.day >= day][-self._settings.clear_days :]
+    def last_since(self, day: float) -> list[Reading]:
+        """The readings of the last days, from this one on, by which it is judged whether a leak goes on."""
+        since = [r for r in self.readings if r.day >= day]
+        last = sorted({math.floor(r.day) for r in since})[-self._settings.clear_days :]
+        return [r for r in since if math.floor(r.day) in last]
 
     @staticmethod
-    def _play(into: LeakFilter, days: list[Day], metres_per_percent: Three) -> None:
+    def _play(into: LeakFilter, readings: list[Reading], metres_per_percent: Three) -> None:
         scale = np.array(metres_per_percent)
-        for one in days:
+        for one in readings:
             known = np.isfinite(one.variance_m2)
             value = np.where(known, one.difference_m, math.nan) / scale
             if np.isfinite(value).any():
@@ -122,8 +119,8 @@ class LeakHistory:
         return {
             "step_next": self._step_next,
             "days": [
-                [d.day, *map(_or_none, d.difference_m), *map(_or_none, d.variance_m2), d.drives, d.known_step]
-                for d in self.days
+                [r.day, *map(_or_none, r.difference_m), *map(_or_none, r.variance_m2), r.known_step]
+                for r in self.readings
             ],
         }
 
@@ -132,28 +129,15 @@ class LeakHistory:
         """Back from the state file; ValueError if it is none."""
         out = cls()
         try:
-            days = [_day(entry) for entry in saved["days"]]
+            readings = [_reading(entry) for entry in saved["days"]]
             step_next = saved["step_next"]
         except (KeyError, TypeError, IndexError) as error:
             raise ValueError(f"the saved days of the tyres are none: {error}") from error
-        rising = all(one.day <= other.day for one, other in pairwise(days))
-        if not rising or len(days) > READINGS.most_days or not isinstance(step_next, bool):
+        rising = all(one.day <= other.day for one, other in pairwise(readings))
+        if not rising or len(readings) > READINGS.most_readings or not isinstance(step_next, bool):
             raise ValueError("the saved days of the tyres are none")
-        out.days, out._step_next = days, step_next
+        out.readings, out._step_next = readings, step_next
         return out
-
-
-def _merged(one: Day, other: Day) -> Day:
-    """The mean over the drives of a day."""
-    n = min(one.drives, READINGS.most_drives)
-    difference, variance = list(other.difference_m), list(other.variance_m2)
-    for k in range(3):
-        if math.isfinite(difference[k]) and math.isfinite(one.difference_m[k]):
-            difference[k] = (n * one.difference_m[k] + difference[k]) / (n + 1)
-            variance[k] = (n**2 * one.variance_m2[k] + variance[k]) / (n + 1) ** 2
-        elif math.isfinite(one.difference_m[k]):
-            difference[k], variance[k] = one.difference_m[k], one.variance_m2[k]
-    return replace(one, difference_m=_three(difference), variance_m2=_three(variance), drives=n + 1)
 
 
 def _three(values: Sequence[float] | FloatArray) -> Three:
@@ -161,20 +145,21 @@ def _three(values: Sequence[float] | FloatArray) -> Three:
     return first, second, third
 
 
-def _day(entry: list[Any]) -> Day:
-    if len(entry) == _BEFORE:
+def _reading(entry: list[Any]) -> Reading:
+    if len(entry) == _FIRST:
         entry = [*entry[:3], None, *entry[3:5], None, *entry[5:]]
-    if len(entry) != _BEFORE + 2:
+    if len(entry) == _MERGED:
+        entry = [*entry[:7], entry[8]]
+    if len(entry) != _MERGED - 1:
         raise ValueError("the saved days of the tyres are none")
-    day, drives, known = entry[0], *entry[7:]
+    day, known = entry[0], entry[7]
     if not isinstance(known, bool):
         raise ValueError("the saved days of the tyres are none")
     most = READINGS.most_difference_m
-    return Day(
+    return Reading(
         number(day, -1e6, 1e6, "day"),
         _three([math.nan if x is None else number(x, -most, most, "difference") for x in entry[1:4]]),
         _three([math.nan if x is None else number(x, 0.0, most**2, "variance") for x in entry[4:7]]),
-        whole(drives, 1, READINGS.most_drives + 1, "number of drives"),
         known,
     )
 

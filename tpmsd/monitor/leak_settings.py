@@ -30,8 +30,8 @@ class ReadingSettings:
     """2017: a host's clock before has not been set, and has no dates."""
     most_sets: int = 9
     """Sets of tyres with a history: all that `tyre_sets` keeps, and the present one."""
-    most_days: int = 72
-    """Days with readings that are kept for a new start."""
+    most_readings: int = 144
+    """Drives that are kept for a new start: two months with two and a half a day."""
     oldest_d: float = 120.0
     """Readings further back say nothing of a leak that is not 20 % low yet at 1 % per week."""
     longest_gap_d: float = 45.0
@@ -40,8 +40,6 @@ class ReadingSettings:
     """A clock that is behind the last reading by less is waited for."""
     most_difference_m: float = 0.05
     """A saved difference of radii beyond is none."""
-    most_drives: int = 1000
-    """On a day; a saved number beyond is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +47,7 @@ class TrendSettings:
     """How radii move against each other over weeks: per cent of pressure, and per week."""
 
     noise_floor: tuple[float, float, float] = (1.0, 1.0, 2.0)
-    """Standard deviation of a day's contrasts (front and rear left-right, front-rear) beyond what their
+    """Standard deviation of a drive's contrasts (front and rear left-right, front-rear) beyond what their
     estimates state, before it is learned: load, sun, camber; people and luggage behind; 1 % is 0.07 mm."""
     noise_shape: float = 1.5
     """Half the number of readings that this is worth: cars differ by factors."""
@@ -107,6 +105,9 @@ class TrendSettings:
     """Days with readings since it began, ..."""
     least_span_d: float = 14.0
     """... and the time since: shorter trends are load, weather, or chance."""
+    least_lost: float = 6.0
+    """Per cent of pressure since it began: two standard deviations of what fillings (`refill_std`) leave
+    between two tyres. Less may be a filling that was not known of, and passes by itself."""
     clear_days: int = 28
     """Readings from which it is told whether a leak goes on: a tyre leaked until it was mended."""
     clear_gain: float = 3.0

@@ -47,6 +47,7 @@ class Trend:
             self.probability >= settings.raise_probability
             and self.days >= settings.least_days
             and self.span_d >= settings.least_span_d
+            and self.rate * self.span_d / WEEK_D >= settings.least_lost
         )
 
 
