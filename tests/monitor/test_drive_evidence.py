@@ -17,6 +17,7 @@ from tpmsd.monitor.drive_evidence import DriveEvidence
 from tpmsd.monitor.judge import Judge, Judgement
 from tpmsd.monitor.reference import CAR, DRAG, GROWTH, HILL, SIZE, Reference
 from tpmsd.monitor.settings import DRIVE_EVIDENCE, JUDGE
+from tpmsd.monitor.slip_sums import Slope
 from tpmsd.wheels import FloatArray
 
 WHEELS = [0, 1, 2, 3]
@@ -115,7 +116,7 @@ def test_changes_beside_slip_slopes_are_those_of_generalised_least_squares(drive
     slopes = rng.normal(9e-3, slope_std, 12)
     for row, sample, slope in zip(rows, seen, slopes, strict=True):
         bank.take(sample, noise, row, 0.0)
-        bank.take_slip(float(slope), slope_std**2)
+        bank.take_slip(Slope(float(slope), slope_std**2))
     h = np.vstack([*rows, *[axles] * 12])
     own = np.zeros((60, 60))
     own[:48, :48], own[48:, 48:] = np.kron(np.eye(12), noise), np.eye(12) * slope_std**2

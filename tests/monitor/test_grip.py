@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.monitor.drives import RADIUS_M, VEHICLE
 from tests.monitor.test_drive_evidence import RADIUS, WHEELS, at, judged, learned_car
 from tpmsd.config.model import MonitorConfig, TyreConfig
-from tpmsd.monitor.baseline import Change, typical
+from tpmsd.estimators.base import RadiusEstimate
+from tpmsd.monitor.baseline import Baseline, Change, typical
 from tpmsd.monitor.grip import Grip
 from tpmsd.monitor.judge import Judge
 from tpmsd.monitor.nuisance import log_normal
+from tpmsd.monitor.reference import Reference
 from tpmsd.monitor.settings import DRIVE_EVIDENCE
 
 MODELS = {model.name: model for model in DRIVE_EVIDENCE.models}
@@ -122,3 +126,43 @@ def test_minutes_say_which_tyre_of_an_axle_has_changed(level_m: float, raised: b
     found = judge.judge(Change(change, own_m2, 1, own_m2, True), Change(before, own_m2, 9, own_m2, True))
     assert raised == (found.deflated[0] > ASKED)
     assert np.all(found.deflated[1:] < 0.5)
+
+
+def test_an_estimate_that_no_tyre_explains_is_no_change() -> None:
+    """A wheel that seems 8 % larger than was learned; by 3 %, as with a snow chain, it is one."""
+    baseline = Baseline(VEHICLE, WHEELS, 180.0)
+    found = {share: baseline.changes(estimate(share * RADIUS_M), np.eye(4) * 1e-8) for share in (0.03, 0.08)}
+    assert found[0.08] is None
+    assert found[0.03] is not None and found[0.03][0].change_m[1] == pytest.approx(
+        0.03 * RADIUS_M, abs=1e-3
+    )  # warmth of a cold start is taken off
+
+
+def estimate(larger_m: float) -> RadiusEstimate:
+    deviation = np.array([0.0, larger_m, 0.0, 0.0])
+    covariance = np.eye(4) * 1e-4**2
+    return RadiusEstimate(
+        0.0,
+        deviation,
+        covariance,
+        np.full(4, 1e-3),
+        True,
+        0.0,
+        20.0,
+        0.0,
+        0.0,
+        0.0,
+        0.0,
+        1.0,
+        0.01,
+        0.1,
+        100.0,
+    )
+
+
+def test_two_driven_axles_slip_by_half_each() -> None:
+    """Each transmits half of the force: a quarter of the variance, on four wheels."""
+    one = Reference(VEHICLE).slip(MODELS["low grip"])
+    both = Reference(replace(VEHICLE, driven_axle="all")).slip(MODELS["low grip"])
+    assert np.diag(both) == pytest.approx(np.full(4, one[0, 0] / 4.0))
+    assert one[0, 0] == pytest.approx(MODELS["low grip"].slip_std ** 2)

@@ -17,7 +17,8 @@ from tpmsd.monitor.hypotheses import Comparison
 from tpmsd.monitor.judge import Judge, Judgement
 from tpmsd.monitor.reference import DRAG, HILL, Reference
 from tpmsd.monitor.settings import JUDGE, SLIP_SLOPE
-from tpmsd.monitor.slip_slope import SlipSlope, SlopeSums
+from tpmsd.monitor.slip_slope import SlipSlope
+from tpmsd.monitor.slip_sums import Slope, SlopeSums
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import FloatArray
 
@@ -184,7 +185,7 @@ def test_slopes_are_learned_as_the_slip_on_hills() -> None:
     prior = reference.covariance[HILL, HILL]
     information = 10.0 / (1e-6 + 0.0)
     for _ in range(10):
-        reference.learn_slip(DRY, 1e-6)
+        reference.learn_slip(Slope(DRY, 1e-6))
     both = float(prior[0, 0] + prior[1, 1])
     gain = both / (both + 1.0 / information)
     axles = reference.mean[HILL]
@@ -207,7 +208,7 @@ def judged(extra: FloatArray, slippier: float, seed: int) -> Judgement:
         features = reference.features(uphill)
         seen = features @ truth * RADIUS_M + more + rng.normal(0.0, NOISE_M, 4)
         measured = slippier * DRY + float(rng.normal(0.0, 2.5e-3))
-        evidence.take(seen, noise_m2, np.zeros((4, 4)), features, 20.0, (measured, 2.5e-3**2))
+        evidence.take(seen, noise_m2, np.zeros((4, 4)), features, 20.0, Slope(measured, 2.5e-3**2))
         changes.append(seen - features @ reference.mean * RADIUS_M)
     recent = np.mean(changes[-JUDGE.full_samples :], axis=0)
     now = Change(changes[-1], noise_m2, 1, noise_m2, True)

@@ -30,7 +30,8 @@ from tpmsd.monitor.drive_evidence import Accounts, DriveEvidence
 from tpmsd.monitor.probability import chi_square_quantile
 from tpmsd.monitor.reference import Reference, speed_range
 from tpmsd.monitor.settings import BASELINE, CONDITIONS, JUDGE, REFERENCE
-from tpmsd.monitor.slip_slope import SlipSlope, SlopeSums
+from tpmsd.monitor.slip_slope import SlipSlope
+from tpmsd.monitor.slip_sums import SlopeSums
 from tpmsd.physics.priors import GROWTH_S2PM
 from tpmsd.timeline.tick import Tick
 from tpmsd.wheels import FloatArray
@@ -175,7 +176,7 @@ class Baseline:
         self._doubt = 0.0
 
     def changes(self, estimate: RadiusEstimate, harmless_m2: FloatArray) -> tuple[Change, Change] | None:
-        """The change now, and its mean over the last minutes; None where it is not known.
+        """The change now, and its mean over the last minutes; None where it is not known, or none of a tyre.
 
         `harmless_m2` (d, d): what is not the baseline's. What is slow (a leak of two or four tyres) shows
         better in the mean, for an estimate of the radius common to all wheels is known less well than
@@ -185,6 +186,9 @@ class Baseline:
         if found is None:
             return None
         now = (*found, self._unsettled(), self.reference.features(self._conditions.now)[self._wheels])
+        larger_m = found[0] - now[3] @ self.reference.mean * self._radius
+        if np.any(larger_m > JUDGE.most_larger * self._radius):
+            return None
         if self._recent and self._jumped(now, harmless_m2):
             self._recent.clear()
         if self._evidence is None and not self._closed:
@@ -296,7 +300,7 @@ class Baseline:
         taught.learn(found[0], noise, self._wheels, at, car=car)
         slope, self._slip_taught = self._slip_taught.slope(), SlopeSums()
         if slope is not None and car:
-            taught.learn_slip(*slope)
+            taught.learn_slip(slope)
         if self._shadow is not None and first:
             self.reference.wander(self._since_s)
             self.reference.learn(found[0], noise, self._wheels, at, car=False)

@@ -22,6 +22,7 @@ import numpy as np
 
 from tpmsd.monitor.reference import SIZE, Innovation, Reference
 from tpmsd.monitor.settings import DRIVE_EVIDENCE, JUDGE
+from tpmsd.monitor.slip_sums import Slope
 from tpmsd.wheels import FloatArray
 
 
@@ -59,10 +60,10 @@ class ChangeBank:
         self.samples += 1
         self._prune()
 
-    def take_slip(self, slope: float, variance: float) -> None:
+    def take_slip(self, slope: Slope) -> None:
         """Take a slip slope: no change of radii is in it, but what it says of slip tells slip from change in
         the samples."""
-        found, h = self._reference.learn_slip(slope, variance)
+        found, h = self._reference.learn_slip(slope)
         seen = -(h @ self._sensitivity)
         weighted = seen.transpose(0, 2, 1) / found.spread[0, 0]
         self._information += weighted @ seen

@@ -19,6 +19,7 @@ from tpmsd.monitor.level_noise import LevelNoise
 from tpmsd.monitor.nuisance import Nuisance, log_normal
 from tpmsd.monitor.reference import Reference
 from tpmsd.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
+from tpmsd.monitor.slip_sums import Slope
 from tpmsd.wheels import FloatArray
 
 
@@ -81,11 +82,11 @@ class DriveEvidence:
         unsettled_m2: FloatArray,
         features: FloatArray,
         elapsed_s: float,
-        slip: tuple[float, float] | None = None,
+        slip: Slope | None = None,
     ) -> None:
         """Take a sample: radius minus nominal (d,), its covariance (d, d), that of what the estimate's memory
         has not followed (d, d), and features (d, SIZE); `elapsed_s` of driving since the one before; `slip`:
-        the slip slope since then and its variance."""
+        the slip slope since then."""
         scale = np.outer(self._radius, self._radius)
         noise = (DRIVE_EVIDENCE.estimate_share * estimate_m2 + unsettled_m2) / scale + self._quick
         own = estimate_m2 / scale
@@ -94,7 +95,7 @@ class DriveEvidence:
         for bank in self._banks:
             bank.take(deviation_m / self._radius, noise, features, elapsed_s)
             if slip is not None:
-                bank.take_slip(*slip)
+                bank.take_slip(slip)
         found = [bank.changes() for bank in self._banks]
         if not found[0][0].size:
             return

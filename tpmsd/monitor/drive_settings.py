@@ -29,7 +29,7 @@ class DriveModel:
     drag_times: tuple[float, float] = (1.0, 0.0)
     """... the same of the slip by drag."""
     slip_std: float = 0.0
-    """Slip of each driven axle, all drive long."""
+    """Slip of the driven axle, all drive long; of two each takes half of the force."""
     pull_std: float = 0.0
     """Slip of each driven axle at a moment of which it is not known how hard the car pulls."""
     axle_scatter: float = 0.0
@@ -134,7 +134,7 @@ class DriveEvidenceSettings:
 
 @dataclass(frozen=True, slots=True)
 class SlipSlopeSettings:
-    """The slip of the driven axle per acceleration (`slip_slope`)."""
+    """The slip of driven wheels per acceleration (`slip_slope`, `slip_sums`, `receiver_slip`)."""
 
     second_s: float = 0.95
     """Over which rotations are summed: a tooth of 48 in a second at 20 m/s is 0.2 %."""
@@ -145,6 +145,10 @@ class SlipSlopeSettings:
     """Sum of squared accelerations, (m/s2)2: 0.05 m/s2 for 20 s; below, it is the counts' noise."""
     slowest_mps: float = 4.0
     """Below, a second holds too few teeth."""
+    slowest_beside_receiver_mps: float = 8.0
+    """Below, a receiver's error of 0.05 m/s is 0.6 % and more."""
+    most_speed_noise: float = 2.0
+    """Of a fix, relative to usual: beyond it the sky is obstructed."""
     accel_mps2: tuple[float, float] = (-0.4, 2.5)
     """Harder braking than an engine does is done by all four wheels; no road car keeps up more."""
     most_bend: float = 0.06

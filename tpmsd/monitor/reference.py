@@ -12,11 +12,12 @@ is taken from the physics catalogue, each with a prior of what cars have:
     SPEED       what all wheels do else by speed, learned per range of speed
     WARM        thermal_growth, two time constants; WARM_AXLE: front more than rear
     HILL        longitudinal_slip and load_transfer_longitudinal on slopes, for each axle
+    AGE         of the receiver's speed, s: no radius, but what looks like slip where all wheels are driven
     LOAD        load of each axle: another after the car has stood
     DAY         temperature and pressure of the air: another on another day
     WANDER      what comes and goes within a drive; WANDER_OWN of one wheel
 
-The first seven belong to the car and are learned once, each range of speed for itself, then frozen: what
+The first eight belong to the car and are learned once, each range of speed for itself, then frozen: what
 followed the radii would follow a slow leak too. The last three belong to the drive; they are learned in its
 first minutes and forgotten with it. So nothing that a leak does can be taken for longer than a drive, nor for
 more than load and weather can do.
@@ -35,16 +36,17 @@ from tpmsd.config.model import VehicleConfig
 from tpmsd.monitor.conditions import Conditions
 from tpmsd.monitor.drive_settings import DriveModel
 from tpmsd.monitor.settings import REFERENCE
-from tpmsd.physics.priors import DRAG_SLIP_S2PM2, DRIVE_SLIP_S2PM, GROWTH_S2PM, WARMTH_M
+from tpmsd.monitor.slip_sums import Slope
+from tpmsd.physics.priors import DRAG_SLIP_S2PM2, DRIVE_SLIP_S2PM, GROWTH_S2PM, SPEED_AGE_S, WARMTH_M
 from tpmsd.wheels import IS_FRONT, FloatArray
 
 OWN, GROWTH_OWN, SPEED = slice(0, 4), slice(4, 8), slice(8, 13)
 GROWTH, DRAG = 13, 14
-WARM, WARM_AXLE, HILL = slice(15, 17), 17, slice(18, 20)
-CAR = 20
+WARM, WARM_AXLE, HILL, AGE = slice(15, 17), 17, slice(18, 20), 20
+CAR = 21
 """So many parameters belong to the car; the rest to the drive."""
-LOAD, DAY, WANDER, WANDER_OWN = slice(20, 22), 22, 23, slice(24, 28)
-SIZE = 28
+LOAD, DAY, WANDER, WANDER_OWN = slice(21, 23), 23, 24, slice(25, 29)
+SIZE = 29
 
 KNOTS_MPS = np.array(REFERENCE.knots_mps)
 _PLACES = np.arange(float(KNOTS_MPS.size))
@@ -70,6 +72,8 @@ class Reference:
         self._driven = np.array(
             [vehicle.driven_axle in ("front", "all"), vehicle.driven_axle in ("rear", "all")]
         )
+        self._share = 1.0 / max(int(self._driven.sum()), 1)
+        """Of the force that each driven axle transmits."""
         self._acts = self._signs()
         self.mean, self.covariance = self._prior()
         self.ranges = [0] * KNOTS_MPS.size
@@ -83,12 +87,12 @@ class Reference:
             (GROWTH, GROWTH_S2PM, REFERENCE.per_speed2 / radius_m),
             (DRAG, DRAG_SLIP_S2PM2, REFERENCE.per_speed2),
             (WARM, WARMTH_M, 1.0 / warmths / radius_m),
+            (AGE, SPEED_AGE_S, 1.0),
         ):
             mean[place], std[place] = prior.mean * unit, prior.std * unit
         std[GROWTH_OWN], std[SPEED] = REFERENCE.growth_own_std, REFERENCE.speed_std
         std[WARM_AXLE] = REFERENCE.warm_axle_std
-        share = 1.0 / max(int(self._driven.sum()), 1)
-        mean[HILL] = np.where(self._driven, -DRIVE_SLIP_S2PM.mean * share, 0.0)
+        mean[HILL] = np.where(self._driven, -DRIVE_SLIP_S2PM.mean * self._share, 0.0)
         std[HILL] = np.where(self._driven, DRIVE_SLIP_S2PM.std, REFERENCE.hill_free_std)
         covariance = np.diag(std**2)
         # A guessed nominal is wrong for all wheels alike; wheels differ among themselves by half as much.
@@ -148,12 +152,15 @@ class Reference:
         if car:
             self.ranges[speed_range(at)] += 1
 
-    def learn_slip(self, slope: float, variance: float, *, car: bool = True) -> tuple[Innovation, FloatArray]:
-        """Take a slip slope per m/s2 and its variance, `car` as in `learn`: the slip of the driven axle under
-        the force of a slope is that under an acceleration. What was found, and the features (1, SIZE)."""
+    def learn_slip(self, slope: Slope, *, car: bool = True) -> tuple[Innovation, FloatArray]:
+        """Take a slip slope, `car` as in `learn`: the slip of the driven axle under the force of a slope is
+        that under an acceleration. Where both are driven it is the mean of both. What was found, and the
+        features (1, SIZE)."""
         h = np.zeros((1, SIZE))
-        h[0, HILL] = np.where(self._driven, -1.0, 1.0)
-        return self.correct(np.array([slope]), np.array([[variance]]), h, car=car), h
+        h[0, HILL] = -0.5 if self._driven.all() else np.where(self._driven, -1.0, 1.0)
+        h[0, AGE] = slope.per_age
+        value, variance = np.array([slope.slip_s2pm]), np.array([[slope.variance]])
+        return self.correct(value, variance, h, car=car), h
 
     def correct(
         self, deviation: FloatArray, noise: FloatArray, h: FloatArray, *, car: bool = True
@@ -188,7 +195,7 @@ class Reference:
     def widened(self, model: DriveModel) -> Reference:
         """One in which this drive may differ from those before as `model` allows."""
         out = self.copy()
-        slip_std = np.where(self._driven, model.slip_std, 0.0)
+        slip_std = np.where(self._driven, self._share * model.slip_std, 0.0)
         (hill, hill_std), (drag, drag_std) = model.hill_times, model.drag_times
         places = {DRAG: math.hypot(model.drag_std, drag_std * self.mean[DRAG])}
         out.mean[DRAG] *= drag
@@ -204,7 +211,7 @@ class Reference:
 
     def slip(self, model: DriveModel) -> FloatArray:
         """(4, 4) relative covariance of what driven axles slip by `model` all drive long."""
-        return self._of_driven(model.slip_std)
+        return self._of_driven(self._share * model.slip_std)
 
     def pull(self, model: DriveModel) -> FloatArray:
         """(4, 4) the same of what they slip at a moment, however hard they pull. The estimate tells the axles
@@ -235,7 +242,8 @@ class Reference:
     def copy(self) -> Reference:
         """One that learns apart from this one."""
         out = Reference.__new__(Reference)
-        out._radius, out._driven, out._acts = self._radius, self._driven, self._acts
+        out._radius, out._driven, out._share = self._radius, self._driven, self._share
+        out._acts = self._acts
         out.mean, out.covariance, out.ranges = self.mean.copy(), self.covariance.copy(), list(self.ranges)
         return out
 
@@ -257,6 +265,8 @@ class Reference:
         prior_mean, prior = out._prior()
         std = np.sqrt(np.diag(prior))
         try:
+            if len(saved["mean"]) == SIZE - 1:
+                saved = _with_age(saved, prior_mean[AGE], prior[AGE, AGE])
             mean = vector(saved["mean"], SIZE, "baseline")
             spread = covariance(saved["covariance"], (REFERENCE.wider * std) ** 2, "baseline's covariance")
             ranges = [whole(n, 0, REFERENCE.most_samples, "number of samples") for n in saved["ranges"]]
@@ -268,6 +278,17 @@ class Reference:
             raise ValueError("the saved baseline is absurd (far from what any car has)")
         out.mean, out.covariance, out.ranges = mean, spread, ranges
         return out
+
+
+def _with_age(saved: dict[str, Any], mean: float, variance: float) -> dict[str, Any]:
+    """A baseline that was saved before `AGE` was learned (0.6 and earlier), with its prior."""
+    rows = [[*row[:AGE], 0.0, *row[AGE:]] for row in saved["covariance"]]
+    of_age = [variance if place == AGE else 0.0 for place in range(SIZE)]
+    return {
+        **saved,
+        "mean": [*saved["mean"][:AGE], mean, *saved["mean"][AGE:]],
+        "covariance": [*rows[:AGE], of_age, *rows[AGE:]],
+    }
 
 
 def _drive_std() -> FloatArray:

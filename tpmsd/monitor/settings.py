@@ -131,6 +131,9 @@ class JudgeSettings:
     spares, chains, other tyres; a few drives in a thousand (assumed)."""
     resized_std: float = 0.02
     """By how much, relative: a temporary spare 1 to 3 %, chains 2 to 3 %."""
+    most_larger: float = 0.05
+    """A wheel that seems larger than was learned by more, relative, has an estimate that is lost: snow chains
+    add 2 to 3 %, no tyre more."""
     harmless: Nuisance = Nuisance(common=3e-4, axle=4e-4, side=3e-4, own=3e-4)
     """What comes and goes beyond what the baseline explains: wind, camber, ruts, load in bends."""
     harmless_s: float = 30.0

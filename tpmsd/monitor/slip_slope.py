@@ -9,75 +9,51 @@ Within seconds radii, load and the road's slope hardly change, so within a windo
     log(rotation of the driven axle / of the other one) = constant + slope * acceleration
 
 Another radius shifts the constant and leaves the slope: so this tells low grip from two driven tyres that
-have lost air, which one drive's radii alone do not.
+have lost air, which one drive's radii alone do not. Where all wheels are driven none rolls freely, and the
+receiver's speed takes that place (`receiver_slip`). It is that of `age` seconds ago, which looks like a slip
+of age * acceleration / speed.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from tpmsd.config.model import VehicleConfig
+from tpmsd.monitor.receiver_slip import ReceiverSlip
 from tpmsd.monitor.settings import SLIP_SLOPE
-from tpmsd.physics.priors import DRIVE_SLIP_S2PM
+from tpmsd.monitor.slip_sums import Point, SlopeSums
 from tpmsd.timeline.tick import Tick
-
-MOST_SLIP_S2PM = DRIVE_SLIP_S2PM.mean + DRIVE_SLIP_S2PM.std
-"""Per m/s2, of most cars on a dry road."""
-
-
-@dataclass(frozen=True, slots=True)
-class SlopeSums:
-    """Sums of squares about each window's mean; windows add up."""
-
-    freedom: int = 0
-    """Seconds less one for each window."""
-    accel2: float = 0.0
-    """Of accelerations, (m/s2)2."""
-    both: float = 0.0
-    """Of accelerations times slips, m/s2."""
-    slip2: float = 0.0
-    """Of slips."""
-
-    def __add__(self, other: SlopeSums) -> SlopeSums:
-        return SlopeSums(
-            self.freedom + other.freedom,
-            self.accel2 + other.accel2,
-            self.both + other.both,
-            self.slip2 + other.slip2,
-        )
-
-    def slope(self) -> tuple[float, float] | None:
-        """Slip per m/s2 and its variance; None where the car was hardly accelerated."""
-        if self.freedom < SLIP_SLOPE.least_seconds or self.accel2 < SLIP_SLOPE.least_accel2:
-            return None
-        slope = self.both / self.accel2
-        noise2 = max(self.slip2 - slope * self.both, 0.0) / (self.freedom - 1)
-        # The slope of the road changes within a window, and so does the force at the same acceleration.
-        hills2 = (MOST_SLIP_S2PM * SLIP_SLOPE.hill_std_mps2) ** 2 * SLIP_SLOPE.hill_s
-        return slope, (SLIP_SLOPE.noise_share * noise2 + hills2) / self.accel2
 
 
 class SlipSlope:
-    """One car, of which one axle is driven and all wheels are heard."""
+    """One car, of which all wheels are heard."""
 
     def __init__(self, vehicle: VehicleConfig) -> None:
         self._front = {"front": 1.0, "rear": -1.0}.get(vehicle.driven_axle, 0.0)
-        """Sign of the front axle's rotation in the slip; 0: all are driven, and nothing is known."""
+        """Sign of the front axle's rotation in the slip; 0: all are driven."""
+        self._receiver = ReceiverSlip(vehicle) if self._front == 0.0 else None
         self._radius_m = [float(radius) for radius in vehicle.wheel_radius_m]
         self._wheelbase_m, self._track_m = vehicle.wheelbase_m, vehicle.track_rear_m
         self._way_m = [0.0] * 4
         self._elapsed_s = 0.0
         self._seconds: list[tuple[float, float]] = []
         """Speed of the axle that is not driven, and slip, of each second in a row; the last two at least."""
-        self._points: list[tuple[float, float]] = []
-        """Acceleration and slip."""
+        self._points: list[Point] = []
         self._window_s = 0.0
 
     def update(self, tick: Tick) -> SlopeSums | None:
         """Take a tick; the sums of a window that ends with it."""
-        if self._front == 0.0:
+        if self._receiver is not None:
+            self._points += self._receiver.update(tick)
+        else:
+            self._turn(tick)
+        self._window_s += tick.dt_s
+        if self._window_s < SLIP_SLOPE.window_s:
             return None
+        points, self._points, self._window_s = self._points, [], 0.0
+        return SlopeSums.of(points)
+
+    def _turn(self, tick: Tick) -> None:
         if tick.gap_s > 0.0:
             self._interrupt()
         turns = tick.rotation_rad.tolist()
@@ -85,10 +61,8 @@ class SlipSlope:
             way + turn * radius for way, turn, radius in zip(self._way_m, turns, self._radius_m, strict=True)
         ]
         self._elapsed_s += tick.dt_s
-        self._window_s += tick.dt_s
         if self._elapsed_s >= SLIP_SLOPE.second_s:
             self._end_second()
-        return self._end_window() if self._window_s >= SLIP_SLOPE.window_s else None
 
     def _interrupt(self) -> None:
         self._way_m, self._elapsed_s = [0.0] * 4, 0.0
@@ -116,19 +90,5 @@ class SlipSlope:
         accel = (after - before) / (2.0 * elapsed_s)
         least, most = SLIP_SLOPE.accel_mps2
         if least < accel < most:
-            self._points.append((accel, slip))
+            self._points.append(Point(accel, slip))
         self._seconds.pop(0)
-
-    def _end_window(self) -> SlopeSums:
-        points, self._points, self._window_s = self._points, [], 0.0
-        if len(points) < 2:
-            return SlopeSums()
-        accel = sum(x for x, _ in points) / len(points)
-        slip = sum(y for _, y in points) / len(points)
-        apart = [(x - accel, y - slip) for x, y in points]
-        return SlopeSums(
-            len(points) - 1,
-            sum(x * x for x, _ in apart),
-            sum(x * y for x, y in apart),
-            sum(y * y for _, y in apart),
-        )

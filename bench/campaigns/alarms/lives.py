@@ -25,6 +25,8 @@ SLIPPERY = (
     *(("ice",), ("slip",), ("ice", "multipath"), ("slip", "outages"), ("ice", "load"), ("slip", "season")),
     *(("gravel",), ("ice", "slip")),
 )
+SLIPPERY_OF = {"slippery": None, "slippery-front": "front", "slippery-rear": "rear", "slippery-all": "all"}
+"""Names of such lives, with the driven axles."""
 DAY_S = 90_000.0
 KIND_S = 420.0
 """Of each leg of `kinds`; what a ferry or a tow adds comes on top."""
@@ -114,8 +116,9 @@ def kinds(pool: str, seed: int) -> Life:
     return Life(taught.car, tuple(legs))
 
 
-def slippery(pool: str, seed: int) -> Life:
-    """The car and the roads of `life`, each leg on ice, snow or gravel."""
+def slippery(pool: str, seed: int, driven: str | None = None) -> Life:
+    """The car and the roads of `life`, each leg on ice, snow or gravel. `driven`: axles of that car, in place
+    of its own."""
     usual = life(pool, seed)
     rng = np.random.default_rng([seed, 4711])
     roads = POOL_ROADS[pool]
@@ -126,7 +129,10 @@ def slippery(pool: str, seed: int) -> Life:
         road = road_for(tags, str(rng.choice(roads)), roads)
         plain = {"load": load["load"], "trailer_kg": load.get("trailer_kg", 0.0), "resized_m": (0.0,) * 4}
         legs.append(replace(leg, seed=300 + k, tags=tags, road=road, **plain))
-    return Life(usual.car, tuple(legs))
+    car = usual.car
+    if driven is not None:
+        car = replace(car, spec=replace(car.spec, driven=driven))
+    return Life(car, tuple(legs))
 
 
 def _season(tags: tuple[str, ...], rng: np.random.Generator) -> float:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.campaigns.alarms.cases import group
-from bench.campaigns.alarms.lives import LEARNING, kinds, life, slippery
+from bench.campaigns.alarms.lives import LEARNING, SLIPPERY_OF, kinds, life, slippery
 from bench.campaigns.alarms.play import Heard, hear
 from bench.worlds.folder import write_folder
 from bench.worlds.magic_tyre import Array
@@ -36,7 +36,11 @@ def story(name: str) -> Story:
         raise ValueError(f"{name}: names are POOL/SEED/CASE or POOL/life/SEED/LEG; pools: {', '.join(POOLS)}")
     try:
         if len(parts) == 4:
-            whole = {"life": life, "kinds": kinds, "slippery": slippery}[parts[1]](parts[0], int(parts[2]))
+            pool, what, seed = parts[0], parts[1], int(parts[2])
+            if what in SLIPPERY_OF:
+                whole = slippery(pool, seed, SLIPPERY_OF[what])
+            else:
+                whole = {"life": life, "kinds": kinds}[what](pool, seed)
             number = int(parts[3])
             asked = whole.legs[number : number + 1] if number >= LEARNING else ()
             return Story(whole.car, (*whole.legs[: min(number + 1, LEARNING)], *asked))

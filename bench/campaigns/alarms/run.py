@@ -24,7 +24,7 @@ from typing import Any
 import tpmsd
 from bench.campaigns.alarms.cases import CASES_PER_CAR, group
 from bench.campaigns.alarms.figures import figures
-from bench.campaigns.alarms.lives import kinds, life, slippery
+from bench.campaigns.alarms.lives import SLIPPERY_OF, kinds, life, slippery
 from bench.campaigns.alarms.one import one
 from bench.campaigns.alarms.recorded import play_recordings
 from bench.campaigns.alarms.score import play_group, play_life
@@ -35,7 +35,7 @@ from bench.runner import code_state, last_state, resume
 
 Row = dict[str, Any]
 Unit = tuple[str, str, int, int]
-"""What (cases, life, kinds, slippery, recordings), pool, seed, and for cases how many."""
+"""What (cases, life, kinds, one of `SLIPPERY_OF`, recordings), pool, seed, and for cases how many."""
 LIFE_KM = 230.0
 """What a life has on average; for the plan alone."""
 
@@ -47,7 +47,8 @@ def plan(args: argparse.Namespace) -> list[Unit]:
     cases: list[Unit] = [("cases", pool, first + k, args.cases) for k in range(args.cars)]
     lives: list[Unit] = [("life", pool, first + k, 0) for k in range(round(args.km / LIFE_KM))]
     every: list[Unit] = [("kinds", pool, first + k, 0) for k in range(args.kinds)]
-    low: list[Unit] = [("slippery", pool, first + k, 0) for k in range(args.slippery)]
+    slipping = "slippery" if args.driven is None else f"slippery-{args.driven}"
+    low: list[Unit] = [(slipping, pool, first + k, 0) for k in range(args.slippery)]
     plans = (cases, lives, every, low)
     turns = [((k + 0.5) / len(units), unit) for units in plans for k, unit in enumerate(units)]
     recorded: list[Unit] = [] if args.held_out else [("recordings", str(args.recordings), 0, 0)]
@@ -65,8 +66,8 @@ def work(unit: Unit, memory: Path | None = None) -> list[Row]:
             rows += play_life(life(pool, seed), pool, seed, memory)
         elif what == "kinds":
             rows += play_life(kinds(pool, seed), pool, seed, memory, what)
-        elif what == "slippery":
-            rows += play_life(slippery(pool, seed), pool, seed, memory, what)
+        elif what in SLIPPERY_OF:
+            rows += play_life(slippery(pool, seed, SLIPPERY_OF[what]), pool, seed, memory, what)
         else:
             rows += play_recordings(Path(pool))
     except Exception as error:
@@ -152,6 +153,11 @@ def options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--kinds", type=int, default=1, help="cars that meet each confounder alone")
     parser.add_argument("--slippery", type=int, default=0, help="cars on ice, snow and gravel alone")
+    parser.add_argument(
+        "--driven",
+        choices=("front", "rear", "all"),
+        help="with --slippery: axles, in place of each car's own",
+    )
     parser.add_argument("--seed", type=int, default=1, help="other cars, roads and noise")
     parser.add_argument(
         "--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: one per core)"
