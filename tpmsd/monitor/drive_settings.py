@@ -147,6 +147,9 @@ class SlipSlopeSettings:
     """Below, a second holds too few teeth."""
     slowest_beside_receiver_mps: float = 8.0
     """Below, a receiver's error of 0.05 m/s is 0.6 % and more."""
+    span_s: float = 1.0
+    """Of way before and after a fix, for the speed and acceleration of the wheels: a tooth of 48 is
+    0.04 m, 0.01 m/s2 over four wheels."""
     most_speed_noise: float = 2.0
     """Of a fix, relative to usual: beyond it the sky is obstructed."""
     accel_mps2: tuple[float, float] = (-0.4, 2.5)

@@ -18,9 +18,6 @@ from tpmsd.monitor.settings import SLIP_SLOPE
 from tpmsd.monitor.slip_sums import Point
 from tpmsd.timeline.tick import Fix, Tick
 
-SPAN_S = 1.0
-"""Of way before and after a fix."""
-
 
 class ReceiverSlip:
     """One car."""
@@ -54,10 +51,10 @@ class ReceiverSlip:
         for fix in tick.fixes:
             if math.isfinite(fix.speed_mps) and fix.speed_noise <= SLIP_SLOPE.most_speed_noise:
                 self._fixes.append((begin_s + fix.fraction * tick.dt_s, fix))
-        while self._ways[1][0] < tick.time_s - 3.0 * SPAN_S:
+        while self._ways[1][0] < tick.time_s - 3.0 * SLIP_SLOPE.span_s:
             self._ways.popleft()
         out = []
-        while self._fixes and self._fixes[0][0] + SPAN_S <= tick.time_s:
+        while self._fixes and self._fixes[0][0] + SLIP_SLOPE.span_s <= tick.time_s:
             at_s, fix = self._fixes.popleft()
             point = self._point(at_s, fix)
             if point is not None:
@@ -67,12 +64,13 @@ class ReceiverSlip:
 
     def _point(self, at_s: float, fix: Fix) -> Point | None:
         times, ways, aparts = zip(*self._ways, strict=True)
-        if at_s - SPAN_S < times[0]:
+        span_s = SLIP_SLOPE.span_s
+        if at_s - span_s < times[0]:
             return None
-        moments = at_s + SPAN_S * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
+        moments = at_s + span_s * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
         first, before, now, after, last = np.interp(moments, times, ways).tolist()
         apart_before, apart_after = np.interp(moments[[1, 3]], times, aparts).tolist()
-        speed_mps, accel_mps2 = (after - before) / SPAN_S, (last - 2.0 * now + first) / SPAN_S**2
+        speed_mps, accel_mps2 = (after - before) / span_s, (last - 2.0 * now + first) / span_s**2
         least, most = SLIP_SLOPE.accel_mps2
         slowest_mps = SLIP_SLOPE.slowest_beside_receiver_mps
         if min(speed_mps, fix.speed_mps) < slowest_mps or not least < accel_mps2 < most:
