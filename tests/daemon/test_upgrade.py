@@ -19,6 +19,7 @@ from tpmsd.cli.main import main
 from tpmsd.config.load import load_config
 from tpmsd.config.model import Config
 from tpmsd.daemon.state_keeper import StateKeeper
+from tpmsd.monitor.reference import AGE
 from tpmsd.pipeline import Pipeline
 from tpmsd.sources.can_decoder import load_database
 
@@ -63,7 +64,9 @@ def test_the_old_state_is_taken_up(config: Config, caplog: pytest.LogCaptureFixt
     )
     np.testing.assert_allclose(now["estimator"]["mean_m"], then["estimator"]["mean_m"], rtol=1e-12)
     baseline, before = (one["monitor"]["sets"]["baseline"] for one in (now, then))
-    assert before["reference"]["mean"] == baseline["reference"]["mean"]
+    mean = baseline["reference"]["mean"]
+    assert before["reference"]["mean"] == mean[:AGE] + mean[AGE + 1 :]
+    assert 0.03 == mean[AGE], "not learned by the earlier version: as before the first drive"
     assert (True, before["learned_s"]) == (baseline["ready"], baseline["learned_s"])
     assert [("deflation", "rl"), ("radius_deviation", "rl")] == sorted(
         (alarm["kind"], alarm["wheel"]) for alarm in now["monitor"]["alarms"]
