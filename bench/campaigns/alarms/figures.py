@@ -143,10 +143,16 @@ def false_alarms(rows: Sequence[Row], legs: Sequence[Row], cases: Sequence[Row])
         ],
     }
     for tag in TAGS:
-        having = [row for row in legs if tag in row["tags"]]
+        having = legs_with(tag, legs)
         if having:
             out["by_tag"][tag] = {kind: _rate(having, kind) for kind in KINDS}
     return out
+
+
+def legs_with(tag: str, legs: Iterable[Row]) -> list[Row]:
+    """The legs that have this confounder. Where a wheel is of another size as well, the leg counts for that
+    alone: that change is true."""
+    return [row for row in legs if tag in row["tags"] and is_resized(row["tags"]) == is_resized([tag])]
 
 
 def _rate(legs: Iterable[Row], kind: str) -> Figures:

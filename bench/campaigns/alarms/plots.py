@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns.alarms.figures import STANDARDS, rate
+from bench.campaigns.alarms.figures import STANDARDS, legs_with, rate
 from bench.worlds.surfaces import TAGS
 
 Row = dict[str, Any]
@@ -52,7 +52,7 @@ def _shares(axes: Any, cases: Sequence[Row]) -> None:
             color=colour,
             label=f"{standard} ({len(group)})",
         )
-    for bar in (60.0, 600.0, 1200.0):
+    for bar in (45.0, 600.0, 1200.0):
         axes.axvline(bar, color="0.8", lw=0.8, zorder=0)
     axes.set(
         xscale="log",
@@ -62,7 +62,7 @@ def _shares(axes: Any, cases: Sequence[Row]) -> None:
     )
     axes.set_ylabel("share of the cases with an alarm")
     axes.legend(loc="lower right", frameon=False, fontsize=8)
-    axes.set_title("Time to detect; grey: bars at 60, 600, 1200 s", fontsize=10, loc="left")
+    axes.set_title("Time to detect; grey: bars at 45, 600, 1200 s", fontsize=10, loc="left")
 
 
 def _sizes(axes: Any, cases: Sequence[Row]) -> None:
@@ -89,9 +89,9 @@ def _sizes(axes: Any, cases: Sequence[Row]) -> None:
 
 def _rates(axes: Any, legs: Sequence[Row]) -> None:
     """False alarms by confounder, with intervals."""
-    names = [tag for tag in TAGS if any(tag in row["tags"] for row in legs)]
+    names = [tag for tag in TAGS if legs_with(tag, legs)]
     for k, tag in enumerate(reversed(names)):
-        group = [row for row in legs if tag in row["tags"]]
+        group = legs_with(tag, legs)
         part = rate(sum(len(row["deflation"]) for row in group), sum(row["km"] for row in group))
         axes.plot([max(part["low"], 0.1), part["high"]], [k, k], color="0.6", lw=1.5)
         axes.plot(max(part["rate"], 0.1), k, "o", color=COLOURS[1] if part["events"] else COLOURS[2], ms=5)

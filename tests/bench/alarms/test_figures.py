@@ -69,6 +69,15 @@ def test_a_rate_bears_its_exact_poisson_interval() -> None:
     assert (3.0, 0.619, 8.767) == pytest.approx((three["rate"], three["low"], three["high"]), abs=1e-3)
 
 
+def test_a_confounder_does_not_answer_for_a_wheel_of_another_size() -> None:
+    """A spare in winter counts for the spare: 100 km of winter without it have no alarm."""
+    spare = leg(["spare", "season"], 40.0, deflation=[[20.0, ["fl"], "smaller"]])
+    by_tag = figures([leg(["season"], 100.0), spare])["false"]["by_tag"]
+
+    assert (0, 100.0) == (by_tag["season"]["deflation"]["events"], by_tag["season"]["deflation"]["km"])
+    assert (1, 40.0) == (by_tag["spare"]["deflation"]["events"], by_tag["spare"]["deflation"]["km"])
+
+
 def test_times_of_undetected_cases_are_longer_than_all_others() -> None:
     """Of ten cases of which one is missed: the median is the fifth, the 95 % are not reached."""
     cases = [case(k) for k in range(1, 10)] + [case(10, detected=False, fast_s=None, named=[])]
