@@ -16,16 +16,16 @@ DEV := $(VENV)/.dev-$(SETUP_ID)
 PYTEST_JOBS ?= auto
 PYTEST_ARGS ?=
 # Whole drives, recordings, every command's manual page and hostile archives are left to `make test`.
-FAST = tests/test_house.py tests/config tests/cli tests/sinks tests/sources_can tests/timeline tests/gnss \
-	--ignore=tests/cli/test_explain.py --ignore=tests/cli/test_completion.py \
-	--ignore=tests/timeline/test_block_source.py --ignore=tests/timeline/test_tick_source_pace.py \
-	--ignore=tests/sources_can/test_packed_bounds.py --ignore=tests/sources_can/test_candump_text.py \
-	--ignore=tests/sources_can/test_recordings.py --ignore=tests/gnss/test_recordings.py
+FAST = tests/test_house.py tests/car/config tests/interfaces/cli tests/onboard/sinks tests/onboard/sources_can tests/onboard/timeline tests/onboard/gnss \
+	--ignore=tests/interfaces/cli/test_explain.py --ignore=tests/interfaces/cli/test_completion.py \
+	--ignore=tests/onboard/timeline/test_block_source.py --ignore=tests/onboard/timeline/test_tick_source_pace.py \
+	--ignore=tests/onboard/sources_can/test_packed_bounds.py --ignore=tests/onboard/sources_can/test_candump_text.py \
+	--ignore=tests/onboard/sources_can/test_recordings.py --ignore=tests/onboard/gnss/test_recordings.py
 # The live path, from frames to alarms; measured by the tests of these packages alone.
 CORE = config sources timeline estimators monitor sinks pipeline physics inference resonance vehicle_state
-CORE_TESTS = tests/config tests/sources_can tests/gnss tests/timeline tests/estimators tests/monitor tests/sinks \
-	tests/physics tests/inference tests/resonance tests/vehicle_state tests/test_pipeline.py \
-	tests/test_two_buses.py tests/test_plain_nmea.py tests/cli/test_explain.py
+CORE_TESTS = tests/car/config tests/onboard/sources_can tests/onboard/gnss tests/onboard/timeline tests/onboard/estimators tests/onboard/monitor tests/onboard/sinks \
+	tests/car/physics tests/offline/inference tests/onboard/resonance tests/car/vehicle_state tests/onboard/test_pipeline.py \
+	tests/onboard/test_two_buses.py tests/onboard/test_plain_nmea.py tests/interfaces/cli/test_explain.py
 DEMO_ARGS ?=
 BENCH_ARGS ?=
 SOAK_ARGS ?=
@@ -54,7 +54,7 @@ help:  ## this list
 ##@ Try it
 
 demo: $(RUNTIME)  ## a simulated slow puncture, found and announced on a virtual CAN bus (DEMO_ARGS=...)
-	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tpmsd.cli.demo $(DEMO_ARGS)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tpmsd.interfaces.cli.demo $(DEMO_ARGS)
 
 ##@ Work on it
 

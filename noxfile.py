@@ -14,7 +14,7 @@ nox.options.error_on_missing_interpreters = False
 PYTHONS = ["3.11", "3.12", "3.13", "3.14"]
 SMOKE = """
 import sys, tempfile, pathlib
-from tpmsd.cli.main import main
+from tpmsd.interfaces.cli.main import main
 drive = str(pathlib.Path(tempfile.mkdtemp()) / "drive")
 assert 0 == main(["simulate", drive, "--duration", "60", "--puncture", "rl", "--at", "30"])
 assert 0 == main(["check", drive]) and 0 == main(["replay", drive, "--json", drive + ".json"])

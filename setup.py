@@ -16,7 +16,7 @@ KERNELS = [
     Extension(
         name,
         sources=[f"{name.replace('.', '/')}.c"],
-        depends=["tpmsd/_arrays.h"],
+        depends=["tpmsd/foundation/_arrays.h"],
         # Results are the same on every machine: no fused multiply-add. No paths of the build in the file.
         extra_compile_args=["-O3", "-ffp-contract=off", "-fno-math-errno", "-g0"],
         extra_link_args=["-Wl,-s"],
@@ -24,7 +24,11 @@ KERNELS = [
         py_limited_api=True,
         optional=True,
     )
-    for name in ("tpmsd.estimators._bank", "tpmsd.inference._gains", "tpmsd.sources._candump")
+    for name in (
+        "tpmsd.onboard.estimators._bank",
+        "tpmsd.offline.inference._gains",
+        "tpmsd.onboard.sources._candump",
+    )
 ]
 LEFT_OUT = os.environ.get("TPMSD_NO_KERNEL", "") not in ("", "0")
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from bench.places import OUT, REPO
 from bench.registry import CAMPAIGNS, UsageError
-from tpmsd.cli.output import write_json
+from tpmsd.interfaces.cli.output import write_json
 
 
 def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:

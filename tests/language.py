@@ -35,7 +35,9 @@ NOT_USED: dict[str, str] = {
 }
 """Pattern, in any case -> the term that is used instead."""
 
-OTHERS = re.compile(r"CHANGELOG\.md|LICENSE|tests/web/vendor/|tpmsd/web/static/vendor/|tests/language\.py")
+OTHERS = re.compile(
+    r"CHANGELOG\.md|LICENSE|tests/interfaces/web/vendor/|tpmsd/interfaces/web/static/vendor/|tests/language\.py"
+)
 """Files that keep their words."""
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import yaml
 
 from tests.conftest import REPO
-from tpmsd.cli.main import full_parser
+from tpmsd.interfaces.cli.main import full_parser
 
 FOLDER = REPO / "contrib" / "container"
 COMPOSE: dict[str, Any] = yaml.safe_load((FOLDER / "compose.yml").read_text("utf-8"))

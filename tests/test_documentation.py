@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tpmsd.cli.main import full_parser, main
+from tpmsd.interfaces.cli.main import full_parser, main
 
 REPO = Path(__file__).resolve().parent.parent
 PAGES = [

@@ -96,9 +96,12 @@ PURE_ROOMS = {
     *("physics", "discovery", "vehicle_state", "resonance", "diagnosis", "bounds", "errors", "wheels"),
 }
 SHELLS = {
-    *(f"tpmsd.sources.{name}" for name in ("can_live", "can_log", "can_log_candump", "can_log_others")),
-    *(f"tpmsd.sources.{name}" for name in ("drive", "gnss_net_live", "nmea_log", "serial_live")),
-    "tpmsd.physics.model_file",
+    *(
+        f"tpmsd.onboard.sources.{name}"
+        for name in ("can_live", "can_log", "can_log_candump", "can_log_others")
+    ),
+    *(f"tpmsd.onboard.sources.{name}" for name in ("drive", "gnss_net_live", "nmea_log", "serial_live")),
+    "tpmsd.car.physics.model_file",
 }
 """Modules of these rooms that open files and devices; the others only work on what those read."""
 SEEDS = {"pipeline"}
@@ -140,7 +143,12 @@ IMPURE_METHODS = {
 RANDOM_TYPES = {"Generator", "BitGenerator"}
 """Randomness comes in as an argument; of numpy.random the core may name only its types."""
 
-RECORDS = ("tpmsd.wheels", "tpmsd.timeline.tick", "tpmsd.sources.events", "tpmsd.config.model")
+RECORDS = (
+    "tpmsd.foundation.wheels",
+    "tpmsd.onboard.timeline.tick",
+    "tpmsd.onboard.sources.events",
+    "tpmsd.car.config.model",
+)
 """Modules of plain records: all that the worlds of the benchmarks may import of the program."""
 
 MAX_LINES = 400
@@ -157,7 +165,7 @@ def read(path: Path) -> str:
 
 
 def room_of(dotted: str) -> str:
-    """`tpmsd.sources.events` -> `sources`; the package itself -> `__init__`."""
+    """`tpmsd.onboard.sources.events` -> `sources`; the package itself -> `__init__`."""
     parts = dotted.split(".")
     return parts[1] if len(parts) > 1 else "__init__"
 
@@ -269,12 +277,16 @@ def test_tests_import_the_bench_and_the_bench_the_program() -> None:
 @pytest.mark.parametrize(
     ("module", "source", "faults"),
     [
-        ("bench.campaigns.x", "from bench.worlds.spec import Spec\nfrom tpmsd.pipeline import Pipeline", 0),
-        ("bench.campaigns.x", "from tests.calibration import drives", 1),
-        ("bench.worlds.x", "from tpmsd.timeline.tick import Fix, Tick", 0),
-        ("bench.worlds.x", "from tpmsd.timeline.timeline import Timeline", 1),
-        ("bench.worlds.x", "from bench.campaigns.diagnosis import draw", 1),
-        ("tpmsd.report.x", "import bench.statistics", 1),
+        (
+            "bench.campaigns.x",
+            "from bench.worlds.spec import Spec\nfrom tpmsd.onboard.pipeline import Pipeline",
+            0,
+        ),
+        ("bench.campaigns.x", "from tests.offline.calibration import drives", 1),
+        ("bench.worlds.x", "from tpmsd.onboard.timeline.tick import Fix, Tick", 0),
+        ("bench.worlds.x", "from tpmsd.onboard.timeline.timeline import Timeline", 1),
+        ("bench.worlds.x", "from bench.campaigns.offline.diagnosis import draw", 1),
+        ("tpmsd.offline.report.x", "import bench.statistics", 1),
     ],
 )
 def test_the_watch_over_the_bench_sees(module: str, source: str, faults: int) -> None:
@@ -412,14 +424,14 @@ def test_the_search_sees_wordings_over_line_breaks_and_in_any_case() -> None:
 @pytest.mark.parametrize(
     ("module", "source", "faults"),
     [
-        ("tpmsd.timeline.x", "from tpmsd.sources.events import Event", 0),
-        ("tpmsd.timeline.x", "from tpmsd.monitor.records import AlarmEvent", 1),
-        ("tpmsd.timeline.x", "import tpmsd.estimators.base", 1),
-        ("tpmsd.timeline.x", "from tpmsd import sinks, wheels", 1),
-        ("tpmsd.timeline.x", "def f():\n    from tpmsd.daemon import loop", 1),
-        ("tpmsd.physics.x", "from tpmsd.config.model import VehicleConfig", 0),
-        ("tpmsd.config.x", "from tpmsd.physics.model import Model", 1),
-        ("tpmsd.report.x", "from .wording import drive_time", 1),
+        ("tpmsd.onboard.timeline.x", "from tpmsd.onboard.sources.events import Event", 0),
+        ("tpmsd.onboard.timeline.x", "from tpmsd.onboard.monitor.records import AlarmEvent", 1),
+        ("tpmsd.onboard.timeline.x", "import tpmsd.onboard.estimators.base", 1),
+        ("tpmsd.onboard.timeline.x", "from tpmsd import sinks, wheels", 1),
+        ("tpmsd.onboard.timeline.x", "def f():\n    from tpmsd.onboard.daemon import loop", 1),
+        ("tpmsd.car.physics.x", "from tpmsd.car.config.model import VehicleConfig", 0),
+        ("tpmsd.car.config.x", "from tpmsd.car.physics.model import Model", 1),
+        ("tpmsd.offline.report.x", "from .wording import drive_time", 1),
         ("tpmsd.attic.x", "", 1),
     ],
 )
@@ -433,9 +445,9 @@ def test_generators_are_made_from_a_seed_in_one_place() -> None:
     seeded, unseeded = "rng = np.random.default_rng(seed)", "rng = np.random.default_rng()"
 
     assert [0, 1, 1] == [
-        len(purity_faults("tpmsd.pipeline", seeded)),
-        len(purity_faults("tpmsd.pipeline", unseeded)),
-        len(purity_faults("tpmsd.estimators.x", seeded)),
+        len(purity_faults("tpmsd.onboard.pipeline", seeded)),
+        len(purity_faults("tpmsd.onboard.pipeline", unseeded)),
+        len(purity_faults("tpmsd.onboard.estimators.x", seeded)),
     ]
 
 
@@ -456,4 +468,4 @@ def test_generators_are_made_from_a_seed_in_one_place() -> None:
 )
 def test_the_watch_over_purity_sees(source: str, faults: int) -> None:
     """Clocks, files and global randomness are found; arithmetic and a given generator are let through."""
-    assert faults == len(purity_faults("tpmsd.estimators.x", source))
+    assert faults == len(purity_faults("tpmsd.onboard.estimators.x", source))

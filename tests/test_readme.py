@@ -6,11 +6,11 @@ import json
 import re
 from pathlib import Path
 
-from tests.report.drives import puncture
-from tpmsd.config.load import load_config
-from tpmsd.config.model import OPTIONAL_ROLES
-from tpmsd.report.replay_document import replay_document
-from tpmsd.sources.nmea_sentence import decode_sentence
+from tests.offline.report.drives import puncture
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import OPTIONAL_ROLES
+from tpmsd.offline.report.replay_document import replay_document
+from tpmsd.onboard.sources.nmea_sentence import decode_sentence
 
 REPO = Path(__file__).resolve().parent.parent
 README = (REPO / "README.md").read_text(encoding="utf-8")

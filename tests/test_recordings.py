@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tpmsd.cli.replay import replay
-from tpmsd.config.load import load_config
-from tpmsd.monitor.records import WheelState
-from tpmsd.report.replay_document import replay_document
-from tpmsd.report.replay_result import ReplayResult
+from tpmsd.car.config.load import load_config
+from tpmsd.interfaces.cli.replay import replay
+from tpmsd.offline.report.replay_document import replay_document
+from tpmsd.offline.report.replay_result import ReplayResult
+from tpmsd.onboard.monitor.records import WheelState
 
 DRIVES = ("rav4-suburb-60s", "van-motorway-a", "van-motorway-b", "van-oval")
 

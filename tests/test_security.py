@@ -10,13 +10,13 @@ import numpy as np
 
 from tests.conftest import REPO
 from tests.faults.drives import drive
-from tpmsd.daemon import input_queue
-from tpmsd.pipeline import Pipeline, Step
-from tpmsd.sinks import state_file, status_server
-from tpmsd.sinks.can_frames import CanReporter
-from tpmsd.sources import can_log_candump, can_log_lines, nmea_framer, nmea_log
-from tpmsd.sources.can_decoder import can_filters, load_database
-from tpmsd.sources.can_frame import CanFrame
+from tpmsd.onboard.daemon import input_queue
+from tpmsd.onboard.pipeline import Pipeline, Step
+from tpmsd.onboard.sinks import state_file, status_server
+from tpmsd.onboard.sinks.can_frames import CanReporter
+from tpmsd.onboard.sources import can_log_candump, can_log_lines, nmea_framer, nmea_log
+from tpmsd.onboard.sources.can_decoder import can_filters, load_database
+from tpmsd.onboard.sources.can_frame import CanFrame
 
 FORBIDDEN_MODULES = {
     *("pickle", "cPickle", "dill", "cloudpickle", "shelve", "marshal", "joblib", "yaml", "code", "codeop"),
@@ -34,9 +34,9 @@ FORBIDDEN_MODULES = {
     ),
 }
 ALLOWED_MODULES = {
-    ("tpmsd/simulator/live.py", "pty"),
-    ("tpmsd/daemon/notify.py", "subprocess"),
-    ("tpmsd/lean.py", "ctypes"),
+    ("tpmsd/offline/simulator/live.py", "pty"),
+    ("tpmsd/onboard/daemon/notify.py", "subprocess"),
+    ("tpmsd/foundation/lean.py", "ctypes"),
 }
 """The simulator's receiver is a pseudo terminal; `[notify] command` is the one program that is ever run; the
 C library's `mallopt` is called with two constants, by `tpmsd diagnose` alone."""

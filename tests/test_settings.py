@@ -1,4 +1,4 @@
-"""Numbers that someone may tune stand in a package's settings, each with its reason (`tests/diagnosis` has
+"""Numbers that someone may tune stand in a package's settings, each with its reason (`tests/offline/diagnosis` has
 the same for the diagnosis)."""
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.diagnosis.test_settings import has_number
+from tests.offline.diagnosis.test_settings import has_number
 
 PACKAGE = Path(__file__).resolve().parents[1] / "tpmsd"
 SETTLED = ("diagnosis", "fleet", "monitor")

@@ -21,7 +21,7 @@ sys.path.insert(0, str(REPO))
 
 def reference_pages() -> dict[str, str]:
     """Path below docs -> text of each page that is made from the code."""
-    from tpmsd.tables.columns import markdown
+    from tpmsd.offline.tables.columns import markdown
 
     return {
         "reference/commands.md": "# Commands\n\n" + "\n".join(_commands()),
@@ -34,7 +34,7 @@ def reference_pages() -> dict[str, str]:
 
 
 def _commands() -> Iterator[str]:
-    from tpmsd.cli.main import full_parser
+    from tpmsd.interfaces.cli.main import full_parser
 
     parser = full_parser()
     yield f"```text\n{parser.format_help()}```\n"
@@ -44,7 +44,7 @@ def _commands() -> Iterator[str]:
 
 
 def _configuration() -> Iterator[str]:
-    from tpmsd.config.json_schema import vehicle_schema
+    from tpmsd.car.config.json_schema import vehicle_schema
 
     for table, schema in vehicle_schema()["properties"].items():
         yield f"## [{table}]\n\n| key | what it may be | default |\n| --- | --- | --- |"
@@ -56,7 +56,7 @@ def _configuration() -> Iterator[str]:
 
 
 def _documents() -> Iterator[str]:
-    from tpmsd.schemas import NAMES, schema_of
+    from tpmsd.foundation.schemas import NAMES, schema_of
 
     for name in NAMES:
         schema = schema_of(name)

@@ -9,7 +9,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.wheels import WHEELS
 
 COLORS = {"fl": "#0072B2", "fr": "#D55E00", "rl": "#009E73", "rr": "#CC79A7"}
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "layouts"

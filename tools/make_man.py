@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from tpmsd import __version__
-from tpmsd.cli.main import full_parser
+from tpmsd.interfaces.cli.main import full_parser
 
 
 def escaped(text: str) -> str:

@@ -20,33 +20,33 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from tpmsd.api.discover import Discovery, discover
-    from tpmsd.api.drive import Drive, load
-    from tpmsd.api.functions import calibrate, diagnose, replay, simulate
-    from tpmsd.api.import_table import load_table
-    from tpmsd.api.results import Calibration, Diagnosis, Replay
-    from tpmsd.errors import ConfigError, InputError, TpmsdError
-    from tpmsd.simulator.faults import Fault
+    from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
+    from tpmsd.interfaces.api.discover import Discovery, discover
+    from tpmsd.interfaces.api.functions import calibrate, diagnose, replay, simulate
+    from tpmsd.interfaces.api.import_table import load_table
+    from tpmsd.interfaces.api.results import Calibration, Diagnosis, Replay
+    from tpmsd.offline.drives.drive import Drive, load
+    from tpmsd.offline.simulator.faults import Fault
 
 __version__ = "0.1.0"
 
 _HOME = {
-    "Drive": "tpmsd.api.drive",
-    "load": "tpmsd.api.drive",
-    "load_table": "tpmsd.api.import_table",
-    "replay": "tpmsd.api.functions",
-    "diagnose": "tpmsd.api.functions",
-    "calibrate": "tpmsd.api.functions",
-    "simulate": "tpmsd.api.functions",
-    "discover": "tpmsd.api.discover",
-    "Discovery": "tpmsd.api.discover",
-    "Replay": "tpmsd.api.results",
-    "Diagnosis": "tpmsd.api.results",
-    "Calibration": "tpmsd.api.results",
-    "Fault": "tpmsd.simulator.faults",
-    "ConfigError": "tpmsd.errors",
-    "InputError": "tpmsd.errors",
-    "TpmsdError": "tpmsd.errors",
+    "Drive": "tpmsd.offline.drives.drive",
+    "load": "tpmsd.offline.drives.drive",
+    "load_table": "tpmsd.interfaces.api.import_table",
+    "replay": "tpmsd.interfaces.api.functions",
+    "diagnose": "tpmsd.interfaces.api.functions",
+    "calibrate": "tpmsd.interfaces.api.functions",
+    "simulate": "tpmsd.interfaces.api.functions",
+    "discover": "tpmsd.interfaces.api.discover",
+    "Discovery": "tpmsd.interfaces.api.discover",
+    "Replay": "tpmsd.interfaces.api.results",
+    "Diagnosis": "tpmsd.interfaces.api.results",
+    "Calibration": "tpmsd.interfaces.api.results",
+    "Fault": "tpmsd.offline.simulator.faults",
+    "ConfigError": "tpmsd.foundation.errors",
+    "InputError": "tpmsd.foundation.errors",
+    "TpmsdError": "tpmsd.foundation.errors",
 }
 """Public name -> the module that has it."""
 

@@ -34,24 +34,24 @@ from typing import Any
 import numpy as np
 
 from bench.campaigns.against import ratios
-from bench.campaigns.decode import frames_per_second
+from bench.campaigns.onboard.decode import frames_per_second
 from bench.places import RECORDINGS, REPO
 from bench.registry import UsageError
 from bench.worlds.folder import write_folder
 from bench.worlds.kinematic import Spec, drive
-from tpmsd.cli.replay import replay
-from tpmsd.config.load import load_config
-from tpmsd.config.model import FILTER_METHODS, Config
-from tpmsd.errors import TpmsdError
-from tpmsd.estimators.build import build_estimator
-from tpmsd.pipeline import Pipeline
-from tpmsd.simulator.drive import DriveSpec, simulate_drive
-from tpmsd.simulator.drive_writer import write_drive
-from tpmsd.simulator.faults import Fault
-from tpmsd.sources.can_decoder import load_database
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.drive import Drive
-from tpmsd.timeline.tick import Tick
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import FILTER_METHODS, Config
+from tpmsd.foundation.errors import TpmsdError
+from tpmsd.interfaces.cli.replay import replay
+from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
+from tpmsd.offline.simulator.faults import Fault
+from tpmsd.onboard.estimators.build import build_estimator
+from tpmsd.onboard.pipeline import Pipeline
+from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.drive import Drive
+from tpmsd.onboard.timeline.tick import Tick
 
 DRIVE_S = 600.0
 DIAGNOSED_S = 1200.0

@@ -16,8 +16,8 @@ from bench.vehicle_state.linear import advance_jacobian, readings_jacobian
 from bench.vehicle_state.model import Inputs
 from bench.vehicle_state.robust import RobustSettings
 from bench.vehicle_state.unscented import cross, moments, sigma_points, sigma_weights
-from tpmsd.vehicle_state.car import CarDynamics
-from tpmsd.wheels import FloatArray
+from tpmsd.car.vehicle_state.car import CarDynamics
+from tpmsd.foundation.wheels import FloatArray
 
 SIGMA = sigma_weights(3)
 

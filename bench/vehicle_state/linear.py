@@ -19,9 +19,9 @@ from bench.vehicle_state.model import (
     substeps,
     wheels,
 )
-from tpmsd.physics.motion import GRAVITY_MPS2
-from tpmsd.vehicle_state.car import CarDynamics
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.motion import GRAVITY_MPS2
+from tpmsd.car.vehicle_state.car import CarDynamics
+from tpmsd.foundation.wheels import FloatArray
 
 
 def _force_gradients(car: CarDynamics, state: FloatArray, inputs: Inputs) -> tuple[FloatArray, FloatArray]:

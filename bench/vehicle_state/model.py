@@ -22,11 +22,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.motion import GRAVITY_MPS2
-from tpmsd.vehicle_state.car import CarDynamics
-from tpmsd.vehicle_state.loads import wheel_loads
-from tpmsd.vehicle_state.tyre import TyreForces
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.motion import GRAVITY_MPS2
+from tpmsd.car.vehicle_state.car import CarDynamics
+from tpmsd.car.vehicle_state.loads import wheel_loads
+from tpmsd.car.vehicle_state.tyre import TyreForces
+from tpmsd.foundation.wheels import FloatArray
 
 V, U, R = range(3)
 """Places in the state: m/s, m/s, rad/s."""

@@ -15,9 +15,9 @@ import numpy as np
 from bench.vehicle_state.kalman import Belief, Noise, Ukf
 from bench.vehicle_state.model import MIN_SPEED_MPS, Inputs, R, U, V
 from bench.vehicle_state.robust import RobustSettings
-from tpmsd.vehicle_state.car import CarDynamics
-from tpmsd.vehicle_state.slips import wheel_slips
-from tpmsd.wheels import FloatArray
+from tpmsd.car.vehicle_state.car import CarDynamics
+from tpmsd.car.vehicle_state.slips import wheel_slips
+from tpmsd.foundation.wheels import FloatArray
 
 NOISE = Noise(process=(0.5, 0.3, 0.3), readings=(0.6, 0.02, 0.3))
 """For a car known by its geometry alone and ticks of a tenth of a second."""

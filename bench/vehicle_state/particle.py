@@ -24,8 +24,8 @@ from bench.vehicle_state.kalman import SIGMA, Belief, Noise, correct
 from bench.vehicle_state.model import Inputs
 from bench.vehicle_state.robust import RobustSettings
 from bench.vehicle_state.unscented import moments, sigma_points
-from tpmsd.vehicle_state.car import CarDynamics
-from tpmsd.wheels import FloatArray
+from tpmsd.car.vehicle_state.car import CarDynamics
+from tpmsd.foundation.wheels import FloatArray
 
 DEFAULT_PARTICLES = 100
 

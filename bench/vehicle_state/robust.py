@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.vehicle_state.robust import igg3
-from tpmsd.wheels import FloatArray
+from tpmsd.car.vehicle_state.robust import igg3
+from tpmsd.foundation.wheels import FloatArray
 
 MIN_WEIGHT = 1e-8
 """A reading of weight 0 is one of a variance so much larger: nothing divides by zero, nothing is learned."""

@@ -3,7 +3,7 @@
 In: `Course`, `Spec` whose `physics` names causes. Out: changes of radii, slips and readings. The catalogue
 of effects has one line for each, mostly the first term of a series; here stand the whole tyre, two thermal
 masses, rotations, edges and filters. Which cause goes by which name is said in
-`bench/campaigns/effect_cases.py`.
+`bench/campaigns/offline/effect_cases.py`.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ from vehiclemodels.parameters_vehicle2 import parameters_vehicle2
 from vehiclemodels.parameters_vehicle3 import parameters_vehicle3
 from vehiclemodels.vehicle_dynamics_mb import vehicle_dynamics_mb
 
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
 
 STEP_S = 1e-3
 KEEP_EVERY = 10

@@ -14,7 +14,7 @@ import numpy as np
 from vehiclemodels.parameters_vehicle2 import parameters_vehicle2
 
 from bench.worlds.commonroad_car import KEEP_EVERY, SPINS, STEP_S, advance, at_rest_on_springs, hub_speeds
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
 
 SPEED_MPS = 60 / 3.6
 # (length of the straight before it, angle in degrees, radius): a dozen bends, left positive.

@@ -13,9 +13,9 @@ from typing import Any, Literal
 import numpy as np
 
 from bench.worlds.commonroad_car import DT_S, GRAVITY_MPS2, Now, Run, parameters, rolling_radius_m, run
-from tpmsd.config.model import VehicleConfig
-from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.wheels import FloatArray
+from tpmsd.car.config.model import VehicleConfig
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 OFFSETS_M = np.array([0.0012, -0.0008, 0.0006, -0.0014])
 """True minus nominal radii of fl, fr, rl, rr."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from bench.worlds.paper_route import STEP_S, Route, paper_route
-from tpmsd.timeline.tick import Fix, Tick
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 Array = NDArray[np.float64]
 TICK_S = 0.1

@@ -10,13 +10,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import tpmsd
-from tpmsd.fleet.ask import as_text, ask
-from tpmsd.fleet.find import find_drives
-from tpmsd.fleet.report import report_document, report_text
-from tpmsd.fleet.report_page import report_page
-from tpmsd.fleet.run import run
-from tpmsd.fleet.store import Store
-from tpmsd.fleet.tables import rows_of, write_tables
+from tpmsd.offline.fleet.ask import as_text, ask
+from tpmsd.offline.fleet.find import find_drives
+from tpmsd.offline.fleet.report import report_document, report_text
+from tpmsd.offline.fleet.report_page import report_page
+from tpmsd.offline.fleet.run import run
+from tpmsd.offline.fleet.store import Store
+from tpmsd.offline.fleet.tables import rows_of, write_tables
 
 
 def main(folder: Path = Path("fleet-example")) -> None:

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 
 import tpmsd
-from tpmsd.physics.catalogue import parse_effect
-from tpmsd.physics.model import ExtendedModel
+from tpmsd.car.physics.catalogue import parse_effect
+from tpmsd.car.physics.model import ExtendedModel
 
 SAME = {"duration_s": 150.0, "seed": 8, "route": "rural"}
 late = ExtendedModel().plus(parse_effect("gnss_latency:latency_s=0.2"))

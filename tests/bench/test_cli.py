@@ -49,10 +49,10 @@ def test_wrong_usage_is_told_in_one_line(
 def test_a_result_is_written_as_json(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What the campaign gives back stands in the file; an exit code is passed on."""
     campaign = registry.CAMPAIGNS["decode"]
-    monkeypatch.setattr("bench.campaigns.decode.main", lambda args: {"rate": 7.0})
+    monkeypatch.setattr("bench.campaigns.onboard.decode.main", lambda args: {"rate": 7.0})
 
     assert 0 == main(["run", campaign.name, "--json", str(tmp_path / "x.json")])
     assert {"rate": 7.0} == json.loads((tmp_path / "x.json").read_text())
 
-    monkeypatch.setattr("bench.campaigns.decode.main", lambda args: 3)
+    monkeypatch.setattr("bench.campaigns.onboard.decode.main", lambda args: 3)
     assert 3 == main(["run", campaign.name])

@@ -8,19 +8,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.campaigns.diagnosis.signals import Windows, windows_of
-from bench.campaigns.each_effect_report import errors, markdown, named_first, right_wheels, wrong_names
-from bench.campaigns.effect_cases import CASES, WHEELS, Drawn, draw
-from bench.campaigns.effect_tells import generator, tells
+from bench.campaigns.offline.diagnosis.signals import Windows, windows_of
+from bench.campaigns.offline.each_effect_report import (
+    errors,
+    markdown,
+    named_first,
+    right_wheels,
+    wrong_names,
+)
+from bench.campaigns.offline.effect_cases import CASES, WHEELS, Drawn, draw
+from bench.campaigns.offline.effect_tells import generator, tells
 from bench.worlds import causes, kinematic
 from bench.worlds.course import gyro_reading, wheel_rates
 from bench.worlds.instruments import STEERING_RATIO, observe
 from bench.worlds.motion import Array, Course
 from bench.worlds.spec import Spec, draw_spec
-from tpmsd.physics.catalogue import make_effect
-from tpmsd.physics.effect import Effect
-from tpmsd.physics.kinematics import Geometry
-from tpmsd.physics.motion import Car, Motion, driven_mask
+from tpmsd.car.physics.catalogue import make_effect
+from tpmsd.car.physics.effect import Effect
+from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.motion import Car, Motion, driven_mask
 
 ON_WHEELS = (
     *("brake_heat", "brake_slip", "camber_roll", "centrifugal_growth", "chains", "counter_extra_pulses"),
@@ -166,7 +172,7 @@ def test_every_case_can_be_driven_and_says_what_is_true() -> None:
 
 
 def make_names(effect: str) -> Any:
-    from tpmsd.physics.catalogue import parameters_of
+    from tpmsd.car.physics.catalogue import parameters_of
 
     return parameters_of(effect).values()
 

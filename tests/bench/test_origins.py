@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.campaigns.diagnosis.draw import draw_case
-from bench.campaigns.diagnosis.make import make as made_of
-from bench.campaigns.diagnosis.truth import truth_of
-from bench.campaigns.origins import Job, make, plan
+from bench.campaigns.offline.diagnosis.draw import draw_case
+from bench.campaigns.offline.diagnosis.make import make as made_of
+from bench.campaigns.offline.diagnosis.truth import truth_of
+from bench.campaigns.offline.origins import Job, make, plan
 from bench.worlds import awkward, real_drives, receiver_residuals, traffic
 from bench.worlds.course import Array, Course, wheel_rates
 from bench.worlds.folder import Message, wheel_messages

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.campaigns.origins_coverage import EFFECTS, KIND, TOGETHER, as_told, errors, known, table
+from bench.campaigns.offline.origins_coverage import EFFECTS, KIND, TOGETHER, as_told, errors, known, table
 from bench.worlds.spec import Spec, draw_spec
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from bench.campaigns.origins_report import markdown, p_of_the_rest
+from bench.campaigns.offline.origins_report import markdown, p_of_the_rest
 from bench.cli import into_page, main
 from bench.registry import UsageError
 

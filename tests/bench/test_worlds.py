@@ -14,7 +14,7 @@ from bench.worlds.course import hub_speeds, wheel_rates
 from bench.worlds.folder import write_folder
 from bench.worlds.kinematic import course, drive
 from bench.worlds.spec import FINE_TEETH, Spec, draw_spec
-from tpmsd.cli.diagnose import read_recording
+from tpmsd.interfaces.cli.diagnose import read_recording
 
 BUSES = {
     "8 bit": {"count_bits": 8, "wheel_hz": 50.0},

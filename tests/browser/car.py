@@ -11,10 +11,10 @@ import sys
 import time
 from pathlib import Path
 
-from tpmsd.cli.demo_play import watch_live
-from tpmsd.pipeline import Step
-from tpmsd.simulator.drive import DriveSpec, simulate_drive
-from tpmsd.simulator.faults import Fault
+from tpmsd.interfaces.cli.demo_play import watch_live
+from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.offline.simulator.faults import Fault
+from tpmsd.onboard.pipeline import Step
 
 
 def say(step: Step) -> None:

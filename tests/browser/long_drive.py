@@ -11,13 +11,13 @@ import sys
 import numpy as np
 import uvicorn
 
-from tests.report.drives import Drive, alarm
-from tpmsd.api.results import Replay
-from tpmsd.tables.columns import COLUMNS, NUMBERS, TEXTS
-from tpmsd.tables.tick_table import TickTable
-from tpmsd.web.app import drive_app
-from tpmsd.web.settings import WebSettings
-from tpmsd.wheels import WHEELS
+from tests.offline.report.drives import Drive, alarm
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.interfaces.api.results import Replay
+from tpmsd.interfaces.web.app import drive_app
+from tpmsd.interfaces.web.settings import WebSettings
+from tpmsd.offline.tables.columns import COLUMNS, NUMBERS, TEXTS
+from tpmsd.offline.tables.tick_table import TickTable
 
 ROWS, PERIOD_S = 360_000, 0.1
 

@@ -9,15 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.fleet.test_report import fleet_tables
-from tests.report.drives import puncture
-from tests.report.pages import ORIGIN
-from tests.report.test_diagnosis_page import FOUND
-from tpmsd.fleet.report import report_document
-from tpmsd.fleet.report_page import report_page
-from tpmsd.report.diagnosis_page import diagnosis_page
-from tpmsd.report.replay_charts import replay_track
-from tpmsd.report.replay_page import replay_page
+from tests.offline.fleet.test_report import fleet_tables
+from tests.offline.report.drives import puncture
+from tests.offline.report.pages import ORIGIN
+from tests.offline.report.test_diagnosis_page import FOUND
+from tpmsd.offline.fleet.report import report_document
+from tpmsd.offline.fleet.report_page import report_page
+from tpmsd.offline.report.diagnosis_page import diagnosis_page
+from tpmsd.offline.report.replay_charts import replay_track
+from tpmsd.offline.report.replay_page import replay_page
 
 
 def write_reports(folder: Path) -> dict[str, Path]:

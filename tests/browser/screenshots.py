@@ -20,9 +20,9 @@ from typing import Any
 from tests.browser.chromium import THEMES, MissingBrowserError, emulate, opened, wait_until
 from tests.browser.load import line_with, process
 from tests.browser.reports import write_reports
-from tpmsd.simulator.drive import DriveSpec, simulate_drive
-from tpmsd.simulator.drive_writer import write_drive
-from tpmsd.simulator.faults import Fault
+from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
+from tpmsd.offline.simulator.faults import Fault
 
 WIDTHS = {400: 800, 1600: 1000}
 """Heights of the screens by their widths, CSS pixels."""

@@ -79,8 +79,8 @@ def test_a_puncture_turns_the_right_tyre_red_and_a_restart_is_survived(tmp_path:
 @pytest.mark.parametrize(("width", "height"), [(400, 800), (1600, 900)])
 def test_a_drive_is_shown_without_faults(tmp_path: Path, width: int, height: int) -> None:
     """Map, plots and the diagnosis appear, nothing is cut, and no rule of WCAG 2.2 AA is broken."""
-    from tpmsd.simulator.drive import DriveSpec, simulate_drive
-    from tpmsd.simulator.drive_writer import write_drive
+    from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+    from tpmsd.offline.simulator.drive_writer import write_drive
 
     write_drive(tmp_path / "d", simulate_drive(DriveSpec(route="oval", duration_s=90.0)))
     with process("tpmsd", "web", tmp_path / "d", "--port", "0") as (_, said), browser(width, height) as page:

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from tpmsd.toml_text import MOST_KEY_PARTS, parse_toml
+from tpmsd.foundation.toml_text import MOST_KEY_PARTS, parse_toml
 
 COMMAND = """
 import re, resource, sys
 from pathlib import Path
-from tpmsd.cli.main import main
+from tpmsd.interfaces.cli.main import main
 code = main(sys.argv[1:])
 used = resource.getrusage(resource.RUSAGE_SELF)
 # Of this process's own memory: what getrusage tells counts the tests' process before the exec, too.

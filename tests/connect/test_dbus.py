@@ -16,9 +16,9 @@ from jeepney import DBusAddress, HeaderFields, MatchRule, message_bus, new_metho
 from jeepney.io.blocking import DBusConnection, open_dbus_connection
 from jeepney.wrappers import unwrap_msg
 
-from tests.bridges.documents import alarm, document, served
 from tests.connect.servers import program, wait_for
-from tpmsd.bridges.dbus import NAME, PATH
+from tests.interfaces.bridges.documents import alarm, document, served
+from tpmsd.interfaces.bridges.dbus import NAME, PATH
 
 CONFIGURATION = """<busconfig><type>session</type><listen>unix:path={path}</listen><auth>EXTERNAL</auth>
 <policy context="default"><allow send_destination="*"/><allow receive_sender="*"/><allow own="*"/>

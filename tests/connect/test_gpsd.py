@@ -13,12 +13,12 @@ from pathlib import Path
 import pytest
 
 from tests.connect.servers import Server, free_port, program, raw_pty
-from tests.gnss import sentences as nmea
-from tests.gnss.test_ubx import frame
-from tpmsd.config.model import GnssConfig
-from tpmsd.daemon.receiver_link import ReceiverLink, configured_receiver, configured_stream
-from tpmsd.sources.events import GnssFix
-from tpmsd.sources.nmea_epoch import NmeaAssembler
+from tests.onboard.gnss import sentences as nmea
+from tests.onboard.gnss.test_ubx import frame
+from tpmsd.car.config.model import GnssConfig
+from tpmsd.onboard.daemon.receiver_link import ReceiverLink, configured_receiver, configured_stream
+from tpmsd.onboard.sources.events import GnssFix
+from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
 
 LOG = logging.getLogger("tests.connect")
 RATE_HZ = 5

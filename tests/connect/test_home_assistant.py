@@ -14,7 +14,7 @@ import subprocess
 
 import pytest
 
-from tpmsd.bridges.home_assistant import discovery
+from tpmsd.interfaces.bridges.home_assistant import discovery
 
 CHECK = """
 import json, sys

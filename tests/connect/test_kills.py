@@ -22,16 +22,16 @@ from jeepney.io.blocking import DBusConnection
 from jeepney.wrappers import unwrap_msg
 from paho.mqtt.enums import CallbackAPIVersion
 
-from tests.bridges.databroker import Databroker, databroker
-from tests.bridges.documents import alarm, document, served
 from tests.connect.servers import PATIENCE_S, Process, Server, free_port, program, wait_for
 from tests.connect.test_dbus import bus, listener
-from tests.daemon.fakes import car
-from tpmsd.bridges.dbus import NAME
-from tpmsd.bridges.vss_names import IS_PRESSURE_LOW
-from tpmsd.daemon.state_keeper import StateKeeper
-from tpmsd.pipeline import Pipeline
-from tpmsd.sinks.status_client import StatusError, read_status
+from tests.interfaces.bridges.databroker import Databroker, databroker
+from tests.interfaces.bridges.documents import alarm, document, served
+from tests.onboard.daemon.fakes import car
+from tpmsd.interfaces.bridges.dbus import NAME
+from tpmsd.interfaces.bridges.vss_names import IS_PRESSURE_LOW
+from tpmsd.onboard.daemon.state_keeper import StateKeeper
+from tpmsd.onboard.pipeline import Pipeline
+from tpmsd.onboard.sinks.status_client import StatusError, read_status
 
 KILLS = int(os.environ.get("TPMSD_KILLS", "2"))
 LOG = logging.getLogger("tests.connect")

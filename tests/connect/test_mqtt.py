@@ -19,8 +19,8 @@ import paho.mqtt.client as paho
 import pytest
 from paho.mqtt.enums import CallbackAPIVersion
 
-from tests.bridges.documents import alarm, document, served
 from tests.connect.servers import Server, free_port, program, wait_for
+from tests.interfaces.bridges.documents import alarm, document, served
 
 USER, PASSWORD = "car", "not-a-secret"
 KILLS = int(os.environ.get("TPMSD_KILLS", "15"))

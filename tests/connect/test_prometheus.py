@@ -14,10 +14,10 @@ from typing import Any
 import jsonschema
 import pytest
 
-from tests.bridges.documents import alarm, document, served
 from tests.conftest import REPO
 from tests.connect.servers import Server, free_port, program, wait_for
-from tpmsd.bridges.metrics import families
+from tests.interfaces.bridges.documents import alarm, document, served
+from tpmsd.interfaces.bridges.metrics import families
 
 CONTRIB = REPO / "contrib"
 RULES = CONTRIB / "prometheus" / "tpmsd-rules.yml"

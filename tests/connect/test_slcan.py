@@ -9,12 +9,12 @@ import time
 from pathlib import Path
 
 from tests.connect.servers import raw_pty, wait_for
-from tests.daemon.fakes import car
-from tpmsd.config.load import load_config
-from tpmsd.daemon.clock import Clock
-from tpmsd.daemon.loop import Daemon
-from tpmsd.sinks.sd_notify import Notifier
-from tpmsd.sources.can_decoder import load_database
+from tests.onboard.daemon.fakes import car
+from tpmsd.car.config.load import load_config
+from tpmsd.onboard.daemon.clock import Clock
+from tpmsd.onboard.daemon.loop import Daemon
+from tpmsd.onboard.sinks.sd_notify import Notifier
+from tpmsd.onboard.sources.can_decoder import load_database
 
 LOG = logging.getLogger("tests.connect")
 LAMP = """

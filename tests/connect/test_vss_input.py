@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from tests.beside import beside
-from tests.bridges.databroker import Databroker, databroker
-from tests.bridges.vss_car import SPEED_MPS, TYPES, configure, driving
 from tests.connect.servers import PATIENCE_S, Process, free_port, raw_pty, wait_for
-from tpmsd.sinks.status_client import StatusError, read_status
+from tests.interfaces.bridges.databroker import Databroker, databroker
+from tests.interfaces.bridges.vss_car import SPEED_MPS, TYPES, configure, driving
+from tpmsd.onboard.sinks.status_client import StatusError, read_status
 
 
 @contextlib.contextmanager

@@ -11,18 +11,18 @@ from pathlib import Path
 import numpy as np
 
 from tests.faults.drives import Item, Outcome
-from tpmsd.config.load import load_config
-from tpmsd.config.model import Config
-from tpmsd.pipeline import Pipeline
-from tpmsd.simulator.bus import BusSpec
-from tpmsd.simulator.drive import DriveSpec, simulate_drive
-from tpmsd.simulator.drive_writer import write_drive
-from tpmsd.sources.can_decoder import load_database
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.drive import Drive, Sentence
-from tpmsd.sources.signal_plan import compile_plans
-from tpmsd.timeline.tick import Tick
-from tpmsd.timeline.tick_source import TickSource
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import Config
+from tpmsd.offline.simulator.bus import BusSpec
+from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
+from tpmsd.onboard.pipeline import Pipeline
+from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.drive import Drive, Sentence
+from tpmsd.onboard.sources.signal_plan import compile_plans
+from tpmsd.onboard.timeline.tick import Tick
+from tpmsd.onboard.timeline.tick_source import TickSource
 
 DURATION_S = 420.0
 SEED = 11

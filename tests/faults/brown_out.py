@@ -24,9 +24,9 @@ import numpy as np
 from cantools.database import Database
 
 from tests.faults.soak import PUNCTURE_S, START_S, Day, DayClock, configuration, day_daemon
-from tpmsd.config.model import Config, MonitorConfig
-from tpmsd.pipeline import Step
-from tpmsd.sources.can_decoder import load_database
+from tpmsd.car.config.model import Config, MonitorConfig
+from tpmsd.onboard.pipeline import Step
+from tpmsd.onboard.sources.can_decoder import load_database
 
 LIFE_S = (5.0, 15.0)
 BOOT_S = 30.0

@@ -17,18 +17,18 @@ from pathlib import Path
 
 import numpy as np
 
-from tpmsd.config.load import load_config
-from tpmsd.config.model import Config
-from tpmsd.pipeline import Pipeline, Step
-from tpmsd.simulator.bus import BusSpec
-from tpmsd.simulator.drive import DriveSpec, simulate_drive
-from tpmsd.simulator.drive_writer import write_drive
-from tpmsd.simulator.faults import Fault
-from tpmsd.sources.can_decoder import load_database
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.drive import Drive, Sentence
-from tpmsd.sources.events import SourceFault
-from tpmsd.sources.signal_plan import compile_plans
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import Config
+from tpmsd.offline.simulator.bus import BusSpec
+from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
+from tpmsd.offline.simulator.faults import Fault
+from tpmsd.onboard.pipeline import Pipeline, Step
+from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.drive import Drive, Sentence
+from tpmsd.onboard.sources.events import SourceFault
+from tpmsd.onboard.sources.signal_plan import compile_plans
 
 DURATION_S = 150.0
 FROM_S, TO_S = 65.0, 90.0

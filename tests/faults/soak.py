@@ -34,20 +34,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tpmsd.lean import leave_out_mf4
+from tpmsd.foundation.lean import leave_out_mf4
 
 leave_out_mf4()  # as the daemon does: it takes as much memory as all the rest
 
-from tpmsd.config.load import load_config  # noqa: E402
-from tpmsd.config.model import CanConfig, Config  # noqa: E402
-from tpmsd.daemon.clock import Clock  # noqa: E402
-from tpmsd.daemon.loop import Daemon  # noqa: E402
-from tpmsd.pipeline import Step  # noqa: E402
-from tpmsd.sinks.sd_notify import Notifier  # noqa: E402
-from tpmsd.sources.can_decoder import load_database  # noqa: E402
-from tpmsd.sources.can_frame import CanFrame  # noqa: E402
-from tpmsd.sources.can_live import CanDown  # noqa: E402
-from tpmsd.sources.serial_live import ReceiverGone  # noqa: E402
+from tpmsd.car.config.load import load_config  # noqa: E402
+from tpmsd.car.config.model import CanConfig, Config  # noqa: E402
+from tpmsd.onboard.daemon.clock import Clock  # noqa: E402
+from tpmsd.onboard.daemon.loop import Daemon  # noqa: E402
+from tpmsd.onboard.pipeline import Step  # noqa: E402
+from tpmsd.onboard.sinks.sd_notify import Notifier  # noqa: E402
+from tpmsd.onboard.sources.can_decoder import load_database  # noqa: E402
+from tpmsd.onboard.sources.can_frame import CanFrame  # noqa: E402
+from tpmsd.onboard.sources.can_live import CanDown  # noqa: E402
+from tpmsd.onboard.sources.serial_live import ReceiverGone  # noqa: E402
 
 if TYPE_CHECKING:
     from cantools.database import Database

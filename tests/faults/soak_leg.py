@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from tests.faults.soak import OFFSET_M, PARKED_S, PUNCTURE_S, START_S, WHEELS
-from tpmsd.simulator.bus import BusSpec
-from tpmsd.simulator.clock import Clocks
-from tpmsd.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
-from tpmsd.simulator.faults import Fault
-from tpmsd.simulator.receiver import ReceiverSpec
+from tpmsd.offline.simulator.bus import BusSpec
+from tpmsd.offline.simulator.clock import Clocks
+from tpmsd.offline.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
+from tpmsd.offline.simulator.faults import Fault
+from tpmsd.offline.simulator.receiver import ReceiverSpec
 
 INERTIAL = 0xB4
 

@@ -14,9 +14,9 @@ import pytest
 
 from tests.faults.attacks import played_items, played_ticks
 from tests.faults.drives import Item, Outcome
-from tpmsd.monitor.records import WheelState
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.timeline.tick import Tick
+from tpmsd.onboard.monitor.records import WheelState
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.timeline.tick import Tick
 
 RATE_HZ = 10
 

@@ -15,12 +15,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.daemon.fakes import car
-from tests.daemon.test_run_command import PATIENCE_S, daemon, ended, wait_for
 from tests.faults.brown_out import brown_out, problems
 from tests.faults.test_process import until
-from tpmsd.sinks.state_file import load_state
-from tpmsd.sinks.status_client import StatusError, read_status
+from tests.onboard.daemon.fakes import car
+from tests.onboard.daemon.test_run_command import PATIENCE_S, daemon, ended, wait_for
+from tpmsd.onboard.sinks.state_file import load_state
+from tpmsd.onboard.sinks.status_client import StatusError, read_status
 
 SAVED = "interval_s = 1.0\n"
 FAST = ("--speed-up", "5")

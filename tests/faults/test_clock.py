@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.daemon.fakes import DrivingBus, LeapingClock, car, listening
 from tests.faults.drives import FOUND, Item, played
-from tpmsd.pipeline import Step
+from tests.onboard.daemon.fakes import DrivingBus, LeapingClock, car, listening
+from tpmsd.onboard.pipeline import Step
 
 DECADES_S = 20 * 365.25 * 86400.0
 

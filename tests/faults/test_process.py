@@ -16,11 +16,11 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from tests.daemon.fakes import car
-from tests.daemon.test_run_command import PATIENCE_S, daemon, ended, wait_for
-from tpmsd.config.model import Config
-from tpmsd.sinks.state_file import load_state
-from tpmsd.sinks.status_client import read_status
+from tests.onboard.daemon.fakes import car
+from tests.onboard.daemon.test_run_command import PATIENCE_S, daemon, ended, wait_for
+from tpmsd.car.config.model import Config
+from tpmsd.onboard.sinks.state_file import load_state
+from tpmsd.onboard.sinks.status_client import read_status
 
 MALICIOUS = [
     b"\x00" * 10_000,

@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from tests.faults.drives import FOUND, FROM_S, TO_S, Change, Item, Outcome, during, played
-from tpmsd.config.model import Config
-from tpmsd.sources.drive import Sentence
-from tpmsd.sources.events import SourceFault
+from tpmsd.car.config.model import Config
+from tpmsd.onboard.sources.drive import Sentence
+from tpmsd.onboard.sources.events import SourceFault
 
 Rewrite = Callable[[list[bytes]], list[bytes] | None]
 """From the fields of a sentence to others; None leaves it out."""

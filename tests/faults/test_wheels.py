@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tests.faults.drives import FOUND, FROM_S, Change, Item, Outcome, drive, during, played
-from tpmsd.config.model import Config
-from tpmsd.sources.can_frame import CanFrame
+from tpmsd.car.config.model import Config
+from tpmsd.onboard.sources.can_frame import CanFrame
 
 Frames = Callable[[CanFrame], Iterable[CanFrame]]
 SPEED_OFFSET = 6767

@@ -6,7 +6,7 @@ import subprocess
 from pathlib import Path
 
 from tpmsd import __version__
-from tpmsd.provenance import commit, content_hash, provenance
+from tpmsd.foundation.provenance import commit, content_hash, provenance
 
 REPO = Path(__file__).resolve().parent.parent
 

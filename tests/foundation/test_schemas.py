@@ -11,20 +11,20 @@ from typing import Any
 import jsonschema
 import pytest
 
-from tests.daemon.fakes import DrivingBus, car
-from tests.daemon.test_loop import SCALE
-from tests.daemon.test_loop import run as run_daemon
-from tests.fleet.test_report import fleet_tables
-from tpmsd.bridges.mqtt_messages import Announcer, Topics, state_document
-from tpmsd.bridges.summary import Alarm, Summary, summarise
-from tpmsd.cli.main import main
-from tpmsd.cli.output import json_text
-from tpmsd.daemon.clock import Clock
-from tpmsd.fleet.report import report_document
-from tpmsd.fleet.work import make_result
-from tpmsd.schemas import NAMES, schema_of
-from tpmsd.simulator.drive import DriveSpec, simulate_drive
-from tpmsd.simulator.drive_writer import write_drive
+from tests.offline.fleet.test_report import fleet_tables
+from tests.onboard.daemon.fakes import DrivingBus, car
+from tests.onboard.daemon.test_loop import SCALE
+from tests.onboard.daemon.test_loop import run as run_daemon
+from tpmsd.foundation.schemas import NAMES, schema_of
+from tpmsd.interfaces.bridges.mqtt_messages import Announcer, Topics, state_document
+from tpmsd.interfaces.bridges.summary import Alarm, Summary, summarise
+from tpmsd.interfaces.cli.main import main
+from tpmsd.interfaces.cli.output import json_text
+from tpmsd.offline.fleet.report import report_document
+from tpmsd.offline.fleet.work import make_result
+from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
+from tpmsd.onboard.daemon.clock import Clock
 
 PACKAGE = Path(__file__).resolve().parent.parent / "tpmsd"
 OWN_TABLES = {"tpmsd.ticks/1", "tpmsd.vehicle/1", "tpmsd.fleet/1"}

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tpmsd.errors import ConfigError
-from tpmsd.text_file import read_text
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.text_file import read_text
 
 
 def test_a_text_is_read_up_to_its_bound(tmp_path: Path) -> None:

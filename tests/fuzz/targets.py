@@ -23,29 +23,29 @@ import can as can_module
 import numpy as np
 from cantools.database.can import Database
 
-from tests.daemon.fakes import VEHICLE
-from tests.gnss import sentences
-from tests.gnss.test_gpsd_json import GST, SKY, TPV
-from tests.gnss.test_ubx import frame
-from tpmsd.config.check import check
-from tpmsd.config.load import load_config
-from tpmsd.config.model import Config
-from tpmsd.daemon.state_keeper import StateKeeper, fingerprint
-from tpmsd.errors import InputError, TpmsdError
-from tpmsd.physics.model_file import load_model
-from tpmsd.pipeline import Pipeline
-from tpmsd.sinks.state_file import load_state, save_state
-from tpmsd.sinks.status_client import StatusError, parse_status
-from tpmsd.sinks.status_server import MAX_REQUEST_BYTES, StatusServer
-from tpmsd.sources.can_decoder import CanDecoder, load_database
-from tpmsd.sources.can_log import read_can_log
-from tpmsd.sources.candump_line import parse_candump_line
-from tpmsd.sources.events import GnssFix, InertialSample, RotationSample
-from tpmsd.sources.gnss_stream import GpsdStream, NmeaStream
-from tpmsd.sources.nmea_epoch import NmeaAssembler
-from tpmsd.sources.nmea_framer import MAX_LINE_BYTES, NmeaFramer
-from tpmsd.sources.nmea_log import read_nmea_log
-from tpmsd.timeline.tick_source import TickSource
+from tests.onboard.daemon.fakes import VEHICLE
+from tests.onboard.gnss import sentences
+from tests.onboard.gnss.test_gpsd_json import GST, SKY, TPV
+from tests.onboard.gnss.test_ubx import frame
+from tpmsd.car.config.check import check
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import Config
+from tpmsd.car.physics.model_file import load_model
+from tpmsd.foundation.errors import InputError, TpmsdError
+from tpmsd.onboard.daemon.state_keeper import StateKeeper, fingerprint
+from tpmsd.onboard.pipeline import Pipeline
+from tpmsd.onboard.sinks.state_file import load_state, save_state
+from tpmsd.onboard.sinks.status_client import StatusError, parse_status
+from tpmsd.onboard.sinks.status_server import MAX_REQUEST_BYTES, StatusServer
+from tpmsd.onboard.sources.can_decoder import CanDecoder, load_database
+from tpmsd.onboard.sources.can_log import read_can_log
+from tpmsd.onboard.sources.candump_line import parse_candump_line
+from tpmsd.onboard.sources.events import GnssFix, InertialSample, RotationSample
+from tpmsd.onboard.sources.gnss_stream import GpsdStream, NmeaStream
+from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
+from tpmsd.onboard.sources.nmea_framer import MAX_LINE_BYTES, NmeaFramer
+from tpmsd.onboard.sources.nmea_log import read_nmea_log
+from tpmsd.onboard.timeline.tick_source import TickSource
 
 MAX_EVENTS_PER_FRAME = 40
 DBC = """VERSION ""

@@ -12,10 +12,10 @@ import json
 import shlex
 import sys
 
-from bench.campaigns.live import longest_s
+from bench.campaigns.onboard.live import longest_s
 from tests.hil import uml
 from tests.hil.prepare import BUILD, REPO
-from tpmsd.cli.output import write_json
+from tpmsd.interfaces.cli.output import write_json
 
 
 def main() -> int:

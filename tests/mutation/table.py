@@ -31,58 +31,69 @@ class Named:
 ROOMS = {
     "monitor": Room(
         tuple(
-            f"tpmsd/monitor/{name}.py"
+            f"tpmsd/onboard/monitor/{name}.py"
             for name in ("monitor", "judge", "alarm_state", "hypotheses", "saved_alarms", "signal_watch")
         ),
-        ("tests/monitor",),
+        ("tests/onboard/monitor",),
         "TestLife or slow_leak or no_history_of_radii_flaps or reset_away_minute",
     ),
     "wheel_counter": Room(
-        ("tpmsd/sources/wheel_counter.py",),
+        ("tpmsd/onboard/sources/wheel_counter.py",),
         tuple(
-            f"tests/sources_can/test_{name}.py" for name in ("wheel_reach", "wheel_counter", "can_decoder")
+            f"tests/onboard/sources_can/test_{name}.py"
+            for name in ("wheel_reach", "wheel_counter", "can_decoder")
         ),
     ),
     "epochs": Room(
-        ("tpmsd/sources/nmea_epoch.py", "tpmsd/sources/nmea_checks.py"),
-        ("tests/gnss/test_nmea_epoch.py", "tests/gnss/test_nmea_checks.py"),
+        ("tpmsd/onboard/sources/nmea_epoch.py", "tpmsd/onboard/sources/nmea_checks.py"),
+        ("tests/onboard/gnss/test_nmea_epoch.py", "tests/onboard/gnss/test_nmea_checks.py"),
     ),
     "state_file": Room(
-        ("tpmsd/sinks/state_file.py", "tpmsd/daemon/state_keeper.py", "tpmsd/daemon/state_writer.py"),
-        ("tests/sinks/test_state_file.py", "tests/daemon/test_state_keeper.py"),
+        (
+            "tpmsd/onboard/sinks/state_file.py",
+            "tpmsd/onboard/daemon/state_keeper.py",
+            "tpmsd/onboard/daemon/state_writer.py",
+        ),
+        ("tests/onboard/sinks/test_state_file.py", "tests/onboard/daemon/test_state_keeper.py"),
     ),
-    "health": Room(("tpmsd/daemon/health.py",), ("tests/daemon/test_health.py", "tests/daemon/test_loop.py")),
+    "health": Room(
+        ("tpmsd/onboard/daemon/health.py",),
+        ("tests/onboard/daemon/test_health.py", "tests/onboard/daemon/test_loop.py"),
+    ),
     "links": Room(
-        tuple(f"tpmsd/daemon/{name}.py" for name in ("link", "bus_link", "receiver_link")),
-        ("tests/daemon/test_links.py", "tests/daemon/test_link_ends.py"),
+        tuple(f"tpmsd/onboard/daemon/{name}.py" for name in ("link", "bus_link", "receiver_link")),
+        ("tests/onboard/daemon/test_links.py", "tests/onboard/daemon/test_link_ends.py"),
     ),
 }
 
-_KEEPER, _HEALTH = "tests/daemon/test_state_keeper.py", "tests/daemon/test_health.py"
-_EPOCH, _COUNTER = "tests/gnss/test_nmea_epoch.py", "tests/sources_can/test_wheel_counter.py"
-_SIGNALS, _LEARNS = "tests/monitor/test_signal_watch.py", "tests/monitor/test_learns_in_order.py"
-_SETTINGS = "tpmsd/monitor/settings.py"
+_KEEPER, _HEALTH = "tests/onboard/daemon/test_state_keeper.py", "tests/onboard/daemon/test_health.py"
+_EPOCH, _COUNTER = "tests/onboard/gnss/test_nmea_epoch.py", "tests/onboard/sources_can/test_wheel_counter.py"
+_SIGNALS, _LEARNS = (
+    "tests/onboard/monitor/test_signal_watch.py",
+    "tests/onboard/monitor/test_learns_in_order.py",
+)
+_SETTINGS = "tpmsd/onboard/monitor/settings.py"
 _LATE, _BACK = "time_s > self.deadline_s", "time_s < burst.last_s - self._interval.gap_s"
 _BURST_ENDS = f"({_LATE} or {_BACK})"
 
 NAMED = (
     # A link or a FIFO in place of the temporary file is not written through.
     Named(
-        "tpmsd/sinks/state_file.py",
+        "tpmsd/onboard/sinks/state_file.py",
         "os.O_WRONLY | os.O_CREAT | os.O_EXCL |",
         "os.O_WRONLY | os.O_CREAT |",
-        ("tests/sinks/test_state_file.py",),
+        ("tests/onboard/sinks/test_state_file.py",),
     ),
     Named(
-        "tpmsd/sinks/state_file.py",
+        "tpmsd/onboard/sinks/state_file.py",
         "        files.unlink(name)\n    flags",
         "        pass\n    flags",
-        ("tests/sinks/test_state_file.py",),
+        ("tests/onboard/sinks/test_state_file.py",),
     ),
     # What restoring may raise is set aside, and nothing of it is taken up.
     *(
         Named(
-            "tpmsd/daemon/state_keeper.py",
+            "tpmsd/onboard/daemon/state_keeper.py",
             "except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError) as error:",
             f"except ({', '.join(rest)}) as error:",
             (_KEEPER,),
@@ -91,42 +102,50 @@ NAMED = (
         for rest in ([k for k in kinds if k != gone] for gone in kinds)
     ),
     Named(
-        "tpmsd/daemon/state_keeper.py",
+        "tpmsd/onboard/daemon/state_keeper.py",
         "            return make()  # the other",
         "            return pipeline  # the other",
         (_KEEPER,),
     ),
     # A disk that fails a second time is told a second time.
     Named(
-        "tpmsd/daemon/state_keeper.py",
+        "tpmsd/onboard/daemon/state_keeper.py",
         "        self._complained = False\n        self._saved = self._writing",
         "        self._saved = self._writing",
         (_KEEPER,),
     ),
-    Named("tpmsd/daemon/health.py", "BUS_SILENT_S = 2.0", "BUS_SILENT_S = 3.0", (_HEALTH,)),
-    Named("tpmsd/daemon/health.py", "RECEIVER_SILENT_S = 3.0", "RECEIVER_SILENT_S = 2.0", (_HEALTH,)),
-    Named("tpmsd/daemon/health.py", 'counts["late"],\n', 'counts["lost"],\n', (_HEALTH,)),
-    Named("tpmsd/daemon/health.py", "too_late=self._queue", "late=self._queue", (_HEALTH,)),
+    Named("tpmsd/onboard/daemon/health.py", "BUS_SILENT_S = 2.0", "BUS_SILENT_S = 3.0", (_HEALTH,)),
+    Named("tpmsd/onboard/daemon/health.py", "RECEIVER_SILENT_S = 3.0", "RECEIVER_SILENT_S = 2.0", (_HEALTH,)),
+    Named("tpmsd/onboard/daemon/health.py", 'counts["late"],\n', 'counts["lost"],\n', (_HEALTH,)),
+    Named("tpmsd/onboard/daemon/health.py", "too_late=self._queue", "late=self._queue", (_HEALTH,)),
     # A burst ends after its silence, and when the host's clock steps back.
-    Named("tpmsd/sources/nmea_epoch.py", _BURST_ENDS, _LATE, (_EPOCH,)),
-    Named("tpmsd/sources/nmea_epoch.py", _BURST_ENDS, _BACK, (_EPOCH,)),
+    Named("tpmsd/onboard/sources/nmea_epoch.py", _BURST_ENDS, _LATE, (_EPOCH,)),
+    Named("tpmsd/onboard/sources/nmea_epoch.py", _BURST_ENDS, _BACK, (_EPOCH,)),
     Named(
-        "tpmsd/sources/nmea_epoch.py", _BURST_ENDS, _BURST_ENDS.replace("s > self", "s >= self"), (_EPOCH,)
+        "tpmsd/onboard/sources/nmea_epoch.py",
+        _BURST_ENDS,
+        _BURST_ENDS.replace("s > self", "s >= self"),
+        (_EPOCH,),
     ),
     # A counter that fell to near zero was reset, one that leapt elsewhere jumped.
-    Named("tpmsd/sources/wheel_counter.py", "min(way, self._modulus / 4)", "way", (_COUNTER,)),
-    Named("tpmsd/sources/wheel_counter.py", "min(way, self._modulus / 4)", "self._modulus / 4", (_COUNTER,)),
-    Named("tpmsd/sources/wheel_counter.py", "min(way, self._modulus / 4)", "0", (_COUNTER,)),
+    Named("tpmsd/onboard/sources/wheel_counter.py", "min(way, self._modulus / 4)", "way", (_COUNTER,)),
+    Named(
+        "tpmsd/onboard/sources/wheel_counter.py",
+        "min(way, self._modulus / 4)",
+        "self._modulus / 4",
+        (_COUNTER,),
+    ),
+    Named("tpmsd/onboard/sources/wheel_counter.py", "min(way, self._modulus / 4)", "0", (_COUNTER,)),
     Named(_SETTINGS, "gnss_fresh_s: float = 10.0", "gnss_fresh_s: float = 5.0", (_SIGNALS,)),
     Named(_SETTINGS, "gnss_fresh_s: float = 10.0", "gnss_fresh_s: float = 20.0", (_SIGNALS,)),
     Named(_SETTINGS, "disagree_mps: float = 3.0", "disagree_mps: float = 6.0", (_SIGNALS,)),
     Named(_SETTINGS, "disagree_mps: float = 3.0", "disagree_mps: float = 1.5", (_SIGNALS,)),
     Named(_SETTINGS, "disagree_share: float = 0.2", "disagree_share: float = 0.4", (_SIGNALS,)),
     Named(_SETTINGS, "disagree_share: float = 0.2", "disagree_share: float = 0.1", (_SIGNALS,)),
-    Named("tpmsd/monitor/signal_watch.py", "fix.quality == _ESTIMATED", "False", (_SIGNALS,)),
+    Named("tpmsd/onboard/monitor/signal_watch.py", "fix.quality == _ESTIMATED", "False", (_SIGNALS,)),
     # A baseline does not learn while an alarm stands, or while a loss is likelier than none.
     Named(
-        "tpmsd/monitor/monitor.py",
+        "tpmsd/onboard/monitor/monitor.py",
         "judging.settled) and not self._standing",
         "judging.settled)",
         (_LEARNS,),

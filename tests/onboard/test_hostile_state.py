@@ -18,15 +18,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.faults.drives import drive, played
-from tpmsd.bounds import check_like, check_plain, covariance, no_wider, number
-from tpmsd.config.model import Config
-from tpmsd.daemon.state_keeper import StateKeeper, fingerprint
-from tpmsd.estimators.base import NIGHT_S, RadiusEstimate, unsound
-from tpmsd.pipeline import Pipeline
-from tpmsd.sinks.state_file import save_state
-from tpmsd.sources.can_decoder import load_database
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.timeline.tick import Tick
+from tpmsd.car.config.model import Config
+from tpmsd.foundation.bounds import check_like, check_plain, covariance, no_wider, number
+from tpmsd.onboard.daemon.state_keeper import StateKeeper, fingerprint
+from tpmsd.onboard.estimators.base import NIGHT_S, RadiusEstimate, unsound
+from tpmsd.onboard.pipeline import Pipeline
+from tpmsd.onboard.sinks.state_file import save_state
+from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.timeline.tick import Tick
 
 HOSTILE: list[Any] = [
     *(math.nan, math.inf, -math.inf, 1e308, -1e308, 1e13, -1e13),

@@ -11,17 +11,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tpmsd.cli.replay import replay
-from tpmsd.config.load import load_config
-from tpmsd.pipeline import Pipeline, Step
-from tpmsd.report.replay_result import ReplayResult
-from tpmsd.simulator.bus import BusSpec
-from tpmsd.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
-from tpmsd.simulator.drive_writer import write_drive
-from tpmsd.simulator.faults import Fault
-from tpmsd.simulator.receiver import ReceiverSpec
-from tpmsd.sources.can_decoder import load_database
-from tpmsd.wheels import WHEELS
+from tpmsd.car.config.load import load_config
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.interfaces.cli.replay import replay
+from tpmsd.offline.report.replay_result import ReplayResult
+from tpmsd.offline.simulator.bus import BusSpec
+from tpmsd.offline.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
+from tpmsd.offline.simulator.faults import Fault
+from tpmsd.offline.simulator.receiver import ReceiverSpec
+from tpmsd.onboard.pipeline import Pipeline, Step
+from tpmsd.onboard.sources.can_decoder import load_database
 
 ONSET_S = 110.0
 BUSES = {

@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.api.reading import FolderRecording
-from tpmsd.config.load import load_config
-from tpmsd.simulator.clock import Clocks
-from tpmsd.simulator.drive import DriveSpec, simulate_drive
-from tpmsd.simulator.drive_writer import write_drive
-from tpmsd.sources.align import align
-from tpmsd.wheels import FloatArray
+from tpmsd.car.config.load import load_config
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.drives.reading import FolderRecording
+from tpmsd.offline.simulator.clock import Clocks
+from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
+from tpmsd.onboard.sources.align import align
 
 
 def _speed(time_s: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from tpmsd.cli.main import main
+from tpmsd.interfaces.cli.main import main
 
 
 def replayed(folder: Path) -> dict[str, Any]:

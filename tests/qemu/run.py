@@ -26,9 +26,9 @@ REPO = Path(__file__).resolve().parents[2]
 BUILD = REPO / "build" / "qemu"
 MACHINE, DEBIAN, PYTHON = "aarch64", "arm64", "3.11"
 SMOKE = (
-    *("tests/gnss/test_nmea_checks.py", "tests/sources_can/test_can_decoder.py"),
-    *("tests/timeline/test_timeline.py", "tests/estimators/test_batched_kalman.py"),
-    "tests/monitor/test_signal_watch.py",
+    *("tests/onboard/gnss/test_nmea_checks.py", "tests/onboard/sources_can/test_can_decoder.py"),
+    *("tests/onboard/timeline/test_timeline.py", "tests/onboard/estimators/test_batched_kalman.py"),
+    "tests/onboard/monitor/test_signal_watch.py",
 )
 SHORT_S, LONG_S = 40, 120
 PUNCTURE = ("--puncture", "rl", "--loss-percent", "2", "--at", "50", "--over", "10")

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
 
 LARGEST = 1e12
 """No quantity that is saved comes near it: the largest are Unix times, 2e9 s."""

@@ -13,7 +13,7 @@ import stat
 from pathlib import Path
 from typing import BinaryIO
 
-from tpmsd.errors import ConfigError
+from tpmsd.foundation.errors import ConfigError
 
 _TABLES = re.compile(rb"^\s*\[(vehicle|can|can\.signals|gnss)\]", re.MULTILINE)
 _LOOK_BYTES = 1 << 16

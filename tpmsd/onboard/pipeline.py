@@ -16,24 +16,24 @@ import numpy as np
 from cantools.database import Database
 from numpy.typing import NDArray
 
-from tpmsd.bounds import check_like, check_plain
-from tpmsd.config.model import Config
-from tpmsd.estimators.base import Estimator, RadiusEstimate
-from tpmsd.estimators.build import build_estimator, monitored_wheels
-from tpmsd.estimators.guarded import GuardedEstimator
-from tpmsd.monitor.monitor import Monitor
-from tpmsd.monitor.records import MonitorReport
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.resonance.watch import ResonanceWatch
-from tpmsd.sinks.reset_request import PREFIX, ResetRequest, from_frame, from_sentence
-from tpmsd.sources.can_block import ERROR, REMOTE, FrameBlock
-from tpmsd.sources.events import Event
-from tpmsd.sources.obd_speed import speed_answer_kmh
-from tpmsd.sources.signal_plan import EXTENDED
-from tpmsd.timeline.block_source import BlockSource
-from tpmsd.timeline.compensation import Compensation, adjusted
-from tpmsd.timeline.tick import Tick
-from tpmsd.timeline.tick_source import TickSource
+from tpmsd.car.config.model import Config
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.foundation.bounds import check_like, check_plain
+from tpmsd.onboard.estimators.base import Estimator, RadiusEstimate
+from tpmsd.onboard.estimators.build import build_estimator, monitored_wheels
+from tpmsd.onboard.estimators.guarded import GuardedEstimator
+from tpmsd.onboard.monitor.monitor import Monitor
+from tpmsd.onboard.monitor.records import MonitorReport
+from tpmsd.onboard.resonance.watch import ResonanceWatch
+from tpmsd.onboard.sinks.reset_request import PREFIX, ResetRequest, from_frame, from_sentence
+from tpmsd.onboard.sources.can_block import ERROR, REMOTE, FrameBlock
+from tpmsd.onboard.sources.events import Event
+from tpmsd.onboard.sources.obd_speed import speed_answer_kmh
+from tpmsd.onboard.sources.signal_plan import EXTENDED
+from tpmsd.onboard.timeline.block_source import BlockSource
+from tpmsd.onboard.timeline.compensation import Compensation, adjusted
+from tpmsd.onboard.timeline.tick import Tick
+from tpmsd.onboard.timeline.tick_source import TickSource
 
 REPEATED_S = 5.0
 """Frames that ask for a reset within so long after another are the same request."""

@@ -25,8 +25,8 @@ from bench.vehicle_state.model import Inputs
 from bench.vehicle_state.particle import UnscentedParticleFilter
 from bench.vehicle_state.robust import RobustSettings
 from bench.worlds.commonroad_car import DT_S, GRAVITY_MPS2, Driver, Now, Run, parameters, run
-from tpmsd.vehicle_state.car import CarDynamics
-from tpmsd.wheels import FloatArray
+from tpmsd.car.vehicle_state.car import CarDynamics
+from tpmsd.foundation.wheels import FloatArray
 
 KMH = 1 / 3.6
 STATES = ("lateral speed", "longitudinal speed", "yaw rate")

@@ -25,16 +25,16 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from scipy.optimize import minimize
 
-from bench.campaigns.calibrate_coverage import covered, report
+from bench.campaigns.offline.calibrate_coverage import covered, report
 from bench.worlds.commonroad_course import SPEED_MPS, CourseTruth, drive
-from tpmsd.calibration.joint import JointFit, fit
-from tpmsd.calibration.nominal import Vehicle
-from tpmsd.calibration.paper import PaperSettings, fit_paper, un_fused
-from tpmsd.calibration.reference import ReferencePose, reference_pose
-from tpmsd.inference.recording import Recording
-from tpmsd.physics.kinematics import Geometry
-from tpmsd.physics.motion import Car, driven_mask
-from tpmsd.wheels import RL, RR, FloatArray
+from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.motion import Car, driven_mask
+from tpmsd.foundation.wheels import RL, RR, FloatArray
+from tpmsd.offline.calibration.joint import JointFit, fit
+from tpmsd.offline.calibration.nominal import Vehicle
+from tpmsd.offline.calibration.paper import PaperSettings, fit_paper, un_fused
+from tpmsd.offline.calibration.reference import ReferencePose, reference_pose
+from tpmsd.offline.inference.recording import Recording
 
 START_M = 2.2
 TEETH = 48

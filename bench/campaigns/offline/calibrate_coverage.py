@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 from scipy.signal import lfilter
 
-from bench.campaigns.calibrate_recording import configured, recording_of
+from bench.campaigns.offline.calibrate_recording import configured, recording_of
 from bench.statistics import share
 from bench.worlds.kinematic import STEP_S, Drive, Spec, drive
-from tpmsd.calibration.calibrate import calibrate
-from tpmsd.calibration.checks import RefusedError
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.calibration.calibrate import calibrate
+from tpmsd.offline.calibration.checks import RefusedError
 
 LEVEL, SIGMAS = 0.95, 1.959964
 ROADS = ("mixed", "rural", "motorway", "city")

@@ -10,10 +10,10 @@ import math
 import numpy as np
 
 from bench.worlds.kinematic import STEP_S, Array, Drive, Spec
-from tpmsd.calibration.nominal import vehicle_of
-from tpmsd.config.model import VehicleConfig
-from tpmsd.inference.recording import Recording
-from tpmsd.physics.motion import Car
+from tpmsd.car.config.model import VehicleConfig
+from tpmsd.car.physics.motion import Car
+from tpmsd.offline.calibration.nominal import vehicle_of
+from tpmsd.offline.inference.recording import Recording
 
 PER_TICK = 5
 

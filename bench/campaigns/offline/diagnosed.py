@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.campaigns.diagnosis.seal import asked
+from bench.campaigns.offline.diagnosis.seal import asked
 
 Row = dict[str, Any]
 HELD_OUT_FROM = 50_000

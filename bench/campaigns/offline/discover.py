@@ -18,11 +18,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from bench.campaigns.drawn_buses import DrawnBus, draw
-from tpmsd.config.dbc import load_dbc
-from tpmsd.discovery.discover import discover
-from tpmsd.discovery.result import Discovery, FoundRole
-from tpmsd.wheels import WHEELS
+from bench.campaigns.offline.drawn_buses import DrawnBus, draw
+from tpmsd.car.config.dbc import load_dbc
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.discovery.discover import discover
+from tpmsd.offline.discovery.result import Discovery, FoundRole
 
 _SURE = 0.95
 _BINS = (0.0, 0.5, 0.7, 0.85, 0.95, 0.99, 1.01)

@@ -2,7 +2,7 @@
 
 In: a seed, a duration. Out: `DrawnBus`: frames, fixes, a DBC with meaningless names, and the truth. The
 motion, the wheels
-and the receiver are those of `tpmsd.simulator`; how the bus carries them is drawn here: counters of 8 to
+and the receiver are those of `tpmsd.offline.simulator`; how the bus carries them is drawn here: counters of 8 to
 16 bits and speeds of
 several makers, moduli below the width, both byte orders, one message or two, wheels in any order; and
 beside them ten decoys that follow the speed or count.
@@ -15,20 +15,20 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.config.model import VehicleConfig
-from tpmsd.discovery.frames import BusLog
-from tpmsd.discovery.tooth_count import tyre_radius_m
-from tpmsd.physics.catalogue import make_effect
-from tpmsd.physics.effect import Effect
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
-from tpmsd.simulator.frame_layout import MessageLayout, SignalLayout, dbc_text
-from tpmsd.simulator.receiver import ReceiverSpec
-from tpmsd.sources.can_block import block_of
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.events import GnssFix
-from tpmsd.sources.nmea_epoch import NmeaAssembler
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.config.model import VehicleConfig
+from tpmsd.car.physics.catalogue import make_effect
+from tpmsd.car.physics.effect import Effect
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.discovery.frames import BusLog
+from tpmsd.offline.discovery.tooth_count import tyre_radius_m
+from tpmsd.offline.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
+from tpmsd.offline.simulator.frame_layout import MessageLayout, SignalLayout, dbc_text
+from tpmsd.offline.simulator.receiver import ReceiverSpec
+from tpmsd.onboard.sources.can_block import block_of
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.events import GnssFix
+from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
 
 
 @dataclass(frozen=True)

@@ -17,11 +17,11 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from bench.campaigns.diagnosed import HELD_OUT_FROM, Row, diagnosed
-from bench.campaigns.diagnosis.signals import windows_of
-from bench.campaigns.each_effect_report import markdown
-from bench.campaigns.effect_cases import CASES, draw
-from bench.campaigns.effect_tells import generator, tells
+from bench.campaigns.offline.diagnosed import HELD_OUT_FROM, Row, diagnosed
+from bench.campaigns.offline.diagnosis.signals import windows_of
+from bench.campaigns.offline.each_effect_report import markdown
+from bench.campaigns.offline.effect_cases import CASES, draw
+from bench.campaigns.offline.effect_tells import generator, tells
 from bench.places import OUT, REPO
 from bench.registry import UsageError
 from bench.runner import code_state, last_state, resume

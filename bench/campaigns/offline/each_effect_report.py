@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from bench.campaigns.diagnosed import Row, by_half, parted
-from bench.campaigns.effect_cases import CASES
+from bench.campaigns.offline.diagnosed import Row, by_half, parted
+from bench.campaigns.offline.effect_cases import CASES
 from bench.statistics import count, percent
 
 SURE = 0.9

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns.diagnosis.information import explained, gram, without
-from bench.campaigns.diagnosis.signals import Windows, window_means
-from bench.campaigns.diagnosis.truth import TELLS_GAIN, TELLS_MARGIN, nuisances, tooth_gain
-from bench.campaigns.effect_cases import CASES, Drawn, draw
+from bench.campaigns.offline.diagnosis.information import explained, gram, without
+from bench.campaigns.offline.diagnosis.signals import Windows, window_means
+from bench.campaigns.offline.diagnosis.truth import TELLS_GAIN, TELLS_MARGIN, nuisances, tooth_gain
+from bench.campaigns.offline.effect_cases import CASES, Drawn, draw
 from bench.worlds.causes import accelerations, clock_error_s, steering_wheel
 from bench.worlds.course import Array
 from bench.worlds.instruments import STEERING_RATIO

@@ -23,18 +23,18 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.fleet.find import find_drives
-from tpmsd.fleet.hierarchy import Stack, fit_model
-from tpmsd.fleet.parameters import NAMES
-from tpmsd.fleet.run import missing, run
-from tpmsd.fleet.store import Store
-from tpmsd.fleet.tables import COLUMNS, write_tables
-from tpmsd.fleet.work import STAGES, work_on
-from tpmsd.physics.catalogue import parse_effect
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.simulator.drive import DEFAULT_VEHICLE, DriveSpec, simulate_drive
-from tpmsd.simulator.drive_writer import write_drive
-from tpmsd.simulator.faults import Fault
+from tpmsd.car.physics.catalogue import parse_effect
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.offline.fleet.find import find_drives
+from tpmsd.offline.fleet.hierarchy import Stack, fit_model
+from tpmsd.offline.fleet.parameters import NAMES
+from tpmsd.offline.fleet.run import missing, run
+from tpmsd.offline.fleet.store import Store
+from tpmsd.offline.fleet.tables import COLUMNS, write_tables
+from tpmsd.offline.fleet.work import STAGES, work_on
+from tpmsd.offline.simulator.drive import DEFAULT_VEHICLE, DriveSpec, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
+from tpmsd.offline.simulator.faults import Fault
 
 EFFECTS = (None, "centrifugal_growth:coefficient=1e-6", "gnss_latency:latency_s=0.12", None)
 ROUTES = ("mixed", "rural", "motorway", "city")

@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns.diagnosis.draw import draw_case
+from bench.campaigns.offline.diagnosis.draw import draw_case
 from bench.places import OUT, RECORDINGS, REPO
 from bench.worlds import kinematic, multibody
 from bench.worlds.folder import write_folder

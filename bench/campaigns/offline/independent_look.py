@@ -22,9 +22,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.cli.drive_reading import read_ticks
-from tpmsd.config.load import load_config
-from tpmsd.config.model import Config
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import Config
+from tpmsd.interfaces.cli.drive_reading import read_ticks
 
 Array = NDArray[np.float64]
 RATE_HZ = 10.0

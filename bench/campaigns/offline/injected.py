@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
-from tpmsd.cli.diagnose import read_recording
-from tpmsd.diagnosis.assessment.result import Finding
-from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.inference.recording import Recording
+from tpmsd.interfaces.cli.diagnose import read_recording
+from tpmsd.offline.diagnosis.assessment.result import Finding
+from tpmsd.offline.diagnosis.diagnose import diagnose
+from tpmsd.offline.inference.recording import Recording
 
 Array = NDArray[np.float64]
 LOSS_M = -1.4e-3

@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 
 from bench.campaigns import origins_coverage
-from bench.campaigns.diagnosed import HELD_OUT_FROM, Row, diagnosed
-from bench.campaigns.diagnosis.run import is_fault
-from bench.campaigns.origins_report import REAL, markdown
+from bench.campaigns.offline.diagnosed import HELD_OUT_FROM, Row, diagnosed
+from bench.campaigns.offline.diagnosis.run import is_fault
+from bench.campaigns.offline.origins_report import REAL, markdown
 from bench.places import OUT, RECORDINGS, REPO
 from bench.registry import UsageError
 from bench.runner import code_state, last_state, read, resume

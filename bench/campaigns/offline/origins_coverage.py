@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns.diagnosis.draw import concealed
+from bench.campaigns.offline.diagnosis.draw import concealed
 from bench.statistics import count, percent
 from bench.worlds.spec import Spec
 

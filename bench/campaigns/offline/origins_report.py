@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from bench.campaigns import origins_coverage
-from bench.campaigns.diagnosed import Row, by_half, parted
+from bench.campaigns.offline.diagnosed import Row, by_half, parted
 from bench.statistics import apart, count, percent, uniform
 from bench.worlds import awkward, real_drives
 from bench.worlds.origins import ORIGINS
-from tpmsd.diagnosis.settings import SETTINGS
+from tpmsd.offline.diagnosis.settings import SETTINGS
 
 REAL = "real"
 EXPECTED = {

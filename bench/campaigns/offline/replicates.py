@@ -17,19 +17,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.campaigns.calibrate_recording import recording_of
+from bench.campaigns.offline.calibrate_recording import recording_of
 from bench.worlds.kinematic import drive
 from bench.worlds.spec import Spec
-from tpmsd.inference.fit import DriveNoise, Fit, fit, redrawn
-from tpmsd.inference.noise import Noise
-from tpmsd.inference.noise_fit import Stage, fit_noise
-from tpmsd.inference.prepared import Design, Prepared, design, prepare
-from tpmsd.inference.recording import INERTIAL, Recording
-from tpmsd.inference.replicate import replicate
-from tpmsd.inference.windows import Reader
-from tpmsd.physics.catalogue import make_effect
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.catalogue import make_effect
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.inference.fit import DriveNoise, Fit, fit, redrawn
+from tpmsd.offline.inference.noise import Noise
+from tpmsd.offline.inference.noise_fit import Stage, fit_noise
+from tpmsd.offline.inference.prepared import Design, Prepared, design, prepare
+from tpmsd.offline.inference.recording import INERTIAL, Recording
+from tpmsd.offline.inference.replicate import replicate
+from tpmsd.offline.inference.windows import Reader
 
 EFFECT, COEFFICIENT = "load_transfer_lateral", 1.5e-4
 SEED = 7

@@ -5,7 +5,7 @@
 A drive of each multi-body car on dry road, hurried and calm, is compared with the rolling model as
 `tpmsd diagnose` does: same channels, same whitening, noise fitted with all its terms. Then columns are
 fitted by least squares and their gains printed (log-likelihood over calibration alone, nats; nothing is held
-out). Those of slip are the diagnosis' own (`tpmsd.diagnosis.hypotheses.wheel_slip`): per axle the
+out). Those of slip are the diagnosis' own (`tpmsd.offline.diagnosis.hypotheses.wheel_slip`): per axle the
 slip under drive and under brakes, and the side slip of the rear axle.
 """
 
@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 
 from bench.worlds.hard_drives import SETTINGS, HardDrive, instrumented, truth
-from tpmsd.config.model import GnssConfig
-from tpmsd.diagnosis.hypotheses.wheel_slip import SIDE_SLIP, WHEEL_SLIP
-from tpmsd.diagnosis.prepared.admission import admitted
-from tpmsd.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.inference.noise_fit import Stage, fit_noise
-from tpmsd.inference.recording import Recording, record
-from tpmsd.wheels import FloatArray
+from tpmsd.car.config.model import GnssConfig
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.hypotheses.wheel_slip import SIDE_SLIP, WHEEL_SLIP
+from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.inference.noise_fit import Stage, fit_noise
+from tpmsd.offline.inference.recording import Recording, record
 
 CARS = ("Escort, dry", "BMW, dry", "Vanagon, dry")
 

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import cantools.database
 
-from tpmsd.config.model import CanConfig, Config, VehicleConfig
-from tpmsd.sources.can_decoder import CanDecoder
+from tpmsd.car.config.model import CanConfig, Config, VehicleConfig
+from tpmsd.onboard.sources.can_decoder import CanDecoder
 
 RADIUS_M, TEETH = 0.316, 48
 

@@ -19,15 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from bench.campaigns.estimators.methods import DEFAULT, Setting, config_of
-from bench.campaigns.estimators.play import EVERY, LEVEL, SETTLE_S
-from bench.campaigns.estimators.tasks import driven
+from bench.campaigns.onboard.estimators.methods import DEFAULT, Setting, config_of
+from bench.campaigns.onboard.estimators.play import EVERY, LEVEL, SETTLE_S
+from bench.campaigns.onboard.estimators.tasks import driven
 from bench.worlds.paper_drive import RL, TICK_S
-from tpmsd.estimators.build import build_filter
-from tpmsd.estimators.error_state import MU
-from tpmsd.estimators.jump_hypotheses import JUMPS, Bank, JumpHypotheses
-from tpmsd.estimators.mixture import MixtureBelief, MixturePieces
-from tpmsd.estimators.table import TABLE
+from tpmsd.onboard.estimators.build import build_filter
+from tpmsd.onboard.estimators.error_state import MU
+from tpmsd.onboard.estimators.jump_hypotheses import JUMPS, Bank, JumpHypotheses
+from tpmsd.onboard.estimators.mixture import MixtureBelief, MixturePieces
+from tpmsd.onboard.estimators.table import TABLE
 
 Array = NDArray[np.float64]
 _OLD = ((1.0, 0.1), (0.15, 0.895), (4.0, 0.005))

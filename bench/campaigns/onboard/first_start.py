@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns.alarms.lives import life
-from bench.campaigns.alarms.play import Said, hear
+from bench.campaigns.onboard.alarms.lives import life
+from bench.campaigns.onboard.alarms.play import Said, hear
 from bench.statistics import percent, rate, share
 from bench.worlds.trip_road import POOL_ROADS
 from bench.worlds.trips import Leg, drive_leg
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.wheels import WHEELS
 
 DRIVE_S = 600.0
 SMALLER = (0.015, 0.022)

@@ -20,13 +20,13 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.cli.drive_reading import read_ticks
-from tpmsd.config.load import load_config
-from tpmsd.estimators.build import build_estimator
-from tpmsd.simulator.drive import DriveSpec, simulate_drive
-from tpmsd.simulator.drive_writer import write_drive
-from tpmsd.timeline.speed_accuracy import SpeedAccuracy
-from tpmsd.timeline.tick import Fix, Tick
+from tpmsd.car.config.load import load_config
+from tpmsd.interfaces.cli.drive_reading import read_ticks
+from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
+from tpmsd.onboard.estimators.build import build_estimator
+from tpmsd.onboard.timeline.speed_accuracy import SpeedAccuracy
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 OPEN_MPS, STREET_MPS, TAU_S = 0.05, 0.5, 2.0
 STATEMENTS = {"none": math.nan, "honest": 1.0, "three times too great": 3.0, "three times too small": 1 / 3}

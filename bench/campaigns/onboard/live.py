@@ -40,15 +40,15 @@ from typing import Any
 import numpy as np
 
 from bench.places import REPO
-from tpmsd.config.load import load_config
-from tpmsd.config.model import CanConfig, Config
-from tpmsd.daemon.bus_link import Bus, open_can
-from tpmsd.daemon.clock import Clock
-from tpmsd.daemon.loop import Daemon
-from tpmsd.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
-from tpmsd.sinks.sd_notify import Notifier
-from tpmsd.sources.can_decoder import can_filters, load_database
-from tpmsd.sources.can_live import LiveCan
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import CanConfig, Config
+from tpmsd.offline.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
+from tpmsd.onboard.daemon.bus_link import Bus, open_can
+from tpmsd.onboard.daemon.clock import Clock
+from tpmsd.onboard.daemon.loop import Daemon
+from tpmsd.onboard.sinks.sd_notify import Notifier
+from tpmsd.onboard.sources.can_decoder import can_filters, load_database
+from tpmsd.onboard.sources.can_live import LiveCan
 
 CHANNEL = "vcan0"
 FULL_BUS_FRAMES_PER_S = 4000

@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns.recorded_losses import Drive, read_drive
+from bench.campaigns.onboard.recorded_losses import Drive, read_drive
 from bench.places import RECORDINGS
 from bench.worlds.magic_tyre import Array
-from tpmsd.api.functions import calibrate
-from tpmsd.pipeline import Pipeline
-from tpmsd.sources.can_decoder import load_database
-from tpmsd.wheels import RL, RR, WHEELS
+from tpmsd.foundation.wheels import RL, RR, WHEELS
+from tpmsd.interfaces.api.functions import calibrate
+from tpmsd.onboard.pipeline import Pipeline
+from tpmsd.onboard.sources.can_decoder import load_database
 
 NAMES = ("van-motorway-a", "van-motorway-b")
 REAR = (RL, RR)

@@ -20,12 +20,12 @@ import numpy as np
 
 from bench.worlds.commonroad_car import DT_S, Run
 from bench.worlds.hard_drives import START_S, HardDrive, Setting, instrumented, truth
-from tpmsd.config.model import FilterConfig, GnssConfig, MonitorConfig
-from tpmsd.estimators.build import build_filter
-from tpmsd.monitor.monitor import Monitor
-from tpmsd.monitor.records import AlarmKind
-from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import WHEELS
+from tpmsd.car.config.model import FilterConfig, GnssConfig, MonitorConfig
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.onboard.estimators.build import build_filter
+from tpmsd.onboard.monitor.monitor import Monitor
+from tpmsd.onboard.monitor.records import AlarmKind
+from tpmsd.onboard.timeline.tick import Tick
 
 LOSSES = {"20 % of pressure": 0.0046, "2 % of radius": 0.02}
 OVER_S = 30.0

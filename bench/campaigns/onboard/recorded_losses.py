@@ -20,15 +20,15 @@ from typing import Any
 
 from bench.places import RECORDINGS
 from bench.statistics import percent, share
-from tpmsd.api.reading import DESK_RATE_HZ
-from tpmsd.cli.drive_reading import read_ticks
-from tpmsd.config.load import load_config
-from tpmsd.config.model import Config
-from tpmsd.monitor.records import AlarmEvent, AlarmKind
-from tpmsd.pipeline import Pipeline
-from tpmsd.sources.can_decoder import load_database
-from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import WHEELS
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import Config
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.interfaces.cli.drive_reading import read_ticks
+from tpmsd.offline.drives.reading import DESK_RATE_HZ
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
+from tpmsd.onboard.pipeline import Pipeline
+from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.timeline.tick import Tick
 
 NAMES = tuple(f"van-motorway-{name}" for name in ("a", "b", "c", "d", "lost-counts"))
 REAR = (2, 3)

@@ -1,7 +1,7 @@
 """At which sampling rates and quantisations does the torsional resonance tell a soft tyre?
 
 Wheels with a rigid-ring tyre (`rigid_ring.py`, independent of the package) roll on roads of ISO 8608;
-tone rings with uneven teeth and a control unit make speeds and counts of it. `tpmsd.resonance` learns each
+tone rings with uneven teeth and a control unit make speeds and counts of it. `tpmsd.onboard.resonance` learns each
 wheel for five minutes and then sees ten minutes of the same tyre at the same pressure or at -20 %. Every
 wheel is judged as one of four of which the other three are sound.
 
@@ -33,12 +33,12 @@ from bench.worlds.rigid_ring import (
     roll,
     wandering_speed,
 )
-from tpmsd.resonance.evidence import SHIFTS, ResonanceEvidence, shift_likelihood
-from tpmsd.resonance.peak_fit import Peak, PeakFit
-from tpmsd.resonance.ring_errors import RingErrors
-from tpmsd.resonance.spectrum import Spectrum, bins_hz, periodograms
-from tpmsd.resonance.wheel_stream import WheelStream
-from tpmsd.sources.events import RotationSample
+from tpmsd.onboard.resonance.evidence import SHIFTS, ResonanceEvidence, shift_likelihood
+from tpmsd.onboard.resonance.peak_fit import Peak, PeakFit
+from tpmsd.onboard.resonance.ring_errors import RingErrors
+from tpmsd.onboard.resonance.spectrum import Spectrum, bins_hz, periodograms
+from tpmsd.onboard.resonance.wheel_stream import WheelStream
+from tpmsd.onboard.sources.events import RotationSample
 
 FloatArray = NDArray[np.float64]
 

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns.vehicle_state import workshop
+from bench.campaigns.car.vehicle_state import workshop
 from bench.registry import UsageError
 from bench.vehicle_state.observer import SlipObserver
 from bench.worlds.commonroad_car import Run
@@ -36,13 +36,13 @@ from bench.worlds.hard_drives import (
     instrumented,
     truth,
 )
-from tpmsd.config.model import FilterConfig, GnssConfig
-from tpmsd.estimators.build import build_filter
-from tpmsd.estimators.motion_gate import MotionGate
-from tpmsd.timeline.tick import Tick
-from tpmsd.vehicle_state.car import CarDynamics, typical
-from tpmsd.vehicle_state.slips import slip_traces
-from tpmsd.wheels import RL, RR, FloatArray
+from tpmsd.car.config.model import FilterConfig, GnssConfig
+from tpmsd.car.vehicle_state.car import CarDynamics, typical
+from tpmsd.car.vehicle_state.slips import slip_traces
+from tpmsd.foundation.wheels import RL, RR, FloatArray
+from tpmsd.onboard.estimators.build import build_filter
+from tpmsd.onboard.estimators.motion_gate import MotionGate
+from tpmsd.onboard.timeline.tick import Tick
 
 SETTLED_TICK = 1200
 

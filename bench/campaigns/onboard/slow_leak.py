@@ -18,9 +18,9 @@ import numpy as np
 
 from bench.statistics import percent, rate, share
 from bench.worlds.tyre_years import Leak, Year, draw_year
-from tpmsd.monitor.leak_history import LeakHistory
-from tpmsd.physics.tyre import radius_change_for_pressure_loss
-from tpmsd.wheels import WHEELS
+from tpmsd.car.physics.tyre import radius_change_for_pressure_loss
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.onboard.monitor.leak_history import LeakHistory
 
 METRES_PER_PERCENT = -radius_change_for_pressure_loss(0.1, 0.316) / 10.0
 LATE_PERCENT = 15.0

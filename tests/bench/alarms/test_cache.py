@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.campaigns.alarms.cache import code_of, key_of
-from bench.campaigns.alarms.play import Heard, hear
+from bench.campaigns.onboard.alarms.cache import code_of, key_of
+from bench.campaigns.onboard.alarms.play import Heard, hear
 from bench.worlds.trip_cars import draw_car
 from bench.worlds.trips import Driven, Leg, Loss, drive_leg
 
@@ -66,8 +66,8 @@ def test_another_state_before_is_another_memory(leaking: Driven, tmp_path: Path)
 
 def test_the_key_is_of_readings_and_of_code(leaking: Driven) -> None:
     """One reading more or less is another key; the code is the estimator's with all that it imports."""
-    from tpmsd.config.model import CanConfig, Config, FilterConfig, VehicleConfig
-    from tpmsd.estimators.build import build_estimator
+    from tpmsd.car.config.model import CanConfig, Config, FilterConfig, VehicleConfig
+    from tpmsd.onboard.estimators.build import build_estimator
 
     vehicle = VehicleConfig((0.3, 0.3, 0.3, 0.3), 1.5, 1.5, 2.6)
     roles = {f"wheel_count_{wheel}": f"W.{wheel}" for wheel in ("fl", "fr", "rl", "rr")}
@@ -76,7 +76,7 @@ def test_the_key_is_of_readings_and_of_code(leaking: Driven) -> None:
     drive = leaking.drive
     other = replace(drive, gyro=drive.gyro + np.eye(1, len(drive.gyro))[0])
     slower = replace(config, filter=FilterConfig(rate_hz=5.0))
-    names = [path.stem for path in code_of(["tpmsd.estimators.mixture"])]
+    names = [path.stem for path in code_of(["tpmsd.onboard.estimators.mixture"])]
 
     keys = [
         key_of(drive, config, estimator, False),

@@ -10,11 +10,11 @@ from typing import Any
 
 import pytest
 
-from bench.campaigns.alarms import run as bench
-from bench.campaigns.alarms.figures import bars, detection, figures, rate
-from bench.campaigns.alarms.play import Said
-from bench.campaigns.alarms.score import incidents_of
-from bench.campaigns.alarms.text import markdown
+from bench.campaigns.onboard.alarms import run as bench
+from bench.campaigns.onboard.alarms.figures import bars, detection, figures, rate
+from bench.campaigns.onboard.alarms.play import Said
+from bench.campaigns.onboard.alarms.score import incidents_of
+from bench.campaigns.onboard.alarms.text import markdown
 from bench.cli import main, parse
 from bench.statistics import percent
 

@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.campaigns.alarms.cases import group
-from bench.campaigns.alarms.one import story, write_story
-from bench.campaigns.alarms.play import Heard, Said, fast_seconds, hear
-from bench.campaigns.alarms.score import judge
-from bench.campaigns.alarms.ticks import ticks_of
+from bench.campaigns.onboard.alarms.cases import group
+from bench.campaigns.onboard.alarms.one import story, write_story
+from bench.campaigns.onboard.alarms.play import Heard, Said, fast_seconds, hear
+from bench.campaigns.onboard.alarms.score import judge
+from bench.campaigns.onboard.alarms.ticks import ticks_of
 from bench.worlds.folder import write_folder
 from bench.worlds.trip_cars import Car, draw_car
 from bench.worlds.trips import Driven, Leg, Loss, drive_leg
-from tpmsd.cli.drive_reading import read_ticks
-from tpmsd.cli.replay import replay
-from tpmsd.config.load import load_config
-from tpmsd.report.replay_result import ReplayResult
+from tpmsd.car.config.load import load_config
+from tpmsd.interfaces.cli.drive_reading import read_ticks
+from tpmsd.interfaces.cli.replay import replay
+from tpmsd.offline.report.replay_result import ReplayResult
 
 BUSES = {
     "counts": {"wheel_signal": "counts", "teeth": 48.0, "split_wheels": True},

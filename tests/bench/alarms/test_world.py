@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.campaigns.alarms.cases import ONSETS, group
-from bench.campaigns.alarms.lives import LEARNING, LEGS, SLIPPERY, kinds, life, slippery
+from bench.campaigns.onboard.alarms.cases import ONSETS, group
+from bench.campaigns.onboard.alarms.lives import LEARNING, LEGS, SLIPPERY, kinds, life, slippery
 from bench.worlds.magic_tyre import NOMINAL_PA, Tyre, gauge_at
 from bench.worlds.surfaces import RESIZED, TAGS, ride
 from bench.worlds.trip_cars import POOLS, Car, draw_car

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.campaigns.diagnosis.draw import draw_case
-from bench.campaigns.diagnosis.information import explained, gram, without
-from bench.campaigns.diagnosis.make import make
-from bench.campaigns.diagnosis.signals import windows_of
-from bench.campaigns.diagnosis.truth import nuisances, truth_of
+from bench.campaigns.offline.diagnosis.draw import draw_case
+from bench.campaigns.offline.diagnosis.information import explained, gram, without
+from bench.campaigns.offline.diagnosis.make import make
+from bench.campaigns.offline.diagnosis.signals import windows_of
+from bench.campaigns.offline.diagnosis.truth import nuisances, truth_of
 from bench.worlds.course import Course
 from bench.worlds.instruments import observe
 from bench.worlds.spec import FINE_TEETH, Spec

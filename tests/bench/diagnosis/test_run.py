@@ -7,8 +7,8 @@ import json
 from collections import Counter
 from pathlib import Path
 
-from bench.campaigns.diagnosis import run as bench
-from bench.campaigns.diagnosis.report import failing, markdown, summary
+from bench.campaigns.offline.diagnosis import run as bench
+from bench.campaigns.offline.diagnosis.report import failing, markdown, summary
 from bench.runner import code_state, read
 
 

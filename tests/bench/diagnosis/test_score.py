@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.campaigns.diagnosis.draw import (
+from bench.campaigns.offline.diagnosis.draw import (
     CONCEALED,
     EFFECTS,
     MULTIBODY,
@@ -18,10 +18,10 @@ from bench.campaigns.diagnosis.draw import (
     TOGETHER,
     draw_case,
 )
-from bench.campaigns.diagnosis.make import make
-from bench.campaigns.diagnosis.score import improvement, localisation, match, parameter_errors
-from bench.campaigns.diagnosis.seal import diagnosed
-from bench.campaigns.diagnosis.truth import Concealed, Truth, truth_of
+from bench.campaigns.offline.diagnosis.make import make
+from bench.campaigns.offline.diagnosis.score import improvement, localisation, match, parameter_errors
+from bench.campaigns.offline.diagnosis.seal import diagnosed
+from bench.campaigns.offline.diagnosis.truth import Concealed, Truth, truth_of
 from bench.statistics import share
 from bench.worlds.instruments import observe
 from bench.worlds.kinematic import course
@@ -75,7 +75,7 @@ def test_a_place_found_in_half_its_time_has_a_recall_of_a_half() -> None:
     """F1 of precision 1 and recall 1/2 is 2/3; the wrong wheel has none."""
     spec = Spec(duration_s=200.0)
     road = course(spec, np.random.default_rng(3))
-    from bench.campaigns.diagnosis.signals import windows_of
+    from bench.campaigns.offline.diagnosis.signals import windows_of
 
     windows = windows_of(road, observe(road, spec, np.random.default_rng(3), 3))
     windows.read[:] = True

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from bench.campaigns.drift_levels import variances
-from bench.campaigns.estimators.methods import DEFAULT, Setting, build
-from bench.campaigns.estimators.tasks import driven
-from tpmsd.estimators.mixture import MixtureBelief
-from tpmsd.estimators.radius_filter import RadiusFilter
+from bench.campaigns.onboard.drift_levels import variances
+from bench.campaigns.onboard.estimators.methods import DEFAULT, Setting, build
+from bench.campaigns.onboard.estimators.tasks import driven
+from tpmsd.onboard.estimators.mixture import MixtureBelief
+from tpmsd.onboard.estimators.radius_filter import RadiusFilter
 
 
 def test_the_stated_variance_is_the_filters() -> None:

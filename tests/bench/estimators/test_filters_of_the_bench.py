@@ -10,20 +10,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.campaigns.estimators.batches import Radii, play_batch
-from bench.campaigns.estimators.kernel import Kernel, compile_kernel
-from bench.campaigns.estimators.library import LibraryAugPf
-from bench.campaigns.estimators.limit import limit
-from bench.campaigns.estimators.methods import TEXTBOOK, Setting, build, config_of, heard
-from bench.campaigns.estimators.play import difference, play
-from bench.campaigns.estimators.recordings import dropped, own_difference_m
-from bench.campaigns.estimators.run import earlier, play_all
-from bench.campaigns.estimators.survive import legs
-from bench.campaigns.estimators.tasks import Task
+from bench.campaigns.onboard.estimators.batches import Radii, play_batch
+from bench.campaigns.onboard.estimators.kernel import Kernel, compile_kernel
+from bench.campaigns.onboard.estimators.library import LibraryAugPf
+from bench.campaigns.onboard.estimators.limit import limit
+from bench.campaigns.onboard.estimators.methods import TEXTBOOK, Setting, build, config_of, heard
+from bench.campaigns.onboard.estimators.play import difference, play
+from bench.campaigns.onboard.estimators.recordings import dropped, own_difference_m
+from bench.campaigns.onboard.estimators.run import earlier, play_all
+from bench.campaigns.onboard.estimators.survive import legs
+from bench.campaigns.onboard.estimators.tasks import Task
 from bench.cli import main, parse
 from bench.worlds.paper_drive import PUNCTURE_M, RADIUS_M, RL, RR, SCENARIOS, Driven, drive
 from tests.bench.estimators.drives import RURAL, piece
-from tpmsd.estimators.radius_models import NiwRadii
+from tpmsd.onboard.estimators.radius_models import NiwRadii
 
 UNBALANCED_MM = -1.5
 

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.campaigns.estimators import tune
-from bench.campaigns.estimators.methods import TEXTBOOK, Setting
-from bench.campaigns.estimators.play import LOST_S, Played, longest, score
-from bench.campaigns.estimators.run import spread
-from bench.campaigns.estimators.speed import linearity, owners
-from bench.campaigns.estimators.summary import diverged, paper_claims, pick, ratios
-from bench.campaigns.estimators.survive import verdict
+from bench.campaigns.onboard.estimators import tune
+from bench.campaigns.onboard.estimators.methods import TEXTBOOK, Setting
+from bench.campaigns.onboard.estimators.play import LOST_S, Played, longest, score
+from bench.campaigns.onboard.estimators.run import spread
+from bench.campaigns.onboard.estimators.speed import linearity, owners
+from bench.campaigns.onboard.estimators.summary import diverged, paper_claims, pick, ratios
+from bench.campaigns.onboard.estimators.survive import verdict
 
 TICK_S = 0.1
 COUNT = 3000
@@ -154,7 +154,7 @@ def test_a_straight_line_is_found_linear() -> None:
 
 def test_time_of_a_library_is_put_down_to_those_who_call_it() -> None:
     """By the share that each caller caused."""
-    caller = ("/x/tpmsd/estimators/niw.py", 1, "learn")
+    caller = ("/x/tpmsd/onboard/estimators/niw.py", 1, "learn")
     other = ("/x/numpy/core.py", 1, "mean")
     entry = (3, 3, 0.5, 0.5, {caller: (1, 1, 0.4, 0.4), other: (2, 2, 0.1, 0.1)})
     assert owners(("~", 0, "<built-in>"), entry) == {"niw": 0.4, "NumPy's own Python": 0.1}

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tests.config.conftest import GOOD_DBC, GOOD_TOML, Make
-from tpmsd.config.check import check
-from tpmsd.config.dbc import load_dbc
-from tpmsd.config.plan import Plan
-from tpmsd.config.problems import ConfigProblems
+from tests.car.config.conftest import GOOD_DBC, GOOD_TOML, Make
+from tpmsd.car.config.check import check
+from tpmsd.car.config.dbc import load_dbc
+from tpmsd.car.config.plan import Plan
+from tpmsd.car.config.problems import ConfigProblems
 
 
 def plan_of(path: Path) -> Plan:

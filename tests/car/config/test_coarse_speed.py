@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.config.conftest import Make
-from tpmsd.cli.main import main
-from tpmsd.config.check import check
-from tpmsd.config.coarse_speed import coarse_speed, truncation_bias
+from tests.car.config.conftest import Make
+from tpmsd.car.config.check import check
+from tpmsd.car.config.coarse_speed import coarse_speed, truncation_bias
+from tpmsd.interfaces.cli.main import main
 
 KMH = 1.0 / 3.6
 

@@ -13,11 +13,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.config.conftest import GOOD_DBC
-from tpmsd.config.dbc import NotedDatabase, load_dbc
-from tpmsd.config.dbc_text import DbcReader
-from tpmsd.config.problems import ConfigProblems
-from tpmsd.config.units import canonical_unit
+from tests.car.config.conftest import GOOD_DBC
+from tpmsd.car.config.dbc import NotedDatabase, load_dbc
+from tpmsd.car.config.dbc_text import DbcReader
+from tpmsd.car.config.problems import ConfigProblems
+from tpmsd.car.config.units import canonical_unit
 
 WHEELS = 'BO_ 176 WHEELS: 8 CAR\n SG_ A : 0|16@1+ (1,0) [0|65535] "" CAR\n'
 
@@ -115,8 +115,8 @@ def test_hostile_files_stay_within_bounds(tmp_path: Path, kind: str) -> None:
     file = tmp_path / "bus.dbc"
     file.write_text(HOSTILE[kind])
     code = (
-        "import re, sys; from pathlib import Path; from tpmsd.config.dbc import load_dbc\n"
-        "from tpmsd.config.problems import ConfigProblems\n"
+        "import re, sys; from pathlib import Path; from tpmsd.car.config.dbc import load_dbc\n"
+        "from tpmsd.car.config.problems import ConfigProblems\n"
         "try: load_dbc(Path(sys.argv[1]))\n"
         "except ConfigProblems as error: assert '\\n' not in str(error)\n"
         # Of this process's own memory: what getrusage tells counts the tests' process before the exec, too.

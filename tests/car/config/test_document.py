@@ -10,11 +10,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tests.config.conftest import Make
-from tests.config.test_load import problems_of
-from tpmsd.config.document import read_document
-from tpmsd.config.load import load_config
-from tpmsd.config.problems import ConfigProblems
+from tests.car.config.conftest import Make
+from tests.car.config.test_load import problems_of
+from tpmsd.car.config.document import read_document
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.problems import ConfigProblems
 
 
 @pytest.mark.parametrize(

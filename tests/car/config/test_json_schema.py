@@ -10,11 +10,11 @@ from typing import Any
 import jsonschema
 import pytest
 
-from tests.config.conftest import GOOD_TOML
-from tpmsd.cli.main import main
-from tpmsd.config.json_schema import vehicle_schema
-from tpmsd.config.load import load_config
-from tpmsd.config.problems import ConfigProblems
+from tests.car.config.conftest import GOOD_TOML
+from tpmsd.car.config.json_schema import vehicle_schema
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.problems import ConfigProblems
+from tpmsd.interfaces.cli.main import main
 
 SCHEMA = vehicle_schema()
 VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)

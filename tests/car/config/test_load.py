@@ -10,12 +10,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tests.config.conftest import GOOD_TOML, Make
-from tpmsd.config import model
-from tpmsd.config.load import ConfigProblems, load_config
-from tpmsd.config.problems import Problem, shown_lines
-from tpmsd.config.schema import tables
-from tpmsd.errors import ConfigError
+from tests.car.config.conftest import GOOD_TOML, Make
+from tpmsd.car.config import model
+from tpmsd.car.config.load import ConfigProblems, load_config
+from tpmsd.car.config.problems import Problem, shown_lines
+from tpmsd.car.config.schema import tables
+from tpmsd.foundation.errors import ConfigError
 
 RECORDINGS = ("rav4-suburb-60s", "van-motorway-a", "van-motorway-b", "van-oval")
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.config.locate import KeyPath, Step, line_of, locate
+from tpmsd.car.config.locate import KeyPath, Step, line_of, locate
 
 TRICKY = '''\
 # [vehicle] is not here

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from tests.config.conftest import Make
-from tpmsd.config.check import check
-from tpmsd.config.load import load_config
-from tpmsd.config.model import Condition, SignalOptions
-from tpmsd.config.problems import ConfigProblems
-from tpmsd.daemon.config_toml import config_toml
+from tests.car.config.conftest import Make
+from tpmsd.car.config.check import check
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import Condition, SignalOptions
+from tpmsd.car.config.problems import ConfigProblems
+from tpmsd.onboard.daemon.config_toml import config_toml
 
 TABLE = (
     '"WHEELS.CNT_FL"',

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.config.conftest import GOOD_TOML, Make
-from tpmsd.config.load import ConfigProblems, load_config
+from tests.car.config.conftest import GOOD_TOML, Make
+from tpmsd.car.config.load import ConfigProblems, load_config
 
 
 def test_a_tyre_is_read(make: Make) -> None:

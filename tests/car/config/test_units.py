@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from tpmsd.config.model import OPTIONAL_ROLES, ROLES
-from tpmsd.config.units import (
+from tpmsd.car.config.model import OPTIONAL_ROLES, ROLES
+from tpmsd.car.config.units import (
     allowed_units,
     assumed_unit,
     canonical_unit,
@@ -15,7 +15,7 @@ from tpmsd.config.units import (
     to_si,
     wheel_speed_kind,
 )
-from tpmsd.errors import ConfigError
+from tpmsd.foundation.errors import ConfigError
 
 
 @pytest.mark.parametrize(

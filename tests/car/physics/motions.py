@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.physics.kinematics import Geometry
-from tpmsd.physics.motion import Car, Motion, driven_mask
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.motion import Car, Motion, driven_mask
+from tpmsd.foundation.wheels import FloatArray
 
 GEOMETRY = Geometry(track_front_m=1.53, track_rear_m=1.52, wheelbase_m=2.63)
 

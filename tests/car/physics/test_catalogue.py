@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.errors import ConfigError
-from tpmsd.physics.catalogue import EFFECTS, make_effect, parse_effect
-from tpmsd.physics.covariates import COVARIATES
-from tpmsd.physics.effect import Effect, Kind, Parameter, Std, WheelParameter
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.physics.model_file import format_model, load_model, parse_model, save_model
-from tpmsd.physics.tyre import radius_change_for_pressure_loss
+from tpmsd.car.physics.catalogue import EFFECTS, make_effect, parse_effect
+from tpmsd.car.physics.covariates import COVARIATES
+from tpmsd.car.physics.effect import Effect, Kind, Parameter, Std, WheelParameter
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.car.physics.model_file import format_model, load_model, parse_model, save_model
+from tpmsd.car.physics.tyre import radius_change_for_pressure_loss
+from tpmsd.foundation.errors import ConfigError
 
 LATER = [
     "brake_slip",

@@ -10,13 +10,13 @@ from typing import Any
 
 import pytest
 
-from tpmsd.errors import ConfigError
-from tpmsd.physics.catalogue import EFFECTS, parse_effect, sentence_of
-from tpmsd.physics.covariates import COVARIATES
-from tpmsd.physics.effect import Effect
-from tpmsd.physics.model_file import parse_model
-from tpmsd.report.effects_reference import effects_page
-from tpmsd.sources import can_log
+from tpmsd.car.physics.catalogue import EFFECTS, parse_effect, sentence_of
+from tpmsd.car.physics.covariates import COVARIATES
+from tpmsd.car.physics.effect import Effect
+from tpmsd.car.physics.model_file import parse_model
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.offline.report.effects_reference import effects_page
+from tpmsd.onboard.sources import can_log
 
 REPO = Path(__file__).resolve().parents[2]
 TEXT = (REPO / "docs" / "explanation" / "physics.md").read_text(encoding="utf-8")
@@ -50,11 +50,11 @@ def test_the_table_of_hooks_is_complete() -> None:
 
 AS_A_FILE = """
 import sys
-import tpmsd.physics.effects as effects
+import tpmsd.car.physics.effects as effects
 effects.__path__.append(sys.argv[1])
-from tests.physics.motions import car, steady
-from tpmsd.cli.main import main
-from tpmsd.physics.catalogue import make_effect
+from tests.car.physics.motions import car, steady
+from tpmsd.interfaces.cli.main import main
+from tpmsd.car.physics.catalogue import make_effect
 change = make_effect("aerodynamic_lift", area_m2=0.2).radius_change_m(steady(30.0), car())[0]
 print("by hand:", [float(f"{value:.3g}") for value in change])
 drive = sys.argv[2] + "/spoiler"

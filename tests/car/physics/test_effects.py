@@ -8,21 +8,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.physics.motions import accelerating, car, steady
-from tpmsd.errors import ConfigError
-from tpmsd.physics.catalogue import EFFECTS, make_effect
-from tpmsd.physics.covariates import covariate
-from tpmsd.physics.effect import Effect
-from tpmsd.physics.forward import (
+from tests.car.physics.motions import accelerating, car, steady
+from tpmsd.car.physics.catalogue import EFFECTS, make_effect
+from tpmsd.car.physics.covariates import covariate
+from tpmsd.car.physics.effect import Effect
+from tpmsd.car.physics.forward import (
     antenna_truth,
     counted_revolutions,
     gyro_rates,
     wheel_angles,
     wheel_rates,
 )
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.physics.motion import Motion
-from tpmsd.wheels import FL, FR, RL, RR, WHEELS
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.car.physics.motion import Motion
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import FL, FR, RL, RR, WHEELS
 
 
 def only(effect: Effect) -> ExtendedModel:

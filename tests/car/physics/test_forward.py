@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from tests.physics.motions import GEOMETRY, accelerating, car, steady
-from tpmsd.physics.forward import antenna_truth, wheel_angles, wheel_rates
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.physics.motion import Motion, driven_mask
-from tpmsd.wheels import FL, FR, RL, RR
+from tests.car.physics.motions import GEOMETRY, accelerating, car, steady
+from tpmsd.car.physics.forward import antenna_truth, wheel_angles, wheel_rates
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.car.physics.motion import Motion, driven_mask
+from tpmsd.foundation.wheels import FL, FR, RL, RR
 
 ROLLING = ExtendedModel()
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tpmsd.cli.main import main
+from tpmsd.interfaces.cli.main import main
 
 SHAPE = """[[effect]]
 name = "unknown"

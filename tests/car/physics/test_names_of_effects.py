@@ -8,12 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from tpmsd.physics.catalogue import EFFECTS, FREE
+from tpmsd.car.physics.catalogue import EFFECTS, FREE
 
 REPO = Path(__file__).resolve().parents[2]
 PACKAGE = REPO / "tpmsd"
 HOME = PACKAGE / "physics" / "effects"
-EXAMPLES = {"tpmsd/cli/simulate.py", "tpmsd/cli/effects.py", "tpmsd/cli/plan.py"}
+EXAMPLES = {
+    "tpmsd/interfaces/cli/simulate.py",
+    "tpmsd/interfaces/cli/effects.py",
+    "tpmsd/interfaces/cli/plan.py",
+}
 """Help texts whose examples name effects as a user types them."""
 NOT_NAMES = {FREE.name, *(name for name in EFFECTS if "_" not in name)}
 """Words of the language that stand for other things as well."""
@@ -25,7 +29,7 @@ def named(source: str) -> list[str]:
     docs = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     out = []
     for node in ast.walk(tree):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("tpmsd.physics.effects."):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("tpmsd.car.physics.effects."):
             out.append(f"{node.lineno}: import of {node.module}")
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docs:
             words = set(re.findall(r"[a-z_]+", node.value))
@@ -48,12 +52,12 @@ def test_no_module_but_its_own_names_an_effect() -> None:
 @pytest.mark.parametrize(
     ("source", "faults"),
     [
-        ("from tpmsd.physics.effects.road_grade import RoadGrade", 1),
+        ("from tpmsd.car.physics.effects.road_grade import RoadGrade", 1),
         ("if term.effect == 'gnss_latency': pass", 1),
         ("x = f'radius_change {wheel}'", 1),
         ("x = {'road_grades': 1}", 0),
         ('def f():\n    """Like `road_grade`."""', 0),
-        ("from tpmsd.physics.catalogue import FAULT", 0),
+        ("from tpmsd.car.physics.catalogue import FAULT", 0),
     ],
 )
 def test_the_watch_over_names_sees(source: str, faults: int) -> None:

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.config.model import TyreConfig
-from tpmsd.errors import ConfigError
-from tpmsd.physics.tyre import TyreModel, radius_change_for_pressure_loss, stiffness, tyre_model
+from tpmsd.car.config.model import TyreConfig
+from tpmsd.car.physics.tyre import TyreModel, radius_change_for_pressure_loss, stiffness, tyre_model
+from tpmsd.foundation.errors import ConfigError
 
 REFERENCE_M = 0.304
 MAGIC_FORMULA_MM = ((0.20, -1.41), (0.25, -1.84), (0.30, -2.31))

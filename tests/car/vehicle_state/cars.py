@@ -6,7 +6,7 @@ import numpy as np
 
 from bench.vehicle_state.kalman import Belief
 from bench.vehicle_state.model import Inputs
-from tpmsd.vehicle_state.car import CarDynamics
+from tpmsd.car.vehicle_state.car import CarDynamics
 
 PAPER_CAR = CarDynamics(
     mass_kg=1558.0,

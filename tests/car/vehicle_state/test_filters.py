@@ -12,7 +12,7 @@ from bench.vehicle_state.kalman import Belief, Ekf, Noise, StateFilter, Ukf
 from bench.vehicle_state.model import Inputs
 from bench.vehicle_state.particle import UnscentedParticleFilter
 from bench.vehicle_state.robust import RobustSettings
-from tests.vehicle_state.cars import PAPER_CAR, START
+from tests.car.vehicle_state.cars import PAPER_CAR, START
 
 NOISE = Noise()
 MAKERS: dict[str, Callable[[int], StateFilter]] = {

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from bench.vehicle_state import model
 from bench.vehicle_state.linear import advance_jacobian, rates_jacobian, readings_jacobian
-from tests.vehicle_state.cars import PAPER_CAR, steering
-from tpmsd.physics.motion import GRAVITY_MPS2
-from tpmsd.vehicle_state.car import CarDynamics, typical
-from tpmsd.vehicle_state.loads import wheel_loads
-from tpmsd.vehicle_state.tyre import DugoffTyre
+from tests.car.vehicle_state.cars import PAPER_CAR, steering
+from tpmsd.car.physics.motion import GRAVITY_MPS2
+from tpmsd.car.vehicle_state.car import CarDynamics, typical
+from tpmsd.car.vehicle_state.loads import wheel_loads
+from tpmsd.car.vehicle_state.tyre import DugoffTyre
 
 ACCEL = st.floats(-9.0, 9.0)
 

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from bench.vehicle_state import model
 from bench.vehicle_state.model import Inputs
 from bench.vehicle_state.observer import SlipObserver
-from tests.vehicle_state.cars import PAPER_CAR, steering
-from tpmsd.vehicle_state.loads import wheel_loads
-from tpmsd.vehicle_state.settings import SETTINGS
-from tpmsd.vehicle_state.slips import angle_for_force, slip_traces, wheel_slips
-from tpmsd.vehicle_state.tyre import DugoffTyre
+from tests.car.vehicle_state.cars import PAPER_CAR, steering
+from tpmsd.car.vehicle_state.loads import wheel_loads
+from tpmsd.car.vehicle_state.settings import SETTINGS
+from tpmsd.car.vehicle_state.slips import angle_for_force, slip_traces, wheel_slips
+from tpmsd.car.vehicle_state.tyre import DugoffTyre
 
 NONE = np.zeros(1)
 

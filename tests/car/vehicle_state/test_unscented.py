@@ -7,7 +7,7 @@ import pytest
 
 from bench.vehicle_state.robust import MIN_FACTOR, MIN_WEIGHT, RobustSettings
 from bench.vehicle_state.unscented import moments, sigma_points, sigma_weights
-from tpmsd.vehicle_state.robust import igg3
+from tpmsd.car.vehicle_state.robust import igg3
 
 
 def gaussian(size: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:

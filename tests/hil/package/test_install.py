@@ -69,7 +69,7 @@ def test_the_units_start_what_was_installed(root: Path) -> None:
 def test_the_installed_program_runs(root: Path) -> None:
     """With the modules that were installed beside it, and no others."""
     (modules,) = root.glob("opt/tpmsd/lib/python3.*/site-packages")
-    program = "import tpmsd, tpmsd.daemon.loop, sys; print(tpmsd.__file__)"
+    program = "import tpmsd, tpmsd.onboard.daemon.loop, sys; print(tpmsd.__file__)"
     done = subprocess.run(
         [root / "opt/tpmsd/bin/python", "-I", "-c", program], capture_output=True, text=True
     )

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import tpmsd
-from tpmsd.simulator.drive import DriveSpec, simulate_drive
-from tpmsd.simulator.drive_writer import write_drive
+from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
 
 ONSET_S = 90.0
 FAULT = tpmsd.Fault("puncture", 2.0, wheel="rl", onset_s=ONSET_S)

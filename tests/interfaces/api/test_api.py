@@ -13,10 +13,10 @@ import pytest
 from matplotlib.figure import Figure
 
 import tpmsd
-from tests.api.conftest import FAULT
-from tpmsd.cli.main import main
-from tpmsd.tables.columns import COLUMNS
-from tpmsd.wheels import WHEELS
+from tests.interfaces.api.conftest import FAULT
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.interfaces.cli.main import main
+from tpmsd.offline.tables.columns import COLUMNS
 
 REPO = Path(__file__).resolve().parents[2]
 CORE = ("numpy", "scipy", "can", "cantools")
@@ -41,7 +41,7 @@ def test_the_daemon_loads_no_extra() -> None:
     """The daemon's modules load none of the packages of tables and fleets."""
     # python-can itself loads asammdf, and so pandas, where it is installed.
     code = (
-        "import sys; sys.modules['asammdf'] = None; import tpmsd.cli.run, tpmsd.daemon.loop, tpmsd.pipeline;"
+        "import sys; sys.modules['asammdf'] = None; import tpmsd.interfaces.cli.run, tpmsd.onboard.daemon.loop, tpmsd.onboard.pipeline;"
         f"print(*[name for name in {EXTRAS!r} if name in sys.modules])"
     )
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tpmsd.api.bus_fixes import BusFixes, is_on_bus
-from tpmsd.api.raw_drive import read_drive
-from tpmsd.config.load import load_config
-from tpmsd.errors import InputError
-from tpmsd.sources.databases import load_databases
+from tpmsd.car.config.load import load_config
+from tpmsd.foundation.errors import InputError
+from tpmsd.offline.drives.bus_fixes import BusFixes, is_on_bus
+from tpmsd.offline.drives.raw_drive import read_drive
+from tpmsd.onboard.sources.databases import load_databases
 
 DBC = """VERSION ""
 

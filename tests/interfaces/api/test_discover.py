@@ -9,9 +9,9 @@ import pytest
 from matplotlib.figure import Figure
 
 import tpmsd
-from tests.api.conftest import FAULT
-from tpmsd.cli.main import main
-from tpmsd.wheels import WHEELS
+from tests.interfaces.api.conftest import FAULT
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.interfaces.cli.main import main
 
 
 def test_a_discovery_equals_the_command(folder: Path, tmp_path: Path) -> None:

@@ -41,7 +41,7 @@ def test_an_example_runs(name: str, tmp_path: Path) -> None:
     assert [] == [text for text in EXPECTED[name] if text not in done.stdout], done.stdout
 
 
-@pytest.mark.parametrize("module", ["tpmsd.api.functions", "tpmsd.api.drive"])
+@pytest.mark.parametrize("module", ["tpmsd.interfaces.api.functions", "tpmsd.offline.drives.drive"])
 def test_docstrings_are_true(module: str) -> None:
     """The examples in the docstrings give what they show."""
     result = doctest.testmod(importlib.import_module(module))

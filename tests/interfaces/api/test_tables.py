@@ -17,12 +17,12 @@ import pytest
 from mcap.reader import make_reader
 
 import tpmsd
-from tests.api.test_from_tables import straight
+from tests.interfaces.api.test_from_tables import straight
 from tools.make_layouts import foxglove, plotjuggler
-from tpmsd.cli.main import main
-from tpmsd.tables.columns import COLUMNS, NUMBERS, TEXTS
-from tpmsd.tables.mcap_schemas import TOPICS
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.interfaces.cli.main import main
+from tpmsd.offline.tables.columns import COLUMNS, NUMBERS, TEXTS
+from tpmsd.offline.tables.mcap_schemas import TOPICS
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 
@@ -191,7 +191,7 @@ def hdf5(frame: pd.DataFrame, path: Path) -> None:
 @pytest.mark.parametrize("kind", ["csv", "semicolon", "parquet", "mf4", "mat"])
 def test_a_loggers_table_becomes_a_drive(kind: str, tmp_path: Path) -> None:
     """The same table in each format, mapped, gives a drive whose radii are the true ones within 0.2 mm."""
-    from tests.api.test_from_tables import RADII_M
+    from tests.interfaces.api.test_from_tables import RADII_M
 
     frame = frame_of(*straight(40.0))
     table = tmp_path / f"log.{'csv' if kind == 'semicolon' else kind}"

@@ -1,1 +1,1 @@
-"""Tests of `tpmsd.bridges` without a network."""
+"""Tests of `tpmsd.interfaces.bridges` without a network."""

@@ -18,7 +18,7 @@ from typing import Any
 import grpc
 from kuksa.val.v2 import types_pb2, val_pb2, val_pb2_grpc
 
-from tpmsd.bridges.vss_names import IS_PRESSURE_LOW
+from tpmsd.interfaces.bridges.vss_names import IS_PRESSURE_LOW
 
 PRESSURES = dict.fromkeys(IS_PRESSURE_LOW.values(), "bool")
 

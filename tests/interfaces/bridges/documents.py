@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.beside import beside
-from tpmsd.sinks.status_server import StatusServer
+from tpmsd.onboard.sinks.status_server import StatusServer
 
 WHEEL = {
     "state": "monitoring",

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.bridges.documents import served
-from tpmsd.bridges.secrets import secret
-from tpmsd.bridges.watching import documents
-from tpmsd.cli.bridge import CREDENTIAL
-from tpmsd.cli.main import main
-from tpmsd.errors import ConfigError
+from tests.interfaces.bridges.documents import served
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.interfaces.bridges.secrets import secret
+from tpmsd.interfaces.bridges.watching import documents
+from tpmsd.interfaces.cli.bridge import CREDENTIAL
+from tpmsd.interfaces.cli.main import main
 
 
 @pytest.mark.parametrize(

@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given, settings
 from prometheus_client.parser import text_string_to_metric_families
 
-from tests.bridges.documents import alarm, document, served
-from tests.bridges.test_summary import junk
-from tpmsd.bridges.metrics import families
-from tpmsd.bridges.prometheus import serve
-from tpmsd.errors import TpmsdError
+from tests.interfaces.bridges.documents import alarm, document, served
+from tests.interfaces.bridges.test_summary import junk
+from tpmsd.foundation.errors import TpmsdError
+from tpmsd.interfaces.bridges.metrics import families
+from tpmsd.interfaces.bridges.prometheus import serve
 
-LOG = logging.getLogger("tests.bridges")
+LOG = logging.getLogger("tests.interfaces.bridges")
 
 
 def scrape(port: int) -> dict[tuple[str, ...], float]:

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.bridges.documents import alarm, document
-from tpmsd.bridges.home_assistant import discovery
-from tpmsd.bridges.mqtt_messages import MAX_EVENTS, Announcer, Topics, recalled
-from tpmsd.bridges.summary import Summary, summarise
+from tests.interfaces.bridges.documents import alarm, document
+from tpmsd.interfaces.bridges.home_assistant import discovery
+from tpmsd.interfaces.bridges.mqtt_messages import MAX_EVENTS, Announcer, Topics, recalled
+from tpmsd.interfaces.bridges.summary import Summary, summarise
 
 TOPICS = Topics("tpmsd/car")
 

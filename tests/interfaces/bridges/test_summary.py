@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.bridges.documents import alarm, document
-from tpmsd.bridges.summary import summarise
+from tests.interfaces.bridges.documents import alarm, document
+from tpmsd.interfaces.bridges.summary import summarise
 
 
 def test_an_alarm_is_a_problem_of_its_wheel() -> None:

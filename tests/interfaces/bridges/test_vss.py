@@ -9,12 +9,12 @@ from typing import Any
 
 import pytest
 
-from tests.bridges.databroker import Databroker, databroker
-from tests.bridges.documents import WHEEL, alarm, document
-from tpmsd.bridges.summary import summarise
-from tpmsd.bridges.vss import VssBridge, pressure_low
-from tpmsd.bridges.vss_connection import RETRY_S, DatabrokerSettings
-from tpmsd.bridges.vss_names import IS_PRESSURE_LOW
+from tests.interfaces.bridges.databroker import Databroker, databroker
+from tests.interfaces.bridges.documents import WHEEL, alarm, document
+from tpmsd.interfaces.bridges.summary import summarise
+from tpmsd.interfaces.bridges.vss import VssBridge, pressure_low
+from tpmsd.interfaces.bridges.vss_connection import RETRY_S, DatabrokerSettings
+from tpmsd.interfaces.bridges.vss_names import IS_PRESSURE_LOW
 
 LOG = logging.getLogger("tests.vss")
 PATHS = list(IS_PRESSURE_LOW.values())

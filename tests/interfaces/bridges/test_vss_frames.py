@@ -17,11 +17,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.bridges.vss_frames import LATE_S, WINDOW_S, Delays, Frame, NotSent, VssFrames, vss_dbc
-from tpmsd.bridges.vss_names import FIX_TYPE, GNSS_TIME, is_wheel
-from tpmsd.cli.drive_reading import read_ticks
-from tpmsd.cli.main import main
-from tpmsd.config.load import load_config
+from tpmsd.car.config.load import load_config
+from tpmsd.interfaces.bridges.vss_frames import LATE_S, WINDOW_S, Delays, Frame, NotSent, VssFrames, vss_dbc
+from tpmsd.interfaces.bridges.vss_names import FIX_TYPE, GNSS_TIME, is_wheel
+from tpmsd.interfaces.cli.drive_reading import read_ticks
+from tpmsd.interfaces.cli.main import main
 
 FL = "Vehicle.Chassis.Axle.Row1.Wheel.Left.Speed"
 LATITUDE, LONGITUDE = "Vehicle.CurrentLocation.Latitude", "Vehicle.CurrentLocation.Longitude"

@@ -11,14 +11,14 @@ import can
 import pytest
 
 from tests.beside import beside
-from tests.bridges.databroker import Databroker, databroker
 from tests.connect.servers import free_port, wait_for
-from tpmsd.bridges import vss_input
-from tpmsd.bridges.can_wire import CanWire, link_kind
-from tpmsd.bridges.vss_connection import DatabrokerSettings
-from tpmsd.bridges.vss_frames import Frame, vss_dbc
-from tpmsd.bridges.vss_input import VssInput
-from tpmsd.cli.main import main
+from tests.interfaces.bridges.databroker import Databroker, databroker
+from tpmsd.interfaces.bridges import vss_input
+from tpmsd.interfaces.bridges.can_wire import CanWire, link_kind
+from tpmsd.interfaces.bridges.vss_connection import DatabrokerSettings
+from tpmsd.interfaces.bridges.vss_frames import Frame, vss_dbc
+from tpmsd.interfaces.bridges.vss_input import VssInput
+from tpmsd.interfaces.cli.main import main
 
 LOG = logging.getLogger("tests.vss")
 WHEELS = [f"Vehicle.Chassis.Axle.Row{row}.Wheel.{side}.Speed" for row in (1, 2) for side in ("Left", "Right")]

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.beside import beside
-from tests.bridges.databroker import Databroker
+from tests.interfaces.bridges.databroker import Databroker
 
 WHEELS = {
     f"{axle[0]}{side[0].lower()}": f"Vehicle.Chassis.Axle.{row}.Wheel.{side}.Speed"

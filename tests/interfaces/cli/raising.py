@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from tpmsd.cli.output import Subparsers
-from tpmsd.errors import InputError, TpmsdError
+from tpmsd.foundation.errors import InputError, TpmsdError
+from tpmsd.interfaces.cli.output import Subparsers
 
 ERRORS: dict[str, BaseException] = {
     "plain": TpmsdError("disk full"),

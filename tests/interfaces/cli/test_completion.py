@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from tpmsd.cli.completion import commands_of, fish, zsh
-from tpmsd.cli.main import COMMANDS, full_parser, main
+from tpmsd.interfaces.cli.completion import commands_of, fish, zsh
+from tpmsd.interfaces.cli.main import COMMANDS, full_parser, main
 
 REPO = Path(__file__).resolve().parents[2]
 ASK = 'COMP_WORDS=({words}); COMP_CWORD={last}; _tpmsd; echo "${{COMPREPLY[@]}}"'

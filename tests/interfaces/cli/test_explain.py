@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.monitor.drives import ALL, RADIUS_M, Player, monitor, one
-from tpmsd.cli.main import main
-from tpmsd.monitor.settings import EXPLANATION
-from tpmsd.report.explanation_text import explanation_text
-from tpmsd.sinks.status_server import StatusServer
+from tests.onboard.monitor.drives import ALL, RADIUS_M, Player, monitor, one
+from tpmsd.interfaces.cli.main import main
+from tpmsd.offline.report.explanation_text import explanation_text
+from tpmsd.onboard.monitor.settings import EXPLANATION
+from tpmsd.onboard.sinks.status_server import StatusServer
 
 
 def explained(player: Player) -> dict[str, object]:

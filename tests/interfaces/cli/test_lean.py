@@ -10,7 +10,7 @@ import pytest
 
 CHECKED = """
 import sys
-from tpmsd.cli.main import main
+from tpmsd.interfaces.cli.main import main
 main({arguments!r})
 print(*sorted(name for name in {names!r} if name in sys.modules))
 """
@@ -38,7 +38,7 @@ def test_check_imports_nothing_heavy(tmp_path: Path) -> None:
 def test_the_daemons_core_imports_no_scipy() -> None:
     """The pipeline has the few functions of probability that it needs."""
     code = CHECKED.format(arguments=["--version"], names=HEAVY).replace(
-        "print(", "import tpmsd.pipeline\nprint("
+        "print(", "import tpmsd.onboard.pipeline\nprint("
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "" == done.stdout.splitlines()[-1]
@@ -46,7 +46,7 @@ def test_the_daemons_core_imports_no_scipy() -> None:
 
 def test_replay_imports_no_scipy(tmp_path: Path) -> None:
     """Nor anything of the diagnosis, nor, without a model, any effect."""
-    names = [*HEAVY, "tpmsd.diagnosis", "tpmsd.calibration", "tpmsd.physics.catalogue"]
+    names = [*HEAVY, "tpmsd.offline.diagnosis", "tpmsd.offline.calibration", "tpmsd.car.physics.catalogue"]
     assert "" == imported(["replay", str(tmp_path)], names)
 
 
@@ -55,16 +55,16 @@ def test_mf4_is_brought_in_after_all(tmp_path: Path) -> None:
     pytest.importorskip("asammdf")
     code = f"""
 from pathlib import Path
-from tpmsd.lean import leave_out_mf4
+from tpmsd.foundation.lean import leave_out_mf4
 leave_out_mf4()
 import can
 assert can.io.mf4.asammdf is None
-from tpmsd.sources.can_log_others import bring_in_mf4
+from tpmsd.onboard.sources.can_log_others import bring_in_mf4
 bring_in_mf4()
 path = Path({str(tmp_path / "can.mf4")!r})
 with can.io.mf4.MF4Writer(path) as writer:
     writer.on_message_received(can.Message(timestamp=1.0, arbitration_id=5, data=b"ab"))
-from tpmsd.sources.can_log import read_can_log
+from tpmsd.onboard.sources.can_log import read_can_log
 print(len(list(read_can_log(path, lambda line, what: print(what)))))
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
@@ -77,10 +77,10 @@ def test_a_diagnosis_runs_no_module_that_it_has_no_use_for() -> None:
     code = """
 import sys
 from types import ModuleType
-from tpmsd.lean import ON_DEMAND, import_on_demand, leave_out_mf4
+from tpmsd.foundation.lean import ON_DEMAND, import_on_demand, leave_out_mf4
 leave_out_mf4()
 import_on_demand()
-import tpmsd.cli.drive_reading, tpmsd.diagnosis.diagnose
+import tpmsd.interfaces.cli.drive_reading, tpmsd.offline.diagnosis.diagnose
 ran = [name for name in ON_DEMAND if type(sys.modules.get(name)) is ModuleType]
 print(*ran, *(name for name in ("can", "pandas") if name in sys.modules))
 import numpy as np

@@ -11,14 +11,14 @@ from pathlib import Path
 import pytest
 
 from tpmsd import __version__
-from tpmsd.cli import main as frame
-from tpmsd.cli.main import main
+from tpmsd.interfaces.cli import main as frame
+from tpmsd.interfaces.cli.main import main
 
 REPO = Path(__file__).resolve().parents[2]
 WRONG_TOML = "[vehicle]\nwheel_radious_m = 0.3\n"
 
 
-RAISING: frame.Commands = (("raise", "tests.cli.raising", "raises"),)
+RAISING: frame.Commands = (("raise", "tests.interfaces.cli.raising", "raises"),)
 DEFECT = "internal error: ZeroDivisionError: division by zero (set TPMSD_DEBUG=1 for the traceback)"
 
 
@@ -34,9 +34,7 @@ DEFECT = "internal error: ZeroDivisionError: division by zero (set TPMSD_DEBUG=1
 )
 def test_errors(kind: str, code: int, lines: list[str]) -> None:
     """Every error ends in its exit code and at most one line."""
-    script = (
-        "import sys; from tests.cli.test_main import RAISING, main; sys.exit(main(sys.argv[1:], RAISING))"
-    )
+    script = "import sys; from tests.interfaces.cli.test_main import RAISING, main; sys.exit(main(sys.argv[1:], RAISING))"
     done = subprocess.run(
         [sys.executable, "-c", script, "raise", kind], capture_output=True, text=True, check=False, cwd=REPO
     )
@@ -135,7 +133,7 @@ def test_listed_commands_are_those_that_exist(capsys: pytest.CaptureFixture[str]
 def test_help_imports_nothing_heavy() -> None:
     """The help starts without numpy, cantools and python-can."""
     code = (
-        "import sys; from tpmsd.cli.main import main; main(['--help']); main(['check', '--help']);"
+        "import sys; from tpmsd.interfaces.cli.main import main; main(['--help']); main(['check', '--help']);"
         "print(sorted({'numpy', 'scipy', 'cantools', 'can', 'serial'} & set(sys.modules)), file=sys.stderr)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -144,7 +142,7 @@ def test_help_imports_nothing_heavy() -> None:
 
 def test_closed_pipe() -> None:
     """A reader that leaves early is no error."""
-    code = "import sys; from tpmsd.cli.main import main; sys.exit(main(['--help']))"
+    code = "import sys; from tpmsd.interfaces.cli.main import main; sys.exit(main(['--help']))"
     reading, writing = os.pipe()
     os.close(reading)
     done = subprocess.run([sys.executable, "-c", code], stdout=writing, stderr=subprocess.PIPE, check=False)

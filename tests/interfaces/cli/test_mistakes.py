@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from tpmsd.cli.main import main
+from tpmsd.interfaces.cli.main import main
 
 Setup = Callable[[Path], None]
 
@@ -398,7 +398,7 @@ def test_control_c_is_exit_code_130(monkeypatch: pytest.MonkeyPatch, made: Path)
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("tpmsd.cli.check.run", interrupted)
+    monkeypatch.setattr("tpmsd.interfaces.cli.check.run", interrupted)
     monkeypatch.setattr(sys, "stderr", io.StringIO())
 
     assert 130 == main(["check", str(made)])

@@ -14,9 +14,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.cli.output import Progress, dumps, write_json
-from tpmsd.errors import TpmsdError
-from tpmsd.plain import plain
+from tpmsd.foundation.errors import TpmsdError
+from tpmsd.foundation.plain import plain
+from tpmsd.interfaces.cli.output import Progress, dumps, write_json
 
 
 class _Terminal(io.StringIO):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tpmsd.cli.outputs import OutputError, Outputs, write_whole
+from tpmsd.interfaces.cli.outputs import OutputError, Outputs, write_whole
 
 
 @pytest.mark.parametrize(

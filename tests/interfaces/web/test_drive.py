@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from starlette.testclient import TestClient
 
 import tpmsd
-from tpmsd.report.decimation import decimated
-from tpmsd.simulator.drive import DriveSpec, simulate_drive
-from tpmsd.simulator.drive_writer import write_drive
-from tpmsd.web.app import drive_app
-from tpmsd.web.settings import WebSettings
+from tpmsd.interfaces.web.app import drive_app
+from tpmsd.interfaces.web.settings import WebSettings
+from tpmsd.offline.report.decimation import decimated
+from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
 
 
 @given(

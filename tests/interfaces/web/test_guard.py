@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from starlette.testclient import TestClient
 
-from tpmsd.web.app import live_app
-from tpmsd.web.guard import host_name
-from tpmsd.web.settings import WebSettings
+from tpmsd.interfaces.web.app import live_app
+from tpmsd.interfaces.web.guard import host_name
+from tpmsd.interfaces.web.settings import WebSettings
 
 TOKEN = "0123456789abcdef0123"
 
@@ -51,7 +51,7 @@ def test_every_answer_forbids_what_is_foreign(tmp_path: Path) -> None:
 
 def test_pages_hold_no_inline_script_or_style() -> None:
     """What the policy forbids is not there either, and nothing is loaded from another host."""
-    for page in sorted((Path(__file__).parents[2] / "tpmsd/web/static").glob("*.html")):
+    for page in sorted((Path(__file__).parents[2] / "tpmsd/interfaces/web/static").glob("*.html")):
         text = page.read_text(encoding="utf-8")
         assert "style=" not in text
         assert "<style" not in text

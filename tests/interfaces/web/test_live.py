@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from tests.beside import beside
-from tpmsd.sinks.status_server import StatusServer
-from tpmsd.web.live import LiveHub
-from tpmsd.web.settings import WebSettings
+from tpmsd.interfaces.web.live import LiveHub
+from tpmsd.interfaces.web.settings import WebSettings
+from tpmsd.onboard.sinks.status_server import StatusServer
 
 SETTINGS = WebSettings(retry_s=0.05, silence_s=2.0, heartbeat_s=0.2, history_s=100.0, history_rows=10)
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from bench.worlds.kinematic import Drive, Spec, drive
-from tpmsd.simulator.bus import BusSpec
-from tpmsd.simulator.drive import DriveSpec, simulate_drive
-from tpmsd.simulator.drive_writer import write_drive
+from tpmsd.offline.simulator.bus import BusSpec
+from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
 
 
 @pytest.fixture(scope="session")

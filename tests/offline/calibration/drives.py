@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.campaigns.calibrate_recording import configured, recording_of
-from tpmsd.cli.drive_reading import read_ticks
-from tpmsd.config.load import load_config
-from tpmsd.config.model import Config
-from tpmsd.inference.recording import Recording, record
-from tpmsd.physics.motion import Motion
-from tpmsd.simulator.drive import DriveSpec, simulate_drive
-from tpmsd.simulator.drive_writer import write_drive
+from bench.campaigns.offline.calibrate_recording import configured, recording_of
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import Config
+from tpmsd.car.physics.motion import Motion
+from tpmsd.interfaces.cli.drive_reading import read_ticks
+from tpmsd.offline.inference.recording import Recording, record
+from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
 
 __all__ = ["configured", "recorded", "recording_of"]
 

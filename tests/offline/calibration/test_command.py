@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from tpmsd.cli.main import main
-from tpmsd.config.load import load_config
+from tpmsd.car.config.load import load_config
+from tpmsd.interfaces.cli.main import main
 
 
 class Written(NamedTuple):

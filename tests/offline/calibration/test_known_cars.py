@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.campaigns.diagnosis.draw import draw_case
+from bench.campaigns.offline.diagnosis.draw import draw_case
 from bench.worlds.instruments import observe
 from bench.worlds.kinematic import Drive, course
-from tests.calibration.drives import configured, recorded, recording_of
-from tpmsd.calibration.calibrate import calibrate
-from tpmsd.calibration.joint import JointFit, fit
-from tpmsd.calibration.nominal import vehicle_of
-from tpmsd.calibration.result import Calibration
-from tpmsd.simulator.bus import BusSpec
-from tpmsd.simulator.drive import DriveSpec
-from tpmsd.simulator.receiver import ReceiverSpec
-from tpmsd.wheels import WHEELS
+from tests.offline.calibration.drives import configured, recorded, recording_of
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.calibration.calibrate import calibrate
+from tpmsd.offline.calibration.joint import JointFit, fit
+from tpmsd.offline.calibration.nominal import vehicle_of
+from tpmsd.offline.calibration.result import Calibration
+from tpmsd.offline.simulator.bus import BusSpec
+from tpmsd.offline.simulator.drive import DriveSpec
+from tpmsd.offline.simulator.receiver import ReceiverSpec
 
 NORTH_EAST, SOUTH_EAST, SOUTH_WEST, NORTH_WEST = (50.1, 8.7), (-33.9, 151.2), (-22.9, -43.2), (64.1, -21.9)
 TRUE_OFFSETS_M = (1.8e-3, -2.4e-3, -1.1e-3, 2.9e-3)

@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tpmsd.calibration.joint import outlier_factors
-from tpmsd.calibration.nominal import Vehicle, vehicle_of
-from tpmsd.calibration.odometry import pieces, pose_error
-from tpmsd.calibration.paper import PaperSettings, covariances, fit_paper
-from tpmsd.calibration.reference import reference_pose
-from tpmsd.calibration.result import Calibration, WheelResult
-from tpmsd.calibration.vehicle_file import calibrated_toml
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.windows import CHANNELS
-from tpmsd.physics.motion import Car
-from tpmsd.simulator.drive import DEFAULT_VEHICLE
+from tpmsd.car.physics.motion import Car
+from tpmsd.offline.calibration.joint import outlier_factors
+from tpmsd.offline.calibration.nominal import Vehicle, vehicle_of
+from tpmsd.offline.calibration.odometry import pieces, pose_error
+from tpmsd.offline.calibration.paper import PaperSettings, covariances, fit_paper
+from tpmsd.offline.calibration.reference import reference_pose
+from tpmsd.offline.calibration.result import Calibration, WheelResult
+from tpmsd.offline.calibration.vehicle_file import calibrated_toml
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.windows import CHANNELS
+from tpmsd.offline.simulator.drive import DEFAULT_VEHICLE
 
 RADIUS_M, SPEED_MPS, TURN_RADIUS_M, TRACK_M = 0.316, 12.0, 60.0, 1.52
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from tpmsd.calibration.calibrate import calibrate
-from tpmsd.calibration.result import Calibration, Effect
-from tpmsd.cli.calibrate import read_recordings
-from tpmsd.cli.main import main
-from tpmsd.config.load import load_config
-from tpmsd.inference.recording import Recording
+from tpmsd.car.config.load import load_config
+from tpmsd.interfaces.cli.calibrate import read_recordings
+from tpmsd.interfaces.cli.main import main
+from tpmsd.offline.calibration.calibrate import calibrate
+from tpmsd.offline.calibration.result import Calibration, Effect
+from tpmsd.offline.inference.recording import Recording
 
 
 @pytest.fixture(scope="module")

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.calibration.drives import configured, recorded, recording_of
-from tpmsd.calibration.calibrate import calibrate
-from tpmsd.calibration.checks import RefusedError, check_recordings
-from tpmsd.calibration.nominal import Vehicle, vehicle_of
-from tpmsd.cli.main import main
-from tpmsd.inference.recording import Recording
-from tpmsd.physics.motion import Motion
-from tpmsd.simulator.drive import DriveSpec, simulate_drive
-from tpmsd.simulator.drive_writer import write_drive
+from tests.offline.calibration.drives import configured, recorded, recording_of
+from tpmsd.car.physics.motion import Motion
+from tpmsd.interfaces.cli.main import main
+from tpmsd.offline.calibration.calibrate import calibrate
+from tpmsd.offline.calibration.checks import RefusedError, check_recordings
+from tpmsd.offline.calibration.nominal import Vehicle, vehicle_of
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
 
 NAN = math.nan
 

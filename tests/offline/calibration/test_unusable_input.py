@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tpmsd.cli.main import main
+from tpmsd.interfaces.cli.main import main
 
 Damage = Callable[[Path], None]
 

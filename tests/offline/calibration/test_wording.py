@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from tpmsd.calibration.result import Calibration, Effect, WheelResult
-from tpmsd.calibration.wording import summary
+from tpmsd.offline.calibration.result import Calibration, Effect, WheelResult
+from tpmsd.offline.calibration.wording import summary
 
 LATENCY = {"latency@0": Effect(0.07, 0.01, "s"), "load_lateral": Effect(2e-4, 1e-5, "s2")}
 

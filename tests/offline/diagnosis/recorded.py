@@ -10,9 +10,9 @@ import math
 import numpy as np
 
 from bench.worlds.kinematic import Array, Drive
-from tpmsd.inference.recording import Recording
-from tpmsd.physics.kinematics import Geometry
-from tpmsd.physics.motion import Car, driven_mask
+from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.motion import Car, driven_mask
+from tpmsd.offline.inference.recording import Recording
 
 PER_TICK = 5
 

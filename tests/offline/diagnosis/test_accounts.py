@@ -9,16 +9,16 @@ import pytest
 from scipy.signal import lfilter
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.prepared.admission import admitted
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.robustness.accounts import changed
-from tpmsd.diagnosis.robustness.confirm import confirmed
-from tpmsd.diagnosis.robustness.found import Found
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.inference.noise_fit import refit_wander
-from tpmsd.inference.recording import Recording
-from tpmsd.wheels import WHEELS, FloatArray
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.robustness.accounts import changed
+from tpmsd.offline.diagnosis.robustness.confirm import confirmed
+from tpmsd.offline.diagnosis.robustness.found import Found
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.inference.noise_fit import refit_wander
+from tpmsd.offline.inference.recording import Recording
 
 DRIFT, MEMORY_S = 1.2e-3, 20.0
 """Relative standard deviation of the radii's drift, as on real roads, and its time constant."""

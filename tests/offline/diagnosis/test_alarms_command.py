@@ -9,7 +9,7 @@ import pytest
 
 from bench.worlds.folder import write_folder
 from bench.worlds.kinematic import Spec, drive
-from tpmsd.cli.main import main
+from tpmsd.interfaces.cli.main import main
 
 LEAK = {"wheel": "rl", "deviation_m": -2e-3, "onset_s": 200.0, "duration_s": 30.0}
 

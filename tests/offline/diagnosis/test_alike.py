@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term
-from tpmsd.diagnosis.selection.candidates import Candidates
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import Evidence, part
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Term
+from tpmsd.offline.diagnosis.selection.candidates import Candidates
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.least_squares import Evidence, part
 
 WINDOWS, TRUE_SIZE = 600, 8.0
 

@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tpmsd.diagnosis.assessment import lost_counts
-from tpmsd.diagnosis.assessment import teeth as of_teeth
-from tpmsd.diagnosis.assessment.lost_counts import lost
-from tpmsd.diagnosis.assessment.simulated import Common, Differences, floored, key_of, widened
-from tpmsd.diagnosis.assessment.teeth import teeth, usual_ring
-from tpmsd.diagnosis.counters.low_speed import Lost
-from tpmsd.diagnosis.counters.tone_ring import Ripple
-from tpmsd.diagnosis.hypotheses.terms import Term
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.noise import Noise
+from tpmsd.offline.diagnosis.assessment import lost_counts
+from tpmsd.offline.diagnosis.assessment import teeth as of_teeth
+from tpmsd.offline.diagnosis.assessment.lost_counts import lost
+from tpmsd.offline.diagnosis.assessment.simulated import Common, Differences, floored, key_of, widened
+from tpmsd.offline.diagnosis.assessment.teeth import teeth, usual_ring
+from tpmsd.offline.diagnosis.counters.low_speed import Lost
+from tpmsd.offline.diagnosis.counters.tone_ring import Ripple
+from tpmsd.offline.diagnosis.hypotheses.terms import Term
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.noise import Noise
 
 QUIET = Noise((1e-3,) * 4)
 SECONDS = 600.0

@@ -8,16 +8,16 @@ from typing import cast
 import numpy as np
 import pytest
 
-from tpmsd.diagnosis.hypotheses.plausible import bounds_of
-from tpmsd.diagnosis.hypotheses.prices import shape_price
-from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.robustness.confirm import _receivers_own
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.inference.least_squares import Evidence, part
-from tpmsd.physics.kinematics import Geometry
-from tpmsd.physics.motion import Car, driven_mask
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.motion import Car, driven_mask
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.hypotheses.plausible import bounds_of
+from tpmsd.offline.diagnosis.hypotheses.prices import shape_price
+from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Term
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.robustness.confirm import _receivers_own
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.inference.least_squares import Evidence, part
 
 WINDOWS = 600
 RATIO, COMMON, OWN = 100.0, 15.0, slice(3, 8)

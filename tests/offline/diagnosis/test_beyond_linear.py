@@ -6,16 +6,16 @@ import pytest
 
 from bench.worlds.instruments import observe
 from bench.worlds.kinematic import Spec
-from tests.diagnosis.recorded import recording_of
-from tests.diagnosis.test_found_by_name import driven, smoothed
-from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.prepared.admission import admitted
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.refinement.beyond_linear import needed_exactly
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.diagnosis.stages import estimated
-from tpmsd.inference.noise_fit import Stage
-from tpmsd.inference.recording import Recording
+from tests.offline.diagnosis.recorded import recording_of
+from tests.offline.diagnosis.test_found_by_name import driven, smoothed
+from tpmsd.offline.diagnosis.diagnose import diagnose
+from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.refinement.beyond_linear import needed_exactly
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.diagnosis.stages import estimated
+from tpmsd.offline.inference.noise_fit import Stage
+from tpmsd.offline.inference.recording import Recording
 
 LAG, SMOOTHING = "velocity_lag", "gnss_smoothing"
 

@@ -12,11 +12,11 @@ import pytest
 from bench.worlds import awkward
 from bench.worlds.instruments import observe
 from bench.worlds.spec import Spec
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.diagnosis.reporting.information import speed_ranges
-from tpmsd.inference.recording import Recording
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.offline.diagnosis.diagnose import diagnose
+from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.offline.diagnosis.reporting.information import speed_ranges
+from tpmsd.offline.inference.recording import Recording
 
 
 def parked(physics: dict[str, dict[str, float]], seed: int) -> Recording:

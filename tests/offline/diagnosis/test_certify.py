@@ -9,25 +9,25 @@ import pytest
 from scipy.stats import gumbel_r, kstest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import PER_TICK, recording_of
-from tpmsd.diagnosis.assessment.result import Diagnosis, Quantity
-from tpmsd.diagnosis.diagnose import Certification, diagnose, examine
-from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term
-from tpmsd.diagnosis.prepared.admission import admitted
-from tpmsd.diagnosis.prepared.drive_study import first_noise
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.reporting.findings import report
-from tpmsd.diagnosis.robustness.certify import certified, discoveries, p_value, without
-from tpmsd.diagnosis.robustness.negative_control import negative_control
-from tpmsd.diagnosis.selection.candidates import Candidates
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import Evidence, part
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.replicate import replicate
-from tpmsd.inference.trajectory import reference
-from tpmsd.inference.windows import COURSE, EAST, GYRO, SPEED, Reader
-from tpmsd.physics.catalogue import make_effect
-from tpmsd.physics.model import ExtendedModel
+from tests.offline.diagnosis.recorded import PER_TICK, recording_of
+from tpmsd.car.physics.catalogue import make_effect
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.offline.diagnosis.assessment.result import Diagnosis, Quantity
+from tpmsd.offline.diagnosis.diagnose import Certification, diagnose, examine
+from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Term
+from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.drive_study import first_noise
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.reporting.findings import report
+from tpmsd.offline.diagnosis.robustness.certify import certified, discoveries, p_value, without
+from tpmsd.offline.diagnosis.robustness.negative_control import negative_control
+from tpmsd.offline.diagnosis.selection.candidates import Candidates
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.least_squares import Evidence, part
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.replicate import replicate
+from tpmsd.offline.inference.trajectory import reference
+from tpmsd.offline.inference.windows import COURSE, EAST, GYRO, SPEED, Reader
 
 
 @pytest.fixture(scope="module")

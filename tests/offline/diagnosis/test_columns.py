@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.response import Columns
-from tpmsd.inference.windows import CHANNELS
+from tpmsd.offline.diagnosis.hypotheses.response import Columns
+from tpmsd.offline.inference.windows import CHANNELS
 
 
 def test_what_is_not_measured_counts_as_no_response() -> None:

@@ -10,9 +10,9 @@ import pytest
 
 from bench.worlds.folder import write_folder
 from bench.worlds.kinematic import Spec, drive
-from tests.report.pages import Page
-from tpmsd.cli.main import main
-from tpmsd.physics.model_file import load_model
+from tests.offline.report.pages import Page
+from tpmsd.car.physics.model_file import load_model
+from tpmsd.interfaces.cli.main import main
 
 PHYSICS = {"load_transfer_lateral": {"coefficient": 2e-4}}
 

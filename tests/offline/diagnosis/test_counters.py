@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.counters.low_speed import lost_counts
-from tpmsd.diagnosis.prepared.admission import read
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.trajectory import reference
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.offline.diagnosis.counters.low_speed import lost_counts
+from tpmsd.offline.diagnosis.prepared.admission import read
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.trajectory import reference
 
 BELOW_MPS = 2.4
 

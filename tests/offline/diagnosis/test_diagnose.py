@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.assessment.result import Diagnosis, Finding
-from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.inference.recording import Recording
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.offline.diagnosis.assessment.result import Diagnosis, Finding
+from tpmsd.offline.diagnosis.diagnose import diagnose
+from tpmsd.offline.inference.recording import Recording
 
 
 def diagnosed(seed: int, duration_s: float = 700.0, **physics: dict[str, object]) -> Diagnosis:

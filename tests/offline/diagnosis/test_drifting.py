@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis import stages as whole
-from tpmsd.diagnosis.diagnose import diagnose
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.offline.diagnosis import stages as whole
+from tpmsd.offline.diagnosis.diagnose import diagnose
 
 WARMING = {"strange_gyro_warming": {"size_radps": 0.002, "warming_s": 211.0}}
 CONSTANT = {"yaw_rate_bias": {"bias": 0.002}}

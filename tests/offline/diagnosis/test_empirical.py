@@ -9,18 +9,18 @@ import pytest
 
 from bench.worlds.folder import write_folder
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.cli.main import main
-from tpmsd.cli.replay import replay
-from tpmsd.config.load import load_config
-from tpmsd.diagnosis.hypotheses.response import first_hat, smooth_columns, smooth_knots
-from tpmsd.diagnosis.selection.empirical import place_of
-from tpmsd.inference.trajectory import reference
-from tpmsd.inference.windows import Reader
-from tpmsd.physics.effects.unknown import Unknown
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.physics.model_file import load_model
-from tpmsd.wheels import FL, FR, RL, RR, FloatArray
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.car.config.load import load_config
+from tpmsd.car.physics.effects.unknown import Unknown
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.car.physics.model_file import load_model
+from tpmsd.foundation.wheels import FL, FR, RL, RR, FloatArray
+from tpmsd.interfaces.cli.main import main
+from tpmsd.interfaces.cli.replay import replay
+from tpmsd.offline.diagnosis.hypotheses.response import first_hat, smooth_columns, smooth_knots
+from tpmsd.offline.diagnosis.selection.empirical import place_of
+from tpmsd.offline.inference.trajectory import reference
+from tpmsd.offline.inference.windows import Reader
 
 
 @pytest.fixture(scope="module")

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.diagnosis.reporting.down_weighted import down_weighted
-from tpmsd.physics.catalogue import EFFECTS, EVENTS
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.car.physics.catalogue import EFFECTS, EVENTS
+from tpmsd.offline.diagnosis.diagnose import diagnose
+from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.offline.diagnosis.reporting.down_weighted import down_weighted
 
 
 @pytest.mark.parametrize(

@@ -11,10 +11,10 @@ from scipy.signal import lfilter
 from bench.worlds.course import Course
 from bench.worlds.instruments import Drive, observe
 from bench.worlds.kinematic import Spec, course
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.assessment.result import Finding
-from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.inference.recording import Recording
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.offline.diagnosis.assessment.result import Finding
+from tpmsd.offline.diagnosis.diagnose import diagnose
+from tpmsd.offline.inference.recording import Recording
 
 FRONT, REAR = np.array([1.0, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0])
 

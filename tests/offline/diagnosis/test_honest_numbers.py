@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import STEP_S, Spec, drive
-from tests.diagnosis.recorded import PER_TICK, recording_of
-from tpmsd.diagnosis.assessment.result import Diagnosis
-from tpmsd.diagnosis.counters.tone_ring import ripples
-from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.hypotheses.response import catalogue_columns, radius_columns
-from tpmsd.diagnosis.prepared.drive_study import first_noise
-from tpmsd.inference.stack import Stack
-from tpmsd.inference.trajectory import reference
-from tpmsd.inference.whitening import whiten
-from tpmsd.inference.windows import Reader
-from tpmsd.physics.model import ExtendedModel
+from tests.offline.diagnosis.recorded import PER_TICK, recording_of
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.offline.diagnosis.assessment.result import Diagnosis
+from tpmsd.offline.diagnosis.counters.tone_ring import ripples
+from tpmsd.offline.diagnosis.diagnose import diagnose
+from tpmsd.offline.diagnosis.hypotheses.response import catalogue_columns, radius_columns
+from tpmsd.offline.diagnosis.prepared.drive_study import first_noise
+from tpmsd.offline.inference.stack import Stack
+from tpmsd.offline.inference.trajectory import reference
+from tpmsd.offline.inference.whitening import whiten
+from tpmsd.offline.inference.windows import Reader
 
 SILENT = {"position_slow_m": 1e-9, "position_white_m": 1e-9, "doppler_mps": 1e-9}
 """A receiver without errors."""

@@ -9,13 +9,13 @@ import pytest
 
 from bench.worlds.folder import write_folder
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.test_beside_shapes import Given, columns, directions, noiseless
-from tpmsd.cli.diagnose import read_recording
-from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.hypotheses.terms import Term
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.physics.catalogue import Probe, probes
+from tests.offline.diagnosis.test_beside_shapes import Given, columns, directions, noiseless
+from tpmsd.car.physics.catalogue import Probe, probes
+from tpmsd.interfaces.cli.diagnose import read_recording
+from tpmsd.offline.diagnosis.diagnose import diagnose
+from tpmsd.offline.diagnosis.hypotheses.terms import Term
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.diagnosis.settings import SETTINGS
 
 PENALTY = 3.5
 

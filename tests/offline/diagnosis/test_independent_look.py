@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.campaigns.independent_look import look, regress
+from bench.campaigns.offline.independent_look import look, regress
 from bench.worlds.folder import write_folder
 from bench.worlds.kinematic import Spec, drive
 

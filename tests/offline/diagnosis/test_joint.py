@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.prepared.admission import bounded, fair_shares
-from tpmsd.errors import ConfigError
-from tpmsd.inference.least_squares import Evidence, part
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.trajectory import reference
-from tpmsd.inference.windows import Reader
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.offline.diagnosis.diagnose import diagnose
+from tpmsd.offline.diagnosis.prepared.admission import bounded, fair_shares
+from tpmsd.offline.inference.least_squares import Evidence, part
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.trajectory import reference
+from tpmsd.offline.inference.windows import Reader
 
 
 def recorded(name: str, seed: int, duration_s: float = 200.0, **physics: dict[str, object]) -> Recording:

@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.hypotheses.terms import Term
-from tpmsd.diagnosis.prepared.admission import admitted
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.refinement.refine import exact
-from tpmsd.diagnosis.robustness.found import Found
-from tpmsd.diagnosis.robustness.outlying import jump_evidence, lasting
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.diagnosis.stages import estimated
-from tpmsd.inference.least_squares import Evidence
-from tpmsd.inference.noise_fit import Stage
-from tpmsd.inference.recording import Recording
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.offline.diagnosis.hypotheses.terms import Term
+from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.refinement.refine import exact
+from tpmsd.offline.diagnosis.robustness.found import Found
+from tpmsd.offline.diagnosis.robustness.outlying import jump_evidence, lasting
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.diagnosis.stages import estimated
+from tpmsd.offline.inference.least_squares import Evidence
+from tpmsd.offline.inference.noise_fit import Stage
+from tpmsd.offline.inference.recording import Recording
 
 BEGIN_S = 120.0
 

@@ -9,21 +9,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.campaigns.diagnosis.draw import draw_case
+from bench.campaigns.offline.diagnosis.draw import draw_case
 from bench.worlds.folder import write_folder
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tests.physics.motions import car
-from tpmsd.api.drive import load
-from tpmsd.api.functions import recording_of as read
-from tpmsd.diagnosis.assessment.lost_counts import missed
-from tpmsd.diagnosis.counters.missed import missed_counts
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.trajectory import reference
-from tpmsd.inference.windows import Reader
-from tpmsd.physics.catalogue import EFFECTS, make_effect
-from tpmsd.wheels import WHEELS
+from tests.car.physics.motions import car
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.car.physics.catalogue import EFFECTS, make_effect
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.interfaces.api.functions import recording_of as read
+from tpmsd.offline.diagnosis.assessment.lost_counts import missed
+from tpmsd.offline.diagnosis.counters.missed import missed_counts
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.drives.drive import load
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.trajectory import reference
+from tpmsd.offline.inference.windows import Reader
 
 RL = WHEELS.index("rl")
 COUNTS = 40_000.0

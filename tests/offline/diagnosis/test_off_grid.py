@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.assessment.tangent import nonlinear_stds
-from tpmsd.diagnosis.hypotheses.terms import Hypotheses
-from tpmsd.diagnosis.prepared.admission import admitted
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.refinement.refine import plainest_shape, refine
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.physics.catalogue import groups, make_effect
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.car.physics.catalogue import groups, make_effect
+from tpmsd.offline.diagnosis.assessment.tangent import nonlinear_stds
+from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses
+from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.refinement.refine import plainest_shape, refine
+from tpmsd.offline.diagnosis.selection.selector import Selector
 
 CURVE = next(group for group in groups() if group[0].effect == "drive_slip_curve" and len(group) == 2)
 

@@ -8,27 +8,27 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.assessment.explanatory import explanatory
-from tpmsd.diagnosis.assessment.result import CONSISTENT
-from tpmsd.diagnosis.hypotheses.group_gain import group_gain
-from tpmsd.diagnosis.hypotheses.terms import Term
-from tpmsd.diagnosis.hypotheses.wheel_slip import WHEEL_SLIP
-from tpmsd.diagnosis.prepared.admission import admitted
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.refinement.finer import best_knots, finest_shape
-from tpmsd.diagnosis.refinement.relinearise import relinearised
-from tpmsd.diagnosis.reporting.findings import evidence_gain, report
-from tpmsd.diagnosis.reporting.traces import ground, traces
-from tpmsd.diagnosis.reporting.where import place_of, where_of, whole_range
-from tpmsd.diagnosis.robustness.drifting import DRIFTS, drifting
-from tpmsd.diagnosis.robustness.found import Found
-from tpmsd.diagnosis.selection.chosen import Chosen, Selection
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.stack import Stack
-from tpmsd.inference.windows import CHANNEL_NAMES, GYRO, NORTH
-from tpmsd.wheels import WHEELS, FloatArray
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.diagnosis.assessment.explanatory import explanatory
+from tpmsd.offline.diagnosis.assessment.result import CONSISTENT
+from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
+from tpmsd.offline.diagnosis.hypotheses.terms import Term
+from tpmsd.offline.diagnosis.hypotheses.wheel_slip import WHEEL_SLIP
+from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.refinement.finer import best_knots, finest_shape
+from tpmsd.offline.diagnosis.refinement.relinearise import relinearised
+from tpmsd.offline.diagnosis.reporting.findings import evidence_gain, report
+from tpmsd.offline.diagnosis.reporting.traces import ground, traces
+from tpmsd.offline.diagnosis.reporting.where import place_of, where_of, whole_range
+from tpmsd.offline.diagnosis.robustness.drifting import DRIFTS, drifting
+from tpmsd.offline.diagnosis.robustness.found import Found
+from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.stack import Stack
+from tpmsd.offline.inference.windows import CHANNEL_NAMES, GYRO, NORTH
 
 SECONDS = 300.0
 

@@ -15,12 +15,12 @@ import pytest
 from bench.worlds.course import Course
 from bench.worlds.instruments import observe
 from bench.worlds.kinematic import Spec, course
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.assessment.result import Diagnosis, Proposal
-from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.proposal.effect_file import effect_file
-from tpmsd.diagnosis.proposal.expressions import Expression, expressions
-from tpmsd.diagnosis.proposal.search import Sums, judged
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.offline.diagnosis.assessment.result import Diagnosis, Proposal
+from tpmsd.offline.diagnosis.diagnose import diagnose
+from tpmsd.offline.diagnosis.proposal.effect_file import effect_file
+from tpmsd.offline.diagnosis.proposal.expressions import Expression, expressions
+from tpmsd.offline.diagnosis.proposal.search import Sums, judged
 
 REPO = Path(__file__).resolve().parents[2]
 Law = Callable[[Course], np.ndarray]
@@ -52,9 +52,9 @@ def diagnosed(law: Law, seed: int, propose: bool) -> Diagnosis:
 
 FRESH = """
 import sys
-import tpmsd.physics.effects as effects
+import tpmsd.car.physics.effects as effects
 effects.__path__.append(sys.argv[1])
-from tests.diagnosis.test_proposal import LAWS, diagnosed
+from tests.offline.diagnosis.test_proposal import LAWS, diagnosed
 print(*(one.effect for one in diagnosed(LAWS[sys.argv[2]][0], 12, False).findings))
 """
 
@@ -123,9 +123,9 @@ def test_a_file_acts_on_its_reading(tmp_path: Path) -> None:
         [
             sys.executable,
             "-c",
-            "import sys; import tpmsd.physics.effects as e; e.__path__.append(sys.argv[1])\n"
-            "from tpmsd.physics.catalogue import make_effect\n"
-            "from tests.physics.motions import car, steady\n"
+            "import sys; import tpmsd.car.physics.effects as e; e.__path__.append(sys.argv[1])\n"
+            "from tpmsd.car.physics.catalogue import make_effect\n"
+            "from tests.car.physics.motions import car, steady\n"
             "made = make_effect(sys.argv[2], coefficient=0.05)\n"
             "print(made.yaw_rate_error_radps(steady(20.0, 0.1), car())[0].round(9))",
             str(tmp_path),

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmsd.diagnosis.assessment.reach import Reach, Seen, reach
-from tpmsd.diagnosis.hypotheses.terms import Name
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.assessment.reach import Reach, Seen, reach
+from tpmsd.offline.diagnosis.hypotheses.terms import Name
 
 WINDOWS, FREE = 900, 30
 BLOCKS = np.arange(WINDOWS) // 30

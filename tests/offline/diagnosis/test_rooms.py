@@ -6,7 +6,7 @@ import ast
 from functools import cache
 from pathlib import Path
 
-from tpmsd.diagnosis.stages import STAGES, choose, down_weight, first_noise, other_noise, verdict
+from tpmsd.offline.diagnosis.stages import STAGES, choose, down_weight, first_noise, other_noise, verdict
 
 REPO = Path(__file__).resolve().parents[2]
 HOME = REPO / "tpmsd" / "diagnosis"
@@ -20,7 +20,7 @@ def imported(path: Path) -> set[str]:
 
 
 def room_of(module: str) -> str:
-    """`tpmsd.diagnosis.selection.chosen` -> `selection`; `tpmsd.diagnosis.stages` -> `stages`."""
+    """`tpmsd.offline.diagnosis.selection.chosen` -> `selection`; `tpmsd.offline.diagnosis.stages` -> `stages`."""
     return module.split(".")[2]
 
 
@@ -46,7 +46,9 @@ def test_rooms_stand_on_at_most_six_floors() -> None:
     below them all."""
     below: dict[str, set[str]] = {}
     for name, path in modules().items():
-        others = {room_of(module) for module in imported(path) if module.startswith("tpmsd.diagnosis.")}
+        others = {
+            room_of(module) for module in imported(path) if module.startswith("tpmsd.offline.diagnosis.")
+        }
         below.setdefault(room_of(name), set()).update(others - {room_of(name), "settings"})
 
     @cache

@@ -10,14 +10,14 @@ import pytest
 
 from bench.worlds.instruments import Drive
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.sensors.errors import sensor_errors
-from tpmsd.diagnosis.sensors.readings import CLOCK, ROLES, rows_of
-from tpmsd.diagnosis.sensors.unusual import deviations_beyond, unusual
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.trajectory import reference
-from tpmsd.inference.windows import Reader
-from tpmsd.report.diagnosis_summary import CHANNELS, place
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.offline.diagnosis.sensors.errors import sensor_errors
+from tpmsd.offline.diagnosis.sensors.readings import CLOCK, ROLES, rows_of
+from tpmsd.offline.diagnosis.sensors.unusual import deviations_beyond, unusual
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.trajectory import reference
+from tpmsd.offline.inference.windows import Reader
+from tpmsd.offline.report.diagnosis_summary import CHANNELS, place
 
 SPEC = Spec(duration_s=400.0, road="mixed", hilly=0.02)
 SEED = 3

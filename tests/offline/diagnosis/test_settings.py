@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from tpmsd.diagnosis import settings
-from tpmsd.diagnosis.counters.settings import CounterSettings
-from tpmsd.diagnosis.settings import SETTINGS
+from tpmsd.offline.diagnosis import settings
+from tpmsd.offline.diagnosis.counters.settings import CounterSettings
+from tpmsd.offline.diagnosis.settings import SETTINGS
 
 HOME = Path(settings.__file__).parent
 SOURCES = [

@@ -9,15 +9,15 @@ import pytest
 
 from bench.worlds.instruments import observe
 from bench.worlds.kinematic import Spec, course, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.assessment.result import Diagnosis
-from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.hypotheses.response import finer_knots, hat_functions
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.trajectory import reference
-from tpmsd.inference.windows import Reader
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.offline.diagnosis.assessment.result import Diagnosis
+from tpmsd.offline.diagnosis.diagnose import diagnose
+from tpmsd.offline.diagnosis.hypotheses.response import finer_knots, hat_functions
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.trajectory import reference
+from tpmsd.offline.inference.windows import Reader
 
 
 def diagnosed(seed: int, spec: Spec) -> Diagnosis:

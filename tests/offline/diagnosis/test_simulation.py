@@ -11,12 +11,12 @@ import pytest
 
 from bench.worlds.folder import write_folder
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.cli.main import main
-from tpmsd.diagnosis.diagnose import diagnose_against
-from tpmsd.errors import ConfigError
-from tpmsd.inference.recording import Recording
-from tpmsd.physics.model_file import load_model
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.car.physics.model_file import load_model
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.interfaces.cli.main import main
+from tpmsd.offline.diagnosis.diagnose import diagnose_against
+from tpmsd.offline.inference.recording import Recording
 
 GROWTH = {"centrifugal_growth": {"coefficient": 3e-6}}
 TRANSFER = {"load_transfer_lateral": {"coefficient": 1e-4}}

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.counters.single_losses import SingleLosses, single_losses
-from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.trajectory import reference
-from tpmsd.inference.windows import CHANNELS, GYRO, Linearised, Reader
-from tpmsd.wheels import WHEELS, FloatArray
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.diagnosis.counters.single_losses import SingleLosses, single_losses
+from tpmsd.offline.diagnosis.diagnose import diagnose
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.trajectory import reference
+from tpmsd.offline.inference.windows import CHANNELS, GYRO, Linearised, Reader
 
 COUNT_M = np.full(4, 0.041)
 GYRO_RADPS = 2e-4

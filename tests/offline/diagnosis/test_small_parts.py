@@ -8,20 +8,20 @@ from typing import cast
 import numpy as np
 import pytest
 
-from tests.calibration.test_parts import CIRCLE, perfect
-from tpmsd.diagnosis.assessment.identifiability import usual_size
-from tpmsd.diagnosis.counters.miscount import all_recounted, one_recounted, wrong_teeth
-from tpmsd.diagnosis.hypotheses.advice import advice
-from tpmsd.diagnosis.hypotheses.joint_terms import is_copied, is_own
-from tpmsd.diagnosis.hypotheses.plausible import completions_of, with_completions
-from tpmsd.diagnosis.hypotheses.terms import Term
-from tpmsd.diagnosis.reporting.findings import outweighed
-from tpmsd.diagnosis.selection.chosen import Chosen, Selection
-from tpmsd.diagnosis.selection.described import effect_of, neutral_of, nonlinear_of, usual, words_of
-from tpmsd.inference.least_squares import Fit
-from tpmsd.inference.recording import Recording
-from tpmsd.physics.catalogue import EFFECTS
-from tpmsd.physics.motion import driven_mask
+from tests.offline.calibration.test_parts import CIRCLE, perfect
+from tpmsd.car.physics.catalogue import EFFECTS
+from tpmsd.car.physics.motion import driven_mask
+from tpmsd.offline.diagnosis.assessment.identifiability import usual_size
+from tpmsd.offline.diagnosis.counters.miscount import all_recounted, one_recounted, wrong_teeth
+from tpmsd.offline.diagnosis.hypotheses.advice import advice
+from tpmsd.offline.diagnosis.hypotheses.joint_terms import is_copied, is_own
+from tpmsd.offline.diagnosis.hypotheses.plausible import completions_of, with_completions
+from tpmsd.offline.diagnosis.hypotheses.terms import Term
+from tpmsd.offline.diagnosis.reporting.findings import outweighed
+from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
+from tpmsd.offline.diagnosis.selection.described import effect_of, neutral_of, nonlinear_of, usual, words_of
+from tpmsd.offline.inference.least_squares import Fit
+from tpmsd.offline.inference.recording import Recording
 
 
 def term(effect: str, *parameters: str, **more: object) -> Term:

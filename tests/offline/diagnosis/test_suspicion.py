@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.prepared.admission import admitted
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.reporting.findings import report
-from tpmsd.diagnosis.robustness.certify import certified
-from tpmsd.diagnosis.selection.chosen import Selection
-from tpmsd.diagnosis.stages import examine
-from tpmsd.inference.least_squares import Evidence
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.reporting.findings import report
+from tpmsd.offline.diagnosis.robustness.certify import certified
+from tpmsd.offline.diagnosis.selection.chosen import Selection
+from tpmsd.offline.diagnosis.stages import examine
+from tpmsd.offline.inference.least_squares import Evidence
 
 Examined = tuple[Study, Selection, Evidence]
 

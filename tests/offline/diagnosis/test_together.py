@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tests.diagnosis.test_beside_shapes import Given, columns, directions, evidence, shape
-from tpmsd.diagnosis import stages as whole
-from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.hypotheses.terms import PATTERNS, Term
-from tpmsd.diagnosis.prepared import study
-from tpmsd.diagnosis.prepared.study import unusable
-from tpmsd.diagnosis.robustness.together import _changed_radius, _common_shape
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.wheels import WHEELS, FloatArray
+from tests.offline.diagnosis.recorded import recording_of
+from tests.offline.diagnosis.test_beside_shapes import Given, columns, directions, evidence, shape
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.diagnosis import stages as whole
+from tpmsd.offline.diagnosis.diagnose import diagnose
+from tpmsd.offline.diagnosis.hypotheses.terms import PATTERNS, Term
+from tpmsd.offline.diagnosis.prepared import study
+from tpmsd.offline.diagnosis.prepared.study import unusable
+from tpmsd.offline.diagnosis.robustness.together import _changed_radius, _common_shape
+from tpmsd.offline.diagnosis.selection.selector import Selector
 
 HATS = 6
 SIZE = 1e4

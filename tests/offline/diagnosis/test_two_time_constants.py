@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.hypotheses.prices import grid_price
-from tpmsd.diagnosis.hypotheses.terms import Hypotheses
-from tpmsd.diagnosis.prepared.admission import admitted
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.physics.catalogue import EFFECTS, groups
-from tpmsd.wheels import FloatArray
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.car.physics.catalogue import EFFECTS, groups
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.diagnose import diagnose
+from tpmsd.offline.diagnosis.hypotheses.prices import grid_price
+from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses
+from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.study import Study
 
 HEAT = next(group for group in groups() if group[0].effect == "brake_heat" and group[0].place == "front")
 

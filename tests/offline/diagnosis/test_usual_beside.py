@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.diagnosis.test_beside_shapes import Given, columns, directions, noiseless
-from tpmsd.diagnosis.hypotheses.terms import Term
-from tpmsd.diagnosis.selection.candidates import Candidates
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.inference.least_squares import Fit
-from tpmsd.physics.catalogue import EFFECTS, usual_size
+from tests.offline.diagnosis.test_beside_shapes import Given, columns, directions, noiseless
+from tpmsd.car.physics.catalogue import EFFECTS, usual_size
+from tpmsd.offline.diagnosis.hypotheses.terms import Term
+from tpmsd.offline.diagnosis.selection.candidates import Candidates
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.inference.least_squares import Fit
 
 ARM_M, SLIP, SPEED2 = -0.6, 3e-3, 225.0
 """An antenna behind the rear axle, the side slip of a car, and the square of a speed at which both turn the

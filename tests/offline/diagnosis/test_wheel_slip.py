@@ -10,19 +10,19 @@ import pytest
 from bench.worlds.course import Course
 from bench.worlds.instruments import observe
 from bench.worlds.kinematic import Array, Spec, course
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.assessment.result import Explanatory
-from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.hypotheses.wheel_slip import SIDE_SLIP, slip_columns
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.trajectory import reference
-from tpmsd.inference.windows import Reader
-from tpmsd.physics.kinematics import Geometry
-from tpmsd.physics.motion import GRAVITY_MPS2, Car, Motion, driven_mask
-from tpmsd.report.diagnosis_document import diagnosis_document
-from tpmsd.report.diagnosis_summary import explained
-from tpmsd.vehicle_state.settings import SETTINGS
-from tpmsd.vehicle_state.slip_shapes import dynamics_of, wheel_slip_shapes
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.motion import GRAVITY_MPS2, Car, Motion, driven_mask
+from tpmsd.car.vehicle_state.settings import SETTINGS
+from tpmsd.car.vehicle_state.slip_shapes import dynamics_of, wheel_slip_shapes
+from tpmsd.offline.diagnosis.assessment.result import Explanatory
+from tpmsd.offline.diagnosis.diagnose import diagnose
+from tpmsd.offline.diagnosis.hypotheses.wheel_slip import SIDE_SLIP, slip_columns
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.trajectory import reference
+from tpmsd.offline.inference.windows import Reader
+from tpmsd.offline.report.diagnosis_document import diagnosis_document
+from tpmsd.offline.report.diagnosis_summary import explained
 
 STIFFNESS = 60.0
 """Slip stiffness over load: a stiff tyre, so that ten minutes hold no more than some thousand nats."""

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.trajectory import reference
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.offline.diagnosis.diagnose import diagnose
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.trajectory import reference
 
 TEETH = 40.0
 

@@ -8,25 +8,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.campaigns.drawn_buses import gnss_fixes
-from tpmsd.api.car_library import load_cars
-from tpmsd.cli.main import main
-from tpmsd.config.check import check
-from tpmsd.config.dbc import load_dbc
-from tpmsd.config.units import UNITS
-from tpmsd.discovery.car_start import found_of
-from tpmsd.discovery.discover import discover
-from tpmsd.discovery.frames import BusLog
-from tpmsd.discovery.library import Car, car_from, field_of, match_car
-from tpmsd.discovery.raw_fields import dbc_start
-from tpmsd.discovery.text import dbc_text
-from tpmsd.errors import ConfigError
-from tpmsd.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
-from tpmsd.simulator.frame_layout import MessageLayout, SignalLayout
-from tpmsd.sources.can_block import block_of
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.signal_plan import EXTENDED
-from tpmsd.wheels import WHEELS
+from bench.campaigns.offline.drawn_buses import gnss_fixes
+from tpmsd.car.config.check import check
+from tpmsd.car.config.dbc import load_dbc
+from tpmsd.car.config.units import UNITS
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.interfaces.api.car_library import load_cars
+from tpmsd.interfaces.cli.main import main
+from tpmsd.offline.discovery.car_start import found_of
+from tpmsd.offline.discovery.discover import discover
+from tpmsd.offline.discovery.frames import BusLog
+from tpmsd.offline.discovery.library import Car, car_from, field_of, match_car
+from tpmsd.offline.discovery.raw_fields import dbc_start
+from tpmsd.offline.discovery.text import dbc_text
+from tpmsd.offline.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
+from tpmsd.offline.simulator.frame_layout import MessageLayout, SignalLayout
+from tpmsd.onboard.sources.can_block import block_of
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.signal_plan import EXTENDED
 
 CARS = {car.name: car for car in load_cars()}
 

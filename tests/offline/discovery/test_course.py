@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmsd.discovery.course import course_fit
-from tpmsd.discovery.reference import Reference
-from tpmsd.discovery.result import Estimate
-from tpmsd.discovery.settings import SETTINGS
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.discovery.course import course_fit
+from tpmsd.offline.discovery.reference import Reference
+from tpmsd.offline.discovery.result import Estimate
+from tpmsd.offline.discovery.settings import SETTINGS
 
 TRACK_M, AHEAD_M, LATENCY_S, SLIP = 1.62, 1.3, 0.12, 3e-3
 

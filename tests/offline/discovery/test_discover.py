@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.campaigns.drawn_buses import LAYOUTS, DrawnBus, draw
-from tpmsd.cli.main import main
-from tpmsd.config.check import check
-from tpmsd.config.dbc import load_dbc
-from tpmsd.discovery.discover import discover
-from tpmsd.discovery.names import named_wheel
-from tpmsd.discovery.raw_fields import dbc_start
-from tpmsd.discovery.result import Discovery
-from tpmsd.discovery.text import dbc_text, vehicle_text
-from tpmsd.wheels import WHEELS
+from bench.campaigns.offline.drawn_buses import LAYOUTS, DrawnBus, draw
+from tpmsd.car.config.check import check
+from tpmsd.car.config.dbc import load_dbc
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.interfaces.cli.main import main
+from tpmsd.offline.discovery.discover import discover
+from tpmsd.offline.discovery.names import named_wheel
+from tpmsd.offline.discovery.raw_fields import dbc_start
+from tpmsd.offline.discovery.result import Discovery
+from tpmsd.offline.discovery.text import dbc_text, vehicle_text
 
 DURATION_S = 540.0
 _DRAWN: dict[str, DrawnBus] = {}
@@ -177,8 +177,8 @@ def test_wrong_usage(arguments: list[str], code: int, capsys: pytest.CaptureFixt
 
 def test_bits_of_a_field_are_those_of_the_decoder() -> None:
     """Whole columns give the raw bits that the frame-by-frame decoder gives, in both byte orders."""
-    from tpmsd.discovery.frames import MessageLog
-    from tpmsd.sources.signal_plan import BitField
+    from tpmsd.offline.discovery.frames import MessageLog
+    from tpmsd.onboard.sources.signal_plan import BitField
 
     rng = np.random.default_rng(3)
     data = rng.integers(0, 256, (50, 8), dtype=np.uint8)

@@ -12,17 +12,17 @@ import cantools.database
 import numpy as np
 import pytest
 
-from tpmsd.config.check import check
-from tpmsd.config.dbc import load_dbc
-from tpmsd.discovery.discover import discover
-from tpmsd.discovery.frames import BusLog
-from tpmsd.discovery.result import Discovery
-from tpmsd.discovery.text import vehicle_text
-from tpmsd.sources.can_block import block_of
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.events import GnssFix
-from tpmsd.sources.signal_plan import BitField, bit_field
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.config.check import check
+from tpmsd.car.config.dbc import load_dbc
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.discovery.discover import discover
+from tpmsd.offline.discovery.frames import BusLog
+from tpmsd.offline.discovery.result import Discovery
+from tpmsd.offline.discovery.text import vehicle_text
+from tpmsd.onboard.sources.can_block import block_of
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.events import GnssFix
+from tpmsd.onboard.sources.signal_plan import BitField, bit_field
 
 RADIUS_M, TRACK_M, WHEELBASE_M = 0.311, 1.57, 2.71
 DURATION_S, STEP_S = 480.0, 0.01

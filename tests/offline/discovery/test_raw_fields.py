@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tpmsd.discovery.frames import MessageLog
-from tpmsd.discovery.raw_fields import dbc_start, raw_fields
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.discovery.frames import MessageLog
+from tpmsd.offline.discovery.raw_fields import dbc_start, raw_fields
 
 FRAMES = 20_000
 STAMPS_S: FloatArray = 0.02 * np.arange(FRAMES, dtype=np.float64)

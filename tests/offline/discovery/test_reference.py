@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmsd.discovery.reference import cell_means
+from tpmsd.offline.discovery.reference import cell_means
 
 
 @pytest.mark.parametrize("phase_s", [0.0, 0.1, 0.25, 0.4])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.discovery.regress import fit
+from tpmsd.offline.discovery.regress import fit
 
 
 def test_few_blocks_that_weigh_much() -> None:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmsd.discovery.frames import MessageLog
-from tpmsd.discovery.series import Field, unwrap
-from tpmsd.sources.signal_plan import BitField
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.discovery.frames import MessageLog
+from tpmsd.offline.discovery.series import Field, unwrap
+from tpmsd.onboard.sources.signal_plan import BitField
 
 MODULUS = 1 << 32
 

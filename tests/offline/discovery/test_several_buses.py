@@ -8,11 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.discovery.test_other_buses import BUSES, RADIUS_M, TRACK_M, WHEELBASE_M, fixes, frames, motion
-from tpmsd.cli.discover import write_files
-from tpmsd.config.check import check
-from tpmsd.config.dbc import load_dbc
-from tpmsd.config.model import (
+from tests.offline.discovery.test_other_buses import (
+    BUSES,
+    RADIUS_M,
+    TRACK_M,
+    WHEELBASE_M,
+    fixes,
+    frames,
+    motion,
+)
+from tpmsd.car.config.check import check
+from tpmsd.car.config.dbc import load_dbc
+from tpmsd.car.config.model import (
     BusConfig,
     CanConfig,
     Condition,
@@ -21,14 +28,15 @@ from tpmsd.config.model import (
     SignalOptions,
     VehicleConfig,
 )
-from tpmsd.discovery.configured import configured_fields, configured_frames
-from tpmsd.discovery.discover import discover
-from tpmsd.discovery.frames import BusLog
-from tpmsd.discovery.suspicions import suspicions
-from tpmsd.sources.can_block import block_of
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.databases import load_databases
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.interfaces.cli.discover import write_files
+from tpmsd.offline.discovery.configured import configured_fields, configured_frames
+from tpmsd.offline.discovery.discover import discover
+from tpmsd.offline.discovery.frames import BusLog
+from tpmsd.offline.discovery.suspicions import suspicions
+from tpmsd.onboard.sources.can_block import block_of
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.databases import load_databases
 
 NAME, SEED = "one message per wheel, counts", 311
 FRONT, REAR = {0x210, 0x211}, {0x212, 0x213}

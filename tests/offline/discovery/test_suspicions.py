@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.campaigns.drawn_buses import LAYOUTS, DrawnBus, draw
-from tpmsd.cli.main import main
-from tpmsd.config.dbc import load_dbc
-from tpmsd.config.model import CanConfig, Config, GnssConfig, SignalOptions
-from tpmsd.discovery.material import prepare
-from tpmsd.discovery.other_roles import find_gyro
-from tpmsd.discovery.suspicions import Suspicion, suspicions
-from tpmsd.sources.events import GnssFix
-from tpmsd.wheels import WHEELS
+from bench.campaigns.offline.drawn_buses import LAYOUTS, DrawnBus, draw
+from tpmsd.car.config.dbc import load_dbc
+from tpmsd.car.config.model import CanConfig, Config, GnssConfig, SignalOptions
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.interfaces.cli.main import main
+from tpmsd.offline.discovery.material import prepare
+from tpmsd.offline.discovery.other_roles import find_gyro
+from tpmsd.offline.discovery.suspicions import Suspicion, suspicions
+from tpmsd.onboard.sources.events import GnssFix
 
 _DRAWN: dict[str, DrawnBus] = {}
 

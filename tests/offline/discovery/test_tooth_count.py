@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tpmsd.api.raw_drive import read_drive
-from tpmsd.discovery.discover import discover
-from tpmsd.discovery.series import Counter
-from tpmsd.discovery.settings import SETTINGS
-from tpmsd.discovery.tooth_count import tooth_count, tyre_radius_m
-from tpmsd.sources.databases import load_database
+from tpmsd.offline.discovery.discover import discover
+from tpmsd.offline.discovery.series import Counter
+from tpmsd.offline.discovery.settings import SETTINGS
+from tpmsd.offline.discovery.tooth_count import tooth_count, tyre_radius_m
+from tpmsd.offline.drives.raw_drive import read_drive
+from tpmsd.onboard.sources.databases import load_database
 
 TYRE = "205/55R16"
 RADIUS_M = 0.969 * (0.5 * 16 * 0.0254 + 0.205 * 0.55)

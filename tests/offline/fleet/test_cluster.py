@@ -14,13 +14,13 @@ from pathlib import Path
 
 import pytest
 
-from tpmsd.fleet.find import find_drives
-from tpmsd.fleet.run import missing
-from tpmsd.fleet.store import Store
-from tpmsd.fleet.tables import COLUMNS, write_tables
-from tpmsd.fleet.work import work_on
-from tpmsd.simulator.drive import DriveSpec, simulate_drive
-from tpmsd.simulator.drive_writer import write_drive
+from tpmsd.offline.fleet.find import find_drives
+from tpmsd.offline.fleet.run import missing
+from tpmsd.offline.fleet.store import Store
+from tpmsd.offline.fleet.tables import COLUMNS, write_tables
+from tpmsd.offline.fleet.work import work_on
+from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
 
 DRIVES = 10
 PATIENCE_S = 180.0
@@ -127,7 +127,7 @@ def test_local_processes_make_the_same_tables(
     vans: Path, undisturbed: dict[str, bytes], tmp_path: Path
 ) -> None:
     """`--jobs 2` makes the very tables of the loop; run again, no work is left."""
-    from tpmsd.fleet.run import run
+    from tpmsd.offline.fleet.run import run
 
     store = added(vans, tmp_path / "store")
     tally = run(store, jobs=2, stages=STAGES)

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from tpmsd.fleet.discoveries import (
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.fleet.discoveries import (
     Discovery,
     cars_that_differ,
     controlled,
@@ -18,9 +19,8 @@ from tpmsd.fleet.discoveries import (
     robust_fit,
     trends,
 )
-from tpmsd.fleet.hierarchy import Stack, fit_model, fit_with, shrunken
-from tpmsd.fleet.parameters import BACK, CONTRASTS, NAMES, PARAMETERS_OF_FLEET, RADII, SCALES, aligned
-from tpmsd.wheels import FloatArray
+from tpmsd.offline.fleet.hierarchy import Stack, fit_model, fit_with, shrunken
+from tpmsd.offline.fleet.parameters import BACK, CONTRASTS, NAMES, PARAMETERS_OF_FLEET, RADII, SCALES, aligned
 
 P = len(NAMES)
 

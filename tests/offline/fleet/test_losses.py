@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tests.fleet.test_hierarchy import P, drawn
-from tpmsd.fleet.discoveries import Discovery, controlled
-from tpmsd.fleet.hierarchy import Stack
-from tpmsd.fleet.losses import losses
-from tpmsd.fleet.parameters import BACK, SCALES
-from tpmsd.wheels import WHEELS, FloatArray
+from tests.offline.fleet.test_hierarchy import P, drawn
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.fleet.discoveries import Discovery, controlled
+from tpmsd.offline.fleet.hierarchy import Stack
+from tpmsd.offline.fleet.losses import losses
+from tpmsd.offline.fleet.parameters import BACK, SCALES
 
 CARS = [f"car-{k}" for k in range(6)]
 USUAL = np.where(np.arange(P) < 4, 0.3, 0.2)

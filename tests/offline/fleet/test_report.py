@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from tests.report.pages import Page
-from tpmsd.fleet.report import report_document, report_text
-from tpmsd.fleet.report_page import report_page
-from tpmsd.fleet.settings import FleetSettings
-from tpmsd.fleet.tables import COLUMNS
+from tests.offline.report.pages import Page
+from tpmsd.offline.fleet.report import report_document, report_text
+from tpmsd.offline.fleet.report_page import report_page
+from tpmsd.offline.fleet.settings import FleetSettings
+from tpmsd.offline.fleet.tables import COLUMNS
 
 Row = dict[str, Any]
 
@@ -128,7 +128,7 @@ def test_a_large_fleet_has_few_pictures(
     tables: dict[str, list[Row]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Beyond a bound a car's plot is data alone; its table is there all the same."""
-    monkeypatch.setattr("tpmsd.fleet.report_page.SETTINGS", FleetSettings(most_pictures=0))
+    monkeypatch.setattr("tpmsd.offline.fleet.report_page.SETTINGS", FleetSettings(most_pictures=0))
     page = Page(report_page(report_document(tables), tables))
 
     assert (0, 1) == (page.tags["svg"], len(page.data))

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from tpmsd.cli.main import main
-from tpmsd.fleet.find import find_drives
-from tpmsd.fleet.settings import SETTINGS
-from tpmsd.fleet.store import Store, write_atomic
-from tpmsd.fleet.tables import COLUMNS, write_tables
-from tpmsd.fleet.work import STAGES, is_missing, make_result, program, work_on
-from tpmsd.simulator.drive import DriveSpec, simulate_drive
-from tpmsd.simulator.drive_writer import write_drive
+from tpmsd.interfaces.cli.main import main
+from tpmsd.offline.fleet.find import find_drives
+from tpmsd.offline.fleet.settings import SETTINGS
+from tpmsd.offline.fleet.store import Store, write_atomic
+from tpmsd.offline.fleet.tables import COLUMNS, write_tables
+from tpmsd.offline.fleet.work import STAGES, is_missing, make_result, program, work_on
+from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
 
 
 @pytest.fixture(scope="module")

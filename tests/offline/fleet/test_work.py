@@ -7,11 +7,11 @@ from pathlib import Path
 import pyarrow.parquet as parquet
 
 import tpmsd
-from tpmsd.fleet.find import find_drives
-from tpmsd.fleet.parameters import NAMES
-from tpmsd.fleet.store import Store
-from tpmsd.fleet.tables import write_tables
-from tpmsd.fleet.work import STAGES, work_on
+from tpmsd.offline.fleet.find import find_drives
+from tpmsd.offline.fleet.parameters import NAMES
+from tpmsd.offline.fleet.store import Store
+from tpmsd.offline.fleet.tables import write_tables
+from tpmsd.offline.fleet.work import STAGES, work_on
 
 
 def test_a_drive_through_all_stages(tmp_path: Path) -> None:

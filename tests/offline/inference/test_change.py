@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.inference.trajectory import reference
-from tpmsd.inference.windows import Reader
-from tpmsd.physics.catalogue import TEETH, make_effect, probes
-from tpmsd.physics.model import ExtendedModel
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.car.physics.catalogue import TEETH, make_effect, probes
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.offline.inference.trajectory import reference
+from tpmsd.offline.inference.windows import Reader
 
 BASES = {
     "rolling": ExtendedModel(),

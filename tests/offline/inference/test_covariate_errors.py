@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.diagnosis.hypotheses.response import finer_knots, smooth_knots
-from tpmsd.diagnosis.prepared.drive_study import first_noise
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.covariate_errors import expected
-from tpmsd.inference.trajectory import reference
-from tpmsd.inference.whitening import Whitener
-from tpmsd.inference.windows import Reader
-from tpmsd.physics.model import ExtendedModel
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.offline.diagnosis.diagnose import diagnose
+from tpmsd.offline.diagnosis.hypotheses.response import finer_knots, smooth_knots
+from tpmsd.offline.diagnosis.prepared.drive_study import first_noise
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.covariate_errors import expected
+from tpmsd.offline.inference.trajectory import reference
+from tpmsd.offline.inference.whitening import Whitener
+from tpmsd.offline.inference.windows import Reader
 
 
 @pytest.mark.parametrize("gyro_std", [0.0015, 0.02])

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.inference.fit import DriveNoise, fit, gram, redrawn, solved
-from tpmsd.inference.noise import Noise
-from tpmsd.inference.prepared import Design, Prepared, design, prepare
-from tpmsd.inference.recording import Recording
-from tpmsd.physics.catalogue import make_effect
-from tpmsd.physics.model import ExtendedModel
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.car.physics.catalogue import make_effect
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.offline.inference.fit import DriveNoise, fit, gram, redrawn, solved
+from tpmsd.offline.inference.noise import Noise
+from tpmsd.offline.inference.prepared import Design, Prepared, design, prepare
+from tpmsd.offline.inference.recording import Recording
 
 EFFECT = "load_transfer_lateral"
 COEFFICIENT = 2e-4

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmsd.inference import gains
-from tpmsd.inference.gains import (
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.inference import gains
+from tpmsd.offline.inference.gains import (
     Gains,
     array_chained,
     array_gains,
@@ -16,7 +17,6 @@ from tpmsd.inference.gains import (
     compiled_whitened,
     steps,
 )
-from tpmsd.wheels import FloatArray
 
 SAME = 1e-11
 """Relative to the greatest number of its kind: both round alike but for the order of sums."""

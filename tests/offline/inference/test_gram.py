@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.inference.gram import Grams
-from tpmsd.inference.least_squares import Evidence, Part, part
+from tpmsd.offline.inference.gram import Grams
+from tpmsd.offline.inference.least_squares import Evidence, Part, part
 
 BLOCKS = np.repeat(np.arange(7), 20)
 

@@ -7,15 +7,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tpmsd.inference.blocks import PE, PSI, QOLD, Q, V, W
-from tpmsd.inference.layouts import AGE_STD_S, GYRO_BIAS_STD_RADPS, LEANING_CAR
-from tpmsd.inference.noise import Noise
-from tpmsd.inference.noise_fit import Data, log_prior, maximised, restricted_posterior
-from tpmsd.inference.state_space import SPEED_STD_MPS, YAW_STD_RADPS, Geometry, diagonals, geometry
-from tpmsd.inference.trajectory import WINDOW_S
-from tpmsd.inference.whitening import Whitener
-from tpmsd.inference.windows import CHANNELS, Linearised
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.inference.blocks import PE, PSI, QOLD, Q, V, W
+from tpmsd.offline.inference.layouts import AGE_STD_S, GYRO_BIAS_STD_RADPS, LEANING_CAR
+from tpmsd.offline.inference.noise import Noise
+from tpmsd.offline.inference.noise_fit import Data, log_prior, maximised, restricted_posterior
+from tpmsd.offline.inference.state_space import SPEED_STD_MPS, YAW_STD_RADPS, Geometry, diagonals, geometry
+from tpmsd.offline.inference.trajectory import WINDOW_S
+from tpmsd.offline.inference.whitening import Whitener
+from tpmsd.offline.inference.windows import CHANNELS, Linearised
 
 STATES = LEANING_CAR.states
 PLAIN = Noise(reading_m=(0.01, 0.01, 0.012, 0.008))

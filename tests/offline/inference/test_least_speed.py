@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmsd.inference.least_speed import INFORMATION, LEAST_MPS, USUAL_MPS, least_speed
+from tpmsd.offline.inference.least_speed import INFORMATION, LEAST_MPS, USUAL_MPS, least_speed
 
 
 def test_on_the_road_walking_pace_is_left_out() -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmsd.inference.least_squares import Evidence, part
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.inference.least_squares import Evidence, part
 
 BLOCKS = np.repeat(np.arange(10), 30)
 

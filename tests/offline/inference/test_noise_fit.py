@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.assessment.tangent import crossing
-from tpmsd.diagnosis.prepared.drive_study import DriveStudy, first_noise
-from tpmsd.inference.noise import Noise
-from tpmsd.inference.noise_fit import Stage, fit_noise
-from tpmsd.inference.trajectory import reference
-from tpmsd.inference.windows import Reader
-from tpmsd.physics.catalogue import RADIUS
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.car.physics.catalogue import RADIUS
+from tpmsd.offline.diagnosis.assessment.tangent import crossing
+from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy, first_noise
+from tpmsd.offline.inference.noise import Noise
+from tpmsd.offline.inference.noise_fit import Stage, fit_noise
+from tpmsd.offline.inference.trajectory import reference
+from tpmsd.offline.inference.windows import Reader
 
 
 def first_fit(loss_m: float) -> Noise:

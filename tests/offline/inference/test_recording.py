@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tpmsd.config.model import CanConfig, Config, GnssConfig, VehicleConfig
-from tpmsd.inference.recording import record
-from tpmsd.timeline.tick import Fix, Tick
+from tpmsd.car.config.model import CanConfig, Config, GnssConfig, VehicleConfig
+from tpmsd.offline.inference.recording import record
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 CONFIG = Config(
     VehicleConfig((0.3,) * 4, 1.5, 1.4, 2.6, steering_ratio=14.5),

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.inference.noise import Noise
-from tpmsd.inference.replicate import replicate
-from tpmsd.inference.trajectory import reference
-from tpmsd.inference.windows import Reader
-from tpmsd.physics.catalogue import make_effect, probes
-from tpmsd.physics.effect import Effect
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.wheels import FloatArray
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.car.physics.catalogue import make_effect, probes
+from tpmsd.car.physics.effect import Effect
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.inference.noise import Noise
+from tpmsd.offline.inference.replicate import replicate
+from tpmsd.offline.inference.trajectory import reference
+from tpmsd.offline.inference.windows import Reader
 
 LARGE = (
     make_effect("velocity_lag", lag_s=0.5),

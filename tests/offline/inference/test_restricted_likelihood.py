@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.inference.blocks import V, W
-from tpmsd.inference.layouts import DRIFTING_RADII
-from tpmsd.inference.noise import LIMITS, Noise
-from tpmsd.inference.noise_fit import Data, log_prior, maximised, restricted_posterior
-from tpmsd.inference.state_space import Geometry, StateSpace, diagonals, geometry
-from tpmsd.inference.trajectory import reference
-from tpmsd.inference.whitening import Whitener
-from tpmsd.inference.windows import GYRO, Reader
-from tpmsd.wheels import FloatArray
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.inference.blocks import V, W
+from tpmsd.offline.inference.layouts import DRIFTING_RADII
+from tpmsd.offline.inference.noise import LIMITS, Noise
+from tpmsd.offline.inference.noise_fit import Data, log_prior, maximised, restricted_posterior
+from tpmsd.offline.inference.state_space import Geometry, StateSpace, diagonals, geometry
+from tpmsd.offline.inference.trajectory import reference
+from tpmsd.offline.inference.whitening import Whitener
+from tpmsd.offline.inference.windows import GYRO, Reader
 
 WINDOWS = 12
 STATES = DRIFTING_RADII.states

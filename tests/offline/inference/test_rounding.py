@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.inference.noise import Noise
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.rounding import held_variance
-from tpmsd.inference.state_space import diagonals, geometry
-from tpmsd.inference.trajectory import reference
-from tpmsd.inference.windows import Reader
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.offline.inference.noise import Noise
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.rounding import held_variance
+from tpmsd.offline.inference.state_space import diagonals, geometry
+from tpmsd.offline.inference.trajectory import reference
+from tpmsd.offline.inference.windows import Reader
 
 STEP_MPS, DT_S = 0.0625 / 3.6, 0.1
 CRUISE_S = (40, 65)

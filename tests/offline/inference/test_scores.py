@@ -7,10 +7,17 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tpmsd.inference import gains
-from tpmsd.inference.gains import array_gains, array_whitened, steps
-from tpmsd.inference.scores import MOST_STATES, Derivatives, System, array_scores, compiled_scores, scores
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.inference import gains
+from tpmsd.offline.inference.gains import array_gains, array_whitened, steps
+from tpmsd.offline.inference.scores import (
+    MOST_STATES,
+    Derivatives,
+    System,
+    array_scores,
+    compiled_scores,
+    scores,
+)
 
 
 @pytest.fixture

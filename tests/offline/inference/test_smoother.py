@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.diagnose import diagnose, first_noise
-from tpmsd.inference.blocks import PE, PN, PSI, QOLD, Q, V, W
-from tpmsd.inference.layouts import DRIFTING_RADII
-from tpmsd.inference.noise import Noise
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.state_space import state_space
-from tpmsd.inference.trajectory import WINDOW_S, reference
-from tpmsd.inference.whitening import Whitener
-from tpmsd.inference.windows import GYRO, Reader, Windows
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.wheels import FloatArray
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.diagnose import diagnose, first_noise
+from tpmsd.offline.inference.blocks import PE, PN, PSI, QOLD, Q, V, W
+from tpmsd.offline.inference.layouts import DRIFTING_RADII
+from tpmsd.offline.inference.noise import Noise
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.state_space import state_space
+from tpmsd.offline.inference.trajectory import WINDOW_S, reference
+from tpmsd.offline.inference.whitening import Whitener
+from tpmsd.offline.inference.windows import GYRO, Reader, Windows
 
 STATES = DRIFTING_RADII.states
 GB = DRIFTING_RADII.names.index("gyro_bias")

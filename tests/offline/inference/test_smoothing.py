@@ -7,8 +7,8 @@ import pytest
 from scipy.ndimage import gaussian_filter1d, median_filter, uniform_filter1d
 from scipy.signal import lfilter
 
-from tpmsd.inference.smoothing import NEAREST, REFLECT, gaussian, running_mean, running_median
-from tpmsd.physics.first_order import accumulated
+from tpmsd.car.physics.first_order import accumulated
+from tpmsd.offline.inference.smoothing import NEAREST, REFLECT, gaussian, running_mean, running_median
 
 
 @pytest.mark.parametrize(("beyond", "mode"), [(NEAREST, "nearest"), (REFLECT, "reflect")])

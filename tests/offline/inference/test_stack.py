@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmsd.inference.stack import WINDOWS_AT_ONCE, Stack
-from tpmsd.inference.windows import CHANNELS, SPEED
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.inference.stack import WINDOWS_AT_ONCE, Stack
+from tpmsd.offline.inference.windows import CHANNELS, SPEED
 
 WINDOWS = 2 * WINDOWS_AT_ONCE + 7
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tpmsd.diagnosis.diagnose import first_noise
-from tpmsd.inference.stack import Stack
-from tpmsd.inference.trajectory import reference
-from tpmsd.inference.whitening import Whitener, whiten
-from tpmsd.inference.windows import EAST, GYRO, SPEED, Reader
-from tpmsd.wheels import FloatArray
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.diagnose import first_noise
+from tpmsd.offline.inference.stack import Stack
+from tpmsd.offline.inference.trajectory import reference
+from tpmsd.offline.inference.whitening import Whitener, whiten
+from tpmsd.offline.inference.windows import EAST, GYRO, SPEED, Reader
 
 
 @pytest.fixture(scope="module")

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.physics.motions import car
-from tpmsd.cli.main import main
-from tpmsd.planning.information import DT_S, Equipment, expected_gains
-from tpmsd.planning.search import TARGET, planned
-from tpmsd.simulator.manoeuvres import LIBRARY, Manoeuvre, Step, format_route, motion_of, steps_of
+from tests.car.physics.motions import car
+from tpmsd.interfaces.cli.main import main
+from tpmsd.offline.planning.information import DT_S, Equipment, expected_gains
+from tpmsd.offline.planning.search import TARGET, planned
+from tpmsd.offline.simulator.manoeuvres import LIBRARY, Manoeuvre, Step, format_route, motion_of, steps_of
 
 PAIR = ("load_transfer_lateral", "track_width_error")
 """Both go with the yaw rate; only the one also goes with the speed."""

@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tpmsd.config.model import MonitorConfig, VehicleConfig
-from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.monitor.records import AlarmEvent, AlarmKind, MonitorReport, WheelReport, WheelState
-from tpmsd.report.replay_recorder import ReplayRecorder
-from tpmsd.sources.events import SourceFault
-from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.wheels import WHEELS
+from tpmsd.car.config.model import MonitorConfig, VehicleConfig
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.report.replay_recorder import ReplayRecorder
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, MonitorReport, WheelReport, WheelState
+from tpmsd.onboard.sources.events import SourceFault
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 START_S = 1_719_820_800.0
 NOMINAL_M = 0.316

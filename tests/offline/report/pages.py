@@ -8,7 +8,7 @@ from collections import Counter
 from html.parser import HTMLParser
 from typing import Any
 
-from tpmsd.report.page import Origin
+from tpmsd.offline.report.page import Origin
 
 MADE_AT = datetime.datetime(2026, 3, 1, 12, 30, tzinfo=datetime.UTC)
 ORIGIN = Origin(

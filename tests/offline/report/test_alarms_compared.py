@@ -8,12 +8,12 @@ from collections.abc import Sequence
 
 import pytest
 
-from tests.report.drives import START_S, Drive, alarm
-from tpmsd.diagnosis.assessment.result import Finding, Quantity, Where
-from tpmsd.monitor.records import AlarmEvent, AlarmKind
-from tpmsd.report.alarms_compared import alarms_document, alarms_summary, compare_alarms
-from tpmsd.report.diagnosis_figures import radius_chart
-from tpmsd.report.replay_result import ReplayResult
+from tests.offline.report.drives import START_S, Drive, alarm
+from tpmsd.offline.diagnosis.assessment.result import Finding, Quantity, Where
+from tpmsd.offline.report.alarms_compared import alarms_document, alarms_summary, compare_alarms
+from tpmsd.offline.report.diagnosis_figures import radius_chart
+from tpmsd.offline.report.replay_result import ReplayResult
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
 
 LEAK = Finding(
     effect="radius_change",

@@ -10,10 +10,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.report.pages import ORIGIN, Page
-from tests.report.test_alarms_compared import LEAK
-from tpmsd.diagnosis.assessment.reach import ChannelReach, Reach
-from tpmsd.diagnosis.assessment.result import (
+from tests.offline.report.pages import ORIGIN, Page
+from tests.offline.report.test_alarms_compared import LEAK
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.offline.diagnosis.assessment.reach import ChannelReach, Reach
+from tpmsd.offline.diagnosis.assessment.result import (
     Diagnosis,
     Finding,
     Ground,
@@ -23,10 +24,9 @@ from tpmsd.diagnosis.assessment.result import (
     Trace,
     Where,
 )
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.report.diagnosis_document import diagnosis_document
-from tpmsd.report.diagnosis_page import diagnosis_page
-from tpmsd.report.diagnosis_summary import diagnosis_summary, left_over, reached
+from tpmsd.offline.report.diagnosis_document import diagnosis_document
+from tpmsd.offline.report.diagnosis_page import diagnosis_page
+from tpmsd.offline.report.diagnosis_summary import diagnosis_summary, left_over, reached
 
 SHAPE = Finding(
     effect="unknown",

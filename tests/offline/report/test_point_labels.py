@@ -7,7 +7,7 @@ import itertools
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.report.point_labels import CORNERS, Name, box_of, corners
+from tpmsd.offline.report.point_labels import CORNERS, Name, box_of, corners
 
 WIDE, TALL = 300.0, 120.0
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from tests.report.drives import MONITOR, OFFSET_M, START_S, VEHICLE, Drive, alarm, puncture
-from tpmsd.monitor.records import AlarmKind, WheelState
-from tpmsd.report.replay_document import replay_document
-from tpmsd.report.replay_recorder import ReplayRecorder
+from tests.offline.report.drives import MONITOR, OFFSET_M, START_S, VEHICLE, Drive, alarm, puncture
+from tpmsd.offline.report.replay_document import replay_document
+from tpmsd.offline.report.replay_recorder import ReplayRecorder
+from tpmsd.onboard.monitor.records import AlarmKind, WheelState
 
 STATES = {"unavailable", "learning", "monitoring", "alarm"}
 KINDS = {"radius_deviation", "deflation", "malfunction"}

@@ -9,16 +9,16 @@ import sys
 import numpy as np
 import pytest
 
-from tests.report.drives import MONITOR, VEHICLE, Drive, puncture
-from tests.report.pages import ORIGIN, Page
-from tpmsd.monitor.records import WheelState
-from tpmsd.palette import STYLES
-from tpmsd.report.figures import Chart, Curve
-from tpmsd.report.mpl_style import place_labels
-from tpmsd.report.page import drawn, render
-from tpmsd.report.replay_charts import replay_charts, replay_track
-from tpmsd.report.replay_page import replay_page
-from tpmsd.report.replay_recorder import ReplayRecorder
+from tests.offline.report.drives import MONITOR, VEHICLE, Drive, puncture
+from tests.offline.report.pages import ORIGIN, Page
+from tpmsd.foundation.palette import STYLES
+from tpmsd.offline.report.figures import Chart, Curve
+from tpmsd.offline.report.mpl_style import place_labels
+from tpmsd.offline.report.page import drawn, render
+from tpmsd.offline.report.replay_charts import replay_charts, replay_track
+from tpmsd.offline.report.replay_page import replay_page
+from tpmsd.offline.report.replay_recorder import ReplayRecorder
+from tpmsd.onboard.monitor.records import WheelState
 
 matplotlib = pytest.importorskip("matplotlib", reason="the report extra is not installed")
 
@@ -158,8 +158,8 @@ def test_without_jinja2_one_line_says_how_to_install_it() -> None:
         "import sys, importlib.util as u\n"
         "found = u.find_spec\n"
         "u.find_spec = lambda name, *rest: None if name == 'jinja2' else found(name, *rest)\n"
-        "from tpmsd.errors import ConfigError\n"
-        "from tpmsd.report.page import check_report_packages\n"
+        "from tpmsd.foundation.errors import ConfigError\n"
+        "from tpmsd.offline.report.page import check_report_packages\n"
         "try: check_report_packages()\n"
         "except ConfigError as error: print(error)\n"
     )

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.report.drives import MONITOR, START_S, VEHICLE, Drive, alarm, puncture
-from tpmsd.errors import ConfigError
-from tpmsd.monitor.records import WheelState
-from tpmsd.report.replay_plot import check_plot_target, draw_replay, plot_replay
-from tpmsd.report.replay_recorder import ReplayRecorder
-from tpmsd.wheels import WHEELS
+from tests.offline.report.drives import MONITOR, START_S, VEHICLE, Drive, alarm, puncture
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.report.replay_plot import check_plot_target, draw_replay, plot_replay
+from tpmsd.offline.report.replay_recorder import ReplayRecorder
+from tpmsd.onboard.monitor.records import WheelState
 
 matplotlib = pytest.importorskip("matplotlib", reason="the plot extra is not installed")
 
@@ -189,7 +189,7 @@ def test_the_png_is_1200_pixels_wide_and_not_blank() -> None:
     from matplotlib.colors import to_rgb
     from matplotlib.image import imread
 
-    from tpmsd.palette import STYLES
+    from tpmsd.foundation.palette import STYLES
 
     pixels = imread(io.BytesIO(plot_replay(puncture().record().result(1.0), ".png")))[:, :, :3]
 
@@ -218,8 +218,8 @@ def test_without_matplotlib_one_line_says_how_to_install_it(tmp_path: Path) -> N
     program = (
         "import sys; sys.modules['matplotlib'] = None\n"
         "from pathlib import Path\n"
-        "from tpmsd.errors import ConfigError\n"
-        "from tpmsd.report.replay_plot import check_plot_target\n"
+        "from tpmsd.foundation.errors import ConfigError\n"
+        "from tpmsd.offline.report.replay_plot import check_plot_target\n"
         "try: check_plot_target(Path(sys.argv[1]))\n"
         "except ConfigError as error: print(error)\n"
     )

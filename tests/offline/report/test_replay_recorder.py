@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.report.drives import MONITOR, NOMINAL_M, OFFSET_M, START_S, VEHICLE, Drive, alarm, puncture
-from tpmsd.monitor.records import WheelState
-from tpmsd.report.replay_recorder import ReplayRecorder
-from tpmsd.report.replay_result import AlarmThresholds, ReplayResult
-from tpmsd.sources.events import SourceFault
+from tests.offline.report.drives import MONITOR, NOMINAL_M, OFFSET_M, START_S, VEHICLE, Drive, alarm, puncture
+from tpmsd.offline.report.replay_recorder import ReplayRecorder
+from tpmsd.offline.report.replay_result import AlarmThresholds, ReplayResult
+from tpmsd.onboard.monitor.records import WheelState
+from tpmsd.onboard.sources.events import SourceFault
 
 
 def test_series_hold_every_tick_where_there_is_room() -> None:

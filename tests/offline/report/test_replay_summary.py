@@ -6,12 +6,12 @@ import math
 
 import pytest
 
-from tests.report.drives import MONITOR, START_S, VEHICLE, Drive, alarm, puncture
-from tpmsd.monitor.records import AlarmKind, WheelState
-from tpmsd.report.replay_recorder import ReplayRecorder
-from tpmsd.report.replay_summary import replay_summary
-from tpmsd.report.wording import drive_time
-from tpmsd.sources.events import SourceFault
+from tests.offline.report.drives import MONITOR, START_S, VEHICLE, Drive, alarm, puncture
+from tpmsd.offline.report.replay_recorder import ReplayRecorder
+from tpmsd.offline.report.replay_summary import replay_summary
+from tpmsd.offline.report.wording import drive_time
+from tpmsd.onboard.monitor.records import AlarmKind, WheelState
+from tpmsd.onboard.sources.events import SourceFault
 
 
 def lines(drive: Drive, elapsed_s: float = 2.0) -> list[str]:

@@ -6,8 +6,8 @@ import itertools
 
 import pytest
 
-from tpmsd.report.figures import Bars
-from tpmsd.report.static_figures import _bars
+from tpmsd.offline.report.figures import Bars
+from tpmsd.offline.report.static_figures import _bars
 
 
 @pytest.mark.parametrize("largest", [3.0, 40.0, 5e3, 2e5, 1.2e6, 3e9])

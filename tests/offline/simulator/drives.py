@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.physics.kinematics import Geometry
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.physics.motion import Car, Motion, driven_mask
-from tpmsd.simulator.world import World, make_world
+from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.car.physics.motion import Car, Motion, driven_mask
+from tpmsd.offline.simulator.world import World, make_world
 
 
 def straight(speed_mps: float, duration_s: float, heading_rad: float = 0.0, yaw: float = 0.0) -> Motion:

@@ -8,16 +8,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.simulator.drives import straight, world_of
-from tpmsd.errors import ConfigError
-from tpmsd.physics.catalogue import make_effect
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.simulator.bus import BusSpec, FrameLog, frames_of
-from tpmsd.simulator.bus_layouts import ALIVE, BUS_KINDS, bus_layout
-from tpmsd.simulator.clock import Clocks
-from tpmsd.simulator.frame_layout import MessageLayout, SignalLayout, dbc_text
-from tpmsd.simulator.world import World
-from tpmsd.wheels import WHEELS
+from tests.offline.simulator.drives import straight, world_of
+from tpmsd.car.physics.catalogue import make_effect
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.simulator.bus import BusSpec, FrameLog, frames_of
+from tpmsd.offline.simulator.bus_layouts import ALIVE, BUS_KINDS, bus_layout
+from tpmsd.offline.simulator.clock import Clocks
+from tpmsd.offline.simulator.frame_layout import MessageLayout, SignalLayout, dbc_text
+from tpmsd.offline.simulator.world import World
 
 CLOCKS = Clocks(start_utc_s=1000.0)
 TEETH_PER_RAD = 48 / (2 * np.pi)

@@ -12,11 +12,11 @@ from pathlib import Path
 import can
 import pytest
 
-from tpmsd.cli import simulate
-from tpmsd.cli.main import main
-from tpmsd.physics.catalogue import make_effect
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.physics.model_file import save_model
+from tpmsd.car.physics.catalogue import make_effect
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.car.physics.model_file import save_model
+from tpmsd.interfaces.cli import simulate
+from tpmsd.interfaces.cli.main import main
 
 _channels = itertools.count()
 

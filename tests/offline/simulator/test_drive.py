@@ -12,18 +12,18 @@ import cantools
 import numpy as np
 import pytest
 
-from tests.simulator.drives import straight
-from tpmsd.errors import ConfigError, TpmsdError
-from tpmsd.physics.catalogue import make_effect
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.simulator.bus import BusSpec
-from tpmsd.simulator.bus_layouts import BUS_KINDS
-from tpmsd.simulator.clock import Clocks
-from tpmsd.simulator.drive import DriveSpec, simulate_drive
-from tpmsd.simulator.drive_writer import write_drive
-from tpmsd.simulator.faults import Fault
-from tpmsd.simulator.receiver import ReceiverSpec
-from tpmsd.wheels import WHEELS
+from tests.offline.simulator.drives import straight
+from tpmsd.car.physics.catalogue import make_effect
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.foundation.errors import ConfigError, TpmsdError
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.simulator.bus import BusSpec
+from tpmsd.offline.simulator.bus_layouts import BUS_KINDS
+from tpmsd.offline.simulator.clock import Clocks
+from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
+from tpmsd.offline.simulator.faults import Fault
+from tpmsd.offline.simulator.receiver import ReceiverSpec
 
 PUNCTURE = Fault("puncture", 2.0, "percent", "rl", onset_s=30.0, duration_s=10.0)
 

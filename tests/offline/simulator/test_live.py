@@ -12,11 +12,11 @@ import can
 import pytest
 import serial
 
-from tests.simulator.drives import straight
-from tpmsd.errors import ConfigError, TpmsdError
-from tpmsd.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
-from tpmsd.simulator.live import LivePlayer, PtyPort
-from tpmsd.simulator.receiver import ReceiverSpec
+from tests.offline.simulator.drives import straight
+from tpmsd.foundation.errors import ConfigError, TpmsdError
+from tpmsd.offline.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
+from tpmsd.offline.simulator.live import LivePlayer, PtyPort
+from tpmsd.offline.simulator.receiver import ReceiverSpec
 
 _channels = itertools.count()
 

@@ -9,14 +9,14 @@ import numpy as np
 import pynmea2
 import pytest
 
-from tests.simulator.drives import straight, world_of
-from tpmsd.errors import ConfigError
-from tpmsd.physics.catalogue import make_effect
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.simulator.clock import Clocks
-from tpmsd.simulator.nmea import Epoch, sentence, with_checksum
-from tpmsd.simulator.receiver import Epochs, NmeaLine, ReceiverSpec, measure, nmea_lines
-from tpmsd.simulator.world import World
+from tests.offline.simulator.drives import straight, world_of
+from tpmsd.car.physics.catalogue import make_effect
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.offline.simulator.clock import Clocks
+from tpmsd.offline.simulator.nmea import Epoch, sentence, with_checksum
+from tpmsd.offline.simulator.receiver import Epochs, NmeaLine, ReceiverSpec, measure, nmea_lines
+from tpmsd.offline.simulator.world import World
 
 CLOCKS = Clocks()
 

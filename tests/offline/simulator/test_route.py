@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from tpmsd.errors import ConfigError
-from tpmsd.physics.motion import Motion
-from tpmsd.simulator.road import ROUTE_KINDS
-from tpmsd.simulator.route import Driver, make_route
+from tpmsd.car.physics.motion import Motion
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.offline.simulator.road import ROUTE_KINDS
+from tpmsd.offline.simulator.route import Driver, make_route
 
 
 def route(kind: str, seed: int = 3, duration_s: float = 900.0, flat: bool = False) -> Motion:

@@ -7,14 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from tests.simulator.drives import straight, world_of
-from tpmsd.errors import ConfigError
-from tpmsd.simulator.faults import Fault
-from tpmsd.simulator.geodesy import on_ellipsoid
-from tpmsd.simulator.noise import gauss_markov
-from tpmsd.simulator.route import make_route
-from tpmsd.simulator.world import ROUGHNESS_STD_M
-from tpmsd.wheels import FL, RL, RR
+from tests.offline.simulator.drives import straight, world_of
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import FL, RL, RR
+from tpmsd.offline.simulator.faults import Fault
+from tpmsd.offline.simulator.geodesy import on_ellipsoid
+from tpmsd.offline.simulator.noise import gauss_markov
+from tpmsd.offline.simulator.route import make_route
+from tpmsd.offline.simulator.world import ROUGHNESS_STD_M
 
 NOMINAL = np.full(4, 0.316)
 

@@ -10,17 +10,17 @@ from typing import Any
 
 from cantools.database.can import Database
 
-from tests.sources_can.build import COUNTERS_DBC
-from tpmsd.config.load import load_config
-from tpmsd.config.model import CanConfig, Config
-from tpmsd.daemon.bus_link import OpenBus
-from tpmsd.daemon.clock import Clock
-from tpmsd.daemon.loop import Daemon
-from tpmsd.pipeline import Step
-from tpmsd.sinks.sd_notify import Notifier
-from tpmsd.sources.can_decoder import load_database
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.can_live import CanDown
+from tests.onboard.sources_can.build import COUNTERS_DBC
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import CanConfig, Config
+from tpmsd.onboard.daemon.bus_link import OpenBus
+from tpmsd.onboard.daemon.clock import Clock
+from tpmsd.onboard.daemon.loop import Daemon
+from tpmsd.onboard.pipeline import Step
+from tpmsd.onboard.sinks.sd_notify import Notifier
+from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can_live import CanDown
 
 VEHICLE = """[vehicle]
 wheel_radius_m = 0.3

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tpmsd.daemon.can_errors import HINTS, error_names, hint_after
+from tpmsd.onboard.daemon.can_errors import HINTS, error_names, hint_after
 
 PASSIVE = HINTS["error_passive"]
 

@@ -15,17 +15,27 @@ import pytest
 from cantools.database.can import Database
 
 from tests.conftest import REPO
-from tpmsd.cli.demo_panel import Panel
-from tpmsd.config.model import AlarmsConfig
-from tpmsd.monitor.records import AlarmEvent, AlarmKind, MonitorReport, WheelReport, WheelState
-from tpmsd.sinks.can_frames import CanReporter
-from tpmsd.wheels import WHEELS
+from tpmsd.car.config.model import AlarmsConfig
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.interfaces.cli.demo_panel import Panel
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, MonitorReport, WheelReport, WheelState
+from tpmsd.onboard.sinks.can_frames import CanReporter
 
 
 def test_the_demonstration_finds_the_wheel(tmp_path: Path) -> None:
     """Another wheel than the usual one is announced on the bus, its frame decoded; the exit code is 0."""
     done = subprocess.run(
-        [sys.executable, "-m", "tpmsd.cli.demo", "--wheel", "fr", "--speed-up", "36", "--seed", "5"],
+        [
+            sys.executable,
+            "-m",
+            "tpmsd.interfaces.cli.demo",
+            "--wheel",
+            "fr",
+            "--speed-up",
+            "36",
+            "--seed",
+            "5",
+        ],
         capture_output=True,
         text=True,
         timeout=60,

@@ -9,19 +9,19 @@ from pathlib import Path
 
 import pytest
 
-from tests.daemon.fakes import FakeBus, car, wheels_frame
-from tests.gnss.sentences import nmea
-from tpmsd.config.load import load_config
-from tpmsd.daemon.bus_link import BusLink
-from tpmsd.daemon.health import GNSS_FAULTS, Health, tyres_line
-from tpmsd.daemon.input_queue import InputQueue
-from tpmsd.daemon.receiver_link import ReceiverLink, configured_receiver
-from tpmsd.monitor.records import AlarmEvent, AlarmKind, MonitorReport, WheelReport, WheelState
-from tpmsd.pipeline import Pipeline
-from tpmsd.sources.databases import load_database
-from tpmsd.sources.nmea_epoch import NmeaAssembler
-from tpmsd.sources.nmea_sentence import HANDLED
-from tpmsd.wheels import WHEELS
+from tests.onboard.daemon.fakes import FakeBus, car, wheels_frame
+from tests.onboard.gnss.sentences import nmea
+from tpmsd.car.config.load import load_config
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.onboard.daemon.bus_link import BusLink
+from tpmsd.onboard.daemon.health import GNSS_FAULTS, Health, tyres_line
+from tpmsd.onboard.daemon.input_queue import InputQueue
+from tpmsd.onboard.daemon.receiver_link import ReceiverLink, configured_receiver
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, MonitorReport, WheelReport, WheelState
+from tpmsd.onboard.pipeline import Pipeline
+from tpmsd.onboard.sources.databases import load_database
+from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
+from tpmsd.onboard.sources.nmea_sentence import HANDLED
 
 LOG = logging.getLogger("tests.health")
 GPS = """BO_ 1536 GPS: 8 CAR

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.daemon.fakes import wheels_frame
-from tpmsd.daemon.frame_stamps import FrameStamps
-from tpmsd.daemon.input_queue import InputQueue
-from tpmsd.sources.drive import Sentence
+from tests.onboard.daemon.fakes import wheels_frame
+from tpmsd.onboard.daemon.frame_stamps import FrameStamps
+from tpmsd.onboard.daemon.input_queue import InputQueue
+from tpmsd.onboard.sources.drive import Sentence
 
 
 def stamps(items: object) -> list[float]:

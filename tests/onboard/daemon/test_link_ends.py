@@ -8,17 +8,17 @@ from pathlib import Path
 
 import pytest
 
-from tests.daemon.fakes import FakeBus, wheels_frame
-from tests.daemon.test_links import FRAME, LOG, link_of
-from tpmsd.config.model import GnssConfig
-from tpmsd.daemon.bus_link import READ_AT_ONCE, READS_AT_ONCE, _is_up
-from tpmsd.daemon.link import Link
-from tpmsd.daemon.receiver_link import READS_AT_ONCE as RECEIVER_READS
-from tpmsd.daemon.receiver_link import ReceiverLink, configured_receiver
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.gnss_net_live import TcpReceiver
-from tpmsd.sources.gpsd_json import WATCH
-from tpmsd.sources.serial_live import ReceiverGone, SerialReceiver
+from tests.onboard.daemon.fakes import FakeBus, wheels_frame
+from tests.onboard.daemon.test_links import FRAME, LOG, link_of
+from tpmsd.car.config.model import GnssConfig
+from tpmsd.onboard.daemon.bus_link import READ_AT_ONCE, READS_AT_ONCE, _is_up
+from tpmsd.onboard.daemon.link import Link
+from tpmsd.onboard.daemon.receiver_link import READS_AT_ONCE as RECEIVER_READS
+from tpmsd.onboard.daemon.receiver_link import ReceiverLink, configured_receiver
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.gnss_net_live import TcpReceiver
+from tpmsd.onboard.sources.gpsd_json import WATCH
+from tpmsd.onboard.sources.serial_live import ReceiverGone, SerialReceiver
 
 HINT = "error-passive: most frames are damaged (wiring, termination or bit rate)"
 PASSIVE = wheels_frame(1.0)._replace(

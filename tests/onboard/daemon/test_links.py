@@ -10,16 +10,16 @@ from pathlib import Path
 
 import pytest
 
-from tests.daemon.fakes import FakeBus, wheels_frame
-from tpmsd.config.model import AlarmsConfig, CanConfig, GnssConfig
-from tpmsd.daemon.bus_link import BusLink, open_can, own_filters, reset_filters
-from tpmsd.daemon.receiver_link import ReceiverLink, configured_receiver, configured_stream
-from tpmsd.simulator.live import PtyPort
-from tpmsd.sinks.can_frames import OutFrame
-from tpmsd.sources.can_live import CanDown
-from tpmsd.sources.gnss_net_live import TcpReceiver, UdpReceiver
-from tpmsd.sources.gnss_stream import GpsdStream, NmeaStream
-from tpmsd.sources.serial_live import SerialReceiver
+from tests.onboard.daemon.fakes import FakeBus, wheels_frame
+from tpmsd.car.config.model import AlarmsConfig, CanConfig, GnssConfig
+from tpmsd.offline.simulator.live import PtyPort
+from tpmsd.onboard.daemon.bus_link import BusLink, open_can, own_filters, reset_filters
+from tpmsd.onboard.daemon.receiver_link import ReceiverLink, configured_receiver, configured_stream
+from tpmsd.onboard.sinks.can_frames import OutFrame
+from tpmsd.onboard.sources.can_live import CanDown
+from tpmsd.onboard.sources.gnss_net_live import TcpReceiver, UdpReceiver
+from tpmsd.onboard.sources.gnss_stream import GpsdStream, NmeaStream
+from tpmsd.onboard.sources.serial_live import SerialReceiver
 
 LOG = logging.getLogger("tests.links")
 FRAME = OutFrame(0x6F0, False, bytes(8))
@@ -277,7 +277,7 @@ def test_an_interface_that_is_not_there_is_a_bus_that_is_down() -> None:
 def test_an_interface_that_is_up_is_not_called_down(monkeypatch: pytest.MonkeyPatch) -> None:
     """Only the interface's own flag says that it is down; what else is wrong has its own reason."""
     for up in (True, False):
-        monkeypatch.setattr("tpmsd.daemon.bus_link._is_up", lambda channel, up=up: up)
+        monkeypatch.setattr("tpmsd.onboard.daemon.bus_link._is_up", lambda channel, up=up: up)
         with pytest.raises(CanDown) as told:
             open_can(CONFIG, None, "no-such-can")
         assert up == ("the interface is down" not in str(told.value))

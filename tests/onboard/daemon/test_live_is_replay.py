@@ -11,19 +11,19 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from tpmsd.cli.demo_play import watch_live
-from tpmsd.cli.replay import replay
-from tpmsd.config.load import load_config
-from tpmsd.config.model import Config
-from tpmsd.monitor.records import AlarmEvent
-from tpmsd.pipeline import Pipeline, Step
-from tpmsd.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
-from tpmsd.simulator.drive_writer import write_drive
-from tpmsd.simulator.faults import Fault
-from tpmsd.simulator.receiver import ReceiverSpec
-from tpmsd.sources.can_decoder import load_database
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.drive import Drive, Sentence
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import Config
+from tpmsd.interfaces.cli.demo_play import watch_live
+from tpmsd.interfaces.cli.replay import replay
+from tpmsd.offline.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
+from tpmsd.offline.simulator.faults import Fault
+from tpmsd.offline.simulator.receiver import ReceiverSpec
+from tpmsd.onboard.monitor.records import AlarmEvent
+from tpmsd.onboard.pipeline import Pipeline, Step
+from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.drive import Drive, Sentence
 
 
 @pytest.fixture(scope="module")

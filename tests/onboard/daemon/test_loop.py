@@ -16,17 +16,17 @@ import pytest
 from cantools.database.can import Database
 
 from tests.conftest import REPO
-from tests.daemon.fakes import DrivingBus, FakeBus, LeapingClock, ServiceManagerSocket, car, listening
-from tpmsd.config.model import CanConfig, Config
-from tpmsd.daemon.bus_link import Bus
-from tpmsd.daemon.clock import Clock
-from tpmsd.daemon.loop import Daemon
-from tpmsd.daemon.state_keeper import fingerprint
-from tpmsd.monitor.records import AlarmEvent
-from tpmsd.pipeline import Pipeline, Step
-from tpmsd.sinks.sd_notify import Notifier
-from tpmsd.sinks.state_file import save_state
-from tpmsd.sources.can_frame import CanFrame
+from tests.onboard.daemon.fakes import DrivingBus, FakeBus, LeapingClock, ServiceManagerSocket, car, listening
+from tpmsd.car.config.model import CanConfig, Config
+from tpmsd.onboard.daemon.bus_link import Bus
+from tpmsd.onboard.daemon.clock import Clock
+from tpmsd.onboard.daemon.loop import Daemon
+from tpmsd.onboard.daemon.state_keeper import fingerprint
+from tpmsd.onboard.monitor.records import AlarmEvent
+from tpmsd.onboard.pipeline import Pipeline, Step
+from tpmsd.onboard.sinks.sd_notify import Notifier
+from tpmsd.onboard.sinks.state_file import save_state
+from tpmsd.onboard.sources.can_frame import CanFrame
 
 SCALE = 40.0
 GRACE_S = 0.05 * SCALE
@@ -411,7 +411,7 @@ def test_the_loop_goes_on_when_the_hosts_clock_is_set(
 
 def test_a_second_daemon_on_the_same_socket_does_not_start(tmp_path: Path) -> None:
     """Two daemons would both speak on the bus: the second ends with one line, the first is not disturbed."""
-    from tpmsd.sinks.status_server import StatusServer, StatusSocketError
+    from tpmsd.onboard.sinks.status_server import StatusServer, StatusSocketError
 
     config, database = car(tmp_path)
     first = StatusServer(config.status.socket, dict)

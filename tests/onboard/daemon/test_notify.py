@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.daemon.fakes import car
-from tests.sinks.test_status_document import DEFLATION
-from tpmsd.config.model import NotifyConfig
-from tpmsd.config.problems import ConfigProblems
-from tpmsd.daemon.notify import MOST_WAITING, Notices
-from tpmsd.monitor.records import AlarmEvent, AlarmKind
+from tests.onboard.daemon.fakes import car
+from tests.onboard.sinks.test_status_document import DEFLATION
+from tpmsd.car.config.model import NotifyConfig
+from tpmsd.car.config.problems import ConfigProblems
+from tpmsd.onboard.daemon.notify import MOST_WAITING, Notices
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
 
 LOG = logging.getLogger("tests.notify")
 MALFUNCTION = AlarmEvent(

@@ -9,17 +9,17 @@ from pathlib import Path
 
 import pytest
 
-from tests.daemon.fakes import DrivingBus, LeapingClock, car
-from tests.daemon.test_loop import run
+from tests.onboard.daemon.fakes import DrivingBus, LeapingClock, car
+from tests.onboard.daemon.test_loop import run
 from tpmsd import load, replay
-from tpmsd.cli.main import main
-from tpmsd.cli.status_table import render_status
-from tpmsd.config.load import load_config
-from tpmsd.config.model import Config, ObdConfig
-from tpmsd.daemon.loop import Daemon
-from tpmsd.daemon.obd_asker import AWAKE_S, LISTEN_S, RARELY_S, UNANSWERED, ObdAsker
-from tpmsd.sources.can_decoder import load_database
-from tpmsd.sources.can_frame import CanFrame
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import Config, ObdConfig
+from tpmsd.interfaces.cli.main import main
+from tpmsd.interfaces.cli.status_table import render_status
+from tpmsd.onboard.daemon.loop import Daemon
+from tpmsd.onboard.daemon.obd_asker import AWAKE_S, LISTEN_S, RARELY_S, UNANSWERED, ObdAsker
+from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.can_frame import CanFrame
 
 ANSWER = 0x7E8
 

@@ -12,14 +12,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.daemon.fakes import car, wheels_frame
-from tpmsd.config.load import load_config
-from tpmsd.daemon.config_toml import config_toml
-from tpmsd.daemon.recorder import DriveRecorder, candump_line
-from tpmsd.errors import ConfigError
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.candump_line import parse_candump_line
-from tpmsd.sources.drive import Drive, Sentence
+from tests.onboard.daemon.fakes import car, wheels_frame
+from tpmsd.car.config.load import load_config
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.onboard.daemon.config_toml import config_toml
+from tpmsd.onboard.daemon.recorder import DriveRecorder, candump_line
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.candump_line import parse_candump_line
+from tpmsd.onboard.sources.drive import Drive, Sentence
 
 
 @settings(derandomize=True, deadline=None)

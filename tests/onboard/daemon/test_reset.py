@@ -5,15 +5,15 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
-from tests.daemon.fakes import DrivingBus, car, listening
-from tpmsd.config.model import AlarmsConfig
-from tpmsd.daemon.bus_link import reset_filters
-from tpmsd.daemon.clock import Clock
-from tpmsd.daemon.recorder import DriveRecorder
-from tpmsd.pipeline import Pipeline, Step
-from tpmsd.sinks.reset_request import ResetRequest, to_frame, to_sentence
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.drive import Drive
+from tests.onboard.daemon.fakes import DrivingBus, car, listening
+from tpmsd.car.config.model import AlarmsConfig
+from tpmsd.onboard.daemon.bus_link import reset_filters
+from tpmsd.onboard.daemon.clock import Clock
+from tpmsd.onboard.daemon.recorder import DriveRecorder
+from tpmsd.onboard.pipeline import Pipeline, Step
+from tpmsd.onboard.sinks.reset_request import ResetRequest, to_frame, to_sentence
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.drive import Drive
 
 SCALE = 20.0
 

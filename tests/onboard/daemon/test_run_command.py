@@ -16,10 +16,10 @@ from typing import Any
 
 import pytest
 
-from tests.daemon.fakes import ServiceManagerSocket, car, hear_signals
-from tpmsd.cli.main import main
-from tpmsd.sinks.state_file import load_state
-from tpmsd.sinks.status_client import read_status
+from tests.onboard.daemon.fakes import ServiceManagerSocket, car, hear_signals
+from tpmsd.interfaces.cli.main import main
+from tpmsd.onboard.sinks.state_file import load_state
+from tpmsd.onboard.sinks.status_client import read_status
 
 PATIENCE_S = 20.0
 

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import REPO
-from tpmsd.cli.run import DEFAULT_CONFIG
-from tpmsd.config.model import StateConfig, StatusConfig
-from tpmsd.errors import ConfigError
+from tpmsd.car.config.model import StateConfig, StatusConfig
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.interfaces.cli.run import DEFAULT_CONFIG
 
 SINGLE = REPO / "systemd" / "tpmsd.service"
 TEMPLATE = REPO / "systemd" / "tpmsd@.service"

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.daemon.fakes import car
-from tpmsd.config.model import Config
-from tpmsd.daemon.state_keeper import StateKeeper, fingerprint
-from tpmsd.daemon.state_writer import StateWriter
-from tpmsd.pipeline import Pipeline
-from tpmsd.sinks.state_file import load_state, write_state
+from tests.onboard.daemon.fakes import car
+from tpmsd.car.config.model import Config
+from tpmsd.onboard.daemon.state_keeper import StateKeeper, fingerprint
+from tpmsd.onboard.daemon.state_writer import StateWriter
+from tpmsd.onboard.pipeline import Pipeline
+from tpmsd.onboard.sinks.state_file import load_state, write_state
 
 LOG = logging.getLogger("tests.state")
 

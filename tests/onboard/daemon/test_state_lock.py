@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from tpmsd.daemon.state_lock import StateInUseError, state_lock
+from tpmsd.onboard.daemon.state_lock import StateInUseError, state_lock
 
 HOLD = (
-    "import sys; from pathlib import Path; from tpmsd.daemon.state_lock import state_lock\n"
+    "import sys; from pathlib import Path; from tpmsd.onboard.daemon.state_lock import state_lock\n"
     "with state_lock(Path(sys.argv[1])): print('held', flush=True); sys.stdin.read()"
 )
 

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.daemon.fakes import HandClock
-from tpmsd.daemon.clock import Clock
-from tpmsd.daemon.deadlines import Deadlines, Every
-from tpmsd.errors import ConfigError
+from tests.onboard.daemon.fakes import HandClock
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.onboard.daemon.clock import Clock
+from tpmsd.onboard.daemon.deadlines import Deadlines, Every
 
 
 def test_at_scale_1_the_clock_is_the_hosts_with_its_steps() -> None:

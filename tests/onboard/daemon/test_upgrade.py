@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tpmsd.cli.main import main
-from tpmsd.config.load import load_config
-from tpmsd.config.model import Config
-from tpmsd.daemon.state_keeper import StateKeeper
-from tpmsd.monitor.reference import AGE
-from tpmsd.pipeline import Pipeline
-from tpmsd.sources.can_decoder import load_database
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import Config
+from tpmsd.interfaces.cli.main import main
+from tpmsd.onboard.daemon.state_keeper import StateKeeper
+from tpmsd.onboard.monitor.reference import AGE
+from tpmsd.onboard.pipeline import Pipeline
+from tpmsd.onboard.sources.can_decoder import load_database
 
 WRITTEN = Path(__file__).parent / "upgrade_438989a"
 LOG = logging.getLogger("tests.upgrade")

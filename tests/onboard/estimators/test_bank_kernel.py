@@ -9,18 +9,18 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from tests.estimators.test_error_state import NOMINAL, TRACK_M
-from tpmsd.config.model import FilterConfig, GnssConfig, VehicleConfig
-from tpmsd.estimators import measurements
-from tpmsd.estimators.bank_kernel import ArrayKernel, BankKernel, CompiledKernel, compiled, usable
-from tpmsd.estimators.batched_kalman import Weights, square_weights
-from tpmsd.estimators.build import build_filter
-from tpmsd.estimators.error_state import SLIP, Motion, ProcessModel, side_by_side
-from tpmsd.estimators.fix_gate import igg3_weights
-from tpmsd.estimators.jump_hypotheses import JUMPS, Bank
-from tpmsd.estimators.mixture import MixturePieces
-from tpmsd.estimators.table import TABLE
-from tpmsd.timeline.tick import Fix, Tick
+from tests.onboard.estimators.test_error_state import NOMINAL, TRACK_M
+from tpmsd.car.config.model import FilterConfig, GnssConfig, VehicleConfig
+from tpmsd.onboard.estimators import measurements
+from tpmsd.onboard.estimators.bank_kernel import ArrayKernel, BankKernel, CompiledKernel, compiled, usable
+from tpmsd.onboard.estimators.batched_kalman import Weights, square_weights
+from tpmsd.onboard.estimators.build import build_filter
+from tpmsd.onboard.estimators.error_state import SLIP, Motion, ProcessModel, side_by_side
+from tpmsd.onboard.estimators.fix_gate import igg3_weights
+from tpmsd.onboard.estimators.jump_hypotheses import JUMPS, Bank
+from tpmsd.onboard.estimators.mixture import MixturePieces
+from tpmsd.onboard.estimators.table import TABLE
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 ARRAYS = ArrayKernel()
 SAME = 1e-11

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.estimators.batched_kalman import scalar_update, symmetrise
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.batched_kalman import scalar_update, symmetrise
+from tpmsd.onboard.estimators.settings import SETTINGS
 
 ROBUST_FROM = SETTINGS.robust_from
 

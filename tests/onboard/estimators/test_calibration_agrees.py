@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import tpmsd
-from tpmsd.api.reading import DESK_RATE_HZ, read_ticks
-from tpmsd.calibration.calibrate import calibrate
-from tpmsd.estimators.build import build_estimator
-from tpmsd.inference.recording import record
-from tpmsd.wheels import RL, RR
+from tpmsd.foundation.wheels import RL, RR
+from tpmsd.offline.calibration.calibrate import calibrate
+from tpmsd.offline.drives.reading import DESK_RATE_HZ, read_ticks
+from tpmsd.offline.inference.recording import record
+from tpmsd.onboard.estimators.build import build_estimator
 
 STEADY_MPS, STEADY_S = 20.0, 300.0
 

@@ -1,6 +1,6 @@
 """One suite over all rows of the table: what every filter promises, whatever it is made of.
 
-Another row is under it as soon as it stands in `tpmsd.estimators.table`.
+Another row is under it as soon as it stands in `tpmsd.onboard.estimators.table`.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.estimators.world import METHODS, VEHICLE, Drive, World, estimator, run
-from tpmsd.config.model import FilterConfig, GnssConfig
-from tpmsd.estimators.base import RadiusEstimate, unsound
-from tpmsd.estimators.build import build_filter
-from tpmsd.estimators.gaussian import GaussianBelief
-from tpmsd.estimators.mixture import MixtureBelief
-from tpmsd.estimators.radius_filter import RadiusFilter
-from tpmsd.estimators.samples import SampledBelief
-from tpmsd.estimators.table import ALIASES
-from tpmsd.timeline.tick import Tick
+from tests.onboard.estimators.world import METHODS, VEHICLE, Drive, World, estimator, run
+from tpmsd.car.config.model import FilterConfig, GnssConfig
+from tpmsd.onboard.estimators.base import RadiusEstimate, unsound
+from tpmsd.onboard.estimators.build import build_filter
+from tpmsd.onboard.estimators.gaussian import GaussianBelief
+from tpmsd.onboard.estimators.mixture import MixtureBelief
+from tpmsd.onboard.estimators.radius_filter import RadiusFilter
+from tpmsd.onboard.estimators.samples import SampledBelief
+from tpmsd.onboard.estimators.table import ALIASES
+from tpmsd.onboard.timeline.tick import Tick
 
 EACH = pytest.mark.parametrize("method", METHODS)
 

@@ -10,8 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.calibration.joint import PRIOR as CALIBRATION_PRIOR
-from tpmsd.estimators.error_state import (
+from tpmsd.car.physics.catalogue import EFFECTS
+from tpmsd.car.physics.effect import Parameter
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.calibration.joint import PRIOR as CALIBRATION_PRIOR
+from tpmsd.onboard.estimators.error_state import (
     BE,
     BN,
     FWD,
@@ -31,10 +34,7 @@ from tpmsd.estimators.error_state import (
     drift_covariance,
     initial_state,
 )
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.physics.catalogue import EFFECTS
-from tpmsd.physics.effect import Parameter
-from tpmsd.wheels import FloatArray
+from tpmsd.onboard.estimators.settings import SETTINGS
 
 NOMINAL = np.array([0.316, 0.318, 0.314, 0.315])
 TRACK_M = 1.52

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tests.estimators.world import (
+from tests.onboard.estimators.world import (
     METHODS,
     RADIUS_M,
     START_S,
@@ -29,13 +29,13 @@ from tests.estimators.world import (
     stds_m,
     straight,
 )
-from tpmsd.config.model import FILTER_METHODS, FilterConfig
-from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.estimators.error_state import FWD, GAIN, LAT, LOAD, PRIORS, TRK
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.estimators.table import ALIASES, TABLE
-from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.wheels import FloatArray
+from tpmsd.car.config.model import FILTER_METHODS, FilterConfig
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.estimators.error_state import FWD, GAIN, LAT, LOAD, PRIORS, TRK
+from tpmsd.onboard.estimators.settings import SETTINGS
+from tpmsd.onboard.estimators.table import ALIASES, TABLE
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 EACH = pytest.mark.parametrize("method", sorted(METHODS))
 POSITIONS_ALONE = Receiver(period_s=1.0, doppler=False, course=False)

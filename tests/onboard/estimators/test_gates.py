@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.estimators.world import RADIUS_M, TRACK_M, Receiver, World, soft_rear, straight
-from tpmsd.config.model import FilterConfig
-from tpmsd.estimators.fix_gate import FixGate
-from tpmsd.estimators.motion_gate import CourseRate, MotionGate
-from tpmsd.estimators.pose_start import PoseFinder
-from tpmsd.timeline.tick import Fix, Tick
+from tests.onboard.estimators.world import RADIUS_M, TRACK_M, Receiver, World, soft_rear, straight
+from tpmsd.car.config.model import FilterConfig
+from tpmsd.onboard.estimators.fix_gate import FixGate
+from tpmsd.onboard.estimators.motion_gate import CourseRate, MotionGate
+from tpmsd.onboard.estimators.pose_start import PoseFinder
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 START_S = 5000.0
 

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.monitor.drives import RADIUS_M
-from tpmsd.estimators.agreement import AGREED, Agreement
-from tpmsd.estimators.base import NIGHT_S, RadiusEstimate
-from tpmsd.estimators.guarded import KEEP_EVERY_S, GuardedEstimator
-from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import FloatArray
+from tests.onboard.monitor.drives import RADIUS_M
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.agreement import AGREED, Agreement
+from tpmsd.onboard.estimators.base import NIGHT_S, RadiusEstimate
+from tpmsd.onboard.estimators.guarded import KEEP_EVERY_S, GuardedEstimator
+from tpmsd.onboard.timeline.tick import Tick
 
 FAR_M = 0.04
 """No estimate may be saved so far from nominal, and one may be so far off for a while: a wheel that spins."""

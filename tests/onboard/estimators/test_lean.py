@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.estimators.world import World, estimator, run
-from tpmsd.estimators.error_state import GYRO, LAT
-from tpmsd.wheels import FloatArray
+from tests.onboard.estimators.world import World, estimator, run
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.error_state import GYRO, LAT
 
 USUAL_S2 = 2.0e-4
 """Of a car with soft tyres: at 27 m/s its wheels show 1.5 times its turn."""

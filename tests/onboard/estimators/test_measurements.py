@@ -10,8 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.estimators import measurements
-from tpmsd.estimators.error_state import (
+from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators import measurements
+from tpmsd.onboard.estimators.error_state import (
     BE,
     FWD,
     GAIN,
@@ -26,11 +28,9 @@ from tpmsd.estimators.error_state import (
     N,
     initial_state,
 )
-from tpmsd.estimators.measurements import Present
-from tpmsd.estimators.odometry_block import Block, BlockBuilder
-from tpmsd.physics.kinematics import Geometry
-from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.wheels import FloatArray
+from tpmsd.onboard.estimators.measurements import Present
+from tpmsd.onboard.estimators.odometry_block import Block, BlockBuilder
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 NOMINAL = np.full(4, 0.316)
 TRACK_M = 1.52

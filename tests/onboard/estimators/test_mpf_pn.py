@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.estimators.world import (
+from tests.onboard.estimators.world import (
     METHODS,
     RADIUS_M,
     START_S,
@@ -21,17 +21,17 @@ from tests.estimators.world import (
     run,
     straight,
 )
-from tpmsd.config.model import FilterConfig
-from tpmsd.estimators.niw import NormalInverseWishart
-from tpmsd.estimators.radius_models import Floors, NiwRadii
-from tpmsd.estimators.samples import SampledPieces
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.estimators.table import TABLE, Row
-from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.wheels import FloatArray
+from tpmsd.car.config.model import FilterConfig
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.niw import NormalInverseWishart
+from tpmsd.onboard.estimators.radius_models import Floors, NiwRadii
+from tpmsd.onboard.estimators.samples import SampledPieces
+from tpmsd.onboard.estimators.settings import SETTINGS
+from tpmsd.onboard.estimators.table import TABLE, Row
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 STATED_M = 4.5
-"""What the bench's correlated receiver states to MPF-PN (`bench/campaigns/estimators/methods.py`)."""
+"""What the bench's correlated receiver states to MPF-PN (`bench/campaigns/onboard/estimators/methods.py`)."""
 SHARED_M, APART_M = 10e-3, 0.14e-3
 """Noise of a tick after hours: that which both wheels share, and each wheel's own."""
 

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from tpmsd.estimators.niw import NormalInverseWishart
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.niw import NormalInverseWishart
 
 
 def prior(dimension: int, particles: int = 1, seed: int = 3) -> NormalInverseWishart:

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.estimators.world import RADIUS_M, START_S, TRACK_M, WHEELBASE_M, Receiver, World
-from tpmsd.estimators.odometry_block import Block, BlockBuilder
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.physics.kinematics import Geometry
-from tpmsd.timeline.tick import Tick
+from tests.onboard.estimators.world import RADIUS_M, START_S, TRACK_M, WHEELBASE_M, Receiver, World
+from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.onboard.estimators.odometry_block import Block, BlockBuilder
+from tpmsd.onboard.estimators.settings import SETTINGS
+from tpmsd.onboard.timeline.tick import Tick
 
 ORDER = [2, 3, 0, 1]
 CLEAN = Receiver(position_std_m=1e-9, white_std_m=0.0, velocity_std_mps=0.0)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tests.estimators.test_filters import straight_ticks
-from tests.estimators.world import (
+from tests.onboard.estimators.test_filters import straight_ticks
+from tests.onboard.estimators.world import (
     METHODS,
     RADIUS_M,
     TRACK_M,
@@ -27,19 +27,19 @@ from tests.estimators.world import (
     filter_of,
     run,
 )
-from tpmsd.config.model import FilterConfig
-from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.estimators.front_contrast import FrontContrast
-from tpmsd.estimators.gaussian import GaussianPieces, Transform, linearised, unscented
-from tpmsd.estimators.gnss_likelihood import gaussian_log
-from tpmsd.estimators.niw import NormalInverseWishart
-from tpmsd.estimators.radius_models import NiwRadii, WalkingRadii, step_sigma
-from tpmsd.estimators.samples import SampledPieces
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.estimators.table import Row
-from tpmsd.physics.kinematics import Geometry
-from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import FloatArray
+from tpmsd.car.config.model import FilterConfig
+from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.estimators.front_contrast import FrontContrast
+from tpmsd.onboard.estimators.gaussian import GaussianPieces, Transform, linearised, unscented
+from tpmsd.onboard.estimators.gnss_likelihood import gaussian_log
+from tpmsd.onboard.estimators.niw import NormalInverseWishart
+from tpmsd.onboard.estimators.radius_models import NiwRadii, WalkingRadii, step_sigma
+from tpmsd.onboard.estimators.samples import SampledPieces
+from tpmsd.onboard.estimators.settings import SETTINGS
+from tpmsd.onboard.estimators.table import Row
+from tpmsd.onboard.timeline.tick import Tick
 
 STIFF = replace(VEHICLE, track_rear_m=1e9)
 """A car that cannot turn by its wheels, so that its motion along a line is linear."""

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from tpmsd.estimators.path_length import PathLength
-from tpmsd.estimators.settings import PATH_LENGTH
-from tpmsd.timeline.tick import Fix
+from tpmsd.onboard.estimators.path_length import PathLength
+from tpmsd.onboard.estimators.settings import PATH_LENGTH
+from tpmsd.onboard.timeline.tick import Fix
 
 
 def driven(

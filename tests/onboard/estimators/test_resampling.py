@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.estimators.resampling import effective_number, systematic
+from tpmsd.onboard.estimators.resampling import effective_number, systematic
 
 WEIGHTS = st.lists(st.floats(0.0, 1.0), min_size=1, max_size=60).filter(lambda w: sum(w) > 1e-6)
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.estimators.world import Drive, Receiver, World, errors_m, estimator, run
-from tpmsd.estimators.reversing import ReverseWatch
-from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.wheels import FloatArray
+from tests.onboard.estimators.world import Drive, Receiver, World, errors_m, estimator, run
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.reversing import ReverseWatch
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 KNOTS_S = (0, 3, 5, 14, 16, 20, 40, 95, 105, 110, 112, 121, 123, 127, 145, 240)
 SPEEDS_MPS = (0, 0, -1.4, -1.4, 0, 0, 19, 22, 0, 0, -1.6, -1.6, 0, 0, 20, 21)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.estimators.world import (
+from tests.onboard.estimators.world import (
     OFFSETS_M,
     RADIUS_M,
     TRACK_M,
@@ -19,13 +19,13 @@ from tests.estimators.world import (
     run,
     soft_rear,
 )
-from tpmsd.config.model import FilterConfig, GnssConfig
-from tpmsd.estimators.batched_kalman import square_weights
-from tpmsd.estimators.build import build_filter
-from tpmsd.estimators.fix_gate import FIX_WEIGHTS, igg3_weights
-from tpmsd.estimators.motion_gate import MotionGate
-from tpmsd.estimators.slip_gate import SlipGate, make_gate
-from tpmsd.timeline.tick import Tick
+from tpmsd.car.config.model import FilterConfig, GnssConfig
+from tpmsd.onboard.estimators.batched_kalman import square_weights
+from tpmsd.onboard.estimators.build import build_filter
+from tpmsd.onboard.estimators.fix_gate import FIX_WEIGHTS, igg3_weights
+from tpmsd.onboard.estimators.motion_gate import MotionGate
+from tpmsd.onboard.estimators.slip_gate import SlipGate, make_gate
+from tpmsd.onboard.timeline.tick import Tick
 
 SLIP = FilterConfig(gate="slip")
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from tests.estimators.test_filters import straight_ticks
-from tests.estimators.world import RADIUS_M, TRACK_M, VEHICLE, World, filter_of, run
-from tpmsd.config.model import FilterConfig
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.estimators.table import TABLE
-from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.wheels import FloatArray
+from tests.onboard.estimators.test_filters import straight_ticks
+from tests.onboard.estimators.world import RADIUS_M, TRACK_M, VEHICLE, World, filter_of, run
+from tpmsd.car.config.model import FilterConfig
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.settings import SETTINGS
+from tpmsd.onboard.estimators.table import TABLE
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 COUNT = 40
 WINDOW_S = 20.0

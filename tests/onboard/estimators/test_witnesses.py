@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from tpmsd.estimators.error_state import Motion, ProcessModel, initial_state
-from tpmsd.estimators.gyro_check import GyroCheck
-from tpmsd.physics.grade import MAX_GRADE, MIN_SPAN_M, WINDOW_M, GradeTracker
+from tpmsd.car.physics.grade import MAX_GRADE, MIN_SPAN_M, WINDOW_M, GradeTracker
+from tpmsd.onboard.estimators.error_state import Motion, ProcessModel, initial_state
+from tpmsd.onboard.estimators.gyro_check import GyroCheck
 
 
 def _climb(tracker: GradeTracker, sine: float, metres: int, noise: float = 0.0, start: float = 0.0) -> None:

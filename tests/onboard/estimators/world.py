@@ -13,13 +13,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tpmsd.config.model import FilterConfig, GnssConfig, VehicleConfig
-from tpmsd.estimators.base import Estimator, RadiusEstimate
-from tpmsd.estimators.build import build_filter
-from tpmsd.estimators.radius_filter import RadiusFilter
-from tpmsd.estimators.table import TABLE, Row
-from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.wheels import FloatArray
+from tpmsd.car.config.model import FilterConfig, GnssConfig, VehicleConfig
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.base import Estimator, RadiusEstimate
+from tpmsd.onboard.estimators.build import build_filter
+from tpmsd.onboard.estimators.radius_filter import RadiusFilter
+from tpmsd.onboard.estimators.table import TABLE, Row
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 STEP_S = 0.005
 START_S = 1_700_000_000.0

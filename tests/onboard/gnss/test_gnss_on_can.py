@@ -11,15 +11,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.cli.main import main
-from tpmsd.cli.replay import replay
-from tpmsd.config.load import load_config
-from tpmsd.simulator.drive import DriveSpec, simulate_drive
-from tpmsd.simulator.drive_writer import write_drive
-from tpmsd.sources.events import Event, GnssFix, InertialSample, SourceFault
-from tpmsd.sources.gnss_on_can import ALIVE_S, CanFixAssembler
-from tpmsd.sources.nmea_epoch import NmeaAssembler
-from tpmsd.sources.nmea_log import read_nmea_log
+from tpmsd.car.config.load import load_config
+from tpmsd.interfaces.cli.main import main
+from tpmsd.interfaces.cli.replay import replay
+from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
+from tpmsd.onboard.sources.events import Event, GnssFix, InertialSample, SourceFault
+from tpmsd.onboard.sources.gnss_on_can import ALIVE_S, CanFixAssembler
+from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
+from tpmsd.onboard.sources.nmea_log import read_nmea_log
 
 UTC_S = 1774778400.0
 PLACE = ("gnss_latitude", "gnss_longitude")

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import REPO
-from tests.daemon.fakes import VEHICLE
-from tpmsd.cli.main import main
-from tpmsd.config.gnss_source import GnssSource, parse_source, source_of
-from tpmsd.config.model import GnssConfig
-from tpmsd.config.problems import BadValueError
+from tests.onboard.daemon.fakes import VEHICLE
+from tpmsd.car.config.gnss_source import GnssSource, parse_source, source_of
+from tpmsd.car.config.model import GnssConfig
+from tpmsd.car.config.problems import BadValueError
+from tpmsd.interfaces.cli.main import main
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.timeline.local_plane import LocalPlane
+from tpmsd.onboard.timeline.local_plane import LocalPlane
 
 A_M = 6378137.0
 F = 1.0 / 298.257223563

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from tpmsd.sources.events import GnssFix
-from tpmsd.sources.nmea_checks import Episodes, EpochInterval, FrozenPosition, Leap
+from tpmsd.onboard.sources.events import GnssFix
+from tpmsd.onboard.sources.nmea_checks import Episodes, EpochInterval, FrozenPosition, Leap
 
 DEGREE_M = 111195.0  # of a meridian of a sphere of 6371 km
 

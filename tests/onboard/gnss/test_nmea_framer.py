@@ -3,8 +3,8 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.gnss.sentences import gga, rmc, vtg
-from tpmsd.sources.nmea_framer import NmeaFramer
+from tests.onboard.gnss.sentences import gga, rmc, vtg
+from tpmsd.onboard.sources.nmea_framer import NmeaFramer
 
 T = 1720716104.3
 LINES = [rmc(T), gga(T), vtg(20.0)]

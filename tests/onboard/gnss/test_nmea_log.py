@@ -7,9 +7,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tests.gnss.sentences import gga, rmc, vtg
-from tpmsd.errors import InputError
-from tpmsd.sources.nmea_log import Entry, read_nmea_log
+from tests.onboard.gnss.sentences import gga, rmc, vtg
+from tpmsd.foundation.errors import InputError
+from tpmsd.onboard.sources.nmea_log import Entry, read_nmea_log
 
 T = 1720716104.0
 

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.gnss.sentences import gga, nmea, rmc, vtg
-from tpmsd.sources.nmea_sentence import NmeaReading, SentenceError, decode_sentence, exclusive_or
+from tests.onboard.gnss.sentences import gga, nmea, rmc, vtg
+from tpmsd.onboard.sources.nmea_sentence import NmeaReading, SentenceError, decode_sentence, exclusive_or
 
 T = 1720716104.3
 

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tpmsd.sources.events import Event, GnssFix
-from tpmsd.sources.nmea_epoch import NmeaAssembler
-from tpmsd.sources.nmea_framer import NmeaFramer
-from tpmsd.sources.nmea_log import read_nmea_log
-from tpmsd.timeline.local_plane import LocalPlane
-from tpmsd.timeline.utc_offset import UtcOffsetTracker
+from tpmsd.onboard.sources.events import Event, GnssFix
+from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
+from tpmsd.onboard.sources.nmea_framer import NmeaFramer
+from tpmsd.onboard.sources.nmea_log import read_nmea_log
+from tpmsd.onboard.timeline.local_plane import LocalPlane
+from tpmsd.onboard.timeline.utc_offset import UtcOffsetTracker
 
 COUNTS = {
     "rav4-suburb-60s": {"GGA": 579, "RMC": 579},

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.gnss.sentences import rmc
-from tpmsd.errors import TpmsdError
-from tpmsd.sources.nmea_framer import NmeaFramer
-from tpmsd.sources.serial_live import ReceiverGone, SerialReceiver
+from tests.onboard.gnss.sentences import rmc
+from tpmsd.foundation.errors import TpmsdError
+from tpmsd.onboard.sources.nmea_framer import NmeaFramer
+from tpmsd.onboard.sources.serial_live import ReceiverGone, SerialReceiver
 
 T = 1720716104.0
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.timeline.utc_offset import UtcOffsetTracker
+from tpmsd.onboard.timeline.utc_offset import UtcOffsetTracker
 
 T = 1720716104.0
 

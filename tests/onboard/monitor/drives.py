@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tpmsd.config.model import MonitorConfig, VehicleConfig
-from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.monitor.monitor import Monitor
-from tpmsd.monitor.records import AlarmEvent, AlarmKind, MonitorReport
-from tpmsd.sources.events import SourceFault
-from tpmsd.timeline.tick import Tick
+from tpmsd.car.config.model import MonitorConfig, VehicleConfig
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.monitor.monitor import Monitor
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, MonitorReport
+from tpmsd.onboard.sources.events import SourceFault
+from tpmsd.onboard.timeline.tick import Tick
 
 RADIUS_M = 0.316
 VEHICLE = VehicleConfig(

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.monitor.test_signal_watch import Watched, fix
-from tpmsd.monitor.car_speed import CarSpeed, Heard, stated_range
-from tpmsd.monitor.signal_watch import Watching
+from tests.onboard.monitor.test_signal_watch import Watched, fix
+from tpmsd.onboard.monitor.car_speed import CarSpeed, Heard, stated_range
+from tpmsd.onboard.monitor.signal_watch import Watching
 
 NO_WHEELS = math.nan
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from tests.faults.attacks import attacked, played_ticks
-from tpmsd.estimators.build import monitored_wheels
-from tpmsd.monitor.configuration_watch import ConfigurationWatch
-from tpmsd.timeline.tick import Tick
+from tpmsd.onboard.estimators.build import monitored_wheels
+from tpmsd.onboard.monitor.configuration_watch import ConfigurationWatch
+from tpmsd.onboard.timeline.tick import Tick
 
 Change = Callable[[Tick], Tick]
 

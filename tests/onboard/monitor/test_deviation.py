@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from tests.monitor.drives import RADIUS_M, VEHICLE
-from tests.monitor.test_drive_evidence import RADIUS, WHEELS
-from tpmsd.config.model import MonitorConfig
-from tpmsd.monitor.deviation import Deviation
-from tpmsd.monitor.grip import Grip
-from tpmsd.monitor.settings import DRIVE_EVIDENCE, JUDGE
-from tpmsd.wheels import FloatArray
+from tests.onboard.monitor.drives import RADIUS_M, VEHICLE
+from tests.onboard.monitor.test_drive_evidence import RADIUS, WHEELS
+from tpmsd.car.config.model import MonitorConfig
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.deviation import Deviation
+from tpmsd.onboard.monitor.grip import Grip
+from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
 
 SETTINGS = MonitorConfig()
 LIMIT = SETTINGS.deviation_percent / 100.0

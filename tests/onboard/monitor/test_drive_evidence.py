@@ -8,17 +8,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.monitor.drives import RADIUS_M, VEHICLE
-from tpmsd.config.model import MonitorConfig, TyreConfig
-from tpmsd.monitor.baseline import Change
-from tpmsd.monitor.change_bank import ChangeBank
-from tpmsd.monitor.conditions import Conditions
-from tpmsd.monitor.drive_evidence import DriveEvidence
-from tpmsd.monitor.judge import Judge, Judgement
-from tpmsd.monitor.reference import CAR, DRAG, GROWTH, HILL, SIZE, Reference
-from tpmsd.monitor.settings import DRIVE_EVIDENCE, JUDGE
-from tpmsd.monitor.slip_sums import Slope
-from tpmsd.wheels import FloatArray
+from tests.onboard.monitor.drives import RADIUS_M, VEHICLE
+from tpmsd.car.config.model import MonitorConfig, TyreConfig
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.baseline import Change
+from tpmsd.onboard.monitor.change_bank import ChangeBank
+from tpmsd.onboard.monitor.conditions import Conditions
+from tpmsd.onboard.monitor.drive_evidence import DriveEvidence
+from tpmsd.onboard.monitor.judge import Judge, Judgement
+from tpmsd.onboard.monitor.reference import CAR, DRAG, GROWTH, HILL, SIZE, Reference
+from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
+from tpmsd.onboard.monitor.slip_sums import Slope
 
 WHEELS = [0, 1, 2, 3]
 RADIUS = np.full(4, RADIUS_M)

@@ -9,14 +9,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from bench.campaigns.recorded_losses import play, read_drive
+from bench.campaigns.onboard.recorded_losses import play, read_drive
 from bench.places import RECORDINGS
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tests.monitor.drives import VEHICLE
-from tpmsd.monitor.encoder_watch import EncoderWatch
-from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import RL, FloatArray
+from tests.offline.diagnosis.recorded import recording_of
+from tests.onboard.monitor.drives import VEHICLE
+from tpmsd.foundation.wheels import RL, FloatArray
+from tpmsd.onboard.monitor.encoder_watch import EncoderWatch
+from tpmsd.onboard.timeline.tick import Tick
 
 COUNTS = 40_000.0
 MINUTE = 600

@@ -8,9 +8,9 @@ import math
 import numpy as np
 import pytest
 
-from tests.monitor.drives import ALL, RADIUS_M, REAR, Player, monitor, one, said
-from tpmsd.monitor.first_start import BEFORE, judge_first
-from tpmsd.monitor.records import AlarmKind, WheelState
+from tests.onboard.monitor.drives import ALL, RADIUS_M, REAR, Player, monitor, one, said
+from tpmsd.onboard.monitor.first_start import BEFORE, judge_first
+from tpmsd.onboard.monitor.records import AlarmKind, WheelState
 
 RADIUS = np.full(4, RADIUS_M)
 

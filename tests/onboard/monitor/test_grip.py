@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.monitor.drives import RADIUS_M, VEHICLE
-from tests.monitor.test_drive_evidence import RADIUS, WHEELS, at, judged, learned_car
-from tpmsd.config.model import MonitorConfig, TyreConfig
-from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.monitor.baseline import Baseline, Change, typical
-from tpmsd.monitor.grip import Grip
-from tpmsd.monitor.judge import Judge
-from tpmsd.monitor.nuisance import log_normal
-from tpmsd.monitor.reference import Reference
-from tpmsd.monitor.settings import DRIVE_EVIDENCE
+from tests.onboard.monitor.drives import RADIUS_M, VEHICLE
+from tests.onboard.monitor.test_drive_evidence import RADIUS, WHEELS, at, judged, learned_car
+from tpmsd.car.config.model import MonitorConfig, TyreConfig
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.monitor.baseline import Baseline, Change, typical
+from tpmsd.onboard.monitor.grip import Grip
+from tpmsd.onboard.monitor.judge import Judge
+from tpmsd.onboard.monitor.nuisance import log_normal
+from tpmsd.onboard.monitor.reference import Reference
+from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE
 
 MODELS = {model.name: model for model in DRIVE_EVIDENCE.models}
 FELLOWS = np.array([[1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]])

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.monitor.hypotheses import LOSS_GRID, Comparison, Verdict
-from tpmsd.monitor.nuisance import Nuisance, mean_share
-from tpmsd.monitor.settings import JUDGE
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.onboard.monitor.hypotheses import LOSS_GRID, Comparison, Verdict
+from tpmsd.onboard.monitor.nuisance import Nuisance, mean_share
+from tpmsd.onboard.monitor.settings import JUDGE
 
 RADIUS_M = 0.316
 THRESHOLD = 0.0025

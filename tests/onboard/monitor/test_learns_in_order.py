@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.monitor.drives import RADIUS_M, Player, monitor, one
-from tpmsd.monitor.records import AlarmKind
+from tests.onboard.monitor.drives import RADIUS_M, Player, monitor, one
+from tpmsd.onboard.monitor.records import AlarmKind
 
 
 def driven(minutes: int = 4) -> Player:

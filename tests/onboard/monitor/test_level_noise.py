@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from tests.monitor.drives import RADIUS_M, VEHICLE
-from tests.monitor.test_drive_evidence import NOISE_M, RADIUS, WHEELS, at, learned_car
-from tpmsd.config.model import MonitorConfig, TyreConfig
-from tpmsd.monitor.baseline import Change
-from tpmsd.monitor.drive_evidence import DriveEvidence
-from tpmsd.monitor.judge import Judge
-from tpmsd.monitor.level_noise import LevelNoise
-from tpmsd.monitor.settings import JUDGE, LEVEL
-from tpmsd.wheels import FloatArray
+from tests.onboard.monitor.drives import RADIUS_M, VEHICLE
+from tests.onboard.monitor.test_drive_evidence import NOISE_M, RADIUS, WHEELS, at, learned_car
+from tpmsd.car.config.model import MonitorConfig, TyreConfig
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.baseline import Change
+from tpmsd.onboard.monitor.drive_evidence import DriveEvidence
+from tpmsd.onboard.monitor.judge import Judge
+from tpmsd.onboard.monitor.level_noise import LevelNoise
+from tpmsd.onboard.monitor.settings import JUDGE, LEVEL
 
 TOWN_MPS = 9.0
 

@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.monitor.drives import ALL, RADIUS_M
-from tpmsd.config.model import MonitorConfig
-from tpmsd.estimators.agreement import AGREED, Agreement
-from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.monitor.records import AlarmEvent, AlarmKind
-from tpmsd.monitor.saved_alarms import alarm_from_json, alarm_to_json
-from tpmsd.monitor.signal_watch import ReceiverSpeed, SignalWatch, Watching
-from tpmsd.sources.events import SourceFault
-from tpmsd.timeline.tick import Fix, Tick
+from tests.onboard.monitor.drives import ALL, RADIUS_M
+from tpmsd.car.config.model import MonitorConfig
+from tpmsd.onboard.estimators.agreement import AGREED, Agreement
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
+from tpmsd.onboard.monitor.saved_alarms import alarm_from_json, alarm_to_json
+from tpmsd.onboard.monitor.signal_watch import ReceiverSpeed, SignalWatch, Watching
+from tpmsd.onboard.sources.events import SourceFault
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 NAN4 = np.full(4, math.nan)
 DT_S = 0.5

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.monitor.drives import ALL, RADIUS_M, REAR, Player, monitor, one, said
-from tpmsd.config.model import MonitorConfig
-from tpmsd.monitor.records import AlarmKind, WheelState
-from tpmsd.sources.events import SourceFault
-from tpmsd.wheels import WHEELS
+from tests.onboard.monitor.drives import ALL, RADIUS_M, REAR, Player, monitor, one, said
+from tpmsd.car.config.model import MonitorConfig
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.onboard.monitor.records import AlarmKind, WheelState
+from tpmsd.onboard.sources.events import SourceFault
 
 DOWN = SourceFault(0.0, "can", "down", "can0: network is down")
 

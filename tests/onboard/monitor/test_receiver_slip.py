@@ -8,18 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.monitor.drives import RADIUS_M, VEHICLE
-from tests.monitor.test_drive_evidence import NOISE_M, RADIUS, WHEELS, at, learned_car
-from tpmsd.config.model import MonitorConfig, TyreConfig
-from tpmsd.monitor.baseline import Change
-from tpmsd.monitor.drive_evidence import DriveEvidence
-from tpmsd.monitor.judge import Judge, Judgement
-from tpmsd.monitor.reference import AGE, CAR, DRAG, HILL, SIZE, Reference
-from tpmsd.monitor.settings import JUDGE
-from tpmsd.monitor.slip_slope import SlipSlope
-from tpmsd.monitor.slip_sums import Slope, SlopeSums
-from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.wheels import FloatArray
+from tests.onboard.monitor.drives import RADIUS_M, VEHICLE
+from tests.onboard.monitor.test_drive_evidence import NOISE_M, RADIUS, WHEELS, at, learned_car
+from tpmsd.car.config.model import MonitorConfig, TyreConfig
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.baseline import Change
+from tpmsd.onboard.monitor.drive_evidence import DriveEvidence
+from tpmsd.onboard.monitor.judge import Judge, Judgement
+from tpmsd.onboard.monitor.reference import AGE, CAR, DRAG, HILL, SIZE, Reference
+from tpmsd.onboard.monitor.settings import JUDGE
+from tpmsd.onboard.monitor.slip_slope import SlipSlope
+from tpmsd.onboard.monitor.slip_sums import Slope, SlopeSums
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 DT_S = 0.1
 CAR_OF_ALL = replace(VEHICLE, driven_axle="all")

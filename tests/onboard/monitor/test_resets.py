@@ -7,8 +7,8 @@ import math
 
 import pytest
 
-from tests.monitor.drives import ALL, RADIUS_M, Player, monitor, one, said
-from tpmsd.monitor.records import AlarmKind, LearningReport, MonitorReport, WheelState
+from tests.onboard.monitor.drives import ALL, RADIUS_M, Player, monitor, one, said
+from tpmsd.onboard.monitor.records import AlarmKind, LearningReport, MonitorReport, WheelState
 
 SOFT = 0.006
 """A little more than 25 % of the pressure."""

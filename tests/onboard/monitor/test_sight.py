@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmsd.config.model import TyreConfig
-from tpmsd.monitor.hypotheses import Comparison
-from tpmsd.monitor.nuisance import log_normal
-from tpmsd.monitor.sight import Alike, sight
-from tpmsd.physics.tyre import tyre_model
-from tpmsd.wheels import FloatArray
+from tpmsd.car.config.model import TyreConfig
+from tpmsd.car.physics.tyre import tyre_model
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.hypotheses import Comparison
+from tpmsd.onboard.monitor.nuisance import log_normal
+from tpmsd.onboard.monitor.sight import Alike, sight
 
 RADIUS = np.full(4, 0.316)
 THRESHOLD, ASKED = 0.0025, 0.99

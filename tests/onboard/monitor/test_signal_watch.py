@@ -8,12 +8,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
-from tests.monitor.drives import ALL, RADIUS_M
-from tpmsd.config.model import MonitorConfig
-from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.monitor.records import AlarmEvent
-from tpmsd.monitor.signal_watch import SignalWatch, Watching
-from tpmsd.timeline.tick import Fix, Tick
+from tests.onboard.monitor.drives import ALL, RADIUS_M
+from tpmsd.car.config.model import MonitorConfig
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.monitor.records import AlarmEvent
+from tpmsd.onboard.monitor.signal_watch import SignalWatch, Watching
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 SEES = Watching(sees=True, undecided=False)
 NAN4 = np.full(4, math.nan)

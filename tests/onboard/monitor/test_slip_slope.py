@@ -8,19 +8,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.monitor.drives import RADIUS_M, VEHICLE
-from tests.monitor.test_drive_evidence import NOISE_M, RADIUS, WHEELS, at, learned_car
-from tpmsd.config.model import MonitorConfig, TyreConfig
-from tpmsd.monitor.baseline import Change
-from tpmsd.monitor.drive_evidence import DriveEvidence
-from tpmsd.monitor.hypotheses import Comparison
-from tpmsd.monitor.judge import Judge, Judgement
-from tpmsd.monitor.reference import DRAG, HILL, Reference
-from tpmsd.monitor.settings import JUDGE, SLIP_SLOPE
-from tpmsd.monitor.slip_slope import SlipSlope
-from tpmsd.monitor.slip_sums import Slope, SlopeSums
-from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import FloatArray
+from tests.onboard.monitor.drives import RADIUS_M, VEHICLE
+from tests.onboard.monitor.test_drive_evidence import NOISE_M, RADIUS, WHEELS, at, learned_car
+from tpmsd.car.config.model import MonitorConfig, TyreConfig
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.baseline import Change
+from tpmsd.onboard.monitor.drive_evidence import DriveEvidence
+from tpmsd.onboard.monitor.hypotheses import Comparison
+from tpmsd.onboard.monitor.judge import Judge, Judgement
+from tpmsd.onboard.monitor.reference import DRAG, HILL, Reference
+from tpmsd.onboard.monitor.settings import JUDGE, SLIP_SLOPE
+from tpmsd.onboard.monitor.slip_slope import SlipSlope
+from tpmsd.onboard.monitor.slip_sums import Slope, SlopeSums
+from tpmsd.onboard.timeline.tick import Tick
 
 DT_S = 0.1
 DRY = 7e-3

@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.monitor.drives import RADIUS_M, VEHICLE
-from tests.monitor.test_slip_slope import DRY, ticks
-from tpmsd.config.model import MonitorConfig, TyreConfig
-from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.monitor.baseline import Baseline
-from tpmsd.monitor.judge import Judge, Judgement
-from tpmsd.monitor.reference import HILL
-from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import FloatArray
+from tests.onboard.monitor.drives import RADIUS_M, VEHICLE
+from tests.onboard.monitor.test_slip_slope import DRY, ticks
+from tpmsd.car.config.model import MonitorConfig, TyreConfig
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.monitor.baseline import Baseline
+from tpmsd.onboard.monitor.judge import Judge, Judgement
+from tpmsd.onboard.monitor.reference import HILL
+from tpmsd.onboard.timeline.tick import Tick
 
 WHEELS = [0, 1, 2, 3]
 NOISE_M = 1e-4

@@ -12,20 +12,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.campaigns.slow_leak import METRES_PER_PERCENT, first_notice, leaking
+from bench.campaigns.onboard.slow_leak import METRES_PER_PERCENT, first_notice, leaking
 from bench.worlds.tyre_years import Leak, draw_year
-from tests.monitor.drives import ALL, START_S, VEHICLE, Player, monitor, said
-from tpmsd.monitor.conditions import Conditions
-from tpmsd.monitor.leak_filter import NO_WHEEL, LeakFilter
-from tpmsd.monitor.leak_history import LeakHistory
-from tpmsd.monitor.leak_settings import TrendSettings
-from tpmsd.monitor.leak_state import WHEEL_SETS
-from tpmsd.monitor.leak_trend import Trend, has_ended, trend_of
-from tpmsd.monitor.monitor import Monitor
-from tpmsd.monitor.records import AlarmEvent, WheelState
-from tpmsd.monitor.reference import DRAG, GROWTH_OWN, Reference
-from tpmsd.monitor.settings import READINGS, REFERENCE, TREND
-from tpmsd.wheels import FloatArray
+from tests.onboard.monitor.drives import ALL, START_S, VEHICLE, Player, monitor, said
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.conditions import Conditions
+from tpmsd.onboard.monitor.leak_filter import NO_WHEEL, LeakFilter
+from tpmsd.onboard.monitor.leak_history import LeakHistory
+from tpmsd.onboard.monitor.leak_settings import TrendSettings
+from tpmsd.onboard.monitor.leak_state import WHEEL_SETS
+from tpmsd.onboard.monitor.leak_trend import Trend, has_ended, trend_of
+from tpmsd.onboard.monitor.monitor import Monitor
+from tpmsd.onboard.monitor.records import AlarmEvent, WheelState
+from tpmsd.onboard.monitor.reference import DRAG, GROWTH_OWN, Reference
+from tpmsd.onboard.monitor.settings import READINGS, REFERENCE, TREND
 
 DAY_S = 86400.0
 

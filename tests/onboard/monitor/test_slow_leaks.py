@@ -6,8 +6,8 @@ import json
 
 import pytest
 
-from tests.monitor.drives import RADIUS_M, Player, monitor, one
-from tpmsd.monitor.records import AlarmKind
+from tests.onboard.monitor.drives import RADIUS_M, Player, monitor, one
+from tpmsd.onboard.monitor.records import AlarmKind
 
 
 def _parked(player: Player) -> None:

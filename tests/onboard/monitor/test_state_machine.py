@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from tests.conftest import REPO
-from tests.monitor.drives import ALL, Player, monitor
-from tpmsd.monitor.records import AlarmEvent, AlarmKind, WheelState
-from tpmsd.monitor.tyre_sets import TOO_MANY
+from tests.onboard.monitor.drives import ALL, Player, monitor
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, WheelState
+from tpmsd.onboard.monitor.tyre_sets import TOO_MANY
 
 DRIVING: dict[str, Any] = {}
 PARKED: dict[str, Any] = {"informative": False, "speed_mps": 0.0}

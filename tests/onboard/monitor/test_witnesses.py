@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmsd.monitor.witnesses import contrasts, gains
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.witnesses import contrasts, gains
 
 
 def log_density(off: FloatArray, covariance: FloatArray) -> float:

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.resonance.evidence import (
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.resonance.evidence import (
     SHIFTS,
     TRUST,
     ResonanceEvidence,
@@ -18,8 +19,7 @@ from tpmsd.resonance.evidence import (
     fused_probability,
     shift_likelihood,
 )
-from tpmsd.resonance.peak_fit import DAMPING, LOG_GRID
-from tpmsd.wheels import FloatArray
+from tpmsd.onboard.resonance.peak_fit import DAMPING, LOG_GRID
 
 MAX_LOG = math.log((TRUST + (1.0 - TRUST) / 16) / ((1.0 - TRUST) / 16))
 """Of 16 sets, one is certain or all are alike."""

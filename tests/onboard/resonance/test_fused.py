@@ -9,23 +9,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.monitor.drives import ALL, VEHICLE, Player
-from tests.resonance.test_watch import RADIUS_M, drive, readings
-from tpmsd.config.load import load_config
-from tpmsd.config.model import MonitorConfig
-from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.monitor.hypotheses import Comparison, Verdict, subsets
-from tpmsd.monitor.monitor import Monitor
-from tpmsd.monitor.records import MonitorReport
-from tpmsd.pipeline import Pipeline
-from tpmsd.resonance.evidence import ResonanceEvidence
-from tpmsd.resonance.watch import ResonanceWatch
-from tpmsd.simulator.drive import DriveSpec, simulate_drive
-from tpmsd.simulator.drive_writer import write_drive
-from tpmsd.sources.can_decoder import load_database
-from tpmsd.sources.events import RotationSample
-from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import FloatArray
+from tests.onboard.monitor.drives import ALL, VEHICLE, Player
+from tests.onboard.resonance.test_watch import RADIUS_M, drive, readings
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import MonitorConfig
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.monitor.hypotheses import Comparison, Verdict, subsets
+from tpmsd.onboard.monitor.monitor import Monitor
+from tpmsd.onboard.monitor.records import MonitorReport
+from tpmsd.onboard.pipeline import Pipeline
+from tpmsd.onboard.resonance.evidence import ResonanceEvidence
+from tpmsd.onboard.resonance.watch import ResonanceWatch
+from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.events import RotationSample
+from tpmsd.onboard.timeline.tick import Tick
 
 RL_SOFT = ResonanceEvidence((0, 1, 2, 3), {one: 4.0 * ((2,) == one) for one in [(), *subsets(4)]})
 """A resonance that speaks for the rear left wheel alone, with e^4 to 1."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from tests.report.drives import puncture
-from tpmsd.report.replay_document import replay_document
-from tpmsd.resonance.watch import ResonanceState, ResonanceStatus
-from tpmsd.sources.events import RotationSample
-from tpmsd.timeline.timeline import Timeline
+from tests.offline.report.drives import puncture
+from tpmsd.offline.report.replay_document import replay_document
+from tpmsd.onboard.resonance.watch import ResonanceState, ResonanceStatus
+from tpmsd.onboard.sources.events import RotationSample
+from tpmsd.onboard.timeline.timeline import Timeline
 
 
 def test_the_timeline_shows_every_sample_once() -> None:

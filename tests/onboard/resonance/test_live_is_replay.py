@@ -7,20 +7,20 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.daemon.fakes import car
-from tests.resonance.test_watch import RADIUS_M, RATE_HZ, drive, readings
-from tpmsd.config.load import load_config
-from tpmsd.config.model import Config
-from tpmsd.estimators.agreement import Agreement
-from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.estimators.build import monitored_wheels
-from tpmsd.monitor.monitor import Monitor
-from tpmsd.monitor.records import MonitorReport
-from tpmsd.pipeline import Pipeline
-from tpmsd.resonance.evidence import ResonanceEvidence
-from tpmsd.resonance.watch import ResonanceWatch
-from tpmsd.sources.can_decoder import load_database
-from tpmsd.timeline.tick import Tick
+from tests.onboard.daemon.fakes import car
+from tests.onboard.resonance.test_watch import RADIUS_M, RATE_HZ, drive, readings
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import Config
+from tpmsd.onboard.estimators.agreement import Agreement
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.estimators.build import monitored_wheels
+from tpmsd.onboard.monitor.monitor import Monitor
+from tpmsd.onboard.monitor.records import MonitorReport
+from tpmsd.onboard.pipeline import Pipeline
+from tpmsd.onboard.resonance.evidence import ResonanceEvidence
+from tpmsd.onboard.resonance.watch import ResonanceWatch
+from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.timeline.tick import Tick
 
 START_S = 1_700_000_000.075
 """So that what is known changes with the very frame that completes a tick in the replay, while live the time

@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
-from tests.resonance.oscillator import jitter
-from tpmsd.resonance.peak_fit import Peak, PeakFit
-from tpmsd.resonance.spectrum import Spectrum, bins_hz, periodograms
-from tpmsd.resonance.wheel_stream import SpeedBlock
+from tests.onboard.resonance.oscillator import jitter
+from tpmsd.onboard.resonance.peak_fit import Peak, PeakFit
+from tpmsd.onboard.resonance.spectrum import Spectrum, bins_hz, periodograms
+from tpmsd.onboard.resonance.wheel_stream import SpeedBlock
 
 
 def peak_of(signal: np.ndarray, rate_hz: float, fit: PeakFit) -> Peak:

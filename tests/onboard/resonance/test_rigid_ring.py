@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import welch
 
 from bench.worlds.rigid_ring import ISO_CLASS_A, RATE_HZ, ToneRing, Tyre, counts, ecu_speed_radps, road, roll
-from tpmsd.resonance.torsion import free_frequency_hz
+from tpmsd.onboard.resonance.torsion import free_frequency_hz
 
 
 def frequencies_hz(tyre: Tyre, speed_mps: float) -> np.ndarray:

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from tpmsd.resonance.ring_errors import RingErrors
-from tpmsd.resonance.wheel_stream import SpeedBlock
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.resonance.ring_errors import RingErrors
+from tpmsd.onboard.resonance.wheel_stream import SpeedBlock
 
 RATE_HZ = 100.0
 

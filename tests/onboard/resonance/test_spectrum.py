@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmsd.resonance.spectrum import Spectrum, bins_hz, periodograms
-from tpmsd.resonance.wheel_stream import SpeedBlock
+from tpmsd.onboard.resonance.spectrum import Spectrum, bins_hz, periodograms
+from tpmsd.onboard.resonance.wheel_stream import SpeedBlock
 
 
 def gathered(jitter: np.ndarray, rate_hz: float = 100.0) -> Spectrum:

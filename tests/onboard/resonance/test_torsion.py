@@ -7,7 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from tpmsd.resonance.torsion import free_frequency_hz, held_frequency_hz, sidewall_stiffness, soft_shifts
+from tpmsd.onboard.resonance.torsion import (
+    free_frequency_hz,
+    held_frequency_hz,
+    sidewall_stiffness,
+    soft_shifts,
+)
 
 
 def test_the_free_frequency_is_the_eigenvalue_of_two_masses() -> None:

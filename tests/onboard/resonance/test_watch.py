@@ -8,11 +8,11 @@ from typing import Protocol
 import numpy as np
 import pytest
 
-from tests.resonance.oscillator import jitter
-from tpmsd.resonance.evidence import ResonanceEvidence
-from tpmsd.resonance.watch import ResonanceState, ResonanceWatch
-from tpmsd.sources.events import RotationSample
-from tpmsd.wheels import FloatArray
+from tests.onboard.resonance.oscillator import jitter
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.resonance.evidence import ResonanceEvidence
+from tpmsd.onboard.resonance.watch import ResonanceState, ResonanceWatch
+from tpmsd.onboard.sources.events import RotationSample
 
 RADIUS_M = (0.3, 0.3, 0.3, 0.3)
 RATE_HZ = 100.0

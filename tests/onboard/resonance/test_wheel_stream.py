@@ -8,10 +8,10 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from tpmsd.resonance.wheel_stream import SpeedBlock, WheelStream
-from tpmsd.sources.can_faults import FaultLog
-from tpmsd.sources.events import Event, RotationSample
-from tpmsd.sources.wheel_speed import WheelSpeedIntegrator
+from tpmsd.onboard.resonance.wheel_stream import SpeedBlock, WheelStream
+from tpmsd.onboard.sources.can_faults import FaultLog
+from tpmsd.onboard.sources.events import Event, RotationSample
+from tpmsd.onboard.sources.wheel_speed import WheelSpeedIntegrator
 
 
 def blocks(stream: WheelStream, samples: list[RotationSample]) -> list[SpeedBlock]:

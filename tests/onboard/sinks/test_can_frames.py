@@ -13,12 +13,12 @@ from cantools.database import Message
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.config.model import AlarmsConfig
-from tpmsd.errors import ConfigError
-from tpmsd.monitor.records import AlarmEvent, AlarmKind, MonitorReport, WheelReport, WheelState
-from tpmsd.sinks import can_layout
-from tpmsd.sinks.can_frames import CLEARED_REPEATS, CanReporter, OutFrame
-from tpmsd.wheels import WHEELS
+from tpmsd.car.config.model import AlarmsConfig
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, MonitorReport, WheelReport, WheelState
+from tpmsd.onboard.sinks import can_layout
+from tpmsd.onboard.sinks.can_frames import CLEARED_REPEATS, CanReporter, OutFrame
 
 NAN = math.nan
 REPO = Path(__file__).resolve().parents[2]

@@ -15,20 +15,20 @@ from crccheck.crc import Crc8Autosar, Crc8SaeJ1850
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.daemon.fakes import DrivingBus, FakeBus, car
-from tests.daemon.test_loop import SCALE, run
-from tests.sinks.test_status_document import REPORT
-from tpmsd.cli.main import main
-from tpmsd.config.can_output import ALGORITHM_NAMES
-from tpmsd.config.load import load_config
-from tpmsd.config.output_names import NAMES
-from tpmsd.daemon.clock import Clock
-from tpmsd.errors import ConfigError
-from tpmsd.monitor.records import AlarmEvent, AlarmKind, MonitorReport
-from tpmsd.sinks.can_output import LISTEN_S, CanOutputs
-from tpmsd.sinks.checksums import ALGORITHMS
-from tpmsd.sinks.output_values import output_values
-from tpmsd.sources.can_decoder import load_database
+from tests.onboard.daemon.fakes import DrivingBus, FakeBus, car
+from tests.onboard.daemon.test_loop import SCALE, run
+from tests.onboard.sinks.test_status_document import REPORT
+from tpmsd.car.config.can_output import ALGORITHM_NAMES
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.output_names import NAMES
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.interfaces.cli.main import main
+from tpmsd.onboard.daemon.clock import Clock
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, MonitorReport
+from tpmsd.onboard.sinks.can_output import LISTEN_S, CanOutputs
+from tpmsd.onboard.sinks.checksums import ALGORITHMS
+from tpmsd.onboard.sinks.output_values import output_values
+from tpmsd.onboard.sources.can_decoder import load_database
 
 FOREIGN = """VERSION ""
 NS_ :

@@ -14,10 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.beside import beside
-from tpmsd.cli.main import main
-from tpmsd.sinks.reset_request import ResetRequest, from_frame, from_sentence, to_frame, to_sentence
-from tpmsd.sinks.status_client import StatusError, request_reset
-from tpmsd.sinks.status_server import StatusServer
+from tpmsd.interfaces.cli.main import main
+from tpmsd.onboard.sinks.reset_request import ResetRequest, from_frame, from_sentence, to_frame, to_sentence
+from tpmsd.onboard.sinks.status_client import StatusError, request_reset
+from tpmsd.onboard.sinks.status_server import StatusServer
 
 NAMES = st.from_regex(r"[a-z0-9][a-z0-9_-]{0,23}", fullmatch=True)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tpmsd.sinks.sd_notify import Notifier
+from tpmsd.onboard.sinks.sd_notify import Notifier
 
 
 @pytest.fixture(params=["path", "abstract"])

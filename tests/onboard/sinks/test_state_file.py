@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.sinks.state_file import (
+from tpmsd.onboard.sinks.state_file import (
     KEPT_DAMAGED,
     MAX_BYTES,
     FileSystem,

@@ -19,12 +19,12 @@ from typing import Any
 import pytest
 
 from tests.beside import beside
-from tests.daemon.fakes import hear_signals
-from tpmsd.cli.main import main
-from tpmsd.cli.status_table import render_status
-from tpmsd.config.model import StatusConfig
-from tpmsd.sinks.status_client import MAX_LINE_BYTES, StatusError, read_status, watch_status
-from tpmsd.sinks.status_server import StatusServer
+from tests.onboard.daemon.fakes import hear_signals
+from tpmsd.car.config.model import StatusConfig
+from tpmsd.interfaces.cli.main import main
+from tpmsd.interfaces.cli.status_table import render_status
+from tpmsd.onboard.sinks.status_client import MAX_LINE_BYTES, StatusError, read_status, watch_status
+from tpmsd.onboard.sinks.status_server import StatusServer
 
 DOCUMENT: dict[str, Any] = {
     "version": 1,

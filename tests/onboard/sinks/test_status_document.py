@@ -15,10 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tpmsd import __version__
-from tpmsd.cli.status import colour_wanted, show, watch
-from tpmsd.cli.status_table import render_status
-from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.monitor.records import (
+from tpmsd.interfaces.cli.status import colour_wanted, show, watch
+from tpmsd.interfaces.cli.status_table import render_status
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.monitor.records import (
     AlarmEvent,
     AlarmKind,
     LearningReport,
@@ -26,9 +26,9 @@ from tpmsd.monitor.records import (
     WheelReport,
     WheelState,
 )
-from tpmsd.monitor.sight import Sight
-from tpmsd.resonance.watch import ResonanceState, ResonanceStatus
-from tpmsd.sinks.status_document import LoopHealth, SourceHealth, SourceState, build_status
+from tpmsd.onboard.monitor.sight import Sight
+from tpmsd.onboard.resonance.watch import ResonanceState, ResonanceStatus
+from tpmsd.onboard.sinks.status_document import LoopHealth, SourceHealth, SourceState, build_status
 
 NAN = math.nan
 DEFLATION = AlarmEvent(

@@ -16,9 +16,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.errors import ConfigError, TpmsdError
-from tpmsd.sinks.socket_path import MAX_PATH_BYTES
-from tpmsd.sinks.status_server import (
+from tpmsd.foundation.errors import ConfigError, TpmsdError
+from tpmsd.onboard.sinks.socket_path import MAX_PATH_BYTES
+from tpmsd.onboard.sinks.status_server import (
     MAX_CLIENTS,
     MAX_PENDING_BYTES,
     MAX_REQUEST_BYTES,

@@ -9,9 +9,9 @@ from pathlib import Path
 import cantools.database
 from cantools.database.can import Database
 
-from tpmsd.config.model import CanConfig, Config, VehicleConfig
-from tpmsd.sources.can_decoder import CanDecoder
-from tpmsd.sources.events import Event, RotationSample, SourceFault
+from tpmsd.car.config.model import CanConfig, Config, VehicleConfig
+from tpmsd.onboard.sources.can_decoder import CanDecoder
+from tpmsd.onboard.sources.events import Event, RotationSample, SourceFault
 
 RADIUS_M = 0.3
 TEETH = 48.0

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from tests.faults.drives import drive
-from tpmsd.cli.drive_reading import open_drive
-from tpmsd.cli.replay import replay
-from tpmsd.sources.can_block import FrameBlock, block_of
-from tpmsd.sources.can_channels import Channel, choose_channel
-from tpmsd.sources.can_frame import CanFrame
+from tpmsd.interfaces.cli.drive_reading import open_drive
+from tpmsd.interfaces.cli.replay import replay
+from tpmsd.onboard.sources.can_block import FrameBlock, block_of
+from tpmsd.onboard.sources.can_channels import Channel, choose_channel
+from tpmsd.onboard.sources.can_frame import CanFrame
 
 
 def block(*channels: str, number: int = 0xB0) -> list[FrameBlock]:

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from tests.sources_can.build import (
+from tests.onboard.sources_can.build import (
     COUNTERS_DBC,
     RADIUS_M,
     TEETH,
@@ -21,8 +21,8 @@ from tests.sources_can.build import (
     speed_decoder,
     speeds_frame,
 )
-from tpmsd.sources.can_decoder import CanDecoder
-from tpmsd.sources.events import Event, InertialSample, SourceFault
+from tpmsd.onboard.sources.can_decoder import CanDecoder
+from tpmsd.onboard.sources.events import Event, InertialSample, SourceFault
 
 
 def drive(

@@ -12,10 +12,10 @@ from pathlib import Path
 import can
 import pytest
 
-from tests.sources_can.build import COUNTERS_DBC, config, database, four
-from tpmsd.config.model import CanConfig
-from tpmsd.sources.can_decoder import can_filters
-from tpmsd.sources.can_live import CanDown, LiveCan, unpack_socketcan
+from tests.onboard.sources_can.build import COUNTERS_DBC, config, database, four
+from tpmsd.car.config.model import CanConfig
+from tpmsd.onboard.sources.can_decoder import can_filters
+from tpmsd.onboard.sources.can_live import CanDown, LiveCan, unpack_socketcan
 
 VIRTUAL = CanConfig({}, Path("bus.dbc"), interface="virtual", channel="live-test")
 

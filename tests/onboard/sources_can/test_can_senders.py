@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.sources_can.build import counter_decoder, counts_at, counts_frame, faults, rotations
-from tpmsd.sources.can_senders import SenderWatch
+from tests.onboard.sources_can.build import counter_decoder, counts_at, counts_frame, faults, rotations
+from tpmsd.onboard.sources.can_senders import SenderWatch
 
 PERIOD_S = 0.02
 

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.sources import candump_text
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.can_log import read_can_log
-from tpmsd.sources.can_log_candump import MAX_LINE_CHARS
-from tpmsd.sources.candump_line import parse_candump_line
-from tpmsd.sources.candump_text import parse_lines
+from tpmsd.onboard.sources import candump_text
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can_log import read_can_log
+from tpmsd.onboard.sources.can_log_candump import MAX_LINE_CHARS
+from tpmsd.onboard.sources.candump_line import parse_candump_line
+from tpmsd.onboard.sources.candump_text import parse_lines
 
 Read = tuple[list[CanFrame], list[tuple[int, str]]]
 

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.sources.can_faults import FaultLog
-from tpmsd.sources.even_readings import Even, even_counts, even_speeds
-from tpmsd.sources.events import Event, RotationSample
-from tpmsd.sources.wheel_counter import WheelCounter
-from tpmsd.sources.wheel_speed import WheelSpeedIntegrator
+from tpmsd.onboard.sources.can_faults import FaultLog
+from tpmsd.onboard.sources.even_readings import Even, even_counts, even_speeds
+from tpmsd.onboard.sources.events import Event, RotationSample
+from tpmsd.onboard.sources.wheel_counter import WheelCounter
+from tpmsd.onboard.sources.wheel_speed import WheelSpeedIntegrator
 
 KNOWN = 40
 """Readings that the tracker has taken before."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tpmsd.sources.obd_speed import SPEED_REQUEST, speed_answer_kmh
+from tpmsd.onboard.sources.obd_speed import SPEED_REQUEST, speed_answer_kmh
 
 
 def test_the_request_is_the_one_of_the_standards() -> None:

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.sources_can.build import faults, rotations
-from tpmsd.config.load import load_config
-from tpmsd.sources.can_decoder import CanDecoder, load_database
-from tpmsd.sources.can_log import CanFrame, find_can_log, read_can_log
-from tpmsd.sources.events import Event, InertialSample
+from tests.onboard.sources_can.build import faults, rotations
+from tpmsd.car.config.load import load_config
+from tpmsd.onboard.sources.can_decoder import CanDecoder, load_database
+from tpmsd.onboard.sources.can_log import CanFrame, find_can_log, read_can_log
+from tpmsd.onboard.sources.events import Event, InertialSample
 
 
 def decode(folder: Path) -> tuple[list[CanFrame], list[Event], CanDecoder]:

@@ -9,11 +9,11 @@ from pathlib import Path
 import cantools
 import pytest
 
-from tpmsd.config.model import BusConfig, CanConfig, Condition, Config, SignalOptions, VehicleConfig
-from tpmsd.sources.can_channels import bus_numbers
-from tpmsd.sources.can_decoder import CanDecoder, can_filters
-from tpmsd.sources.databases import CarDatabase
-from tpmsd.sources.events import InertialSample, RotationSample
+from tpmsd.car.config.model import BusConfig, CanConfig, Condition, Config, SignalOptions, VehicleConfig
+from tpmsd.onboard.sources.can_channels import bus_numbers
+from tpmsd.onboard.sources.can_decoder import CanDecoder, can_filters
+from tpmsd.onboard.sources.databases import CarDatabase
+from tpmsd.onboard.sources.events import InertialSample, RotationSample
 
 DBC = """
 BO_ 176 WHEELS: 8 CAR

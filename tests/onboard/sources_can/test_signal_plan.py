@@ -12,12 +12,12 @@ from cantools.database.conversion import BaseConversion
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.sources_can.build import config, database
-from tpmsd.errors import ConfigError
-from tpmsd.sources.can_decoder import CanDecoder
-from tpmsd.sources.databases import load_database
-from tpmsd.sources.events import InertialSample
-from tpmsd.sources.signal_plan import EXTENDED, bit_field, can_filters, compile_plans
+from tests.onboard.sources_can.build import config, database
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.onboard.sources.can_decoder import CanDecoder
+from tpmsd.onboard.sources.databases import load_database
+from tpmsd.onboard.sources.events import InertialSample
+from tpmsd.onboard.sources.signal_plan import EXTENDED, bit_field, can_filters, compile_plans
 
 ROLES = {"yaw_rate": "rad/s", "accel_long": "m/s2", "accel_lat": "m/s2", "brake_pressure": "Pa"}
 

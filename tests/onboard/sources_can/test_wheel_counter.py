@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.sources_can.build import RADIUS_M, TEETH, rotations
-from tpmsd.sources.can_faults import FaultLog
-from tpmsd.sources.events import Event, RotationSample
-from tpmsd.sources.wheel_counter import WheelCounter
+from tests.onboard.sources_can.build import RADIUS_M, TEETH, rotations
+from tpmsd.onboard.sources.can_faults import FaultLog
+from tpmsd.onboard.sources.events import Event, RotationSample
+from tpmsd.onboard.sources.wheel_counter import WheelCounter
 
 PERIOD_S = 0.01
 M_PER_COUNT = 2 * math.pi * RADIUS_M / TEETH

@@ -6,10 +6,10 @@ import math
 
 import pytest
 
-from tests.sources_can.build import RADIUS_M, TEETH, rotations
-from tpmsd.sources.can_faults import FaultLog
-from tpmsd.sources.events import Event
-from tpmsd.sources.wheel_counter import WheelCounter
+from tests.onboard.sources_can.build import RADIUS_M, TEETH, rotations
+from tpmsd.onboard.sources.can_faults import FaultLog
+from tpmsd.onboard.sources.events import Event
+from tpmsd.onboard.sources.wheel_counter import WheelCounter
 
 PERIOD_S = 1.0 / 128.0
 """A binary fraction, so that sums of periods are exact."""

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.sources_can.build import RADIUS_M, rotations
-from tpmsd.sources.can_faults import FaultLog
-from tpmsd.sources.events import Event
-from tpmsd.sources.wheel_speed import FrozenSpeeds, WheelSpeedIntegrator
+from tests.onboard.sources_can.build import RADIUS_M, rotations
+from tpmsd.onboard.sources.can_faults import FaultLog
+from tpmsd.onboard.sources.events import Event
+from tpmsd.onboard.sources.wheel_speed import FrozenSpeeds, WheelSpeedIntegrator
 
 PERIOD_S = 0.02
 

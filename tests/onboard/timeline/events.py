@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from tpmsd.sources.events import Event, GnssFix, RotationSample
-from tpmsd.timeline.tick import Tick
-from tpmsd.timeline.timeline import Timeline
+from tpmsd.onboard.sources.events import Event, GnssFix, RotationSample
+from tpmsd.onboard.timeline.tick import Tick
+from tpmsd.onboard.timeline.timeline import Timeline
 
 START_S = 1_700_000_000.0
 QUANTUM = 2 * math.pi / 48

@@ -13,15 +13,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.places import RECORDINGS
-from tpmsd.api.reading import FolderRecording, play
-from tpmsd.config.load import load_config
-from tpmsd.simulator.bus import BusSpec
-from tpmsd.simulator.bus_layouts import BUS_KINDS
-from tpmsd.simulator.drive import DriveSpec, simulate_drive
-from tpmsd.simulator.drive_writer import write_drive
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.timeline.block_source import BlockSource
-from tpmsd.timeline.tick_source import TickSource
+from tpmsd.car.config.load import load_config
+from tpmsd.offline.drives.reading import FolderRecording, play
+from tpmsd.offline.simulator.bus import BusSpec
+from tpmsd.offline.simulator.bus_layouts import BUS_KINDS
+from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.timeline.block_source import BlockSource
+from tpmsd.onboard.timeline.tick_source import TickSource
 
 REAL = sorted(path.parent.name for path in RECORDINGS.glob("*/vehicle.toml")) if RECORDINGS.is_dir() else []
 

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.sources.events import RotationSample
-from tpmsd.timeline.host_clock import HostClock
-from tpmsd.timeline.rotation_track import MAX_BRIDGE_S, RotationTrack, rotation_between
+from tpmsd.onboard.sources.events import RotationSample
+from tpmsd.onboard.timeline.host_clock import HostClock
+from tpmsd.onboard.timeline.rotation_track import MAX_BRIDGE_S, RotationTrack, rotation_between
 
 
 def test_an_ordinary_clock_is_left_as_it_is() -> None:

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tpmsd.config.model import CanConfig, Config, GnssConfig, VehicleConfig
-from tpmsd.physics.catalogue import make_effect
-from tpmsd.physics.effect import Effect
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.timeline.compensation import Compensation, adjusted, left_alone
-from tpmsd.timeline.tick import Fix, Tick
+from tpmsd.car.config.model import CanConfig, Config, GnssConfig, VehicleConfig
+from tpmsd.car.physics.catalogue import make_effect
+from tpmsd.car.physics.effect import Effect
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.onboard.timeline.compensation import Compensation, adjusted, left_alone
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 RADIUS = 0.3
 CONFIG = Config(

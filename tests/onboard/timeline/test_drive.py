@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.gnss.sentences import rmc
-from tpmsd.errors import InputError
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.drive import Drive
+from tests.onboard.gnss.sentences import rmc
+from tpmsd.foundation.errors import InputError
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.drive import Drive
 
 START_S = 1_700_000_000.0
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from tpmsd.sources.events import GnssFix, RotationSample
-from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.timeline.timeline import Timeline
+from tpmsd.onboard.sources.events import GnssFix, RotationSample
+from tpmsd.onboard.timeline.tick import Fix, Tick
+from tpmsd.onboard.timeline.timeline import Timeline
 
 SPOKEN_S = 0.85
 """From the first sentence of an epoch to the end of its burst: 9600 baud with many satellites in view."""

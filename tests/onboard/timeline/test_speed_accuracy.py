@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.estimators import measurements
-from tpmsd.estimators.error_state import PSI
-from tpmsd.estimators.measurements import Present
-from tpmsd.sources.events import GnssFix
-from tpmsd.timeline.speed_accuracy import MOST, TOLERATED, USUAL_MPS, SpeedAccuracy
-from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.timeline.timeline import Timeline
+from tpmsd.onboard.estimators import measurements
+from tpmsd.onboard.estimators.error_state import PSI
+from tpmsd.onboard.estimators.measurements import Present
+from tpmsd.onboard.sources.events import GnssFix
+from tpmsd.onboard.timeline.speed_accuracy import MOST, TOLERATED, USUAL_MPS, SpeedAccuracy
+from tpmsd.onboard.timeline.tick import Fix, Tick
+from tpmsd.onboard.timeline.timeline import Timeline
 
 OPEN, STREET = 0.05, 0.5
 

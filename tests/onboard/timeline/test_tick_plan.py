@@ -8,12 +8,12 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.sources.events import RotationRun
-from tpmsd.sources.stretch import Angles, Frames, Stretch, Values
-from tpmsd.timeline.reading_track import ReadingTrack
-from tpmsd.timeline.rotation_track import RotationTrack, rotation_between
-from tpmsd.timeline.tick_plan import planned
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.sources.events import RotationRun
+from tpmsd.onboard.sources.stretch import Angles, Frames, Stretch, Values
+from tpmsd.onboard.timeline.reading_track import ReadingTrack
+from tpmsd.onboard.timeline.rotation_track import RotationTrack, rotation_between
+from tpmsd.onboard.timeline.tick_plan import planned
 
 QUIET = settings(derandomize=True, deadline=None, max_examples=100)
 SEEDS = st.integers(0, 2**32 - 1)

@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmsd.config.load import load_config
-from tpmsd.simulator.drive import DriveSpec, simulate_drive
-from tpmsd.simulator.drive_writer import write_drive
-from tpmsd.sources.can_decoder import load_database
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.drive import Drive
-from tpmsd.timeline.tick import Tick
-from tpmsd.timeline.tick_source import TickSource
+from tpmsd.car.config.load import load_config
+from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+from tpmsd.offline.simulator.drive_writer import write_drive
+from tpmsd.onboard.sources.can_decoder import load_database
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.drive import Drive
+from tpmsd.onboard.timeline.tick import Tick
+from tpmsd.onboard.timeline.tick_source import TickSource
 
 
 class LongWay(TickSource):

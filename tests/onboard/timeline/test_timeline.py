@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.timeline.events import QUANTUM, START_S, fixes, merged, play, rotations, stamp_of
-from tpmsd.sources.events import Event, GnssFix, InertialSample, RotationSample, SourceFault
-from tpmsd.timeline.tick import Tick
-from tpmsd.timeline.timeline import HOLDBACK_S, Timeline
+from tests.onboard.timeline.events import QUANTUM, START_S, fixes, merged, play, rotations, stamp_of
+from tpmsd.onboard.sources.events import Event, GnssFix, InertialSample, RotationSample, SourceFault
+from tpmsd.onboard.timeline.tick import Tick
+from tpmsd.onboard.timeline.timeline import HOLDBACK_S, Timeline
 
 QUIET = settings(derandomize=True, deadline=None, max_examples=40)
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from typing import Any, Protocol
 
-from tpmsd.config.model import (
+from tpmsd.car.config.model import (
     AlarmsConfig,
     GnssConfig,
     MonitorConfig,
@@ -17,10 +17,10 @@ from tpmsd.config.model import (
     TyreConfig,
     VehicleConfig,
 )
-from tpmsd.config.problems import BadValueError, show
-from tpmsd.config.schema import RADIUS
-from tpmsd.config.suggest import nearest
-from tpmsd.wheels import WHEELS
+from tpmsd.car.config.problems import BadValueError, show
+from tpmsd.car.config.schema import RADIUS
+from tpmsd.car.config.suggest import nearest
+from tpmsd.foundation.wheels import WHEELS
 
 FRONT, REAR = WHEELS[:2], WHEELS[2:]
 _STANDARD_ID_LIMIT = 0x7FF

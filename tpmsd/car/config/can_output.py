@@ -1,7 +1,7 @@
 """`[[can.output]]`: messages of a car's own that tpmsd is allowed to send.
 
 In: values as `tomllib` gives them. Out: `OutputConfig` records, or `BadValueError`. Whether message and
-signals exist is for `tpmsd.sinks.can_output` to say, which has the DBC.
+signals exist is for `tpmsd.onboard.sinks.can_output` to say, which has the DBC.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tpmsd.config.model import OutputConfig, OutputSignal
-from tpmsd.config.output_names import NAMES
-from tpmsd.config.problems import BadValueError, show, show_key
-from tpmsd.config.rules import Choice, FilePath, Number, Text, Whole
-from tpmsd.config.suggest import nearest
+from tpmsd.car.config.model import OutputConfig, OutputSignal
+from tpmsd.car.config.output_names import NAMES
+from tpmsd.car.config.problems import BadValueError, show, show_key
+from tpmsd.car.config.rules import Choice, FilePath, Number, Text, Whole
+from tpmsd.car.config.suggest import nearest
 
 WHEN = ("cyclic", "change", "both")
 J1939 = ("tire", "dm1")

@@ -15,16 +15,16 @@ from typing import Any
 import can
 from cantools.database.can import Database, Message, Signal
 
-from tpmsd.config.coarse_speed import coarse_speed
-from tpmsd.config.dbc import NotedDatabase, counter_modulus, find_signal, load_dbc
-from tpmsd.config.document import read_document
-from tpmsd.config.load import Parsed, parse
-from tpmsd.config.model import GNSS_ROLES, Config, SignalOptions
-from tpmsd.config.plan import TOP_SPEED_MPS, Plan, make_plan
-from tpmsd.config.problems import BadValueError, ConfigProblems, Problem, show
-from tpmsd.config.suggest import nearest
-from tpmsd.config.units import assumed_unit, stated_unit, to_si
-from tpmsd.errors import ConfigError
+from tpmsd.car.config.coarse_speed import coarse_speed
+from tpmsd.car.config.dbc import NotedDatabase, counter_modulus, find_signal, load_dbc
+from tpmsd.car.config.document import read_document
+from tpmsd.car.config.load import Parsed, parse
+from tpmsd.car.config.model import GNSS_ROLES, Config, SignalOptions
+from tpmsd.car.config.plan import TOP_SPEED_MPS, Plan, make_plan
+from tpmsd.car.config.problems import BadValueError, ConfigProblems, Problem, show
+from tpmsd.car.config.suggest import nearest
+from tpmsd.car.config.units import assumed_unit, stated_unit, to_si
+from tpmsd.foundation.errors import ConfigError
 
 _OWN_MESSAGES = "TPMSD_"  # dbc/tpmsd.dbc: a bus description may well include our own frames
 _CLASSIC_CAN_BYTES = 8

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from tpmsd.config.model import Config
-from tpmsd.wheels import WHEELS
+from tpmsd.car.config.model import Config
+from tpmsd.foundation.wheels import WHEELS
 
 SPEED_MPS = 20.0
 """The speed for which the bias is stated."""

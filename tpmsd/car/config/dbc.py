@@ -16,9 +16,9 @@ from typing import IO
 import cantools
 from cantools.database.can import Database, Message, Signal
 
-from tpmsd.config.dbc_text import MAX_LINE_BYTES, DbcReader, Note, TooLargeError
-from tpmsd.config.problems import BadValueError, ConfigProblems, Problem, show
-from tpmsd.config.suggest import nearest
+from tpmsd.car.config.dbc_text import MAX_LINE_BYTES, DbcReader, Note, TooLargeError
+from tpmsd.car.config.problems import BadValueError, ConfigProblems, Problem, show
+from tpmsd.car.config.suggest import nearest
 
 _MOST_LISTED = 8
 _OTHER_FORMATS = (".kcd", ".sym", ".arxml", ".xml", ".cdd")

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tpmsd.config.locate import KeyPath, Step, line_of, locate
-from tpmsd.config.problems import ConfigProblems, Problem
-from tpmsd.text_file import opened
-from tpmsd.toml_text import parse_toml
+from tpmsd.car.config.locate import KeyPath, Step, line_of, locate
+from tpmsd.car.config.problems import ConfigProblems, Problem
+from tpmsd.foundation.text_file import opened
+from tpmsd.foundation.toml_text import parse_toml
 
 VEHICLE_FILE = "vehicle.toml"
 _LARGEST_BYTES = 1 << 20  # nobody writes a megabyte of settings: it is a log, or a device

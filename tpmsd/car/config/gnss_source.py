@@ -9,8 +9,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from tpmsd.config.model import GnssConfig
-from tpmsd.config.problems import BadValueError, show
+from tpmsd.car.config.model import GnssConfig
+from tpmsd.car.config.problems import BadValueError, show
 
 ALLOWED = "serial:PATH | gpsd://HOST:PORT | tcp://HOST:PORT | udp://HOST:PORT | can"
 GPSD_PORT = 2947

@@ -11,10 +11,17 @@ from functools import singledispatch
 from pathlib import Path
 from typing import Any
 
-from tpmsd.config import model
-from tpmsd.config.can_output import ALGORITHM_NAMES, J1939, LONGEST_ID, MOST_IDENTIFIERS, WHEN, Identifiers
-from tpmsd.config.gnss_source import ALLOWED, DeviceRule, SourceRule
-from tpmsd.config.rules import (
+from tpmsd.car.config import model
+from tpmsd.car.config.can_output import (
+    ALGORITHM_NAMES,
+    J1939,
+    LONGEST_ID,
+    MOST_IDENTIFIERS,
+    WHEN,
+    Identifiers,
+)
+from tpmsd.car.config.gnss_source import ALLOWED, DeviceRule, SourceRule
+from tpmsd.car.config.rules import (
     TYRE_SIZE,
     Channel,
     Choice,
@@ -27,9 +34,9 @@ from tpmsd.config.rules import (
     Whole,
     Words,
 )
-from tpmsd.config.schema import RADIUS, tables
-from tpmsd.config.signal_table import SignalEntry, TeethTable
-from tpmsd.wheels import WHEELS
+from tpmsd.car.config.schema import RADIUS, tables
+from tpmsd.car.config.signal_table import SignalEntry, TeethTable
+from tpmsd.foundation.wheels import WHEELS
 
 SCHEMA_ID = "tpmsd.vehicle/1"
 Schema = dict[str, Any]

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tpmsd.config import agree
-from tpmsd.config.can_output import MOST_OUTPUTS, read_output
-from tpmsd.config.document import Document, read_document
-from tpmsd.config.model import (
+from tpmsd.car.config import agree
+from tpmsd.car.config.can_output import MOST_OUTPUTS, read_output
+from tpmsd.car.config.document import Document, read_document
+from tpmsd.car.config.model import (
     AlarmsConfig,
     BusConfig,
     CalibrationConfig,
@@ -30,12 +30,12 @@ from tpmsd.config.model import (
     StatusConfig,
     TyreConfig,
 )
-from tpmsd.config.problems import BadValueError, ConfigProblems, Problem, show, show_key
-from tpmsd.config.rules import Rule
-from tpmsd.config.schema import tables
-from tpmsd.config.signal_table import buses_of
-from tpmsd.config.suggest import nearest
-from tpmsd.wheels import WHEELS
+from tpmsd.car.config.problems import BadValueError, ConfigProblems, Problem, show, show_key
+from tpmsd.car.config.rules import Rule
+from tpmsd.car.config.schema import tables
+from tpmsd.car.config.signal_table import buses_of
+from tpmsd.car.config.suggest import nearest
+from tpmsd.foundation.wheels import WHEELS
 
 DBC_FILE = "bus.dbc"
 

@@ -1,6 +1,6 @@
 """The configuration as typed records, with the defaults in one place.
 
-In: nothing. Out: `Config` and its tables. `tpmsd.config.load` fills them from TOML and says what is wrong.
+In: nothing. Out: `Config` and its tables. `tpmsd.car.config.load` fills them from TOML and says what is wrong.
 Units are SI; keys carry them. CONTRACT: tables [vehicle], [can], [can.signals], [gnss]; ours: the others.
 """
 
@@ -60,7 +60,7 @@ class VehicleConfig:
     """Counts per revolution of fl, fr, rl, rr where they differ."""
 
     def teeth(self, wheel: int) -> float:
-        """Counts per revolution of one wheel, by its index in `tpmsd.wheels.WHEELS`."""
+        """Counts per revolution of one wheel, by its index in `tpmsd.foundation.wheels.WHEELS`."""
         return self.teeth_per_rev if self.teeth_by_wheel is None else self.teeth_by_wheel[wheel]
 
 
@@ -113,7 +113,7 @@ class OutputSignal:
     """What a signal of `[[can.output]]` is filled with."""
 
     value: str | None = None
-    """A name of `tpmsd.sinks.output_values.NAMES`; None: the constant."""
+    """A name of `tpmsd.onboard.sinks.output_values.NAMES`; None: the constant."""
     constant: float = 0.0
     unknown: float | None = None
     """Physical value where nobody knows the number; None: the signal's initial value."""
@@ -225,7 +225,7 @@ class FilterConfig:
     """The estimator."""
 
     method: str = "gaussian-sum"
-    """One of FILTER_METHODS (`estimators/table.py`); mpf-rb is an earlier name of the default."""
+    """One of FILTER_METHODS (`onboard/estimators/table.py`); mpf-rb is an earlier name of the default."""
     rate_hz: float = 10.0
     """Ticks per second, 1 to 100."""
     particles: int | None = None
@@ -277,7 +277,7 @@ class MonitorConfig:
 
 @dataclass(frozen=True, slots=True)
 class TyreConfig:
-    """What turns a loss of radius into one of pressure (`tpmsd.physics.tyre`)."""
+    """What turns a loss of radius into one of pressure (`tpmsd.car.physics.tyre`)."""
 
     size: str | None = None
     """As on the side wall, say 205/60R15; None if not known."""

@@ -1,11 +1,11 @@
 """The names of what a signal of `[[can.output]]` may be filled with.
 
-In: nothing. Out: the names. `tpmsd.sinks.output_values` says what they are.
+In: nothing. Out: the names. `tpmsd.onboard.sinks.output_values` says what they are.
 """
 
 from __future__ import annotations
 
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.wheels import WHEELS
 
 OF_WHEEL = ("state", "alarm", "deflation", "radius_deviation", "deviation_mm", "change_mm", "std_mm")
 PRESSURE_LOSS = "pressure_loss_percent"

@@ -12,11 +12,11 @@ from pathlib import Path
 
 from cantools.database.can import Message, Signal
 
-from tpmsd.config.dbc import counter_modulus
-from tpmsd.config.gnss_source import source_of
-from tpmsd.config.model import FLAG_ROLES, GNSS_ROLES, OPTIONAL_ROLES, Config, SignalOptions
-from tpmsd.config.units import assumed_unit, canonical_unit, stated_unit, to_si, wheel_speed_kind
-from tpmsd.wheels import WHEELS
+from tpmsd.car.config.dbc import counter_modulus
+from tpmsd.car.config.gnss_source import source_of
+from tpmsd.car.config.model import FLAG_ROLES, GNSS_ROLES, OPTIONAL_ROLES, Config, SignalOptions
+from tpmsd.car.config.units import assumed_unit, canonical_unit, stated_unit, to_si, wheel_speed_kind
+from tpmsd.foundation.wheels import WHEELS
 
 TOP_SPEED_MPS = 60.0
 """The speed for which counters are judged: 216 km/h."""

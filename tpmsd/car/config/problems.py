@@ -11,7 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tpmsd.errors import ConfigError
+from tpmsd.foundation.errors import ConfigError
 
 _LONGEST_SHOWN = 60
 MOST_SHOWN = 20

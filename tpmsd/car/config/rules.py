@@ -1,6 +1,6 @@
 """Rules for single values of the configuration: a number in a range, a choice, a path, ...
 
-In: a value as `tomllib` gives it. Out: the value in the type of `tpmsd.config.model`, or `BadValueError`
+In: a value as `tomllib` gives it. Out: the value in the type of `tpmsd.car.config.model`, or `BadValueError`
 with what was found and what is allowed. A rule knows neither file nor key.
 """
 
@@ -13,8 +13,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Protocol
 
-from tpmsd.config.problems import BadValueError, show
-from tpmsd.config.suggest import nearest
+from tpmsd.car.config.problems import BadValueError, show
+from tpmsd.car.config.suggest import nearest
 
 # Values that are right in another unit: what they must be multiplied by, and the confusion's name.
 _OTHER_UNITS = {

@@ -1,17 +1,17 @@
 """Every table and key that a configuration may have, and the rule of its value.
 
 In: the folder of the configuration, for its relative paths. Out: `{table: {key: rule}}`. Defaults are in
-`tpmsd.config.model`; what keys must agree with each other is in `tpmsd.config.agree`.
+`tpmsd.car.config.model`; what keys must agree with each other is in `tpmsd.car.config.agree`.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from tpmsd.config.can_output import Identifiers
-from tpmsd.config.gnss_source import DeviceRule, SourceRule
-from tpmsd.config.model import FILTER_GATES, FILTER_METHODS, FIX_WEIGHTS, ROLES
-from tpmsd.config.rules import (
+from tpmsd.car.config.can_output import Identifiers
+from tpmsd.car.config.gnss_source import DeviceRule, SourceRule
+from tpmsd.car.config.model import FILTER_GATES, FILTER_METHODS, FIX_WEIGHTS, ROLES
+from tpmsd.car.config.rules import (
     Channel,
     Choice,
     FilePath,
@@ -24,8 +24,8 @@ from tpmsd.config.rules import (
     Whole,
     Words,
 )
-from tpmsd.config.signal_table import SignalEntry, TeethTable
-from tpmsd.wheels import WHEELS
+from tpmsd.car.config.signal_table import SignalEntry, TeethTable
+from tpmsd.foundation.wheels import WHEELS
 
 DRIVEN_AXLES = ("front", "rear", "all")
 RADIUS = Number(0.15, 0.7, "m")  # go-kart to lorry

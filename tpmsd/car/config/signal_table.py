@@ -1,6 +1,6 @@
 """Rules of the values that may be tables: a signal with options, a further bus, teeth by wheel.
 
-In: a value as `tomllib` gives it. Out: records of `tpmsd.config.model`, or `BadValueError`, which names
+In: a value as `tomllib` gives it. Out: records of `tpmsd.car.config.model`, or `BadValueError`, which names
 the key within the table.
 """
 
@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from tpmsd.config.model import BusConfig, Condition, SignalOptions
-from tpmsd.config.problems import BadValueError, show, show_key
-from tpmsd.config.rules import Channel, FilePath, Flag, Number, SignalName, Text, Whole
-from tpmsd.config.suggest import nearest
-from tpmsd.config.units import canonical_unit
-from tpmsd.wheels import WHEELS
+from tpmsd.car.config.model import BusConfig, Condition, SignalOptions
+from tpmsd.car.config.problems import BadValueError, show, show_key
+from tpmsd.car.config.rules import Channel, FilePath, Flag, Number, SignalName, Text, Whole
+from tpmsd.car.config.suggest import nearest
+from tpmsd.car.config.units import canonical_unit
+from tpmsd.foundation.wheels import WHEELS
 
 _NAME = "'Message.Signal' as in the DBC"
 _CONDITION = re.compile(r"(\S+?)\s*(==|!=|<=|>=|<|>)\s*([-+0-9.xXa-fA-F]+)\Z")

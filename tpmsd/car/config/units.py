@@ -11,8 +11,8 @@ import math
 import unicodedata
 from typing import Final, Literal
 
-from tpmsd.config.model import FLAG_ROLES
-from tpmsd.errors import ConfigError
+from tpmsd.car.config.model import FLAG_ROLES
+from tpmsd.foundation.errors import ConfigError
 
 _G_MPS2 = 9.80665  # standard gravity, by definition of the unit g (CGPM 1901)
 

@@ -1,7 +1,7 @@
 """The catalogue of effects by name.
 
 In: an effect's name and its parameters. Out: the `Effect`. To add one: write its file in
-`tpmsd/physics/effects`; simulator, model files, compensation, diagnosis and reports then know it.
+`tpmsd/car/physics/effects`; simulator, model files, compensation, diagnosis and reports then know it.
 """
 
 from __future__ import annotations
@@ -13,9 +13,8 @@ import pkgutil
 from collections.abc import Callable, Iterable
 from dataclasses import MISSING, dataclass, fields
 
-from tpmsd.errors import ConfigError
-from tpmsd.physics import effects
-from tpmsd.physics.effect import (
+from tpmsd.car.physics import effects
+from tpmsd.car.physics.effect import (
     AnyParameter,
     Effect,
     Kind,
@@ -24,10 +23,11 @@ from tpmsd.physics.effect import (
     Value,
     WheelParameter,
 )
+from tpmsd.foundation.errors import ConfigError
 
 
 def _found() -> dict[str, type[Effect]]:
-    """Every effect that a module of `tpmsd.physics.effects` defines, by name; the order is the alphabet's."""
+    """Every effect that a module of `tpmsd.car.physics.effects` defines, by name; the order is the alphabet's."""
     out: dict[str, type[Effect]] = {}
     for module in sorted(one.name for one in pkgutil.iter_modules(effects.__path__)):
         full = f"{effects.__name__}.{module}"

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.foundation.wheels import FloatArray
 
 COVARIATES: dict[str, str] = {
     "speed": "m/s",

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.physics.effect import Effect, Parameter
-from tpmsd.physics.motion import Car
-from tpmsd.physics.priors import DRAG_SLIP_S2PM2
-from tpmsd.wheels import WHEELS
+from tpmsd.car.physics.effect import Effect, Parameter
+from tpmsd.car.physics.motion import Car
+from tpmsd.car.physics.priors import DRAG_SLIP_S2PM2
+from tpmsd.foundation.wheels import WHEELS
 
 SLIP_BY_DRAG = Parameter(
     "slip_per_speed2",

@@ -4,7 +4,7 @@ In: nothing. Out: the base class `Effect`. An effect says everything that others
 thing it is, its parameters with one prior each, what it may be taken for, which readings it needs, on which
 wheels it acts; and it overrides the one or two hooks through which it acts, the others are neutral. Hooks are
 pure and vectorised over time, so that simulator, estimator and diagnosis share them. A concrete effect is a
-frozen dataclass in `tpmsd.physics.effects` whose fields are its parameters.
+frozen dataclass in `tpmsd.car.physics.effects` whose fields are its parameters.
 """
 
 from __future__ import annotations
@@ -16,9 +16,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from tpmsd.errors import ConfigError
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.physics.parameters import (
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.car.physics.parameters import (
     MAX_ENTRIES,
     AnyParameter,
     GroupParameter,
@@ -30,7 +29,8 @@ from tpmsd.physics.parameters import (
     VectorParameter,
     WheelParameter,
 )
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import WHEELS, FloatArray
 
 __all__ = [
     "MAX_ENTRIES",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
 
 
 def accumulated(fresh: FloatArray, kept: float, before: float = 0.0) -> FloatArray:

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect
-from tpmsd.physics.kinematics import wheel_speeds
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.physics.motion import Car, Motion, integrate
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.effect import Effect
+from tpmsd.car.physics.kinematics import wheel_speeds
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.car.physics.motion import Car, Motion, integrate
+from tpmsd.foundation.wheels import FloatArray
 
 WHEELS_READ, GYRO_READ, RECEIVER_READ = "wheels", "gyro", "receiver"
 """Groups of channels."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.wheels import FL, FR, RL, RR, FloatArray
+from tpmsd.foundation.wheels import FL, FR, RL, RR, FloatArray
 
 
 @dataclass(frozen=True, slots=True)

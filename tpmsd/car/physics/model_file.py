@@ -16,11 +16,11 @@ import math
 from pathlib import Path
 from typing import Any
 
-from tpmsd.errors import ConfigError
-from tpmsd.physics.effect import Effect, Std, Value
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.text_file import read_text
-from tpmsd.toml_text import check_integers, parse_toml
+from tpmsd.car.physics.effect import Effect, Std, Value
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.text_file import read_text
+from tpmsd.foundation.toml_text import check_integers, parse_toml
 
 MAX_BYTES = 1 << 20
 MOST_EFFECTS = 200
@@ -76,7 +76,7 @@ def _effect_of(table: dict[str, Any], number: int) -> tuple[Effect, dict[str, St
             raise ConfigError(f"effect {number}: {shown(word)} is no name of an effect or a parameter")
     std = table.pop("std", {})
     # Only here: it brings in every effect, and most runs have no model.
-    from tpmsd.physics.catalogue import make_effect
+    from tpmsd.car.physics.catalogue import make_effect
 
     effect = make_effect(name, **table)
     if not isinstance(std, dict):

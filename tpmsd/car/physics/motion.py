@@ -14,8 +14,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.physics.kinematics import Geometry
-from tpmsd.wheels import IS_FRONT, FloatArray
+from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.foundation.wheels import IS_FRONT, FloatArray
 
 GRAVITY_MPS2 = 9.80665
 
@@ -42,7 +42,7 @@ class Motion:
     steering_rad: FloatArray
     """Mean angle of the road wheels, positive to the left."""
     measured: Mapping[str, FloatArray] = field(default_factory=dict)
-    """(n,) each: what instruments tell beside, by the names of `tpmsd.physics.covariates`: steering,
+    """(n,) each: what instruments tell beside, by the names of `tpmsd.car.physics.covariates`: steering,
     steering_rate, torque, temperature."""
 
     def __post_init__(self) -> None:

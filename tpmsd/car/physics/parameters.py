@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.spans import wheel_mask
-from tpmsd.wheels import WHEELS
+from tpmsd.car.physics.spans import wheel_mask
+from tpmsd.foundation.wheels import WHEELS
 
 Value = float | str | tuple[float, ...]
 Std = float | tuple[float, ...]

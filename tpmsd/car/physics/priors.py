@@ -6,7 +6,7 @@ filter needs the numbers and not the catalogue, whose import costs a second and 
 
 from __future__ import annotations
 
-from tpmsd.physics.parameters import Prior
+from tpmsd.car.physics.parameters import Prior
 
 FIX_AGE_S = Prior(0.05, 0.1, "receivers transmit 30 to 300 ms after the epoch, by make, rate and baud")
 SPEED_AGE_S = Prior(0.03, 0.05, "0.03 to 0.06 s on the recordings at hand")

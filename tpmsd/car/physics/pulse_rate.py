@@ -11,10 +11,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Kind, Parameter, Prior, WheelParameter
-from tpmsd.physics.kinematics import wheel_speeds
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior, WheelParameter
+from tpmsd.car.physics.kinematics import wheel_speeds
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.foundation.wheels import WHEELS, FloatArray
 
 LEAST_MPS = 0.5
 """Below, the share of the pulses is that at this speed."""

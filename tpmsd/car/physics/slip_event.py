@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.physics.effect import Effect
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.physics.spans import wheel_mask, within
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.effect import Effect
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.car.physics.spans import wheel_mask, within
+from tpmsd.foundation.wheels import FloatArray
 
 LEAST_SLIP = 0.003
 """Slip below which a tyre creeps on a dry road under ordinary force (F_x/F_z of 0.05 is 0.0023)."""

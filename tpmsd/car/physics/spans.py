@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.foundation.wheels import WHEELS, FloatArray
 
 GROUPS: dict[str, tuple[str, ...]] = {
     **{wheel: (wheel,) for wheel in WHEELS},

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.physics.effect import Effect, Kind, Look
+from tpmsd.car.physics.effect import Effect, Kind, Look
 
 
 @dataclass(frozen=True)

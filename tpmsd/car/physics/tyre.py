@@ -21,9 +21,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from tpmsd.config.model import TyreConfig
-from tpmsd.config.rules import TYRE_SIZE
-from tpmsd.errors import ConfigError
+from tpmsd.car.config.model import TyreConfig
+from tpmsd.car.config.rules import TYRE_SIZE
+from tpmsd.foundation.errors import ConfigError
 
 REFERENCE_RADIUS_M = 0.304
 """205/60R15 at 4 kN, 220 kPa, 20 m/s, for which the sizes below hold."""

@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tpmsd.physics.motion import GRAVITY_MPS2
-from tpmsd.vehicle_state.settings import SETTINGS
-from tpmsd.vehicle_state.tyre import DugoffTyre
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.motion import GRAVITY_MPS2
+from tpmsd.car.vehicle_state.settings import SETTINGS
+from tpmsd.car.vehicle_state.tyre import DugoffTyre
+from tpmsd.foundation.wheels import FloatArray
 
 
 @dataclass(frozen=True, slots=True)

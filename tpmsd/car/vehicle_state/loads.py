@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.physics.motion import GRAVITY_MPS2
-from tpmsd.vehicle_state.car import CarDynamics
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.motion import GRAVITY_MPS2
+from tpmsd.car.vehicle_state.car import CarDynamics
+from tpmsd.foundation.wheels import FloatArray
 
 
 def wheel_loads(car: CarDynamics, accel_long_mps2: FloatArray, accel_lat_mps2: FloatArray) -> FloatArray:

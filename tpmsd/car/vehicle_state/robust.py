@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
 
 
 def igg3(residual: FloatArray, believe: float, refuse: float) -> FloatArray:

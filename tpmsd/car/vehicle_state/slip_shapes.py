@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.vehicle_state.car import CarDynamics, typical
-from tpmsd.vehicle_state.loads import wheel_loads
-from tpmsd.vehicle_state.settings import SETTINGS
-from tpmsd.vehicle_state.slips import SlipTraces, slip_traces
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.car.vehicle_state.car import CarDynamics, typical
+from tpmsd.car.vehicle_state.loads import wheel_loads
+from tpmsd.car.vehicle_state.settings import SETTINGS
+from tpmsd.car.vehicle_state.slips import SlipTraces, slip_traces
+from tpmsd.foundation.wheels import FloatArray
 
 AXLES: dict[str, tuple[int, int]] = {"front": (0, 1), "rear": (2, 3)}
 

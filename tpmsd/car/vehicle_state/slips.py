@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.vehicle_state.car import CarDynamics
-from tpmsd.vehicle_state.loads import wheel_loads
-from tpmsd.vehicle_state.settings import SETTINGS
-from tpmsd.wheels import FloatArray
+from tpmsd.car.vehicle_state.car import CarDynamics
+from tpmsd.car.vehicle_state.loads import wheel_loads
+from tpmsd.car.vehicle_state.settings import SETTINGS
+from tpmsd.foundation.wheels import FloatArray
 
 
 @dataclass(frozen=True, slots=True)

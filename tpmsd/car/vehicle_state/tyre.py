@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
 
 _STILL_N = 1e-6
 """Linear force below which nothing slides, so that no division is by zero."""

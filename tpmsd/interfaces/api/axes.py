@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from tpmsd.tables.extras import need
+from tpmsd.offline.tables.extras import need
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

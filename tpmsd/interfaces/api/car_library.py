@@ -8,14 +8,14 @@ from __future__ import annotations
 import tomllib
 from importlib.resources import files
 
-from tpmsd.discovery.library import Car, car_from
-from tpmsd.errors import ConfigError
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.offline.discovery.library import Car, car_from
 
 
 def load_cars() -> list[Car]:
     """All entries by name; ConfigError names the file that is no entry."""
     cars = []
-    for entry in sorted(files("tpmsd.cars").iterdir(), key=lambda one: one.name):
+    for entry in sorted(files("tpmsd.car.cars").iterdir(), key=lambda one: one.name):
         if not entry.name.endswith(".toml"):
             continue
         try:

@@ -11,27 +11,27 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tpmsd.api.axes import own_axes
-from tpmsd.api.car_library import load_cars
-from tpmsd.api.drive import Drive
-from tpmsd.api.raw_drive import read_drive
-from tpmsd.api.reading import MemoryRecording
-from tpmsd.discovery.discover import discover as discover_raw
-from tpmsd.discovery.frames import BusLog
-from tpmsd.discovery.result import Discovery as DiscoveryResult
-from tpmsd.discovery.result import FoundRole
-from tpmsd.discovery.text import vehicle_text
-from tpmsd.discovery.tooth_count import tyre_radius_m
-from tpmsd.errors import ConfigError
-from tpmsd.palette import STYLES
-from tpmsd.plain import plain
-from tpmsd.provenance import provenance
-from tpmsd.sources.can_block import block_of
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.databases import load_database
-from tpmsd.sources.events import GnssFix
-from tpmsd.sources.nmea_epoch import NmeaAssembler
-from tpmsd.tables.extras import need_pandas
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.palette import STYLES
+from tpmsd.foundation.plain import plain
+from tpmsd.foundation.provenance import provenance
+from tpmsd.interfaces.api.axes import own_axes
+from tpmsd.interfaces.api.car_library import load_cars
+from tpmsd.offline.discovery.discover import discover as discover_raw
+from tpmsd.offline.discovery.frames import BusLog
+from tpmsd.offline.discovery.result import Discovery as DiscoveryResult
+from tpmsd.offline.discovery.result import FoundRole
+from tpmsd.offline.discovery.text import vehicle_text
+from tpmsd.offline.discovery.tooth_count import tyre_radius_m
+from tpmsd.offline.drives.drive import Drive
+from tpmsd.offline.drives.raw_drive import read_drive
+from tpmsd.offline.drives.reading import MemoryRecording
+from tpmsd.offline.tables.extras import need_pandas
+from tpmsd.onboard.sources.can_block import block_of
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.databases import load_database
+from tpmsd.onboard.sources.events import GnssFix
+from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
 
 if TYPE_CHECKING:
     import pandas as pd

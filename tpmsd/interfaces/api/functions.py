@@ -14,8 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tpmsd.api.drive import Drive, as_drive
-from tpmsd.api.reading import (
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.car.physics.model_file import load_model
+from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
+from tpmsd.interfaces.api.results import Calibration, Diagnosis, Replay, Source
+from tpmsd.offline.drives.drive import Drive, as_drive
+from tpmsd.offline.drives.reading import (
     DESK_RATE_HZ,
     MemoryRecording,
     Note,
@@ -25,20 +29,16 @@ from tpmsd.api.reading import (
     play,
     read_ticks,
 )
-from tpmsd.api.results import Calibration, Diagnosis, Replay, Source
-from tpmsd.errors import ConfigError, InputError, TpmsdError
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.physics.model_file import load_model
-from tpmsd.pipeline import Pipeline
-from tpmsd.report.replay_recorder import ReplayRecorder
-from tpmsd.report.replay_result import ReplayResult
-from tpmsd.resonance.watch import ResonanceWatch
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.drive import Sentence
-from tpmsd.tables.tick_table import TickTable, TickTableRecorder
+from tpmsd.offline.report.replay_recorder import ReplayRecorder
+from tpmsd.offline.report.replay_result import ReplayResult
+from tpmsd.offline.tables.tick_table import TickTable, TickTableRecorder
+from tpmsd.onboard.pipeline import Pipeline
+from tpmsd.onboard.resonance.watch import ResonanceWatch
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.drive import Sentence
 
 if TYPE_CHECKING:
-    from tpmsd.inference.recording import Recording
+    from tpmsd.offline.inference.recording import Recording
 
 REPORTED_LATE_S = 1.0
 """What nothing but the end of a replay asks for may wait for so long, and is then done for many samples at
@@ -140,7 +140,7 @@ def diagnose(
     the share that is done. ConfigError where the drives are of different cars, or the simulation of another
     road; InputError where nothing usable is in a drive.
     """
-    from tpmsd.diagnosis import diagnose as diagnosis
+    from tpmsd.offline.diagnosis import diagnose as diagnosis
 
     wanted = _drives(drives)
     recordings = [recording_of(drive) for drive in wanted]
@@ -167,9 +167,9 @@ def calibrate(
     `method`: joint or paper; `progress` is told the share that is done. InputError where a calibration cannot
     be had from a drive (it says why); ConfigError on an unknown method, or drives of different cars.
     """
-    from tpmsd.calibration.calibrate import METHODS
-    from tpmsd.calibration.calibrate import calibrate as calibrate_recordings
-    from tpmsd.calibration.checks import RefusedError
+    from tpmsd.offline.calibration.calibrate import METHODS
+    from tpmsd.offline.calibration.calibrate import calibrate as calibrate_recordings
+    from tpmsd.offline.calibration.checks import RefusedError
 
     if method not in METHODS:
         raise ConfigError(f"no such method: {method!r} (methods: {' '.join(METHODS)})")
@@ -188,7 +188,7 @@ def calibrate(
 
 
 def simulate(**settings: Any) -> Drive:
-    """A simulated drive in memory; the arguments are those of `tpmsd.simulator.drive.DriveSpec`.
+    """A simulated drive in memory; the arguments are those of `tpmsd.offline.simulator.drive.DriveSpec`.
 
     `faults` are `tpmsd.Fault`s; `model` is an extended model or a model file. The same arguments give the
     same drive. ConfigError on what makes no sense.
@@ -197,9 +197,9 @@ def simulate(**settings: Any) -> Drive:
     >>> drive.name, drive.config.vehicle.teeth_per_rev, drive.folder
     ('simulated-mixed-3', 48.0, None)
     """
-    from tpmsd.simulator.drive import DriveSpec, simulate_drive
-    from tpmsd.simulator.drive_writer import nmea_log_line
-    from tpmsd.tables.car_file import config_of
+    from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
+    from tpmsd.offline.simulator.drive_writer import nmea_log_line
+    from tpmsd.offline.tables.car_file import config_of
 
     if isinstance(settings.get("model"), str | Path):
         settings["model"] = load_model(settings["model"])
@@ -228,7 +228,7 @@ def simulate(**settings: Any) -> Drive:
 
 def recording_of(drive: Drive, name: str | None = None) -> Recording:
     """A drive as the arrays of diagnosis and calibration; InputError where nothing usable is in it."""
-    from tpmsd.inference.recording import record
+    from tpmsd.offline.inference.recording import record
 
     try:
         ticks = read_ticks(drive.recording, drive.config, DESK_RATE_HZ)

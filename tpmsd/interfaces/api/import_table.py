@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tpmsd.api.drive import Drive, drive_of, settings_of
-from tpmsd.errors import InputError
-from tpmsd.tables.encode import encode
-from tpmsd.tables.from_file import read_signals
-from tpmsd.tables.gather import TableError, signals_from
-from tpmsd.tables.map_file import TableMap, load_map
+from tpmsd.foundation.errors import InputError
+from tpmsd.offline.drives.drive import Drive, drive_of, settings_of
+from tpmsd.offline.tables.encode import encode
+from tpmsd.offline.tables.from_file import read_signals
+from tpmsd.offline.tables.gather import TableError, signals_from
+from tpmsd.offline.tables.map_file import TableMap, load_map
 
 
 def load_table(table: str | Path, map_file: str | Path | None = None) -> Drive:

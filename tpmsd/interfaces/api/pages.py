@@ -5,11 +5,11 @@ In: the records of a result, where it comes from. Out: HTML.
 
 from __future__ import annotations
 
-from tpmsd.report.page import Origin
-from tpmsd.report.replay_charts import replay_track
-from tpmsd.report.replay_page import replay_page
-from tpmsd.report.replay_result import ReplayResult
-from tpmsd.tables.tick_table import TickTable
+from tpmsd.offline.report.page import Origin
+from tpmsd.offline.report.replay_charts import replay_track
+from tpmsd.offline.report.replay_page import replay_page
+from tpmsd.offline.report.replay_result import ReplayResult
+from tpmsd.offline.tables.tick_table import TickTable
 
 
 def replay_html(

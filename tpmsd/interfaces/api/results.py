@@ -13,29 +13,29 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tpmsd.api.axes import own_axes
-from tpmsd.errors import ConfigError
-from tpmsd.monitor.records import AlarmEvent
-from tpmsd.palette import STYLES, line_style
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.physics.model_file import save_model
-from tpmsd.plain import plain
-from tpmsd.provenance import provenance
-from tpmsd.report.replay_document import replay_document
-from tpmsd.report.replay_result import ReplayResult, WheelOutcome
-from tpmsd.report.replay_series import settled_range
-from tpmsd.report.wording import alarm_label
-from tpmsd.tables.extras import need_pandas
-from tpmsd.tables.tick_table import TickTable
-from tpmsd.wheels import WHEELS
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.car.physics.model_file import save_model
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.palette import STYLES, line_style
+from tpmsd.foundation.plain import plain
+from tpmsd.foundation.provenance import provenance
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.interfaces.api.axes import own_axes
+from tpmsd.offline.report.replay_document import replay_document
+from tpmsd.offline.report.replay_result import ReplayResult, WheelOutcome
+from tpmsd.offline.report.replay_series import settled_range
+from tpmsd.offline.report.wording import alarm_label
+from tpmsd.offline.tables.extras import need_pandas
+from tpmsd.offline.tables.tick_table import TickTable
+from tpmsd.onboard.monitor.records import AlarmEvent
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
-    from tpmsd.calibration.result import Calibration as CalibrationResult
-    from tpmsd.diagnosis.assessment.result import Diagnosis as DiagnosisResult
-    from tpmsd.diagnosis.assessment.result import Finding
+    from tpmsd.offline.calibration.result import Calibration as CalibrationResult
+    from tpmsd.offline.diagnosis.assessment.result import Diagnosis as DiagnosisResult
+    from tpmsd.offline.diagnosis.assessment.result import Finding
 
 
 REPLAY_SCHEMA = "tpmsd.replay/2"
@@ -89,8 +89,8 @@ class Replay:
 
     def to_html(self) -> str:
         """The page of `tpmsd replay --html`; ConfigError without the extra `report`."""
-        from tpmsd.api.pages import replay_html
-        from tpmsd.report.page import Origin, check_report_packages
+        from tpmsd.interfaces.api.pages import replay_html
+        from tpmsd.offline.report.page import Origin, check_report_packages
 
         check_report_packages()
         return replay_html(
@@ -100,7 +100,7 @@ class Replay:
     def plot(self, ax: Axes | None = None) -> Axes:
         """Deviation of each radius from nominal with a band of two standard deviations, and the alarms."""
         axes = own_axes(ax)
-        from tpmsd.report.mpl_style import place_labels
+        from tpmsd.offline.report.mpl_style import place_labels
 
         result = self.result
         minutes = (result.time_s - result.start_s) / 60.0
@@ -176,7 +176,7 @@ class Diagnosis:
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `tpmsd diagnose --json`."""
-        from tpmsd.report.diagnosis_document import diagnosis_document
+        from tpmsd.offline.report.diagnosis_document import diagnosis_document
 
         return _plain_dict(
             {**self.source.document(DIAGNOSIS_SCHEMA), **diagnosis_document(self.result, None)}
@@ -207,8 +207,8 @@ class Diagnosis:
 
         `standalone`: with its styles and scripts in it; else it links to `assets/` beside it.
         """
-        from tpmsd.report.diagnosis_page import diagnosis_page
-        from tpmsd.report.page import Origin, check_report_packages
+        from tpmsd.offline.report.diagnosis_page import diagnosis_page
+        from tpmsd.offline.report.page import Origin, check_report_packages
 
         check_report_packages()
         origin = Origin.now(self.source.document(DIAGNOSIS_SCHEMA))
@@ -259,7 +259,7 @@ class Calibration:
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `tpmsd calibrate --json`."""
-        from tpmsd.calibration.wording import document as calibration_document
+        from tpmsd.offline.calibration.wording import document as calibration_document
 
         return _plain_dict({**self.source.document(CALIBRATION_SCHEMA), **calibration_document(self.result)})
 

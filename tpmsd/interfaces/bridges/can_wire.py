@@ -15,8 +15,8 @@ import time
 
 import can
 
-from tpmsd.bridges.vss_frames import Frame
-from tpmsd.errors import ConfigError
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.interfaces.bridges.vss_frames import Frame
 
 RETRY_S = 1.0
 """From a failure to the next try."""

@@ -14,8 +14,8 @@ import math
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-from tpmsd.bridges.summary import Alarm, Summary, summarise
-from tpmsd.errors import ConfigError
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.interfaces.bridges.summary import Alarm, Summary, summarise
 
 if TYPE_CHECKING:
     from jeepney.io.blocking import DBusConnection

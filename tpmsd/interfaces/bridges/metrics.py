@@ -10,8 +10,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from tpmsd.bridges.summary import summarise
-from tpmsd.plain import number
+from tpmsd.foundation.plain import number
+from tpmsd.interfaces.bridges.summary import summarise
 
 WHEEL_STATES = ("unavailable", "learning", "monitoring", "alarm")
 ALARM_KINDS = ("radius_deviation", "deflation", "slow_leak", "malfunction")

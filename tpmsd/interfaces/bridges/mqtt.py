@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tpmsd import __version__
-from tpmsd.bridges.home_assistant import discovery
-from tpmsd.bridges.mqtt_messages import MAX_PAYLOAD_BYTES, Announcer, Message, Topics
-from tpmsd.bridges.summary import Summary, summarise
-from tpmsd.errors import ConfigError
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.interfaces.bridges.home_assistant import discovery
+from tpmsd.interfaces.bridges.mqtt_messages import MAX_PAYLOAD_BYTES, Announcer, Message, Topics
+from tpmsd.interfaces.bridges.summary import Summary, summarise
 
 if TYPE_CHECKING:
     import paho.mqtt.client as paho

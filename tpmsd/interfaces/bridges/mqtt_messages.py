@@ -16,7 +16,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
-from tpmsd.bridges.summary import Alarm, Summary, Wheel
+from tpmsd.interfaces.bridges.summary import Alarm, Summary, Wheel
 
 MAX_EVENTS = 500
 """Events kept while the broker is away: an hour with one every seven seconds."""

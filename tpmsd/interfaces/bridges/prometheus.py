@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from tpmsd.bridges.metrics import families
-from tpmsd.errors import ConfigError, TpmsdError
-from tpmsd.sinks.status_client import StatusError, read_status
+from tpmsd.foundation.errors import ConfigError, TpmsdError
+from tpmsd.interfaces.bridges.metrics import families
+from tpmsd.onboard.sinks.status_client import StatusError, read_status
 
 SCRAPE_TIMEOUT_S = 3.0
 """Below the 10 s of Prometheus's own default."""

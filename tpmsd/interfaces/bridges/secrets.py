@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from tpmsd.errors import ConfigError
-from tpmsd.text_file import read_text
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.text_file import read_text
 
 MAX_BYTES = 4096
 

@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from tpmsd.plain import number
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.plain import number
+from tpmsd.foundation.wheels import WHEELS
 
 MALFUNCTION = "malfunction"
 NOT_WELL = ("down", "silent", "waiting")

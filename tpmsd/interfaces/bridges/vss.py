@@ -14,9 +14,9 @@ import time
 from collections.abc import Iterable
 from typing import Any
 
-from tpmsd.bridges.summary import MALFUNCTION, Summary, summarise
-from tpmsd.bridges.vss_connection import RETRY_S, Connection, DatabrokerSettings
-from tpmsd.bridges.vss_names import IS_PRESSURE_LOW, MEANS_LOW
+from tpmsd.interfaces.bridges.summary import MALFUNCTION, Summary, summarise
+from tpmsd.interfaces.bridges.vss_connection import RETRY_S, Connection, DatabrokerSettings
+from tpmsd.interfaces.bridges.vss_names import IS_PRESSURE_LOW, MEANS_LOW
 
 WATCHED = frozenset({"monitoring", "alarm"})
 """States of a wheel in which it is known whether it is soft."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tpmsd.errors import ConfigError
+from tpmsd.foundation.errors import ConfigError
 
 CALL_S = 2.0
 """How long the databroker may take for one answer."""

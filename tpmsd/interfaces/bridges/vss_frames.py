@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import cantools
 
-from tpmsd.bridges.vss_names import FIX_TYPE, GNSS_TIME
+from tpmsd.interfaces.bridges.vss_names import FIX_TYPE, GNSS_TIME
 
 LATE_S = 0.1
 """A wheel speed may be that much older than usual: at 3 m/s2 one reading of many is wrong by 0.3 m/s."""
@@ -46,7 +46,7 @@ class Frame(NamedTuple):
 
 def vss_dbc() -> str:
     """The text of `vss.dbc`."""
-    return (resources.files("tpmsd.bridges") / "vss.dbc").read_text("utf-8")
+    return (resources.files("tpmsd.interfaces.bridges") / "vss.dbc").read_text("utf-8")
 
 
 class Delays:

@@ -16,10 +16,10 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from tpmsd.bridges.can_wire import CanWire
-from tpmsd.bridges.vss_connection import RETRY_S, Connection, DatabrokerSettings
-from tpmsd.bridges.vss_frames import Frame, NotSent, VssFrames
-from tpmsd.bridges.vss_names import is_wheel
+from tpmsd.interfaces.bridges.can_wire import CanWire
+from tpmsd.interfaces.bridges.vss_connection import RETRY_S, Connection, DatabrokerSettings
+from tpmsd.interfaces.bridges.vss_frames import Frame, NotSent, VssFrames
+from tpmsd.interfaces.bridges.vss_names import is_wheel
 
 BUFFER = 200
 """Messages that the databroker keeps for a slow reader: a second of four wheels at 50 Hz."""

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from tpmsd.sinks.status_client import StatusError, watch_status
+from tpmsd.onboard.sinks.status_client import StatusError, watch_status
 
 FIRST_DELAY_S, LONGEST_DELAY_S = 0.2, 5.0
 

@@ -18,15 +18,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tpmsd.cli.daemon_socket import add_socket_options, daemon_socket
-from tpmsd.cli.output import Subparsers
-from tpmsd.errors import ConfigError
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.interfaces.cli.daemon_socket import add_socket_options, daemon_socket
+from tpmsd.interfaces.cli.output import Subparsers
 
 if TYPE_CHECKING:
-    from tpmsd.bridges.dbus import DbusBridge
-    from tpmsd.bridges.mqtt import MqttBridge, MqttSettings
-    from tpmsd.bridges.vss import VssBridge
-    from tpmsd.bridges.vss_connection import DatabrokerSettings
+    from tpmsd.interfaces.bridges.dbus import DbusBridge
+    from tpmsd.interfaces.bridges.mqtt import MqttBridge, MqttSettings
+    from tpmsd.interfaces.bridges.vss import VssBridge
+    from tpmsd.interfaces.bridges.vss_connection import DatabrokerSettings
 
 MQTT_PORT, MQTT_TLS_PORT, METRICS_PORT = 1883, 8883, 9838
 CREDENTIAL = "tpmsd-mqtt-password"
@@ -123,10 +123,10 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the bridge until it is told to stop."""
-    from tpmsd.daemon.journal import set_up_logging
+    from tpmsd.onboard.daemon.journal import set_up_logging
 
     if args.bridge == "vss" and args.print_dbc:
-        from tpmsd.bridges.vss_frames import vss_dbc
+        from tpmsd.interfaces.bridges.vss_frames import vss_dbc
 
         print(vss_dbc(), end="")
         return 0
@@ -135,7 +135,7 @@ def run(args: argparse.Namespace) -> int:
         return _vss_input(args, log)
     path = daemon_socket(args)
     if args.bridge == "prometheus":
-        from tpmsd.bridges.prometheus import serve
+        from tpmsd.interfaces.bridges.prometheus import serve
 
         if not 0 <= args.port <= 65535:
             raise ConfigError(f"--port {args.port} is no port (0 to 65535)")
@@ -146,7 +146,7 @@ def run(args: argparse.Namespace) -> int:
             stopped.wait()
         end()
         return 0
-    from tpmsd.bridges.watching import documents
+    from tpmsd.interfaces.bridges.watching import documents
 
     bridge = _bridge(args, log)
     with contextlib.suppress(_Stop, KeyboardInterrupt), _until_told(None):
@@ -156,26 +156,26 @@ def run(args: argparse.Namespace) -> int:
 
 def _bridge(args: argparse.Namespace, log: logging.Logger) -> MqttBridge | DbusBridge | VssBridge:
     if args.bridge == "dbus":
-        from tpmsd.bridges.dbus import DbusBridge
+        from tpmsd.interfaces.bridges.dbus import DbusBridge
 
         return DbusBridge(args.bus, log)
     if args.bridge == "vss":
         return _vss(args, log)
-    from tpmsd.bridges.mqtt import MqttBridge
+    from tpmsd.interfaces.bridges.mqtt import MqttBridge
 
     return MqttBridge(_mqtt_settings(args), log)
 
 
 def _vss(args: argparse.Namespace, log: logging.Logger) -> VssBridge:
-    from tpmsd.bridges.vss import VssBridge
+    from tpmsd.interfaces.bridges.vss import VssBridge
 
     _check_period(args.period)
     return VssBridge(_databroker_settings(args), log, args.period)
 
 
 def _vss_input(args: argparse.Namespace, log: logging.Logger) -> int:
-    from tpmsd.bridges.can_wire import CanWire
-    from tpmsd.bridges.vss_input import VssInput
+    from tpmsd.interfaces.bridges.can_wire import CanWire
+    from tpmsd.interfaces.bridges.vss_input import VssInput
 
     source = VssInput(_databroker_settings(args), CanWire(args.interface, args.input, log), log)
     with contextlib.suppress(_Stop, KeyboardInterrupt), _until_told(None):
@@ -184,8 +184,8 @@ def _vss_input(args: argparse.Namespace, log: logging.Logger) -> int:
 
 
 def _databroker_settings(args: argparse.Namespace) -> DatabrokerSettings:
-    from tpmsd.bridges.secrets import secret
-    from tpmsd.bridges.vss_connection import DatabrokerSettings
+    from tpmsd.interfaces.bridges.secrets import secret
+    from tpmsd.interfaces.bridges.vss_connection import DatabrokerSettings
 
     if args.databroker is None:
         raise ConfigError("--databroker HOST is needed")
@@ -218,8 +218,8 @@ def _until_told(stopped: threading.Event | None) -> Iterator[None]:
 
 
 def _mqtt_settings(args: argparse.Namespace) -> MqttSettings:
-    from tpmsd.bridges.mqtt import MqttSettings, tls_context
-    from tpmsd.bridges.secrets import secret
+    from tpmsd.interfaces.bridges.mqtt import MqttSettings, tls_context
+    from tpmsd.interfaces.bridges.secrets import secret
 
     for option, value, pattern in (("--node", args.node, _NAME), ("--base", args.base, _TOPIC)):
         if pattern.fullmatch(value) is None:

@@ -12,14 +12,14 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tpmsd.cli.output import Progress, Subparsers, add_json_option, json_text
-from tpmsd.cli.outputs import OutputError, Outputs, write_whole
-from tpmsd.errors import ConfigError, InputError, TpmsdError
+from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
+from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
+from tpmsd.interfaces.cli.outputs import OutputError, Outputs, write_whole
 
 if TYPE_CHECKING:
-    from tpmsd.calibration.result import Calibration
-    from tpmsd.config.model import Config
-    from tpmsd.inference.recording import Recording
+    from tpmsd.car.config.model import Config
+    from tpmsd.offline.calibration.result import Calibration
+    from tpmsd.offline.inference.recording import Recording
 
 MOST_FROM_NOMINAL = 0.2
 """Largest share by which a calibrated radius may leave the configured one. All tyres that fit one car lie
@@ -82,22 +82,22 @@ def run(args: argparse.Namespace) -> int:
     # Thousands of small matrices: threads of the linear algebra only get in each other's way.
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    from tpmsd.calibration.calibrate import METHODS, calibrate
-    from tpmsd.calibration.checks import RefusedError
-    from tpmsd.calibration.wording import document, summary
-    from tpmsd.provenance import provenance
+    from tpmsd.foundation.provenance import provenance
+    from tpmsd.offline.calibration.calibrate import METHODS, calibrate
+    from tpmsd.offline.calibration.checks import RefusedError
+    from tpmsd.offline.calibration.wording import document, summary
 
     if args.method not in METHODS:
         raise ConfigError(f"no such method: {args.method!r} (methods: {' '.join(METHODS)})")
-    from tpmsd.calibration.plot import draw_calibration
-    from tpmsd.report.replay_plot import check_plot_target, picture
+    from tpmsd.offline.calibration.plot import draw_calibration
+    from tpmsd.offline.report.replay_plot import check_plot_target, picture
 
     targets = (("--write", args.write), ("--plot", args.plot), ("--json", args.json))
     outputs = Outputs(*targets, configuration="--write")
     if args.plot is not None:
         check_plot_target(args.plot)
     if args.write is not None and args.write.exists():
-        from tpmsd.config.load import load_config
+        from tpmsd.car.config.load import load_config
 
         load_config(args.write)  # what is no configuration must not become one
     recordings, config = read_recordings(args.drives, args.config)
@@ -130,9 +130,9 @@ def run(args: argparse.Namespace) -> int:
 
 def read_recordings(folders: list[Path], config_file: Path | None) -> tuple[list[Recording], Config]:
     """The drives as arrays, and the configuration of the first; InputError where they do not go together."""
-    from tpmsd.cli.drive_reading import read_ticks
-    from tpmsd.config.load import load_config
-    from tpmsd.inference.recording import record
+    from tpmsd.car.config.load import load_config
+    from tpmsd.interfaces.cli.drive_reading import read_ticks
+    from tpmsd.offline.inference.recording import record
 
     first: Config | None = None
     recordings = []
@@ -158,7 +158,7 @@ def read_recordings(folders: list[Path], config_file: Path | None) -> tuple[list
 
 def refuse_the_impossible(found: Calibration, config: Config) -> None:
     """InputError where a radius is none of a wheel, or none of this car's: a unit or the teeth are wrong."""
-    from tpmsd.wheels import WHEELS
+    from tpmsd.foundation.wheels import WHEELS
 
     nominal = dict(zip(WHEELS, config.vehicle.wheel_radius_m, strict=True))
     for wheel, result in found.wheels.items():
@@ -178,9 +178,9 @@ def write_vehicle(config: Config, found: Calibration, target: Path) -> None:
 
     OutputError where it cannot be written or would be no configuration; the target is then as it was.
     """
-    from tpmsd.calibration.vehicle_file import calibrated_toml
-    from tpmsd.config.load import load_config
-    from tpmsd.wheels import WHEELS
+    from tpmsd.car.config.load import load_config
+    from tpmsd.foundation.wheels import WHEELS
+    from tpmsd.offline.calibration.vehicle_file import calibrated_toml
 
     base = load_config(target) if target.exists() else config
     source = base.file

@@ -11,15 +11,15 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tpmsd.cli.output import Subparsers, add_json_option, json_text
-from tpmsd.cli.outputs import Outputs
-from tpmsd.config.gnss_source import source_of
-from tpmsd.errors import ConfigError
+from tpmsd.car.config.gnss_source import source_of
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.interfaces.cli.output import Subparsers, add_json_option, json_text
+from tpmsd.interfaces.cli.outputs import Outputs
 
 if TYPE_CHECKING:
-    from tpmsd.config.check import CheckResult
-    from tpmsd.config.model import GnssConfig
-    from tpmsd.config.plan import Plan, SignalPlan, WheelPlan
+    from tpmsd.car.config.check import CheckResult
+    from tpmsd.car.config.model import GnssConfig
+    from tpmsd.car.config.plan import Plan, SignalPlan, WheelPlan
 
 SCHEMA = "tpmsd.check/2"
 _EPILOG = """\
@@ -66,14 +66,14 @@ def add_parser(subparsers: Subparsers) -> None:
 def run(args: argparse.Namespace) -> int:
     """Check and report."""
     if args.schema:
-        from tpmsd.config.json_schema import vehicle_schema
+        from tpmsd.car.config.json_schema import vehicle_schema
 
         print(json_text(vehicle_schema()), end="")
         return 0
     # Here, since cantools takes its time and --help does not need it.
-    from tpmsd.config.check import check
-    from tpmsd.config.problems import shown_lines
-    from tpmsd.provenance import provenance
+    from tpmsd.car.config.check import check
+    from tpmsd.car.config.problems import shown_lines
+    from tpmsd.foundation.provenance import provenance
 
     outputs = Outputs(("--json", args.json))
     if args.config is None and args.drive is None:
@@ -101,8 +101,8 @@ def run(args: argparse.Namespace) -> int:
         print(f"{result.file}: {count} problem{'s' if count != 1 else ''}", file=sys.stderr)
         return 2
     if result.plan.config.can.output:
-        from tpmsd.sinks.can_output import CanOutputs
-        from tpmsd.sources.databases import load_databases
+        from tpmsd.onboard.sinks.can_output import CanOutputs
+        from tpmsd.onboard.sources.databases import load_databases
 
         try:
             CanOutputs(result.plan.config, load_databases(result.plan.config))
@@ -117,12 +117,12 @@ def run(args: argparse.Namespace) -> int:
 
 def _against_drive(plan: Plan, drive: Path) -> list[dict[str, object]]:
     """What the drive says against the configuration, with the line of each key."""
-    from tpmsd.api.bus_fixes import BusFixes, is_on_bus
-    from tpmsd.api.raw_drive import read_drive
-    from tpmsd.cli.drive_reading import say
-    from tpmsd.config.document import read_document
-    from tpmsd.discovery.suspicions import suspicions
-    from tpmsd.sources.databases import load_databases
+    from tpmsd.car.config.document import read_document
+    from tpmsd.interfaces.cli.drive_reading import say
+    from tpmsd.offline.discovery.suspicions import suspicions
+    from tpmsd.offline.drives.bus_fixes import BusFixes, is_on_bus
+    from tpmsd.offline.drives.raw_drive import read_drive
+    from tpmsd.onboard.sources.databases import load_databases
 
     database = load_databases(plan.config)
     raw = read_drive([drive], say, BusFixes(plan.config, database) if is_on_bus(plan.config) else None)

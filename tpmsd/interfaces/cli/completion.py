@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass
 
-from tpmsd.cli.output import Subparsers
+from tpmsd.interfaces.cli.output import Subparsers
 
 SHELLS = ("bash", "zsh", "fish")
 _EPILOG = """\
@@ -47,7 +47,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the script."""
-    from tpmsd.cli.main import full_parser
+    from tpmsd.interfaces.cli.main import full_parser
 
     scripts = {"bash": bash, "zsh": zsh, "fish": fish}
     print(scripts[args.shell](commands_of(full_parser())), end="")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tpmsd.config.model import StatusConfig
+from tpmsd.car.config.model import StatusConfig
 
 
 def add_socket_options(parser: argparse.ArgumentParser) -> None:
@@ -27,7 +27,7 @@ def daemon_socket(args: argparse.Namespace) -> Path:
     if args.socket is not None:
         return Path(args.socket)
     if args.config is not None:
-        from tpmsd.config.load import load_config  # takes its time, and is seldom needed
+        from tpmsd.car.config.load import load_config  # takes its time, and is seldom needed
 
         return load_config(args.config).status.socket
     return StatusConfig().socket

@@ -24,18 +24,18 @@ import can
 import cantools.database
 from cantools.database.can import Database
 
-from tpmsd.cli.demo_panel import GREEN, RED, Panel, listen
-from tpmsd.cli.demo_play import watch_live
-from tpmsd.cli.main import EXIT_INTERRUPTED
-from tpmsd.cli.status import colour_wanted, terminal_width
-from tpmsd.daemon.clock import Clock
-from tpmsd.daemon.loop import Daemon
-from tpmsd.errors import TpmsdError
-from tpmsd.pipeline import Step
-from tpmsd.report.wording import WHEEL_NAMES, drive_time, wheel_name
-from tpmsd.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
-from tpmsd.simulator.faults import Fault
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.errors import TpmsdError
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.interfaces.cli.demo_panel import GREEN, RED, Panel, listen
+from tpmsd.interfaces.cli.demo_play import watch_live
+from tpmsd.interfaces.cli.main import EXIT_INTERRUPTED
+from tpmsd.interfaces.cli.status import colour_wanted, terminal_width
+from tpmsd.offline.report.wording import WHEEL_NAMES, drive_time, wheel_name
+from tpmsd.offline.simulator.drive import DriveSpec, SimulatedDrive, simulate_drive
+from tpmsd.offline.simulator.faults import Fault
+from tpmsd.onboard.daemon.clock import Clock
+from tpmsd.onboard.daemon.loop import Daemon
+from tpmsd.onboard.pipeline import Step
 
 PUNCTURE_AT_S, PUNCTURE_OVER_S, LOSS_PERCENT = 150.0, 30.0, 2.0
 DURATION_S = 300.0
@@ -170,7 +170,7 @@ def _silent_log() -> logging.Logger:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="python -m tpmsd.cli.demo",
+        prog="python -m tpmsd.interfaces.cli.demo",
         description="Simulates a slow puncture and shows how the daemon finds and announces it on a CAN bus.",
     )
     parser.add_argument("--wheel", choices=WHEELS, default="rl", help="which tyre (default: rl)")

@@ -15,10 +15,10 @@ from typing import IO
 import can
 from cantools.database.can import Database
 
-from tpmsd.cli.status import can_move, terminal_width
-from tpmsd.report.wording import drive_time, wheel_name
-from tpmsd.sinks.can_layout import ALARM_DATA_ID, STATUS_DATA_ID, checksum
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.interfaces.cli.status import can_move, terminal_width
+from tpmsd.offline.report.wording import drive_time, wheel_name
+from tpmsd.onboard.sinks.can_layout import ALARM_DATA_ID, STATUS_DATA_ID, checksum
 
 RED, GREEN, DIM = "31;1", "32", "2"
 MARGIN, INDENT = 8, 12

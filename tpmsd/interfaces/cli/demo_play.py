@@ -15,15 +15,15 @@ from pathlib import Path
 
 import can
 
-from tpmsd.config.load import load_config
-from tpmsd.daemon.clock import Clock
-from tpmsd.daemon.loop import Daemon
-from tpmsd.daemon.recorder import DriveRecorder
-from tpmsd.pipeline import Step
-from tpmsd.simulator.drive import SimulatedDrive
-from tpmsd.simulator.live import LivePlayer, PtyPort
-from tpmsd.sinks.sd_notify import Notifier
-from tpmsd.sources.can_decoder import load_database
+from tpmsd.car.config.load import load_config
+from tpmsd.offline.simulator.drive import SimulatedDrive
+from tpmsd.offline.simulator.live import LivePlayer, PtyPort
+from tpmsd.onboard.daemon.clock import Clock
+from tpmsd.onboard.daemon.loop import Daemon
+from tpmsd.onboard.daemon.recorder import DriveRecorder
+from tpmsd.onboard.pipeline import Step
+from tpmsd.onboard.sinks.sd_notify import Notifier
+from tpmsd.onboard.sources.can_decoder import load_database
 
 GRACE_REAL_S = 0.1
 """A frame may be this late in real time: the player shares the interpreter with the daemon."""

@@ -16,14 +16,14 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tpmsd.cli.output import Progress, Subparsers, add_json_option, json_text
-from tpmsd.cli.outputs import Outputs
-from tpmsd.errors import ConfigError, InputError, TpmsdError
-from tpmsd.lean import keep_freed_memory
+from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
+from tpmsd.foundation.lean import keep_freed_memory
+from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
+from tpmsd.interfaces.cli.outputs import Outputs
 
 if TYPE_CHECKING:
-    from tpmsd.diagnosis.assessment.result import Proposal
-    from tpmsd.inference.recording import Recording
+    from tpmsd.offline.diagnosis.assessment.result import Proposal
+    from tpmsd.offline.inference.recording import Recording
 
 SCHEMA = "tpmsd.diagnosis/2"
 _DESCRIPTION = """\
@@ -114,15 +114,15 @@ def run(args: argparse.Namespace) -> int:
     keep_freed_memory()
     import numpy as np
 
-    from tpmsd.cli.diagnose_alarms import AlarmReplays
-    from tpmsd.diagnosis.assessment.result import INSUFFICIENT
-    from tpmsd.diagnosis.diagnose import Certification, diagnose, diagnose_against
-    from tpmsd.physics.model_file import format_model
-    from tpmsd.provenance import provenance
-    from tpmsd.report.diagnosis_document import diagnosis_document
-    from tpmsd.report.diagnosis_page import diagnosis_page
-    from tpmsd.report.diagnosis_summary import diagnosis_summary
-    from tpmsd.report.page import Origin, check_report_packages
+    from tpmsd.car.physics.model_file import format_model
+    from tpmsd.foundation.provenance import provenance
+    from tpmsd.interfaces.cli.diagnose_alarms import AlarmReplays
+    from tpmsd.offline.diagnosis.assessment.result import INSUFFICIENT
+    from tpmsd.offline.diagnosis.diagnose import Certification, diagnose, diagnose_against
+    from tpmsd.offline.report.diagnosis_document import diagnosis_document
+    from tpmsd.offline.report.diagnosis_page import diagnosis_page
+    from tpmsd.offline.report.diagnosis_summary import diagnosis_summary
+    from tpmsd.offline.report.page import Origin, check_report_packages
 
     outputs = Outputs(("--model-out", args.model_out), ("--html", args.html), ("--json", args.json))
     if args.html is not None:
@@ -177,7 +177,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _propose(folder: Path, proposal: Proposal, source: str) -> None:
     """Write the effect's file; TpmsdError if that cannot be."""
-    from tpmsd.diagnosis.proposal.effect_file import effect_file
+    from tpmsd.offline.diagnosis.proposal.effect_file import effect_file
 
     name, text = effect_file(proposal, source)
     path = folder / f"{name}.py"
@@ -186,7 +186,7 @@ def _propose(folder: Path, proposal: Proposal, source: str) -> None:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise TpmsdError(f"{path}: cannot be written: {error.strerror}") from None
-    print(f"tpmsd: proposed {path}: review it, then put it into tpmsd/physics/effects", file=sys.stderr)
+    print(f"tpmsd: proposed {path}: review it, then put it into tpmsd/car/physics/effects", file=sys.stderr)
 
 
 def _read(args: argparse.Namespace) -> list[Path]:
@@ -210,9 +210,9 @@ def names_of(folders: Sequence[Path]) -> list[str]:
 
 def read_recording(folder: Path, config_file: Path | None = None, name: str = "the drive") -> Recording:
     """A drive folder as arrays, `name` for the reports; InputError if nothing usable is in it."""
-    from tpmsd.cli.drive_reading import read_ticks
-    from tpmsd.config.load import load_config
-    from tpmsd.inference.recording import record
+    from tpmsd.car.config.load import load_config
+    from tpmsd.interfaces.cli.drive_reading import read_ticks
+    from tpmsd.offline.inference.recording import record
 
     if not folder.is_dir():
         raise InputError(folder, "not a folder" if folder.exists() else "no such drive folder")

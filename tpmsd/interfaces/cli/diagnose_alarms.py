@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from tpmsd.diagnosis.assessment.result import Diagnosis
-    from tpmsd.physics.model import ExtendedModel
-    from tpmsd.report.alarms_compared import AlarmsCompared
-    from tpmsd.report.replay_result import ReplayResult
+    from tpmsd.car.physics.model import ExtendedModel
+    from tpmsd.offline.diagnosis.assessment.result import Diagnosis
+    from tpmsd.offline.report.alarms_compared import AlarmsCompared
+    from tpmsd.offline.report.replay_result import ReplayResult
 
 WORKERS = 2
 
@@ -42,10 +42,10 @@ class AlarmReplays:
 
     def compared(self, diagnosis: Diagnosis) -> list[AlarmsCompared]:
         """All drives without and with the diagnosed model; waits for the replays."""
-        from tpmsd.config.load import load_config
-        from tpmsd.physics.effect import Kind
-        from tpmsd.report.alarms_compared import compare_alarms
-        from tpmsd.timeline.compensation import left_alone
+        from tpmsd.car.config.load import load_config
+        from tpmsd.car.physics.effect import Kind
+        from tpmsd.offline.report.alarms_compared import compare_alarms
+        from tpmsd.onboard.timeline.compensation import left_alone
 
         model, notes = diagnosis.model, []
         after: list[Future[ReplayResult] | None] = []
@@ -68,8 +68,8 @@ class AlarmReplays:
 
 def replayed(drive: Path, config_file: Path | None, model: ExtendedModel | None) -> ReplayResult:
     """Replay a drive quietly: the diagnosis has told already what is wrong with its files."""
-    from tpmsd.cli.replay import replay
-    from tpmsd.config.load import load_config
+    from tpmsd.car.config.load import load_config
+    from tpmsd.interfaces.cli.replay import replay
 
     with contextlib.redirect_stderr(io.StringIO()):
         return replay(drive, load_config(drive if config_file is None else config_file), model)

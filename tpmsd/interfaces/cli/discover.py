@@ -11,12 +11,12 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tpmsd.cli.output import Subparsers, add_json_option, json_text
-from tpmsd.cli.outputs import Outputs
-from tpmsd.errors import ConfigError
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.interfaces.cli.output import Subparsers, add_json_option, json_text
+from tpmsd.interfaces.cli.outputs import Outputs
 
 if TYPE_CHECKING:
-    from tpmsd.discovery.result import Discovery
+    from tpmsd.offline.discovery.result import Discovery
 
 SCHEMA = "tpmsd.discovery/2"
 EXIT_UNDECIDED = 4
@@ -54,13 +54,13 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Find and report."""
-    from tpmsd.api.car_library import load_cars
-    from tpmsd.api.raw_drive import read_drive
-    from tpmsd.cli.drive_reading import say
-    from tpmsd.discovery.discover import discover
-    from tpmsd.discovery.tooth_count import tyre_radius_m
-    from tpmsd.provenance import provenance
-    from tpmsd.sources.databases import load_database
+    from tpmsd.foundation.provenance import provenance
+    from tpmsd.interfaces.api.car_library import load_cars
+    from tpmsd.interfaces.cli.drive_reading import say
+    from tpmsd.offline.discovery.discover import discover
+    from tpmsd.offline.discovery.tooth_count import tyre_radius_m
+    from tpmsd.offline.drives.raw_drive import read_drive
+    from tpmsd.onboard.sources.databases import load_database
 
     if args.tyre is not None and tyre_radius_m(args.tyre) is None:
         raise ConfigError(f"--tyre {args.tyre}: not a tyre's size, such as 205/55R16")
@@ -102,7 +102,7 @@ def refuse(path: Path, force: bool) -> None:
 
 def write_files(found: Discovery, dbc: Path | None, target: Path) -> None:
     """The configuration, and beside it the DBC where the fields were found in raw frames."""
-    from tpmsd.discovery.text import dbc_of_bus, dbc_text, further_buses, vehicle_text
+    from tpmsd.offline.discovery.text import dbc_of_bus, dbc_text, further_buses, vehicle_text
 
     if dbc is None:
         dbc = target.with_suffix(".dbc")

@@ -1,4 +1,4 @@
-"""A recorded drive for commands: `tpmsd.api.reading` with a progress bar and its notes on standard error.
+"""A recorded drive for commands: `tpmsd.offline.drives.reading` with a progress bar and its notes on standard error.
 
 In: a drive folder and its configuration. Out: what the core makes of each frame and sentence.
 """
@@ -11,15 +11,15 @@ from pathlib import Path
 
 from cantools.database.can import Database
 
-from tpmsd.api import reading
-from tpmsd.api.reading import DESK_RATE_HZ, Core, FolderRecording, Out
-from tpmsd.cli.output import Progress
-from tpmsd.config.model import Config
-from tpmsd.lean import no_collection
-from tpmsd.sources.drive import Drive
-from tpmsd.timeline.block_source import BlockSource
-from tpmsd.timeline.tick import Tick
-from tpmsd.timeline.tick_source import TickSource
+from tpmsd.car.config.model import Config
+from tpmsd.foundation.lean import no_collection
+from tpmsd.interfaces.api import reading
+from tpmsd.interfaces.cli.output import Progress
+from tpmsd.offline.drives.reading import DESK_RATE_HZ, Core, FolderRecording, Out
+from tpmsd.onboard.sources.drive import Drive
+from tpmsd.onboard.timeline.block_source import BlockSource
+from tpmsd.onboard.timeline.tick import Tick
+from tpmsd.onboard.timeline.tick_source import TickSource
 
 __all__ = ["open_drive", "play", "read_ticks", "say", "span_s"]
 

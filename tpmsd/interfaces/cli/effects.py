@@ -10,10 +10,10 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tpmsd.cli.output import Subparsers, add_json_option, write_json
+from tpmsd.interfaces.cli.output import Subparsers, add_json_option, write_json
 
 if TYPE_CHECKING:
-    from tpmsd.diagnosis.assessment.identifiability import Telling
+    from tpmsd.offline.diagnosis.assessment.identifiability import Telling
 
 _DESCRIPTION = """\
 Lists the effects that `tpmsd diagnose` knows: formula, sign, units, usual size and source. With a drive: what
@@ -50,8 +50,8 @@ def run(args: argparse.Namespace) -> int:
     """List."""
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    from tpmsd.physics.catalogue import EFFECTS, parameters_of
-    from tpmsd.report.effects_reference import effects_document, effects_page, effects_summary
+    from tpmsd.car.physics.catalogue import EFFECTS, parameters_of
+    from tpmsd.offline.report.effects_reference import effects_document, effects_page, effects_summary
 
     if args.name is not None:
         parameters_of(args.name)  # says what is wrong with the name
@@ -62,8 +62,8 @@ def run(args: argparse.Namespace) -> int:
     drive = ""
     told: tuple[Telling, ...] = ()
     if args.drive is not None:
-        from tpmsd.cli.diagnose import read_recording
-        from tpmsd.diagnosis.diagnose import told_by
+        from tpmsd.interfaces.cli.diagnose import read_recording
+        from tpmsd.offline.diagnosis.diagnose import told_by
 
         drive = args.drive.resolve().name
         told = told_by(read_recording(args.drive, args.config))

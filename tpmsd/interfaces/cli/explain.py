@@ -11,14 +11,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from tpmsd.cli.daemon_socket import daemon_socket
-from tpmsd.cli.output import Progress, Subparsers, add_json_option, json_text
-from tpmsd.cli.outputs import Outputs
-from tpmsd.config.load import load_config
-from tpmsd.config.model import StatusConfig
-from tpmsd.errors import ConfigError, InputError
-from tpmsd.provenance import provenance
-from tpmsd.report.explanation_text import explanation_text
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import StatusConfig
+from tpmsd.foundation.errors import ConfigError, InputError
+from tpmsd.foundation.provenance import provenance
+from tpmsd.interfaces.cli.daemon_socket import daemon_socket
+from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
+from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.offline.report.explanation_text import explanation_text
 
 SCHEMA = "tpmsd.explanation/1"
 
@@ -65,16 +65,16 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _of_daemon(args: argparse.Namespace) -> dict[str, Any]:
-    from tpmsd.sinks.status_client import read_explanation
+    from tpmsd.onboard.sinks.status_client import read_explanation
 
     return {**provenance(SCHEMA, [], args.config), **read_explanation(daemon_socket(args))}
 
 
 def _of_drive(folder: Path, config_file: Path | None) -> dict[str, Any]:
-    from tpmsd.api.drive import Drive
-    from tpmsd.api.functions import explained
-    from tpmsd.api.reading import FolderRecording
-    from tpmsd.cli.drive_reading import say, span_s
+    from tpmsd.interfaces.api.functions import explained
+    from tpmsd.interfaces.cli.drive_reading import say, span_s
+    from tpmsd.offline.drives.drive import Drive
+    from tpmsd.offline.drives.reading import FolderRecording
 
     if not folder.is_dir():
         raise InputError(folder, "not a folder" if folder.exists() else "no such drive folder")

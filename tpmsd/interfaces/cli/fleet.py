@@ -12,12 +12,12 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tpmsd.cli.output import Subparsers, json_text
-from tpmsd.cli.outputs import Outputs
-from tpmsd.errors import ConfigError, InputError
+from tpmsd.foundation.errors import ConfigError, InputError
+from tpmsd.interfaces.cli.output import Subparsers, json_text
+from tpmsd.interfaces.cli.outputs import Outputs
 
 if TYPE_CHECKING:
-    from tpmsd.fleet.run import Tally
+    from tpmsd.offline.fleet.run import Tally
 
 _DESCRIPTION = """\
 Keeps the drives of a fleet in a store, replays, calibrates and diagnoses each on this machine's cores or on a
@@ -96,8 +96,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _add(args: argparse.Namespace) -> int:
-    from tpmsd.fleet.find import find_drives
-    from tpmsd.fleet.store import Store
+    from tpmsd.offline.fleet.find import find_drives
+    from tpmsd.offline.fleet.store import Store
 
     outputs = Outputs(("--json", args.json))
     store = Store.create(args.store) if args.store.exists() else None
@@ -130,10 +130,10 @@ def _add(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from tpmsd.fleet import run as fleet_run
-    from tpmsd.fleet.status import status_document
-    from tpmsd.fleet.store import Store
-    from tpmsd.fleet.tables import write_tables
+    from tpmsd.offline.fleet import run as fleet_run
+    from tpmsd.offline.fleet.status import status_document
+    from tpmsd.offline.fleet.store import Store
+    from tpmsd.offline.fleet.tables import write_tables
 
     outputs = Outputs(("--json", args.json))
     if not 1 <= args.jobs <= 1024:
@@ -163,8 +163,8 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _status(args: argparse.Namespace) -> int:
-    from tpmsd.fleet.status import status_document
-    from tpmsd.fleet.store import Store
+    from tpmsd.offline.fleet.status import status_document
+    from tpmsd.offline.fleet.store import Store
 
     outputs = Outputs(("--json", args.json))
     document = {**_head("tpmsd.fleet.status/1", args.store), **status_document(Store.open(args.store))}
@@ -175,11 +175,11 @@ def _status(args: argparse.Namespace) -> int:
 
 
 def _report(args: argparse.Namespace) -> int:
-    from tpmsd.fleet.report import report_document, report_text
-    from tpmsd.fleet.report_page import report_page
-    from tpmsd.fleet.store import Store
-    from tpmsd.fleet.tables import rows_of
-    from tpmsd.report.page import check_report_packages
+    from tpmsd.offline.fleet.report import report_document, report_text
+    from tpmsd.offline.fleet.report_page import report_page
+    from tpmsd.offline.fleet.store import Store
+    from tpmsd.offline.fleet.tables import rows_of
+    from tpmsd.offline.report.page import check_report_packages
 
     outputs = Outputs(("--html", args.html), ("--json", args.json))
     if args.html is not None:
@@ -194,8 +194,8 @@ def _report(args: argparse.Namespace) -> int:
 
 
 def _sql(args: argparse.Namespace) -> int:
-    from tpmsd.fleet.ask import as_text, ask
-    from tpmsd.fleet.store import Store
+    from tpmsd.offline.fleet.ask import as_text, ask
+    from tpmsd.offline.fleet.store import Store
 
     outputs = Outputs(("--json", args.json))
     names, rows = ask(Store.open(args.store), args.query)
@@ -208,7 +208,7 @@ def _sql(args: argparse.Namespace) -> int:
 
 def _head(schema: str, store: Path) -> dict[str, Any]:
     """The keys `schema`, `program` and `input`; a store's hash would take as long as reading all of it."""
-    from tpmsd.provenance import provenance
+    from tpmsd.foundation.provenance import provenance
 
     head = provenance(schema)
     head["input"] = {"paths": [str(store)], "configuration": None, "configuration_hash": None, "hash": None}
@@ -239,7 +239,7 @@ class _Shown:
 
     def update(self, tally: Tally) -> None:
         """Tell how far it is."""
-        from tpmsd.fleet.settings import SETTINGS
+        from tpmsd.offline.fleet.settings import SETTINGS
 
         now = time.monotonic()
         if now < self._next_s and tally.done < tally.total:

@@ -8,9 +8,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tpmsd.cli.output import Subparsers, add_json_option, json_text
-from tpmsd.cli.outputs import Outputs
-from tpmsd.errors import ConfigError
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.interfaces.cli.output import Subparsers, add_json_option, json_text
+from tpmsd.interfaces.cli.outputs import Outputs
 
 _DESCRIPTION = """\
 Makes a drive folder of a table that your own simulator or logger wrote, so that replay, diagnose
@@ -53,9 +53,9 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Read, write, report."""
-    from tpmsd.api.import_table import load_table
-    from tpmsd.provenance import provenance
-    from tpmsd.sources.can_frame import CanFrame
+    from tpmsd.foundation.provenance import provenance
+    from tpmsd.interfaces.api.import_table import load_table
+    from tpmsd.onboard.sources.can_frame import CanFrame
 
     outputs = Outputs(("--json", args.json))
     if args.drive.exists() and (not args.drive.is_dir() or any(args.drive.iterdir())):

@@ -8,8 +8,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from tpmsd.cli.output import Subparsers
-from tpmsd.errors import ConfigError
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.interfaces.cli.output import Subparsers
 
 _EPILOG = """\
 examples:
@@ -37,11 +37,11 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """List, print or write."""
-    from tpmsd.api.car_library import load_cars
-    from tpmsd.cli.discover import refuse, write_files
-    from tpmsd.config.suggest import nearest
-    from tpmsd.discovery.car_start import found_of
-    from tpmsd.discovery.text import vehicle_text
+    from tpmsd.car.config.suggest import nearest
+    from tpmsd.interfaces.api.car_library import load_cars
+    from tpmsd.interfaces.cli.discover import refuse, write_files
+    from tpmsd.offline.discovery.car_start import found_of
+    from tpmsd.offline.discovery.text import vehicle_text
 
     cars = {car.name: car for car in load_cars()}
     if args.car is None and args.write is not None:

@@ -19,33 +19,61 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tpmsd import __version__
-from tpmsd.cli.output import Subparsers
-from tpmsd.cli.parser import EXIT_CODES, Parser
-from tpmsd.errors import ConfigError, TpmsdError
-from tpmsd.lean import import_on_demand, leave_out_mf4, no_collection
+from tpmsd.foundation.errors import ConfigError, TpmsdError
+from tpmsd.foundation.lean import import_on_demand, leave_out_mf4, no_collection
+from tpmsd.interfaces.cli.output import Subparsers
+from tpmsd.interfaces.cli.parser import EXIT_CODES, Parser
 
 Commands = tuple[tuple[str, str, str], ...]
 
 COMMANDS: Commands = (
-    ("run", "tpmsd.cli.run", "watch the tyres of this car: the daemon"),
-    ("status", "tpmsd.cli.status", "ask the running daemon how the tyres are"),
-    ("reset", "tpmsd.cli.reset", "tell the running daemon to learn the tyres anew"),
-    ("replay", "tpmsd.cli.replay", "run a recorded drive through the same core, at full speed"),
-    ("explain", "tpmsd.cli.explain", "why an alarm stands, or why none does"),
-    ("bridge", "tpmsd.cli.bridge", "state and alarms to MQTT, Prometheus, D-Bus, VSS; speeds from VSS"),
-    ("simulate", "tpmsd.cli.simulate", "make a drive, with a puncture if wanted: to a folder or live"),
-    ("check", "tpmsd.cli.check", "check a configuration and say what would be monitored with what"),
-    ("discover", "tpmsd.cli.discover", "find the wheels of an unknown car from a recorded drive"),
-    ("web", "tpmsd.cli.web", "a page for the running daemon or a recorded drive"),
-    ("init", "tpmsd.cli.init", "write a configuration to start from for a known car"),
-    ("record", "tpmsd.cli.record", "record CAN and receiver side by side, as a drive"),
-    ("calibrate", "tpmsd.cli.calibrate", "learn the radii of a car from a recorded drive"),
-    ("diagnose", "tpmsd.cli.diagnose", "say which physics a recorded drive holds that the model lacks"),
-    ("effects", "tpmsd.cli.effects", "list the effects that are known, and what a drive tells of them"),
-    ("plan", "tpmsd.cli.plan", "propose what to drive so that effects can be told apart"),
-    ("fleet", "tpmsd.cli.fleet", "many drives of many cars: in parallel, as tables, judged together"),
-    ("completion", "tpmsd.cli.completion", "a completion script for bash, zsh or fish"),
-    ("import", "tpmsd.cli.import_table", "make a drive of a table of your own simulator or logger"),
+    ("run", "tpmsd.interfaces.cli.run", "watch the tyres of this car: the daemon"),
+    ("status", "tpmsd.interfaces.cli.status", "ask the running daemon how the tyres are"),
+    ("reset", "tpmsd.interfaces.cli.reset", "tell the running daemon to learn the tyres anew"),
+    ("replay", "tpmsd.interfaces.cli.replay", "run a recorded drive through the same core, at full speed"),
+    ("explain", "tpmsd.interfaces.cli.explain", "why an alarm stands, or why none does"),
+    (
+        "bridge",
+        "tpmsd.interfaces.cli.bridge",
+        "state and alarms to MQTT, Prometheus, D-Bus, VSS; speeds from VSS",
+    ),
+    (
+        "simulate",
+        "tpmsd.interfaces.cli.simulate",
+        "make a drive, with a puncture if wanted: to a folder or live",
+    ),
+    (
+        "check",
+        "tpmsd.interfaces.cli.check",
+        "check a configuration and say what would be monitored with what",
+    ),
+    ("discover", "tpmsd.interfaces.cli.discover", "find the wheels of an unknown car from a recorded drive"),
+    ("web", "tpmsd.interfaces.cli.web", "a page for the running daemon or a recorded drive"),
+    ("init", "tpmsd.interfaces.cli.init", "write a configuration to start from for a known car"),
+    ("record", "tpmsd.interfaces.cli.record", "record CAN and receiver side by side, as a drive"),
+    ("calibrate", "tpmsd.interfaces.cli.calibrate", "learn the radii of a car from a recorded drive"),
+    (
+        "diagnose",
+        "tpmsd.interfaces.cli.diagnose",
+        "say which physics a recorded drive holds that the model lacks",
+    ),
+    (
+        "effects",
+        "tpmsd.interfaces.cli.effects",
+        "list the effects that are known, and what a drive tells of them",
+    ),
+    ("plan", "tpmsd.interfaces.cli.plan", "propose what to drive so that effects can be told apart"),
+    (
+        "fleet",
+        "tpmsd.interfaces.cli.fleet",
+        "many drives of many cars: in parallel, as tables, judged together",
+    ),
+    ("completion", "tpmsd.interfaces.cli.completion", "a completion script for bash, zsh or fish"),
+    (
+        "import",
+        "tpmsd.interfaces.cli.import_table",
+        "make a drive of a table of your own simulator or logger",
+    ),
 )
 """Name, module and one-line help of every command; one whose module is not there is left out."""
 

@@ -14,11 +14,11 @@ import time
 from collections.abc import Callable
 from typing import IO, TYPE_CHECKING, Any
 
-from tpmsd.cli.outputs import Outputs
-from tpmsd.plain import plain
+from tpmsd.foundation.plain import plain
+from tpmsd.interfaces.cli.outputs import Outputs
 
 if TYPE_CHECKING:
-    from tpmsd.cli.parser import Parser
+    from tpmsd.interfaces.cli.parser import Parser
 
     # Generic for type checkers alone; every command's `add_parser(subparsers: Subparsers)` takes it.
     Subparsers = argparse._SubParsersAction[Parser]

@@ -15,8 +15,8 @@ import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from tpmsd.errors import TpmsdError
-from tpmsd.text_file import names_configuration
+from tpmsd.foundation.errors import TpmsdError
+from tpmsd.foundation.text_file import names_configuration
 
 Content = Callable[[], str | bytes | None]
 """Makes what goes into a file; None where there is nothing to write."""
@@ -155,8 +155,8 @@ def _problem(option: str, target: str, configuration: bool) -> str | None:
 
 def _kept(path: Path, configuration: bool) -> str:
     """What stands there that a command reads and does not make; empty if it may be replaced."""
-    from tpmsd.sources.can_log import is_can_log
-    from tpmsd.sources.drive import NMEA_LOGS
+    from tpmsd.onboard.sources.can_log import is_can_log
+    from tpmsd.onboard.sources.drive import NMEA_LOGS
 
     if is_can_log(path) or path.name in NMEA_LOGS:
         return "a recording"

@@ -13,8 +13,8 @@ from collections.abc import Iterable
 from itertools import groupby
 from typing import Any, NoReturn
 
-from tpmsd.config.suggest import nearest
-from tpmsd.errors import ConfigError
+from tpmsd.car.config.suggest import nearest
+from tpmsd.foundation.errors import ConfigError
 
 EXIT_CODES = """\
 exit codes:

@@ -11,14 +11,14 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tpmsd.cli.output import Progress, Subparsers, add_json_option, json_text
-from tpmsd.cli.outputs import Outputs
-from tpmsd.errors import ConfigError
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
+from tpmsd.interfaces.cli.outputs import Outputs
 
 if TYPE_CHECKING:
-    from tpmsd.planning.information import Equipment
-    from tpmsd.planning.search import Plan
-    from tpmsd.simulator.manoeuvres import Manoeuvre
+    from tpmsd.offline.planning.information import Equipment
+    from tpmsd.offline.planning.search import Plan
+    from tpmsd.offline.simulator.manoeuvres import Manoeuvre
 
 SCHEMA = "tpmsd.plan/1"
 _DESCRIPTION = """\
@@ -65,9 +65,9 @@ def run(args: argparse.Namespace) -> int:
     """Plan."""
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
-    from tpmsd.planning.search import planned
-    from tpmsd.provenance import provenance
-    from tpmsd.simulator.manoeuvres import LIBRARY, format_route
+    from tpmsd.foundation.provenance import provenance
+    from tpmsd.offline.planning.search import planned
+    from tpmsd.offline.simulator.manoeuvres import LIBRARY, format_route
 
     outputs = Outputs(("--write", args.write), ("--json", args.json))
     effects = _effects(args.effects)
@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
 
 def document(plan: Plan, route_file: str | None) -> dict[str, Any]:
     """The plan for JSON."""
-    from tpmsd.planning.search import TARGET
+    from tpmsd.offline.planning.search import TARGET
 
     return {
         "told": plan.told,
@@ -126,8 +126,8 @@ def _manoeuvre(one: Manoeuvre) -> dict[str, Any]:
 
 def summary(plan: Plan) -> str:
     """The plan for people."""
-    from tpmsd.physics.catalogue import EFFECTS
-    from tpmsd.planning.search import TARGET
+    from tpmsd.car.physics.catalogue import EFFECTS
+    from tpmsd.offline.planning.search import TARGET
 
     if any(gain >= TARGET for gain in plan.gains.values()):
         lines = [f"Drive {plan.duration_s / 60.0:.0f} min:"]
@@ -144,7 +144,7 @@ def summary(plan: Plan) -> str:
 
 def _effects(names: list[str]) -> list[str]:
     """The names, each once; ConfigError on one that no manoeuvre shows."""
-    from tpmsd.physics.catalogue import EFFECTS, parameters_of, probes
+    from tpmsd.car.physics.catalogue import EFFECTS, parameters_of, probes
 
     looked_for = {probe.effect for probe in probes()}
     for name in names:
@@ -158,12 +158,12 @@ def _effects(names: list[str]) -> list[str]:
 def _equipment(args: argparse.Namespace) -> Equipment:
     import numpy as np
 
-    from tpmsd.inference.recording import car_of
-    from tpmsd.planning.information import Equipment
+    from tpmsd.offline.inference.recording import car_of
+    from tpmsd.offline.planning.information import Equipment
 
     if args.drive is not None:
-        from tpmsd.cli.diagnose import read_recording
-        from tpmsd.diagnosis.diagnose import noise_of
+        from tpmsd.interfaces.cli.diagnose import read_recording
+        from tpmsd.offline.diagnosis.diagnose import noise_of
 
         recording = read_recording(args.drive)
         known = {name: bool(np.isfinite(values).mean() > 0.8) for name, values in recording.inertial.items()}
@@ -177,7 +177,7 @@ def _equipment(args: argparse.Namespace) -> Equipment:
             noise=noise_of(recording),
         )
     if args.vehicle is not None:
-        from tpmsd.config.load import load_config
+        from tpmsd.car.config.load import load_config
 
         config = load_config(args.vehicle)
         signals = set(config.can.signals)
@@ -188,7 +188,7 @@ def _equipment(args: argparse.Namespace) -> Equipment:
             gyro="yaw_rate" in signals,
             accelerometer="accel_long" in signals,
         )
-    from tpmsd.simulator.drive import DEFAULT_VEHICLE
-    from tpmsd.simulator.drive import car_of as simulated
+    from tpmsd.offline.simulator.drive import DEFAULT_VEHICLE
+    from tpmsd.offline.simulator.drive import car_of as simulated
 
     return Equipment(car=simulated(DEFAULT_VEHICLE), receiver_hz=args.receiver_hz)

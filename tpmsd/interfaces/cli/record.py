@@ -13,11 +13,11 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tpmsd.cli.output import Subparsers
-from tpmsd.errors import ConfigError
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.interfaces.cli.output import Subparsers
 
 if TYPE_CHECKING:
-    from tpmsd.daemon.drive_recording import Seen
+    from tpmsd.onboard.daemon.drive_recording import Seen
 
 _EPILOG = """\
 examples:
@@ -56,14 +56,14 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Record."""
-    from tpmsd.cli.run import known_interface
-    from tpmsd.config.gnss_source import parse_source
-    from tpmsd.config.model import CanConfig, GnssConfig
-    from tpmsd.config.problems import BadValueError
-    from tpmsd.daemon.bus_link import BusLink, open_can
-    from tpmsd.daemon.clock import Clock
-    from tpmsd.daemon.drive_recording import DriveRecording
-    from tpmsd.daemon.receiver_link import ReceiverLink, configured_receiver, configured_stream
+    from tpmsd.car.config.gnss_source import parse_source
+    from tpmsd.car.config.model import CanConfig, GnssConfig
+    from tpmsd.car.config.problems import BadValueError
+    from tpmsd.interfaces.cli.run import known_interface
+    from tpmsd.onboard.daemon.bus_link import BusLink, open_can
+    from tpmsd.onboard.daemon.clock import Clock
+    from tpmsd.onboard.daemon.drive_recording import DriveRecording
+    from tpmsd.onboard.daemon.receiver_link import ReceiverLink, configured_receiver, configured_stream
 
     if not args.max_mb > 0 or not args.duration > 0:
         raise ConfigError("--max-mb and --duration must be above 0")

@@ -11,28 +11,28 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from tpmsd.api import functions
-from tpmsd.api.drive import Drive, settings_of
-from tpmsd.api.reading import FolderRecording
-from tpmsd.api.results import REPLAY_SCHEMA
-from tpmsd.cli.drive_reading import say, span_s
-from tpmsd.cli.output import Progress, Subparsers, add_json_option, json_text
-from tpmsd.cli.outputs import Outputs
-from tpmsd.config.load import load_config
-from tpmsd.config.model import FILTER_METHODS, Config
-from tpmsd.errors import ConfigError, InputError
-from tpmsd.lean import keep_freed_memory
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.physics.model_file import load_model
-from tpmsd.provenance import provenance
-from tpmsd.report.replay_document import replay_document
-from tpmsd.report.replay_result import ReplayResult
-from tpmsd.report.replay_summary import replay_summary
-from tpmsd.tables.car_file import toml_text
-from tpmsd.tables.tick_table import TickTable
-from tpmsd.tables.write import check_packages, csv_text, parquet_bytes
-from tpmsd.tables.write_mcap import mcap_bytes
-from tpmsd.timeline.compensation import left_alone
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import FILTER_METHODS, Config
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.car.physics.model_file import load_model
+from tpmsd.foundation.errors import ConfigError, InputError
+from tpmsd.foundation.lean import keep_freed_memory
+from tpmsd.foundation.provenance import provenance
+from tpmsd.interfaces.api import functions
+from tpmsd.interfaces.api.results import REPLAY_SCHEMA
+from tpmsd.interfaces.cli.drive_reading import say, span_s
+from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
+from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.offline.drives.drive import Drive, settings_of
+from tpmsd.offline.drives.reading import FolderRecording
+from tpmsd.offline.report.replay_document import replay_document
+from tpmsd.offline.report.replay_result import ReplayResult
+from tpmsd.offline.report.replay_summary import replay_summary
+from tpmsd.offline.tables.car_file import toml_text
+from tpmsd.offline.tables.tick_table import TickTable
+from tpmsd.offline.tables.write import check_packages, csv_text, parquet_bytes
+from tpmsd.offline.tables.write_mcap import mcap_bytes
+from tpmsd.onboard.timeline.compensation import left_alone
 
 _DESCRIPTION = """\
 Runs a recorded drive through the same core as the daemon, at full speed, and says what the daemon would
@@ -82,7 +82,7 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Replay the drive."""
-    from tpmsd.report.replay_plot import check_plot_target, plot_replay
+    from tpmsd.offline.report.replay_plot import check_plot_target, plot_replay
 
     kinds = ("csv", "parquet", "mcap")
     asked = [(f"--{kind}", getattr(args, kind)) for kind in kinds]
@@ -90,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
     if args.plot is not None:
         check_plot_target(args.plot)
     if args.html is not None:
-        from tpmsd.report.page import check_report_packages
+        from tpmsd.offline.report.page import check_report_packages
 
         check_report_packages()
     for kind in kinds:
@@ -127,8 +127,8 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _page(result: ReplayResult, table: TickTable | None, origin: dict[str, Any]) -> str:
-    from tpmsd.api.pages import replay_html
-    from tpmsd.report.page import Origin
+    from tpmsd.interfaces.api.pages import replay_html
+    from tpmsd.offline.report.page import Origin
 
     return replay_html(result, table, Origin.now(origin))
 

@@ -9,12 +9,12 @@ import argparse
 import time
 from typing import Any
 
-from tpmsd.cli.daemon_socket import add_socket_options, daemon_socket
-from tpmsd.cli.output import Subparsers, add_json_option, json_text
-from tpmsd.cli.outputs import Outputs
-from tpmsd.errors import TpmsdError
-from tpmsd.provenance import provenance
-from tpmsd.sinks.status_client import printable, read_status, request_reset
+from tpmsd.foundation.errors import TpmsdError
+from tpmsd.foundation.provenance import provenance
+from tpmsd.interfaces.cli.daemon_socket import add_socket_options, daemon_socket
+from tpmsd.interfaces.cli.output import Subparsers, add_json_option, json_text
+from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.onboard.sinks.status_client import printable, read_status, request_reset
 
 SCHEMA = "tpmsd.reset/2"
 WAIT_S = 5.0

@@ -12,15 +12,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tpmsd.cli.output import Subparsers
-from tpmsd.config.gnss_source import parse_source
-from tpmsd.config.model import GnssConfig
-from tpmsd.config.problems import BadValueError
-from tpmsd.errors import ConfigError
-from tpmsd.lean import reserve_linear_algebra
+from tpmsd.car.config.gnss_source import parse_source
+from tpmsd.car.config.model import GnssConfig
+from tpmsd.car.config.problems import BadValueError
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.lean import reserve_linear_algebra
+from tpmsd.interfaces.cli.output import Subparsers
 
 if TYPE_CHECKING:
-    from tpmsd.config.model import Config
+    from tpmsd.car.config.model import Config
 
 DEFAULT_CONFIG = Path("/etc/tpmsd/tpmsd.toml")
 
@@ -86,16 +86,16 @@ def add_parser(subparsers: Subparsers) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the daemon to its end."""
     # Here, since --help needs neither numpy nor cantools.
-    from tpmsd.daemon.clock import Clock
-    from tpmsd.daemon.journal import set_up_logging
-    from tpmsd.daemon.loop import Daemon
-    from tpmsd.daemon.recorder import DriveRecorder
-    from tpmsd.daemon.state_lock import state_lock
-    from tpmsd.physics.model_file import load_model
-    from tpmsd.pipeline import Pipeline
-    from tpmsd.sinks.sd_notify import Notifier
-    from tpmsd.sources.databases import load_databases
-    from tpmsd.timeline.compensation import left_alone
+    from tpmsd.car.physics.model_file import load_model
+    from tpmsd.onboard.daemon.clock import Clock
+    from tpmsd.onboard.daemon.journal import set_up_logging
+    from tpmsd.onboard.daemon.loop import Daemon
+    from tpmsd.onboard.daemon.recorder import DriveRecorder
+    from tpmsd.onboard.daemon.state_lock import state_lock
+    from tpmsd.onboard.pipeline import Pipeline
+    from tpmsd.onboard.sinks.sd_notify import Notifier
+    from tpmsd.onboard.sources.databases import load_databases
+    from tpmsd.onboard.timeline.compensation import left_alone
 
     duration_s = math.inf if args.duration is None else float(args.duration)
     if not duration_s > 0.0:
@@ -128,8 +128,8 @@ def run(args: argparse.Namespace) -> int:
 
 def configuration(args: argparse.Namespace) -> tuple[Config, list[str]]:
     """The configuration with the command line worked in, and warnings; raises ConfigError."""
-    from tpmsd.config.check import check
-    from tpmsd.config.problems import ConfigProblems
+    from tpmsd.car.config.check import check
+    from tpmsd.car.config.problems import ConfigProblems
 
     if args.config is None and not DEFAULT_CONFIG.exists():
         raise ConfigError(f"{DEFAULT_CONFIG}: no such file (--config FILE names another configuration)")
@@ -180,7 +180,7 @@ def known_interface(name: str) -> str:
     """The interface of `--interface`; ConfigError if python-can has none of that name."""
     import can
 
-    from tpmsd.config.suggest import nearest
+    from tpmsd.car.config.suggest import nearest
 
     if name in can.VALID_INTERFACES:
         return name

@@ -12,16 +12,16 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tpmsd.cli.output import Progress, Subparsers, add_json_option, json_text
-from tpmsd.cli.outputs import Outputs
-from tpmsd.errors import ConfigError, TpmsdError
+from tpmsd.foundation.errors import ConfigError, TpmsdError
+from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
+from tpmsd.interfaces.cli.outputs import Outputs
 
 if TYPE_CHECKING:
-    from tpmsd.config.model import VehicleConfig
-    from tpmsd.physics.model import ExtendedModel
-    from tpmsd.physics.motion import Motion
-    from tpmsd.simulator.drive import DriveSpec, SimulatedDrive
-    from tpmsd.simulator.faults import Fault
+    from tpmsd.car.config.model import VehicleConfig
+    from tpmsd.car.physics.model import ExtendedModel
+    from tpmsd.car.physics.motion import Motion
+    from tpmsd.offline.simulator.drive import DriveSpec, SimulatedDrive
+    from tpmsd.offline.simulator.faults import Fault
 
 SCHEMA = "tpmsd.simulation/2"
 _EPILOG = """\
@@ -135,9 +135,9 @@ def add_parser(subparsers: Subparsers) -> None:
 def run(args: argparse.Namespace) -> int:
     """Simulate, write, play, report."""
     # Here, since --help does not need numpy.
-    from tpmsd.provenance import provenance
-    from tpmsd.simulator.drive import simulate_drive
-    from tpmsd.simulator.drive_writer import check_drive_folder
+    from tpmsd.foundation.provenance import provenance
+    from tpmsd.offline.simulator.drive import simulate_drive
+    from tpmsd.offline.simulator.drive_writer import check_drive_folder
 
     if args.out is None and args.live is None:
         raise ConfigError("tpmsd simulate: give a folder OUT, or --live CHANNEL, or both")
@@ -170,17 +170,17 @@ def _motion(args: argparse.Namespace, spec: DriveSpec) -> Motion | None:
     """That of a route file; None where the route is made up."""
     if args.route_file is None:
         return None
-    from tpmsd.simulator.manoeuvres import load_route, motion_of
+    from tpmsd.offline.simulator.manoeuvres import load_route, motion_of
 
     return motion_of(load_route(args.route_file), spec.vehicle.wheelbase_m)
 
 
 def spec_of(args: argparse.Namespace) -> DriveSpec:
     """The drive that the command line asks for; ConfigError with one line on what makes no sense."""
-    from tpmsd.simulator.bus import BusSpec
-    from tpmsd.simulator.clock import DEFAULT_START_UTC_S, Clocks
-    from tpmsd.simulator.drive import DriveSpec
-    from tpmsd.simulator.receiver import ReceiverSpec
+    from tpmsd.offline.simulator.bus import BusSpec
+    from tpmsd.offline.simulator.clock import DEFAULT_START_UTC_S, Clocks
+    from tpmsd.offline.simulator.drive import DriveSpec
+    from tpmsd.offline.simulator.receiver import ReceiverSpec
 
     vehicle, forward, left = _vehicle(args.vehicle)
     return DriveSpec(
@@ -254,7 +254,7 @@ def _value(value: object) -> str:
 
 
 def _write(out: Path, drive: SimulatedDrive, vehicle_toml: str | None) -> None:
-    from tpmsd.simulator.drive_writer import write_drive
+    from tpmsd.offline.simulator.drive_writer import write_drive
 
     with Progress(drive.spec.duration_s, "writing") as progress:
         write_drive(out, drive, progress.update, vehicle_toml)
@@ -263,7 +263,7 @@ def _write(out: Path, drive: SimulatedDrive, vehicle_toml: str | None) -> None:
 def _play(args: argparse.Namespace, drive: SimulatedDrive) -> dict[str, Any]:
     import can
 
-    from tpmsd.simulator.live import LivePlayer, PtyPort
+    from tpmsd.offline.simulator.live import LivePlayer, PtyPort
 
     try:
         bus = can.Bus(interface=args.interface, channel=args.live)
@@ -292,27 +292,27 @@ def _play(args: argparse.Namespace, drive: SimulatedDrive) -> dict[str, Any]:
 
 
 def _vehicle(path: Path | None) -> tuple[VehicleConfig, float, float]:
-    from tpmsd.simulator.drive import DEFAULT_VEHICLE
+    from tpmsd.offline.simulator.drive import DEFAULT_VEHICLE
 
     if path is None:
         return DEFAULT_VEHICLE, 0.0, 0.0
-    from tpmsd.config.load import load_config
+    from tpmsd.car.config.load import load_config
 
     config = load_config(path)
     return config.vehicle, config.gnss.antenna_forward_m, config.gnss.antenna_left_m
 
 
 def _model(args: argparse.Namespace) -> ExtendedModel:
-    from tpmsd.physics.catalogue import parse_effect
-    from tpmsd.physics.model import ExtendedModel
-    from tpmsd.physics.model_file import load_model
+    from tpmsd.car.physics.catalogue import parse_effect
+    from tpmsd.car.physics.model import ExtendedModel
+    from tpmsd.car.physics.model_file import load_model
 
     model = ExtendedModel() if args.model is None else load_model(args.model)
     return model.plus(*(parse_effect(text) for text in args.effect))
 
 
 def _faults(args: argparse.Namespace) -> tuple[Fault, ...]:
-    from tpmsd.simulator.faults import Fault
+    from tpmsd.offline.simulator.faults import Fault
 
     named = {"puncture": args.puncture, "leak": args.leak, "step": args.step}
     kinds = [(kind, wheel) for kind, wheel in named.items() if wheel is not None]

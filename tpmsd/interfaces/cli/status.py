@@ -14,12 +14,12 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import IO, Any
 
-from tpmsd.cli.daemon_socket import add_socket_options, daemon_socket
-from tpmsd.cli.output import Subparsers, dumps, write_json
-from tpmsd.cli.outputs import Outputs
-from tpmsd.cli.status_table import WIDTH, render_status
-from tpmsd.errors import TpmsdError
-from tpmsd.sinks.status_client import read_status, watch_status
+from tpmsd.foundation.errors import TpmsdError
+from tpmsd.interfaces.cli.daemon_socket import add_socket_options, daemon_socket
+from tpmsd.interfaces.cli.output import Subparsers, dumps, write_json
+from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.status_table import WIDTH, render_status
+from tpmsd.onboard.sinks.status_client import read_status, watch_status
 
 _HOME_AND_CLEAR = "\x1b[H\x1b[2J"
 _HOME = "\x1b[H"

@@ -1,6 +1,6 @@
 """The status document as a table that a driver understands.
 
-In: the document of `tpmsd.sinks.status_document`; it comes from another process, so nothing in it is taken
+In: the document of `tpmsd.onboard.sinks.status_document`; it comes from another process, so nothing in it is taken
 for granted. Out: text, with colours if asked for.
 """
 
@@ -11,11 +11,11 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from tpmsd.monitor.records import AlarmEvent, AlarmKind
-from tpmsd.plain import number
-from tpmsd.report.wording import WHEEL_NAMES, verdict_on, wheel_name
-from tpmsd.sinks.status_client import printable
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.plain import number
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.report.wording import WHEEL_NAMES, verdict_on, wheel_name
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
+from tpmsd.onboard.sinks.status_client import printable
 
 WIDTH, NARROWEST = 80, 60
 _HANG = " " * 10

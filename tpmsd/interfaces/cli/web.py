@@ -12,15 +12,15 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tpmsd.cli.daemon_socket import add_socket_options, daemon_socket
-from tpmsd.cli.output import Progress, Subparsers
-from tpmsd.errors import ConfigError, TpmsdError
-from tpmsd.text_file import read_text
+from tpmsd.foundation.errors import ConfigError, TpmsdError
+from tpmsd.foundation.text_file import read_text
+from tpmsd.interfaces.cli.daemon_socket import add_socket_options, daemon_socket
+from tpmsd.interfaces.cli.output import Progress, Subparsers
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette
 
-    from tpmsd.web.settings import WebSettings
+    from tpmsd.interfaces.web.settings import WebSettings
 
 _LONGEST_TOKEN, _SHORTEST_TOKEN = 200, 16
 _EPILOG = """\
@@ -94,8 +94,8 @@ def run(args: argparse.Namespace) -> int:
 
 def settings_of(args: argparse.Namespace) -> WebSettings:
     """Host, port and secrets; ConfigError where others could look on unasked."""
-    from tpmsd.web.guard import LOOPBACK
-    from tpmsd.web.settings import WebSettings
+    from tpmsd.interfaces.web.guard import LOOPBACK
+    from tpmsd.interfaces.web.settings import WebSettings
 
     if not 0 <= args.port <= 65535:
         raise ConfigError(f"--port {args.port}: 0 to 65535")
@@ -120,13 +120,13 @@ def _token(file: Path) -> str:
 
 
 def _app(args: argparse.Namespace, settings: WebSettings) -> Starlette:
-    from tpmsd.web.app import drive_app, live_app
+    from tpmsd.interfaces.web.app import drive_app, live_app
 
     if args.drive is None:
         return live_app(daemon_socket(args), settings)
-    from tpmsd.api.drive import load
-    from tpmsd.api.functions import replay
-    from tpmsd.cli.drive_reading import span_s
+    from tpmsd.interfaces.api.functions import replay
+    from tpmsd.interfaces.cli.drive_reading import span_s
+    from tpmsd.offline.drives.drive import load
 
     with Progress(span_s(args.drive) if sys.stderr.isatty() else 0.0, "replay") as bar:
         replayed = replay(load(args.drive), progress=bar.update)

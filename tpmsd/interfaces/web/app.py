@@ -31,15 +31,15 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from tpmsd import __version__
-from tpmsd.api.results import Replay
-from tpmsd.errors import TpmsdError
-from tpmsd.report.page import ASSETS
-from tpmsd.sinks.status_client import request_reset
-from tpmsd.web import drive as drive_data
-from tpmsd.web.diagnosis import DiagnosisJob
-from tpmsd.web.guard import COOKIE, LOGIN, Guard, same
-from tpmsd.web.live import LiveHub
-from tpmsd.web.settings import WebSettings
+from tpmsd.foundation.errors import TpmsdError
+from tpmsd.interfaces.api.results import Replay
+from tpmsd.interfaces.web import drive as drive_data
+from tpmsd.interfaces.web.diagnosis import DiagnosisJob
+from tpmsd.interfaces.web.guard import COOKIE, LOGIN, Guard, same
+from tpmsd.interfaces.web.live import LiveHub
+from tpmsd.interfaces.web.settings import WebSettings
+from tpmsd.offline.report.page import ASSETS
+from tpmsd.onboard.sinks.status_client import request_reset
 
 STATIC = Path(__file__).parent / "static"
 Handler = Callable[[Request], Any]

@@ -1,7 +1,7 @@
 """The diagnosis of a recorded drive for the page: made once, at the first visit, by a process of its own.
 
 In: a drive folder. Out: the page of `tpmsd diagnose --html` with linked styles and scripts, and how far it
-is. The process is told by `python -m tpmsd.web.diagnosis FOLDER`: it writes its progress to standard error
+is. The process is told by `python -m tpmsd.interfaces.web.diagnosis FOLDER`: it writes its progress to standard error
 and the page to standard output.
 """
 
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tpmsd.errors import TpmsdError
+from tpmsd.foundation.errors import TpmsdError
 
 NICE = 10
 """Added to the process' niceness: the pages, and a daemon on the same machine, come first."""
@@ -54,7 +54,7 @@ class DiagnosisJob:
 
     async def _run(self) -> None:
         process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "tpmsd.web.diagnosis", str(self.folder)),
+            *(sys.executable, "-m", "tpmsd.interfaces.web.diagnosis", str(self.folder)),
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
@@ -91,7 +91,7 @@ def main(folder: Path) -> int:
     os.nice(NICE)
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # before numpy is imported
-    from tpmsd.api.functions import diagnose
+    from tpmsd.interfaces.api.functions import diagnose
 
     def tell(share: float) -> None:
         print(f"progress {share:.3f}", file=sys.stderr, flush=True)

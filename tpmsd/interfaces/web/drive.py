@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.api.results import Replay
-from tpmsd.errors import ConfigError
-from tpmsd.report.decimation import decimated
-from tpmsd.tables.columns import BY_NAME, COLUMNS
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.interfaces.api.results import Replay
+from tpmsd.offline.report.decimation import decimated
+from tpmsd.offline.tables.columns import BY_NAME, COLUMNS
 
 TIME = "drive_time_s"
 TRACK = ("east_m", "north_m")

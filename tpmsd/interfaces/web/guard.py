@@ -15,7 +15,7 @@ from starlette.requests import cookie_parser
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from tpmsd.web.settings import WebSettings
+from tpmsd.interfaces.web.settings import WebSettings
 
 COOKIE = "tpmsd_token"
 LOGIN = "/login"

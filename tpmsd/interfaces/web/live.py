@@ -16,10 +16,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tpmsd.errors import TpmsdError
-from tpmsd.sinks.status_client import parse_status, refusal
-from tpmsd.web.settings import WebSettings
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.errors import TpmsdError
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.interfaces.web.settings import WebSettings
+from tpmsd.onboard.sinks.status_client import parse_status, refusal
 
 MAX_LINE_BYTES = 1 << 20
 

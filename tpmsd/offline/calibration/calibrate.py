@@ -10,15 +10,15 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from tpmsd.calibration.checks import check_fit, check_recordings
-from tpmsd.calibration.joint import PRIOR, JointFit, fit
-from tpmsd.calibration.nominal import Vehicle, calibrated_wheels, vehicle_of
-from tpmsd.calibration.odometry import pose_error
-from tpmsd.calibration.paper import PaperFit, fit_paper
-from tpmsd.calibration.result import Calibration, Effect, WheelResult
-from tpmsd.config.model import VehicleConfig
-from tpmsd.inference.recording import Recording
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.config.model import VehicleConfig
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.calibration.checks import check_fit, check_recordings
+from tpmsd.offline.calibration.joint import PRIOR, JointFit, fit
+from tpmsd.offline.calibration.nominal import Vehicle, calibrated_wheels, vehicle_of
+from tpmsd.offline.calibration.odometry import pose_error
+from tpmsd.offline.calibration.paper import PaperFit, fit_paper
+from tpmsd.offline.calibration.result import Calibration, Effect, WheelResult
+from tpmsd.offline.inference.recording import Recording
 
 METHODS = ("joint", "paper")
 _TELLING = 0.7

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.calibration.equations import CHANGES, COLUMNS, PIECES
-from tpmsd.calibration.joint import PRIOR, JointFit, Rows, whitened
-from tpmsd.calibration.nominal import Vehicle, calibrated_wheels, nominal
-from tpmsd.inference.recording import Recording
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.calibration.equations import CHANGES, COLUMNS, PIECES
+from tpmsd.offline.calibration.joint import PRIOR, JointFit, Rows, whitened
+from tpmsd.offline.calibration.nominal import Vehicle, calibrated_wheels, nominal
+from tpmsd.offline.inference.recording import Recording
 
 MOVING_MPS = 3.0
 MIN_MOVING_S = 45.0

@@ -16,15 +16,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmsd.calibration.nominal import Nominal, Vehicle, calibrated_wheels
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.trajectory import WINDOW_S, Reference
-from tpmsd.inference.windows import CHANNELS, EAST, GYRO, Linearised, Reader
-from tpmsd.physics.catalogue import EFFECTS, Probe, make_effect
-from tpmsd.physics.effect import Parameter
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.physics.motion import Motion, integrate
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.physics.catalogue import EFFECTS, Probe, make_effect
+from tpmsd.car.physics.effect import Parameter
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.car.physics.motion import Motion, integrate
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.calibration.nominal import Nominal, Vehicle, calibrated_wheels
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.trajectory import WINDOW_S, Reference
+from tpmsd.offline.inference.windows import CHANNELS, EAST, GYRO, Linearised, Reader
 
 V, W, PSI = 0, 1, 2
 """Columns of a `Linearised` design."""
@@ -43,7 +43,7 @@ PARAMETERS = (
     "doppler_lag",
 )
 """Radii, tracks and gyro gain relative to the present ones; the others in SI units, with the signs of the
-effects in `tpmsd.physics`. The last two belong to each drive."""
+effects in `tpmsd.car.physics`. The last two belong to each drive."""
 PIECES = 4
 CHANGES = tuple(f"change_{wheel}_{piece}" for wheel in WHEELS for piece in range(PIECES))
 """Relative changes of single wheels, each over one quarter of the drive. They are let in only where noise

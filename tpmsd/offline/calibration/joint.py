@@ -4,7 +4,7 @@ In: `Recording`s of one car, its `Vehicle`. Out: `JointFit`: the parameters with
 rows of innovations they came from, and how the iteration went.
 
 Gauss-Newton: linearise each drive about its nominal motion (`equations`), take motion and correlated noise
-out and fit the noise of each drive (`tpmsd.inference`), weigh outliers down, solve all drives' rows together,
+out and fit the noise of each drive (`tpmsd.offline.inference`), weigh outliers down, solve all drives' rows together,
 move the car, repeat until it stands still.
 """
 
@@ -15,12 +15,16 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tpmsd.calibration.equations import CHANGES, COLUMNS, LOCAL, Equations, make_equations, probes
-from tpmsd.calibration.nominal import Vehicle, nominal
-from tpmsd.inference.fit import gram, solved
-from tpmsd.inference.layouts import LEANING_CAR
-from tpmsd.inference.noise import Noise
-from tpmsd.inference.noise_fit import (
+from tpmsd.car.physics.catalogue import EFFECTS
+from tpmsd.car.physics.effect import Parameter
+from tpmsd.car.physics.motion import GRAVITY_MPS2
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.calibration.equations import CHANGES, COLUMNS, LOCAL, Equations, make_equations, probes
+from tpmsd.offline.calibration.nominal import Vehicle, nominal
+from tpmsd.offline.inference.fit import gram, solved
+from tpmsd.offline.inference.layouts import LEANING_CAR
+from tpmsd.offline.inference.noise import Noise
+from tpmsd.offline.inference.noise_fit import (
     FIT_WINDOWS,
     SLOW_WINDOWS,
     Data,
@@ -28,14 +32,10 @@ from tpmsd.inference.noise_fit import (
     representative,
     single_outliers,
 )
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.state_space import geometry
-from tpmsd.inference.whitening import Whitener
-from tpmsd.inference.windows import EAST
-from tpmsd.physics.catalogue import EFFECTS
-from tpmsd.physics.effect import Parameter
-from tpmsd.physics.motion import GRAVITY_MPS2
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.state_space import geometry
+from tpmsd.offline.inference.whitening import Whitener
+from tpmsd.offline.inference.windows import EAST
 
 FREE = 0.2
 """Relative standard deviation of what a calibration is made for, radii and tracks: they are let free."""

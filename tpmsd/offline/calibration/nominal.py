@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import gaussian_filter1d, median_filter
 
-from tpmsd.config.model import VehicleConfig
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.trajectory import fill
-from tpmsd.physics.kinematics import Geometry
-from tpmsd.physics.motion import driven_mask, integrate
-from tpmsd.wheels import FL, FR, RL, RR, FloatArray
+from tpmsd.car.config.model import VehicleConfig
+from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.motion import driven_mask, integrate
+from tpmsd.foundation.wheels import FL, FR, RL, RR, FloatArray
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.trajectory import fill
 
 SMOOTHING_S = 0.3
 HEIGHT_SMOOTHING_S = 8.0

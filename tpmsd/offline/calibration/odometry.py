@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.calibration.nominal import Vehicle, shown_turn
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.trajectory import fill
-from tpmsd.wheels import RL, RR, FloatArray
+from tpmsd.foundation.wheels import RL, RR, FloatArray
+from tpmsd.offline.calibration.nominal import Vehicle, shown_turn
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.trajectory import fill
 
 PIECE_M = 2200.0
 _FEWEST = 8

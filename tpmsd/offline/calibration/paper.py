@@ -15,11 +15,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from tpmsd.calibration.nominal import Vehicle
-from tpmsd.calibration.reference import ReferencePose, reference_pose
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.trajectory import fill
-from tpmsd.wheels import RL, RR, FloatArray
+from tpmsd.foundation.wheels import RL, RR, FloatArray
+from tpmsd.offline.calibration.nominal import Vehicle
+from tpmsd.offline.calibration.reference import ReferencePose, reference_pose
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.trajectory import fill
 
 WEIGHTS = np.array([1.0, 1.0, 10.0])
 """W of eq. (9), diagonal."""

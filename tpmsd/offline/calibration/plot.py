@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tpmsd.calibration.nominal import Vehicle, vehicle_of
-from tpmsd.calibration.odometry import Piece, pieces
-from tpmsd.calibration.result import Calibration
-from tpmsd.config.model import VehicleConfig
-from tpmsd.inference.recording import Recording
-from tpmsd.palette import STYLES, line_style
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.config.model import VehicleConfig
+from tpmsd.foundation.palette import STYLES, line_style
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.calibration.nominal import Vehicle, vehicle_of
+from tpmsd.offline.calibration.odometry import Piece, pieces
+from tpmsd.offline.calibration.result import Calibration
+from tpmsd.offline.inference.recording import Recording
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

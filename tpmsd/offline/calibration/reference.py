@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from tpmsd.calibration.nominal import Vehicle, courses, nominal
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.trajectory import fill
-from tpmsd.wheels import RL, RR, FloatArray
+from tpmsd.foundation.wheels import RL, RR, FloatArray
+from tpmsd.offline.calibration.nominal import Vehicle, courses, nominal
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.trajectory import fill
 
 POSITION_STD_M, ACCEL_STD_MPS2 = 1.0, 0.3
 COURSE_STD_RAD, COMPASS_STD_RAD = 0.02, 0.035

@@ -43,7 +43,7 @@ class Calibration:
     method: str
     drives: tuple[str, ...]
     wheels: dict[str, WheelResult]
-    """By the names of `tpmsd.wheels`; those that were read."""
+    """By the names of `tpmsd.foundation.wheels`; those that were read."""
     difference_std_m: float
     """Standard deviation of rear right minus rear left, which is far better known than either."""
     track_rear_m: float

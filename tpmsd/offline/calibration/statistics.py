@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.calibration.checks import check_fit, check_recordings
-from tpmsd.calibration.equations import PARAMETERS
-from tpmsd.calibration.joint import PRIOR, JointFit, fit
-from tpmsd.calibration.nominal import Vehicle
-from tpmsd.inference.recording import Recording
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.calibration.checks import check_fit, check_recordings
+from tpmsd.offline.calibration.equations import PARAMETERS
+from tpmsd.offline.calibration.joint import PRIOR, JointFit, fit
+from tpmsd.offline.calibration.nominal import Vehicle
+from tpmsd.offline.inference.recording import Recording
 
 REFERENCE_SPEED_MPS = 20.0
 """The radii of all drives are stated at this speed, about the mean of mixed driving; each drive's own speed

@@ -10,7 +10,7 @@ import json
 import math
 import re
 
-from tpmsd.calibration.result import Calibration
+from tpmsd.offline.calibration.result import Calibration
 
 _TABLE = re.compile(r"\s*\[\s*([^\[\]]+?)\s*\]\s*(#.*)?$")
 

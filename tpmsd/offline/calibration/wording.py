@@ -9,8 +9,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from tpmsd.calibration.result import Calibration
-from tpmsd.physics.catalogue import EFFECTS
+from tpmsd.car.physics.catalogue import EFFECTS
+from tpmsd.offline.calibration.result import Calibration
 
 _NAMES = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
 

@@ -15,21 +15,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmsd.diagnosis.assessment.identifiability import Telling, tellings
-from tpmsd.diagnosis.assessment.result import INSUFFICIENT, Diagnosis
-from tpmsd.diagnosis.assessment.simulated import differences
-from tpmsd.diagnosis.prepared.admission import admitted, against
-from tpmsd.diagnosis.prepared.drive_study import first_noise
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.proposal.search import proposals
-from tpmsd.diagnosis.reporting.findings import report
-from tpmsd.diagnosis.robustness.certify import certified
-from tpmsd.diagnosis.stages import estimated, examine
-from tpmsd.errors import ConfigError
-from tpmsd.inference.noise import Noise
-from tpmsd.inference.noise_fit import Stage
-from tpmsd.inference.recording import Recording
-from tpmsd.physics.model import ExtendedModel
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.offline.diagnosis.assessment.identifiability import Telling, tellings
+from tpmsd.offline.diagnosis.assessment.result import INSUFFICIENT, Diagnosis
+from tpmsd.offline.diagnosis.assessment.simulated import differences
+from tpmsd.offline.diagnosis.prepared.admission import admitted, against
+from tpmsd.offline.diagnosis.prepared.drive_study import first_noise
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.proposal.search import proposals
+from tpmsd.offline.diagnosis.reporting.findings import report
+from tpmsd.offline.diagnosis.robustness.certify import certified
+from tpmsd.offline.diagnosis.stages import estimated, examine
+from tpmsd.offline.inference.noise import Noise
+from tpmsd.offline.inference.noise_fit import Stage
+from tpmsd.offline.inference.recording import Recording
 
 __all__ = ["diagnose", "diagnose_against", "first_noise"]
 

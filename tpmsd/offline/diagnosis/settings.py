@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tpmsd.diagnosis.counters.settings import CounterSettings
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.counters.settings import CounterSettings
 
 
 @dataclass(frozen=True, slots=True)

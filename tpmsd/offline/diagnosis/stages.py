@@ -12,23 +12,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmsd.diagnosis.assessment.simulated import floored, widened
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.refinement.beyond_linear import needed_exactly
-from tpmsd.diagnosis.refinement.refine import plainest_shape, refine
-from tpmsd.diagnosis.refinement.relinearise import relinearised
-from tpmsd.diagnosis.robustness.accounts import changed
-from tpmsd.diagnosis.robustness.confirm import confirmed
-from tpmsd.diagnosis.robustness.drifting import drifting
-from tpmsd.diagnosis.robustness.found import Found
-from tpmsd.diagnosis.robustness.outlying import lasting
-from tpmsd.diagnosis.robustness.together import together
-from tpmsd.diagnosis.selection.chosen import Selection
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import Evidence
-from tpmsd.inference.noise_fit import Stage, fit_noise, outliers
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.assessment.simulated import floored, widened
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.refinement.beyond_linear import needed_exactly
+from tpmsd.offline.diagnosis.refinement.refine import plainest_shape, refine
+from tpmsd.offline.diagnosis.refinement.relinearise import relinearised
+from tpmsd.offline.diagnosis.robustness.accounts import changed
+from tpmsd.offline.diagnosis.robustness.confirm import confirmed
+from tpmsd.offline.diagnosis.robustness.drifting import drifting
+from tpmsd.offline.diagnosis.robustness.found import Found
+from tpmsd.offline.diagnosis.robustness.outlying import lasting
+from tpmsd.offline.diagnosis.robustness.together import together
+from tpmsd.offline.diagnosis.selection.chosen import Selection
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.least_squares import Evidence
+from tpmsd.offline.inference.noise_fit import Stage, fit_noise, outliers
 
 
 @dataclass(frozen=True)

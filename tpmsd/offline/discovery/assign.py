@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.discovery.library import Match
-from tpmsd.discovery.names import CLEAR, named_wheel
-from tpmsd.discovery.regress import Fit
-from tpmsd.discovery.settings import SETTINGS, Settings
-from tpmsd.discovery.wheels import Follower
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.discovery.library import Match
+from tpmsd.offline.discovery.names import CLEAR, named_wheel
+from tpmsd.offline.discovery.regress import Fit
+from tpmsd.offline.discovery.settings import SETTINGS, Settings
+from tpmsd.offline.discovery.wheels import Follower
 
 
 @dataclass(frozen=True, slots=True)

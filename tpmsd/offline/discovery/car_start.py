@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from tpmsd.discovery.library import Car, field_of
-from tpmsd.discovery.result import Discovery, Estimate, FoundRole, Undecided
-from tpmsd.discovery.settings import SETTINGS
+from tpmsd.offline.discovery.library import Car, field_of
+from tpmsd.offline.discovery.result import Discovery, Estimate, FoundRole, Undecided
+from tpmsd.offline.discovery.settings import SETTINGS
 
 _MEASURE = "tpmsd discover on ten minutes of mixed driving"
 

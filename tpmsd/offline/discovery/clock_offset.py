@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.discovery.settings import SETTINGS
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.discovery.settings import SETTINGS
 
 
 def best_offset(

@@ -12,13 +12,13 @@ import numpy as np
 from cantools.database.can import Database
 from numpy.typing import NDArray
 
-from tpmsd.config.dbc import counter_modulus, find_signal
-from tpmsd.config.model import Config
-from tpmsd.discovery.frames import BusLog, MessageLog
-from tpmsd.discovery.series import Field
-from tpmsd.sources.can_channels import bus_numbers
-from tpmsd.sources.databases import database_of
-from tpmsd.sources.signal_plan import (
+from tpmsd.car.config.dbc import counter_modulus, find_signal
+from tpmsd.car.config.model import Config
+from tpmsd.offline.discovery.frames import BusLog, MessageLog
+from tpmsd.offline.discovery.series import Field
+from tpmsd.onboard.sources.can_channels import bus_numbers
+from tpmsd.onboard.sources.databases import database_of
+from tpmsd.onboard.sources.signal_plan import (
     BUS_SHIFT,
     EXTENDED,
     ConditionPlan,

@@ -22,12 +22,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.discovery.reference import Reference, cell_means
-from tpmsd.discovery.regress import Fit, fit, with_prior
-from tpmsd.discovery.result import Estimate
-from tpmsd.discovery.settings import SETTINGS, Settings
-from tpmsd.physics.priors import LATERAL_LOAD_S2
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.priors import LATERAL_LOAD_S2
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.discovery.reference import Reference, cell_means
+from tpmsd.offline.discovery.regress import Fit, fit, with_prior
+from tpmsd.offline.discovery.result import Estimate
+from tpmsd.offline.discovery.settings import SETTINGS, Settings
 
 _YAW_COLUMNS = (2, 3, 4)
 """Of the design: those of the wheels' yaw rate itself, not of its integral."""

@@ -11,18 +11,18 @@ from dataclasses import replace
 import numpy as np
 from cantools.database.can import Database
 
-from tpmsd.config.units import UNITS, canonical_unit
-from tpmsd.discovery.assign import Assignment, assign
-from tpmsd.discovery.frames import BusLog
-from tpmsd.discovery.geometry import CarGeometry, driven_axle, per_metre
-from tpmsd.discovery.library import Car, Match, match_car
-from tpmsd.discovery.material import Material, dbc_fields, prepare
-from tpmsd.discovery.other_roles import other_roles
-from tpmsd.discovery.result import Discovery, Estimate, FoundRole, Undecided
-from tpmsd.discovery.series import Counter, Field, unwrap
-from tpmsd.discovery.settings import SETTINGS, Settings
-from tpmsd.discovery.tooth_count import ToothCount, tooth_count, tyre_radius_m
-from tpmsd.discovery.wheels import (
+from tpmsd.car.config.units import UNITS, canonical_unit
+from tpmsd.offline.discovery.assign import Assignment, assign
+from tpmsd.offline.discovery.frames import BusLog
+from tpmsd.offline.discovery.geometry import CarGeometry, driven_axle, per_metre
+from tpmsd.offline.discovery.library import Car, Match, match_car
+from tpmsd.offline.discovery.material import Material, dbc_fields, prepare
+from tpmsd.offline.discovery.other_roles import other_roles
+from tpmsd.offline.discovery.result import Discovery, Estimate, FoundRole, Undecided
+from tpmsd.offline.discovery.series import Counter, Field, unwrap
+from tpmsd.offline.discovery.settings import SETTINGS, Settings
+from tpmsd.offline.discovery.tooth_count import ToothCount, tooth_count, tyre_radius_m
+from tpmsd.offline.discovery.wheels import (
     Follower,
     anchor_of,
     by_lag,
@@ -31,7 +31,7 @@ from tpmsd.discovery.wheels import (
     physical_scale,
     placed,
 )
-from tpmsd.sources.events import GnssFix
+from tpmsd.onboard.sources.events import GnssFix
 
 _SPEED_UNITS = ("km/h", "m/s", "mph", "knots")
 _NICE_KMH = (

@@ -13,11 +13,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.discovery.settings import SETTINGS
-from tpmsd.sources.can_block import ERROR, REMOTE, FrameBlock
-from tpmsd.sources.signal_bits import RawArray, raw_bits
-from tpmsd.sources.signal_plan import BUS_SHIFT, BitField
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.discovery.settings import SETTINGS
+from tpmsd.onboard.sources.can_block import ERROR, REMOTE, FrameBlock
+from tpmsd.onboard.sources.signal_bits import RawArray, raw_bits
+from tpmsd.onboard.sources.signal_plan import BUS_SHIFT, BitField
 
 MAX_MESSAGES = 4096
 """Identifiers of one log; a bus has some hundred."""

@@ -19,14 +19,14 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.stats import norm
 
-from tpmsd.discovery.assign import Assignment
-from tpmsd.discovery.course import course_fit
-from tpmsd.discovery.reference import Reference
-from tpmsd.discovery.regress import fit, with_prior
-from tpmsd.discovery.result import Estimate
-from tpmsd.discovery.settings import SETTINGS, Settings
-from tpmsd.discovery.wheels import Follower, drag_slip_std
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.discovery.assign import Assignment
+from tpmsd.offline.discovery.course import course_fit
+from tpmsd.offline.discovery.reference import Reference
+from tpmsd.offline.discovery.regress import fit, with_prior
+from tpmsd.offline.discovery.result import Estimate
+from tpmsd.offline.discovery.settings import SETTINGS, Settings
+from tpmsd.offline.discovery.wheels import Follower, drag_slip_std
 
 
 def driven_axle(assignment: Assignment) -> tuple[str, float] | None:

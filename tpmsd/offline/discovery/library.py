@@ -9,11 +9,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from tpmsd.config.model import ROLES
-from tpmsd.discovery.raw_fields import dbc_start
-from tpmsd.discovery.series import Field
-from tpmsd.errors import ConfigError
-from tpmsd.sources.signal_plan import BUS_SHIFT, EXTENDED, bit_place
+from tpmsd.car.config.model import ROLES
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.offline.discovery.raw_fields import dbc_start
+from tpmsd.offline.discovery.series import Field
+from tpmsd.onboard.sources.signal_plan import BUS_SHIFT, EXTENDED, bit_place
 
 
 @dataclass(frozen=True, slots=True)

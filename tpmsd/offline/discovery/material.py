@@ -12,18 +12,18 @@ from dataclasses import dataclass
 import numpy as np
 from cantools.database.can import Database
 
-from tpmsd.config.dbc import counter_modulus
-from tpmsd.discovery.frames import BusLog, MessageLog
-from tpmsd.discovery.other_roles import find_gyro
-from tpmsd.discovery.raw_fields import raw_fields
-from tpmsd.discovery.reference import Reference, make_reference
-from tpmsd.discovery.series import Field, Series, as_count, as_value, counts_up
-from tpmsd.discovery.settings import SETTINGS, Settings
-from tpmsd.errors import ConfigError
-from tpmsd.sources.events import GnssFix
-from tpmsd.sources.signal_bits import RawArray
-from tpmsd.sources.signal_plan import BUS_SHIFT, EXTENDED, bit_field, invalid_bits, selector_chain
-from tpmsd.wheels import FloatArray
+from tpmsd.car.config.dbc import counter_modulus
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.discovery.frames import BusLog, MessageLog
+from tpmsd.offline.discovery.other_roles import find_gyro
+from tpmsd.offline.discovery.raw_fields import raw_fields
+from tpmsd.offline.discovery.reference import Reference, make_reference
+from tpmsd.offline.discovery.series import Field, Series, as_count, as_value, counts_up
+from tpmsd.offline.discovery.settings import SETTINGS, Settings
+from tpmsd.onboard.sources.events import GnssFix
+from tpmsd.onboard.sources.signal_bits import RawArray
+from tpmsd.onboard.sources.signal_plan import BUS_SHIFT, EXTENDED, bit_field, invalid_bits, selector_chain
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,14 +14,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tpmsd.config.units import UNITS, assumed_unit, canonical_unit, role_kinds, to_si
-from tpmsd.discovery.names import role_evidence
-from tpmsd.discovery.reference import Reference
-from tpmsd.discovery.result import FoundRole
-from tpmsd.discovery.series import Series
-from tpmsd.discovery.settings import SETTINGS, Settings
-from tpmsd.errors import ConfigError
-from tpmsd.wheels import FloatArray
+from tpmsd.car.config.units import UNITS, assumed_unit, canonical_unit, role_kinds, to_si
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.discovery.names import role_evidence
+from tpmsd.offline.discovery.reference import Reference
+from tpmsd.offline.discovery.result import FoundRole
+from tpmsd.offline.discovery.series import Series
+from tpmsd.offline.discovery.settings import SETTINGS, Settings
 
 _LEAST_R = {
     "yaw_rate": 0.7, "accel_long": 0.6, "accel_lat": 0.7, "steering_wheel_angle": 0.7, "brake_pressure": 0.5,

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.discovery.frames import MessageLog
-from tpmsd.discovery.series import Field
-from tpmsd.discovery.settings import SETTINGS
-from tpmsd.sources.signal_plan import BUS_SHIFT, EXTENDED, BitField
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.discovery.frames import MessageLog
+from tpmsd.offline.discovery.series import Field
+from tpmsd.offline.discovery.settings import SETTINGS
+from tpmsd.onboard.sources.signal_plan import BUS_SHIFT, EXTENDED, BitField
 
 MOST_BYTES = 16
 MIN_BITS, MAX_BITS = 6, 33

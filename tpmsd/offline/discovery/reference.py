@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.discovery.settings import SETTINGS, Settings
-from tpmsd.sources.events import GnssFix
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.discovery.settings import SETTINGS, Settings
+from tpmsd.onboard.sources.events import GnssFix
 
 _EARTH_M = 6_371_008.8
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
-from tpmsd.discovery.assign import Assignment
-from tpmsd.discovery.series import Field
-from tpmsd.sources.signal_plan import BUS_SHIFT
+from tpmsd.offline.discovery.assign import Assignment
+from tpmsd.offline.discovery.series import Field
+from tpmsd.onboard.sources.signal_plan import BUS_SHIFT
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,12 +12,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.discovery.frames import MessageLog
-from tpmsd.discovery.reference import cell_means
-from tpmsd.discovery.settings import SETTINGS
-from tpmsd.sources.signal_bits import RawArray
-from tpmsd.sources.signal_plan import BitField
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.discovery.frames import MessageLog
+from tpmsd.offline.discovery.reference import cell_means
+from tpmsd.offline.discovery.settings import SETTINGS
+from tpmsd.onboard.sources.signal_bits import RawArray
+from tpmsd.onboard.sources.signal_plan import BitField
 
 Kind = Literal["count", "value"]
 

@@ -18,22 +18,22 @@ import numpy as np
 from cantools.database.can import Database
 from scipy.stats import norm
 
-from tpmsd.config.model import Config
-from tpmsd.config.units import UNITS, allowed_units, canonical_unit, to_si
-from tpmsd.discovery.assign import Assignment, Role
-from tpmsd.discovery.clock_offset import best_offset
-from tpmsd.discovery.configured import configured_fields, configured_frames
-from tpmsd.discovery.frames import BusLog, MessageLog
-from tpmsd.discovery.geometry import CarGeometry, driven_axle
-from tpmsd.discovery.material import Material, prepare
-from tpmsd.discovery.other_roles import physical, smooth
-from tpmsd.discovery.reference import Reference, make_reference
-from tpmsd.discovery.series import Field, Series, as_count, as_value
-from tpmsd.discovery.settings import SETTINGS, Settings
-from tpmsd.discovery.wheels import Follower, followers, placed
-from tpmsd.sources.events import GnssFix
-from tpmsd.sources.signal_plan import BUS_SHIFT, EXTENDED
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.config.model import Config
+from tpmsd.car.config.units import UNITS, allowed_units, canonical_unit, to_si
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.discovery.assign import Assignment, Role
+from tpmsd.offline.discovery.clock_offset import best_offset
+from tpmsd.offline.discovery.configured import configured_fields, configured_frames
+from tpmsd.offline.discovery.frames import BusLog, MessageLog
+from tpmsd.offline.discovery.geometry import CarGeometry, driven_axle
+from tpmsd.offline.discovery.material import Material, prepare
+from tpmsd.offline.discovery.other_roles import physical, smooth
+from tpmsd.offline.discovery.reference import Reference, make_reference
+from tpmsd.offline.discovery.series import Field, Series, as_count, as_value
+from tpmsd.offline.discovery.settings import SETTINGS, Settings
+from tpmsd.offline.discovery.wheels import Follower, followers, placed
+from tpmsd.onboard.sources.events import GnssFix
+from tpmsd.onboard.sources.signal_plan import BUS_SHIFT, EXTENDED
 
 _UNITS = ("km/h", "m/s", "mph", "knots")
 

@@ -23,9 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp
 
-from tpmsd.discovery.series import Counter
-from tpmsd.discovery.settings import SETTINGS, Settings
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.discovery.series import Counter
+from tpmsd.offline.discovery.settings import SETTINGS, Settings
 
 _SIZES = (0.0, *(float(s) for s in np.geomspace(0.03, 3000.0, 16)))
 """Power of the line over that of the noise, per block; 0: a ring without fault."""

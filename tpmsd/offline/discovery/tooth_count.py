@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.config.rules import TYRE_SIZE
-from tpmsd.discovery.series import Counter
-from tpmsd.discovery.settings import SETTINGS, Settings
-from tpmsd.discovery.tone_ring import Blocks, cut, exact_powers, log_evidence
-from tpmsd.wheels import FloatArray
+from tpmsd.car.config.rules import TYRE_SIZE
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.discovery.series import Counter
+from tpmsd.offline.discovery.settings import SETTINGS, Settings
+from tpmsd.offline.discovery.tone_ring import Blocks, cut, exact_powers, log_evidence
 
 _INCH_M = 0.0254
 _USUAL_COUNTS: dict[int, float] = {

@@ -20,12 +20,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tpmsd.discovery.reference import Reference
-from tpmsd.discovery.regress import Fit, fit, with_prior
-from tpmsd.discovery.series import Series
-from tpmsd.discovery.settings import SETTINGS, Settings
-from tpmsd.physics.priors import DRAG_SLIP_S2PM2
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.priors import DRAG_SLIP_S2PM2
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.discovery.reference import Reference
+from tpmsd.offline.discovery.regress import Fit, fit, with_prior
+from tpmsd.offline.discovery.series import Series
+from tpmsd.offline.discovery.settings import SETTINGS, Settings
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,14 +8,14 @@ from __future__ import annotations
 import numpy as np
 from cantools.database.can import Database
 
-from tpmsd.config.gnss_source import source_of
-from tpmsd.config.model import GNSS_ROLES, Config
-from tpmsd.sources.can_block import ERROR, REMOTE, FrameBlock
-from tpmsd.sources.can_channels import bus_numbers
-from tpmsd.sources.can_decoder import CanDecoder
-from tpmsd.sources.events import GnssFix, InertialSample
-from tpmsd.sources.gnss_on_can import CanFixAssembler
-from tpmsd.sources.signal_plan import BUS_SHIFT, EXTENDED, compile_plans, signal_steps
+from tpmsd.car.config.gnss_source import source_of
+from tpmsd.car.config.model import GNSS_ROLES, Config
+from tpmsd.onboard.sources.can_block import ERROR, REMOTE, FrameBlock
+from tpmsd.onboard.sources.can_channels import bus_numbers
+from tpmsd.onboard.sources.can_decoder import CanDecoder
+from tpmsd.onboard.sources.events import GnssFix, InertialSample
+from tpmsd.onboard.sources.gnss_on_can import CanFixAssembler
+from tpmsd.onboard.sources.signal_plan import BUS_SHIFT, EXTENDED, compile_plans, signal_steps
 
 
 def is_on_bus(config: Config) -> bool:

@@ -14,16 +14,16 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.api.reading import FolderRecording, MemoryRecording, Recording
-from tpmsd.config.load import load_config
-from tpmsd.config.model import Config
-from tpmsd.errors import ConfigError, InputError
-from tpmsd.tables.car_file import Table, car_tables, config_of, toml_text
-from tpmsd.tables.encode import Encoded, encode
-from tpmsd.tables.from_columns import Columns, series_of
-from tpmsd.tables.gather import signals_from
-from tpmsd.tables.signals import Series
-from tpmsd.wheels import WHEELS
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import Config
+from tpmsd.foundation.errors import ConfigError, InputError
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.drives.reading import FolderRecording, MemoryRecording, Recording
+from tpmsd.offline.tables.car_file import Table, car_tables, config_of, toml_text
+from tpmsd.offline.tables.encode import Encoded, encode
+from tpmsd.offline.tables.from_columns import Columns, series_of
+from tpmsd.offline.tables.gather import signals_from
+from tpmsd.offline.tables.signals import Series
 
 ANTENNA = ("antenna_forward_m", "antenna_left_m", "latency_s")
 
@@ -99,7 +99,7 @@ class Drive:
 
         ConfigError for a drive that has a folder already; TpmsdError if the disk does not take it.
         """
-        from tpmsd.tables.drive_folder import write_folder
+        from tpmsd.offline.tables.drive_folder import write_folder
 
         if not isinstance(self.recording, MemoryRecording) or self.vehicle_toml is None:
             raise ConfigError(f"{self.name}: is stored at {self.folder}")

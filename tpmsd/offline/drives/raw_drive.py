@@ -10,15 +10,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tpmsd.api.bus_fixes import BusFixes
-from tpmsd.api.reading import Note, ignore_note
-from tpmsd.discovery.frames import BusLog
-from tpmsd.errors import ConfigError, InputError
-from tpmsd.sources.can_log import SUFFIXES, find_can_log, read_can_blocks
-from tpmsd.sources.drive import find_nmea_log
-from tpmsd.sources.events import GnssFix
-from tpmsd.sources.nmea_epoch import NmeaAssembler
-from tpmsd.sources.nmea_log import bears_host_times, read_nmea_log
+from tpmsd.foundation.errors import ConfigError, InputError
+from tpmsd.offline.discovery.frames import BusLog
+from tpmsd.offline.drives.bus_fixes import BusFixes
+from tpmsd.offline.drives.reading import Note, ignore_note
+from tpmsd.onboard.sources.can_log import SUFFIXES, find_can_log, read_can_blocks
+from tpmsd.onboard.sources.drive import find_nmea_log
+from tpmsd.onboard.sources.events import GnssFix
+from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
+from tpmsd.onboard.sources.nmea_log import bears_host_times, read_nmea_log
 
 
 @dataclass(frozen=True)

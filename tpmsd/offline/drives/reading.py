@@ -17,23 +17,23 @@ import numpy as np
 from cantools.database.can import Database
 from numpy.typing import NDArray
 
-from tpmsd.config.coarse_speed import coarse_speeds
-from tpmsd.config.model import Config
-from tpmsd.errors import ConfigError, InputError
-from tpmsd.lean import no_collection
-from tpmsd.sources.can_block import FrameBlock
-from tpmsd.sources.can_channels import bus_numbers, channel_names, choose_channel
-from tpmsd.sources.can_decoder import CanDecoder
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.can_log import read_can_blocks
-from tpmsd.sources.databases import load_databases
-from tpmsd.sources.drive import Drive as FolderStream
-from tpmsd.sources.drive import Part, Sentence
-from tpmsd.sources.plain_nmea import clock_offset
-from tpmsd.sources.signal_plan import compile_plans, signal_steps
-from tpmsd.timeline.block_source import BlockSource
-from tpmsd.timeline.tick import Tick
-from tpmsd.timeline.tick_source import TickSource
+from tpmsd.car.config.coarse_speed import coarse_speeds
+from tpmsd.car.config.model import Config
+from tpmsd.foundation.errors import ConfigError, InputError
+from tpmsd.foundation.lean import no_collection
+from tpmsd.onboard.sources.can_block import FrameBlock
+from tpmsd.onboard.sources.can_channels import bus_numbers, channel_names, choose_channel
+from tpmsd.onboard.sources.can_decoder import CanDecoder
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can_log import read_can_blocks
+from tpmsd.onboard.sources.databases import load_databases
+from tpmsd.onboard.sources.drive import Drive as FolderStream
+from tpmsd.onboard.sources.drive import Part, Sentence
+from tpmsd.onboard.sources.plain_nmea import clock_offset
+from tpmsd.onboard.sources.signal_plan import compile_plans, signal_steps
+from tpmsd.onboard.timeline.block_source import BlockSource
+from tpmsd.onboard.timeline.tick import Tick
+from tpmsd.onboard.timeline.tick_source import TickSource
 
 DESK_RATE_HZ = 10.0
 """Fast enough for the motion of a car, and slow enough for the counts of a coarse ring."""

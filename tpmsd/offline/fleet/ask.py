@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from tpmsd.errors import ConfigError
-from tpmsd.fleet.store import Store
-from tpmsd.fleet.tables import COLUMNS
-from tpmsd.tables.extras import need
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.offline.fleet.store import Store
+from tpmsd.offline.fleet.tables import COLUMNS
+from tpmsd.offline.tables.extras import need
 
 
 def ask(store: Store, query: str) -> tuple[list[str], list[tuple[Any, ...]]]:

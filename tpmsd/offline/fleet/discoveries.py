@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from tpmsd.fleet.hierarchy import ModelFit, Stack, fit_with, sampled, shrunken, spreads
-from tpmsd.fleet.parameters import BACK, PARAMETERS_OF_FLEET, SCALES
-from tpmsd.fleet.settings import SETTINGS, FleetSettings
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.fleet.hierarchy import ModelFit, Stack, fit_with, sampled, shrunken, spreads
+from tpmsd.offline.fleet.parameters import BACK, PARAMETERS_OF_FLEET, SCALES
+from tpmsd.offline.fleet.settings import SETTINGS, FleetSettings
 
 DAYS_PER_WEEK = 7.0
 

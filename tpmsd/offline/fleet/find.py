@@ -17,10 +17,10 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from tpmsd.errors import InputError
-from tpmsd.fleet.store import DriveEntry
-from tpmsd.provenance import content_hash
-from tpmsd.tables.extras import need
+from tpmsd.foundation.errors import InputError
+from tpmsd.foundation.provenance import content_hash
+from tpmsd.offline.fleet.store import DriveEntry
+from tpmsd.offline.tables.extras import need
 
 VEHICLE = "vehicle.toml"
 _GEOMETRY = ("wheel_radius_m", "track_front_m", "track_rear_m", "wheelbase_m")

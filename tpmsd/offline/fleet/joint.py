@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.fleet.discoveries import (
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.fleet.discoveries import (
     Discovery,
     cars_that_differ,
     controlled,
@@ -20,11 +21,10 @@ from tpmsd.fleet.discoveries import (
     robust_fit,
     trends,
 )
-from tpmsd.fleet.hierarchy import ModelFit, Stack
-from tpmsd.fleet.losses import DAY_S, losses
-from tpmsd.fleet.parameters import PARAMETERS_OF_FLEET, aligned
-from tpmsd.fleet.store import DriveEntry
-from tpmsd.wheels import FloatArray
+from tpmsd.offline.fleet.hierarchy import ModelFit, Stack
+from tpmsd.offline.fleet.losses import DAY_S, losses
+from tpmsd.offline.fleet.parameters import PARAMETERS_OF_FLEET, aligned
+from tpmsd.offline.fleet.store import DriveEntry
 
 Row = dict[str, Any]
 

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import stats
 
-from tpmsd.fleet.discoveries import Discovery
-from tpmsd.fleet.hierarchy import Stack, shrunken
-from tpmsd.fleet.parameters import BACK, SCALES
-from tpmsd.fleet.settings import SETTINGS, FleetSettings
-from tpmsd.physics.catalogue import FAULT
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.physics.catalogue import FAULT
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.fleet.discoveries import Discovery
+from tpmsd.offline.fleet.hierarchy import Stack, shrunken
+from tpmsd.offline.fleet.parameters import BACK, SCALES
+from tpmsd.offline.fleet.settings import SETTINGS, FleetSettings
 
 DAY_S = 86_400.0
 _TO_CONTRASTS = np.linalg.inv(BACK) / SCALES[:4, None]

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.calibration.equations import PARAMETERS
-from tpmsd.calibration.joint import PRIOR
-from tpmsd.physics.catalogue import EFFECTS
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.physics.catalogue import EFFECTS
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.calibration.equations import PARAMETERS
+from tpmsd.offline.calibration.joint import PRIOR
 
 
 @dataclass(frozen=True, slots=True)

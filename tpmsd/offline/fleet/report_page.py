@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.fleet.report import drives_of_cars, utc
-from tpmsd.fleet.settings import SETTINGS
-from tpmsd.report.figures import Chart, Curve
-from tpmsd.report.page import Cell, Drawn, Origin, Table, Tile, drawn, render
-from tpmsd.report.wording import parameter_name, plain_name, wheel_name
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.fleet.report import drives_of_cars, utc
+from tpmsd.offline.fleet.settings import SETTINGS
+from tpmsd.offline.report.figures import Chart, Curve
+from tpmsd.offline.report.page import Cell, Drawn, Origin, Table, Tile, drawn, render
+from tpmsd.offline.report.wording import parameter_name, plain_name, wheel_name
 
 Row = dict[str, Any]
 _ORDER = {"now": 0, "soon": 1, "look": 2}

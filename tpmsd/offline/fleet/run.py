@@ -16,11 +16,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from tpmsd.errors import TpmsdError
-from tpmsd.fleet.settings import SETTINGS
-from tpmsd.fleet.store import Store
-from tpmsd.fleet.work import STAGES, is_missing, work_on
-from tpmsd.tables.extras import need
+from tpmsd.foundation.errors import TpmsdError
+from tpmsd.offline.fleet.settings import SETTINGS
+from tpmsd.offline.fleet.store import Store
+from tpmsd.offline.fleet.work import STAGES, is_missing, work_on
+from tpmsd.offline.tables.extras import need
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
-from tpmsd.fleet.store import Store
-from tpmsd.fleet.work import program
+from tpmsd.offline.fleet.store import Store
+from tpmsd.offline.fleet.work import program
 
 
 def status_document(store: Store) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from tpmsd.errors import ConfigError, TpmsdError
+from tpmsd.foundation.errors import ConfigError, TpmsdError
 
 FORMAT = "tpmsd.fleet/1"
 _UMASK = os.umask(0)

@@ -12,9 +12,9 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from tpmsd.fleet.joint import joint_rows
-from tpmsd.fleet.store import DriveEntry, Store, write_atomic
-from tpmsd.tables.extras import need
+from tpmsd.offline.fleet.joint import joint_rows
+from tpmsd.offline.fleet.store import DriveEntry, Store, write_atomic
+from tpmsd.offline.tables.extras import need
 
 Row = dict[str, Any]
 

@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from tpmsd import __version__
-from tpmsd.errors import TpmsdError
-from tpmsd.fleet.find import local_copy
-from tpmsd.fleet.settings import SETTINGS
-from tpmsd.fleet.store import Store
-from tpmsd.lean import keep_freed_memory
-from tpmsd.plain import plain
+from tpmsd.foundation.errors import TpmsdError
+from tpmsd.foundation.lean import keep_freed_memory
+from tpmsd.foundation.plain import plain
+from tpmsd.offline.fleet.find import local_copy
+from tpmsd.offline.fleet.settings import SETTINGS
+from tpmsd.offline.fleet.store import Store
 
 SCHEMA = "tpmsd.fleet.drive/1"
 STAGES = ("replay", "calibrate", "diagnose")
@@ -83,9 +83,9 @@ def _document(status: str, reason: str, stages: tuple[str, ...], parts: dict[str
 
 def _parts(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
     # Imported here: the client, which only hands out keys, needs none of it.
-    from tpmsd.api.drive import load
-    from tpmsd.api.functions import recording_of, replayed
-    from tpmsd.report.replay_document import replay_document
+    from tpmsd.interfaces.api.functions import recording_of, replayed
+    from tpmsd.offline.drives.drive import load
+    from tpmsd.offline.report.replay_document import replay_document
 
     drive = load(folder)
     parts: dict[str, Any] = {}
@@ -96,9 +96,9 @@ def _parts(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
             document.pop(name, None)
         parts["replay"] = _rounded(plain(document))
     if "calibrate" in stages:
-        from tpmsd.calibration.checks import RefusedError
-        from tpmsd.calibration.nominal import vehicle_of
-        from tpmsd.calibration.statistics import drive_statistics
+        from tpmsd.offline.calibration.checks import RefusedError
+        from tpmsd.offline.calibration.nominal import vehicle_of
+        from tpmsd.offline.calibration.statistics import drive_statistics
 
         try:
             statistics = drive_statistics(recording_of(drive), vehicle_of(drive.config.vehicle))
@@ -107,8 +107,8 @@ def _parts(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
         else:
             parts["calibrate"] = {"reason": "", "statistics": _rounded(plain(_packed(statistics)))}
     if "diagnose" in stages:
-        from tpmsd.diagnosis.diagnose import diagnose
-        from tpmsd.report.diagnosis_document import diagnosis_document
+        from tpmsd.offline.diagnosis.diagnose import diagnose
+        from tpmsd.offline.report.diagnosis_document import diagnosis_document
 
         document = diagnosis_document(diagnose([recording_of(drive, "the drive")]), None)
         kept = ("verdict", "reason", "findings", "driving_s")

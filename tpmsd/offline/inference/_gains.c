@@ -1,11 +1,11 @@
 /* The recursions of the whitening filter, compiled: the same as `gains.py` and `scores.py` have for NumPy arrays,
- * which are the reference (tests/inference/test_gains.py, test_scores.py).
+ * which are the reference (tests/offline/inference/test_gains.py, test_scores.py).
  *
  * In and out: C-contiguous double arrays. Nothing is allocated. What makes it fast beside NumPy is that rows of
  * the moving matrix hold few numbers that are not zero. Floating-point contraction is off (setup.py).
  */
 #define Py_LIMITED_API 0x030b0000
-#include "../_arrays.h"
+#include "../../foundation/_arrays.h"
 #include <math.h>
 #include <string.h>
 
@@ -432,7 +432,7 @@ static PyMethodDef methods[] = {
 };
 static PyModuleDef_Slot slots[] = {{0, NULL}};
 static struct PyModuleDef module = {
-    PyModuleDef_HEAD_INIT, "tpmsd.inference._gains", "Gains of the whitening filter.", 0, methods, slots,
+    PyModuleDef_HEAD_INIT, "tpmsd.offline.inference._gains", "Gains of the whitening filter.", 0, methods, slots,
     NULL, NULL, NULL,
 };
 

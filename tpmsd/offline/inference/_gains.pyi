@@ -1,4 +1,4 @@
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
 
 def recursion(
     inverse_out: FloatArray,

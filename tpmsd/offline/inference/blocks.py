@@ -15,10 +15,10 @@ from typing import Protocol
 
 import numpy as np
 
-from tpmsd.inference.noise import Noise
-from tpmsd.inference.trajectory import WINDOW_S
-from tpmsd.inference.windows import CHANNELS, COURSE, EAST, NORTH, Linearised
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.inference.noise import Noise
+from tpmsd.offline.inference.trajectory import WINDOW_S
+from tpmsd.offline.inference.windows import CHANNELS, COURSE, EAST, NORTH, Linearised
 
 Q, QOLD, V, W, PSI, PE, PN = 0, 4, 8, 9, 10, 11, 12
 """Places of the first two blocks' states in every layout: reading errors of the wheels' angles at a window's

@@ -13,13 +13,13 @@ import math
 
 import numpy as np
 
-from tpmsd.inference.noise import Noise
-from tpmsd.inference.smoothing import gaussian
-from tpmsd.inference.trajectory import SLOPE_ERROR, WINDOW_S, Reference
-from tpmsd.inference.whitening import Whitener
-from tpmsd.inference.windows import Reader, Windows
-from tpmsd.physics.motion import GRAVITY_MPS2
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.motion import GRAVITY_MPS2
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.inference.noise import Noise
+from tpmsd.offline.inference.smoothing import gaussian
+from tpmsd.offline.inference.trajectory import SLOPE_ERROR, WINDOW_S, Reference
+from tpmsd.offline.inference.whitening import Whitener
+from tpmsd.offline.inference.windows import Reader, Windows
 
 MOST_BINS = 100_000
 BIN_STDS, KERNEL_BINS = 0.25, 2.0

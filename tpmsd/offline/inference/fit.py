@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 
-from tpmsd.inference.noise import Noise
-from tpmsd.inference.prepared import Design, Prepared, read_only
-from tpmsd.inference.whitening import Whitener
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.inference.noise import Noise
+from tpmsd.offline.inference.prepared import Design, Prepared, read_only
+from tpmsd.offline.inference.whitening import Whitener
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 In: the matrices of all windows. Out: `Gains`, columns whitened by them, states of a linear recursion. The
 functions that begin with `array_` are the reference; those that begin with `compiled_` call `_gains.c`. Both
-give the same within rounding (tests/inference/test_gains.py), so nothing but time depends on which runs.
+give the same within rounding (tests/offline/inference/test_gains.py), so nothing but time depends on which runs.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtri
 
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
 
 try:
-    from tpmsd.inference import _gains as compiled
+    from tpmsd.offline.inference import _gains as compiled
 except ImportError:  # not built: there was no compiler, or it was left out
     compiled: ModuleType | None = None  # type: ignore[no-redef]
 

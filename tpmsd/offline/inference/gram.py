@@ -12,7 +12,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
 
 
 class Grams:

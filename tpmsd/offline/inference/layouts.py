@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.inference.blocks import GaussMarkov, Layout, MotionErrors, RandomWalk, Readings
-from tpmsd.inference.trajectory import WINDOW_S
-from tpmsd.inference.windows import CHANNELS, COURSE, EAST, GYRO, NORTH, SPEED, Linearised
-from tpmsd.wheels import IS_LEFT, WHEELS, FloatArray
+from tpmsd.foundation.wheels import IS_LEFT, WHEELS, FloatArray
+from tpmsd.offline.inference.blocks import GaussMarkov, Layout, MotionErrors, RandomWalk, Readings
+from tpmsd.offline.inference.trajectory import WINDOW_S
+from tpmsd.offline.inference.windows import CHANNELS, COURSE, EAST, GYRO, NORTH, SPEED, Linearised
 
 GYRO_BIAS_STD_RADPS = 0.05
 """Of a gyro's zero at the drive's start, where no column stands for it."""

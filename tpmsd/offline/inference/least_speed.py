@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
 
 USUAL_MPS = 5.0
 """From here on every second is compared: clutches, brakes and standstill disturb slower driving more than the

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 
-from tpmsd.inference.gram import Grams
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.inference.gram import Grams
 
 FOLDS = 5
 DRIVES = 3

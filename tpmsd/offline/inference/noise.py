@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
 
 LEAST_READING_M = 1e-4
 """Of a wheel's way at an instant, where speeds are read instead of counts."""

@@ -21,12 +21,12 @@ import numpy as np
 import scipy.linalg
 from scipy.optimize import OptimizeResult, minimize
 
-from tpmsd.inference.noise import LIMITS, PRIORS, Noise
-from tpmsd.inference.scores import Derivatives
-from tpmsd.inference.state_space import Diagonals, Geometry, changed_diagonals, diagonals, geometry
-from tpmsd.inference.whitening import Whitener
-from tpmsd.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED, Linearised
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.inference.noise import LIMITS, PRIORS, Noise
+from tpmsd.offline.inference.scores import Derivatives
+from tpmsd.offline.inference.state_space import Diagonals, Geometry, changed_diagonals, diagonals, geometry
+from tpmsd.offline.inference.whitening import Whitener
+from tpmsd.offline.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED, Linearised
 
 SLOW = ("slow_m", "slow_tau_s")
 WANDER = ("wander", "wander_tau_s")

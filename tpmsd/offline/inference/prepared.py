@@ -13,15 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.inference.covariate_errors import covariate_errors, covariate_jacobians
-from tpmsd.inference.noise import Noise
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.trajectory import Reference, reference
-from tpmsd.inference.windows import MAX_WINDOWS, Reader, Windows
-from tpmsd.physics.forward import wheel_angles
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.physics.forward import wheel_angles
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.inference.covariate_errors import covariate_errors, covariate_jacobians
+from tpmsd.offline.inference.noise import Noise
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.trajectory import Reference, reference
+from tpmsd.offline.inference.windows import MAX_WINDOWS, Reader, Windows
 
 RADIUS_STEP_M = 1e-4
 """By which radii are changed to see what the channels make of it: all are linear far beyond."""

@@ -13,11 +13,11 @@ from itertools import compress
 
 import numpy as np
 
-from tpmsd.config.model import Config
-from tpmsd.physics.kinematics import Geometry
-from tpmsd.physics.motion import Car, driven_mask
-from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import FloatArray
+from tpmsd.car.config.model import Config
+from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.motion import Car, driven_mask
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.timeline.tick import Tick
 
 MAX_HOURS = 24.0
 INERTIAL = (

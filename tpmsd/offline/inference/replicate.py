@@ -16,14 +16,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from tpmsd.inference.noise import Noise
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.trajectory import WINDOW_S
-from tpmsd.inference.windows import Reader
-from tpmsd.physics.first_order import accumulated
-from tpmsd.physics.forward import antenna_truth, gyro_rates, wheel_angles
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.first_order import accumulated
+from tpmsd.car.physics.forward import antenna_truth, gyro_rates, wheel_angles
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.inference.noise import Noise
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.trajectory import WINDOW_S
+from tpmsd.offline.inference.windows import Reader
 
 
 def replicate(reader: Reader, model: ExtendedModel, noise: Noise, rng: np.random.Generator) -> Recording:

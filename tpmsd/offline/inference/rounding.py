@@ -15,9 +15,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.trajectory import WINDOW_S
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.trajectory import WINDOW_S
 
 SAME = 1e-5
 """Relative difference of two readings that are the same: stamps leave a quarter of it of a constant speed."""

@@ -3,7 +3,7 @@
 In: the matrices and gains of all windows, whitened columns. Out: `Derivatives` of -1/2 (log-determinant +
 sum of squares) by the adjoint recursions of the filter (Koopman and Shephard, Biometrika 79, 1992).
 `array_scores` is the reference by NumPy arrays; `compiled_scores` calls `_gains.c` and gives the same within
-rounding (tests/inference/test_scores.py).
+rounding (tests/offline/inference/test_scores.py).
 
 With zeta the scores of a window's carried states and channels, Z what the data tell of these, and S =
 zeta zeta' - Z, the derivatives are quadratic forms: by a variance that comes in through the column j of J,
@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.inference.gains import Gains, chained, is_compiled, kernel
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.inference.gains import Gains, chained, is_compiled, kernel
 
 MOST_STATES = 64
 """States of a window up to which the compiled code has room."""

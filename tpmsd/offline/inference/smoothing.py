@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
 
 CUT_STDS = 4.0
 """Where the Gaussian is cut off, in standard deviations."""

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.inference.windows import CHANNELS
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.inference.windows import CHANNELS
 
 WINDOWS_AT_ONCE = 32
 """Of all columns that fit into a processor's cache while they are laid side by side."""

@@ -20,12 +20,12 @@ from functools import cached_property
 
 import numpy as np
 
-from tpmsd.inference.blocks import PE, PN, PSI, QOLD, WHITE, Layout, Q, Steps, V, W
-from tpmsd.inference.layouts import DRIFTING_RADII
-from tpmsd.inference.noise import Noise
-from tpmsd.inference.trajectory import WINDOW_S
-from tpmsd.inference.windows import CHANNELS, COURSE, EAST, GYRO, NORTH, SPEED, Linearised
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.inference.blocks import PE, PN, PSI, QOLD, WHITE, Layout, Q, Steps, V, W
+from tpmsd.offline.inference.layouts import DRIFTING_RADII
+from tpmsd.offline.inference.noise import Noise
+from tpmsd.offline.inference.trajectory import WINDOW_S
+from tpmsd.offline.inference.windows import CHANNELS, COURSE, EAST, GYRO, NORTH, SPEED, Linearised
 
 SPEED_STD_MPS, YAW_STD_RADPS = 1.0, 0.1
 """Of the reference motion's errors in a window: so wide that the reference is believed nothing."""

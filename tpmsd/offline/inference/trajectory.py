@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmsd.inference.least_speed import least_speed
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.smoothing import NEAREST, gaussian, running_median
-from tpmsd.physics.kinematics import wheel_speeds
-from tpmsd.physics.motion import GRAVITY_MPS2, Car, Motion, integrate
-from tpmsd.wheels import FL, FR, RL, RR, FloatArray
+from tpmsd.car.physics.kinematics import wheel_speeds
+from tpmsd.car.physics.motion import GRAVITY_MPS2, Car, Motion, integrate
+from tpmsd.foundation.wheels import FL, FR, RL, RR, FloatArray
+from tpmsd.offline.inference.least_speed import least_speed
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.smoothing import NEAREST, gaussian, running_median
 
 WINDOW_S = 1.0
 """Over which the channels are compared."""

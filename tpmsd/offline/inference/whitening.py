@@ -24,8 +24,9 @@ from functools import cached_property
 
 import numpy as np
 
-from tpmsd.inference.blocks import PN, PSI, QOLD, Layout, Q, V, W
-from tpmsd.inference.gains import (
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.inference.blocks import PN, PSI, QOLD, Layout, Q, V, W
+from tpmsd.offline.inference.gains import (
     array_whitened,
     compiled_whitened,
     gains,
@@ -33,13 +34,12 @@ from tpmsd.inference.gains import (
     steps,
     whitened_parts,
 )
-from tpmsd.inference.layouts import DRIFTING_RADII
-from tpmsd.inference.noise import Noise
-from tpmsd.inference.scores import Derivatives, System, adjoints, informations, scores
-from tpmsd.inference.stack import Stack
-from tpmsd.inference.state_space import Diagonals, Geometry, diagonals, geometry
-from tpmsd.inference.windows import CHANNELS, Linearised
-from tpmsd.wheels import FloatArray
+from tpmsd.offline.inference.layouts import DRIFTING_RADII
+from tpmsd.offline.inference.noise import Noise
+from tpmsd.offline.inference.scores import Derivatives, System, adjoints, informations, scores
+from tpmsd.offline.inference.stack import Stack
+from tpmsd.offline.inference.state_space import Diagonals, Geometry, diagonals, geometry
+from tpmsd.offline.inference.windows import CHANNELS, Linearised
 
 
 class Whitener:

@@ -14,12 +14,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.rounding import held_variance
-from tpmsd.inference.trajectory import WINDOW_S, Reference, moved
-from tpmsd.physics.covariates import COVARIATES, covariate
-from tpmsd.physics.effect import Effect
-from tpmsd.physics.forward import (
+from tpmsd.car.physics.covariates import COVARIATES, covariate
+from tpmsd.car.physics.effect import Effect
+from tpmsd.car.physics.forward import (
     GYRO_READ,
     RECEIVER_READ,
     WHEELS_READ,
@@ -33,9 +30,12 @@ from tpmsd.physics.forward import (
     wheel_radii,
     wheel_rates,
 )
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.physics.motion import Motion
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.car.physics.motion import Motion
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.rounding import held_variance
+from tpmsd.offline.inference.trajectory import WINDOW_S, Reference, moved
 
 MAX_YAW_RATE_RADPS = 0.4
 """Beyond, tyres scrub, and a second is too long to be linear in."""

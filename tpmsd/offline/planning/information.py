@@ -12,19 +12,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.diagnosis.assessment.identifiability import usual_size
-from tpmsd.diagnosis.hypotheses.response import available, catalogue_columns, radius_columns
-from tpmsd.inference.least_speed import least_speed
-from tpmsd.inference.noise import Noise
-from tpmsd.inference.recording import INERTIAL, Recording
-from tpmsd.inference.trajectory import Reference
-from tpmsd.inference.whitening import Whitener
-from tpmsd.inference.windows import Reader
-from tpmsd.physics.catalogue import EFFECTS
-from tpmsd.physics.forward import antenna_truth, wheel_angles
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.catalogue import EFFECTS
+from tpmsd.car.physics.forward import antenna_truth, wheel_angles
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.assessment.identifiability import usual_size
+from tpmsd.offline.diagnosis.hypotheses.response import available, catalogue_columns, radius_columns
+from tpmsd.offline.inference.least_speed import least_speed
+from tpmsd.offline.inference.noise import Noise
+from tpmsd.offline.inference.recording import INERTIAL, Recording
+from tpmsd.offline.inference.trajectory import Reference
+from tpmsd.offline.inference.whitening import Whitener
+from tpmsd.offline.inference.windows import Reader
 
 DT_S = 0.1
 """Of a tick."""

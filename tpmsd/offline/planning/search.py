@@ -14,8 +14,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from tpmsd.planning.information import DT_S, Equipment, expected_gains, told
-from tpmsd.simulator.manoeuvres import Manoeuvre, motion_of, steps_of
+from tpmsd.offline.planning.information import DT_S, Equipment, expected_gains, told
+from tpmsd.offline.simulator.manoeuvres import Manoeuvre, motion_of, steps_of
 
 TARGET = 25.0
 """Nats that each effect is to bring beside the others: the ten from which a drive tells it, and room for an

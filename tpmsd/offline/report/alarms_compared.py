@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.diagnosis.assessment.result import Finding
-from tpmsd.monitor.alarm_entry import alarm_entry
-from tpmsd.monitor.records import AlarmEvent, AlarmKind
-from tpmsd.physics.catalogue import FAULT
-from tpmsd.report.replay_result import ReplayResult
-from tpmsd.report.wording import drive_time, wheel_name
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.physics.catalogue import FAULT
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.diagnosis.assessment.result import Finding
+from tpmsd.offline.report.replay_result import ReplayResult
+from tpmsd.offline.report.wording import drive_time, wheel_name
+from tpmsd.onboard.monitor.alarm_entry import alarm_entry
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
 
 SETTLED_S = 120.0
 """Before, the radii have not been learned yet."""

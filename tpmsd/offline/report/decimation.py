@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
 
 
 def decimated(

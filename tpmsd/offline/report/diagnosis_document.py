@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
-from tpmsd.diagnosis.assessment.reach import Reach
-from tpmsd.diagnosis.assessment.result import Diagnosis, Finding, RadiusDrift, Where
-from tpmsd.report.alarms_compared import AlarmsCompared, alarms_document
+from tpmsd.offline.diagnosis.assessment.reach import Reach
+from tpmsd.offline.diagnosis.assessment.result import Diagnosis, Finding, RadiusDrift, Where
+from tpmsd.offline.report.alarms_compared import AlarmsCompared, alarms_document
 
 
 def diagnosis_document(

@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.diagnosis.assessment.result import Diagnosis, Finding, Trace
-from tpmsd.report.alarms_compared import AlarmsCompared
-from tpmsd.report.decimation import decimated
-from tpmsd.report.diagnosis_summary import UNITS
-from tpmsd.report.figures import Bars, Chart, Curve, Moment, Track
-from tpmsd.report.replay_charts import TIME_LABEL
-from tpmsd.report.replay_result import ReplayResult
-from tpmsd.report.wording import alarm_label, covariate_name, plain_name, wheel_name
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.diagnosis.assessment.result import Diagnosis, Finding, Trace
+from tpmsd.offline.report.alarms_compared import AlarmsCompared
+from tpmsd.offline.report.decimation import decimated
+from tpmsd.offline.report.diagnosis_summary import UNITS
+from tpmsd.offline.report.figures import Bars, Chart, Curve, Moment, Track
+from tpmsd.offline.report.replay_charts import TIME_LABEL
+from tpmsd.offline.report.replay_result import ReplayResult
+from tpmsd.offline.report.wording import alarm_label, covariate_name, plain_name, wheel_name
 
 NOISE_STD = 2.0
 """Half width of the band in which noise stays, in standard deviations."""

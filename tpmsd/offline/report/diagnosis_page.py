@@ -9,10 +9,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tpmsd.diagnosis.assessment.result import FINDING, INSUFFICIENT, MISMATCH, Diagnosis, Finding, Quantity
-from tpmsd.physics.catalogue import sentence_of
-from tpmsd.report.alarms_compared import AlarmsCompared
-from tpmsd.report.diagnosis_figures import (
+from tpmsd.car.physics.catalogue import sentence_of
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.diagnosis.assessment.result import (
+    FINDING,
+    INSUFFICIENT,
+    MISMATCH,
+    Diagnosis,
+    Finding,
+    Quantity,
+)
+from tpmsd.offline.report.alarms_compared import AlarmsCompared
+from tpmsd.offline.report.diagnosis_figures import (
     evidence_bars,
     finding_name,
     gain_bars,
@@ -21,7 +29,7 @@ from tpmsd.report.diagnosis_figures import (
     spline_chart,
     trace_chart,
 )
-from tpmsd.report.diagnosis_summary import (
+from tpmsd.offline.report.diagnosis_summary import (
     CHANNELS,
     diagnosis_summary,
     left_over,
@@ -29,11 +37,10 @@ from tpmsd.report.diagnosis_summary import (
     place,
     quantity_text,
 )
-from tpmsd.report.page import Cell, Drawn, Origin, Table, Tile, drawn, render
-from tpmsd.report.replay_result import ReplayResult
-from tpmsd.report.simulation_text import agreement, baseline_name, held_lines
-from tpmsd.report.wording import alarm_label, drive_time, parameter_name, plain_name, wheel_name
-from tpmsd.wheels import WHEELS
+from tpmsd.offline.report.page import Cell, Drawn, Origin, Table, Tile, drawn, render
+from tpmsd.offline.report.replay_result import ReplayResult
+from tpmsd.offline.report.simulation_text import agreement, baseline_name, held_lines
+from tpmsd.offline.report.wording import alarm_label, drive_time, parameter_name, plain_name, wheel_name
 
 
 @dataclass(frozen=True)

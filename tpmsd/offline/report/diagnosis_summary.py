@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tpmsd.diagnosis.assessment.reach import Reach
-from tpmsd.diagnosis.assessment.result import (
+from tpmsd.car.physics.catalogue import sentence_of
+from tpmsd.car.physics.covariates import COVARIATES
+from tpmsd.offline.diagnosis.assessment.reach import Reach
+from tpmsd.offline.diagnosis.assessment.result import (
     CONSISTENT,
     FINDING,
     INSUFFICIENT,
@@ -18,12 +20,10 @@ from tpmsd.diagnosis.assessment.result import (
     Quantity,
     Where,
 )
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.physics.catalogue import sentence_of
-from tpmsd.physics.covariates import COVARIATES
-from tpmsd.report.alarms_compared import AlarmsCompared, alarms_summary
-from tpmsd.report.simulation_text import agreement, baseline_name, held_lines
-from tpmsd.report.wording import covariate_name
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.report.alarms_compared import AlarmsCompared, alarms_summary
+from tpmsd.offline.report.simulation_text import agreement, baseline_name, held_lines
+from tpmsd.offline.report.wording import covariate_name
 
 CHANNELS: dict[str, str] = {
     "wheel": "wheels against receiver",

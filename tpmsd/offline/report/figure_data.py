@@ -10,10 +10,10 @@ import json
 import math
 from typing import Any
 
-from tpmsd.palette import STYLES
-from tpmsd.report.figures import Bars, Chart, Figure
-from tpmsd.report.static_figures import Picture
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.palette import STYLES
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.report.figures import Bars, Chart, Figure
+from tpmsd.offline.report.static_figures import Picture
 
 DIGITS = 5
 """Significant ones: more than a screen can show."""

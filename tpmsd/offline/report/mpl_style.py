@@ -14,8 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.backend_bases import RendererBase
 from matplotlib.font_manager import FontProperties
 
-from tpmsd.palette import STYLES
-from tpmsd.report.point_labels import GAP_PT, Name, corners
+from tpmsd.foundation.palette import STYLES
+from tpmsd.offline.report.point_labels import GAP_PT, Name, corners
 
 ROWS = 3
 GAP_PX = 8.0

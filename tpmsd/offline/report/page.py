@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tpmsd.errors import ConfigError
-from tpmsd.report.figures import Figure
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.offline.report.figures import Figure
 
 ASSETS = Path(__file__).parent / "assets"
 """Styles and scripts: inlined into reports, served by `tpmsd web`."""
@@ -118,8 +118,8 @@ def check_report_packages() -> None:
 
 def drawn(figure: Figure, key: str, help: str = "", static: bool = True) -> Drawn:  # noqa: A002
     """A figure for a page; `key` is unique on it. `static`: with a picture for readers without JavaScript."""
-    from tpmsd.report.figure_data import figure_json
-    from tpmsd.report.static_figures import draw_static  # needs matplotlib
+    from tpmsd.offline.report.figure_data import figure_json
+    from tpmsd.offline.report.static_figures import draw_static  # needs matplotlib
 
     picture = draw_static(figure, key) if static else None
     svg = "" if picture is None else picture.svg

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.report.decimation import decimated
-from tpmsd.report.figures import Chart, Curve, Level, Moment, Span, Track
-from tpmsd.report.replay_result import ReplayResult
-from tpmsd.report.replay_series import ReplaySeries, settled_range
-from tpmsd.report.wording import alarm_label, wheel_name
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.report.decimation import decimated
+from tpmsd.offline.report.figures import Chart, Curve, Level, Moment, Span, Track
+from tpmsd.offline.report.replay_result import ReplayResult
+from tpmsd.offline.report.replay_series import ReplaySeries, settled_range
+from tpmsd.offline.report.wording import alarm_label, wheel_name
 
 POINTS = 1600
 """Per curve: two per column of a report's plot."""

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from tpmsd.monitor.alarm_entry import alarm_entry
-from tpmsd.plain import finite, millimetres
-from tpmsd.report.replay_result import ReplayResult, WheelOutcome
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.plain import finite, millimetres
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.report.replay_result import ReplayResult, WheelOutcome
+from tpmsd.onboard.monitor.alarm_entry import alarm_entry
 
 
 def replay_document(result: ReplayResult) -> dict[str, Any]:

@@ -9,14 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from tpmsd.monitor.records import AlarmEvent
-from tpmsd.report.figures import Track
-from tpmsd.report.page import Cell, Drawn, Origin, Table, Tile, drawn, render
-from tpmsd.report.replay_charts import replay_charts
-from tpmsd.report.replay_result import GNSS_GAP_S, ReplayResult, WheelOutcome
-from tpmsd.report.replay_summary import verdict
-from tpmsd.report.wording import drive_time, plain_name, signed_mm, unsigned_mm, utc_text, wheel_name
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.report.figures import Track
+from tpmsd.offline.report.page import Cell, Drawn, Origin, Table, Tile, drawn, render
+from tpmsd.offline.report.replay_charts import replay_charts
+from tpmsd.offline.report.replay_result import GNSS_GAP_S, ReplayResult, WheelOutcome
+from tpmsd.offline.report.replay_summary import verdict
+from tpmsd.offline.report.wording import drive_time, plain_name, signed_mm, unsigned_mm, utc_text, wheel_name
+from tpmsd.onboard.monitor.records import AlarmEvent
 
 _HELP = {
     "Radius minus learned baseline": "What the alarms are raised from: the lines are their thresholds, the"

@@ -17,13 +17,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
-from tpmsd.monitor.records import AlarmEvent, AlarmKind
-from tpmsd.palette import STYLES, line_style
-from tpmsd.report.mpl_style import GROUND, moment_style, place_labels
-from tpmsd.report.replay_result import ReplayResult
-from tpmsd.report.replay_series import ReplaySeries, settled_range
-from tpmsd.report.wording import alarm_label, drive_time, time_step, utc_text, verdict_on, wheel_name
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.foundation.palette import STYLES, line_style
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.report.mpl_style import GROUND, moment_style, place_labels
+from tpmsd.offline.report.replay_result import ReplayResult
+from tpmsd.offline.report.replay_series import ReplaySeries, settled_range
+from tpmsd.offline.report.wording import alarm_label, drive_time, time_step, utc_text, verdict_on, wheel_name
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
 
 GREY = "#888888"
 IDLE: dict[str, Any] = {"color": GREY, "alpha": 0.22, "linewidth": 0}

@@ -10,8 +10,8 @@ import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tpmsd.errors import ConfigError
-from tpmsd.report.replay_result import ReplayResult
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.offline.report.replay_result import ReplayResult
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,7 +35,7 @@ def draw_replay(result: ReplayResult) -> Figure:
     ConfigError if matplotlib is not installed.
     """
     _require_matplotlib()
-    from tpmsd.report.replay_panels import draw  # needs matplotlib
+    from tpmsd.offline.report.replay_panels import draw  # needs matplotlib
 
     return draw(result)
 

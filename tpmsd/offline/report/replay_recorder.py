@@ -12,10 +12,9 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from tpmsd.config.model import MonitorConfig, VehicleConfig
-from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.monitor.records import AlarmEvent, MonitorReport, WheelReport, WheelState
-from tpmsd.report.replay_result import (
+from tpmsd.car.config.model import MonitorConfig, VehicleConfig
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.report.replay_result import (
     GNSS_GAP_S,
     AlarmThresholds,
     FinalPose,
@@ -23,8 +22,9 @@ from tpmsd.report.replay_result import (
     ReplayResult,
     WheelOutcome,
 )
-from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.monitor.records import AlarmEvent, MonitorReport, WheelReport, WheelState
+from tpmsd.onboard.timeline.tick import Tick
 
 MOVING_MPS = 1.0
 """Above this speed the car counts as moving."""

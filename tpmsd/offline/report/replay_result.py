@@ -1,6 +1,6 @@
 """One replayed drive as a record, for the document, the summary and the plot.
 
-In: nothing (plain records). Out: `ReplayResult` and its parts; `tpmsd.report.replay_recorder` fills them.
+In: nothing (plain records). Out: `ReplayResult` and its parts; `tpmsd.offline.report.replay_recorder` fills them.
 Times are seconds of the drive's host clock; NaN stands for a number nobody knows.
 """
 
@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.config.model import MonitorConfig, VehicleConfig
-from tpmsd.monitor.records import AlarmEvent, WheelState
-from tpmsd.resonance.watch import ResonanceStatus
-from tpmsd.wheels import FloatArray
+from tpmsd.car.config.model import MonitorConfig, VehicleConfig
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.records import AlarmEvent, WheelState
+from tpmsd.onboard.resonance.watch import ResonanceStatus
 
 GNSS_GAP_S = 5.0
 """From this age on the last fix counts as lost: an outage in the summary, a shaded span in the plot."""

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.report.replay_result import GNSS_GAP_S, ReplayResult
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.report.replay_result import GNSS_GAP_S, ReplayResult
 
 MAX_POINTS = 4000
 """More columns than a picture has pixels; keeps vector files small."""

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 
-from tpmsd.monitor.records import AlarmEvent, AlarmKind, WheelState
-from tpmsd.report.replay_result import GNSS_GAP_S, ReplayResult, WheelOutcome
-from tpmsd.report.wording import drive_time, signed_mm, unsigned_mm, verdict_on, wheel_name
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.report.replay_result import GNSS_GAP_S, ReplayResult, WheelOutcome
+from tpmsd.offline.report.wording import drive_time, signed_mm, unsigned_mm, verdict_on, wheel_name
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, WheelState
 
 _SEVERITY = {
     AlarmKind.DEFLATION: 0,

@@ -5,7 +5,7 @@ In: `Diagnosis`, `Finding`. Out: words.
 
 from __future__ import annotations
 
-from tpmsd.diagnosis.assessment.result import Diagnosis, Finding, Quantity
+from tpmsd.offline.diagnosis.assessment.result import Diagnosis, Finding, Quantity
 
 
 def baseline_name(diagnosis: Diagnosis) -> str:

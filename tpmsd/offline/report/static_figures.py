@@ -23,12 +23,12 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, MultipleLocator
 
-from tpmsd.palette import STYLES, line_style
-from tpmsd.report.decimation import decimated
-from tpmsd.report.figures import Bars, Chart, Figure, Track
-from tpmsd.report.mpl_style import GROUND, name_points, place_labels
-from tpmsd.report.wording import drive_time, time_step
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.palette import STYLES, line_style
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.report.decimation import decimated
+from tpmsd.offline.report.figures import Bars, Chart, Figure, Track
+from tpmsd.offline.report.mpl_style import GROUND, name_points, place_labels
+from tpmsd.offline.report.wording import drive_time, time_step
 
 WIDTH_IN, HEIGHT_IN, BAR_IN = 5.8, 2.7, 0.25
 """On a page of 180 mm (A4) letters of 10 pt come out at 12 pt, on a phone of 400 pixels at 9 pixels."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import datetime
 import math
 
-from tpmsd.monitor.records import AlarmEvent, AlarmKind
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
 
 EPOCH_FROM_S, EPOCH_TO_S = 6.3e8, 4.1e9
 """1990 to 2099: host times that are a date; a box without a clock starts in 1970."""

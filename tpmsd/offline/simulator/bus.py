@@ -11,15 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.forward import accelerations, gyro_rates, steering_wheel_angles
-from tpmsd.physics.motion import GRAVITY_MPS2
-from tpmsd.simulator.bus_layouts import ALIVE, bus_layout
-from tpmsd.simulator.clock import Clocks
-from tpmsd.simulator.frame_layout import ByteArray, IntArray, MessageLayout, SignalLayout
-from tpmsd.simulator.instruments import ENGINE_BRAKE_MPS2, ZERO_DEGC_K, drive_mps2
-from tpmsd.simulator.noise import gauss_markov
-from tpmsd.simulator.world import World
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.physics.forward import accelerations, gyro_rates, steering_wheel_angles
+from tpmsd.car.physics.motion import GRAVITY_MPS2
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.simulator.bus_layouts import ALIVE, bus_layout
+from tpmsd.offline.simulator.clock import Clocks
+from tpmsd.offline.simulator.frame_layout import ByteArray, IntArray, MessageLayout, SignalLayout
+from tpmsd.offline.simulator.instruments import ENGINE_BRAKE_MPS2, ZERO_DEGC_K, drive_mps2
+from tpmsd.offline.simulator.noise import gauss_markov
+from tpmsd.offline.simulator.world import World
 
 _UNIT_PER_SI = {
     "km/h": 3.6,

@@ -7,9 +7,9 @@ different messages, with different periods and big endian; `speeds`: wheel speed
 
 from __future__ import annotations
 
-from tpmsd.errors import ConfigError
-from tpmsd.simulator.frame_layout import MessageLayout, SignalLayout
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.simulator.frame_layout import MessageLayout, SignalLayout
 
 BUS_KINDS = ("counts16", "counts8", "split", "speeds")
 ALIVE = "ALIVE"

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
 
 DEFAULT_START_UTC_S = 1_719_820_800.0
 """2024-07-01 08:00:00 UTC."""

@@ -13,21 +13,21 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.config.model import VehicleConfig
-from tpmsd.errors import ConfigError
-from tpmsd.physics.kinematics import Geometry
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.physics.motion import Car, Motion, driven_mask
-from tpmsd.simulator.bus import BusSpec, FrameLog, frames_of
-from tpmsd.simulator.bus_layouts import bus_layout
-from tpmsd.simulator.clock import Clocks
-from tpmsd.simulator.faults import Fault
-from tpmsd.simulator.frame_layout import dbc_text
-from tpmsd.simulator.receiver import Epochs, NmeaLine, ReceiverSpec, measure, nmea_lines
-from tpmsd.simulator.route import make_route
-from tpmsd.simulator.vehicle_toml import vehicle_toml
-from tpmsd.simulator.world import ROUGHNESS_STD_M, World, make_world
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.config.model import VehicleConfig
+from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.car.physics.motion import Car, Motion, driven_mask
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.simulator.bus import BusSpec, FrameLog, frames_of
+from tpmsd.offline.simulator.bus_layouts import bus_layout
+from tpmsd.offline.simulator.clock import Clocks
+from tpmsd.offline.simulator.faults import Fault
+from tpmsd.offline.simulator.frame_layout import dbc_text
+from tpmsd.offline.simulator.receiver import Epochs, NmeaLine, ReceiverSpec, measure, nmea_lines
+from tpmsd.offline.simulator.route import make_route
+from tpmsd.offline.simulator.vehicle_toml import vehicle_toml
+from tpmsd.offline.simulator.world import ROUGHNESS_STD_M, World, make_world
 
 _STEERING_RATIO = 15.3
 """Of a car whose configuration does not say."""

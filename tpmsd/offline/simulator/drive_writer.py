@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.errors import ConfigError, TpmsdError
-from tpmsd.simulator.bus import FrameLog
-from tpmsd.simulator.drive import SimulatedDrive
-from tpmsd.simulator.receiver import NmeaLine
+from tpmsd.foundation.errors import ConfigError, TpmsdError
+from tpmsd.offline.simulator.bus import FrameLog
+from tpmsd.offline.simulator.drive import SimulatedDrive
+from tpmsd.offline.simulator.receiver import NmeaLine
 
 _CHUNK = 20_000
 TRUTH = "truth.json"

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.errors import ConfigError
-from tpmsd.physics.catalogue import FAULT, make_effect
-from tpmsd.physics.effect import Effect
-from tpmsd.physics.tyre import radius_change_for_pressure_loss
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.physics.catalogue import FAULT, make_effect
+from tpmsd.car.physics.effect import Effect
+from tpmsd.car.physics.tyre import radius_change_for_pressure_loss
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import WHEELS, FloatArray
 
 FAULT_DURATION_S = {"puncture": 30.0, "leak": 600.0, "diffusion": 1800.0, "step": 0.0}
 """How long each kind takes where nothing else is said."""

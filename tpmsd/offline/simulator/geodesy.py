@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.motion import integrate
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.motion import integrate
+from tpmsd.foundation.wheels import FloatArray
 
 _A_M = 6_378_137.0
 _E2 = 0.0066943799901413165

@@ -10,8 +10,8 @@ import dataclasses
 
 import numpy as np
 
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.foundation.wheels import FloatArray
 
 ENGINE_BRAKE_MPS2 = -0.5
 """What the engine alone slows down by; more is the brakes' work."""

@@ -24,9 +24,9 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.errors import ConfigError, TpmsdError
-from tpmsd.simulator.drive import SimulatedDrive
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.errors import ConfigError, TpmsdError
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.simulator.drive import SimulatedDrive
 
 _GLANCE_S = 0.25
 _HELD_UP_S = 0.02

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tpmsd.errors import ConfigError
-from tpmsd.physics.motion import Motion
-from tpmsd.text_file import read_text
-from tpmsd.toml_text import parse_toml
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.motion import Motion
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.text_file import read_text
+from tpmsd.foundation.toml_text import parse_toml
+from tpmsd.foundation.wheels import FloatArray
 
 ROUNDED_S = 1.5
 """Width of the Hann window that rounds speeds, bends and slopes over time."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import lfilter
 
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
 
 
 def gauss_markov(

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.errors import ConfigError
-from tpmsd.simulator.clock import Clocks
-from tpmsd.simulator.geodesy import Track, on_ellipsoid, radii_of_curvature
-from tpmsd.simulator.nmea import SENTENCES, Epoch, sentence
-from tpmsd.simulator.noise import gauss_markov
-from tpmsd.simulator.world import World
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.simulator.clock import Clocks
+from tpmsd.offline.simulator.geodesy import Track, on_ellipsoid, radii_of_curvature
+from tpmsd.offline.simulator.nmea import SENTENCES, Epoch, sentence
+from tpmsd.offline.simulator.noise import gauss_markov
+from tpmsd.offline.simulator.world import World
 
 _JUMP_DECAY_S = 3.0
 

@@ -1,7 +1,7 @@
 """Roads as lists of segments, by kind.
 
 In: a kind (`city rural motorway mixed oval test-track hills`), a duration and a Generator. Out: segments with
-length, curvature, speed limit and stops, enough for the duration. `tpmsd.simulator.route` drives a car along
+length, curvature, speed limit and stops, enough for the duration. `tpmsd.offline.simulator.route` drives a car along
 them.
 """
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from tpmsd.errors import ConfigError
-from tpmsd.physics.motion import Motion
-from tpmsd.simulator.road import ROUTE_KINDS, Segment, make_road
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.motion import Motion
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.simulator.road import ROUTE_KINDS, Segment, make_road
 
 RATE_HZ = 100.0
 _GRID_M = 0.5

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import json
 
-from tpmsd.config.model import VehicleConfig
-from tpmsd.simulator.frame_layout import MessageLayout
-from tpmsd.simulator.receiver import ReceiverSpec
-from tpmsd.wheels import WHEELS
+from tpmsd.car.config.model import VehicleConfig
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.simulator.frame_layout import MessageLayout
+from tpmsd.offline.simulator.receiver import ReceiverSpec
 
 
 def vehicle_toml(

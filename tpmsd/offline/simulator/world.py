@@ -10,14 +10,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.catalogue import SLOPES
-from tpmsd.physics.forward import AntennaTruth, antenna_truth, counted_revolutions, wheel_angles, wheel_radii
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.simulator.clock import Clocks
-from tpmsd.simulator.instruments import with_instruments
-from tpmsd.simulator.noise import gauss_markov
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.catalogue import SLOPES
+from tpmsd.car.physics.forward import (
+    AntennaTruth,
+    antenna_truth,
+    counted_revolutions,
+    wheel_angles,
+    wheel_radii,
+)
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.simulator.clock import Clocks
+from tpmsd.offline.simulator.instruments import with_instruments
+from tpmsd.offline.simulator.noise import gauss_markov
 
 ROUGHNESS_STD_M = 2e-4
 """Effective radius over a smooth road at 100 Hz. A RAV4's wheel-to-wheel ratio on a suburban road is 0.023 %

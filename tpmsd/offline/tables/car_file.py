@@ -12,13 +12,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tpmsd.config.document import Document
-from tpmsd.config.load import DBC_FILE, parse
-from tpmsd.config.locate import locate
-from tpmsd.config.model import Config
-from tpmsd.config.problems import ConfigProblems
-from tpmsd.errors import ConfigError
-from tpmsd.tables.encode import CHANNEL, Encoded
+from tpmsd.car.config.document import Document
+from tpmsd.car.config.load import DBC_FILE, parse
+from tpmsd.car.config.locate import locate
+from tpmsd.car.config.model import Config
+from tpmsd.car.config.problems import ConfigProblems
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.offline.tables.encode import CHANNEL, Encoded
 
 Table = Mapping[str, Any]
 

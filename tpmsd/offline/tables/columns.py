@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.wheels import WHEELS
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from tpmsd.errors import TpmsdError
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.drive import Sentence
+from tpmsd.foundation.errors import TpmsdError
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.drive import Sentence
 
 
 def write_folder(folder: Path, items: Sequence[CanFrame | Sentence], dbc: str, vehicle_toml: str) -> Path:

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.drive import Sentence
-from tpmsd.tables.roles import INERTIAL_UNITS
-from tpmsd.tables.signals import Fixes, Series, Signals
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.tables.roles import INERTIAL_UNITS
+from tpmsd.offline.tables.signals import Fixes, Series, Signals
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.drive import Sentence
 
 COUNTS_PER_TURN = 1_000_000
 """For angles: six micrometres of road, and 32 bits last for 4,294 turns."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from tpmsd.errors import ConfigError
+from tpmsd.foundation.errors import ConfigError
 
 
 def need(module: str, extra: str, what: str) -> Any:

@@ -11,12 +11,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tpmsd.config.suggest import nearest
-from tpmsd.errors import ConfigError
-from tpmsd.tables.columns import BY_NAME
-from tpmsd.tables.roles import ROLES, SUFFIXES, is_linear, scale_of, split_name
-from tpmsd.tables.signals import Series
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.config.suggest import nearest
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.tables.columns import BY_NAME
+from tpmsd.offline.tables.roles import ROLES, SUFFIXES, is_linear, scale_of, split_name
+from tpmsd.offline.tables.signals import Series
 
 TIME = "time_s"
 

@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.config.problems import BadValueError, ConfigProblems, Problem
-from tpmsd.config.suggest import nearest
-from tpmsd.errors import ConfigError, InputError
-from tpmsd.tables.map_file import ColumnMap, TableMap
-from tpmsd.tables.read_table import Table, read_table
-from tpmsd.tables.roles import TIME_UNITS, is_linear, scale_of, split_name
-from tpmsd.tables.signals import Series
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.config.problems import BadValueError, ConfigProblems, Problem
+from tpmsd.car.config.suggest import nearest
+from tpmsd.foundation.errors import ConfigError, InputError
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.tables.map_file import ColumnMap, TableMap
+from tpmsd.offline.tables.read_table import Table, read_table
+from tpmsd.offline.tables.roles import TIME_UNITS, is_linear, scale_of, split_name
+from tpmsd.offline.tables.signals import Series
 
 TIME = "time_s"
 _USUAL_RADIUS_M = 0.3

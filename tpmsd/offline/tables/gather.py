@@ -12,11 +12,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tpmsd.config.model import OPTIONAL_ROLES
-from tpmsd.errors import ConfigError
-from tpmsd.tables.roles import ANGLE_ROLES, COUNT_ROLES, SPEED_ROLES, STD_ROLES
-from tpmsd.tables.signals import Fixes, Series, Signals
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.config.model import OPTIONAL_ROLES
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.tables.roles import ANGLE_ROLES, COUNT_ROLES, SPEED_ROLES, STD_ROLES
+from tpmsd.offline.tables.signals import Fixes, Series, Signals
 
 ORIGIN_DEG = (50.0, 8.0)
 """Latitude and longitude at which the plane of a simulator touches the earth; any place will do."""

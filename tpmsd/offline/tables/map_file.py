@@ -20,14 +20,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tpmsd.config.document import Document, read_document
-from tpmsd.config.load import load_config
-from tpmsd.config.model import Config
-from tpmsd.config.problems import BadValueError, ConfigProblems, Problem, show
-from tpmsd.config.schema import tables as config_tables
-from tpmsd.config.suggest import nearest
-from tpmsd.errors import ConfigError
-from tpmsd.tables.roles import COUNT_ROLES, ROLES, TIME_UNITS, scale_of
+from tpmsd.car.config.document import Document, read_document
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import Config
+from tpmsd.car.config.problems import BadValueError, ConfigProblems, Problem, show
+from tpmsd.car.config.schema import tables as config_tables
+from tpmsd.car.config.suggest import nearest
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.offline.tables.roles import COUNT_ROLES, ROLES, TIME_UNITS, scale_of
 
 MAX_MODULUS = 2**32
 _COLUMN_KEYS = ("column", "unit", "scale", "offset", "modulus", "invalid", "time", "time_unit")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.wheels import WHEELS
 
 Schema = dict[str, Any]
 

@@ -16,10 +16,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tpmsd.errors import InputError
-from tpmsd.tables.extras import need
-from tpmsd.tables.write import SCHEMA, SCHEMA_KEY, VEHICLE_KEY
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.errors import InputError
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.tables.extras import need
+from tpmsd.offline.tables.write import SCHEMA, SCHEMA_KEY, VEHICLE_KEY
 
 SUFFIXES = (".csv", ".tsv", ".txt", ".parquet", ".mf4", ".mdf", ".mat", ".h5", ".hdf5")
 NOTHING = frozenset(("", "nan", "na", "n/a", "null", "none", "-"))

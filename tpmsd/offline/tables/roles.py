@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 
-from tpmsd.config.model import OPTIONAL_ROLES
-from tpmsd.config.units import to_si
-from tpmsd.errors import ConfigError
-from tpmsd.wheels import WHEELS
+from tpmsd.car.config.model import OPTIONAL_ROLES
+from tpmsd.car.config.units import to_si
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import WHEELS
 
 Scale = tuple[float, float]
 """SI value = factor * value + offset."""

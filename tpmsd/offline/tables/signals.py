@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
 
 
 @dataclass(frozen=True)

@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tpmsd.monitor.records import AlarmEvent
-from tpmsd.sources.events import GnssFix
-from tpmsd.tables.columns import COLUMNS, INERTIAL, NUMBERS, TEXTS
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.tables.columns import COLUMNS, INERTIAL, NUMBERS, TEXTS
+from tpmsd.onboard.monitor.records import AlarmEvent
+from tpmsd.onboard.sources.events import GnssFix
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from tpmsd.pipeline import Step
+    from tpmsd.onboard.pipeline import Step
 
 MAX_WAITING = 100
 """Fixes that wait for a row of their own: ten seconds of a 10 Hz receiver."""
@@ -35,7 +35,7 @@ Texts = tuple[str, ...]
 
 @dataclass(frozen=True)
 class TickTable:
-    """n rows; the columns of `tpmsd.tables.columns`."""
+    """n rows; the columns of `tpmsd.offline.tables.columns`."""
 
     numbers: dict[str, FloatArray]
     """(n,) each, NaN where nobody knows."""
@@ -55,7 +55,7 @@ class TickTable:
 
     def to_pandas(self) -> pd.DataFrame:
         """The table as a data frame, columns in their documented order; ConfigError without pandas."""
-        from tpmsd.tables.extras import need_pandas
+        from tpmsd.offline.tables.extras import need_pandas
 
         columns = {
             column.name: list(self.texts[column.name]) if column.text else self.numbers[column.name]

@@ -13,9 +13,9 @@ import math
 
 import numpy as np
 
-from tpmsd.tables.columns import COLUMNS
-from tpmsd.tables.extras import need
-from tpmsd.tables.tick_table import TickTable
+from tpmsd.offline.tables.columns import COLUMNS
+from tpmsd.offline.tables.extras import need
+from tpmsd.offline.tables.tick_table import TickTable
 
 SCHEMA = "tpmsd.ticks/1"
 SCHEMA_KEY, VEHICLE_KEY = b"tpmsd.schema", b"tpmsd.vehicle"

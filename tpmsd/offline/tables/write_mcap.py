@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.monitor.records import AlarmEvent
-from tpmsd.tables.columns import INERTIAL
-from tpmsd.tables.extras import need
-from tpmsd.tables.mcap_schemas import DIAGONAL_KNOWN, ERROR, INFO, TOPICS
-from tpmsd.tables.tick_table import TickTable
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.tables.columns import INERTIAL
+from tpmsd.offline.tables.extras import need
+from tpmsd.offline.tables.mcap_schemas import DIAGONAL_KNOWN, ERROR, INFO, TOPICS
+from tpmsd.offline.tables.tick_table import TickTable
+from tpmsd.onboard.monitor.records import AlarmEvent
 
 Message = tuple[float, str, dict[str, Any]]
 MAX_TRACK_POINTS = 5_000

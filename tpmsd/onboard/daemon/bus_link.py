@@ -13,12 +13,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
 
-from tpmsd.config.model import AlarmsConfig, CanConfig
-from tpmsd.daemon.can_errors import BUS_OFF, error_names, hint_after
-from tpmsd.daemon.link import Link
-from tpmsd.sinks.can_frames import OutFrame
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.can_live import CanDown, LiveCan
+from tpmsd.car.config.model import AlarmsConfig, CanConfig
+from tpmsd.onboard.daemon.can_errors import BUS_OFF, error_names, hint_after
+from tpmsd.onboard.daemon.link import Link
+from tpmsd.onboard.sinks.can_frames import OutFrame
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can_live import CanDown, LiveCan
 
 READ_AT_ONCE = 1000
 READS_AT_ONCE = 100

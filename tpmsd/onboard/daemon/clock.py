@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from tpmsd.errors import ConfigError
+from tpmsd.foundation.errors import ConfigError
 
 MAX_SCALE = 1000.0
 _SAME_INSTANT_S = 1e-3

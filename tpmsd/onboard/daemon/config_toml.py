@@ -1,6 +1,6 @@
 """A configuration as TOML, so that a recording holds what the daemon really ran with.
 
-In: `Config`, command-line options worked in. Out: text that `tpmsd.config.load` reads back to the same
+In: `Config`, command-line options worked in. Out: text that `tpmsd.car.config.load` reads back to the same
 values.
 """
 
@@ -10,8 +10,8 @@ import dataclasses
 import json
 from pathlib import Path
 
-from tpmsd.config.model import BusConfig, CanConfig, Condition, Config
-from tpmsd.wheels import WHEELS
+from tpmsd.car.config.model import BusConfig, CanConfig, Condition, Config
+from tpmsd.foundation.wheels import WHEELS
 
 _TABLES = ("vehicle", "can", "gnss", "filter", "monitor", "tyre", "alarms", "status", "state", "calibration")
 

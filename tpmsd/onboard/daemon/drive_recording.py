@@ -13,13 +13,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tpmsd.daemon.bus_link import BusLink
-from tpmsd.daemon.descriptors import Descriptors
-from tpmsd.daemon.receiver_link import ReceiverLink
-from tpmsd.daemon.recorder import Appender, candump_line
-from tpmsd.errors import TpmsdError
-from tpmsd.sources.events import GnssFix
-from tpmsd.sources.nmea_epoch import NmeaAssembler
+from tpmsd.foundation.errors import TpmsdError
+from tpmsd.onboard.daemon.bus_link import BusLink
+from tpmsd.onboard.daemon.descriptors import Descriptors
+from tpmsd.onboard.daemon.receiver_link import ReceiverLink
+from tpmsd.onboard.daemon.recorder import Appender, candump_line
+from tpmsd.onboard.sources.events import GnssFix
+from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
 
 SYNC_S = 5.0
 FLUSH_S = 1.0

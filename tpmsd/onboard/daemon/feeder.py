@@ -14,11 +14,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from tpmsd.daemon.input_queue import Input, InputQueue, rounded
-from tpmsd.daemon.recorder import DriveRecorder
-from tpmsd.pipeline import Pipeline, Step
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.events import SourceFault
+from tpmsd.onboard.daemon.input_queue import Input, InputQueue, rounded
+from tpmsd.onboard.daemon.recorder import DriveRecorder
+from tpmsd.onboard.pipeline import Pipeline, Step
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.events import SourceFault
 
 MARK_S = 1.0
 CLOCK_STEP_S = 0.25

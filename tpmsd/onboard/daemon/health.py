@@ -9,14 +9,14 @@ import math
 from collections import Counter
 from typing import Any
 
-from tpmsd.config.gnss_source import source_of
-from tpmsd.config.model import Config
-from tpmsd.daemon.bus_link import BusLink
-from tpmsd.daemon.input_queue import InputQueue
-from tpmsd.daemon.receiver_link import ReceiverLink
-from tpmsd.monitor.records import MonitorReport, WheelState
-from tpmsd.pipeline import Pipeline, Step
-from tpmsd.sinks.status_document import LoopHealth, SourceHealth, SourceState, build_status
+from tpmsd.car.config.gnss_source import source_of
+from tpmsd.car.config.model import Config
+from tpmsd.onboard.daemon.bus_link import BusLink
+from tpmsd.onboard.daemon.input_queue import InputQueue
+from tpmsd.onboard.daemon.receiver_link import ReceiverLink
+from tpmsd.onboard.monitor.records import MonitorReport, WheelState
+from tpmsd.onboard.pipeline import Pipeline, Step
+from tpmsd.onboard.sinks.status_document import LoopHealth, SourceHealth, SourceState, build_status
 
 BUS_SILENT_S = 2.0
 RECEIVER_SILENT_S = 3.0

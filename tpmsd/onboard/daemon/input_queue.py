@@ -15,8 +15,8 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.drive import Sentence
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.drive import Sentence
 
 Input = CanFrame | Sentence
 

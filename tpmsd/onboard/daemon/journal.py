@@ -13,7 +13,7 @@ import sys
 from collections.abc import Mapping
 from typing import IO
 
-from tpmsd.monitor.records import AlarmEvent, AlarmKind
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
 
 LOGGER = "tpmsd"
 

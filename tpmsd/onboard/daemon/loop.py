@@ -23,40 +23,40 @@ from typing import Any
 
 from cantools.database import Database
 
-from tpmsd.config.gnss_source import source_of
-from tpmsd.config.model import BusConfig, Config
-from tpmsd.daemon.bus_link import Bus, BusLink, OpenBus, open_can, own_filters, reset_filters
-from tpmsd.daemon.clock import Clock
-from tpmsd.daemon.deadlines import Deadlines, Every
-from tpmsd.daemon.descriptors import Descriptors
-from tpmsd.daemon.feeder import Feeder
-from tpmsd.daemon.frame_stamps import TOLERANCE_S, WINDOW_S, FrameStamps
-from tpmsd.daemon.health import Health
-from tpmsd.daemon.input_queue import InputQueue
-from tpmsd.daemon.journal import LOGGER, log_alarm
-from tpmsd.daemon.notify import Notices
-from tpmsd.daemon.own_frames import OwnFrames
-from tpmsd.daemon.receiver_link import (
+from tpmsd.car.config.gnss_source import source_of
+from tpmsd.car.config.model import BusConfig, Config
+from tpmsd.foundation.provenance import provenance
+from tpmsd.onboard.daemon.bus_link import Bus, BusLink, OpenBus, open_can, own_filters, reset_filters
+from tpmsd.onboard.daemon.clock import Clock
+from tpmsd.onboard.daemon.deadlines import Deadlines, Every
+from tpmsd.onboard.daemon.descriptors import Descriptors
+from tpmsd.onboard.daemon.feeder import Feeder
+from tpmsd.onboard.daemon.frame_stamps import TOLERANCE_S, WINDOW_S, FrameStamps
+from tpmsd.onboard.daemon.health import Health
+from tpmsd.onboard.daemon.input_queue import InputQueue
+from tpmsd.onboard.daemon.journal import LOGGER, log_alarm
+from tpmsd.onboard.daemon.notify import Notices
+from tpmsd.onboard.daemon.own_frames import OwnFrames
+from tpmsd.onboard.daemon.receiver_link import (
     OpenReceiver,
     ReceiverLink,
     configured_receiver,
     configured_stream,
 )
-from tpmsd.daemon.recorder import DriveRecorder
-from tpmsd.daemon.service_manager import ServiceManager
-from tpmsd.daemon.signals import SignalPipe
-from tpmsd.daemon.state_keeper import StateKeeper
-from tpmsd.monitor.tyre_sets import NAME
-from tpmsd.pipeline import Pipeline, Step
-from tpmsd.provenance import provenance
-from tpmsd.sinks.can_frames import CanReporter, OutFrame
-from tpmsd.sinks.reset_request import PREFIX, ResetRequest, to_sentence
-from tpmsd.sinks.sd_notify import Notifier
-from tpmsd.sinks.status_server import StatusServer, StatusSocketError
-from tpmsd.sinks.status_version import DOCUMENT_VERSION
-from tpmsd.sources.can_decoder import can_filters
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.events import SourceFault
+from tpmsd.onboard.daemon.recorder import DriveRecorder
+from tpmsd.onboard.daemon.service_manager import ServiceManager
+from tpmsd.onboard.daemon.signals import SignalPipe
+from tpmsd.onboard.daemon.state_keeper import StateKeeper
+from tpmsd.onboard.monitor.tyre_sets import NAME
+from tpmsd.onboard.pipeline import Pipeline, Step
+from tpmsd.onboard.sinks.can_frames import CanReporter, OutFrame
+from tpmsd.onboard.sinks.reset_request import PREFIX, ResetRequest, to_sentence
+from tpmsd.onboard.sinks.sd_notify import Notifier
+from tpmsd.onboard.sinks.status_server import StatusServer, StatusSocketError
+from tpmsd.onboard.sinks.status_version import DOCUMENT_VERSION
+from tpmsd.onboard.sources.can_decoder import can_filters
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.events import SourceFault
 
 SCHEMA = "tpmsd.status/2"
 GRACE_S = 0.06

@@ -15,8 +15,8 @@ import subprocess
 from collections import deque
 from collections.abc import Mapping
 
-from tpmsd.config.model import NotifyConfig
-from tpmsd.monitor.records import AlarmEvent
+from tpmsd.car.config.model import NotifyConfig
+from tpmsd.onboard.monitor.records import AlarmEvent
 
 MOST_WAITING = 32
 """Events that wait for their turn; of more the oldest are left out, for the newest say how it is."""

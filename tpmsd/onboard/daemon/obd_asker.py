@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from tpmsd.config.model import ObdConfig
-from tpmsd.sinks.can_frames import OutFrame
-from tpmsd.sources.obd_speed import SPEED_REQUEST, speed_answer_kmh
+from tpmsd.car.config.model import ObdConfig
+from tpmsd.onboard.sinks.can_frames import OutFrame
+from tpmsd.onboard.sources.obd_speed import SPEED_REQUEST, speed_answer_kmh
 
 LISTEN_S = 3.0
 """Nothing is sent before the bus was listened to for so long."""

@@ -11,13 +11,13 @@ from typing import Any
 
 from cantools.database import Database
 
-from tpmsd.config.model import Config
-from tpmsd.daemon.obd_asker import ObdAsker
-from tpmsd.monitor.settings import SIGNALS
-from tpmsd.pipeline import Step
-from tpmsd.sinks.can_frames import OutFrame
-from tpmsd.sinks.can_output import CanOutputs
-from tpmsd.sources.can_frame import CanFrame
+from tpmsd.car.config.model import Config
+from tpmsd.onboard.daemon.obd_asker import ObdAsker
+from tpmsd.onboard.monitor.settings import SIGNALS
+from tpmsd.onboard.pipeline import Step
+from tpmsd.onboard.sinks.can_frames import OutFrame
+from tpmsd.onboard.sinks.can_output import CanOutputs
+from tpmsd.onboard.sources.can_frame import CanFrame
 
 
 class OwnFrames:

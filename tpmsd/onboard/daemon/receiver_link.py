@@ -10,13 +10,13 @@ import logging
 from collections.abc import Callable
 from typing import Protocol
 
-from tpmsd.config.gnss_source import source_of
-from tpmsd.config.model import GnssConfig
-from tpmsd.daemon.link import Link
-from tpmsd.sources.gnss_net_live import TcpReceiver, UdpReceiver
-from tpmsd.sources.gnss_stream import GnssStream, GpsdStream, NmeaStream
-from tpmsd.sources.gpsd_json import WATCH
-from tpmsd.sources.serial_live import ReceiverGone, SerialReceiver
+from tpmsd.car.config.gnss_source import source_of
+from tpmsd.car.config.model import GnssConfig
+from tpmsd.onboard.daemon.link import Link
+from tpmsd.onboard.sources.gnss_net_live import TcpReceiver, UdpReceiver
+from tpmsd.onboard.sources.gnss_stream import GnssStream, GpsdStream, NmeaStream
+from tpmsd.onboard.sources.gpsd_json import WATCH
+from tpmsd.onboard.sources.serial_live import ReceiverGone, SerialReceiver
 
 READS_AT_ONCE = 64
 """Enough for all that a line can hold back; a device that never ends must not stop the loop."""

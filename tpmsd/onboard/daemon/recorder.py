@@ -15,10 +15,10 @@ import os
 import shutil
 from pathlib import Path
 
-from tpmsd.config.model import Config
-from tpmsd.daemon.config_toml import config_toml
-from tpmsd.errors import ConfigError
-from tpmsd.sources.can_frame import CanFrame
+from tpmsd.car.config.model import Config
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.onboard.daemon.config_toml import config_toml
+from tpmsd.onboard.sources.can_frame import CanFrame
 
 MARK = b"$PTPMSD"
 BUFFER_BYTES = 1 << 18

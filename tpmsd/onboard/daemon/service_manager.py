@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from tpmsd.daemon.deadlines import Every
-from tpmsd.sinks.sd_notify import Notifier
+from tpmsd.onboard.daemon.deadlines import Every
+from tpmsd.onboard.sinks.sd_notify import Notifier
 
 STATUS_S = 5.0
 

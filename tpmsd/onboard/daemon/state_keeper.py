@@ -16,10 +16,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from tpmsd.config.model import Config
-from tpmsd.daemon.state_writer import StateWriter
-from tpmsd.pipeline import Pipeline
-from tpmsd.sinks.state_file import StateDamaged, StateError, encode_state, load_state
+from tpmsd.car.config.model import Config
+from tpmsd.onboard.daemon.state_writer import StateWriter
+from tpmsd.onboard.pipeline import Pipeline
+from tpmsd.onboard.sinks.state_file import StateDamaged, StateError, encode_state, load_state
 
 ALARM_INTERVAL_S = 5.0
 """Alarms that come and go are not saved more often than this: flash memory wears."""

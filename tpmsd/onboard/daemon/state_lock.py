@@ -14,7 +14,7 @@ import stat
 from collections.abc import Iterator
 from pathlib import Path
 
-from tpmsd.errors import TpmsdError
+from tpmsd.foundation.errors import TpmsdError
 
 SUFFIX = ".lock"
 

@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
-from tpmsd.sinks.state_file import StateError, write_state
+from tpmsd.onboard.sinks.state_file import StateError, write_state
 
 
 class StateWriter:

@@ -1,12 +1,12 @@
 /* Arithmetic of the hypothesis bank, compiled: the same formulas as `error_state`, `batched_kalman` and
- * `measurements` have for NumPy arrays, which are the reference (tests/estimators/test_bank_kernel.py).
+ * `measurements` have for NumPy arrays, which are the reference (tests/onboard/estimators/test_bank_kernel.py).
  *
  * In and out: C-contiguous double arrays in which the hypotheses lie side by side (`error_state.side_by_side`):
  * mean [n][N], covariance [n][n][N]; n states, N hypotheses. Nothing is allocated. Floating-point contraction
  * is off (setup.py), so that machines with and without fused multiply-add round alike.
  */
 #define Py_LIMITED_API 0x030b0000
-#include "../_arrays.h"
+#include "../../foundation/_arrays.h"
 #include <math.h>
 
 /* Places in the state, as in `error_state`. */
@@ -461,7 +461,7 @@ static int add_constants(PyObject *module)
 
 static PyModuleDef_Slot slots[] = {{Py_mod_exec, add_constants}, {0, NULL}};
 static struct PyModuleDef module = {
-    PyModuleDef_HEAD_INIT, "tpmsd.estimators._bank", "Arithmetic of the hypothesis bank.", 0, methods, slots,
+    PyModuleDef_HEAD_INIT, "tpmsd.onboard.estimators._bank", "Arithmetic of the hypothesis bank.", 0, methods, slots,
     NULL, NULL, NULL,
 };
 

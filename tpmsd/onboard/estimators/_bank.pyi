@@ -1,4 +1,4 @@
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
 
 def propagate(
     mean: FloatArray, covariance: FloatArray, drift: FloatArray, /, *motion: float

@@ -20,10 +20,10 @@ from statistics import median
 
 import numpy as np
 
-from tpmsd.estimators.path_length import PathLength
-from tpmsd.estimators.settings import AGREEMENT, PATH_LENGTH
-from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.path_length import PathLength
+from tpmsd.onboard.estimators.settings import AGREEMENT, PATH_LENGTH
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 FAULT_KINDS = frozenset({"jump", "reset", "late", "implausible"})
 

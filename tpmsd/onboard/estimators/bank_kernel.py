@@ -3,7 +3,7 @@ code.
 
 In: a `Bank`. Out: the bank, changed in place, and what it says. `ArrayKernel` is the reference; `KERNEL` is
 the compiled one (`_bank.c`) where it can be imported. Both give the same within rounding
-(tests/estimators/test_bank_kernel.py), so nothing but time depends on which one runs.
+(tests/onboard/estimators/test_bank_kernel.py), so nothing but time depends on which one runs.
 """
 
 from __future__ import annotations
@@ -13,17 +13,23 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from tpmsd.estimators import measurements
-from tpmsd.estimators.batched_kalman import LEAST_VARIANCE, Weights, scalar_update, square_weights, symmetrise
-from tpmsd.estimators.error_state import MU, PSI, Motion, ProcessModel
-from tpmsd.estimators.jump_hypotheses import Bank
-from tpmsd.estimators.resampling import effective_number
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators import measurements
+from tpmsd.onboard.estimators.batched_kalman import (
+    LEAST_VARIANCE,
+    Weights,
+    scalar_update,
+    square_weights,
+    symmetrise,
+)
+from tpmsd.onboard.estimators.error_state import MU, PSI, Motion, ProcessModel
+from tpmsd.onboard.estimators.jump_hypotheses import Bank
+from tpmsd.onboard.estimators.resampling import effective_number
+from tpmsd.onboard.estimators.settings import SETTINGS
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 try:
-    from tpmsd.estimators import _bank as compiled
+    from tpmsd.onboard.estimators import _bank as compiled
 except ImportError:  # not built: there was no compiler, or it was left out
     compiled: ModuleType | None = None  # type: ignore[no-redef]
 
@@ -124,7 +130,7 @@ class CompiledKernel:
     """By compiled code; banks must lie in memory as `error_state.side_by_side` lays them."""
 
     def __init__(self, module: ModuleType) -> None:
-        """`module`: `tpmsd.estimators._bank`."""
+        """`module`: `tpmsd.onboard.estimators._bank`."""
         self._propagate, self._update = module.propagate, module.update
         self._moments, self._antenna = module.moments, module.antenna
         self._symmetrise = module.symmetrise

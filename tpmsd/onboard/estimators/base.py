@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple, Protocol
 
-from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.timeline.tick import Tick
 
 
 class RadiusEstimate(NamedTuple):

@@ -11,8 +11,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.settings import SETTINGS
 
 Weights = Callable[[FloatArray], FloatArray]
 """Equivalent weights, 0 < w <= 1, of residuals in standard deviations."""

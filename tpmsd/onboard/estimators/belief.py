@@ -14,11 +14,11 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from tpmsd.estimators.base import NIGHT_S
-from tpmsd.estimators.pose_start import PoseStart
-from tpmsd.physics.kinematics import Geometry
-from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.base import NIGHT_S
+from tpmsd.onboard.estimators.pose_start import PoseStart
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 Saved = Mapping[str, Any]
 """What a state file holds of an estimator: anything at all, until it was checked."""

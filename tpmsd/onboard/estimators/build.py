@@ -9,21 +9,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from tpmsd.config.model import Config, FilterConfig, GnssConfig, VehicleConfig
-from tpmsd.errors import ConfigError
-from tpmsd.estimators.belief import Belief, Car
-from tpmsd.estimators.fix_gate import FIX_WEIGHTS
-from tpmsd.estimators.front_contrast import FrontBeside
-from tpmsd.estimators.gaussian import GaussianBelief, GaussianPieces
-from tpmsd.estimators.mixture import MixtureBelief, MixturePieces
-from tpmsd.estimators.motion_gate import MotionGate
-from tpmsd.estimators.radius_filter import RadiusFilter
-from tpmsd.estimators.samples import SampledBelief
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.estimators.slip_gate import make_gate
-from tpmsd.estimators.table import ALIASES, TABLE, Row, row_of
-from tpmsd.physics.kinematics import Geometry
-from tpmsd.wheels import FL, FR, RL, RR
+from tpmsd.car.config.model import Config, FilterConfig, GnssConfig, VehicleConfig
+from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import FL, FR, RL, RR
+from tpmsd.onboard.estimators.belief import Belief, Car
+from tpmsd.onboard.estimators.fix_gate import FIX_WEIGHTS
+from tpmsd.onboard.estimators.front_contrast import FrontBeside
+from tpmsd.onboard.estimators.gaussian import GaussianBelief, GaussianPieces
+from tpmsd.onboard.estimators.mixture import MixtureBelief, MixturePieces
+from tpmsd.onboard.estimators.motion_gate import MotionGate
+from tpmsd.onboard.estimators.radius_filter import RadiusFilter
+from tpmsd.onboard.estimators.samples import SampledBelief
+from tpmsd.onboard.estimators.settings import SETTINGS
+from tpmsd.onboard.estimators.slip_gate import make_gate
+from tpmsd.onboard.estimators.table import ALIASES, TABLE, Row, row_of
 
 
 def monitored_wheels(config: Config) -> tuple[int, ...]:

@@ -12,10 +12,10 @@ from typing import Protocol
 
 import numpy as np
 
-from tpmsd.estimators.belief import Car, Rolling
-from tpmsd.estimators.radius_models import RadiusModel
-from tpmsd.estimators.sampled_motion import Particles
-from tpmsd.estimators.settings import SETTINGS
+from tpmsd.onboard.estimators.belief import Car, Rolling
+from tpmsd.onboard.estimators.radius_models import RadiusModel
+from tpmsd.onboard.estimators.sampled_motion import Particles
+from tpmsd.onboard.estimators.settings import SETTINGS
 
 
 class ChangeModel(Protocol):

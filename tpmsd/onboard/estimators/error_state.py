@@ -27,8 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.physics.priors import (
+from tpmsd.car.physics.priors import (
     ANTENNA_FORWARD_M,
     DRIVE_SLIP_S2PM,
     FIX_AGE_S,
@@ -38,7 +37,8 @@ from tpmsd.physics.priors import (
     SPEED_AGE_S,
     TRACK_M,
 )
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.settings import SETTINGS
 
 E, N, PSI, BE, BN, LAT, LATV, TRK, FWD, GYRO, GAIN, SLIP, LOAD, MU = range(14)
 """Places in the state; the radius errors (rl, rr[, fl, fr]) come last, from MU on."""

@@ -11,10 +11,10 @@ from typing import Literal
 
 import numpy as np
 
-from tpmsd.estimators.batched_kalman import Weights, square_weights
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.vehicle_state.robust import igg3
-from tpmsd.wheels import FloatArray
+from tpmsd.car.vehicle_state.robust import igg3
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.batched_kalman import Weights, square_weights
+from tpmsd.onboard.estimators.settings import SETTINGS
 
 
 def igg3_weights(size: FloatArray) -> FloatArray:

@@ -16,8 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.estimators.base import NIGHT_S
-from tpmsd.estimators.belief import (
+from tpmsd.car.physics.kinematics import Geometry, wheel_speeds
+from tpmsd.foundation.wheels import FL, FR, FloatArray
+from tpmsd.onboard.estimators.base import NIGHT_S
+from tpmsd.onboard.estimators.belief import (
     Belief,
     Car,
     Moment,
@@ -28,11 +30,9 @@ from tpmsd.estimators.belief import (
     Sight,
     saved_radii,
 )
-from tpmsd.estimators.niw import NormalInverseWishart
-from tpmsd.estimators.pose_start import PoseStart
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.physics.kinematics import Geometry, wheel_speeds
-from tpmsd.wheels import FL, FR, FloatArray
+from tpmsd.onboard.estimators.niw import NormalInverseWishart
+from tpmsd.onboard.estimators.pose_start import PoseStart
+from tpmsd.onboard.estimators.settings import SETTINGS
 
 
 class FrontContrast:

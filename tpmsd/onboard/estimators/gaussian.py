@@ -20,9 +20,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tpmsd.estimators.base import NIGHT_S
-from tpmsd.estimators.batched_kalman import Weights, scalar_update, square_weights, symmetrise
-from tpmsd.estimators.belief import (
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.base import NIGHT_S
+from tpmsd.onboard.estimators.batched_kalman import Weights, scalar_update, square_weights, symmetrise
+from tpmsd.onboard.estimators.belief import (
     Car,
     Coasting,
     Moment,
@@ -35,12 +36,11 @@ from tpmsd.estimators.belief import (
     saved_radii,
     wrapped,
 )
-from tpmsd.estimators.gnss_likelihood import position_variance
-from tpmsd.estimators.pose_start import PoseStart
-from tpmsd.estimators.samples import saved_noise
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.timeline.tick import Fix
-from tpmsd.wheels import FloatArray
+from tpmsd.onboard.estimators.gnss_likelihood import position_variance
+from tpmsd.onboard.estimators.pose_start import PoseStart
+from tpmsd.onboard.estimators.samples import saved_noise
+from tpmsd.onboard.estimators.settings import SETTINGS
+from tpmsd.onboard.timeline.tick import Fix
 
 E, N, PSI, MU, SIGMA = 0, 1, 2, 3, 5
 SIZE = 7

@@ -14,9 +14,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.timeline.tick import Fix
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.settings import SETTINGS
+from tpmsd.onboard.timeline.tick import Fix
 
 PositionLog = Callable[[FloatArray, int], FloatArray]
 """Squared Mahalanobis distances (N,) and dimension -> log density up to a constant."""

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tpmsd.estimators.agreement import Agreement, AgreementWatch
-from tpmsd.estimators.base import NIGHT_S, Estimator, RadiusEstimate, unsound
-from tpmsd.sources.events import SourceFault
-from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.agreement import Agreement, AgreementWatch
+from tpmsd.onboard.estimators.base import NIGHT_S, Estimator, RadiusEstimate, unsound
+from tpmsd.onboard.sources.events import SourceFault
+from tpmsd.onboard.timeline.tick import Tick
 
 KEEP_EVERY_S, KEPT = 10.0, 8
 """What is known is kept for 80 s: readings are unsteady for 20 s, fixes off for 5 s, before that shows."""

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 
-from tpmsd.estimators.settings import SETTINGS
+from tpmsd.onboard.estimators.settings import SETTINGS
 
 
 class GyroCheck:

@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.estimators.error_state import MU, PSI, initial_state
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.error_state import MU, PSI, initial_state
+from tpmsd.onboard.estimators.settings import SETTINGS
 
 UNUSED = -1e9
 """Log-weight of a place in the bank that holds no hypothesis yet."""

@@ -11,11 +11,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tpmsd.estimators.error_state import BE, BN, FWD, GAIN, GYRO, LAT, LATV, LOAD, MU, PSI, SLIP, TRK, E, N
-from tpmsd.estimators.odometry_block import Block, FrontResidual
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.error_state import (
+    BE,
+    BN,
+    FWD,
+    GAIN,
+    GYRO,
+    LAT,
+    LATV,
+    LOAD,
+    MU,
+    PSI,
+    SLIP,
+    TRK,
+    E,
+    N,
+)
+from tpmsd.onboard.estimators.odometry_block import Block, FrontResidual
+from tpmsd.onboard.estimators.settings import SETTINGS
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 
 class Scalar(NamedTuple):

@@ -24,12 +24,14 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.bounds import no_wider
-from tpmsd.estimators import measurements
-from tpmsd.estimators.bank_kernel import KERNEL, BankKernel
-from tpmsd.estimators.base import NIGHT_S
-from tpmsd.estimators.batched_kalman import Weights, square_weights
-from tpmsd.estimators.belief import (
+from tpmsd.car.physics.grade import GradeTracker
+from tpmsd.foundation.bounds import no_wider
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators import measurements
+from tpmsd.onboard.estimators.bank_kernel import KERNEL, BankKernel
+from tpmsd.onboard.estimators.base import NIGHT_S
+from tpmsd.onboard.estimators.batched_kalman import Weights, square_weights
+from tpmsd.onboard.estimators.belief import (
     Car,
     Coasting,
     Moment,
@@ -44,7 +46,7 @@ from tpmsd.estimators.belief import (
     saved_radii,
     wrapped,
 )
-from tpmsd.estimators.error_state import (
+from tpmsd.onboard.estimators.error_state import (
     BE,
     BN,
     FWD,
@@ -59,13 +61,11 @@ from tpmsd.estimators.error_state import (
     ProcessModel,
     initial_state,
 )
-from tpmsd.estimators.jump_hypotheses import JUMPS, JumpHypotheses
-from tpmsd.estimators.odometry_block import Block, BlockBuilder
-from tpmsd.estimators.pose_start import PoseStart
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.physics.grade import GradeTracker
-from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import FloatArray
+from tpmsd.onboard.estimators.jump_hypotheses import JUMPS, JumpHypotheses
+from tpmsd.onboard.estimators.odometry_block import Block, BlockBuilder
+from tpmsd.onboard.estimators.pose_start import PoseStart
+from tpmsd.onboard.estimators.settings import SETTINGS
+from tpmsd.onboard.timeline.tick import Tick
 
 NUISANCE_LIMIT = 10.0
 """No saved nuisance parameter is larger, in any of their units."""

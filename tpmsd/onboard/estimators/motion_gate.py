@@ -13,10 +13,10 @@ from __future__ import annotations
 
 import math
 
-from tpmsd.config.model import FilterConfig
-from tpmsd.estimators.gyro_check import GyroCheck
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.timeline.tick import Fix, Tick
+from tpmsd.car.config.model import FilterConfig
+from tpmsd.onboard.estimators.gyro_check import GyroCheck
+from tpmsd.onboard.estimators.settings import SETTINGS
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 
 class CourseRate:

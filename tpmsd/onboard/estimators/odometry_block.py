@@ -12,10 +12,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.physics.kinematics import Geometry
-from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.settings import SETTINGS
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 
 @dataclass(frozen=True, slots=True)

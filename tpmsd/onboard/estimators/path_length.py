@@ -16,8 +16,8 @@ from collections import deque
 from itertools import pairwise
 from typing import NamedTuple
 
-from tpmsd.estimators.settings import PATH_LENGTH
-from tpmsd.timeline.tick import Fix
+from tpmsd.onboard.estimators.settings import PATH_LENGTH
+from tpmsd.onboard.timeline.tick import Fix
 
 UNSTEADY = frozenset({5, 6})
 """GGA qualities: an RTK solution with float ambiguities slides by tens of metres while it converges; dead

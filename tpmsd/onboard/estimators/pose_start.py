@@ -10,8 +10,8 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.timeline.tick import Fix
+from tpmsd.onboard.estimators.settings import SETTINGS
+from tpmsd.onboard.timeline.tick import Fix
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,15 +12,25 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.config.model import FilterConfig, VehicleConfig
-from tpmsd.estimators.base import NIGHT_S, RadiusEstimate
-from tpmsd.estimators.belief import Belief, Car, Coasting, Moment, Moments, Rolling, Sight, Standing, numbers
-from tpmsd.estimators.fix_gate import FixGate
-from tpmsd.estimators.motion_gate import MotionGate
-from tpmsd.estimators.pose_start import PoseFinder
-from tpmsd.estimators.reversing import ReverseWatch
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.timeline.tick import Fix, Tick
+from tpmsd.car.config.model import FilterConfig, VehicleConfig
+from tpmsd.onboard.estimators.base import NIGHT_S, RadiusEstimate
+from tpmsd.onboard.estimators.belief import (
+    Belief,
+    Car,
+    Coasting,
+    Moment,
+    Moments,
+    Rolling,
+    Sight,
+    Standing,
+    numbers,
+)
+from tpmsd.onboard.estimators.fix_gate import FixGate
+from tpmsd.onboard.estimators.motion_gate import MotionGate
+from tpmsd.onboard.estimators.pose_start import PoseFinder
+from tpmsd.onboard.estimators.reversing import ReverseWatch
+from tpmsd.onboard.estimators.settings import SETTINGS
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 LONGEST_S = 1e9
 """No car has driven for longer: thirty years."""

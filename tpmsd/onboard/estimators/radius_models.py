@@ -13,9 +13,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.estimators.niw import NormalInverseWishart
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.niw import NormalInverseWishart
+from tpmsd.onboard.estimators.settings import SETTINGS
 
 
 class RadiusModel(Protocol):

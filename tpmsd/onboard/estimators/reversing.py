@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import math
 
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.timeline.tick import Fix
+from tpmsd.onboard.estimators.settings import SETTINGS
+from tpmsd.onboard.timeline.tick import Fix
 
 
 class ReverseWatch:

@@ -18,10 +18,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.estimators.belief import Car, Rolling
-from tpmsd.estimators.radius_models import RadiusModel
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.belief import Car, Rolling
+from tpmsd.onboard.estimators.radius_models import RadiusModel
+from tpmsd.onboard.estimators.settings import SETTINGS
 
 
 @dataclass(slots=True)

@@ -18,8 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.estimators.base import NIGHT_S
-from tpmsd.estimators.belief import (
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.base import NIGHT_S
+from tpmsd.onboard.estimators.belief import (
     Car,
     Coasting,
     Moment,
@@ -33,15 +34,14 @@ from tpmsd.estimators.belief import (
     saved_radii,
     wrapped,
 )
-from tpmsd.estimators.changes import ChangeModel
-from tpmsd.estimators.gnss_likelihood import PositionLog, position_variance, student_t_log
-from tpmsd.estimators.pose_start import PoseStart
-from tpmsd.estimators.radius_models import NIW, RadiusModel
-from tpmsd.estimators.resampling import SYSTEMATIC, Systematic, effective_number
-from tpmsd.estimators.sampled_motion import WHEELS_IN, Particles, SampledMotion, go
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.timeline.tick import Fix
-from tpmsd.wheels import FloatArray
+from tpmsd.onboard.estimators.changes import ChangeModel
+from tpmsd.onboard.estimators.gnss_likelihood import PositionLog, position_variance, student_t_log
+from tpmsd.onboard.estimators.pose_start import PoseStart
+from tpmsd.onboard.estimators.radius_models import NIW, RadiusModel
+from tpmsd.onboard.estimators.resampling import SYSTEMATIC, Systematic, effective_number
+from tpmsd.onboard.estimators.sampled_motion import WHEELS_IN, Particles, SampledMotion, go
+from tpmsd.onboard.estimators.settings import SETTINGS
+from tpmsd.onboard.timeline.tick import Fix
 
 
 @dataclass(frozen=True, slots=True)

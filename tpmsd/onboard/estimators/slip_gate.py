@@ -15,11 +15,11 @@ import math
 
 import numpy as np
 
-from tpmsd.config.model import FilterConfig, VehicleConfig
-from tpmsd.estimators.motion_gate import MotionGate
-from tpmsd.timeline.tick import Tick
-from tpmsd.vehicle_state.car import typical
-from tpmsd.vehicle_state.slips import slip_traces
+from tpmsd.car.config.model import FilterConfig, VehicleConfig
+from tpmsd.car.vehicle_state.car import typical
+from tpmsd.car.vehicle_state.slips import slip_traces
+from tpmsd.onboard.estimators.motion_gate import MotionGate
+from tpmsd.onboard.timeline.tick import Tick
 
 
 class SlipGate(MotionGate):

@@ -21,15 +21,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from tpmsd.estimators.changes import PoissonChanges
-from tpmsd.estimators.gaussian import GaussianPieces, linearised, unscented
-from tpmsd.estimators.gnss_likelihood import gaussian_log
-from tpmsd.estimators.mixture import MixturePieces
-from tpmsd.estimators.radius_filter import GATED, Gates
-from tpmsd.estimators.radius_models import Floors, NiwRadii, WalkingRadii
-from tpmsd.estimators.sampled_motion import WheelsMeasured
-from tpmsd.estimators.samples import SampledPieces
-from tpmsd.estimators.settings import SETTINGS
+from tpmsd.onboard.estimators.changes import PoissonChanges
+from tpmsd.onboard.estimators.gaussian import GaussianPieces, linearised, unscented
+from tpmsd.onboard.estimators.gnss_likelihood import gaussian_log
+from tpmsd.onboard.estimators.mixture import MixturePieces
+from tpmsd.onboard.estimators.radius_filter import GATED, Gates
+from tpmsd.onboard.estimators.radius_models import Floors, NiwRadii, WalkingRadii
+from tpmsd.onboard.estimators.sampled_motion import WheelsMeasured
+from tpmsd.onboard.estimators.samples import SampledPieces
+from tpmsd.onboard.estimators.settings import SETTINGS
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from tpmsd.monitor.records import AlarmEvent
-from tpmsd.plain import finite, millimetres
+from tpmsd.foundation.plain import finite, millimetres
+from tpmsd.onboard.monitor.records import AlarmEvent
 
 
 def alarm_entry(alarm: AlarmEvent, start_s: float | None = None) -> dict[str, Any]:

@@ -22,19 +22,19 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.bounds import number, whole
-from tpmsd.config.model import VehicleConfig
-from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.monitor.conditions import ConditionTracker
-from tpmsd.monitor.drive_evidence import Accounts, DriveEvidence
-from tpmsd.monitor.probability import chi_square_quantile
-from tpmsd.monitor.reference import Reference, speed_range
-from tpmsd.monitor.settings import BASELINE, CONDITIONS, JUDGE, REFERENCE
-from tpmsd.monitor.slip_slope import SlipSlope
-from tpmsd.monitor.slip_sums import SlopeSums
-from tpmsd.physics.priors import GROWTH_S2PM
-from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import FloatArray
+from tpmsd.car.config.model import VehicleConfig
+from tpmsd.car.physics.priors import GROWTH_S2PM
+from tpmsd.foundation.bounds import number, whole
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.monitor.conditions import ConditionTracker
+from tpmsd.onboard.monitor.drive_evidence import Accounts, DriveEvidence
+from tpmsd.onboard.monitor.probability import chi_square_quantile
+from tpmsd.onboard.monitor.reference import Reference, speed_range
+from tpmsd.onboard.monitor.settings import BASELINE, CONDITIONS, JUDGE, REFERENCE
+from tpmsd.onboard.monitor.slip_slope import SlipSlope
+from tpmsd.onboard.monitor.slip_sums import SlopeSums
+from tpmsd.onboard.timeline.tick import Tick
 
 FIT_LIMIT = {count: chi_square_quantile(BASELINE.fit_probability, count) for count in range(1, 5)}
 """Largest squared distance of a sample that is learned, by number of wheels: quantile of chi-square."""

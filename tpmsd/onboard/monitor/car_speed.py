@@ -13,7 +13,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-from tpmsd.monitor.settings import SIGNALS
+from tpmsd.onboard.monitor.settings import SIGNALS
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,10 +20,10 @@ import math
 
 import numpy as np
 
-from tpmsd.monitor.reference import SIZE, Innovation, Reference
-from tpmsd.monitor.settings import DRIVE_EVIDENCE, JUDGE
-from tpmsd.monitor.slip_sums import Slope
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.reference import SIZE, Innovation, Reference
+from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
+from tpmsd.onboard.monitor.slip_sums import Slope
 
 
 class ChangeBank:

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.bounds import LARGEST, number
-from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.monitor.settings import CONDITIONS
-from tpmsd.physics.grade import GradeTracker
-from tpmsd.physics.motion import GRAVITY_MPS2
-from tpmsd.timeline.tick import Tick
+from tpmsd.car.physics.grade import GradeTracker
+from tpmsd.car.physics.motion import GRAVITY_MPS2
+from tpmsd.foundation.bounds import LARGEST, number
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.estimators.settings import SETTINGS
+from tpmsd.onboard.monitor.settings import CONDITIONS
+from tpmsd.onboard.timeline.tick import Tick
 
 
 @dataclass(frozen=True, slots=True)

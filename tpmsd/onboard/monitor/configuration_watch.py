@@ -15,10 +15,10 @@ import math
 
 import numpy as np
 
-from tpmsd.config.model import VehicleConfig
-from tpmsd.monitor.settings import CONFIGURATION
-from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.wheels import FL, FR, RL, RR, FloatArray
+from tpmsd.car.config.model import VehicleConfig
+from tpmsd.foundation.wheels import FL, FR, RL, RR, FloatArray
+from tpmsd.onboard.monitor.settings import CONFIGURATION
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 AXLES = {"front": (FL, FR), "rear": (RL, RR)}
 

@@ -15,11 +15,11 @@ import math
 
 import numpy as np
 
-from tpmsd.monitor.grip import Grip
-from tpmsd.monitor.nuisance import log_normal
-from tpmsd.monitor.probability import normal_cdf
-from tpmsd.monitor.settings import JUDGE
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.grip import Grip
+from tpmsd.onboard.monitor.nuisance import log_normal
+from tpmsd.onboard.monitor.probability import normal_cdf
+from tpmsd.onboard.monitor.settings import JUDGE
 
 
 class Deviation:

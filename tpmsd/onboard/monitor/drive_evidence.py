@@ -13,14 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.monitor.change_bank import ChangeBank
-from tpmsd.monitor.drive_settings import DriveModel
-from tpmsd.monitor.level_noise import LevelNoise
-from tpmsd.monitor.nuisance import Nuisance, log_normal
-from tpmsd.monitor.reference import Reference
-from tpmsd.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
-from tpmsd.monitor.slip_sums import Slope
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.change_bank import ChangeBank
+from tpmsd.onboard.monitor.drive_settings import DriveModel
+from tpmsd.onboard.monitor.level_noise import LevelNoise
+from tpmsd.onboard.monitor.nuisance import Nuisance, log_normal
+from tpmsd.onboard.monitor.reference import Reference
+from tpmsd.onboard.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
+from tpmsd.onboard.monitor.slip_sums import Slope
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,11 +15,11 @@ from collections import deque
 
 import numpy as np
 
-from tpmsd.config.model import VehicleConfig
-from tpmsd.monitor.settings import ENCODERS
-from tpmsd.physics.ring_ripple import LOST_SHARES, of_one_size, ripple_gain
-from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import AXLES, FloatArray
+from tpmsd.car.config.model import VehicleConfig
+from tpmsd.car.physics.ring_ripple import LOST_SHARES, of_one_size, ripple_gain
+from tpmsd.foundation.wheels import AXLES, FloatArray
+from tpmsd.onboard.monitor.settings import ENCODERS
+from tpmsd.onboard.timeline.tick import Tick
 
 _SHARES = LOST_SHARES.values
 

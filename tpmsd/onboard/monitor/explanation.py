@@ -12,19 +12,19 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from tpmsd.config.model import MonitorConfig
-from tpmsd.estimators.agreement import Agreement
-from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.monitor.baseline import Change
-from tpmsd.monitor.hypotheses import hypotheses_of
-from tpmsd.monitor.judge import Finding, Judgement
-from tpmsd.monitor.records import AlarmEvent, AlarmKind, MonitorReport
-from tpmsd.monitor.settings import DRIVE_EVIDENCE, EXPLANATION, JUDGE
-from tpmsd.monitor.tyre_sets import TyreSets
-from tpmsd.monitor.witnesses import contrasts, gains
-from tpmsd.resonance.evidence import ResonanceEvidence
-from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.config.model import MonitorConfig
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.onboard.estimators.agreement import Agreement
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.monitor.baseline import Change
+from tpmsd.onboard.monitor.hypotheses import hypotheses_of
+from tpmsd.onboard.monitor.judge import Finding, Judgement
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, MonitorReport
+from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, EXPLANATION, JUDGE
+from tpmsd.onboard.monitor.tyre_sets import TyreSets
+from tpmsd.onboard.monitor.witnesses import contrasts, gains
+from tpmsd.onboard.resonance.evidence import ResonanceEvidence
+from tpmsd.onboard.timeline.tick import Tick
 
 
 @dataclass(frozen=True, slots=True)

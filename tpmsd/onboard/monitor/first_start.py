@@ -25,10 +25,10 @@ from typing import Literal
 
 import numpy as np
 
-from tpmsd.monitor.alarm_state import Hysteresis
-from tpmsd.monitor.records import AlarmKind
-from tpmsd.monitor.settings import FIRST_START
-from tpmsd.wheels import IS_FRONT, IS_LEFT, FloatArray
+from tpmsd.foundation.wheels import IS_FRONT, IS_LEFT, FloatArray
+from tpmsd.onboard.monitor.alarm_state import Hysteresis
+from tpmsd.onboard.monitor.records import AlarmKind
+from tpmsd.onboard.monitor.settings import FIRST_START
 
 BEFORE = "before the first start"
 """What `since` says of such an alarm."""

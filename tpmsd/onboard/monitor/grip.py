@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.config.model import VehicleConfig
-from tpmsd.monitor.nuisance import log_normal
-from tpmsd.monitor.reference import Reference
-from tpmsd.monitor.settings import DRIVE_EVIDENCE
-from tpmsd.wheels import FloatArray
+from tpmsd.car.config.model import VehicleConfig
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.nuisance import log_normal
+from tpmsd.onboard.monitor.reference import Reference
+from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE
 
 
 @dataclass(frozen=True, slots=True)

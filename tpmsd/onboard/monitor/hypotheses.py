@@ -21,8 +21,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.monitor.settings import JUDGE
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.settings import JUDGE
 
 LOSS_GRID = np.geomspace(*JUDGE.losses)
 

@@ -12,19 +12,19 @@ from typing import Literal
 
 import numpy as np
 
-from tpmsd.config.model import MonitorConfig, TyreConfig, VehicleConfig
-from tpmsd.monitor.baseline import Change
-from tpmsd.monitor.deviation import Deviation
-from tpmsd.monitor.drive_evidence import Accounts
-from tpmsd.monitor.grip import Grip
-from tpmsd.monitor.hypotheses import Comparison, Verdict, subsets
-from tpmsd.monitor.nuisance import Nuisance, mean_share
-from tpmsd.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
-from tpmsd.monitor.sight import Alike, Sight, sight
-from tpmsd.physics.motion import driven_mask
-from tpmsd.physics.tyre import tyre_model
-from tpmsd.resonance.evidence import ResonanceEvidence
-from tpmsd.wheels import FloatArray
+from tpmsd.car.config.model import MonitorConfig, TyreConfig, VehicleConfig
+from tpmsd.car.physics.motion import driven_mask
+from tpmsd.car.physics.tyre import tyre_model
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.baseline import Change
+from tpmsd.onboard.monitor.deviation import Deviation
+from tpmsd.onboard.monitor.drive_evidence import Accounts
+from tpmsd.onboard.monitor.grip import Grip
+from tpmsd.onboard.monitor.hypotheses import Comparison, Verdict, subsets
+from tpmsd.onboard.monitor.nuisance import Nuisance, mean_share
+from tpmsd.onboard.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
+from tpmsd.onboard.monitor.sight import Alike, Sight, sight
+from tpmsd.onboard.resonance.evidence import ResonanceEvidence
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,9 +20,10 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.monitor.leak_noise import Believed, NoiseLevels, taken
-from tpmsd.monitor.leak_settings import TrendSettings
-from tpmsd.monitor.leak_state import (
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.leak_noise import Believed, NoiseLevels, taken
+from tpmsd.onboard.monitor.leak_settings import TrendSettings
+from tpmsd.onboard.monitor.leak_state import (
     BASE,
     CONTRASTS,
     LOST,
@@ -35,8 +36,7 @@ from tpmsd.monitor.leak_state import (
     first_gaussian,
     predicted,
 )
-from tpmsd.monitor.settings import TREND
-from tpmsd.wheels import FloatArray
+from tpmsd.onboard.monitor.settings import TREND
 
 IntArray = NDArray[np.int64]
 NO_WHEEL = -1

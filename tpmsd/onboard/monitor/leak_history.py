@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.bounds import number
-from tpmsd.monitor.leak_filter import LeakFilter
-from tpmsd.monitor.leak_settings import TrendSettings
-from tpmsd.monitor.leak_trend import Trend, has_ended, trend_of
-from tpmsd.monitor.settings import READINGS, TREND
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.bounds import number
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.leak_filter import LeakFilter
+from tpmsd.onboard.monitor.leak_settings import TrendSettings
+from tpmsd.onboard.monitor.leak_trend import Trend, has_ended, trend_of
+from tpmsd.onboard.monitor.settings import READINGS, TREND
 
 Three = tuple[float, float, float]
 _FIRST = 7

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.monitor.leak_settings import TrendSettings
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.leak_settings import TrendSettings
 
 LEVEL_OF = (0, 0, 1)
 """Which factor each contrast has."""

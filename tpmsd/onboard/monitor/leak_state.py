@@ -17,8 +17,8 @@ import math
 
 import numpy as np
 
-from tpmsd.monitor.leak_settings import TrendSettings
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.leak_settings import TrendSettings
 
 WEEK_D = 7.0
 CONTRASTS = np.array([[1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0], [0.5, 0.5, -0.5, -0.5]])

@@ -12,12 +12,12 @@ from statistics import NormalDist
 
 import numpy as np
 
-from tpmsd.monitor.leak_filter import NO_WHEEL, Hypotheses, LeakFilter
-from tpmsd.monitor.leak_settings import TrendSettings
-from tpmsd.monitor.leak_state import LOST, RATE, SIZE, WEEK_D
-from tpmsd.monitor.probability import normal_cdf
-from tpmsd.monitor.settings import TREND
-from tpmsd.wheels import AXLES, FloatArray
+from tpmsd.foundation.wheels import AXLES, FloatArray
+from tpmsd.onboard.monitor.leak_filter import NO_WHEEL, Hypotheses, LeakFilter
+from tpmsd.onboard.monitor.leak_settings import TrendSettings
+from tpmsd.onboard.monitor.leak_state import LOST, RATE, SIZE, WEEK_D
+from tpmsd.onboard.monitor.probability import normal_cdf
+from tpmsd.onboard.monitor.settings import TREND
 
 NORMAL = NormalDist()
 """The standard normal distribution."""

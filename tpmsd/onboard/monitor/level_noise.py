@@ -15,9 +15,9 @@ import math
 
 import numpy as np
 
-from tpmsd.monitor.reference import GROWTH, Reference
-from tpmsd.monitor.settings import JUDGE, LEVEL, REFERENCE
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.reference import GROWTH, Reference
+from tpmsd.onboard.monitor.settings import JUDGE, LEVEL, REFERENCE
 
 
 class LevelNoise:

@@ -14,17 +14,18 @@ from typing import Any, Literal
 
 import numpy as np
 
-from tpmsd.config.model import MonitorConfig, TyreConfig, VehicleConfig
-from tpmsd.estimators.agreement import AGREED, Agreement
-from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.monitor.alarm_state import Hysteresis
-from tpmsd.monitor.baseline import Baseline
-from tpmsd.monitor.configuration_watch import ConfigurationWatch
-from tpmsd.monitor.encoder_watch import EncoderWatch
-from tpmsd.monitor.explanation import Explanation
-from tpmsd.monitor.first_start import BEFORE, FirstStart
-from tpmsd.monitor.judge import Judge, Judgement
-from tpmsd.monitor.records import (
+from tpmsd.car.config.model import MonitorConfig, TyreConfig, VehicleConfig
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.onboard.estimators.agreement import AGREED, Agreement
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.monitor.alarm_state import Hysteresis
+from tpmsd.onboard.monitor.baseline import Baseline
+from tpmsd.onboard.monitor.configuration_watch import ConfigurationWatch
+from tpmsd.onboard.monitor.encoder_watch import EncoderWatch
+from tpmsd.onboard.monitor.explanation import Explanation
+from tpmsd.onboard.monitor.first_start import BEFORE, FirstStart
+from tpmsd.onboard.monitor.judge import Judge, Judgement
+from tpmsd.onboard.monitor.records import (
     AlarmEvent,
     AlarmKind,
     LearningReport,
@@ -32,14 +33,13 @@ from tpmsd.monitor.records import (
     WheelReport,
     WheelState,
 )
-from tpmsd.monitor.saved_alarms import alarm_from_json, alarm_to_json
-from tpmsd.monitor.settings import JUDGE
-from tpmsd.monitor.signal_watch import SignalWatch, Watching
-from tpmsd.monitor.slow_leak import SlowLeakWatch
-from tpmsd.monitor.tyre_sets import TyreSets
-from tpmsd.resonance.evidence import ResonanceEvidence
-from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import WHEELS
+from tpmsd.onboard.monitor.saved_alarms import alarm_from_json, alarm_to_json
+from tpmsd.onboard.monitor.settings import JUDGE
+from tpmsd.onboard.monitor.signal_watch import SignalWatch, Watching
+from tpmsd.onboard.monitor.slow_leak import SlowLeakWatch
+from tpmsd.onboard.monitor.tyre_sets import TyreSets
+from tpmsd.onboard.resonance.evidence import ResonanceEvidence
+from tpmsd.onboard.timeline.tick import Tick
 
 
 class Monitor:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmsd.wheels import IS_FRONT, IS_LEFT, FloatArray
+from tpmsd.foundation.wheels import IS_FRONT, IS_LEFT, FloatArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,10 +13,10 @@ from collections import deque
 
 import numpy as np
 
-from tpmsd.config.model import VehicleConfig
-from tpmsd.monitor.settings import SLIP_SLOPE
-from tpmsd.monitor.slip_sums import Point
-from tpmsd.timeline.tick import Fix, Tick
+from tpmsd.car.config.model import VehicleConfig
+from tpmsd.onboard.monitor.settings import SLIP_SLOPE
+from tpmsd.onboard.monitor.slip_sums import Point
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 
 class ReceiverSlip:

@@ -1,7 +1,7 @@
 """What the monitor hands to the sinks: one `MonitorReport` per tick.
 
 In: nothing (plain records). Out: `WheelState`, `AlarmKind`, `WheelReport`, `AlarmEvent`, `MonitorReport`.
-Times are seconds of the host clock, as in `tpmsd.timeline.tick.Tick`; NaN stands for a number nobody knows.
+Times are seconds of the host clock, as in `tpmsd.onboard.timeline.tick.Tick`; NaN stands for a number nobody knows.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 if TYPE_CHECKING:
-    from tpmsd.monitor.sight import Sight  # with numpy, which `tpmsd status` does without
+    from tpmsd.onboard.monitor.sight import Sight  # with numpy, which `tpmsd status` does without
 
 
 class WheelState(StrEnum):

@@ -31,14 +31,14 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.bounds import covariance, vector, whole
-from tpmsd.config.model import VehicleConfig
-from tpmsd.monitor.conditions import Conditions
-from tpmsd.monitor.drive_settings import DriveModel
-from tpmsd.monitor.settings import REFERENCE
-from tpmsd.monitor.slip_sums import Slope
-from tpmsd.physics.priors import DRAG_SLIP_S2PM2, DRIVE_SLIP_S2PM, GROWTH_S2PM, SPEED_AGE_S, WARMTH_M
-from tpmsd.wheels import IS_FRONT, FloatArray
+from tpmsd.car.config.model import VehicleConfig
+from tpmsd.car.physics.priors import DRAG_SLIP_S2PM2, DRIVE_SLIP_S2PM, GROWTH_S2PM, SPEED_AGE_S, WARMTH_M
+from tpmsd.foundation.bounds import covariance, vector, whole
+from tpmsd.foundation.wheels import IS_FRONT, FloatArray
+from tpmsd.onboard.monitor.conditions import Conditions
+from tpmsd.onboard.monitor.drive_settings import DriveModel
+from tpmsd.onboard.monitor.settings import REFERENCE
+from tpmsd.onboard.monitor.slip_sums import Slope
 
 OWN, GROWTH_OWN, SPEED = slice(0, 4), slice(4, 8), slice(8, 13)
 GROWTH, DRAG = 13, 14

@@ -9,11 +9,11 @@ import math
 from collections.abc import Container
 from typing import Any
 
-from tpmsd.bounds import LARGEST, number
-from tpmsd.monitor.first_start import BEFORE
-from tpmsd.monitor.records import AlarmEvent, AlarmKind
-from tpmsd.monitor.settings import TYRE_SETS
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.bounds import LARGEST, number
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.onboard.monitor.first_start import BEFORE
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
+from tpmsd.onboard.monitor.settings import TYRE_SETS
 
 
 def alarm_to_json(event: AlarmEvent) -> dict[str, Any]:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 
-from tpmsd.monitor.settings import TYRE_SETS
-from tpmsd.timeline.tick import Tick
+from tpmsd.onboard.monitor.settings import TYRE_SETS
+from tpmsd.onboard.timeline.tick import Tick
 
 DEFAULT_SET = "default"
 """The set that is learned where nobody names one."""

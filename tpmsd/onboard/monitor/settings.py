@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from tpmsd.monitor.drive_settings import DriveEvidenceSettings, LevelSettings, SlipSlopeSettings
-from tpmsd.monitor.encoder_settings import EncoderSettings
-from tpmsd.monitor.leak_settings import ReadingSettings, TrendSettings
-from tpmsd.monitor.nuisance import Nuisance
+from tpmsd.onboard.monitor.drive_settings import DriveEvidenceSettings, LevelSettings, SlipSlopeSettings
+from tpmsd.onboard.monitor.encoder_settings import EncoderSettings
+from tpmsd.onboard.monitor.leak_settings import ReadingSettings, TrendSettings
+from tpmsd.onboard.monitor.nuisance import Nuisance
 
 
 @dataclass(frozen=True, slots=True)

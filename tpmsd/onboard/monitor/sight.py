@@ -20,9 +20,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.monitor.settings import JUDGE
-from tpmsd.physics.tyre import TyreModel
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.tyre import TyreModel
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.settings import JUDGE
 
 
 @dataclass(frozen=True, slots=True)

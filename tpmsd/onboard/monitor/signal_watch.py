@@ -14,14 +14,14 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
-from tpmsd.config.model import MonitorConfig
-from tpmsd.estimators.agreement import AGREED, Agreement
-from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.monitor.car_speed import CarSpeed
-from tpmsd.monitor.records import AlarmEvent, AlarmKind
-from tpmsd.monitor.settings import SIGNALS
-from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.wheels import RL, RR, WHEELS
+from tpmsd.car.config.model import MonitorConfig
+from tpmsd.foundation.wheels import RL, RR, WHEELS
+from tpmsd.onboard.estimators.agreement import AGREED, Agreement
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.monitor.car_speed import CarSpeed
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
+from tpmsd.onboard.monitor.settings import SIGNALS
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 DISAGREE = "wheels and receiver disagree on the speed (is it the right DBC?)"
 _ESTIMATED = 6

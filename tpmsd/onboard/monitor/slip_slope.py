@@ -18,11 +18,11 @@ from __future__ import annotations
 
 import math
 
-from tpmsd.config.model import VehicleConfig
-from tpmsd.monitor.receiver_slip import ReceiverSlip
-from tpmsd.monitor.settings import SLIP_SLOPE
-from tpmsd.monitor.slip_sums import Point, SlopeSums
-from tpmsd.timeline.tick import Tick
+from tpmsd.car.config.model import VehicleConfig
+from tpmsd.onboard.monitor.receiver_slip import ReceiverSlip
+from tpmsd.onboard.monitor.settings import SLIP_SLOPE
+from tpmsd.onboard.monitor.slip_sums import Point, SlopeSums
+from tpmsd.onboard.timeline.tick import Tick
 
 
 class SlipSlope:

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 from typing import NamedTuple
 
-from tpmsd.monitor.settings import SLIP_SLOPE
-from tpmsd.physics.priors import DRIVE_SLIP_S2PM
+from tpmsd.car.physics.priors import DRIVE_SLIP_S2PM
+from tpmsd.onboard.monitor.settings import SLIP_SLOPE
 
 MOST_SLIP_S2PM = DRIVE_SLIP_S2PM.mean + DRIVE_SLIP_S2PM.std
 """Per m/s2, of most cars on a dry road."""

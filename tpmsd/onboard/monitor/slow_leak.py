@@ -17,18 +17,18 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.bounds import LARGEST, number
-from tpmsd.config.model import TyreConfig, VehicleConfig
-from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.monitor.baseline import Baseline
-from tpmsd.monitor.leak_history import LeakHistory
-from tpmsd.monitor.leak_state import CONTRASTS, FRONT_REAR
-from tpmsd.monitor.leak_trend import Trend
-from tpmsd.monitor.records import AlarmEvent, AlarmKind
-from tpmsd.monitor.settings import READINGS
-from tpmsd.physics.tyre import tyre_model
-from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import AXLES, WHEELS, FloatArray
+from tpmsd.car.config.model import TyreConfig, VehicleConfig
+from tpmsd.car.physics.tyre import tyre_model
+from tpmsd.foundation.bounds import LARGEST, number
+from tpmsd.foundation.wheels import AXLES, WHEELS, FloatArray
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.monitor.baseline import Baseline
+from tpmsd.onboard.monitor.leak_history import LeakHistory
+from tpmsd.onboard.monitor.leak_state import CONTRASTS, FRONT_REAR
+from tpmsd.onboard.monitor.leak_trend import Trend
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
+from tpmsd.onboard.monitor.settings import READINGS
+from tpmsd.onboard.timeline.tick import Tick
 
 DAY_S = 86400.0
 _EPOCH = date(1970, 1, 1).toordinal()

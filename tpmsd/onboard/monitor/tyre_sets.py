@@ -13,15 +13,15 @@ from __future__ import annotations
 import re
 from typing import Any, Literal
 
-from tpmsd.config.model import VehicleConfig
-from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.monitor.baseline import Baseline
-from tpmsd.monitor.judge import Judge
-from tpmsd.monitor.records import LearningReport
-from tpmsd.monitor.set_signal import DEFAULT_SET, SetSignal
-from tpmsd.monitor.settings import FIRST_START, TYRE_SETS
-from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.config.model import VehicleConfig
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.monitor.baseline import Baseline
+from tpmsd.onboard.monitor.judge import Judge
+from tpmsd.onboard.monitor.records import LearningReport
+from tpmsd.onboard.monitor.set_signal import DEFAULT_SET, SetSignal
+from tpmsd.onboard.monitor.settings import FIRST_START, TYRE_SETS
+from tpmsd.onboard.timeline.tick import Tick
 
 NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,23}")
 """Names of sets: they go into files, sentences and JSON."""

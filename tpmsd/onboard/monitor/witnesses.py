@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.wheels import IS_FRONT, IS_LEFT, FloatArray
+from tpmsd.foundation.wheels import IS_FRONT, IS_LEFT, FloatArray
 
 
 def contrasts(wheels: list[int]) -> dict[str, FloatArray]:

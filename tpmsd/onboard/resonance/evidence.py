@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.resonance.peak_fit import LOG_STEP
-from tpmsd.resonance.torsion import soft_shifts
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.resonance.peak_fit import LOG_STEP
+from tpmsd.onboard.resonance.torsion import soft_shifts
 
 MIN_SHIFT, MAX_SHIFT = -0.40, 0.20
 SHIFTS = LOG_STEP * np.arange(round(MIN_SHIFT / LOG_STEP), round(MAX_SHIFT / LOG_STEP) + 1)
@@ -59,7 +59,7 @@ class ResonanceEvidence:
     """What the resonances of a car's wheels say together."""
 
     wheels: tuple[int, ...]
-    """The wheels it speaks of, as indices of `tpmsd.wheels.WHEELS`."""
+    """The wheels it speaks of, as indices of `tpmsd.foundation.wheels.WHEELS`."""
     subsets: Mapping[tuple[int, ...], float]
     """For every set of these wheels: log of (likelihood that just they are soft / that none is)."""
 

@@ -22,9 +22,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.resonance.spectrum import HIGH_HZ, LOW_HZ, OVERLAP_VARIANCE, Spectrum, bins_hz
-from tpmsd.resonance.torsion import MAX_RESONANCE_HZ, MIN_RESONANCE_HZ
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.resonance.spectrum import HIGH_HZ, LOW_HZ, OVERLAP_VARIANCE, Spectrum, bins_hz
+from tpmsd.onboard.resonance.torsion import MAX_RESONANCE_HZ, MIN_RESONANCE_HZ
 
 LOG_STEP = 0.005
 """Step of the grid in ln f."""

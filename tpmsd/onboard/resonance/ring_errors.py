@@ -17,8 +17,8 @@ import math
 
 import numpy as np
 
-from tpmsd.resonance.wheel_stream import SpeedBlock
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.resonance.wheel_stream import SpeedBlock
 
 HARMONICS = 48
 """Steps of 48 uneven teeth have nine tenths of their power below this order."""

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.resonance.wheel_stream import SpeedBlock
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.resonance.wheel_stream import SpeedBlock
 
 SEGMENT_S = 1.28
 LOW_HZ, HIGH_HZ = 19.0, 75.0

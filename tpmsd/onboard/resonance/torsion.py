@@ -24,7 +24,7 @@ import math
 
 import numpy as np
 
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
 
 MIN_RESONANCE_HZ, MAX_RESONANCE_HZ = 25.0, 62.0
 """Where passenger cars have it."""

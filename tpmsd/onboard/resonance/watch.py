@@ -20,13 +20,13 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.resonance.evidence import ResonanceEvidence, shift_likelihood
-from tpmsd.resonance.peak_fit import Peak, PeakFit
-from tpmsd.resonance.ring_errors import RingErrors
-from tpmsd.resonance.spectrum import SEGMENT_S, Spectrum, bins_hz, periodograms
-from tpmsd.resonance.wheel_stream import SpeedBlock, WheelStream
-from tpmsd.sources.events import RotationRun, RotationSample
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.onboard.resonance.evidence import ResonanceEvidence, shift_likelihood
+from tpmsd.onboard.resonance.peak_fit import Peak, PeakFit
+from tpmsd.onboard.resonance.ring_errors import RingErrors
+from tpmsd.onboard.resonance.spectrum import SEGMENT_S, Spectrum, bins_hz, periodograms
+from tpmsd.onboard.resonance.wheel_stream import SpeedBlock, WheelStream
+from tpmsd.onboard.sources.events import RotationRun, RotationSample
 
 SPEED_CLASSES_MPS = (8.0, 12.0, 17.0, 23.0, 30.0)
 """Lower ends; below the first nothing is taken, the last is open."""

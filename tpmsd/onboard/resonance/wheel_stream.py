@@ -19,8 +19,8 @@ from operator import sub
 
 import numpy as np
 
-from tpmsd.sources.events import RotationSample
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.sources.events import RotationSample
 
 BLOCK_S = 10.24
 GAP_PERIODS = 2.6

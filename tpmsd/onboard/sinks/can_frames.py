@@ -16,11 +16,11 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from tpmsd.config.model import AlarmsConfig
-from tpmsd.errors import ConfigError
-from tpmsd.monitor.records import AlarmEvent, AlarmKind, MonitorReport, WheelReport
-from tpmsd.sinks import can_layout as layout
-from tpmsd.wheels import WHEELS
+from tpmsd.car.config.model import AlarmsConfig
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, MonitorReport, WheelReport
+from tpmsd.onboard.sinks import can_layout as layout
 
 CLEARED_REPEATS = 5
 _SLACK_S = 1e-3

@@ -15,17 +15,17 @@ from typing import Any
 
 from cantools.database.can import Database, Message, Signal
 
-from tpmsd.config.dbc import load_dbc
-from tpmsd.config.model import CanConfig, Config, OutputConfig, OutputSignal
-from tpmsd.config.output_names import CHECKSUM, COUNTER, DISCRETE
-from tpmsd.config.problems import ConfigProblems
-from tpmsd.errors import ConfigError
-from tpmsd.monitor.records import MonitorReport
-from tpmsd.sinks.can_frames import Cycle, OutFrame
-from tpmsd.sinks.checksums import ALGORITHMS
-from tpmsd.sinks.j1939 import j1939_frames, j1939_identifier
-from tpmsd.sinks.output_values import output_values
-from tpmsd.sources.signal_plan import can_filters
+from tpmsd.car.config.dbc import load_dbc
+from tpmsd.car.config.model import CanConfig, Config, OutputConfig, OutputSignal
+from tpmsd.car.config.output_names import CHECKSUM, COUNTER, DISCRETE
+from tpmsd.car.config.problems import ConfigProblems
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.onboard.monitor.records import MonitorReport
+from tpmsd.onboard.sinks.can_frames import Cycle, OutFrame
+from tpmsd.onboard.sinks.checksums import ALGORITHMS
+from tpmsd.onboard.sinks.j1939 import j1939_frames, j1939_identifier
+from tpmsd.onboard.sinks.output_values import output_values
+from tpmsd.onboard.sources.signal_plan import can_filters
 
 LISTEN_S = 3.0
 """No message of a car that runs comes more rarely and matters; longer than that a lamp need not wait."""

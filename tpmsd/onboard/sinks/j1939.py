@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.wheels import WHEELS
 
 PGN = {"tire": 65268, "dm1": 65226}
 PRIORITY = 6

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import math
 
-from tpmsd.config.output_names import NAMES, PRESSURE_LOSS
-from tpmsd.monitor.records import AlarmEvent, AlarmKind, MonitorReport
-from tpmsd.sinks.can_layout import WHEEL_STATE_CODES
-from tpmsd.wheels import WHEELS
+from tpmsd.car.config.output_names import NAMES, PRESSURE_LOSS
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, MonitorReport
+from tpmsd.onboard.sinks.can_layout import WHEEL_STATE_CODES
 
 
 def output_values(report: MonitorReport) -> dict[str, float]:

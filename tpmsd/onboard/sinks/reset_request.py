@@ -16,7 +16,7 @@ import re
 from dataclasses import dataclass
 from functools import reduce
 
-from tpmsd.sinks.can_layout import crc8_j1850
+from tpmsd.onboard.sinks.can_layout import crc8_j1850
 
 PREFIX = b"$PTPMSD"
 """Of all sentences that the daemon itself makes."""

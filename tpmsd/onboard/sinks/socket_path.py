@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from tpmsd.errors import ConfigError
+from tpmsd.foundation.errors import ConfigError
 
 MAX_PATH_BYTES = 107
 """What `sockaddr_un` holds (unix(7)), less the final NUL."""

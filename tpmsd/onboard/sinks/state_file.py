@@ -9,7 +9,7 @@ Python's json module (NaN, Infinity).
 Saving writes a temporary file beside it, syncs it, renames it over the old one and syncs the folder. After a
 power cut between any two of these steps the file holds either the old payload or the new one. A file that
 is damaged all the same (a failing card, an editor) is set aside and reported: never trusted, nor in the way.
-One process writes a file: the daemon holds a lock beside it (`daemon/state_lock.py`).
+One process writes a file: the daemon holds a lock beside it (`onboard/daemon/state_lock.py`).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tpmsd.errors import TpmsdError
+from tpmsd.foundation.errors import TpmsdError
 
 FORMAT = "tpmsd-state"
 VERSION = 1

@@ -15,9 +15,9 @@ from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
-from tpmsd.errors import TpmsdError
-from tpmsd.sinks.socket_path import check_socket_path
-from tpmsd.sinks.status_version import DOCUMENT_VERSION
+from tpmsd.foundation.errors import TpmsdError
+from tpmsd.onboard.sinks.socket_path import check_socket_path
+from tpmsd.onboard.sinks.status_version import DOCUMENT_VERSION
 
 TIMEOUT_S = 5.0
 MAX_LINE_BYTES = 1 << 20

@@ -14,20 +14,20 @@ from enum import StrEnum
 from typing import Any
 
 from tpmsd import __version__
-from tpmsd.estimators.base import RadiusEstimate
-from tpmsd.monitor.alarm_entry import alarm_entry
-from tpmsd.monitor.records import (
+from tpmsd.foundation.plain import finite, millimetres
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.onboard.estimators.base import RadiusEstimate
+from tpmsd.onboard.monitor.alarm_entry import alarm_entry
+from tpmsd.onboard.monitor.records import (
     AlarmKind,
     LearningReport,
     MonitorReport,
     WheelReport,
     WheelState,
 )
-from tpmsd.monitor.sight import Sight
-from tpmsd.plain import finite, millimetres
-from tpmsd.resonance.watch import ResonanceStatus
-from tpmsd.sinks.status_version import DOCUMENT_VERSION
-from tpmsd.wheels import WHEELS
+from tpmsd.onboard.monitor.sight import Sight
+from tpmsd.onboard.resonance.watch import ResonanceStatus
+from tpmsd.onboard.sinks.status_version import DOCUMENT_VERSION
 
 
 class SourceState(StrEnum):

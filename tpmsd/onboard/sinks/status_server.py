@@ -28,8 +28,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tpmsd.errors import TpmsdError
-from tpmsd.sinks.socket_path import check_socket_path
+from tpmsd.foundation.errors import TpmsdError
+from tpmsd.onboard.sinks.socket_path import check_socket_path
 
 MAX_CLIENTS = 128
 MAX_WATCHERS = 112

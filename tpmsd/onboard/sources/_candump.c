@@ -1,5 +1,5 @@
 /* The commonest lines of `candump -L`, compiled: the same frames as `candump_text` makes of them with NumPy
- * arrays, which is the reference (tests/sources_can/test_candump_text.py).
+ * arrays, which is the reference (tests/onboard/sources_can/test_candump_text.py).
  *
  * In: whole lines of text, the name of a channel, arrays with a row per line. Out: the rows of those lines that
  * are `(stamp) channel identifier#data` of a classic data frame on that channel, and which ones those are. All
@@ -127,7 +127,7 @@ static PyMethodDef methods[] = {
 };
 static PyModuleDef_Slot slots[] = {{0, NULL}};
 static struct PyModuleDef module = {
-    PyModuleDef_HEAD_INIT, "tpmsd.sources._candump", "Lines of candump.", 0, methods, slots, NULL, NULL, NULL,
+    PyModuleDef_HEAD_INIT, "tpmsd.onboard.sources._candump", "Lines of candump.", 0, methods, slots, NULL, NULL, NULL,
 };
 
 PyMODINIT_FUNC PyInit__candump(void)

@@ -1,7 +1,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
 
 def lines(
     text: bytes,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
 
 GRID_S = 0.1
 MIN_OVERLAP_S = 30.0

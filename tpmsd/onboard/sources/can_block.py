@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.signal_plan import EXTENDED
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.signal_plan import EXTENDED
 
 FD, ERROR, REMOTE = 1, 2, 4
 """Bits of `FrameBlock.flags`."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.sources.can_block import ERROR, REMOTE, FrameBlock
+from tpmsd.onboard.sources.can_block import ERROR, REMOTE, FrameBlock
 
 LOOK_AT_FRAMES = 50_000
 """About half a minute of a busy bus; each bus of a car has its say by then."""

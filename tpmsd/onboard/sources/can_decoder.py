@@ -24,13 +24,13 @@ from collections.abc import Iterator
 
 from cantools.database.can import Database
 
-from tpmsd.config.model import WHEEL_COUNT_ROLES, Config
-from tpmsd.sources.can_arrival import MIN_TIMEOUT_S, MessageArrival, Verdict
-from tpmsd.sources.can_faults import FaultLog
-from tpmsd.sources.can_senders import SenderWatch
-from tpmsd.sources.databases import load_database
-from tpmsd.sources.events import Event, InertialSample, RotationSample, SourceFault
-from tpmsd.sources.signal_plan import (
+from tpmsd.car.config.model import WHEEL_COUNT_ROLES, Config
+from tpmsd.onboard.sources.can_arrival import MIN_TIMEOUT_S, MessageArrival, Verdict
+from tpmsd.onboard.sources.can_faults import FaultLog
+from tpmsd.onboard.sources.can_senders import SenderWatch
+from tpmsd.onboard.sources.databases import load_database
+from tpmsd.onboard.sources.events import Event, InertialSample, RotationSample, SourceFault
+from tpmsd.onboard.sources.signal_plan import (
     BUS_SHIFT,
     EXTENDED,
     ConditionPlan,
@@ -40,9 +40,9 @@ from tpmsd.sources.signal_plan import (
     can_filters,
     compile_plans,
 )
-from tpmsd.sources.wheel_counter import WheelCounter
-from tpmsd.sources.wheel_direction import DirectionKeeper
-from tpmsd.sources.wheel_speed import FrozenSpeeds, WheelSpeedIntegrator
+from tpmsd.onboard.sources.wheel_counter import WheelCounter
+from tpmsd.onboard.sources.wheel_direction import DirectionKeeper
+from tpmsd.onboard.sources.wheel_speed import FrozenSpeeds, WheelSpeedIntegrator
 
 __all__ = ["CanDecoder", "can_filters", "load_database"]
 

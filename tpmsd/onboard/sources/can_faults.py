@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections import Counter
 
-from tpmsd.sources.events import Event, SourceFault
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.onboard.sources.events import Event, SourceFault
 
 REPORT_INTERVAL_S = 1.0
 _JUMPS = frozenset({"jump", "reset"})

@@ -19,9 +19,9 @@ from typing import Any, Protocol
 
 import can
 
-from tpmsd.config.model import CanConfig
-from tpmsd.errors import TpmsdError
-from tpmsd.sources.can_frame import CanFrame
+from tpmsd.car.config.model import CanConfig
+from tpmsd.foundation.errors import TpmsdError
+from tpmsd.onboard.sources.can_frame import CanFrame
 
 RECEIVE_BUFFER_BYTES = 4 << 20
 """Asked for; without privileges the kernel gives what net.core.rmem_max allows. Its default of about 200 kB

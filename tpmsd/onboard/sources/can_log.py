@@ -16,10 +16,10 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
-from tpmsd.errors import InputError
-from tpmsd.sources.can_block import FrameBlock, block_of
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.can_log_candump import read_candump
+from tpmsd.foundation.errors import InputError
+from tpmsd.onboard.sources.can_block import FrameBlock, block_of
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can_log_candump import read_candump
 
 __all__ = ["SUFFIXES", "BadLine", "CanFrame", "find_can_log", "read_can_blocks", "read_can_log"]
 
@@ -32,7 +32,7 @@ FRAMES_PER_BLOCK = 4096
 
 def read_by_python_can(suffix: str, path: Path, note: BadLine) -> Iterator[CanFrame]:
     """As `can_log_others` does, which imports python-can."""
-    from tpmsd.sources import can_log_others
+    from tpmsd.onboard.sources import can_log_others
 
     return can_log_others.read_by_python_can(suffix, path, note)
 

@@ -12,10 +12,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO
 
-from tpmsd.sources.can_block import FrameBlock, block_of
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.candump_line import parse_candump_line
-from tpmsd.sources.candump_text import parse_lines
+from tpmsd.onboard.sources.can_block import FrameBlock, block_of
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.candump_line import parse_candump_line
+from tpmsd.onboard.sources.candump_text import parse_lines
 
 MAX_LINE_CHARS = 4096
 CHUNK_CHARS = 1 << 20

@@ -16,12 +16,12 @@ from typing import TextIO, cast
 
 import can
 
-from tpmsd.errors import InputError
-from tpmsd.lean import bring_in_mf4
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.can_log_lines import AscLines, LogLines
-from tpmsd.sources.candump_line import EXTENDED_MASK
-from tpmsd.sources.packed_bounds import check_blf, check_mf4
+from tpmsd.foundation.errors import InputError
+from tpmsd.foundation.lean import bring_in_mf4
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can_log_lines import AscLines, LogLines
+from tpmsd.onboard.sources.candump_line import EXTENDED_MASK
+from tpmsd.onboard.sources.packed_bounds import check_blf, check_mf4
 
 LONGEST_BYTES = 64
 """Data of a CAN FD frame."""

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import re
 
-from tpmsd.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.can_frame import CanFrame
 
 ERROR_FLAG = 0x20000000
 EXTENDED_MASK = 0x1FFFFFFF

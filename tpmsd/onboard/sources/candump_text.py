@@ -19,14 +19,20 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from tpmsd.sources.can_block import CLASSIC_BYTES, ERROR, FD, REMOTE, FrameBlock, block_of
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.candump_line import ERROR_FLAG, EXTENDED_MASK, LINE, MAX_STANDARD, parse_candump_line
-from tpmsd.sources.signal_plan import EXTENDED
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.sources.can_block import CLASSIC_BYTES, ERROR, FD, REMOTE, FrameBlock, block_of
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.candump_line import (
+    ERROR_FLAG,
+    EXTENDED_MASK,
+    LINE,
+    MAX_STANDARD,
+    parse_candump_line,
+)
+from tpmsd.onboard.sources.signal_plan import EXTENDED
 
 try:
-    from tpmsd.sources import _candump as compiled
+    from tpmsd.onboard.sources import _candump as compiled
 except ImportError:  # not built: there was no compiler, or it was left out
     compiled: ModuleType | None = None  # type: ignore[no-redef]
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from cantools.database.can import Database
 
-from tpmsd.config.dbc import load_dbc
-from tpmsd.config.model import Config
+from tpmsd.car.config.dbc import load_dbc
+from tpmsd.car.config.model import Config
 
 
 class CarDatabase(Database):

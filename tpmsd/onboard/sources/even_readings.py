@@ -3,7 +3,7 @@
 In: what a `WheelCounter` or `WheelSpeedIntegrator` knows, and the readings that come. Out: the angles that it
 would give one by one, what it knows behind them, and the first reading that it would doubt. The formulas are
 those of `wheel_counter` and `wheel_speed`, in the same order of operations, so that the numbers are the same
-to the last bit (`tests/sources_can/test_even_readings.py`). Nothing is changed before `settle`.
+to the last bit (`tests/onboard/sources_can/test_even_readings.py`). Nothing is changed before `settle`.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.sources.can_arrival import MIN_TIMEOUT_S, TIMEOUT_PERIODS
-from tpmsd.sources.settings import SETTINGS
-from tpmsd.sources.wheel_counter import (
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.sources.can_arrival import MIN_TIMEOUT_S, TIMEOUT_PERIODS
+from tpmsd.onboard.sources.settings import SETTINGS
+from tpmsd.onboard.sources.wheel_counter import (
     MAX_ACCEL_MPS2,
     MAX_SPEED_MPS,
     REPEATED_BITS,
@@ -25,8 +26,7 @@ from tpmsd.sources.wheel_counter import (
     STUCK_S,
     WheelCounter,
 )
-from tpmsd.sources.wheel_speed import SLACK_MPS, WheelSpeedIntegrator
-from tpmsd.wheels import FloatArray
+from tpmsd.onboard.sources.wheel_speed import SLACK_MPS, WheelSpeedIntegrator
 
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]

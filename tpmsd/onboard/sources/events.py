@@ -21,7 +21,7 @@ class RotationSample(NamedTuple):
 
     time_s: float
     wheel: int
-    """Index into `tpmsd.wheels.WHEELS`."""
+    """Index into `tpmsd.foundation.wheels.WHEELS`."""
     angle_rad: float
     """Angle turned since the segment began; exact sum of counts (or integral of a speed signal)."""
     quantum_rad: float

@@ -18,7 +18,7 @@ import socket
 import threading
 from typing import NoReturn
 
-from tpmsd.sources.serial_live import ReceiverGone
+from tpmsd.onboard.sources.serial_live import ReceiverGone
 
 READ_BYTES = 8192
 SYN_RETRIES = 2

@@ -14,12 +14,12 @@ import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
-from tpmsd.sources.events import Event, GnssFix, InertialSample
-from tpmsd.sources.gnss_noise import position_std
-from tpmsd.sources.nmea_checks import Episodes, EpochInterval, PlaceChecks
-from tpmsd.sources.nmea_clock import DAY_S, ReceiverClock
-from tpmsd.sources.nmea_epoch import COURSE_MIN_SPEED_MPS
-from tpmsd.sources.nmea_sentence import MAX_SPEED_MPS
+from tpmsd.onboard.sources.events import Event, GnssFix, InertialSample
+from tpmsd.onboard.sources.gnss_noise import position_std
+from tpmsd.onboard.sources.nmea_checks import Episodes, EpochInterval, PlaceChecks
+from tpmsd.onboard.sources.nmea_clock import DAY_S, ReceiverClock
+from tpmsd.onboard.sources.nmea_epoch import COURSE_MIN_SPEED_MPS
+from tpmsd.onboard.sources.nmea_sentence import MAX_SPEED_MPS
 
 NAN = math.nan
 PREFIX = "gnss_"

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from tpmsd.sources.gnss_solution import sentences
-from tpmsd.sources.gpsd_json import GpsdReports
-from tpmsd.sources.nmea_framer import NmeaFramer
-from tpmsd.sources.ubx import UbxFramer, nav_pvt
+from tpmsd.onboard.sources.gnss_solution import sentences
+from tpmsd.onboard.sources.gpsd_json import GpsdReports
+from tpmsd.onboard.sources.nmea_framer import NmeaFramer
+from tpmsd.onboard.sources.ubx import UbxFramer, nav_pvt
 
 NMEA_AFTER_PVT = 200
 """Lines of NMEA without a NAV-PVT among them, after which NMEA is listened to again: ten epochs and more."""

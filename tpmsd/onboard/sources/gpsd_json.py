@@ -15,10 +15,10 @@ import math
 import re
 from typing import Any
 
-from tpmsd.plain import number
-from tpmsd.sources.gnss_noise import GST_MAX_AGE_S
-from tpmsd.sources.gnss_solution import NAN, Solution
-from tpmsd.sources.nmea_sentence import unix_day
+from tpmsd.foundation.plain import number
+from tpmsd.onboard.sources.gnss_noise import GST_MAX_AGE_S
+from tpmsd.onboard.sources.gnss_solution import NAN, Solution
+from tpmsd.onboard.sources.nmea_sentence import unix_day
 
 WATCH = b'?WATCH={"enable":true,"json":true}\n'
 """What gpsd waits for before it reports."""

@@ -10,8 +10,8 @@ import math
 from collections import deque
 from dataclasses import replace
 
-from tpmsd.sources.events import GnssFix, SourceFault
-from tpmsd.sources.nmea_clock import DAY_S
+from tpmsd.onboard.sources.events import GnssFix, SourceFault
+from tpmsd.onboard.sources.nmea_clock import DAY_S
 
 NAN = math.nan
 MIN_GAP_S, MAX_GAP_S, GAP_OF_INTERVAL = 0.02, 0.25, 0.3

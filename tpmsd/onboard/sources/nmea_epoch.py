@@ -13,11 +13,18 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 
-from tpmsd.sources.events import Event, GnssFix, SourceFault
-from tpmsd.sources.gnss_noise import GST_MAX_AGE_S, position_std
-from tpmsd.sources.nmea_checks import Episodes, EpochInterval, PlaceChecks, without_position
-from tpmsd.sources.nmea_clock import ReceiverClock
-from tpmsd.sources.nmea_sentence import ACCURACY, HANDLED, OTHER, NmeaReading, SentenceError, decode_sentence
+from tpmsd.onboard.sources.events import Event, GnssFix, SourceFault
+from tpmsd.onboard.sources.gnss_noise import GST_MAX_AGE_S, position_std
+from tpmsd.onboard.sources.nmea_checks import Episodes, EpochInterval, PlaceChecks, without_position
+from tpmsd.onboard.sources.nmea_clock import ReceiverClock
+from tpmsd.onboard.sources.nmea_sentence import (
+    ACCURACY,
+    HANDLED,
+    OTHER,
+    NmeaReading,
+    SentenceError,
+    decode_sentence,
+)
 
 NAN = math.nan
 COURSE_MIN_SPEED_MPS = 0.5

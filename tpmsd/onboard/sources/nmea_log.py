@@ -17,9 +17,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO
 
-from tpmsd.errors import InputError
-from tpmsd.sources.nmea_clock import ReceiverClock
-from tpmsd.sources.nmea_sentence import NmeaReading, SentenceError, decode_sentence
+from tpmsd.foundation.errors import InputError
+from tpmsd.onboard.sources.nmea_clock import ReceiverClock
+from tpmsd.onboard.sources.nmea_sentence import NmeaReading, SentenceError, decode_sentence
 
 Entry = tuple[float, bytes, int]
 BadLine = Callable[[int, str], None]

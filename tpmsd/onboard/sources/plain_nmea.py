@@ -11,12 +11,12 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from tpmsd.sources.align import Alignment, align
-from tpmsd.sources.can_decoder import CanDecoder
-from tpmsd.sources.can_frame import CanFrame
-from tpmsd.sources.events import Event, GnssFix, RotationSample
-from tpmsd.sources.nmea_epoch import NmeaAssembler
-from tpmsd.wheels import RL
+from tpmsd.foundation.wheels import RL
+from tpmsd.onboard.sources.align import Alignment, align
+from tpmsd.onboard.sources.can_decoder import CanDecoder
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.events import Event, GnssFix, RotationSample
+from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
 
 MIN_STEP_S = 0.05
 EARTH_M_PER_DEG = 111_320.0

@@ -13,7 +13,7 @@ from typing import Self
 
 import serial
 
-from tpmsd.errors import TpmsdError
+from tpmsd.foundation.errors import TpmsdError
 
 READ_BYTES = 4096
 

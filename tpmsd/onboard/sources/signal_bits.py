@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.sources.signal_plan import BitField
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.sources.signal_plan import BitField
 
 RawArray = NDArray[np.uint64]
 

@@ -17,11 +17,11 @@ from typing import Any
 
 from cantools.database.can import Database, Message, Signal
 
-from tpmsd.config.dbc import counter_modulus
-from tpmsd.config.model import WHEEL_COUNT_ROLES, WHEEL_SPEED_ROLES, Condition, Config
-from tpmsd.config.units import to_si, wheel_speed_kind
-from tpmsd.errors import ConfigError
-from tpmsd.sources.databases import database_of
+from tpmsd.car.config.dbc import counter_modulus
+from tpmsd.car.config.model import WHEEL_COUNT_ROLES, WHEEL_SPEED_ROLES, Condition, Config
+from tpmsd.car.config.units import to_si, wheel_speed_kind
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.onboard.sources.databases import database_of
 
 EXTENDED = 1 << 31
 """Marks a 29-bit identifier in a plan's key, as SocketCAN marks it on the wire."""

@@ -20,15 +20,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.sources.can_block import ERROR, REMOTE, FrameBlock
-from tpmsd.sources.can_decoder import CanDecoder, Group
-from tpmsd.sources.even_readings import Even, even_counts, even_speeds
-from tpmsd.sources.settings import SETTINGS
-from tpmsd.sources.signal_bits import RawArray, numbers, raw_bits
-from tpmsd.sources.signal_plan import BUS_SHIFT, BitField, ConditionPlan, MessagePlan, SignalPlan
-from tpmsd.sources.wheel_counter import WheelCounter
-from tpmsd.sources.wheel_speed import WheelSpeedIntegrator
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.sources.can_block import ERROR, REMOTE, FrameBlock
+from tpmsd.onboard.sources.can_decoder import CanDecoder, Group
+from tpmsd.onboard.sources.even_readings import Even, even_counts, even_speeds
+from tpmsd.onboard.sources.settings import SETTINGS
+from tpmsd.onboard.sources.signal_bits import RawArray, numbers, raw_bits
+from tpmsd.onboard.sources.signal_plan import BUS_SHIFT, BitField, ConditionPlan, MessagePlan, SignalPlan
+from tpmsd.onboard.sources.wheel_counter import WheelCounter
+from tpmsd.onboard.sources.wheel_speed import WheelSpeedIntegrator
 
 MIN_FRAMES = 40
 """Fewer are decoded faster one by one."""

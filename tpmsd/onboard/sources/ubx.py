@@ -13,7 +13,7 @@ import datetime
 import math
 import struct
 
-from tpmsd.sources.gnss_solution import NAN, Solution
+from tpmsd.onboard.sources.gnss_solution import NAN, Solution
 
 SYNC = b"\xb5\x62"
 NAV_PVT = 0x0107

@@ -23,8 +23,8 @@ import itertools
 import math
 from collections import deque
 
-from tpmsd.sources.can_faults import FaultLog
-from tpmsd.sources.events import Event, RotationSample
+from tpmsd.onboard.sources.can_faults import FaultLog
+from tpmsd.onboard.sources.events import Event, RotationSample
 
 MAX_SPEED_MPS = 100.0
 MAX_REVERSE_MPS = 10.0

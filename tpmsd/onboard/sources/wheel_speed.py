@@ -16,11 +16,11 @@ from __future__ import annotations
 import copy
 import math
 
-from tpmsd.sources.can_arrival import MIN_TIMEOUT_S, TIMEOUT_PERIODS
-from tpmsd.sources.can_faults import FaultLog
-from tpmsd.sources.events import Event, RotationSample
-from tpmsd.sources.settings import SETTINGS
-from tpmsd.sources.wheel_counter import MAX_ACCEL_MPS2, MAX_SPEED_MPS, STUCK_S
+from tpmsd.onboard.sources.can_arrival import MIN_TIMEOUT_S, TIMEOUT_PERIODS
+from tpmsd.onboard.sources.can_faults import FaultLog
+from tpmsd.onboard.sources.events import Event, RotationSample
+from tpmsd.onboard.sources.settings import SETTINGS
+from tpmsd.onboard.sources.wheel_counter import MAX_ACCEL_MPS2, MAX_SPEED_MPS, STUCK_S
 
 SLACK_MPS = 1.0
 """Many senders round slow speeds to zero, so a wheel seems to start with a step."""

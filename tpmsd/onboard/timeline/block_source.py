@@ -15,14 +15,14 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.sources.can_block import FrameBlock
-from tpmsd.sources.can_decoder import CanDecoder
-from tpmsd.sources.events import RotationRun
-from tpmsd.sources.stretch import BlockPlaces, Stretch, foresee
-from tpmsd.timeline.tick import Tick
-from tpmsd.timeline.tick_plan import PlannedTick
-from tpmsd.timeline.tick_source import TickSource
-from tpmsd.timeline.timeline import Timeline
+from tpmsd.onboard.sources.can_block import FrameBlock
+from tpmsd.onboard.sources.can_decoder import CanDecoder
+from tpmsd.onboard.sources.events import RotationRun
+from tpmsd.onboard.sources.stretch import BlockPlaces, Stretch, foresee
+from tpmsd.onboard.timeline.tick import Tick
+from tpmsd.onboard.timeline.tick_plan import PlannedTick
+from tpmsd.onboard.timeline.tick_source import TickSource
+from tpmsd.onboard.timeline.timeline import Timeline
 
 RETRY_FRAMES, MOST_RETRY_FRAMES = 16, 1024
 """Frames that go one by one after an odd one: doubled as long as nothing comes of it."""

@@ -15,14 +15,14 @@ import math
 
 import numpy as np
 
-from tpmsd.config.model import Config
-from tpmsd.physics.effect import Effect
-from tpmsd.physics.grade import GradeTracker
-from tpmsd.physics.kinematics import Geometry
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.physics.motion import GRAVITY_MPS2, Car, Motion, driven_mask
-from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.wheels import RL, RR, FloatArray
+from tpmsd.car.config.model import Config
+from tpmsd.car.physics.effect import Effect
+from tpmsd.car.physics.grade import GradeTracker
+from tpmsd.car.physics.kinematics import Geometry
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.car.physics.motion import GRAVITY_MPS2, Car, Motion, driven_mask
+from tpmsd.foundation.wheels import RL, RR, FloatArray
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 SMOOTHING_S = 0.5
 RATE_SMOOTHING_S = 0.3

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
 
 Vector = tuple[float, float, float]
 

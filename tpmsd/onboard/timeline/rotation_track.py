@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.sources.events import RotationRun, RotationSample
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.sources.events import RotationRun, RotationSample
 
 MAX_BRIDGE_S = 0.6
 """Readings further apart than this are not interpolated between."""

@@ -14,10 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmsd.sources.stretch import Stretch
-from tpmsd.timeline.reading_track import ReadingTrack
-from tpmsd.timeline.rotation_track import RotationTrack
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.sources.stretch import Stretch
+from tpmsd.onboard.timeline.reading_track import ReadingTrack
+from tpmsd.onboard.timeline.rotation_track import RotationTrack
 
 
 class PlannedTick(NamedTuple):

@@ -12,15 +12,15 @@ from typing import Protocol
 
 from cantools.database import Database
 
-from tpmsd.config.gnss_source import source_of
-from tpmsd.config.model import GNSS_ROLES, Config
-from tpmsd.sources.can_decoder import CanDecoder
-from tpmsd.sources.events import Event, InertialSample
-from tpmsd.sources.gnss_on_can import CanFixAssembler
-from tpmsd.sources.nmea_epoch import NmeaAssembler
-from tpmsd.sources.signal_plan import signal_steps
-from tpmsd.timeline.tick import Tick
-from tpmsd.timeline.timeline import Timeline
+from tpmsd.car.config.gnss_source import source_of
+from tpmsd.car.config.model import GNSS_ROLES, Config
+from tpmsd.onboard.sources.can_decoder import CanDecoder
+from tpmsd.onboard.sources.events import Event, InertialSample
+from tpmsd.onboard.sources.gnss_on_can import CanFixAssembler
+from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
+from tpmsd.onboard.sources.signal_plan import signal_steps
+from tpmsd.onboard.timeline.tick import Tick
+from tpmsd.onboard.timeline.timeline import Timeline
 
 
 class LookAhead(Protocol):

@@ -16,18 +16,25 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tpmsd.sources.events import Event, GnssFix, InertialSample, RotationRun, RotationSample, SourceFault
-from tpmsd.sources.stretch import Stretch
-from tpmsd.timeline.host_clock import BACKWARD_STEP_S, HostClock
-from tpmsd.timeline.local_plane import LocalPlane
-from tpmsd.timeline.plausible import odd_wheels
-from tpmsd.timeline.reading_track import ReadingTrack
-from tpmsd.timeline.rotation_track import RotationTrack, rotation_between
-from tpmsd.timeline.speed_accuracy import SpeedAccuracy
-from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.timeline.tick_plan import PlannedTick, TickPlan, planned
-from tpmsd.timeline.utc_offset import UtcOffsetTracker
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.sources.events import (
+    Event,
+    GnssFix,
+    InertialSample,
+    RotationRun,
+    RotationSample,
+    SourceFault,
+)
+from tpmsd.onboard.sources.stretch import Stretch
+from tpmsd.onboard.timeline.host_clock import BACKWARD_STEP_S, HostClock
+from tpmsd.onboard.timeline.local_plane import LocalPlane
+from tpmsd.onboard.timeline.plausible import odd_wheels
+from tpmsd.onboard.timeline.reading_track import ReadingTrack
+from tpmsd.onboard.timeline.rotation_track import RotationTrack, rotation_between
+from tpmsd.onboard.timeline.speed_accuracy import SpeedAccuracy
+from tpmsd.onboard.timeline.tick import Fix, Tick
+from tpmsd.onboard.timeline.tick_plan import PlannedTick, TickPlan, planned
+from tpmsd.onboard.timeline.utc_offset import UtcOffsetTracker
 
 HOLDBACK_S = 0.45
 HOLDBACK_MARGIN_S = 0.1

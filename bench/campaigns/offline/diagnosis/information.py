@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import solveh_banded
 from scipy.sparse import coo_matrix
 
-from bench.campaigns.diagnosis.signals import Windows
+from bench.campaigns.offline.diagnosis.signals import Windows
 from bench.worlds.course import Array
 
 Q, V, PSI, PE, PN, BE, BN, DS, DC, GB, STATES = 0, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13

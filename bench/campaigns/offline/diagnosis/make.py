@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.campaigns.diagnosis.draw import Case
-from bench.campaigns.diagnosis.signals import Windows, windows_of
+from bench.campaigns.offline.diagnosis.draw import Case
+from bench.campaigns.offline.diagnosis.signals import Windows, windows_of
 from bench.places import RECORDINGS
 from bench.worlds.instruments import Drive
 from bench.worlds.origins import ORIGINS, Places

@@ -5,7 +5,7 @@ over all instants, how much more the left wheel turns than the right one: the sh
 hubs explains (1 is a rigid car), and what goes with the lateral acceleration (s2/m). Nothing of `tpmsd` is
 used.
 
-    python -m bench.campaigns.diagnosis.own_physics [FOLDER]
+    python -m bench.campaigns.offline.diagnosis.own_physics [FOLDER]
 """
 
 from __future__ import annotations

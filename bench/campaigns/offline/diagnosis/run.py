@@ -20,7 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bench.campaigns.diagnosis.draw import (
+from bench.campaigns.offline.diagnosis.draw import (
     CONCEALED,
     EFFECTS,
     MULTIBODY,
@@ -29,11 +29,11 @@ from bench.campaigns.diagnosis.draw import (
     Case,
     draw_case,
 )
-from bench.campaigns.diagnosis.make import make
-from bench.campaigns.diagnosis.report import failing, markdown, summary
-from bench.campaigns.diagnosis.score import score
-from bench.campaigns.diagnosis.seal import diagnosed
-from bench.campaigns.diagnosis.truth import truth_of
+from bench.campaigns.offline.diagnosis.make import make
+from bench.campaigns.offline.diagnosis.report import failing, markdown, summary
+from bench.campaigns.offline.diagnosis.score import score
+from bench.campaigns.offline.diagnosis.seal import diagnosed
+from bench.campaigns.offline.diagnosis.truth import truth_of
 from bench.places import OUT, REPO
 from bench.registry import UsageError
 from bench.runner import code_state, last_state, resume

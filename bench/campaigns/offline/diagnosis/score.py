@@ -21,10 +21,10 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns.diagnosis.draw import Case
-from bench.campaigns.diagnosis.information import gram, without
-from bench.campaigns.diagnosis.signals import CHANNELS, Windows
-from bench.campaigns.diagnosis.truth import Concealed, Truth, alone, base_name, nuisances, rolling
+from bench.campaigns.offline.diagnosis.draw import Case
+from bench.campaigns.offline.diagnosis.information import gram, without
+from bench.campaigns.offline.diagnosis.signals import CHANNELS, Windows
+from bench.campaigns.offline.diagnosis.truth import Concealed, Truth, alone, base_name, nuisances, rolling
 from bench.worlds.course import Array
 from bench.worlds.origins import ORIGINS
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.campaigns.diagnosis.truth import Truth
+from bench.campaigns.offline.diagnosis.truth import Truth
 from bench.worlds.folder import write_folder
 from bench.worlds.instruments import Drive
 

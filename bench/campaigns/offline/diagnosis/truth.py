@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns.diagnosis.draw import EFFECTS, Case
-from bench.campaigns.diagnosis.information import explained, gram, without
-from bench.campaigns.diagnosis.signals import CHANNELS, Physics, Windows
+from bench.campaigns.offline.diagnosis.draw import EFFECTS, Case
+from bench.campaigns.offline.diagnosis.information import explained, gram, without
+from bench.campaigns.offline.diagnosis.signals import CHANNELS, Physics, Windows
 from bench.worlds.causes import DRIVEN
 from bench.worlds.course import Array
 from bench.worlds.origins import ORIGINS
@@ -245,7 +245,7 @@ def _inherent(windows: Windows, injected: Sequence[str]) -> tuple[list[Concealed
     """What the multi-body car's own tyres do: all that its equations hold beyond pure rolling.
 
     Slip, and in bends tyres that turn by 1e-4 to 6e-4 s2/m of the lateral acceleration less on the left
-    than on the right (`python -m bench.campaigns.diagnosis.own_physics` prints it): by the public table's
+    than on the right (`python -m bench.campaigns.offline.diagnosis.own_physics` prints it): by the public table's
     definition that is load transfer, whatever in the tyres makes it.
     """
     rigid = windows.rigid()

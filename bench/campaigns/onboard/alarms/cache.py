@@ -18,9 +18,9 @@ import numpy as np
 
 from bench.worlds.instruments import Drive
 from bench.worlds.magic_tyre import Array
-from tpmsd.config.model import Config
-from tpmsd.estimators.base import NIGHT_S, Estimator, RadiusEstimate
-from tpmsd.timeline.tick import Tick
+from tpmsd.car.config.model import Config
+from tpmsd.onboard.estimators.base import NIGHT_S, Estimator, RadiusEstimate
+from tpmsd.onboard.timeline.tick import Tick
 
 OURS = ("tpmsd.", "bench.")
 FIELDS = list(RadiusEstimate._fields)
@@ -129,7 +129,7 @@ def key_of(drive: Drive, config: Config, estimator: Estimator, frames: bool) -> 
         digest.update(name.encode())
         digest.update(value.tobytes() if isinstance(value, np.ndarray) else repr(value).encode())
     digest.update(repr([config.vehicle, config.gnss, config.filter, frames]).encode())
-    source = "tpmsd.timeline.tick_source" if frames else "bench.campaigns.alarms.ticks"
+    source = "tpmsd.onboard.timeline.tick_source" if frames else "bench.campaigns.onboard.alarms.ticks"
     digest.update(code_state(type(estimator).__module__, source).encode())
     return digest.hexdigest()
 
@@ -149,7 +149,7 @@ def code_of(roots: list[str]) -> list[Path]:
     todo = list(roots)
     while todo:
         name = todo.pop()
-        if name in seen or not name.startswith(OURS) or name.startswith("tpmsd.config"):
+        if name in seen or not name.startswith(OURS) or name.startswith("tpmsd.car.config"):
             continue
         try:
             found = importlib.util.find_spec(name)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from bench import statistics
-from bench.campaigns.alarms.lives import is_resized
+from bench.campaigns.onboard.alarms.lives import is_resized
 from bench.statistics import count, percent
 from bench.worlds.surfaces import TAGS
 

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.campaigns.alarms.cases import group
-from bench.campaigns.alarms.lives import LEARNING, SLIPPERY_OF, kinds, life, slippery
-from bench.campaigns.alarms.play import Heard, hear
+from bench.campaigns.onboard.alarms.cases import group
+from bench.campaigns.onboard.alarms.lives import LEARNING, SLIPPERY_OF, kinds, life, slippery
+from bench.campaigns.onboard.alarms.play import Heard, hear
 from bench.worlds.folder import write_folder
 from bench.worlds.magic_tyre import Array
 from bench.worlds.trip_cars import POOLS, Car

@@ -16,18 +16,18 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns.alarms.cache import RememberedEstimator, key_of
-from bench.campaigns.alarms.ticks import ticks_of
+from bench.campaigns.onboard.alarms.cache import RememberedEstimator, key_of
+from bench.campaigns.onboard.alarms.ticks import ticks_of
 from bench.worlds.folder import write_folder
 from bench.worlds.magic_tyre import Array
 from bench.worlds.surfaces import FRAMES_NEEDED
 from bench.worlds.trips import Driven
-from tpmsd.cli.drive_reading import open_drive, play
-from tpmsd.config.load import load_config
-from tpmsd.config.model import Config
-from tpmsd.monitor.records import AlarmEvent
-from tpmsd.pipeline import Pipeline, Step
-from tpmsd.sources.can_decoder import load_database
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import Config
+from tpmsd.interfaces.cli.drive_reading import open_drive, play
+from tpmsd.onboard.monitor.records import AlarmEvent
+from tpmsd.onboard.pipeline import Pipeline, Step
+from tpmsd.onboard.sources.can_decoder import load_database
 
 FAST_MPS = 40.0 / 3.6
 """From here driving counts for the time to detect."""

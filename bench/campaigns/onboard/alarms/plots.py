@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns.alarms.figures import STANDARDS, legs_with, rate
+from bench.campaigns.onboard.alarms.figures import STANDARDS, legs_with, rate
 from bench.worlds.surfaces import TAGS
 
 Row = dict[str, Any]

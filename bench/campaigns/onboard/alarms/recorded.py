@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from tpmsd.cli.replay import replay
-from tpmsd.config.load import load_config
-from tpmsd.errors import TpmsdError
+from tpmsd.car.config.load import load_config
+from tpmsd.foundation.errors import TpmsdError
+from tpmsd.interfaces.cli.replay import replay
 
 
 def recordings(folder: Path) -> list[Path]:

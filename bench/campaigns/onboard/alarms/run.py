@@ -22,13 +22,13 @@ from pathlib import Path
 from typing import Any
 
 import tpmsd
-from bench.campaigns.alarms.cases import CASES_PER_CAR, group
-from bench.campaigns.alarms.figures import figures
-from bench.campaigns.alarms.lives import SLIPPERY_OF, kinds, life, slippery
-from bench.campaigns.alarms.one import one
-from bench.campaigns.alarms.recorded import play_recordings
-from bench.campaigns.alarms.score import play_group, play_life
-from bench.campaigns.alarms.text import markdown
+from bench.campaigns.onboard.alarms.cases import CASES_PER_CAR, group
+from bench.campaigns.onboard.alarms.figures import figures
+from bench.campaigns.onboard.alarms.lives import SLIPPERY_OF, kinds, life, slippery
+from bench.campaigns.onboard.alarms.one import one
+from bench.campaigns.onboard.alarms.recorded import play_recordings
+from bench.campaigns.onboard.alarms.score import play_group, play_life
+from bench.campaigns.onboard.alarms.text import markdown
 from bench.places import OUT, RECORDINGS, REPO
 from bench.registry import UsageError
 from bench.runner import code_state, last_state, resume
@@ -214,7 +214,7 @@ def main(args: argparse.Namespace) -> int:
     text = markdown(found)
     (args.out / "summary.json").write_text(json.dumps(found, indent=1), encoding="utf-8")
     (args.out / "summary.md").write_text(text, encoding="utf-8")
-    from bench.campaigns.alarms.plots import plot
+    from bench.campaigns.onboard.alarms.plots import plot
 
     plot(rows, args.out / "alarms.png")
     print(text)

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns.alarms.cases import Case, Group
-from bench.campaigns.alarms.lives import LEARNING, Life
-from bench.campaigns.alarms.play import Heard, Said, State, fast_seconds, hear
+from bench.campaigns.onboard.alarms.cases import Case, Group
+from bench.campaigns.onboard.alarms.lives import LEARNING, Life
+from bench.campaigns.onboard.alarms.play import Heard, Said, State, fast_seconds, hear
 from bench.worlds.magic_tyre import Array
 from bench.worlds.trip_cars import Car
 from bench.worlds.trips import Driven, drive_leg

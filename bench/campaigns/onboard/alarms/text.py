@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from bench.campaigns.alarms.figures import rated
-from bench.campaigns.alarms.lives import is_resized
+from bench.campaigns.onboard.alarms.figures import rated
+from bench.campaigns.onboard.alarms.lives import is_resized
 from bench.statistics import percent
 from bench.worlds.surfaces import TAGS
 

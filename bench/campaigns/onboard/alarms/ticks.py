@@ -15,10 +15,10 @@ import numpy as np
 from bench.worlds.folder import HEIGHT, LATITUDE, Message, inertial_messages, wheel_messages
 from bench.worlds.instruments import Drive
 from bench.worlds.magic_tyre import Array
-from tpmsd.sources.gnss_noise import position_std
-from tpmsd.timeline.plausible import odd_wheels
-from tpmsd.timeline.tick import Fix, Tick
-from tpmsd.timeline.timeline import FIELDS
+from tpmsd.onboard.sources.gnss_noise import position_std
+from tpmsd.onboard.timeline.plausible import odd_wheels
+from tpmsd.onboard.timeline.tick import Fix, Tick
+from tpmsd.onboard.timeline.timeline import FIELDS
 
 DT_S = 0.1
 HDOP = 0.8

@@ -19,17 +19,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.campaigns.estimators.methods import TEXTBOOK, config_of, heard, setting_of
-from bench.campaigns.estimators.play import Played, score
+from bench.campaigns.onboard.estimators.methods import TEXTBOOK, config_of, heard, setting_of
+from bench.campaigns.onboard.estimators.play import Played, score
 from bench.worlds.paper_drive import RADIUS_M, RL, SCENARIOS, TICK_S, drive
 from bench.worlds.paper_route import TRACK_M
-from tpmsd.estimators.gnss_likelihood import PositionLog, gaussian_log, student_t_log
-from tpmsd.estimators.motion_gate import MotionGate
-from tpmsd.estimators.niw import NormalInverseWishart
-from tpmsd.estimators.radius_models import NiwRadii, RadiusModel, WalkingRadii
-from tpmsd.estimators.resampling import systematic
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.timeline.tick import Tick
+from tpmsd.onboard.estimators.gnss_likelihood import PositionLog, gaussian_log, student_t_log
+from tpmsd.onboard.estimators.motion_gate import MotionGate
+from tpmsd.onboard.estimators.niw import NormalInverseWishart
+from tpmsd.onboard.estimators.radius_models import NiwRadii, RadiusModel, WalkingRadii
+from tpmsd.onboard.estimators.resampling import systematic
+from tpmsd.onboard.estimators.settings import SETTINGS
+from tpmsd.onboard.timeline.tick import Tick
 
 Array = NDArray[np.float64]
 START_HEADING_STD_RAD = 0.1

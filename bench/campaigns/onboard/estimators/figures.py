@@ -18,9 +18,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocator, ScalarFormatter
 
-from bench.campaigns.estimators.methods import SAMPLED, WANTED
-from bench.campaigns.estimators.summary import diverged, fig9, mean, pick
-from bench.campaigns.estimators.tasks import NUMBERS, RECEIVERS, SERIES_EVERY, USUAL
+from bench.campaigns.onboard.estimators.methods import SAMPLED, WANTED
+from bench.campaigns.onboard.estimators.summary import diverged, fig9, mean, pick
+from bench.campaigns.onboard.estimators.tasks import NUMBERS, RECEIVERS, SERIES_EVERY, USUAL
 from bench.worlds.paper_drive import SCENARIOS, TICK_S
 from bench.worlds.paper_route import paper_route
 

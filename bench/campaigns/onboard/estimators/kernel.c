@@ -1,6 +1,6 @@
 /* One tick of MPF-PN (Lundquist et al. (2013), Table I) for the rear pair, particle by particle: what plain NumPy is held against.
  *
- * Scalar code, one thread. Same arithmetic as tpmsd/estimators/mpf_pn.py without jump hypotheses: statistics (20),
+ * Scalar code, one thread. Same arithmetic as tpmsd/onboard/estimators/mpf_pn.py without jump hypotheses: statistics (20),
  * Student-t draw (21), motion (7), statistics (19) with the floor, weights (22) by a Student-t of 4 degrees of
  * freedom, systematic resampling below half of the effective number, estimate (24). Normals by the ziggurat
  * method of Marsaglia and Tsang (2000) in the form of Doornik (2005), as NumPy's are; gammas by Marsaglia

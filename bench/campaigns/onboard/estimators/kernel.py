@@ -17,13 +17,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.campaigns.estimators.methods import TEXTBOOK, VEHICLE, config_of, setting_of
-from tpmsd.estimators.gnss_likelihood import position_variance
-from tpmsd.estimators.motion_gate import MotionGate
-from tpmsd.estimators.pose_start import PoseFinder
-from tpmsd.estimators.settings import SETTINGS
-from tpmsd.timeline.tick import Tick
-from tpmsd.wheels import RL, RR
+from bench.campaigns.onboard.estimators.methods import TEXTBOOK, VEHICLE, config_of, setting_of
+from tpmsd.foundation.wheels import RL, RR
+from tpmsd.onboard.estimators.gnss_likelihood import position_variance
+from tpmsd.onboard.estimators.motion_gate import MotionGate
+from tpmsd.onboard.estimators.pose_start import PoseFinder
+from tpmsd.onboard.estimators.settings import SETTINGS
+from tpmsd.onboard.timeline.tick import Tick
 
 Array = NDArray[np.float64]
 SOURCE = Path(__file__).with_name("kernel.c")

@@ -21,7 +21,7 @@ from particles import state_space_models
 
 from bench.worlds.paper_drive import RADIUS_M, RL, RR
 from bench.worlds.paper_route import TRACK_M
-from tpmsd.timeline.tick import Fix, Tick
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 Array = NDArray[np.float64]
 WALK_M = 2e-5

@@ -18,11 +18,11 @@ import numpy as np
 
 from bench.worlds.paper_drive import RADIUS_M, TEETH, TICK_S
 from bench.worlds.paper_route import TRACK_M, WHEELBASE_M
-from tpmsd.config.model import CanConfig, Config, FilterConfig, VehicleConfig
-from tpmsd.estimators.base import Estimator
-from tpmsd.estimators.build import build_filter, monitored_wheels
-from tpmsd.estimators.table import TABLE, row_of
-from tpmsd.timeline.tick import Tick
+from tpmsd.car.config.model import CanConfig, Config, FilterConfig, VehicleConfig
+from tpmsd.onboard.estimators.base import Estimator
+from tpmsd.onboard.estimators.build import build_filter, monitored_wheels
+from tpmsd.onboard.estimators.table import TABLE, row_of
+from tpmsd.onboard.timeline.tick import Tick
 
 VEHICLE = VehicleConfig(
     wheel_radius_m=(RADIUS_M,) * 4,
@@ -35,7 +35,7 @@ VEHICLE = VehicleConfig(
 DEFAULT = "gaussian-sum"
 """The product's default method."""
 TEXTBOOK = "mpf-pn-paper"
-"""MPF-PN as Table I prints it (`tpmsd.estimators.table`)."""
+"""MPF-PN as Table I prints it (`tpmsd.onboard.estimators.table`)."""
 WANTED = (DEFAULT, TEXTBOOK, "mpf-pn", "aug-pf", "aug-ekf", "aug-ukf", "mpf-mn")
 """In the order of the tables."""
 SAMPLED = (TEXTBOOK, "mpf-pn", "aug-pf", "mpf-mn")

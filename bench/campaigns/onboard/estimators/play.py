@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from bench.worlds.paper_drive import RL, RR
-from tpmsd.estimators.base import Estimator
-from tpmsd.timeline.tick import Tick
+from tpmsd.onboard.estimators.base import Estimator
+from tpmsd.onboard.timeline.tick import Tick
 
 Array = NDArray[np.float64]
 REAR = (RL, RR)

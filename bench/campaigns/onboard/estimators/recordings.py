@@ -20,13 +20,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.campaigns.estimators.methods import DEFAULT, SAMPLED, available, build, heard, setting_of
-from bench.campaigns.estimators.play import Played, difference, play
+from bench.campaigns.onboard.estimators.methods import DEFAULT, SAMPLED, available, build, heard, setting_of
+from bench.campaigns.onboard.estimators.play import Played, difference, play
 from bench.worlds.paper_drive import K2, PUNCTURE_M, RL, RR
-from tpmsd.cli.drive_reading import read_ticks
-from tpmsd.config.load import load_config
-from tpmsd.config.model import Config
-from tpmsd.timeline.tick import Tick
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import Config
+from tpmsd.interfaces.cli.drive_reading import read_ticks
+from tpmsd.onboard.timeline.tick import Tick
 
 Array = NDArray[np.float64]
 RATE_HZ = 10.0

@@ -10,9 +10,18 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.campaigns.estimators.methods import DEFAULT, SAMPLED, WANTED
-from bench.campaigns.estimators.summary import Claim, bars, diverged, fig9, mean, paper_claims, pick, ratios
-from bench.campaigns.estimators.tasks import NUMBERS, RECEIVERS, USUAL
+from bench.campaigns.onboard.estimators.methods import DEFAULT, SAMPLED, WANTED
+from bench.campaigns.onboard.estimators.summary import (
+    Claim,
+    bars,
+    diverged,
+    fig9,
+    mean,
+    paper_claims,
+    pick,
+    ratios,
+)
+from bench.campaigns.onboard.estimators.tasks import NUMBERS, RECEIVERS, USUAL
 from bench.worlds.paper_drive import SCENARIOS
 
 Row = dict[str, Any]

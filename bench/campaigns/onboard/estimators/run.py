@@ -25,17 +25,22 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from bench.campaigns.estimators import batches, recordings, speed, survive, tune
-from bench.campaigns.estimators.methods import available
-from bench.campaigns.estimators.report import markdown
-from bench.campaigns.estimators.tasks import LIMIT, Task, perform, plan
+from bench.campaigns.onboard.estimators import batches, recordings, speed, survive, tune
+from bench.campaigns.onboard.estimators.methods import available
+from bench.campaigns.onboard.estimators.report import markdown
+from bench.campaigns.onboard.estimators.tasks import LIMIT, Task, perform, plan
 from bench.places import OUT, RECORDINGS, REPO
 from bench.registry import UsageError
 from bench.runner import code_state, each, resume
 
 DEFAULT_RUNS = 2
 FULL_RUNS = 100
-MEASURED = ("tpmsd/estimators", "tpmsd/physics", "tpmsd/timeline", "bench/campaigns/estimators")
+MEASURED = (
+    "tpmsd/onboard/estimators",
+    "tpmsd/car/physics",
+    "tpmsd/onboard/timeline",
+    "bench/campaigns/onboard/estimators",
+)
 
 
 def options(parser: argparse.ArgumentParser) -> None:
@@ -124,7 +129,7 @@ def commit() -> str:
         done = subprocess.run(["git", *words], cwd=REPO, capture_output=True, text=True, check=False)
         return done.stdout.strip()
 
-    shown = [f":(exclude)bench/campaigns/estimators/{name}.py" for name in ("figures", "report")]
+    shown = [f":(exclude)bench/campaigns/onboard/estimators/{name}.py" for name in ("figures", "report")]
     changed = git("status", "--porcelain", "--", *MEASURED, *shown)
     return (git("log", "-1", "--format=%h", "--", *MEASURED, *shown) or "unknown") + (
         "-dirty" if changed else ""
@@ -203,7 +208,7 @@ def finish(out: Path, result: dict[str, Any], name: str, begun: float) -> int:
     (out / f"{name}.md").write_text(text, encoding="utf-8")
     print(text)
     try:
-        from bench.campaigns.estimators.figures import draw_all  # matplotlib is an extra
+        from bench.campaigns.onboard.estimators.figures import draw_all  # matplotlib is an extra
     except ImportError:
         print("No figures: they take the extra `plot`", file=sys.stderr)
     else:

@@ -17,12 +17,19 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns.estimators.kernel import Kernel, compile_kernel
-from bench.campaigns.estimators.library import LibraryAugPf
-from bench.campaigns.estimators.methods import DEFAULT, SAMPLED, TEXTBOOK, available, build, setting_of
-from bench.campaigns.estimators.tasks import NUMBERS, USUAL, driven
-from tpmsd.estimators.base import Estimator
-from tpmsd.timeline.tick import Tick
+from bench.campaigns.onboard.estimators.kernel import Kernel, compile_kernel
+from bench.campaigns.onboard.estimators.library import LibraryAugPf
+from bench.campaigns.onboard.estimators.methods import (
+    DEFAULT,
+    SAMPLED,
+    TEXTBOOK,
+    available,
+    build,
+    setting_of,
+)
+from bench.campaigns.onboard.estimators.tasks import NUMBERS, USUAL, driven
+from tpmsd.onboard.estimators.base import Estimator
+from tpmsd.onboard.timeline.tick import Tick
 
 WARM_TICKS = 2300
 """Well into the rural road: every filter has its pose, and every tick is informative."""

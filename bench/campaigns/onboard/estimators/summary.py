@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from bench.campaigns.estimators.methods import DEFAULT, TEXTBOOK
-from bench.campaigns.estimators.tasks import LIMIT, NUMBERS, RECEIVERS, USUAL
+from bench.campaigns.onboard.estimators.methods import DEFAULT, TEXTBOOK
+from bench.campaigns.onboard.estimators.tasks import LIMIT, NUMBERS, RECEIVERS, USUAL
 
 Row = dict[str, Any]
 BAR_DIFFERENCE = 0.7

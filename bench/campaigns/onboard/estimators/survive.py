@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.campaigns.estimators.methods import build, heard, setting_of
-from bench.campaigns.estimators.play import play
+from bench.campaigns.onboard.estimators.methods import build, heard, setting_of
+from bench.campaigns.onboard.estimators.play import play
 from bench.worlds.paper_drive import GROWTH_S2PM, RL, SCENARIOS, START_S, TICK_S, UNBALANCED_M, drive
 from bench.worlds.paper_route import DURATION_S, Route, paper_route
-from tpmsd.timeline.tick import Tick
+from tpmsd.onboard.timeline.tick import Tick
 
 Array = NDArray[np.float64]
 OUTAGES = 2

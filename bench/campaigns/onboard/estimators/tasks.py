@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns.estimators.limit import limit
-from bench.campaigns.estimators.methods import (
+from bench.campaigns.onboard.estimators.limit import limit
+from bench.campaigns.onboard.estimators.methods import (
     DEFAULT,
     SAMPLED,
     TEXTBOOK,
@@ -25,7 +25,7 @@ from bench.campaigns.estimators.methods import (
     heard,
     setting_of,
 )
-from bench.campaigns.estimators.play import Played, play, score
+from bench.campaigns.onboard.estimators.play import Played, play, score
 from bench.worlds.paper_drive import RL, SCENARIOS, TICK_S, Driven, drive
 
 NUMBERS = (100, 500, 1000, 5000)

@@ -13,8 +13,8 @@ from collections import defaultdict
 from itertools import product
 from typing import Any
 
-from bench.campaigns.estimators.methods import TEXTBOOK, Setting, available
-from bench.campaigns.estimators.tasks import RECEIVERS, Task
+from bench.campaigns.onboard.estimators.methods import TEXTBOOK, Setting, available
+from bench.campaigns.onboard.estimators.tasks import RECEIVERS, Task
 
 SEED = 900
 SCENARIOS = ("unbalanced", "lively")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.physics.motions import car, steady
-from tpmsd.physics.catalogue import make_effect
+from tests.car.physics.motions import car, steady
+from tpmsd.car.physics.catalogue import make_effect
 
 
 def test_a_constant_is_added_whatever_the_motion() -> None:

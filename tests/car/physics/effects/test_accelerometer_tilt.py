@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.physics.motions import accelerating, car, steady
-from tpmsd.physics.catalogue import make_effect
+from tests.car.physics.motions import accelerating, car, steady
+from tpmsd.car.physics.catalogue import make_effect
 
 
 def test_a_turn_about_the_vertical_mixes_the_axes() -> None:

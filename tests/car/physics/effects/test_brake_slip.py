@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.physics.motions import accelerating, car
-from tpmsd.physics.catalogue import make_effect
+from tests.car.physics.motions import accelerating, car
+from tpmsd.car.physics.catalogue import make_effect
 
 
 def test_wheels_turn_slower_under_the_brakes_alone() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmsd.physics.catalogue import make_effect
+from tpmsd.car.physics.catalogue import make_effect
 
 
 def test_a_ramp_and_a_step_of_the_clock() -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tests.physics.motions import car, steady
-from tpmsd.physics.catalogue import make_effect
+from tests.car.physics.motions import car, steady
+from tpmsd.car.physics.catalogue import make_effect
 
 
 def test_extra_pulses_are_missed_ones_with_the_other_sign() -> None:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tests.physics.motions import accelerating, car
-from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.physics.catalogue import EFFECTS, make_effect
+from tests.car.physics.motions import accelerating, car
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.car.physics.catalogue import EFFECTS, make_effect
+from tpmsd.offline.diagnosis.diagnose import diagnose
 
 
 def test_forty_to_sixty_of_the_force_is_a_difference_of_slips() -> None:

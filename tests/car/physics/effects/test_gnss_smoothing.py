@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.physics.motions import accelerating, car, steady
-from tpmsd.physics.catalogue import make_effect
+from tests.car.physics.motions import accelerating, car, steady
+from tpmsd.car.physics.catalogue import make_effect
 
 
 def test_behind_a_steady_acceleration_the_speed_lags_by_the_time_constant() -> None:

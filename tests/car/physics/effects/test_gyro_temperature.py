@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tests.physics.motions import car, steady
-from tpmsd.physics.catalogue import make_effect
+from tests.car.physics.motions import car, steady
+from tpmsd.car.physics.catalogue import make_effect
 
 
 def test_the_zero_goes_with_the_temperature_on_the_bus() -> None:

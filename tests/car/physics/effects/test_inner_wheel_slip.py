@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.physics.motions import accelerating, car
-from tpmsd.physics.catalogue import make_effect
-from tpmsd.physics.motion import Motion
+from tests.car.physics.motions import accelerating, car
+from tpmsd.car.physics.catalogue import make_effect
+from tpmsd.car.physics.motion import Motion
 
 
 def _turning(accel_mps2: float, accel_lat_mps2: float) -> Motion:

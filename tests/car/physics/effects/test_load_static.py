@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.physics.motions import GEOMETRY, car, steady
-from tpmsd.physics.catalogue import make_effect
-from tpmsd.physics.motion import Motion
+from tests.car.physics.motions import GEOMETRY, car, steady
+from tpmsd.car.physics.catalogue import make_effect
+from tpmsd.car.physics.motion import Motion
 
 
 def with_stops(*stops: tuple[float, float]) -> Motion:

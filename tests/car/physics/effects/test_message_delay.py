@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.physics.motions import accelerating, car
-from tpmsd.physics.catalogue import make_effect
+from tests.car.physics.motions import accelerating, car
+from tpmsd.car.physics.catalogue import make_effect
 
 
 def test_older_front_wheels_lag_behind_an_acceleration() -> None:

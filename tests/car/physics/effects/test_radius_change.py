@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from bench.worlds.kinematic import Spec, drive
-from tests.diagnosis.recorded import recording_of
-from tests.physics.motions import car, steady
-from tpmsd.diagnosis.diagnose import diagnose
-from tpmsd.physics.catalogue import EFFECTS, make_effect
+from tests.car.physics.motions import car, steady
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.car.physics.catalogue import EFFECTS, make_effect
+from tpmsd.offline.diagnosis.diagnose import diagnose
 
 
 @pytest.mark.parametrize(("wheel", "acts"), [("rl", [0, 0, 1, 0]), ("rr rl", [0, 0, 1, 1])])

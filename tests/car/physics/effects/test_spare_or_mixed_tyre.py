@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tests.physics.motions import car, steady
-from tpmsd.physics.catalogue import EFFECTS, make_effect, probes
+from tests.car.physics.motions import car, steady
+from tpmsd.car.physics.catalogue import EFFECTS, make_effect, probes
 
 
 def test_one_wheel_is_smaller_from_the_start_to_the_end() -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.physics.motions import car, steady
-from tpmsd.physics.catalogue import make_effect
-from tpmsd.physics.kinematics import wheel_speeds
+from tests.car.physics.motions import car, steady
+from tpmsd.car.physics.catalogue import make_effect
+from tpmsd.car.physics.kinematics import wheel_speeds
 
 
 def test_the_error_grows_with_speed() -> None:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tests.physics.motions import car, steady
-from tpmsd.physics.catalogue import make_effect
+from tests.car.physics.motions import car, steady
+from tpmsd.car.physics.catalogue import make_effect
 
 
 def test_the_sensor_reads_an_angle_on_the_straight_and_as_much_more_in_bends() -> None:

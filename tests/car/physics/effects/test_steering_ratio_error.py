@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from tests.physics.motions import car, steady
-from tpmsd.physics.catalogue import make_effect
+from tests.car.physics.motions import car, steady
+from tpmsd.car.physics.catalogue import make_effect
 
 
 def test_a_rack_with_a_fifth_more_ratio_reads_a_fifth_more() -> None:

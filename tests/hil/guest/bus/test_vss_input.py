@@ -9,9 +9,9 @@ from pathlib import Path
 
 import cantools
 
-from tests.bridges.databroker import Databroker, databroker
-from tests.bridges.vss_car import SPEED_MPS, TYPES, configure, driving
 from tests.hil.guest.rig import end, listening, run, running, wait_until
+from tests.interfaces.bridges.databroker import Databroker, databroker
+from tests.interfaces.bridges.vss_car import SPEED_MPS, TYPES, configure, driving
 
 BRIDGE = [sys.executable, "-m", "tpmsd", "bridge", "vss"]
 """Of the sources: the package that is installed here has no gRPC."""

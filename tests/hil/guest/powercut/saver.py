@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from tpmsd.sinks.state_file import load_state, save_state
+from tpmsd.onboard.sinks.state_file import load_state, save_state
 
 STATE = Path("/disk/state.json")
 BALLAST = 30_000

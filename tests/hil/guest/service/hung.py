@@ -9,13 +9,13 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from tpmsd.config.load import load_config
-from tpmsd.daemon.clock import Clock
-from tpmsd.daemon.journal import set_up_logging
-from tpmsd.daemon.loop import Daemon
-from tpmsd.pipeline import Pipeline, Step
-from tpmsd.sinks.sd_notify import Notifier
-from tpmsd.sources.can_decoder import load_database
+from tpmsd.car.config.load import load_config
+from tpmsd.onboard.daemon.clock import Clock
+from tpmsd.onboard.daemon.journal import set_up_logging
+from tpmsd.onboard.daemon.loop import Daemon
+from tpmsd.onboard.pipeline import Pipeline, Step
+from tpmsd.onboard.sinks.sd_notify import Notifier
+from tpmsd.onboard.sources.can_decoder import load_database
 
 parser = argparse.ArgumentParser()
 parser.add_argument("ticks", type=int)

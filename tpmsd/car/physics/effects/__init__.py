@@ -1,1 +1,1 @@
-"""One file per effect; `tpmsd.physics.catalogue` lists them."""
+"""One file per effect; `tpmsd.car.physics.catalogue` lists them."""

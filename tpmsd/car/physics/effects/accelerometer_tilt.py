@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
-from tpmsd.physics.motion import GRAVITY_MPS2, Car, Motion
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.car.physics.motion import GRAVITY_MPS2, Car, Motion
+from tpmsd.foundation.wheels import FloatArray
 
 USUAL_RAD = 0.04
 """Up to which a turn in the mount is usual: two degrees."""

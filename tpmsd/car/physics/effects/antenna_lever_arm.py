@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
-from tpmsd.physics.motion import Car
-from tpmsd.physics.priors import ANTENNA_FORWARD_M
+from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.car.physics.motion import Car
+from tpmsd.car.physics.priors import ANTENNA_FORWARD_M
 
 BEHIND_M, BESIDE_M = 1.5, 1.2
 """How far behind the rear axle, before the front one, and off the middle a car's roof reaches."""

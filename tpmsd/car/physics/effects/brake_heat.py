@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Beside, Effect, Grid, GroupParameter, Look, Parameter, Prior
-from tpmsd.physics.first_order import accumulated
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.physics.spans import wheel_mask
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.effect import Beside, Effect, Grid, GroupParameter, Look, Parameter, Prior
+from tpmsd.car.physics.first_order import accumulated
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.car.physics.spans import wheel_mask
+from tpmsd.foundation.wheels import FloatArray
 
 
 @dataclass(frozen=True)

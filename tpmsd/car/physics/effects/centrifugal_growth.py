@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Look, Parameter
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.physics.priors import GROWTH_S2PM
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.effect import Effect, Look, Parameter
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.car.physics.priors import GROWTH_S2PM
+from tpmsd.foundation.wheels import FloatArray
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.physics.effect import GroupParameter, Kind, Parameter, Prior
-from tpmsd.physics.slip_event import LONGEST_S, SlipEvent
+from tpmsd.car.physics.effect import GroupParameter, Kind, Parameter, Prior
+from tpmsd.car.physics.slip_event import LONGEST_S, SlipEvent
 
 THINNEST, THICKEST = 0.01, 0.06
 """Share by which a radius grows: cables of 4 mm, and chains for trucks."""

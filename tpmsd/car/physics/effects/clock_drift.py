@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.foundation.wheels import FloatArray
 
 USUAL_RATE = 1.5e-4
 """Up to which a rate is usual: crystals, also cold ones."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Parameter, Prior
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.effect import Effect, Parameter, Prior
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.foundation.wheels import FloatArray
 
 USUAL_RAD_S2PM = (-5e-4, 5e-3)
 """Between which it is every car's own: neutral to 3 degrees per g of understeer."""

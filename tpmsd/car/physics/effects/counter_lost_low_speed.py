@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, GroupParameter, Kind, Parameter, Prior
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.physics.spans import wheel_mask
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.effect import Effect, GroupParameter, Kind, Parameter, Prior
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.car.physics.spans import wheel_mask
+from tpmsd.foundation.wheels import FloatArray
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.physics.pulse_rate import PulseRate, rate_per_s
+from tpmsd.car.physics.pulse_rate import PulseRate, rate_per_s
 
 
 @dataclass(frozen=True)

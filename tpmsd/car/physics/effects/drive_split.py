@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import ODD_SIGN, Effect, Parameter, Prior
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.physics.priors import MOST_LOAD_LONGITUDINAL_S2
-from tpmsd.wheels import IS_FRONT, FloatArray
+from tpmsd.car.physics.effect import ODD_SIGN, Effect, Parameter, Prior
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.car.physics.priors import MOST_LOAD_LONGITUDINAL_S2
+from tpmsd.foundation.wheels import IS_FRONT, FloatArray
 
 USUAL_RADIUS_M = 0.31
 

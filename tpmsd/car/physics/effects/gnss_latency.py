@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.physics.effect import Effect, Kind, Parameter
-from tpmsd.physics.priors import FIX_AGE_S
+from tpmsd.car.physics.effect import Effect, Kind, Parameter
+from tpmsd.car.physics.priors import FIX_AGE_S
 
 FRAME_AGE_S = 0.04
 """Longest interval over which control units average wheel speeds before the stamp."""

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
-from tpmsd.physics.first_order import accumulated
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.car.physics.first_order import accumulated
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.foundation.wheels import FloatArray
 
 USUAL_S, OWN = 0.25, 6.0
 """Up to which time constant smoothing is the receiver's own, and the nats that such a one costs: it can

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
 
 
 @dataclass(frozen=True)

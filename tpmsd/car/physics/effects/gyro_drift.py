@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.foundation.wheels import FloatArray
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.foundation.wheels import FloatArray
 
 ROLL_RAD_S2PM = 6e-3
 """Roll of a body outwards per lateral acceleration: 3.4 degrees per g."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Parameter, Prior
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.wheels import IS_LEFT, WHEELS, FloatArray
+from tpmsd.car.physics.effect import Effect, Parameter, Prior
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.foundation.wheels import IS_LEFT, WHEELS, FloatArray
 
 DRAG_PER_M, ROLLING_MPS2 = 2.7e-4, 0.1
 """Half rho c_d A / m, and rolling resistance per mass."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.physics.effect import Effect, Parameter, Prior
-from tpmsd.physics.motion import Motion
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.effect import Effect, Parameter, Prior
+from tpmsd.car.physics.motion import Motion
+from tpmsd.foundation.wheels import FloatArray
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Kind, Look, Parameter, Prior
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.wheels import IS_FRONT, WHEELS, FloatArray
+from tpmsd.car.physics.effect import Effect, Kind, Look, Parameter, Prior
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.foundation.wheels import IS_FRONT, WHEELS, FloatArray
 
 STANDING_MPS = 0.2
 SHORTEST_S = 20.0

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Parameter
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.physics.priors import LATERAL_LOAD_S2
-from tpmsd.wheels import IS_LEFT, FloatArray
+from tpmsd.car.physics.effect import Effect, Parameter
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.car.physics.priors import LATERAL_LOAD_S2
+from tpmsd.foundation.wheels import IS_LEFT, FloatArray
 
 
 @dataclass(frozen=True)

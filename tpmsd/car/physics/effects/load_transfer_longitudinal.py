@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Parameter, Prior
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.physics.priors import MOST_LOAD_LONGITUDINAL_S2
-from tpmsd.wheels import IS_FRONT, FloatArray
+from tpmsd.car.physics.effect import Effect, Parameter, Prior
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.car.physics.priors import MOST_LOAD_LONGITUDINAL_S2
+from tpmsd.foundation.wheels import IS_FRONT, FloatArray
 
 USUAL = Prior(6e-5, 5e-5, "156 N per wheel and m/s2, 0.25 mm per 500 N")
 

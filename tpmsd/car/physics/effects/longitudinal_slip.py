@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.drive_slip import SLIP_BY_DRAG, DriveSlip
-from tpmsd.physics.effect import Parameter
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.physics.priors import DRIVE_SLIP_S2PM
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.drive_slip import SLIP_BY_DRAG, DriveSlip
+from tpmsd.car.physics.effect import Parameter
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.car.physics.priors import DRIVE_SLIP_S2PM
+from tpmsd.foundation.wheels import FloatArray
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.errors import ConfigError
-from tpmsd.physics.effect import Effect, Kind, Look, Parameter, Prior, TextParameter, WheelParameter
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.physics.spans import wheel_mask
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.effect import Effect, Kind, Look, Parameter, Prior, TextParameter, WheelParameter
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.car.physics.spans import wheel_mask
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import FloatArray
 
 RAMP, EXPONENTIAL = "ramp", "exponential"
 
@@ -23,7 +23,7 @@ class RadiusChange(Effect):
     delta_r(t) = deviation_m * clip((t - onset_s) / duration_s, 0, 1); a step where duration_s = 0. With the
     course `exponential` deviation_m * (1 - exp(-(t - onset_s) / duration_s)): through a hole air leaves in
     proportion to what is left. Source: the artificial slow puncture of [Lundquist 2013], eqs (39)-(41) (2.5
-    mm over ten minutes); -20 % pressure is about -1.4 mm (`tpmsd.physics.tyre`); blow-down of a vessel
+    mm over ten minutes); -20 % pressure is about -1.4 mm (`tpmsd.car.physics.tyre`); blow-down of a vessel
     through an orifice, exponential while the flow is choked (Anderson, Modern Compressible Flow, 2003,
     chapter 5).
     """

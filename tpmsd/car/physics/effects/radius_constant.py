@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Kind, Parameter, Prior, WheelParameter
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior, WheelParameter
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.foundation.wheels import WHEELS, FloatArray
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Parameter, Prior
-from tpmsd.physics.motion import GRAVITY_MPS2, Car, Motion
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.effect import Effect, Parameter, Prior
+from tpmsd.car.physics.motion import GRAVITY_MPS2, Car, Motion
+from tpmsd.foundation.wheels import FloatArray
 
 USUAL = 0.12
 """Share of the lateral acceleration up to which it is usual: flat bends, and a body that rolls by 7 degrees

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Parameter, Prior
-from tpmsd.physics.kinematics import wheel_speeds
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.physics.speed_signal import SpeedSignalFault
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.effect import Parameter, Prior
+from tpmsd.car.physics.kinematics import wheel_speeds
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.car.physics.speed_signal import SpeedSignalFault
+from tpmsd.foundation.wheels import FloatArray
 
 LEAST_MPS = 1.0
 """Below, the share is that at this speed."""

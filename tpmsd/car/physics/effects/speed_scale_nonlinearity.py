@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.physics.effect import Parameter, Prior
-from tpmsd.physics.kinematics import wheel_speeds
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.physics.speed_signal import SpeedSignalFault
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.effect import Parameter, Prior
+from tpmsd.car.physics.kinematics import wheel_speeds
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.car.physics.speed_signal import SpeedSignalFault
+from tpmsd.foundation.wheels import FloatArray
 
 
 @dataclass(frozen=True)

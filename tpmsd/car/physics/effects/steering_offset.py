@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Kind, Parameter, Prior
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.foundation.wheels import FloatArray
 
 USUAL_RAD = 0.05
 """Up to which an angle on the straight is usual: three degrees, by the crown of the road and the sensor."""

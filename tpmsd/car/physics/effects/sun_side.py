@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Grid, Look, Parameter, Prior
-from tpmsd.physics.first_order import accumulated
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.wheels import IS_LEFT, FloatArray
+from tpmsd.car.physics.effect import Effect, Grid, Look, Parameter, Prior
+from tpmsd.car.physics.first_order import accumulated
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.foundation.wheels import IS_LEFT, FloatArray
 
 
 @dataclass(frozen=True)

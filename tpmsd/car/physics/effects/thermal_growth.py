@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Grid, Look, Parameter, Prior
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.physics.priors import WARMTH_M
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.effect import Effect, Grid, Look, Parameter, Prior
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.car.physics.priors import WARMTH_M
+from tpmsd.foundation.wheels import FloatArray
 
 
 @dataclass(frozen=True)

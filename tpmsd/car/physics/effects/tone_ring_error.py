@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.effect import Effect, Kind, Parameter, Prior, WheelParameter
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.physics.effect import Effect, Kind, Parameter, Prior, WheelParameter
+from tpmsd.foundation.wheels import WHEELS, FloatArray
 
 USUAL_RAD = 5e-4
 """Amplitude up to which a ring is usual: 0.025 mm off centre on a ring of 50 mm. Workshop manuals allow a

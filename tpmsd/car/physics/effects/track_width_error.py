@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.physics.effect import Effect, Kind, Parameter
-from tpmsd.physics.motion import Car
-from tpmsd.physics.priors import TRACK_M
-from tpmsd.wheels import WHEELS
+from tpmsd.car.physics.effect import Effect, Kind, Parameter
+from tpmsd.car.physics.motion import Car
+from tpmsd.car.physics.priors import TRACK_M
+from tpmsd.foundation.wheels import WHEELS
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from tpmsd.errors import ConfigError
-from tpmsd.physics.covariates import COVARIATES, ROLES, covariate
-from tpmsd.physics.effect import Effect, Kind, TextParameter, VectorParameter
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.physics.covariates import COVARIATES, ROLES, covariate
+from tpmsd.car.physics.effect import Effect, Kind, TextParameter, VectorParameter
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import WHEELS, FloatArray
 
 CHANNELS: dict[str, tuple[str, float]] = {
     "gnss_speed": ("m/s", 20.0),
@@ -28,7 +28,7 @@ class Unknown(Effect):
 
     `on` names what it acts on: wheels, each with its sign ("rl rr", "fl -fr rl -rr"), whose radii change by
     +-f(x) in metres; or a reading, which is larger by f(x): `gnss_speed` (m/s), `gnss_course` (rad,
-    counter-clockwise) or `yaw_rate` (rad/s). `covariate` is one of `tpmsd.physics.covariates`. f goes through
+    counter-clockwise) or `yaw_rate` (rad/s). `covariate` is one of `tpmsd.car.physics.covariates`. f goes through
     (knots[i], heights[i]). Where the covariate is not known, the term does not act.
     Source: none; it is a description. Linear splines of fixed knots: Hastie, Tibshirani and Friedman, The
     Elements of Statistical Learning, 2009, section 5.2.

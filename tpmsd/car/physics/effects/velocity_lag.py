@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.physics.effect import Effect, Kind, Parameter
-from tpmsd.physics.priors import SPEED_AGE_S
+from tpmsd.car.physics.effect import Effect, Kind, Parameter
+from tpmsd.car.physics.priors import SPEED_AGE_S
 
 USUAL_S, UNUSUAL_S = 0.05, 0.08
 """Up to the one a lag is usual (every real recording at hand has one of 0.03 to 0.06 s), from the other on it

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.physics.effect import GroupParameter, Kind, Parameter, Prior
-from tpmsd.physics.slip_event import LEAST_SLIP, LONGEST_S, SHORTEST_S, SlipEvent
+from tpmsd.car.physics.effect import GroupParameter, Kind, Parameter, Prior
+from tpmsd.car.physics.slip_event import LEAST_SLIP, LONGEST_S, SHORTEST_S, SlipEvent
 
 
 @dataclass(frozen=True)

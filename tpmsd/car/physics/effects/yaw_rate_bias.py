@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.physics.effect import Effect, Kind, Parameter
-from tpmsd.physics.priors import GYRO_ZERO_RADPS
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.effect import Effect, Kind, Parameter
+from tpmsd.car.physics.priors import GYRO_ZERO_RADPS
+from tpmsd.foundation.wheels import FloatArray
 
 USUAL_RADPS = 5e-4
 """Up to which a zero is usual: what a standstill leaves (1e-4), flicker noise, and a bus that rounds to

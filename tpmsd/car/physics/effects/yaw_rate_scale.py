@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.physics.effect import Effect, Kind, Parameter
-from tpmsd.physics.priors import GYRO_SCALE
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.effect import Effect, Kind, Parameter
+from tpmsd.car.physics.priors import GYRO_SCALE
+from tpmsd.foundation.wheels import FloatArray
 
 
 @dataclass(frozen=True)

@@ -10,15 +10,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tpmsd.diagnosis.assessment.result import Explanatory
-from tpmsd.diagnosis.hypotheses.group_gain import group_gain
-from tpmsd.diagnosis.hypotheses.terms import Term
-from tpmsd.diagnosis.hypotheses.wheel_slip import SIDE_SLIP, WHEEL_SLIP
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.inference.least_squares import Evidence
-from tpmsd.inference.windows import GYRO
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.assessment.result import Explanatory
+from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
+from tpmsd.offline.diagnosis.hypotheses.terms import Term
+from tpmsd.offline.diagnosis.hypotheses.wheel_slip import SIDE_SLIP, WHEEL_SLIP
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.inference.least_squares import Evidence
+from tpmsd.offline.inference.windows import GYRO
 
 SHOWN_OVER = {WHEEL_SLIP: "accel_long", SIDE_SLIP: "accel_lat"}
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.advice import advice
-from tpmsd.diagnosis.hypotheses.terms import Term
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.physics.effect import Effect, Parameter
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.effect import Effect, Parameter
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.hypotheses.advice import advice
+from tpmsd.offline.diagnosis.hypotheses.terms import Term
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.settings import SETTINGS
 
 
 @dataclass(frozen=True)

@@ -11,15 +11,15 @@ import math
 
 import numpy as np
 
-from tpmsd.diagnosis.assessment.result import Finding, Quantity, Where
-from tpmsd.diagnosis.counters.low_speed import Lost, lost_counts
-from tpmsd.diagnosis.counters.missed import Missed, missed_counts
-from tpmsd.diagnosis.counters.single_losses import SingleLosses, single_losses
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import Fit
-from tpmsd.physics.catalogue import ADDED, LOST, MISSED, TEETH
-from tpmsd.wheels import WHEELS
+from tpmsd.car.physics.catalogue import ADDED, LOST, MISSED, TEETH
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.diagnosis.assessment.result import Finding, Quantity, Where
+from tpmsd.offline.diagnosis.counters.low_speed import Lost, lost_counts
+from tpmsd.offline.diagnosis.counters.missed import Missed, missed_counts
+from tpmsd.offline.diagnosis.counters.single_losses import SingleLosses, single_losses
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.least_squares import Fit
 
 
 def lost(study: Study, seconds: float) -> list[Finding]:

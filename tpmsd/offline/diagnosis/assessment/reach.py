@@ -15,13 +15,13 @@ import numpy as np
 import scipy.linalg
 from scipy.special import chdtrc
 
-from tpmsd.diagnosis.hypotheses.terms import Name
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.gram import Grams
-from tpmsd.inference.least_squares import FOLDS
-from tpmsd.inference.windows import CHANNEL_NAMES
-from tpmsd.physics.catalogue import ALWAYS
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.catalogue import ALWAYS
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.hypotheses.terms import Name
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.gram import Grams
+from tpmsd.offline.inference.least_squares import FOLDS
+from tpmsd.offline.inference.windows import CHANNEL_NAMES
 
 _SHRINKAGE = SETTINGS.assessment.shrinkage
 """Prior standard deviation of a column's value, in units of its own noise."""

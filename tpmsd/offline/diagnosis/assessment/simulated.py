@@ -16,16 +16,16 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.joint_terms import JointHypotheses
-from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term
-from tpmsd.diagnosis.prepared.drive_study import Refined, refined
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.selection.chosen import Chosen, Selection
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import Evidence, Fit
-from tpmsd.inference.noise import Noise
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.hypotheses.joint_terms import JointHypotheses
+from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Term
+from tpmsd.offline.diagnosis.prepared.drive_study import Refined, refined
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.least_squares import Evidence, Fit
+from tpmsd.offline.inference.noise import Noise
 
 RECORDING, SIMULATION, BOTH = "recording", "simulation", "both"
 MEMORIES = {

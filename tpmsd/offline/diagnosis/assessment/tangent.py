@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.terms import numbers_of, wheels_of
-from tpmsd.diagnosis.prepared.drive_study import DriveStudy, Refined, refined
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.selection.chosen import Chosen, Selection
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import fitted
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.hypotheses.terms import numbers_of, wheels_of
+from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy, Refined, refined
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.least_squares import fitted
 
 
 def nonlinear_stds(study: Study, selection: Selection) -> dict[int, dict[str, float]]:

@@ -11,16 +11,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from tpmsd.diagnosis.assessment.result import Finding, Quantity, Where
-from tpmsd.diagnosis.assessment.simulated import BOTH, RECORDING
-from tpmsd.diagnosis.counters.miscount import wrong_teeth
-from tpmsd.diagnosis.counters.tone_ring import Ripple, ripples
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import Fit
-from tpmsd.physics.catalogue import ALWAYS, RADIUS, TEETH
-from tpmsd.physics.effect import Parameter
-from tpmsd.wheels import WHEELS
+from tpmsd.car.physics.catalogue import ALWAYS, RADIUS, TEETH
+from tpmsd.car.physics.effect import Parameter
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.diagnosis.assessment.result import Finding, Quantity, Where
+from tpmsd.offline.diagnosis.assessment.simulated import BOTH, RECORDING
+from tpmsd.offline.diagnosis.counters.miscount import wrong_teeth
+from tpmsd.offline.diagnosis.counters.tone_ring import Ripple, ripples
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.least_squares import Fit
 
 ALL = ""
 """Name of all wheels together."""

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.recording import Recording
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.recording import Recording
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.recording import Recording
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.recording import Recording
 
 
 def wrong_teeth(recording: Recording, radii_m: FloatArray) -> list[tuple[str, float]]:

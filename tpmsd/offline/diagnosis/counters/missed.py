@@ -17,16 +17,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.smoothing import NEAREST, gaussian
-from tpmsd.inference.trajectory import Reference
-from tpmsd.physics.catalogue import TEETH
-from tpmsd.physics.effect import Parameter
-from tpmsd.physics.kinematics import wheel_speeds
-from tpmsd.physics.motion import integrate
-from tpmsd.physics.ring_ripple import LOST_SHARES, of_one_size, ripple_gain
-from tpmsd.wheels import AXLES, WHEELS, FloatArray
+from tpmsd.car.physics.catalogue import TEETH
+from tpmsd.car.physics.effect import Parameter
+from tpmsd.car.physics.kinematics import wheel_speeds
+from tpmsd.car.physics.motion import integrate
+from tpmsd.car.physics.ring_ripple import LOST_SHARES, of_one_size, ripple_gain
+from tpmsd.foundation.wheels import AXLES, WHEELS, FloatArray
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.smoothing import NEAREST, gaussian
+from tpmsd.offline.inference.trajectory import Reference
 
 
 @dataclass(frozen=True)

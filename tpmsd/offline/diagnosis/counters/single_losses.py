@@ -24,10 +24,10 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.special import gammaln, logsumexp
 
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.trajectory import WINDOW_S
-from tpmsd.inference.windows import GYRO, Linearised
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.trajectory import WINDOW_S
+from tpmsd.offline.inference.windows import GYRO, Linearised
 
 
 @dataclass(frozen=True)

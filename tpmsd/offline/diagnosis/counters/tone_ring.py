@@ -19,13 +19,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.smoothing import NEAREST, gaussian
-from tpmsd.inference.trajectory import Reference
-from tpmsd.physics.kinematics import wheel_speeds
-from tpmsd.physics.motion import integrate
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.physics.kinematics import wheel_speeds
+from tpmsd.car.physics.motion import integrate
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.smoothing import NEAREST, gaussian
+from tpmsd.offline.inference.trajectory import Reference
 
 
 @dataclass(frozen=True)

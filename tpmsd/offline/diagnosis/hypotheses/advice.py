@@ -5,7 +5,7 @@ In: the effect named and its rivals. Out: one sentence for the driver.
 
 from __future__ import annotations
 
-from tpmsd.physics.catalogue import EFFECTS
+from tpmsd.car.physics.catalogue import EFFECTS
 
 DRIVES: dict[str, str] = {
     name: effect.telling_drive for name, effect in EFFECTS.items() if effect.telling_drive

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
 
 
 def group_gain(design: FloatArray, gram: FloatArray, b: FloatArray) -> tuple[float, float]:

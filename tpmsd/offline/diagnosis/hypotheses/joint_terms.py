@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Name, Term, for_drive
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.physics.catalogue import ALWAYS, EFFECTS
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.catalogue import ALWAYS, EFFECTS
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Name, Term, for_drive
+from tpmsd.offline.diagnosis.settings import SETTINGS
 
 SHARED = frozenset(name for name, effect in EFFECTS.items() if effect.alike_on_every_drive)
 """Effects of which no drive has a value of its own."""

@@ -10,11 +10,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.terms import Term
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.physics.catalogue import EFFECTS
-from tpmsd.physics.motion import Car
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.catalogue import EFFECTS
+from tpmsd.car.physics.motion import Car
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.hypotheses.terms import Term
+from tpmsd.offline.diagnosis.settings import SETTINGS
 
 Bounds = Mapping[tuple[str, str], tuple[float, float]]
 

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.physics.catalogue import FAULT
-from tpmsd.physics.effect import Effect
+from tpmsd.car.physics.catalogue import FAULT
+from tpmsd.car.physics.effect import Effect
+from tpmsd.offline.diagnosis.settings import SETTINGS
 
 RAMPED_PLACES = ("fl", "fr", "rl", "rr", "front", "rear", "left", "right")
 """Wheels, axles and sides whose radii may change alike."""

@@ -14,15 +14,15 @@ from types import MappingProxyType
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.wheel_slip import slip_columns
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.covariate_errors import expected
-from tpmsd.inference.stack import Stack
-from tpmsd.inference.trajectory import WINDOW_S
-from tpmsd.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED, Reader
-from tpmsd.physics.catalogue import EFFECTS, FAULT, RADIUS, Probe, make_effect, probes
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.physics.catalogue import EFFECTS, FAULT, RADIUS, Probe, make_effect, probes
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.diagnosis.hypotheses.wheel_slip import slip_columns
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.covariate_errors import expected
+from tpmsd.offline.inference.stack import Stack
+from tpmsd.offline.inference.trajectory import WINDOW_S
+from tpmsd.offline.inference.windows import CHANNELS, COURSE, EAST, GYRO, SPEED, Reader
 
 ROLLING = ExtendedModel()
 READINGS = {"gnss_speed": SPEED, "gnss_course": COURSE, "yaw_rate": GYRO}

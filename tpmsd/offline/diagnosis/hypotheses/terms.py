@@ -15,13 +15,13 @@ from types import MappingProxyType
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.group_gain import gain_of_rows
-from tpmsd.diagnosis.hypotheses.prices import RAMPED_PLACES, grid_price, ramp_price, shape_price
-from tpmsd.diagnosis.hypotheses.response import PLACES
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.physics.catalogue import ALWAYS, EFFECTS, EVENTS, FAULT, FREE, groups
-from tpmsd.physics.effect import Effect, Kind
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.physics.catalogue import ALWAYS, EFFECTS, EVENTS, FAULT, FREE, groups
+from tpmsd.car.physics.effect import Effect, Kind
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.diagnosis.hypotheses.group_gain import gain_of_rows
+from tpmsd.offline.diagnosis.hypotheses.prices import RAMPED_PLACES, grid_price, ramp_price, shape_price
+from tpmsd.offline.diagnosis.hypotheses.response import PLACES
+from tpmsd.offline.diagnosis.settings import SETTINGS
 
 PATTERNS: dict[str, tuple[str, ...]] = {
     **{place: (place,) for place in PLACES},

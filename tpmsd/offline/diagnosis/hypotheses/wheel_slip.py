@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.inference.windows import CHANNELS, COURSE, Reader
-from tpmsd.vehicle_state.slip_shapes import typical_slips, wheel_slip_shapes
-from tpmsd.wheels import FloatArray
+from tpmsd.car.vehicle_state.slip_shapes import typical_slips, wheel_slip_shapes
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.inference.windows import CHANNELS, COURSE, Reader
 
 WHEEL_SLIP, SIDE_SLIP = "wheel_slip", "side_slip"
 """What the columns are called: the name of each is one of these and a value's name."""

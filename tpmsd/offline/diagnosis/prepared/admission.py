@@ -10,13 +10,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tpmsd.diagnosis.counters.miscount import all_recounted, one_recounted
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.errors import ConfigError
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.trajectory import reference
-from tpmsd.inference.windows import CHANNELS, EAST, MAX_WINDOWS, NORTH, Reader
-from tpmsd.wheels import RL, RR, WHEELS
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import RL, RR, WHEELS
+from tpmsd.offline.diagnosis.counters.miscount import all_recounted, one_recounted
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.trajectory import reference
+from tpmsd.offline.inference.windows import CHANNELS, EAST, MAX_WINDOWS, NORTH, Reader
 
 
 def admitted(recordings: Sequence[Recording]) -> tuple[list[Reader], tuple[str, ...]]:

@@ -13,7 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.response import (
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.hypotheses.response import (
     grid_column,
     hat_functions,
     linear_columns,
@@ -21,19 +23,24 @@ from tpmsd.diagnosis.hypotheses.response import (
     ramp_column,
     response_at,
 )
-from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Name, Term, numbers_of, wheels_of
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.covariate_errors import expected
-from tpmsd.inference.gram import Grams
-from tpmsd.inference.least_squares import Part
-from tpmsd.inference.noise import Noise
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.stack import Stack
-from tpmsd.inference.trajectory import reference
-from tpmsd.inference.whitening import Whitener
-from tpmsd.inference.windows import Reader
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.wheels import FloatArray
+from tpmsd.offline.diagnosis.hypotheses.terms import (
+    ANTISYMMETRIC,
+    PATTERNS,
+    Name,
+    Term,
+    numbers_of,
+    wheels_of,
+)
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.covariate_errors import expected
+from tpmsd.offline.inference.gram import Grams
+from tpmsd.offline.inference.least_squares import Part
+from tpmsd.offline.inference.noise import Noise
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.stack import Stack
+from tpmsd.offline.inference.trajectory import reference
+from tpmsd.offline.inference.whitening import Whitener
+from tpmsd.offline.inference.windows import Reader
 
 
 @dataclass(frozen=True)

@@ -13,22 +13,22 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.joint_terms import JointHypotheses, OwnNames, is_copied, is_own
-from tpmsd.diagnosis.hypotheses.plausible import bounds_of, completions_of
-from tpmsd.diagnosis.hypotheses.response import (
+from tpmsd.car.physics.catalogue import EFFECTS
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.hypotheses.joint_terms import JointHypotheses, OwnNames, is_copied, is_own
+from tpmsd.offline.diagnosis.hypotheses.plausible import bounds_of, completions_of
+from tpmsd.offline.diagnosis.hypotheses.response import (
     available,
     ramp_knots,
     smooth_knots,
 )
-from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Name, Term
-from tpmsd.diagnosis.prepared.drive_study import DriveStudy, Refined, first_noise
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.covariate_errors import covariate_stds
-from tpmsd.inference.least_squares import Evidence
-from tpmsd.inference.noise import Noise
-from tpmsd.inference.windows import Reader
-from tpmsd.physics.catalogue import EFFECTS
-from tpmsd.wheels import FloatArray
+from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Name, Term
+from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy, Refined, first_noise
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.covariate_errors import covariate_stds
+from tpmsd.offline.inference.least_squares import Evidence
+from tpmsd.offline.inference.noise import Noise
+from tpmsd.offline.inference.windows import Reader
 
 
 class Study:

@@ -5,8 +5,8 @@ In: a `Proposal`. Out: the name and the text of a module that defines the effect
 
 from __future__ import annotations
 
-from tpmsd.diagnosis.assessment.result import Proposal
-from tpmsd.physics.effect import Effect
+from tpmsd.car.physics.effect import Effect
+from tpmsd.offline.diagnosis.assessment.result import Proposal
 
 PREFIX = "proposed_"
 HOOKS = {
@@ -24,10 +24,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.physics.covariates import covariate
-from tpmsd.physics.effect import Effect, Parameter
-from tpmsd.physics.motion import Car, Motion
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.covariates import covariate
+from tpmsd.car.physics.effect import Effect, Parameter
+from tpmsd.car.physics.motion import Car, Motion
+from tpmsd.foundation.wheels import FloatArray
 
 
 @dataclass(frozen=True)

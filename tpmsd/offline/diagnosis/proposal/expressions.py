@@ -13,8 +13,8 @@ from itertools import combinations
 
 import numpy as np
 
-from tpmsd.physics.covariates import COVARIATES
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.covariates import COVARIATES
+from tpmsd.foundation.wheels import FloatArray
 
 OVER_TIME = ("time", "distance")
 """Covariates of one drive, over which a closed form is no physics of the car."""

@@ -11,16 +11,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.diagnosis.assessment.result import Proposal
-from tpmsd.diagnosis.hypotheses.response import READINGS, response_at
-from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Term
-from tpmsd.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.proposal.expressions import Expression, expressions
-from tpmsd.diagnosis.selection.chosen import Selection
-from tpmsd.diagnosis.selection.empirical import place_of
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.assessment.result import Proposal
+from tpmsd.offline.diagnosis.hypotheses.response import READINGS, response_at
+from tpmsd.offline.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Term
+from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.proposal.expressions import Expression, expressions
+from tpmsd.offline.diagnosis.selection.chosen import Selection
+from tpmsd.offline.diagnosis.selection.empirical import place_of
+from tpmsd.offline.diagnosis.settings import SETTINGS
 
 
 @dataclass(frozen=True)

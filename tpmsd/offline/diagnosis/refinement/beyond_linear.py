@@ -14,17 +14,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.terms import Term
-from tpmsd.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.selection.chosen import Selection
-from tpmsd.diagnosis.selection.described import effect_of
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import Evidence, fitted, gain_of
-from tpmsd.physics.effect import Effect
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.effect import Effect
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.hypotheses.terms import Term
+from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.selection.chosen import Selection
+from tpmsd.offline.diagnosis.selection.described import effect_of
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.least_squares import Evidence, fitted, gain_of
 
 
 def needed_exactly(study: Study, selection: Selection, evidence: Evidence, last: bool = False) -> Selection:

@@ -11,15 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.prices import shape_price
-from tpmsd.diagnosis.hypotheses.response import READINGS, finer_knots, first_hat, hat_functions
-from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, Term
-from tpmsd.diagnosis.prepared.drive_study import Hat, Refined
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import Evidence, gain_of
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.diagnosis.hypotheses.prices import shape_price
+from tpmsd.offline.diagnosis.hypotheses.response import READINGS, finer_knots, first_hat, hat_functions
+from tpmsd.offline.diagnosis.hypotheses.terms import ANTISYMMETRIC, Term
+from tpmsd.offline.diagnosis.prepared.drive_study import Hat, Refined
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.least_squares import Evidence, gain_of
 
 Columns = list[tuple[Refined, dict[int, FloatArray]]]
 

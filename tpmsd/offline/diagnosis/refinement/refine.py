@@ -13,19 +13,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.prices import ramp_price
-from tpmsd.diagnosis.hypotheses.response import ramp_knots
-from tpmsd.diagnosis.hypotheses.terms import Term, for_drive
-from tpmsd.diagnosis.prepared.drive_study import Refined, refined
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.refinement.finer import Shape, best_knots, finer_shape, finest_shape
-from tpmsd.diagnosis.selection.chosen import Selection
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import Evidence
-from tpmsd.physics.catalogue import parameters_of
-from tpmsd.physics.effect import Beside, Parameter
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.catalogue import parameters_of
+from tpmsd.car.physics.effect import Beside, Parameter
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.hypotheses.prices import ramp_price
+from tpmsd.offline.diagnosis.hypotheses.response import ramp_knots
+from tpmsd.offline.diagnosis.hypotheses.terms import Term, for_drive
+from tpmsd.offline.diagnosis.prepared.drive_study import Refined, refined
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.refinement.finer import Shape, best_knots, finer_shape, finest_shape
+from tpmsd.offline.diagnosis.selection.chosen import Selection
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.least_squares import Evidence
 
 ByDrive = tuple[Refined, dict[int, FloatArray]]
 """What a column is, and the column (w, 9) in each drive in which it acts."""

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.selection.chosen import Selection
-from tpmsd.diagnosis.selection.described import effect_of
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.physics.catalogue import RADIUS
-from tpmsd.physics.effect import Effect
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.wheels import WHEELS
+from tpmsd.car.physics.catalogue import RADIUS
+from tpmsd.car.physics.effect import Effect
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.selection.chosen import Selection
+from tpmsd.offline.diagnosis.selection.described import effect_of
+from tpmsd.offline.diagnosis.settings import SETTINGS
 
 
 def relinearised(study: Study, selection: Selection) -> Study:

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tpmsd.diagnosis.assessment.result import DownWeighted
-from tpmsd.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.windows import CHANNEL_NAMES
+from tpmsd.offline.diagnosis.assessment.result import DownWeighted
+from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.windows import CHANNEL_NAMES
 
 
 def down_weighted(drives: Sequence[DriveStudy]) -> DownWeighted:

@@ -11,10 +11,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from tpmsd.diagnosis.assessment.explanatory import explanatory
-from tpmsd.diagnosis.assessment.lost_counts import lost, lost_singly, missed
-from tpmsd.diagnosis.assessment.reach import Seen, reach
-from tpmsd.diagnosis.assessment.result import (
+from tpmsd.car.physics.catalogue import FAULT, make_effect, parameters_of
+from tpmsd.car.physics.effect import Effect, Kind, Parameter, Std
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.diagnosis.assessment.explanatory import explanatory
+from tpmsd.offline.diagnosis.assessment.lost_counts import lost, lost_singly, missed
+from tpmsd.offline.diagnosis.assessment.reach import Seen, reach
+from tpmsd.offline.diagnosis.assessment.result import (
     CONSISTENT,
     FINDING,
     MISMATCH,
@@ -26,31 +30,27 @@ from tpmsd.diagnosis.assessment.result import (
     RadiusDrift,
     Where,
 )
-from tpmsd.diagnosis.assessment.simulated import compared, simulated_effects, whole_model
-from tpmsd.diagnosis.assessment.tangent import nonlinear_stds
-from tpmsd.diagnosis.assessment.teeth import teeth, usual_ring
-from tpmsd.diagnosis.hypotheses.advice import advice
-from tpmsd.diagnosis.hypotheses.group_gain import group_gain
-from tpmsd.diagnosis.hypotheses.terms import PATTERNS, Term
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.reporting.down_weighted import down_weighted
-from tpmsd.diagnosis.reporting.information import speed_ranges
-from tpmsd.diagnosis.reporting.traces import ground, traces
-from tpmsd.diagnosis.reporting.where import where_of, whole_range
-from tpmsd.diagnosis.robustness.certify import without
-from tpmsd.diagnosis.selection.chosen import Chosen, Selection
-from tpmsd.diagnosis.selection.described import neutral_of, nonlinear_of, usual, words_of
-from tpmsd.diagnosis.selection.empirical import empirical_effect, shape_of
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.diagnosis.sensors.unusual import unusual
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import Evidence
-from tpmsd.inference.trajectory import WINDOW_S
-from tpmsd.inference.windows import CHANNEL_NAMES
-from tpmsd.physics.catalogue import FAULT, make_effect, parameters_of
-from tpmsd.physics.effect import Effect, Kind, Parameter, Std
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.wheels import WHEELS
+from tpmsd.offline.diagnosis.assessment.simulated import compared, simulated_effects, whole_model
+from tpmsd.offline.diagnosis.assessment.tangent import nonlinear_stds
+from tpmsd.offline.diagnosis.assessment.teeth import teeth, usual_ring
+from tpmsd.offline.diagnosis.hypotheses.advice import advice
+from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
+from tpmsd.offline.diagnosis.hypotheses.terms import PATTERNS, Term
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.reporting.down_weighted import down_weighted
+from tpmsd.offline.diagnosis.reporting.information import speed_ranges
+from tpmsd.offline.diagnosis.reporting.traces import ground, traces
+from tpmsd.offline.diagnosis.reporting.where import where_of, whole_range
+from tpmsd.offline.diagnosis.robustness.certify import without
+from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
+from tpmsd.offline.diagnosis.selection.described import neutral_of, nonlinear_of, usual, words_of
+from tpmsd.offline.diagnosis.selection.empirical import empirical_effect, shape_of
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.diagnosis.sensors.unusual import unusual
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.least_squares import Evidence
+from tpmsd.offline.inference.trajectory import WINDOW_S
+from tpmsd.offline.inference.windows import CHANNEL_NAMES
 
 
 def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[str, ...] = ()) -> Diagnosis:

@@ -12,11 +12,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from tpmsd.diagnosis.assessment.result import SpeedRange
-from tpmsd.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.physics.catalogue import RADIUS
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.catalogue import RADIUS
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.assessment.result import SpeedRange
+from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.offline.diagnosis.settings import SETTINGS
 
 
 def speed_ranges(drives: Sequence[DriveStudy]) -> tuple[SpeedRange, ...]:

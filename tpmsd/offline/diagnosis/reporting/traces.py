@@ -8,17 +8,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.diagnosis.assessment.result import Ground, Trace
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.reporting.where import values_of, where_of
-from tpmsd.diagnosis.selection.chosen import Selection
-from tpmsd.diagnosis.selection.described import usual
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import Evidence
-from tpmsd.inference.smoothing import running_mean
-from tpmsd.inference.windows import EAST, NORTH
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.assessment.result import Ground, Trace
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.reporting.where import values_of, where_of
+from tpmsd.offline.diagnosis.selection.chosen import Selection
+from tpmsd.offline.diagnosis.selection.described import usual
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.least_squares import Evidence
+from tpmsd.offline.inference.smoothing import running_mean
+from tpmsd.offline.inference.windows import EAST, NORTH
 
 
 def traces(study: Study, selection: Selection, evidence: Evidence) -> list[Trace]:

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.diagnosis.assessment.result import Where
-from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Term
-from tpmsd.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.selection.chosen import Chosen
-from tpmsd.physics.catalogue import EFFECTS
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.physics.catalogue import EFFECTS
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.diagnosis.assessment.result import Where
+from tpmsd.offline.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Term
+from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.selection.chosen import Chosen
 
 PLACE = {name: effect.shows_in for name, effect in EFFECTS.items()}
 """Channel and covariate over which an effect shows."""

@@ -14,19 +14,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from tpmsd.diagnosis.assessment.simulated import widened
-from tpmsd.diagnosis.hypotheses.group_gain import group_gain
-from tpmsd.diagnosis.hypotheses.terms import Term
-from tpmsd.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.refinement.refine import exact
-from tpmsd.diagnosis.robustness.confirm import of_all_read
-from tpmsd.diagnosis.robustness.found import Found
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.noise import PRIORS, Noise
-from tpmsd.inference.noise_fit import log_posterior, refit_wander
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.assessment.simulated import widened
+from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
+from tpmsd.offline.diagnosis.hypotheses.terms import Term
+from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.refinement.refine import exact
+from tpmsd.offline.diagnosis.robustness.confirm import of_all_read
+from tpmsd.offline.diagnosis.robustness.found import Found
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.noise import PRIORS, Noise
+from tpmsd.offline.inference.noise_fit import log_posterior, refit_wander
 
 
 @dataclass(frozen=True)

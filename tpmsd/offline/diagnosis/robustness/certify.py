@@ -33,7 +33,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmsd.diagnosis.assessment.result import (
+from tpmsd.car.physics.catalogue import make_effect
+from tpmsd.car.physics.effect import Effect
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.assessment.result import (
     CONSISTENT,
     FINDING,
     MISMATCH,
@@ -42,23 +46,19 @@ from tpmsd.diagnosis.assessment.result import (
     Finding,
     Remaining,
 )
-from tpmsd.diagnosis.counters.tone_ring import ripples
-from tpmsd.diagnosis.hypotheses.terms import Term
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.robustness.negative_control import negative_control
-from tpmsd.diagnosis.selection.candidates import Candidates
-from tpmsd.diagnosis.selection.chosen import Chosen, Selection
-from tpmsd.diagnosis.selection.described import effect_of
-from tpmsd.diagnosis.selection.empirical import empirical_effect
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import Evidence
-from tpmsd.inference.recording import Recording
-from tpmsd.inference.replicate import replicate
-from tpmsd.inference.trajectory import reference
-from tpmsd.physics.catalogue import make_effect
-from tpmsd.physics.effect import Effect
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.wheels import FloatArray
+from tpmsd.offline.diagnosis.counters.tone_ring import ripples
+from tpmsd.offline.diagnosis.hypotheses.terms import Term
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.robustness.negative_control import negative_control
+from tpmsd.offline.diagnosis.selection.candidates import Candidates
+from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
+from tpmsd.offline.diagnosis.selection.described import effect_of
+from tpmsd.offline.diagnosis.selection.empirical import empirical_effect
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.least_squares import Evidence
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.replicate import replicate
+from tpmsd.offline.inference.trajectory import reference
 
 
 @dataclass(frozen=True)

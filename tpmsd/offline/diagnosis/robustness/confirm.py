@@ -15,19 +15,19 @@ from typing import Any
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.terms import PATTERNS, Term
-from tpmsd.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.robustness.found import Found
-from tpmsd.diagnosis.selection.chosen import Selection
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import Evidence, gain_of
-from tpmsd.inference.noise import PRIORS, Noise
-from tpmsd.inference.noise_fit import SLOW, log_posterior, refit_slow, refit_wander
-from tpmsd.inference.whitening import whiten
-from tpmsd.physics.effect import Look
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.car.physics.effect import Look
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.diagnosis.hypotheses.terms import PATTERNS, Term
+from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.robustness.found import Found
+from tpmsd.offline.diagnosis.selection.chosen import Selection
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.least_squares import Evidence, gain_of
+from tpmsd.offline.inference.noise import PRIORS, Noise
+from tpmsd.offline.inference.noise_fit import SLOW, log_posterior, refit_slow, refit_wander
+from tpmsd.offline.inference.whitening import whiten
 
 
 def confirmed(found: Found) -> Found:

@@ -16,14 +16,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.terms import Term
-from tpmsd.diagnosis.robustness.found import Found
-from tpmsd.diagnosis.selection.chosen import Selection
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.noise import PRIORS
-from tpmsd.inference.noise_fit import refit
-from tpmsd.inference.windows import GYRO
+from tpmsd.offline.diagnosis.hypotheses.terms import Term
+from tpmsd.offline.diagnosis.robustness.found import Found
+from tpmsd.offline.diagnosis.selection.chosen import Selection
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.noise import PRIORS
+from tpmsd.offline.inference.noise_fit import refit
+from tpmsd.offline.inference.windows import GYRO
 
 USUAL = PRIORS["gyro_drift_radps"][0]
 DRIFTS = SETTINGS.robustness.gyro_walks_from * USUAL

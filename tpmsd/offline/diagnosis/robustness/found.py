@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.selection.chosen import Selection
-from tpmsd.inference.least_squares import Evidence
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.selection.chosen import Selection
+from tpmsd.offline.inference.least_squares import Evidence
 
 
 class Found(NamedTuple):

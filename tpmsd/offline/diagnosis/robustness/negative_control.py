@@ -11,14 +11,14 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from tpmsd.diagnosis.hypotheses.prices import shape_price
-from tpmsd.diagnosis.hypotheses.response import READINGS, first_hat, hat_functions, response_at
-from tpmsd.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.diagnosis.prepared.study import Study
-from tpmsd.diagnosis.selection.chosen import Selection
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.covariate_errors import expected
-from tpmsd.wheels import WHEELS, FloatArray
+from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.offline.diagnosis.hypotheses.prices import shape_price
+from tpmsd.offline.diagnosis.hypotheses.response import READINGS, first_hat, hat_functions, response_at
+from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.selection.chosen import Selection
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.covariate_errors import expected
 
 OF_TIME = ("time", "distance")
 """Reversed, they are what they were."""

@@ -15,14 +15,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.diagnosis.prepared.drive_study import DriveStudy
-from tpmsd.diagnosis.robustness.confirm import of_all_read
-from tpmsd.diagnosis.robustness.found import Found
-from tpmsd.diagnosis.selection.chosen import Chosen
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.noise_fit import single_outliers
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
+from tpmsd.offline.diagnosis.robustness.confirm import of_all_read
+from tpmsd.offline.diagnosis.robustness.found import Found
+from tpmsd.offline.diagnosis.selection.chosen import Chosen
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.noise_fit import single_outliers
 
 
 def lasting(found: Found) -> Found:

@@ -16,14 +16,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.group_gain import group_gain
-from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Term
-from tpmsd.diagnosis.robustness.found import Found
-from tpmsd.diagnosis.selection.chosen import Selection
-from tpmsd.diagnosis.selection.selector import Selector
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.noise import PRIORS
-from tpmsd.wheels import WHEELS
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
+from tpmsd.offline.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Term
+from tpmsd.offline.diagnosis.robustness.found import Found
+from tpmsd.offline.diagnosis.selection.chosen import Selection
+from tpmsd.offline.diagnosis.selection.selector import Selector
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.noise import PRIORS
 
 
 def together(found: Found, before: Selection) -> Found:

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.group_gain import group_gain
-from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import Evidence, Fit
-from tpmsd.physics.catalogue import usual_size
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.catalogue import usual_size
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
+from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Term
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.least_squares import Evidence, Fit
 
 
 class Candidates:

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tpmsd.diagnosis.hypotheses.terms import Term
-from tpmsd.inference.least_squares import Fit
-from tpmsd.wheels import FloatArray
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.hypotheses.terms import Term
+from tpmsd.offline.inference.least_squares import Fit
 
 
 @dataclass(frozen=True)

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.terms import PATTERNS, Term
-from tpmsd.diagnosis.selection.chosen import Chosen
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.physics.catalogue import make_effect, parameters_of
-from tpmsd.physics.effect import Effect, Parameter, TextParameter, WheelParameter
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.catalogue import make_effect, parameters_of
+from tpmsd.car.physics.effect import Effect, Parameter, TextParameter, WheelParameter
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.hypotheses.terms import PATTERNS, Term
+from tpmsd.offline.diagnosis.selection.chosen import Chosen
+from tpmsd.offline.diagnosis.settings import SETTINGS
 
 
 def neutral_of(effect: str, parameter: str) -> float:

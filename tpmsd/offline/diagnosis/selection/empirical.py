@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.response import READINGS
-from tpmsd.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS
-from tpmsd.diagnosis.selection.chosen import Chosen
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.physics.catalogue import FREE, make_effect
-from tpmsd.physics.effect import Effect, Std
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.catalogue import FREE, make_effect
+from tpmsd.car.physics.effect import Effect, Std
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.hypotheses.response import READINGS
+from tpmsd.offline.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS
+from tpmsd.offline.diagnosis.selection.chosen import Chosen
+from tpmsd.offline.diagnosis.settings import SETTINGS
 
 
 def shape_of(one: Chosen, knots: FloatArray) -> tuple[tuple[float, float, float], ...]:

@@ -16,15 +16,20 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from tpmsd.diagnosis.hypotheses.group_gain import group_gain
-from tpmsd.diagnosis.hypotheses.plausible import against_ratio, ratio_limits, thinkable, with_completions
-from tpmsd.diagnosis.hypotheses.terms import Hypotheses, Term
-from tpmsd.diagnosis.selection.candidates import Candidates, handicap, resting
-from tpmsd.diagnosis.selection.chosen import Chosen, Selection
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.least_squares import Evidence
-from tpmsd.physics.catalogue import FAULT, FREE
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.catalogue import FAULT, FREE
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
+from tpmsd.offline.diagnosis.hypotheses.plausible import (
+    against_ratio,
+    ratio_limits,
+    thinkable,
+    with_completions,
+)
+from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Term
+from tpmsd.offline.diagnosis.selection.candidates import Candidates, handicap, resting
+from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.least_squares import Evidence
 
 SPLITS = (("front", "rear"), ("left", "right"))
 """Pairs of places that may act each in its own way."""

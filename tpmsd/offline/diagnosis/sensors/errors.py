@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.diagnosis.sensors.readings import Rows, response, rows_of
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.windows import Reader
-from tpmsd.physics.catalogue import Probe, sensor_probes
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.catalogue import Probe, sensor_probes
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.sensors.readings import Rows, response, rows_of
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.windows import Reader
 
 
 @dataclass(frozen=True)

@@ -10,15 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.trajectory import slope_by_heights, to_edges
-from tpmsd.inference.windows import Reader
-from tpmsd.physics.catalogue import Probe
-from tpmsd.physics.effect import Effect
-from tpmsd.physics.forward import accelerations, steering_wheel_angles
-from tpmsd.physics.model import ExtendedModel
-from tpmsd.physics.motion import GRAVITY_MPS2
-from tpmsd.wheels import FloatArray
+from tpmsd.car.physics.catalogue import Probe
+from tpmsd.car.physics.effect import Effect
+from tpmsd.car.physics.forward import accelerations, steering_wheel_angles
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.car.physics.motion import GRAVITY_MPS2
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.trajectory import slope_by_heights, to_edges
+from tpmsd.offline.inference.windows import Reader
 
 ACCELEROMETERS = ("accel_long", "accel_lat")
 STEERING, CLOCK = "steering", "clock"

@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from tpmsd.diagnosis.assessment.result import Finding, Quantity, Where
-from tpmsd.diagnosis.sensors.errors import SensorError, sensor_errors
-from tpmsd.diagnosis.settings import SETTINGS
-from tpmsd.inference.windows import Reader
-from tpmsd.physics.catalogue import EFFECTS, parameters_of
-from tpmsd.physics.effect import Effect
+from tpmsd.car.physics.catalogue import EFFECTS, parameters_of
+from tpmsd.car.physics.effect import Effect
+from tpmsd.offline.diagnosis.assessment.result import Finding, Quantity, Where
+from tpmsd.offline.diagnosis.sensors.errors import SensorError, sensor_errors
+from tpmsd.offline.diagnosis.settings import SETTINGS
+from tpmsd.offline.inference.windows import Reader
 
 
 def unusual(readers: Sequence[Reader], seconds: float, speeds: bool) -> list[Finding]:
