@@ -50,57 +50,85 @@ class Campaign:
         return import_module(self.module).report  # type: ignore[no-any-return]
 
 
-def _campaign(name: str, summary: str, module: str | None = None, page: str = "") -> Campaign:
-    return Campaign(name, summary, f"bench.campaigns.{module or name.replace('-', '_')}", page)
+def _campaign(wing: str, name: str, summary: str, module: str | None = None, page: str = "") -> Campaign:
+    """A row; `wing` is the folder of the module, empty for one that measures the whole program."""
+    folder = f"bench.campaigns.{wing}." if wing else "bench.campaigns."
+    return Campaign(name, summary, folder + (module or name.replace("-", "_")), page)
 
 
 CAMPAIGNS = {
     campaign.name: campaign
     for campaign in (
-        _campaign("speed", "figures of the README: rates, memory, start-up", "speed_and_memory"),
-        _campaign("gnss-accuracy", "radii with and without the receiver's own accuracy of its speed"),
-        _campaign("decode", "CAN frames decoded per second"),
-        _campaign("live", "the daemon in real time on a full bus"),
-        _campaign("discover", "discovery of unknown cars among decoys, with a DBC and without"),
-        _campaign("calibrate", "calibration against the published method, and coverage of its intervals"),
+        _campaign("", "speed", "figures of the README: rates, memory, start-up", "speed_and_memory"),
         _campaign(
-            "diagnosis", "the diagnosis on drives whose truth is sealed", "diagnosis.run", "diagnose.md"
+            "onboard", "gnss-accuracy", "radii with and without the receiver's own accuracy of its speed"
         ),
-        _campaign("goldens", "the program's answers to a fixed set of drives, compared with stored ones"),
-        _campaign("origins", "the diagnosis on null drives and faults of every origin", page="origins.md"),
+        _campaign("onboard", "decode", "CAN frames decoded per second"),
+        _campaign("onboard", "live", "the daemon in real time on a full bus"),
+        _campaign("offline", "discover", "discovery of unknown cars among decoys, with a DBC and without"),
         _campaign(
+            "offline", "calibrate", "calibration against the published method, and coverage of its intervals"
+        ),
+        _campaign(
+            "offline",
+            "diagnosis",
+            "the diagnosis on drives whose truth is sealed",
+            "diagnosis.run",
+            "diagnose.md",
+        ),
+        _campaign(
+            "offline", "goldens", "the program's answers to a fixed set of drives, compared with stored ones"
+        ),
+        _campaign(
+            "offline", "origins", "the diagnosis on null drives and faults of every origin", page="origins.md"
+        ),
+        _campaign(
+            "offline",
             "each-effect",
             "every effect of the catalogue by other formulas: named, intervals",
             page="effects.md",
         ),
         _campaign(
+            "onboard",
             "alarms",
             "soft tyres and harmless drives: detection, false alarms per km",
             "alarms.run",
             "alarms.md",
         ),
-        _campaign("first-start", "tyres that were soft before the first start"),
+        _campaign("onboard", "first-start", "tyres that were soft before the first start"),
         _campaign(
+            "onboard",
             "estimators",
             "filters side by side on the published comparison",
             "estimators.run",
             "estimators.md",
         ),
         _campaign(
-            "drift-levels", "coverage of the default under other levels of radius drift", "drift_levels"
+            "onboard",
+            "drift-levels",
+            "coverage of the default under other levels of radius drift",
+            "drift_levels",
         ),
-        _campaign("vehicle-state", "EKF, UKF, UPF and ARUPF on a multi-body car"),
-        _campaign("slip-gate", "gates and weights of the tyre filter on hard drives"),
-        _campaign("puncture-delay", "delay to a puncture alarm under each gate"),
-        _campaign("slip-regressors", "what slips by the tyre model would add to the diagnosis"),
-        _campaign("resonance", "sampling rates at which the torsional resonance tells a soft tyre"),
-        _campaign("independent-look", "plain least squares on recordings, apart from the diagnosis"),
-        _campaign("slow-leak", "notices of slow leaks over years of simulated cars"),
-        _campaign("fleet", "cost of a fleet: workers against a plain loop, the joint inference"),
-        _campaign("diagnosis-memory", "peak memory of the diagnosis over 1, 5 and 15 drives"),
-        _campaign("replicates", "seconds for bootstrap replicates of a drive, design fixed and anew"),
-        _campaign("injected", "effects injected into real recordings"),
-        _campaign("online-radii", "radii on line against those of calibrate on recordings"),
-        _campaign("recorded-losses", "losses of radius injected into real drives; drives in a row"),
+        _campaign("car", "vehicle-state", "EKF, UKF, UPF and ARUPF on a multi-body car"),
+        _campaign("onboard", "slip-gate", "gates and weights of the tyre filter on hard drives"),
+        _campaign("onboard", "puncture-delay", "delay to a puncture alarm under each gate"),
+        _campaign("offline", "slip-regressors", "what slips by the tyre model would add to the diagnosis"),
+        _campaign(
+            "onboard", "resonance", "sampling rates at which the torsional resonance tells a soft tyre"
+        ),
+        _campaign(
+            "offline", "independent-look", "plain least squares on recordings, apart from the diagnosis"
+        ),
+        _campaign("onboard", "slow-leak", "notices of slow leaks over years of simulated cars"),
+        _campaign("offline", "fleet", "cost of a fleet: workers against a plain loop, the joint inference"),
+        _campaign("offline", "diagnosis-memory", "peak memory of the diagnosis over 1, 5 and 15 drives"),
+        _campaign(
+            "offline", "replicates", "seconds for bootstrap replicates of a drive, design fixed and anew"
+        ),
+        _campaign("offline", "injected", "effects injected into real recordings"),
+        _campaign("onboard", "online-radii", "radii on line against those of calibrate on recordings"),
+        _campaign(
+            "onboard", "recorded-losses", "losses of radius injected into real drives; drives in a row"
+        ),
     )
 }

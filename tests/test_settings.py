@@ -1,5 +1,5 @@
-"""Numbers that someone may tune stand in a package's settings, each with its reason (`tests/offline/diagnosis` has
-the same for the diagnosis)."""
+"""Numbers that someone may tune stand in a package's settings, each with its reason
+(`tests/offline/diagnosis` has the same for the diagnosis)."""
 
 from __future__ import annotations
 

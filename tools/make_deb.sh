@@ -11,7 +11,7 @@ for tool in dpkg-buildpackage dh; do
     }
 done
 
-version=$(sed -n 's/^__version__ = "\(.*\)"/\1/p' tpmsd/__init__.py)
+version=$(sed -n 's/^__version__ = "\(.*\)"/\1/p' tpmsd/foundation/version.py)
 # The package's date is that of its sources, so that the same sources make the same package.
 SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct 2>/dev/null || date +%s)}
 export SOURCE_DATE_EPOCH PIP

@@ -7,7 +7,7 @@ cd "$(dirname "$0")/.."
 SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct)}
 export SOURCE_DATE_EPOCH
 out=$PWD/build/release
-version=$(sed -n 's/^__version__ = "\(.*\)"/\1/p' tpmsd/__init__.py)
+version=$(sed -n 's/^__version__ = "\(.*\)"/\1/p' tpmsd/foundation/version.py)
 
 die() {
     echo "release: $*" >&2

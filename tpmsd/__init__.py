@@ -6,18 +6,22 @@
     tpmsd.diagnose(drive).findings            # which physics the rolling model leaves out
     tpmsd.calibrate(drive).radii_m
 
-Each name is imported on first use, so that `import tpmsd` itself takes milliseconds. The flow runs one way,
-and so do the imports:
+Each name is imported on first use, so that `import tpmsd` itself takes milliseconds. The package has five
+wings, each with a docstring of its own; a wing imports those after it alone:
 
-    sources -> timeline -> estimators -> monitor -> sinks
-
-`pipeline` strings the pure rooms together; `api` is the Python face; `daemon` and `cli` do the I/O.
+    interfaces    what people and programs touch
+    offline       at the desk, on whole drives
+    onboard       in the car, tick by tick
+    car           what is known of a car
+    foundation    small things without a subject
 """
 
 from __future__ import annotations
 
 import importlib
 from typing import TYPE_CHECKING, Any
+
+from tpmsd.foundation.version import __version__
 
 if TYPE_CHECKING:
     from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
@@ -27,8 +31,6 @@ if TYPE_CHECKING:
     from tpmsd.interfaces.api.results import Calibration, Diagnosis, Replay
     from tpmsd.offline.drives.drive import Drive, load
     from tpmsd.offline.simulator.faults import Fault
-
-__version__ = "0.1.0"
 
 _HOME = {
     "Drive": "tpmsd.offline.drives.drive",

@@ -34,11 +34,18 @@ REPLAYED_S, DIAGNOSED_S = 600.0, 1200.0
 CORE = """
 import sys, time
 from pathlib import Path
-from tpmsd.car.config.load import load_config
-from tpmsd.onboard.pipeline import Pipeline
-from tpmsd.onboard.sources.can_decoder import load_database
-from tpmsd.onboard.sources.can_frame import CanFrame
-from tpmsd.onboard.sources.drive import Drive
+try:
+    from tpmsd.car.config.load import load_config
+    from tpmsd.onboard.pipeline import Pipeline
+    from tpmsd.onboard.sources.can_decoder import load_database
+    from tpmsd.onboard.sources.can_frame import CanFrame
+    from tpmsd.onboard.sources.drive import Drive
+except ImportError:  # a commit from before the wings
+    from tpmsd.config.load import load_config
+    from tpmsd.pipeline import Pipeline
+    from tpmsd.sources.can_decoder import load_database
+    from tpmsd.sources.can_frame import CanFrame
+    from tpmsd.sources.drive import Drive
 config = load_config(Path(sys.argv[1]))
 pipeline = Pipeline(config, load_database(config.can.dbc))
 spent, ticks, inner = 0.0, 0, pipeline._run

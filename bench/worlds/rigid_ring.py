@@ -1,6 +1,7 @@
 """Wheels with a rigid-ring tyre on a rough road, and what a tone ring and a control unit make of them.
 
-Independent of the package: its own mechanics, its own time base, no common code with `tpmsd.onboard.resonance`.
+Independent of the package: its own mechanics, its own time base, no common code with
+`tpmsd.onboard.resonance`.
 
 Per wheel (Zegelaar 1998; Pacejka, Tire and Vehicle Dynamics, ch. 9), linear about rolling at speed V:
 

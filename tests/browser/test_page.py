@@ -19,7 +19,7 @@ pytestmark = pytest.mark.browser
 
 pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
 
-AXE = Path(__file__).parents[1] / "web" / "vendor" / "axe.min.js"
+AXE = Path(__file__).parents[1] / "interfaces" / "web" / "vendor" / "axe.min.js"
 SPEED_UP = 5.0
 STATES = "return ['fl','fr','rl','rr'].map(id => document.getElementById(id).className).join('|')"
 

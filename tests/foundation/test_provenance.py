@@ -8,7 +8,7 @@ from pathlib import Path
 from tpmsd import __version__
 from tpmsd.foundation.provenance import commit, content_hash, provenance
 
-REPO = Path(__file__).resolve().parent.parent
+REPO = Path(__file__).resolve().parents[2]
 
 
 def test_the_hash_is_of_content_and_not_of_place(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
 from tpmsd.onboard.daemon.clock import Clock
 
-PACKAGE = Path(__file__).resolve().parent.parent / "tpmsd"
+PACKAGE = Path(__file__).resolve().parents[2] / "tpmsd"
 OWN_TABLES = {"tpmsd.ticks/1", "tpmsd.vehicle/1", "tpmsd.fleet/1"}
 """Names that are no JSON document: tables, a configuration, a store."""
 

@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from tpmsd import __version__
+from tpmsd.foundation.version import __version__
 
 VEHICLE_FILE = "vehicle.toml"
 _BLOCK = 1 << 20
@@ -65,7 +65,7 @@ def content_hash(paths: Iterable[Path]) -> str:
 def commit() -> str | None:
     """The commit of the checkout that runs; None where the program is installed."""
     try:
-        git = Path(__file__).resolve().parent.parent / ".git"
+        git = Path(__file__).resolve().parents[2] / ".git"
         if git.is_file():  # a linked worktree names its folder there
             git = Path(git.read_text(encoding="utf-8").removeprefix("gitdir:").strip())
         head = (git / "HEAD").read_text(encoding="utf-8").strip()

@@ -1,0 +1,1 @@
+"""Campaigns on what is known of a car: vehicle state."""

@@ -1,0 +1,1 @@
+"""Campaigns on what is done with whole drives: calibration, diagnosis, discovery, fleets."""

@@ -1,11 +1,9 @@
 """Cars with drawn buses: wheel signals in any layout among decoys, names withheld.
 
 In: a seed, a duration. Out: `DrawnBus`: frames, fixes, a DBC with meaningless names, and the truth. The
-motion, the wheels
-and the receiver are those of `tpmsd.offline.simulator`; how the bus carries them is drawn here: counters of 8 to
-16 bits and speeds of
-several makers, moduli below the width, both byte orders, one message or two, wheels in any order; and
-beside them ten decoys that follow the speed or count.
+motion, the wheels and the receiver are those of `tpmsd.offline.simulator`; how the bus carries them is
+drawn here: counters of 8 to 16 bits and speeds of several makers, moduli below the width, both byte orders,
+one message or two, wheels in any order; and beside them ten decoys that follow the speed or count.
 """
 
 from __future__ import annotations

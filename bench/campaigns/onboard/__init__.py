@@ -1,0 +1,1 @@
+"""Campaigns on what runs in the car: decoding, filters, alarms, the daemon."""

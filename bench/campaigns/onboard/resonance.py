@@ -1,9 +1,9 @@
 """At which sampling rates and quantisations does the torsional resonance tell a soft tyre?
 
-Wheels with a rigid-ring tyre (`rigid_ring.py`, independent of the package) roll on roads of ISO 8608;
-tone rings with uneven teeth and a control unit make speeds and counts of it. `tpmsd.onboard.resonance` learns each
-wheel for five minutes and then sees ten minutes of the same tyre at the same pressure or at -20 %. Every
-wheel is judged as one of four of which the other three are sound.
+Wheels with a rigid-ring tyre (`rigid_ring.py`, independent of the package) roll on roads of ISO 8608; tone
+rings with uneven teeth and a control unit make speeds and counts of it. `tpmsd.onboard.resonance` learns
+each wheel for five minutes and then sees ten minutes of the same tyre at the same pressure or at -20 %.
+Every wheel is judged as one of four of which the other three are sound.
 
     make bench-resonance            # a quarter of an hour; BENCH_ARGS="--wheels 4 --road 2" for one road
 

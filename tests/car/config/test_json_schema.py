@@ -18,7 +18,7 @@ from tpmsd.interfaces.cli.main import main
 
 SCHEMA = vehicle_schema()
 VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
-FITTING = Path(__file__).resolve().parents[2] / "docs" / "tutorial" / "fitting.md"
+FITTING = Path(__file__).resolve().parents[3] / "docs" / "tutorial" / "fitting.md"
 EXTRA = """
 [can.buses]
 body = { channel = "can1", dbc = "body.dbc" }

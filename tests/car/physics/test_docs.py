@@ -18,7 +18,7 @@ from tpmsd.foundation.errors import ConfigError
 from tpmsd.offline.report.effects_reference import effects_page
 from tpmsd.onboard.sources import can_log
 
-REPO = Path(__file__).resolve().parents[2]
+REPO = Path(__file__).resolve().parents[3]
 TEXT = (REPO / "docs" / "explanation" / "physics.md").read_text(encoding="utf-8")
 CONTRIBUTING = (REPO / "CONTRIBUTING.md").read_text(encoding="utf-8")
 

@@ -10,9 +10,9 @@ import pytest
 
 from tpmsd.car.physics.catalogue import EFFECTS, FREE
 
-REPO = Path(__file__).resolve().parents[2]
+REPO = Path(__file__).resolve().parents[3]
 PACKAGE = REPO / "tpmsd"
-HOME = PACKAGE / "physics" / "effects"
+HOME = PACKAGE / "car" / "physics" / "effects"
 EXAMPLES = {
     "tpmsd/interfaces/cli/simulate.py",
     "tpmsd/interfaces/cli/effects.py",

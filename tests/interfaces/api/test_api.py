@@ -18,7 +18,7 @@ from tpmsd.foundation.wheels import WHEELS
 from tpmsd.interfaces.cli.main import main
 from tpmsd.offline.tables.columns import COLUMNS
 
-REPO = Path(__file__).resolve().parents[2]
+REPO = Path(__file__).resolve().parents[3]
 CORE = ("numpy", "scipy", "can", "cantools")
 EXTRAS = ("pandas", "pyarrow", "matplotlib", "dask", "distributed", "duckdb", "mcap", "h5py", "fsspec")
 
@@ -41,7 +41,8 @@ def test_the_daemon_loads_no_extra() -> None:
     """The daemon's modules load none of the packages of tables and fleets."""
     # python-can itself loads asammdf, and so pandas, where it is installed.
     code = (
-        "import sys; sys.modules['asammdf'] = None; import tpmsd.interfaces.cli.run, tpmsd.onboard.daemon.loop, tpmsd.onboard.pipeline;"
+        "import sys; sys.modules['asammdf'] = None;"
+        "import tpmsd.interfaces.cli.run, tpmsd.onboard.daemon.loop, tpmsd.onboard.pipeline;"
         f"print(*[name for name in {EXTRAS!r} if name in sys.modules])"
     )
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout

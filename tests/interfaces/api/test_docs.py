@@ -6,7 +6,7 @@ from pathlib import Path
 
 import tpmsd
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+DOCS = Path(__file__).resolve().parents[3] / "docs"
 
 
 def test_every_function_is_in_the_docs() -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "docs" / "examples"
+EXAMPLES = Path(__file__).resolve().parents[3] / "docs" / "examples"
 EXPECTED = {
     "from_a_drive_to_an_alarm": ["deflation rl raised", "mm against its baseline"],
     "what_my_simulator_leaves_out": ["mismatch", "gnss_latency 0.2"],

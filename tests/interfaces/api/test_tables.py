@@ -24,7 +24,7 @@ from tpmsd.interfaces.cli.main import main
 from tpmsd.offline.tables.columns import COLUMNS, NUMBERS, TEXTS
 from tpmsd.offline.tables.mcap_schemas import TOPICS
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
+DOCS = Path(__file__).resolve().parents[3] / "docs"
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import pytest
 from tpmsd.interfaces.cli.completion import commands_of, fish, zsh
 from tpmsd.interfaces.cli.main import COMMANDS, full_parser, main
 
-REPO = Path(__file__).resolve().parents[2]
+REPO = Path(__file__).resolve().parents[3]
 ASK = 'COMP_WORDS=({words}); COMP_CWORD={last}; _tpmsd; echo "${{COMPREPLY[@]}}"'
 
 

@@ -14,7 +14,7 @@ from tpmsd import __version__
 from tpmsd.interfaces.cli import main as frame
 from tpmsd.interfaces.cli.main import main
 
-REPO = Path(__file__).resolve().parents[2]
+REPO = Path(__file__).resolve().parents[3]
 WRONG_TOML = "[vehicle]\nwheel_radious_m = 0.3\n"
 
 
@@ -34,7 +34,10 @@ DEFECT = "internal error: ZeroDivisionError: division by zero (set TPMSD_DEBUG=1
 )
 def test_errors(kind: str, code: int, lines: list[str]) -> None:
     """Every error ends in its exit code and at most one line."""
-    script = "import sys; from tests.interfaces.cli.test_main import RAISING, main; sys.exit(main(sys.argv[1:], RAISING))"
+    script = (
+        "import sys; from tests.interfaces.cli.test_main import RAISING, main; "
+        "sys.exit(main(sys.argv[1:], RAISING))"
+    )
     done = subprocess.run(
         [sys.executable, "-c", script, "raise", kind], capture_output=True, text=True, check=False, cwd=REPO
     )

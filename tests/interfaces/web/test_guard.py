@@ -51,7 +51,7 @@ def test_every_answer_forbids_what_is_foreign(tmp_path: Path) -> None:
 
 def test_pages_hold_no_inline_script_or_style() -> None:
     """What the policy forbids is not there either, and nothing is loaded from another host."""
-    for page in sorted((Path(__file__).parents[2] / "tpmsd/interfaces/web/static").glob("*.html")):
+    for page in sorted((Path(__file__).parents[3] / "tpmsd/interfaces/web/static").glob("*.html")):
         text = page.read_text(encoding="utf-8")
         assert "style=" not in text
         assert "<style" not in text

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 import tpmsd
-from tpmsd.interfaces.api.functions import recording_of
 from tpmsd.offline.calibration.joint import PRIOR, JointFit, fit
 from tpmsd.offline.calibration.nominal import Vehicle, vehicle_of
 from tpmsd.offline.calibration.statistics import REFERENCE_SPEED_MPS, statistics_of
+from tpmsd.offline.drives.playing import recording_of
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ from tpmsd.offline.diagnosis.proposal.effect_file import effect_file
 from tpmsd.offline.diagnosis.proposal.expressions import Expression, expressions
 from tpmsd.offline.diagnosis.proposal.search import Sums, judged
 
-REPO = Path(__file__).resolve().parents[2]
+REPO = Path(__file__).resolve().parents[3]
 Law = Callable[[Course], np.ndarray]
 """(n, 4) relative surplus of turning."""
 

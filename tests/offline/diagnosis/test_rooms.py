@@ -8,8 +8,8 @@ from pathlib import Path
 
 from tpmsd.offline.diagnosis.stages import STAGES, choose, down_weight, first_noise, other_noise, verdict
 
-REPO = Path(__file__).resolve().parents[2]
-HOME = REPO / "tpmsd" / "diagnosis"
+REPO = Path(__file__).resolve().parents[3]
+HOME = REPO / "tpmsd" / "offline" / "diagnosis"
 FLOORS = 6
 
 
@@ -20,8 +20,8 @@ def imported(path: Path) -> set[str]:
 
 
 def room_of(module: str) -> str:
-    """`tpmsd.offline.diagnosis.selection.chosen` -> `selection`; `tpmsd.offline.diagnosis.stages` -> `stages`."""
-    return module.split(".")[2]
+    """`tpmsd.offline.diagnosis.selection.chosen` -> `selection`; `...diagnosis.stages` -> `stages`."""
+    return module.split(".")[3]
 
 
 def modules() -> dict[str, Path]:

@@ -21,7 +21,7 @@ from tpmsd.onboard.sinks import can_layout
 from tpmsd.onboard.sinks.can_frames import CLEARED_REPEATS, CanReporter, OutFrame
 
 NAN = math.nan
-REPO = Path(__file__).resolve().parents[2]
+REPO = Path(__file__).resolve().parents[3]
 DATABASE = cantools.database.Database()
 DATABASE.add_dbc_file(REPO / "dbc" / "tpmsd.dbc")
 STATUS: Message = DATABASE.get_message_by_name("TPMSD_STATUS")

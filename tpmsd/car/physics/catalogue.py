@@ -27,7 +27,7 @@ from tpmsd.foundation.errors import ConfigError
 
 
 def _found() -> dict[str, type[Effect]]:
-    """Every effect that a module of `tpmsd.car.physics.effects` defines, by name; the order is the alphabet's."""
+    """Every effect that a module of `tpmsd.car.physics.effects` defines, by name, in alphabetical order."""
     out: dict[str, type[Effect]] = {}
     for module in sorted(one.name for one in pkgutil.iter_modules(effects.__path__)):
         full = f"{effects.__name__}.{module}"

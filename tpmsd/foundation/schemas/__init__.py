@@ -2,7 +2,8 @@
 `tpmsd.replay/2`.
 
 In: a name. Out: the schema (draft 2020-12). A schema changes with its version: keys are added under a new
-number, none is taken away within one. `tests/foundation/test_schemas.py` validates every document against its schema.
+number, none is taken away within one. `tests/foundation/test_schemas.py` validates every document against
+its schema.
 """
 
 from __future__ import annotations

@@ -7,7 +7,6 @@ printed and nothing written; what was wrong with a recording is in the result's 
 from __future__ import annotations
 
 import dataclasses
-import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,33 +15,20 @@ import numpy as np
 
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.car.physics.model_file import load_model
-from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
+from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.interfaces.api.results import Calibration, Diagnosis, Replay, Source
 from tpmsd.offline.drives.drive import Drive, as_drive
+from tpmsd.offline.drives.playing import recording_of, replayed
 from tpmsd.offline.drives.reading import (
-    DESK_RATE_HZ,
     MemoryRecording,
-    Note,
     Progress,
-    ignore_note,
     ignore_progress,
-    play,
-    read_ticks,
 )
-from tpmsd.offline.report.replay_recorder import ReplayRecorder
-from tpmsd.offline.report.replay_result import ReplayResult
-from tpmsd.offline.tables.tick_table import TickTable, TickTableRecorder
-from tpmsd.onboard.pipeline import Pipeline
-from tpmsd.onboard.resonance.watch import ResonanceWatch
 from tpmsd.onboard.sources.can_frame import CanFrame
 from tpmsd.onboard.sources.drive import Sentence
 
 if TYPE_CHECKING:
-    from tpmsd.offline.inference.recording import Recording
-
-REPORTED_LATE_S = 1.0
-"""What nothing but the end of a replay asks for may wait for so long, and is then done for many samples at
-once."""
+    pass
 
 DriveLike = Drive | str | Path
 Model = ExtendedModel | str | Path
@@ -79,52 +65,6 @@ def replay(
     extended = load_model(model) if isinstance(model, str | Path) else model
     result, ticks = replayed(dataclasses.replace(one, config=config), extended, table, progress, notes.append)
     return Replay(result, ticks, tuple(notes), _source([one]))
-
-
-def replayed(
-    drive: Drive,
-    model: ExtendedModel | None = None,
-    table: bool = False,
-    progress: Progress = ignore_progress,
-    note: Note = ignore_note,
-) -> tuple[ReplayResult, TickTable | None]:
-    """A replay as records, each note handed on at once: what `replay` and the command share."""
-    config = drive.config
-    stream, database = drive.recording.open(config, note)
-    recorder = ReplayRecorder(drive.name, config.vehicle, config.monitor)
-    ticks = TickTableRecorder() if table else None
-    begun = time.perf_counter()
-    pipeline = Pipeline(config, database, model)
-    if ticks is not None:
-        pipeline.timeline.observe_fix = ticks.observe_fix
-    watch = pipeline.resonance
-    if watch is None:  # a report all the same
-        watch = ResonanceWatch(config.vehicle.wheel_radius_m)
-        pipeline.timeline.observe, pipeline.timeline.observe_run = watch.add, watch.extend
-        pipeline.timeline.observe_late_s = REPORTED_LATE_S
-    for step in play(stream, pipeline, progress, note):
-        recorder.add(step.tick, step.estimate, step.report)
-        if ticks is not None:
-            ticks.add(step)
-    result = recorder.result(0.0)
-    elapsed_s = max(time.perf_counter() - begun, 1e-9)
-    result = dataclasses.replace(
-        result, realtime_factor=result.duration_s / elapsed_s, resonance=watch.status()
-    )
-    return result, None if ticks is None else ticks.table()
-
-
-def explained(drive: Drive, progress: Progress = ignore_progress, note: Note = ignore_note) -> dict[str, Any]:
-    """Why each alarm of a drive was raised, and why there was none: the document of `tpmsd explain`."""
-    config = drive.config
-    stream, database = drive.recording.open(config, note)
-    extended = None if config.filter.model is None else load_model(config.filter.model)
-    pipeline = Pipeline(config, database, extended)
-    report, start_s = None, None
-    for step in play(stream, pipeline, progress, note):
-        report = step.report
-        start_s = report.time_s if start_s is None else start_s
-    return {"drive": drive.name, "start_time": start_s, **pipeline.monitor.explain(report)}
 
 
 def diagnose(
@@ -224,19 +164,6 @@ def simulate(**settings: Any) -> Drive:
     name = f"simulated-{spec.route}-{spec.seed}"
     config = config_of(made.vehicle_toml)
     return Drive(name, config, MemoryRecording(name, tuple(items), made.dbc), made.vehicle_toml)
-
-
-def recording_of(drive: Drive, name: str | None = None) -> Recording:
-    """A drive as the arrays of diagnosis and calibration; InputError where nothing usable is in it."""
-    from tpmsd.offline.inference.recording import record
-
-    try:
-        ticks = read_ticks(drive.recording, drive.config, DESK_RATE_HZ)
-        return record(ticks, drive.config, name or drive.name)
-    except TpmsdError:
-        raise
-    except ValueError as error:
-        raise InputError(drive.name, str(error)) from None
 
 
 def _source(drives: list[Drive]) -> Source:

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tpmsd import __version__
 from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.version import __version__
 from tpmsd.interfaces.bridges.home_assistant import discovery
 from tpmsd.interfaces.bridges.mqtt_messages import MAX_PAYLOAD_BYTES, Announcer, Message, Topics
 from tpmsd.interfaces.bridges.summary import Summary, summarise

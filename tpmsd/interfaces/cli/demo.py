@@ -98,7 +98,7 @@ class _Show:
         self._stop = threading.Event()
         self._daemon: Daemon | None = None
         self._clock: Clock | None = None
-        dbc = Path(__file__).parents[2] / "dbc" / "tpmsd.dbc"
+        dbc = Path(__file__).parents[3] / "dbc" / "tpmsd.dbc"
         if not dbc.is_file():
             raise TpmsdError(f"{dbc} is missing: the demonstration runs from a clone")
         database = cantools.database.load_file(str(dbc))

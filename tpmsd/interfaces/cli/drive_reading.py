@@ -1,4 +1,5 @@
-"""A recorded drive for commands: `tpmsd.offline.drives.reading` with a progress bar and its notes on standard error.
+"""A recorded drive for commands: `tpmsd.offline.drives.reading` with a progress bar and its notes on
+standard error.
 
 In: a drive folder and its configuration. Out: what the core makes of each frame and sentence.
 """

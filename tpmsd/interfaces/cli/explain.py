@@ -71,9 +71,9 @@ def _of_daemon(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _of_drive(folder: Path, config_file: Path | None) -> dict[str, Any]:
-    from tpmsd.interfaces.api.functions import explained
     from tpmsd.interfaces.cli.drive_reading import say, span_s
     from tpmsd.offline.drives.drive import Drive
+    from tpmsd.offline.drives.playing import explained
     from tpmsd.offline.drives.reading import FolderRecording
 
     if not folder.is_dir():

@@ -18,9 +18,9 @@ import traceback
 from collections.abc import Sequence
 from pathlib import Path
 
-from tpmsd import __version__
 from tpmsd.foundation.errors import ConfigError, TpmsdError
 from tpmsd.foundation.lean import import_on_demand, leave_out_mf4, no_collection
+from tpmsd.foundation.version import __version__
 from tpmsd.interfaces.cli.output import Subparsers
 from tpmsd.interfaces.cli.parser import EXIT_CODES, Parser
 

@@ -1,7 +1,7 @@
 """The status document as a table that a driver understands.
 
-In: the document of `tpmsd.onboard.sinks.status_document`; it comes from another process, so nothing in it is taken
-for granted. Out: text, with colours if asked for.
+In: the document of `tpmsd.onboard.sinks.status_document`; it comes from another process, so nothing in it
+is taken for granted. Out: text, with colours if asked for.
 """
 
 from __future__ import annotations

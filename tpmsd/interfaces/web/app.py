@@ -30,8 +30,8 @@ from starlette.responses import (
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
-from tpmsd import __version__
 from tpmsd.foundation.errors import TpmsdError
+from tpmsd.foundation.version import __version__
 from tpmsd.interfaces.api.results import Replay
 from tpmsd.interfaces.web import drive as drive_data
 from tpmsd.interfaces.web.diagnosis import DiagnosisJob

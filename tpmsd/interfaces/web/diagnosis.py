@@ -1,8 +1,8 @@
 """The diagnosis of a recorded drive for the page: made once, at the first visit, by a process of its own.
 
 In: a drive folder. Out: the page of `tpmsd diagnose --html` with linked styles and scripts, and how far it
-is. The process is told by `python -m tpmsd.interfaces.web.diagnosis FOLDER`: it writes its progress to standard error
-and the page to standard output.
+is. The process is told by `python -m tpmsd.interfaces.web.diagnosis FOLDER`: it writes its progress to
+standard error and the page to standard output.
 """
 
 from __future__ import annotations

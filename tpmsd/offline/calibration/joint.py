@@ -4,8 +4,8 @@ In: `Recording`s of one car, its `Vehicle`. Out: `JointFit`: the parameters with
 rows of innovations they came from, and how the iteration went.
 
 Gauss-Newton: linearise each drive about its nominal motion (`equations`), take motion and correlated noise
-out and fit the noise of each drive (`tpmsd.offline.inference`), weigh outliers down, solve all drives' rows together,
-move the car, repeat until it stands still.
+out and fit the noise of each drive (`tpmsd.offline.inference`), weigh outliers down, solve all drives' rows
+together, move the car, repeat until it stands still.
 """
 
 from __future__ import annotations

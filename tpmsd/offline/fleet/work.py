@@ -12,10 +12,10 @@ import os
 from pathlib import Path
 from typing import Any
 
-from tpmsd import __version__
 from tpmsd.foundation.errors import TpmsdError
 from tpmsd.foundation.lean import keep_freed_memory
 from tpmsd.foundation.plain import plain
+from tpmsd.foundation.version import __version__
 from tpmsd.offline.fleet.find import local_copy
 from tpmsd.offline.fleet.settings import SETTINGS
 from tpmsd.offline.fleet.store import Store
@@ -83,8 +83,8 @@ def _document(status: str, reason: str, stages: tuple[str, ...], parts: dict[str
 
 def _parts(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
     # Imported here: the client, which only hands out keys, needs none of it.
-    from tpmsd.interfaces.api.functions import recording_of, replayed
     from tpmsd.offline.drives.drive import load
+    from tpmsd.offline.drives.playing import recording_of, replayed
     from tpmsd.offline.report.replay_document import replay_document
 
     drive = load(folder)

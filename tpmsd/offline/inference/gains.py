@@ -1,8 +1,9 @@
 """The recursions of the whitening filter, by NumPy arrays or, where it was built, by compiled code.
 
 In: the matrices of all windows. Out: `Gains`, columns whitened by them, states of a linear recursion. The
-functions that begin with `array_` are the reference; those that begin with `compiled_` call `_gains.c`. Both
-give the same within rounding (tests/offline/inference/test_gains.py), so nothing but time depends on which runs.
+functions that begin with `array_` are the reference; those that begin with `compiled_` call `_gains.c`.
+Both give the same within rounding (tests/offline/inference/test_gains.py), so nothing but time depends on
+which runs.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """One replayed drive as a record, for the document, the summary and the plot.
 
-In: nothing (plain records). Out: `ReplayResult` and its parts; `tpmsd.offline.report.replay_recorder` fills them.
-Times are seconds of the drive's host clock; NaN stands for a number nobody knows.
+In: nothing (plain records). Out: `ReplayResult` and its parts; `tpmsd.offline.report.replay_recorder` fills
+them. Times are seconds of the drive's host clock; NaN stands for a number nobody knows.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Roads as lists of segments, by kind.
 
-In: a kind (`city rural motorway mixed oval test-track hills`), a duration and a Generator. Out: segments with
-length, curvature, speed limit and stops, enough for the duration. `tpmsd.offline.simulator.route` drives a car along
-them.
+In: a kind (`city rural motorway mixed oval test-track hills`), a duration and a Generator. Out: segments
+with length, curvature, speed limit and stops, enough for the duration. `tpmsd.offline.simulator.route`
+drives a car along them.
 """
 
 from __future__ import annotations

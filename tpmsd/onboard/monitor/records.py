@@ -1,7 +1,8 @@
 """What the monitor hands to the sinks: one `MonitorReport` per tick.
 
 In: nothing (plain records). Out: `WheelState`, `AlarmKind`, `WheelReport`, `AlarmEvent`, `MonitorReport`.
-Times are seconds of the host clock, as in `tpmsd.onboard.timeline.tick.Tick`; NaN stands for a number nobody knows.
+Times are seconds of the host clock, as in `tpmsd.onboard.timeline.tick.Tick`; NaN stands for a number
+nobody knows.
 """
 
 from __future__ import annotations

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from tpmsd import __version__
 from tpmsd.foundation.plain import finite, millimetres
+from tpmsd.foundation.version import __version__
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.onboard.estimators.base import RadiusEstimate
 from tpmsd.onboard.monitor.alarm_entry import alarm_entry

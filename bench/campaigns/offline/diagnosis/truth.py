@@ -245,8 +245,8 @@ def _inherent(windows: Windows, injected: Sequence[str]) -> tuple[list[Concealed
     """What the multi-body car's own tyres do: all that its equations hold beyond pure rolling.
 
     Slip, and in bends tyres that turn by 1e-4 to 6e-4 s2/m of the lateral acceleration less on the left
-    than on the right (`python -m bench.campaigns.offline.diagnosis.own_physics` prints it): by the public table's
-    definition that is load transfer, whatever in the tyres makes it.
+    than on the right (`python -m bench.campaigns.offline.diagnosis.own_physics` prints it): by the public
+    table's definition that is load transfer, whatever in the tyres makes it.
     """
     rigid = windows.rigid()
     change = windows.channels({}) - rigid.channels({})

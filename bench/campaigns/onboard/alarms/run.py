@@ -80,7 +80,7 @@ def work(unit: Unit, memory: Path | None = None) -> list[Row]:
 def state_of_code() -> str:
     """Checksum of the program and of the worlds that try it."""
     program = Path(tpmsd.__file__).resolve().parent
-    return code_state(program, REPO / "bench" / "campaigns" / "alarms", REPO / "bench" / "worlds")
+    return code_state(program, Path(__file__).resolve().parent, REPO / "bench" / "worlds")
 
 
 def run(args: argparse.Namespace) -> list[Row]:

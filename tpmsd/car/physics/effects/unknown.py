@@ -28,10 +28,10 @@ class Unknown(Effect):
 
     `on` names what it acts on: wheels, each with its sign ("rl rr", "fl -fr rl -rr"), whose radii change by
     +-f(x) in metres; or a reading, which is larger by f(x): `gnss_speed` (m/s), `gnss_course` (rad,
-    counter-clockwise) or `yaw_rate` (rad/s). `covariate` is one of `tpmsd.car.physics.covariates`. f goes through
-    (knots[i], heights[i]). Where the covariate is not known, the term does not act.
-    Source: none; it is a description. Linear splines of fixed knots: Hastie, Tibshirani and Friedman, The
-    Elements of Statistical Learning, 2009, section 5.2.
+    counter-clockwise) or `yaw_rate` (rad/s). `covariate` is one of `tpmsd.car.physics.covariates`. f goes
+    through (knots[i], heights[i]). Where the covariate is not known, the term does not act. Source: none;
+    it is a description. Linear splines of fixed knots: Hastie, Tibshirani and Friedman, The Elements of
+    Statistical Learning, 2009, section 5.2.
     """
 
     name = "unknown"
