@@ -6,6 +6,6 @@ unknown car's signals (`discovery`), many drives of many cars (`fleet`), simulat
 `drives` reads a drive and plays it through the daemon's own core, `tables` converts from and to other tools'
 formats, `report` renders results.
 
-To be changed here: statistics and what is reported of them. Nothing here runs in the car: heavier packages are
-welcome where they are used, and imported there.
+To be changed here: statistics and what is reported of them. Nothing here runs in the car: heavier packages
+are welcome where they are used, and imported there.
 """

@@ -1,4 +1,4 @@
-"""The rooms of the diagnosis: their sizes, which may import which, and that all of them are tested."""
+"""The rooms of the diagnosis: which may import which, and that all of them are tested."""
 
 from __future__ import annotations
 
@@ -28,17 +28,6 @@ def modules() -> dict[str, Path]:
     """All modules of the diagnosis by name."""
     paths = [path for path in HOME.rglob("*.py") if path.name != "__init__.py"]
     return {".".join(path.relative_to(REPO).with_suffix("").parts): path for path in paths}
-
-
-def test_rooms_hold_three_to_eight_files() -> None:
-    """Few enough to be read in a row, enough to be a room."""
-    sizes = {
-        room.name: len([path for path in room.glob("*.py") if path.name != "__init__.py"])
-        for room in HOME.iterdir()
-        if room.is_dir() and room.name != "__pycache__"
-    }
-
-    assert {} == {room: size for room, size in sizes.items() if not 3 <= size <= 8}
 
 
 def test_rooms_stand_on_at_most_six_floors() -> None:

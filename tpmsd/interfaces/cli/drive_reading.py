@@ -14,8 +14,8 @@ from cantools.database.can import Database
 
 from tpmsd.car.config.model import Config
 from tpmsd.foundation.lean import no_collection
-from tpmsd.interfaces.api import reading
 from tpmsd.interfaces.cli.output import Progress
+from tpmsd.offline.drives import reading
 from tpmsd.offline.drives.reading import DESK_RATE_HZ, Core, FolderRecording, Out
 from tpmsd.onboard.sources.drive import Drive
 from tpmsd.onboard.timeline.block_source import BlockSource

@@ -18,11 +18,11 @@ from tpmsd.car.physics.model_file import load_model
 from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.foundation.lean import keep_freed_memory
 from tpmsd.foundation.provenance import provenance
-from tpmsd.interfaces.api import functions
 from tpmsd.interfaces.api.results import REPLAY_SCHEMA
 from tpmsd.interfaces.cli.drive_reading import say, span_s
 from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
 from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.offline.drives import playing
 from tpmsd.offline.drives.drive import Drive, settings_of
 from tpmsd.offline.drives.reading import FolderRecording
 from tpmsd.offline.report.replay_document import replay_document
@@ -164,4 +164,4 @@ def replayed(
     recording = FolderRecording(folder)
     drive = Drive(folder.resolve().name, config, recording)
     with Progress(span_s(folder) if sys.stderr.isatty() else 0.0, "replay") as progress:
-        return functions.replayed(drive, model, table, progress.update, say)
+        return playing.replayed(drive, model, table, progress.update, say)
