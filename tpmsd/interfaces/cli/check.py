@@ -15,6 +15,7 @@ from tpmsd.car.config.gnss_source import source_of
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.interfaces.cli.output import Subparsers, add_json_option, json_text
 from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.status import colour_wanted
 
 if TYPE_CHECKING:
     from tpmsd.car.config.check import CheckResult
@@ -27,12 +28,15 @@ examples:
   tpmsd check vehicle.toml
   tpmsd check drives/monday --dbc new/bus.dbc --json -
   tpmsd check vehicle.toml --drive drives/monday     is the file that of this car?
+  tpmsd check vehicle.toml --drive drives/monday --strict && echo fits
   tpmsd check --schema > vehicle.schema.json         for an editor with TOML support
 
-exit codes: 0 nothing wrong was found (warnings apart), 2 something is wrong,
-3 the drive cannot be used
+exit codes: 0 nothing wrong was found (warnings and suspicions apart), 2 something is wrong, with --strict
+also where there is a warning or a suspicion, 3 the drive cannot be used
 """
 _LABEL_WIDTH = 24
+_GOOD, _BAD = "32", "31;1"
+"""Colours of the verdict, as those of `tpmsd status`."""
 
 
 def add_parser(subparsers: Subparsers) -> None:
@@ -60,6 +64,9 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument(
         "--schema", action="store_true", help="print the JSON Schema of vehicle.toml, for editors, and end"
     )
+    parser.add_argument(
+        "--strict", action="store_true", help="for scripts: exit 2 on warnings and suspicions, too"
+    )
     add_json_option(parser)
 
 
@@ -73,7 +80,6 @@ def run(args: argparse.Namespace) -> int:
     # Here, since cantools takes its time and --help does not need it.
     from tpmsd.car.config.check import check
     from tpmsd.car.config.problems import shown_lines
-    from tpmsd.foundation.provenance import provenance
 
     outputs = Outputs(("--json", args.json))
     if args.config is None and args.drive is None:
@@ -86,33 +92,29 @@ def run(args: argparse.Namespace) -> int:
     suspected = None
     if args.drive is not None and result.plan is not None:
         suspected = _against_drive(result.plan, args.drive)
-
-    def document() -> str:
-        paths = () if args.drive is None else (args.drive,)
-        told = {} if suspected is None else {"suspicions": suspected}
-        looked = {"configuration": result.file, "dbc": result.plan and result.plan.dbc, "drive": args.drive}
-        return json_text(
-            {**provenance(SCHEMA, paths, result.file), "looked_at": looked, **_document(result), **told}
-        )
-
-    outputs.write({"--json": document})
+    outputs.write({"--json": lambda: json_text(_document(result, args.drive, suspected))})
     if result.plan is None:
         count = len(result.problems)
         print(f"{result.file}: {count} problem{'s' if count != 1 else ''}", file=sys.stderr)
         return 2
-    if result.plan.config.can.output:
-        from tpmsd.onboard.sinks.can_output import CanOutputs
-        from tpmsd.onboard.sources.databases import load_databases
-
-        try:
-            CanOutputs(result.plan.config, load_databases(result.plan.config))
-        except ConfigError as error:
-            raise ConfigError(f"{result.file}: {error}") from None
+    _check_outputs(result.plan)
     if args.json != "-":
-        print("\n".join(summary(result.plan, args.drive)))
-        if suspected is not None:
-            print("\n".join(_told(result.file, suspected)))
-    return 0
+        colour = colour_wanted(sys.stdout)
+        print("\n".join([*verdict(result.plan, args.drive, suspected, colour), "", *summary(result.plan)]))
+    return 2 if args.strict and (result.warnings or suspected) else 0
+
+
+def _check_outputs(plan: Plan) -> None:
+    """ConfigError where a frame of `[[can.output]]` cannot be made."""
+    if not plan.config.can.output:
+        return
+    from tpmsd.onboard.sinks.can_output import CanOutputs
+    from tpmsd.onboard.sources.databases import load_databases
+
+    try:
+        CanOutputs(plan.config, load_databases(plan.config))
+    except ConfigError as error:
+        raise ConfigError(f"{plan.file}: {error}") from None
 
 
 def _against_drive(plan: Plan, drive: Path) -> list[dict[str, object]]:
@@ -139,35 +141,41 @@ def _against_drive(plan: Plan, drive: Path) -> list[dict[str, object]]:
     ]
 
 
-def _told(file: Path, suspected: list[dict[str, object]]) -> list[str]:
-    if not suspected:
-        return ["", "Nothing in the drive speaks against it."]
-    return ["", "The drive speaks against it:"] + [
-        f"  {file}:{one['line']}: {one['key']}: {one['suspicion']} ({one['probability']:.2f}): "
-        f"{one['suggest']}"
-        for one in suspected
+def verdict(
+    plan: Plan, drive: Path | None, suspected: list[dict[str, object]] | None, colour: bool = False
+) -> list[str]:
+    """The answer in its first line; below it the suspicions, or what was not looked at."""
+
+    def painted(style: str, text: str) -> str:
+        return f"\x1b[{style}m{text}\x1b[0m" if colour else text
+
+    if suspected:
+        keys = "1 key" if len(suspected) == 1 else f"{len(suspected)} keys"
+        head = f"{plan.file}: the drive {drive} contradicts {keys}"
+        return [painted(_BAD, head)] + [
+            f"  {plan.file}:{one['line']}: {one['key']}: {one['suspicion']} ({one['probability']:.2f}): "
+            f"{one['suggest']}"
+            for one in suspected
+        ]
+    head = painted(_GOOD, f"{plan.file}: nothing wrong in the file itself and {plan.dbc}")
+    if drive is not None:
+        return [head, f"Nothing in the drive {drive} contradicts it."]
+    return [
+        head,
+        "No drive was read: whether these signals are those of this car's wheels, and whether bus and "
+        "receiver are there, was not looked at (--drive DRIVE holds it against a recording).",
     ]
 
 
-def _looked_at(plan: Plan, drive: Path | None) -> str:
-    if drive is not None:
-        return f"the file itself and {plan.dbc}; held against the drive {drive}."
-    return (
-        f"the file itself and {plan.dbc}. No drive was read: whether these signals are those of this car's "
-        "wheels, and whether bus and receiver are there, was not looked at (--drive DRIVE holds it against "
-        "a recording)."
-    )
-
-
-def summary(plan: Plan, drive: Path | None = None) -> list[str]:
-    """The plan in lines for people; `drive`: what it was held against."""
+def summary(plan: Plan) -> list[str]:
+    """The plan in lines for people."""
     config = plan.config
-    lines = [f"{plan.file}: nothing wrong in {_looked_at(plan, drive)}", "", "It would monitor:", ""]
+    lines = ["It would monitor:", ""]
     wheels = " ".join(wheel.wheel for wheel in plan.wheels)
     lines += _item("wheels", f"{wheels}, nominal radius {_radii(plan)}")
     for wheel in plan.wheels:
         lines += _item(wheel.wheel, f"{_signal(wheel.source)}, {_wheel(wheel)}")
-    lines += _item("bus", f"{plan.interface} {plan.channel}, decoded by {plan.dbc}")
+    lines += _item("bus", f"{plan.interface} {plan.channel}, decoded by {plan.dbc}{_periods(plan)}")
     for signal in plan.optional:
         lines += _item(signal.role, f"{_signal(signal)} in {signal.unit}")
     source = source_of(config.gnss)
@@ -216,8 +224,13 @@ def _radii(plan: Plan) -> str:
 
 def _signal(signal: SignalPlan) -> str:
     identifier = f"0x{signal.frame_id:0{8 if signal.extended else 3}X}"
-    period = "period not given" if signal.period_s is None else f"every {1000 * signal.period_s:g} ms"
-    return f"{signal.signal} (id {identifier}, {period}{', multiplexed' if signal.multiplexed else ''})"
+    period = "" if signal.period_s is None else f", every {1000 * signal.period_s:g} ms"
+    return f"{signal.signal} (id {identifier}{period}{', multiplexed' if signal.multiplexed else ''})"
+
+
+def _periods(plan: Plan) -> str:
+    signals = [*(wheel.source for wheel in plan.wheels), *plan.optional]
+    return "" if all(signal.period_s for signal in signals) else ", which gives no period for some messages"
 
 
 def _wheel(wheel: WheelPlan) -> str:
@@ -252,11 +265,18 @@ def _alarms(plan: Plan) -> str:
     )
 
 
-def _document(result: CheckResult) -> dict[str, object]:
+def _document(
+    result: CheckResult, drive: Path | None, suspected: list[dict[str, object]] | None
+) -> dict[str, object]:
+    from tpmsd.foundation.provenance import provenance
+
     return {
+        **provenance(SCHEMA, () if drive is None else (drive,), result.file),
+        "looked_at": {"configuration": result.file, "dbc": result.plan and result.plan.dbc, "drive": drive},
         "file": result.file,
         "ok": result.plan is not None,
         "problems": result.problems,
         "warnings": result.warnings,
         "plan": result.plan,
+        **({} if suspected is None else {"suspicions": suspected}),
     }
