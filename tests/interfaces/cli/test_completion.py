@@ -33,6 +33,8 @@ def test_bash_completes_commands_options_and_choices(capsys: pytest.CaptureFixtu
     assert ["replay"] == completed(script, "tpmsd", "repl")
     assert ["--parquet", "--plot"] == sorted(completed(script, "tpmsd", "replay", "--p"))
     assert ["mixed", "motorway"] == sorted(completed(script, "tpmsd", "simulate", "--route", "m"))
+    assert ["sun_side"] == completed(script, "tpmsd", "effects", "sun")
+    assert ["sun_side"] == completed(script, "tpmsd", "simulate", "--effect", "sun")
     assert ["report", "run"] == sorted(completed(script, "tpmsd", "fleet", "r"))
 
 

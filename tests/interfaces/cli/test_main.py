@@ -70,6 +70,10 @@ def test_wrong_usage(capsys: pytest.CaptureFixture[str], arguments: list[str]) -
             "tpmsd: unrecognized argument: --polt; did you mean --plot? (usage: tpmsd replay --help)",
         ),
         (
+            ["rplay", "d"],
+            "tpmsd: no such command: rplay; did you mean replay? (usage: tpmsd --help)",
+        ),
+        (
             ["replay"],
             "tpmsd: the following arguments are required: DRIVE (usage: tpmsd replay --help)",
         ),

@@ -399,6 +399,8 @@ def test_control_c_is_exit_code_130(monkeypatch: pytest.MonkeyPatch, made: Path)
         raise KeyboardInterrupt
 
     monkeypatch.setattr("tpmsd.interfaces.cli.check.run", interrupted)
-    monkeypatch.setattr(sys, "stderr", io.StringIO())
+    said = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", said)
 
     assert 130 == main(["check", str(made)])
+    assert "tpmsd: interrupted\n" == said.getvalue()

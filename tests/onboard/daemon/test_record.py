@@ -64,7 +64,7 @@ def test_a_recording_is_a_drive(tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 
 def test_nothing_that_comes_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A silent bus is exit code 3 and one line."""
+    """A silent bus is exit code 3 and one line, and leaves no folder behind."""
     command = [
         "record",
         str(tmp_path / "x"),
@@ -77,6 +77,7 @@ def test_nothing_that_comes_is_said(tmp_path: Path, capsys: pytest.CaptureFixtur
     ]
     assert 3 == main(command)
     assert "nothing came from CAN can0" in capsys.readouterr().err
+    assert [] == list(tmp_path.iterdir())
 
 
 def test_a_source_that_is_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,6 +7,7 @@ program knows.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from tpmsd.interfaces.cli.output import Subparsers
@@ -20,6 +21,20 @@ examples:
 
 exit codes: 0 done, 2 wrong usage
 """
+
+
+def _effect_names() -> tuple[str, ...]:
+    from tpmsd.car.physics.catalogue import EFFECTS
+
+    return tuple(EFFECTS)
+
+
+SUGGESTED: dict[tuple[str, str], Callable[[], tuple[str, ...]]] = {
+    ("effects", "name"): _effect_names,
+    ("plan", "effects"): _effect_names,
+    ("simulate", "effect"): _effect_names,
+}
+"""Command and argument -> words that are offered for it, where the parser itself takes any."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +78,7 @@ def commands_of(parser: argparse.ArgumentParser) -> list[Command]:
         options: list[tuple[str, str, tuple[str, ...]]] = []
         words: list[str] = []
         for action in each._actions:
-            choices = tuple(str(choice) for choice in action.choices or ())
+            choices = tuple(map(str, action.choices or SUGGESTED.get((name, action.dest), tuple)()))
             if action.option_strings:
                 options.append((action.option_strings[-1], _plain(action.help), choices))
             else:

@@ -18,6 +18,7 @@ import traceback
 from collections.abc import Sequence
 from pathlib import Path
 
+from tpmsd.car.config.suggest import nearest
 from tpmsd.foundation.errors import ConfigError, TpmsdError
 from tpmsd.foundation.lean import import_on_demand, leave_out_mf4, no_collection
 from tpmsd.foundation.version import __version__
@@ -105,6 +106,7 @@ def main(argv: Sequence[str] | None = None, commands: Commands = COMMANDS) -> in
             _say(line)
         return error.exit_code
     except KeyboardInterrupt:
+        _say("interrupted")
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         _forget_stdout()
@@ -158,6 +160,10 @@ def _run(arguments: list[str], commands: Commands) -> int:
             runner, chosen = module.run, subparsers.choices[name]
         else:
             subparsers.add_parser(name, help=summary, add_help=False)
+    names = list(subparsers.choices)
+    if wanted is not None and wanted not in names:
+        near = nearest(wanted, names)
+        parser.error(f"no such command: {wanted}" + (f"; did you mean {near}?" if near else ""))
     try:
         args, unknown = parser.parse_known_args(arguments)
     except SystemExit as leaving:  # argparse has said what it had to say

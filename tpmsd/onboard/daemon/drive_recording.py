@@ -8,6 +8,7 @@ loss costs some seconds at the end and nothing before.
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -21,6 +22,7 @@ from tpmsd.onboard.daemon.recorder import Appender, candump_line
 from tpmsd.onboard.sources.events import GnssFix
 from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
 
+CAN_LOG, NMEA_LOG = "can.log", "gnss.nmea"
 SYNC_S = 5.0
 FLUSH_S = 1.0
 WAIT_S = 0.05
@@ -60,10 +62,11 @@ class DriveRecording:
         max_bytes: int,
     ) -> None:
         """RecordingError where the folder cannot be made or holds a recording already."""
+        self._new_folder = not folder.exists()
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            self._can = Appender(folder / "can.log")
-            self._nmea = Appender(folder / "gnss.nmea")
+            self._can = Appender(folder / CAN_LOG)
+            self._nmea = Appender(folder / NMEA_LOG)
         except FileExistsError:
             raise RecordingError(f"{folder}: holds a recording already; name another folder") from None
         except OSError as error:
@@ -104,7 +107,17 @@ class DriveRecording:
             if self._receiver is not None:
                 self._receiver.close()
             descriptors.close()
+            if not self.seen.bytes:
+                self._remove_empty()
         return self.seen
+
+    def _remove_empty(self) -> None:
+        """Remove the files of a recording in which nothing was received, and the folder made for them."""
+        with contextlib.suppress(OSError):
+            for name in (CAN_LOG, NMEA_LOG):
+                (self._folder / name).unlink(missing_ok=True)
+            if self._new_folder:
+                self._folder.rmdir()
 
     def _collect(self, monotonic_s: float) -> None:
         seen = self.seen
