@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns import effect_truth
+from bench.campaigns.offline import effect_truth
 from bench.campaigns.offline.effect_truth import Truth
 from bench.worlds.motion import Course
 from bench.worlds.spec import Spec

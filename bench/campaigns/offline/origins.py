@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns import origins_coverage
+from bench.campaigns.offline import origins_coverage
 from bench.campaigns.offline.diagnosed import HELD_OUT_FROM, Row, diagnosed
 from bench.campaigns.offline.diagnosis.run import is_fault
 from bench.campaigns.offline.origins_report import REAL, markdown

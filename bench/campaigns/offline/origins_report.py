@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.campaigns import origins_coverage
+from bench.campaigns.offline import origins_coverage
 from bench.campaigns.offline.diagnosed import Row, by_half, parted
 from bench.statistics import apart, count, percent, uniform
 from bench.worlds import awkward, real_drives
