@@ -34,6 +34,11 @@ class Verdict(IntEnum):
     """First frame after the clock was set back: used, but times before and after must not be compared."""
 
 
+def timeout_of(period_s: float) -> float:
+    """Silence after which a message of this period has timed out; `period_s` is 0 while it is not known."""
+    return max(MIN_TIMEOUT_S, TIMEOUT_PERIODS * period_s) if period_s else FIRST_TIMEOUT_S
+
+
 _USE = Verdict.USE
 """Looked up for every frame: a member of an enumeration is found more slowly."""
 
@@ -179,7 +184,7 @@ class MessageArrival:
         # The mean is right however skewed the jitter is; intervals with frames missing do not count in it.
         near = [interval for interval in ordered if interval <= 1.8 * median]
         self.period_s = sum(near) / len(near)
-        self.timeout_s = max(MIN_TIMEOUT_S, TIMEOUT_PERIODS * self.period_s)
+        self.timeout_s = timeout_of(self.period_s)
         usual_late = near[9 * len(near) // 10] + 0.5 * self.period_s
         self._lost_after_s = max(LOST_PERIODS * self.period_s, usual_late)
         # Senders change their rate (some start slowly), so the median follows.

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.sources.can_arrival import MessageArrival, timeout_of
 from tpmsd.onboard.sources.can_block import ERROR, REMOTE, FrameBlock
 from tpmsd.onboard.sources.can_decoder import CanDecoder, Group
 from tpmsd.onboard.sources.even_readings import Even, even_counts, even_speeds
@@ -248,8 +249,14 @@ class _Try:
             self._found_odd(int(places[np.argmax(odd)]))
         frames = Frames(places, time_s)
         period_s = self._arrivals(group, frames, values)
+        # Stamps behind an odd frame need not rise, and trackers are asked about rising ones alone.
+        sound = slice(int(np.searchsorted(places, self._odd)))
+        places, time_s, period_s = places[sound], time_s[sound], period_s[sound]
+        raw = [bits[sound] for bits in raw]
+        values = [None if value is None else value[sound] for value in values]
         if len(places) == 0:
             return
+        frames = Frames(places, time_s)
         self._groups.append(frames)
         evens: list[Even] = []
         for number, signal in enumerate(group.plan.signals):
@@ -301,8 +308,7 @@ class _Try:
         even = min(len(periods), watch.even(stamps, compared))
         if even < len(places):
             self._found_odd(places[even])
-        else:
-            self._watch_silence(arrival.last_s, arrival.timeout_s, arrival.timed_out)
+        self._watch_silence(group.arrival, places[:even], stamps[:even], periods[:even])
         if places:
             payload = self._of.block.payload(places[-1])
 
@@ -313,11 +319,24 @@ class _Try:
             self._settle.append(settle)
         return np.array(periods + [0.0] * (len(places) - len(periods)))
 
-    def _watch_silence(self, last_s: float, timeout_s: float, timed_out: bool) -> None:
-        """A message whose time-out falls before the end: where that is."""
-        time_s = self._of.block.time_s[self._start : self._stop]
-        if not timed_out and time_s[-1] - last_s > timeout_s:
-            self._found_odd(self._start + int(np.argmax(time_s - last_s > timeout_s)))
+    def _watch_silence(
+        self, before: MessageArrival, places: list[int], stamps: list[float], periods: list[float]
+    ) -> None:
+        """The first frame of the range, of whatever message, at whose stamp this message is overdue.
+
+        `before`: the arrival before the range; `places`, `stamps`, `periods`: of the message's frames in it,
+        up to the first that is not even.
+        """
+        last_s = np.array([before.last_s, *stamps])
+        timeout_s = np.array([before.timeout_s, *map(timeout_of, periods)])
+        # A frame meets what is known before it.
+        frames = np.diff([self._start, *(place + 1 for place in places), self._stop])
+        silent_s = self._of.block.time_s[self._start : self._stop] - np.repeat(last_s, frames)
+        overdue = silent_s > np.repeat(timeout_s, frames)
+        if before.timed_out:
+            overdue[: frames[0]] = False
+        if overdue.any():
+            self._found_odd(self._start + int(np.argmax(overdue)))
 
     def _frozen(
         self,

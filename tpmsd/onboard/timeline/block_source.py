@@ -22,7 +22,7 @@ from tpmsd.onboard.sources.stretch import BlockPlaces, Stretch, foresee
 from tpmsd.onboard.timeline.tick import Tick
 from tpmsd.onboard.timeline.tick_plan import PlannedTick
 from tpmsd.onboard.timeline.tick_source import TickSource
-from tpmsd.onboard.timeline.timeline import Timeline
+from tpmsd.onboard.timeline.timeline import MAX_PAUSE_S, Timeline
 
 RETRY_FRAMES, MOST_RETRY_FRAMES = 16, 1024
 """Frames that go one by one after an odd one: doubled as long as nothing comes of it."""
@@ -40,6 +40,9 @@ class _Ahead:
         self._plan = timeline.plan(stretch)
         time_s = block.time_s[stretch.start : stretch.stop]
         latest_s = np.maximum.accumulate(time_s)
+        interval_s = np.diff(time_s)
+        self.flows = bool(np.all((interval_s >= 0.0) & (interval_s <= MAX_PAUSE_S)))
+        """Whether no stamp is before the one before it or a pause behind it."""
         # Asked one by one some hundred thousand times: of lists that takes a tenth of the time.
         self._time_s: list[float] = time_s.tolist()
         self._host_s: list[float] = latest_s.tolist()
@@ -71,6 +74,8 @@ class _Ahead:
         """What wheels and readings say in a tick that is about to be made when the frames before a place were
         played; the timeline is given their samples where it needs them."""
         tick = None if self._plan is None else self._plan.tick(index, end_s, place)
+        if tick is None:
+            self._plan = None  # Late readings go into other ticks than it says.
         timeline = self._timeline
         observed = timeline.observe is not None and end_s >= self._shown_s + timeline.observe_late_s
         if tick is None or observed:
@@ -220,9 +225,8 @@ class BlockSource:
     def _serve(self, ahead: _Ahead, stop: int) -> Iterator[Tick]:
         """The samples up to a frame, and the ticks that its stamps complete."""
         source, timeline = self._source, self._source.timeline
-        if not timeline.goes_on(ahead.time_s(self._at)) and not timeline.is_even(
-            ahead.block.time_s[self._at : stop]
-        ):
+        flows = ahead.flows and timeline.goes_on(ahead.time_s(self._at))
+        if not flows and not timeline.is_even(ahead.block.time_s[self._at : stop]):
             self.leave()
             self._retry_at = stop
             return
