@@ -55,12 +55,13 @@ def run(args: argparse.Namespace) -> int:
     """Read, write, report."""
     from tpmsd.foundation.provenance import provenance
     from tpmsd.interfaces.api.import_table import load_table
+    from tpmsd.interfaces.cli.drive_reading import say
     from tpmsd.onboard.sources.can_frame import CanFrame
 
     outputs = Outputs(("--json", args.json))
     if args.drive.exists() and (not args.drive.is_dir() or any(args.drive.iterdir())):
         raise ConfigError(f"{args.drive}: exists already")
-    drive = load_table(args.table, args.map)
+    drive = load_table(args.table, args.map, say)
     drive.save(args.drive)
     items = getattr(drive.recording, "items", ())
     frames = sum(isinstance(item, CanFrame) for item in items)

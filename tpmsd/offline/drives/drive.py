@@ -22,7 +22,7 @@ from tpmsd.offline.drives.reading import FolderRecording, MemoryRecording, Recor
 from tpmsd.offline.tables.car_file import Table, car_tables, config_of, toml_text
 from tpmsd.offline.tables.encode import Encoded, encode
 from tpmsd.offline.tables.from_columns import Columns, series_of
-from tpmsd.offline.tables.gather import signals_from
+from tpmsd.offline.tables.gather import signals_from, split_empty
 from tpmsd.offline.tables.signals import Series
 
 ANTENNA = ("antenna_forward_m", "antenna_left_m", "latency_s")
@@ -71,7 +71,8 @@ class Drive:
 
         `vehicle` is the table [vehicle] of a vehicle.toml as a dict, or a file or folder with a vehicle.toml,
         or a `Config`, of which antenna, [filter], [monitor] and [tyre] hold, too. `settings` are further
-        tables of it, such as `{"filter": {"seed": 2}}`. Unknown readings are NaN.
+        tables of it, such as `{"filter": {"seed": 2}}`. Unknown readings are NaN; a wheel or a signal
+        without any reading is left out.
 
         ConfigError with one line where columns or values make no sense.
 
@@ -92,7 +93,8 @@ class Drive:
         if gnss is not None:
             series = _joined(series, series_of(gnss, "gnss", radii, "gnss_"))
         moduli = {} if modulus is None else {f"wheel_count_{wheel}": modulus for wheel in WHEELS}
-        return drive_of(encode(signals_from(series, moduli)), tables, name)
+        read, _ = split_empty(series)
+        return drive_of(encode(signals_from(read, moduli)), tables, name)
 
     def save(self, folder: str | Path) -> Path:
         """Write a drive that was made from tables as a drive folder, and return its path.

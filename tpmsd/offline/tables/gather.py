@@ -31,6 +31,17 @@ class TableError(ConfigError):
     """Readings that cannot be used, whatever the columns are said to be."""
 
 
+def split_empty(series: Mapping[str, Series]) -> tuple[dict[str, Series], list[str]]:
+    """The series without wheels and inertial signals that hold no reading at all, and the roles of those.
+
+    A tick table has every column, also those of signals that the car does not send. What a receiver left
+    empty stays: an empty accuracy means that it told none.
+    """
+    optional = {*ANGLE_ROLES, *SPEED_ROLES, *COUNT_ROLES, *OPTIONAL_ROLES}
+    empty = [role for role, one in series.items() if role in optional and not len(one.finite().time_s)]
+    return {role: one for role, one in series.items() if role not in empty}, empty
+
+
 def signals_from(series: Mapping[str, Series], modulus: Mapping[str, int] | None = None) -> Signals:
     """Sort the series out; `modulus`: at which number a wheel's count begins anew, by role.
 

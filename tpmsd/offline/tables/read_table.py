@@ -7,6 +7,7 @@ signals of MF4 bring their own times; those of HDF5 files name the data set with
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import math
 from array import array
@@ -17,9 +18,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from tpmsd.foundation.errors import InputError
+from tpmsd.foundation.lean import bring_in_mf4
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.tables.extras import need
 from tpmsd.offline.tables.write import SCHEMA, SCHEMA_KEY, VEHICLE_KEY
+from tpmsd.onboard.sources.can_log_others import opened_quietly
+from tpmsd.onboard.sources.packed_bounds import check_mf4
 
 SUFFIXES = (".csv", ".tsv", ".txt", ".parquet", ".mf4", ".mdf", ".mat", ".h5", ".hdf5")
 NOTHING = frozenset(("", "nan", "na", "n/a", "null", "none", "-"))
@@ -147,12 +151,16 @@ class Mf4Table:
     """A measurement file of the automotive industry (ASAM MDF 4), by asammdf."""
 
     def __init__(self, path: Path) -> None:
+        with contextlib.suppress(ImportError):
+            bring_in_mf4()  # the command line leaves it out of what it imports
         asammdf = need("asammdf", "mf4", "MF4 files")
         self.path = path
         self.vehicle_toml: str | None = None
         try:
-            self._file = asammdf.MDF(str(path))
-        except Exception as error:  # its parsers raise whatever a broken file makes of them
+            with path.open("rb") as file:
+                check_mf4(file)
+            self._file: Any = opened_quietly(lambda: asammdf.MDF(str(path)))
+        except ValueError as error:
             raise InputError(path, f"not an MF4 file: {' '.join(str(error).split())[:200]}") from None
         self._start_s = self._file.start_time.timestamp()
         self.names: tuple[str, ...] = tuple(self._file.channels_db)

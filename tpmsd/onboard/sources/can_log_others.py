@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import TextIO, cast
+from typing import TextIO, TypeVar, cast
 
 import can
 
@@ -27,6 +27,7 @@ LONGEST_BYTES = 64
 """Data of a CAN FD frame."""
 
 Note = Callable[[int, str], None]
+Opened = TypeVar("Opened")
 
 
 def read_by_python_can(suffix: str, path: Path, note: Note) -> Iterator[CanFrame]:
@@ -96,13 +97,18 @@ def _read_mf4(path: Path, note: Note) -> Iterator[CanFrame]:
 
 
 def _open_mf4(path: Path) -> can.io.generic.MessageReader:
-    """The reader; where it fails, asammdf's half-made objects go without printing a traceback."""
     from can.io.mf4 import MF4Reader
 
+    return opened_quietly(lambda: MF4Reader(path))
+
+
+def opened_quietly(open_file: Callable[[], Opened]) -> Opened:
+    """What `open_file` returns; where it fails, asammdf's half-made objects go without printing a traceback,
+    and a ValueError tells the reason."""
     hook = sys.unraisablehook
     sys.unraisablehook = lambda _: None
     try:
-        return MF4Reader(path)
+        return open_file()
     except Exception as error:
         # The traceback keeps the half-made object, whose destructor fails: let both go while nobody looks.
         reason = _reason(error)
