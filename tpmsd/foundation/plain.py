@@ -9,7 +9,40 @@ import dataclasses
 import enum
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+MOST_REPR_CHARS = 800
+"""Length of a record's `repr`: a screen of text at most."""
+_FEW = 4
+"""A collection of so few numbers or short texts is shown whole."""
+_SHORT_CHARS = 60
+Record = TypeVar("Record", bound=type)
+
+
+def brief(record: Record) -> Record:
+    """Class decorator of a dataclass: its `repr` is one line in which arrays and collections are counted and
+    further records are named."""
+
+    def line(self: Any) -> str:
+        shown = [f"{f.name}={_shown(getattr(self, f.name))}" for f in dataclasses.fields(self) if f.repr]
+        text = f"{type(self).__name__}({', '.join(shown)})"
+        return text if len(text) <= MOST_REPR_CHARS else f"{text[: MOST_REPR_CHARS - 4]}...)"
+
+    record.__repr__ = line  # type: ignore[method-assign, assignment]
+    return record
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, str | bool | int | float | Path | enum.Enum) or value is None:
+        text = repr(value)
+        return text if len(text) <= _SHORT_CHARS else f"{text[: _SHORT_CHARS - 3]}..."
+    if hasattr(value, "shape") and hasattr(value, "dtype"):
+        return f"<array {value.shape}>"
+    if isinstance(value, list | tuple | dict | set | frozenset):
+        whole = repr(value) if len(value) <= _FEW and not isinstance(value, dict) else ""
+        simple = all(isinstance(one, str | bool | int | float) for one in value)
+        return whole if whole and simple and len(whole) <= _SHORT_CHARS else f"<{len(value)} items>"
+    return f"<{type(value).__name__}>"
 
 
 def plain(obj: Any) -> Any:

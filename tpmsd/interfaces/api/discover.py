@@ -5,7 +5,6 @@ In: a drive folder, a CAN log with an NMEA log, or a `Drive`; a DBC where there 
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +16,7 @@ from tpmsd.foundation.plain import plain
 from tpmsd.foundation.provenance import provenance
 from tpmsd.interfaces.api.axes import own_axes
 from tpmsd.interfaces.api.car_library import load_cars
+from tpmsd.interfaces.api.card import card, one_line
 from tpmsd.offline.discovery.discover import discover as discover_raw
 from tpmsd.offline.discovery.frames import BusLog
 from tpmsd.offline.discovery.result import Discovery as DiscoveryResult
@@ -91,15 +91,17 @@ class Discovery:
         axes.set(xlabel="probability", xlim=(0.0, 1.0))
         return axes
 
+    def __repr__(self) -> str:
+        """The signals of the wheels and whether they are decided."""
+        decided = "wheels decided" if self.wheels_decided else "wheels not decided"
+        found = [f"{role}={one.field.signal}" for role, one in self.roles.items()]
+        return one_line("Discovery", decided, *found)
+
     def _repr_html_(self) -> str:
-        """The roles as a table for a notebook."""
-        rows = "".join(
-            f"<tr><td>{html.escape(role)}</td><td>{html.escape(one.field.signal)}</td>"
-            f"<td>{one.probability:.3f}</td></tr>"
-            for role, one in self.roles.items()
-        )
-        heads = "<th>role</th><th>signal</th><th>probability</th>"
-        return f"<table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>"
+        """The roles as a card for a notebook."""
+        rows = [(role, one.field.signal, f"{one.probability:.3f}") for role, one in self.roles.items()]
+        decided = "every wheel has its signal" if self.wheels_decided else "not every wheel has its signal"
+        return card(f"Discovery: {decided}", (("role", "signal", "probability"), rows))
 
 
 def discover(

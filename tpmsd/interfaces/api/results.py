@@ -6,9 +6,7 @@ In: the results of replay, diagnosis and calibration. Out: `Replay`, `Diagnosis`
 
 from __future__ import annotations
 
-import html
 import math
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +19,7 @@ from tpmsd.foundation.plain import plain
 from tpmsd.foundation.provenance import provenance
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.interfaces.api.axes import own_axes
+from tpmsd.interfaces.api.card import card, one_line
 from tpmsd.offline.report.replay_document import replay_document
 from tpmsd.offline.report.replay_result import ReplayResult, WheelOutcome
 from tpmsd.offline.report.replay_series import settled_range
@@ -77,6 +76,14 @@ class Replay:
         """Each wheel that was on the bus, at the end of the drive."""
         return {one.wheel: one for one in self.result.wheels if one.seen_s > 0}
 
+    def __repr__(self) -> str:
+        """Drive, length and what is raised at its end."""
+        result = self.result
+        raised = [f"{a.kind} {a.wheel or ''}".strip() for a in self.alarms if a.state == "raised"]
+        minutes = result.duration_s / 60.0
+        alarms = f"raised: {', '.join(raised)}" if raised else "no alarms"
+        return one_line("Replay", repr(result.drive), f"{minutes:.1f} min", alarms)
+
     def to_dict(self) -> dict[str, Any]:
         """The document of `tpmsd replay --json`."""
         return _plain_dict({**self.source.document(REPLAY_SCHEMA), **replay_document(self.result)})
@@ -122,7 +129,7 @@ class Replay:
         return axes
 
     def _repr_html_(self) -> str:
-        """The wheels and alarms as tables for a notebook."""
+        """The wheels and alarms as a card for a notebook."""
         document = self.to_dict()
         wheels = [
             (
@@ -138,7 +145,7 @@ class Replay:
             for one in document["alarms"]
         ]
         head = f"{document['drive']}: {(document['duration_s'] or 0.0) / 60:.1f} min"
-        return _page(
+        return card(
             head,
             (("wheel", "minus nominal (mm)", "change (mm)", "state"), wheels),
             (("time", "alarm", "wheel", "state", "reason"), alarms),
@@ -173,6 +180,11 @@ class Diagnosis:
         """Write the extended model as a model.toml that the commands take with --model."""
         save_model(Path(path), self.model, f"written by tpmsd.diagnose from {', '.join(self.drives)}")
         return Path(path)
+
+    def __repr__(self) -> str:
+        """Drives, verdict and findings."""
+        found = [f"{one.effect} ({one.confidence:.2f})" for one in self.findings]
+        return one_line("Diagnosis", repr(", ".join(self.drives)), self.verdict, *found)
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `tpmsd diagnose --json`."""
@@ -234,14 +246,14 @@ class Diagnosis:
         return axes
 
     def _repr_html_(self) -> str:
-        """The findings as a table for a notebook."""
+        """The findings as a card for a notebook."""
         rows = []
         for finding in self.to_dict()["findings"]:
             values = ", ".join(f"{name} = {_quantity(one)}" for name, one in finding["parameters"].items())
             rows.append((finding["effect"], values, f"{finding['confidence']:.2f}"))
         reason = f" ({self.result.reason})" if self.result.reason else ""
         head = f"{', '.join(self.drives)}: {self.verdict}{reason}"
-        return _page(head, (("effect", "parameters", "confidence"), rows))
+        return card(head, (("effect", "parameters", "confidence"), rows))
 
 
 @dataclass(frozen=True)
@@ -256,6 +268,14 @@ class Calibration:
     def radii_m(self) -> dict[str, float]:
         """The radius of each wheel that was read."""
         return {wheel: one.radius_m for wheel, one in self.result.wheels.items()}
+
+    def __repr__(self) -> str:
+        """Drives and radii."""
+        drives, wheels = ", ".join(self.result.drives), self.result.wheels
+        radii = [
+            f"{w} {1e3 * one.radius_m:.2f} ± {1e3 * one.radius_std_m:.2f} mm" for w, one in wheels.items()
+        ]
+        return one_line("Calibration", repr(drives), *radii)
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `tpmsd calibrate --json`."""
@@ -283,12 +303,12 @@ class Calibration:
         return axes
 
     def _repr_html_(self) -> str:
-        """The radii as a table for a notebook."""
+        """The radii as a card for a notebook."""
         rows = [
             (wheel, f"{1e3 * one.radius_m:.2f} ± {1e3 * one.radius_std_m:.2f}")
             for wheel, one in self.result.wheels.items()
         ]
-        return _page(f"Calibration from {', '.join(self.result.drives)}", (("wheel", "radius (mm)"), rows))
+        return card(f"Calibration from {', '.join(self.result.drives)}", (("wheel", "radius (mm)"), rows))
 
 
 def _plain_dict(document: dict[str, Any]) -> dict[str, Any]:
@@ -307,15 +327,3 @@ def _quantity(quantity: dict[str, Any]) -> str:
     if not isinstance(value, int | float):
         return str(value)
     return f"{value:.4g}" + ("" if std is None else f" ± {std:.2g}") + f" {quantity['unit']}"
-
-
-def _page(head: str, *tables: tuple[Sequence[str], Iterable[Sequence[object]]]) -> str:
-    parts = [f"<p><b>{html.escape(head)}</b></p>"]
-    for names, rows in tables:
-        body = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows
-        )
-        titles = "".join(f"<th>{html.escape(name)}</th>" for name in names)
-        if body:
-            parts.append(f"<table><thead><tr>{titles}</tr></thead><tbody>{body}</tbody></table>")
-    return "".join(parts)

@@ -8,6 +8,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from tpmsd.foundation.plain import brief
+
 
 @dataclass(frozen=True, slots=True)
 class WheelResult:
@@ -36,6 +38,7 @@ class Effect:
     unit: str
 
 
+@brief
 @dataclass(frozen=True)
 class Calibration:
     """Radii and tracks of a car by its drives."""

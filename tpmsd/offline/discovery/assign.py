@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tpmsd.foundation.plain import brief
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.discovery.library import Match
 from tpmsd.offline.discovery.names import CLEAR, named_wheel
@@ -19,6 +20,7 @@ from tpmsd.offline.discovery.settings import SETTINGS, Settings
 from tpmsd.offline.discovery.wheels import Follower
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Role:
     """Who plays a wheel."""
@@ -30,6 +32,7 @@ class Role:
     """Other signals and their probability."""
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Assignment:
     """The wheels."""

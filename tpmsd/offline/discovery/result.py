@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from tpmsd.foundation.plain import brief
 from tpmsd.offline.discovery.assign import Assignment
 from tpmsd.offline.discovery.series import Field
 from tpmsd.onboard.sources.signal_plan import BUS_SHIFT
@@ -76,6 +77,7 @@ class Undecided:
         return {"key": self.key, "why": self.why, "drive": self.drive}
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Discovery:
     """All of it."""

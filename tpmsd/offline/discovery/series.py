@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from tpmsd.foundation.plain import brief
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.discovery.frames import MessageLog
 from tpmsd.offline.discovery.reference import cell_means
@@ -45,6 +46,7 @@ class Field:
         return f"{self.message}.{self.name}"
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Series:
     """A field read in one way."""

@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tpmsd.car.physics.priors import DRAG_SLIP_S2PM2
+from tpmsd.foundation.plain import brief
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.discovery.reference import Reference
 from tpmsd.offline.discovery.regress import Fit, fit, with_prior
@@ -28,6 +29,7 @@ from tpmsd.offline.discovery.series import Series
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Follower:
     """A series that follows the car's speed."""

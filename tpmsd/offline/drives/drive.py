@@ -18,13 +18,16 @@ from tpmsd.car.config.load import load_config
 from tpmsd.car.config.model import Config
 from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.foundation.wheels import WHEELS
+from tpmsd.interfaces.api.card import card, one_line
 from tpmsd.offline.drives.reading import FolderRecording, MemoryRecording, Recording
 from tpmsd.offline.tables.car_file import Table, car_tables, config_of, toml_text
 from tpmsd.offline.tables.encode import Encoded, encode
 from tpmsd.offline.tables.from_columns import Columns, series_of
 from tpmsd.offline.tables.gather import signals_from, split_empty
 from tpmsd.offline.tables.signals import Series
+from tpmsd.onboard.sources.can_frame import CanFrame
 
+KINDS = ("wheel_count", "wheel_speed")
 ANTENNA = ("antenna_forward_m", "antenna_left_m", "latency_s")
 
 
@@ -37,6 +40,31 @@ class Drive:
     recording: Recording
     vehicle_toml: str | None = None
     """The configuration as text, where the drive has no folder."""
+
+    def __repr__(self) -> str:
+        """Name, place or size, and wheels."""
+        signals = self.config.can.signals
+        wheels = [
+            wheel for wheel in WHEELS if any(role == f"{kind}_{wheel}" for role in signals for kind in KINDS)
+        ]
+        return one_line("Drive", repr(self.name), self._extent(), f"wheels {' '.join(wheels)}")
+
+    def _repr_html_(self) -> str:
+        """Place or size, car and signals as a card for a notebook."""
+        vehicle = self.config.vehicle
+        radii = [1e3 * radius for radius in vehicle.wheel_radius_m]
+        rows = [("recording", self._extent())]
+        rows += [("wheel radii", " ".join(f"{w} {r:g} mm" for w, r in zip(WHEELS, radii, strict=True)))]
+        signals = list(self.config.can.signals.items())
+        return card(f"Drive {self.name}", (("", ""), rows), (("role", "signal"), signals))
+
+    def _extent(self) -> str:
+        if not isinstance(self.recording, MemoryRecording):
+            return f"in {self.folder}"
+        items = self.recording.items
+        frames = sum(isinstance(item, CanFrame) for item in items)
+        span_s = items[-1].time_s - items[0].time_s if items else 0.0
+        return f"{span_s:.0f} s in memory, {frames:,} frames, {len(items) - frames:,} sentences"
 
     @property
     def folder(self) -> Path | None:

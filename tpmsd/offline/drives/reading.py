@@ -21,6 +21,7 @@ from tpmsd.car.config.coarse_speed import coarse_speeds
 from tpmsd.car.config.model import Config
 from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.foundation.lean import no_collection
+from tpmsd.foundation.plain import brief
 from tpmsd.onboard.sources.can_block import FrameBlock
 from tpmsd.onboard.sources.can_channels import bus_numbers, channel_names, choose_channel
 from tpmsd.onboard.sources.can_decoder import CanDecoder
@@ -145,6 +146,7 @@ class FolderRecording:
         return stream, database
 
 
+@brief
 @dataclass(frozen=True)
 class MemoryRecording:
     """Frames and sentences that never were files, in the order of their stamps."""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tpmsd.car.config.model import MonitorConfig, VehicleConfig
+from tpmsd.foundation.plain import brief
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.records import AlarmEvent, WheelState
 from tpmsd.onboard.resonance.watch import ResonanceStatus
@@ -80,6 +81,7 @@ class FinalPose:
     heading_std_rad: float
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class ReplayResult:
     """A drive after its replay. Series have n rows, at most `max_points`; columns are as in WHEELS."""

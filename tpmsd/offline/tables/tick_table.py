@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tpmsd.foundation.plain import brief
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.tables.columns import COLUMNS, INERTIAL, NUMBERS, TEXTS
 from tpmsd.onboard.monitor.records import AlarmEvent
@@ -33,6 +34,7 @@ CHUNK_ROWS = 4096
 Texts = tuple[str, ...]
 
 
+@brief
 @dataclass(frozen=True)
 class TickTable:
     """n rows; the columns of `tpmsd.offline.tables.columns`."""

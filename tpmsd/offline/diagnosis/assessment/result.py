@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.foundation.plain import brief
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.assessment.reach import Reach
 
@@ -152,6 +153,7 @@ class Remaining:
     replicates: int
 
 
+@brief
 @dataclass(frozen=True)
 class Diagnosis:
     """The whole answer for one drive or several."""
@@ -208,6 +210,7 @@ class Trace:
     after: FloatArray
 
 
+@brief
 @dataclass(frozen=True)
 class Ground:
     """The drive's map."""
@@ -220,6 +223,7 @@ class Ground:
     """
 
 
+@brief
 @dataclass(frozen=True)
 class Inner:
     """What the pictures are drawn from."""

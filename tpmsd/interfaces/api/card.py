@@ -1,0 +1,51 @@
+"""Records as one line and as a small card for notebooks.
+
+In: a headline, tables of texts. Out: text, HTML. Pure.
+
+The HTML takes colours and fonts from the page around it, so it is readable on dark pages as well; it loads
+nothing. All texts are escaped.
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+
+MOST_CHARS = 400
+"""Length of one line: longer ones wrap several times on a terminal."""
+MOST_ROWS = 20
+"""Rows of a table on a card; the whole is in `to_dict()` and `to_pandas()`."""
+_CARD = (
+    "display:inline-block;border:1px solid;border-radius:6px;padding:.5em 1em;max-width:100%;overflow:auto"
+)
+
+Row = Sequence[object]
+
+
+def one_line(kind: str, *parts: str) -> str:
+    """`Kind(part, part)`, cut where it is longer than `MOST_CHARS`."""
+    text = f"{kind}({' '.join(', '.join(part for part in parts if part).split())})"
+    return text if len(text) <= MOST_CHARS else f"{text[: MOST_CHARS - 4]}...)"
+
+
+def card(head: str, *tables: tuple[Row, Sequence[Row]]) -> str:
+    """A headline and tables (titles and rows; those without rows are left out) as HTML."""
+    parts = [f'<div class="tpmsd-card" style="{_CARD}">', f"<p><b>{_cut(head)}</b></p>"]
+    for titles, rows in tables:
+        if not rows:
+            continue
+        heads = "".join(f"<th>{_cut(title)}</th>" for title in titles)
+        body = "".join(_row(row) for row in rows[:MOST_ROWS])
+        if len(rows) > MOST_ROWS:
+            body += _row([f"and {len(rows) - MOST_ROWS} more"])
+        parts.append(f"<table><thead><tr>{heads}</tr></thead><tbody>{body}</tbody></table>")
+    return "".join([*parts, "</div>"])
+
+
+def _row(row: Row) -> str:
+    return f"<tr>{''.join(f'<td>{_cut(cell)}</td>' for cell in row)}</tr>"
+
+
+def _cut(cell: object) -> str:
+    text = str(cell)
+    return html.escape(text if len(text) <= MOST_CHARS else f"{text[: MOST_CHARS - 3]}...")
