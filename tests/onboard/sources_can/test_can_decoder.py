@@ -191,6 +191,22 @@ def test_each_message_times_out_once_per_episode() -> None:
     assert 4 == len(faults(decoder.poll(3.3)))
 
 
+def test_a_message_that_is_back_with_a_late_stamp_times_out_as_any_other() -> None:
+    """When a time-out is found does not depend on polls that found nothing."""
+    often, seldom = speed_decoder(), speed_decoder()
+    for decoder in (often, seldom):
+        for step in range(101):
+            decoder.decode(step / 100, 0xB0, False, speeds_frame(72, 72, 72, 72))
+        assert 4 == len(decoder.poll(1.5))
+    assert [] == often.poll(2.0)
+    for decoder in (often, seldom):
+        assert [] == faults(decoder.decode(1.85, 0xB0, False, speeds_frame(72, 72, 72, 72)))
+
+    for decoder in (often, seldom):
+        decoder.poll(2.08)
+    assert (2, 2) == (often.counts["fl.timeout"], seldom.counts["fl.timeout"])
+
+
 def test_a_silence_that_nobody_polled_is_a_time_out_too() -> None:
     """The next frame shows it; so a replay counts what a live run counts."""
     decoder = counter_decoder()

@@ -273,7 +273,9 @@ class CanDecoder:
         elif arrival.lost:
             for place in group.places:
                 self._faults.note(out, time_s, "lost", place, group.plan.name, arrival.lost)
-        arrival.timed_out = False
+        if arrival.timed_out:
+            # It counts again from now on, and with a late stamp it may be overdue at once.
+            arrival.timed_out, self._calm_until_s = False, -math.inf
         watch = group.watch
         fast = watch.frame(time_s)
 
