@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import tpmsd
-from tpmsd.interfaces.api.card import MOST_ROWS, card
+from tpmsd.offline.report.card import MOST_ROWS, card
 
 MOST_REPR_CHARS = 2_000
 

@@ -16,7 +16,6 @@ from tpmsd.foundation.plain import plain
 from tpmsd.foundation.provenance import provenance
 from tpmsd.interfaces.api.axes import own_axes
 from tpmsd.interfaces.api.car_library import load_cars
-from tpmsd.interfaces.api.card import card, one_line
 from tpmsd.offline.discovery.discover import discover as discover_raw
 from tpmsd.offline.discovery.frames import BusLog
 from tpmsd.offline.discovery.result import Discovery as DiscoveryResult
@@ -26,6 +25,7 @@ from tpmsd.offline.discovery.tooth_count import tyre_radius_m
 from tpmsd.offline.drives.drive import Drive
 from tpmsd.offline.drives.raw_drive import read_drive
 from tpmsd.offline.drives.reading import MemoryRecording
+from tpmsd.offline.report.card import card, one_line
 from tpmsd.offline.tables.extras import need_pandas
 from tpmsd.onboard.sources.can_block import block_of
 from tpmsd.onboard.sources.can_frame import CanFrame

@@ -19,7 +19,7 @@ from tpmsd.foundation.plain import plain
 from tpmsd.foundation.provenance import provenance
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.interfaces.api.axes import own_axes
-from tpmsd.interfaces.api.card import card, one_line
+from tpmsd.offline.report.card import card, one_line
 from tpmsd.offline.report.replay_document import replay_document
 from tpmsd.offline.report.replay_result import ReplayResult, WheelOutcome
 from tpmsd.offline.report.replay_series import settled_range

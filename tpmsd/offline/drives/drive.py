@@ -18,8 +18,8 @@ from tpmsd.car.config.load import load_config
 from tpmsd.car.config.model import Config
 from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.foundation.wheels import WHEELS
-from tpmsd.interfaces.api.card import card, one_line
 from tpmsd.offline.drives.reading import FolderRecording, MemoryRecording, Recording
+from tpmsd.offline.report.card import card, one_line
 from tpmsd.offline.tables.car_file import Table, car_tables, config_of, toml_text
 from tpmsd.offline.tables.encode import Encoded, encode
 from tpmsd.offline.tables.from_columns import Columns, series_of

@@ -251,6 +251,11 @@ class CanDecoder:
         self._polled_s, self._calm_until_s = time_s, oldest_s + 0.5 * MIN_TIMEOUT_S
         return out
 
+    def _is_back(self, arrival: MessageArrival) -> None:
+        """Count a message again after its time-out; with a late stamp it may be overdue at once."""
+        if arrival.timed_out:
+            arrival.timed_out, self._calm_until_s = False, -math.inf
+
     def _decode_group(
         self, time_s: float, group: Group, data: bytes, little: int, big: int, out: list[Event]
     ) -> None:
@@ -273,9 +278,7 @@ class CanDecoder:
         elif arrival.lost:
             for place in group.places:
                 self._faults.note(out, time_s, "lost", place, group.plan.name, arrival.lost)
-        if arrival.timed_out:
-            # It counts again from now on, and with a late stamp it may be overdue at once.
-            arrival.timed_out, self._calm_until_s = False, -math.inf
+        self._is_back(arrival)
         watch = group.watch
         fast = watch.frame(time_s)
 

@@ -225,28 +225,14 @@ class _Try:
         block = self._of.block
         places = self._present(group.plan.selectors, places)
         time_s = block.time_s[places]
-        odd = np.zeros(len(places), dtype=bool)
-        raw: list[RawArray] = []
-        for signal in group.plan.signals:
-            odd |= block.size[places] < signal.field.min_bytes
-            raw.append(self._bits(signal.field, places))
-            if signal.invalid:
-                odd |= np.isin(raw[-1], np.array(sorted(signal.invalid), dtype=np.uint64))
-            if signal.modulus:
-                odd |= raw[-1] >= np.uint64(signal.modulus)
-            if signal.valid_when is not None:
-                odd |= ~self._holds(signal.valid_when, places)
+        raw = [self._bits(signal.field, places) for signal in group.plan.signals]
         values = [
             None if signal.modulus else self._values(signal, bits, places)
             for signal, bits in zip(group.plan.signals, raw, strict=True)
         ]
-        for value in values:
-            if value is not None:
-                odd |= ~np.isfinite(value)
-        if any(group.doubted) or group.watch.uneasy:
-            odd[:] = True
-        if odd.any():
-            self._found_odd(int(places[np.argmax(odd)]))
+        unusable = self._unusable(group, places, raw, values)
+        if unusable.any():
+            self._found_odd(int(places[np.argmax(unusable)]))
         frames = Frames(places, time_s)
         period_s = self._arrivals(group, frames, values)
         # Stamps behind an odd frame need not rise, and trackers are asked about rising ones alone.
@@ -277,6 +263,25 @@ class _Try:
             evens.append(even)
         if group.frozen is not None:
             self._frozen(group, places, time_s, dict(zip(group.trackers, evens, strict=True)), values)
+
+    def _unusable(
+        self, group: Group, places: Places, raw: list[RawArray], values: list[FloatArray | None]
+    ) -> NDArray[np.bool_]:
+        """Frames with a signal that is short, invalid, not qualified or no number, shape of `places`."""
+        if any(group.doubted) or group.watch.uneasy:
+            return np.ones(len(places), dtype=bool)
+        found = np.zeros(len(places), dtype=bool)
+        for signal, bits, value in zip(group.plan.signals, raw, values, strict=True):
+            found |= self._of.block.size[places] < signal.field.min_bytes
+            if signal.invalid:
+                found |= np.isin(bits, np.array(sorted(signal.invalid), dtype=np.uint64))
+            if signal.modulus:
+                found |= bits >= np.uint64(signal.modulus)
+            if signal.valid_when is not None:
+                found |= ~self._holds(signal.valid_when, places)
+            if value is not None:
+                found |= ~np.isfinite(value)
+        return found
 
     def _values(self, signal: SignalPlan, bits: RawArray, places: Places) -> FloatArray:
         value = signal.gain * numbers(signal.field, bits) + signal.bias
