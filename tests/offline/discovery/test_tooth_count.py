@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import json
 import math
+import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tpmsd.interfaces.cli.discover import summary
 from tpmsd.offline.discovery.discover import discover
 from tpmsd.offline.discovery.series import Counter
 from tpmsd.offline.discovery.settings import SETTINGS
+from tpmsd.offline.discovery.text import vehicle_text
 from tpmsd.offline.discovery.tooth_count import tooth_count, tyre_radius_m
 from tpmsd.offline.drives.raw_drive import read_drive
 from tpmsd.onboard.sources.databases import load_database
@@ -37,9 +42,18 @@ def per_metre(teeth: float) -> float:
 
 
 def test_tyre_and_usual_rings() -> None:
-    """Without a counter the posterior is the rings' weight times the tyre's normal density."""
+    """Without a counter the posterior is the rings' weight times the density of the rolling radius."""
     found = tooth_count(per_metre(48), 1e-6, TYRE)
-    odds = 1.2 / 6.0 * math.exp(-0.5 * (1 / 48 / SETTINGS.tyre_radius_std) ** 2)
+    wrong, wide = SETTINGS.wrong_size, SETTINGS.radius_std_m / SETTINGS.radius_m
+    broad = RADIUS_M / SETTINGS.radius_m
+
+    def prior(teeth: int) -> float:
+        """Two normal densities: of the size that is given, and of any tyre where that size is wrong."""
+        right = math.exp(-0.5 * ((teeth / 48 - 1) / SETTINGS.tyre_radius_std) ** 2)
+        other = math.exp(-0.5 * ((teeth / 48 * broad - 1) / wide) ** 2) * broad
+        return (1 - wrong) * right / SETTINGS.tyre_radius_std + wrong * other / wide
+
+    odds = 1.2 / 6.0 * prior(47) / prior(48)
     rivals = dict(found.rivals)
 
     assert pytest.approx(RADIUS_M) == tyre_radius_m(TYRE)
@@ -83,6 +97,61 @@ def test_an_encoder_is_told_by_its_line() -> None:
     none = tooth_count(per_metre(12_345), 1e-6, TYRE, counters(12_345, 0.0))
     assert 0.0 == none.probability
     assert pytest.approx(SETTINGS.tyre_radius_std, rel=0.01) == none.std / none.value
+
+
+WRONG_TYRE = "235/65R16"
+"""A rolling radius 11 % beyond that of `TYRE`."""
+
+
+@pytest.mark.parametrize(("teeth", "ripple_rad"), [(47, 2e-3), (12_345, 5e-4)])
+def test_a_plain_ripple_decides_against_a_wrong_size(teeth: int, ripple_rad: float) -> None:
+    """A tyre size that the ripple contradicts changes nothing, and its own count is told beside."""
+    wheels = counters(teeth, ripple_rad)
+    right = tooth_count(per_metre(teeth), 1e-6, TYRE, wheels)
+    found = tooth_count(per_metre(teeth), 1e-6, WRONG_TYRE, wheels)
+    radius_m = tyre_radius_m(WRONG_TYRE)
+
+    assert radius_m is not None
+    assert abs(found.value - teeth) <= max(3 * found.std, 2.0 if teeth > SETTINGS.most_whole else 0.0)
+    assert found.probability >= SETTINGS.decided
+    assert right.by_size is None
+    assert found.by_size is not None
+    assert pytest.approx(teeth * radius_m / RADIUS_M) == found.by_size[0]
+    assert pytest.approx(found.by_size[0] * SETTINGS.tyre_radius_std, rel=0.01) == found.by_size[1]
+
+
+@pytest.mark.parametrize("size", [None, TYRE, "235/65R16", "195/50R13", "335/30R30"])
+def test_a_size_finds_no_line_in_perfect_encoders(size: str | None) -> None:
+    """Whatever the size, if any, encoders without a ripple show none, and the size is not contradicted."""
+    for seed in range(4):
+        found = tooth_count(per_metre(12_345), 1e-6, size, counters(12_345, 0.0, seed))
+        assert (0.0, None) == (found.probability, found.by_size)
+
+
+@pytest.mark.parametrize("drive_name", ["van-oval", "van-motorway-a", "van-motorway-b"])
+def test_the_real_van_with_a_wrong_size(recordings: Path, drive_name: str) -> None:
+    """The van's ripple stands against a wrong size: the right count is written, the contradiction is said."""
+    folder = recordings / drive_name
+    drive = read_drive([folder], lambda _: None)
+    found = discover(drive.log, drive.fixes, load_database(folder / "bus.dbc"), WRONG_TYRE)
+
+    assert found.counts_per_rev is not None
+    assert pytest.approx(39_931, rel=2e-4) == found.counts_per_rev.value
+    assert found.counts_probability >= SETTINGS.decided
+    assert not [one for one in found.undecided if "ripple" in one.why]
+    text = vehicle_text(found, "bus.dbc")
+    assert pytest.approx(39_931, rel=2e-4) == tomllib.loads(text)["vehicle"]["teeth_per_rev"]
+    assert pytest.approx(0.315, rel=0.01) == tomllib.loads(text)["vehicle"]["wheel_radius_m"]
+    (said,) = found.contradictions
+    pattern = (
+        r"tyre size 235/65R16 needs (\d+) \+- \d+ counts per revolution, the ripple of the rings shows (\d+)"
+    )
+    match = re.search(pattern, said)
+    assert match is not None, said
+    assert pytest.approx(43_750, rel=0.01) == int(match[1])
+    assert pytest.approx(39_931, rel=2e-4) == int(match[2])
+    for shown in ("\n".join(summary(found)), text, json.dumps(found.document())):
+        assert said in shown
 
 
 def test_the_real_van(recordings: Path) -> None:

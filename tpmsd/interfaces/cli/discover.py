@@ -142,13 +142,15 @@ def summary(found: Discovery) -> list[str]:
         lines.append(f"  {role:{width}}  {one.field.signal}{extra}  {one.probability:.3f}{rivals}")
     if found.counts_per_rev is not None:
         counts = found.counts_per_rev
-        lines.append(
-            f"  counts per revolution {counts.value:g} +- {counts.std:.2g} ({found.counts_probability:.2f})"
-        )
+        sure = found.counts_probability
+        by = f"{sure:.2f}" if sure > 0.0 else "by the rolling radius alone"
+        lines.append(f"  counts per revolution {counts.value:g} +- {counts.std:.2g} ({by})")
     if found.driven_axle is not None:
         lines.append(f"  driven axle {found.driven_axle[0]} ({found.driven_axle[1]:.2f})")
     for key, one_estimate in {**found.geometry, **found.gnss}.items():
         lines.append(f"  {key} {one_estimate.value:.3f} +- {one_estimate.std:.3f}")
+    if found.contradictions:
+        lines += ["", "contradicted:", *(f"  {said}." for said in found.contradictions)]
     if found.undecided:
         lines += ["", "undecided:"]
         lines += [f"  {one.key}: {one.why}. It takes: {one.drive}." for one in found.undecided]

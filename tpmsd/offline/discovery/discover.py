@@ -21,7 +21,7 @@ from tpmsd.offline.discovery.other_roles import other_roles
 from tpmsd.offline.discovery.result import Discovery, Estimate, FoundRole, Undecided
 from tpmsd.offline.discovery.series import Counter, Field, unwrap
 from tpmsd.offline.discovery.settings import SETTINGS, Settings
-from tpmsd.offline.discovery.tooth_count import ToothCount, tooth_count, tyre_radius_m
+from tpmsd.offline.discovery.tooth_count import ToothCount, count_prior, tooth_count, tyre_radius_m
 from tpmsd.offline.discovery.wheels import (
     Follower,
     anchor_of,
@@ -98,7 +98,11 @@ def decide(
         teeth = _teeth(assignment, material, tyre, car, settings)
         counts = Estimate(teeth.value, teeth.std)
         found = replace(
-            found, counts_per_rev=counts, counts_probability=teeth.probability, counts_rivals=teeth.rivals
+            found,
+            counts_per_rev=counts,
+            counts_probability=teeth.probability,
+            counts_rivals=teeth.rivals,
+            contradictions=_against_size(teeth, tyre, car),
         )
         radius = teeth.radius_m
         radius_std = counts.std / max(counts.value, 1.0) * radius
@@ -139,7 +143,8 @@ def _teeth(
     counted, counted_std = per_metre(followers_found)
     if car is not None and car.teeth_per_rev is not None:
         radius = car.teeth_per_rev / (2 * np.pi * counted)
-        return ToothCount(car.teeth_per_rev, 0.0, settings.max_probability, radius)
+        by_size = count_prior(counted, counted_std, tyre, settings).by_size(car.teeth_per_rev, settings)
+        return ToothCount(car.teeth_per_rev, 0.0, settings.max_probability, radius, by_size=by_size)
     wheels: list[tuple[Counter, float]] = []
     for one in followers_found:
         field = one.series.field
@@ -150,10 +155,36 @@ def _teeth(
     return tooth_count(counted, counted_std, tyre, wheels, settings)
 
 
+def _against_size(teeth: ToothCount, tyre: str | None, car: Car | None) -> tuple[str, ...]:
+    """The sentence on a tyre's size that the counts contradict, where they do."""
+    if teeth.by_size is None or teeth.probability < SETTINGS.decided:
+        return ()
+    needed, std = teeth.by_size
+    known = car is not None and car.teeth_per_rev is not None
+    shown = (
+        f"the car library has {teeth.value:g}" if known else f"the ripple of the rings shows {_counts(teeth)}"
+    )
+    return (
+        f"the tyre size {tyre} needs {needed:.0f} +- {std:.0f} counts per revolution, {shown}, "
+        f"a rolling radius of {teeth.radius_m:.3f} m: the size given is not that of the tyres on this drive",
+    )
+
+
+def _counts(teeth: ToothCount) -> str:
+    return (
+        f"{teeth.value:.1f} +- {teeth.std:.1f}" if teeth.value > SETTINGS.most_whole else f"{teeth.value:.0f}"
+    )
+
+
 def _unknown_teeth(teeth: ToothCount, tyre: str | None) -> Undecided:
     rivals = ", ".join(f"{value:g} {p:.2f}" for value, p in teeth.rivals)
-    why = f"{teeth.value:g} {teeth.probability:.2f}" + (f", {rivals}" if rivals else "")
-    why += ": the rolling radius is not known well enough, and no ripple of a revolution is seen"
+    if teeth.probability > 0.0:
+        why = f"{teeth.value:g} {teeth.probability:.2f}" + (f", {rivals}" if rivals else "")
+        why += ": neither the rolling radius nor the ripple of the rings decides"
+    else:
+        source = "of all tyres" if tyre is None else f"of the tyre size {tyre}"
+        why = f"{teeth.value:.0f} +- {teeth.std:.0f} by the rolling radius {source} alone: no ripple of a "
+        why += "revolution stands out"
     size = "give the tyre's size (--tyre 205/55R16), or " if tyre is None else ""
     drive = f"{size}twenty minutes at a steady 50 to 100 km/h; one turn of a wheel counted by hand decides"
     return Undecided("vehicle.teeth_per_rev", why, drive)

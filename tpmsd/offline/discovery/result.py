@@ -89,6 +89,8 @@ class Discovery:
     counts_probability: float = 0.0
     counts_rivals: tuple[tuple[float, float], ...] = ()
     """Other numbers and their probability."""
+    contradictions: tuple[str, ...] = ()
+    """Statements that were given and that the drive speaks against, a sentence each."""
     driven_axle: tuple[str, float] | None = None
     geometry: dict[str, Estimate] = field(default_factory=dict)
     gnss: dict[str, Estimate] = field(default_factory=dict)
@@ -149,6 +151,7 @@ class Discovery:
             "geometry": {key: one.document() for key, one in self.geometry.items()},
             "gnss": {key: one.document() for key, one in self.gnss.items()},
             "undecided": [one.document() for one in self.undecided],
+            "contradictions": list(self.contradictions),
             "car": self.car,
             "duration_s": self.duration_s,
             "frames": self.frames,

@@ -38,6 +38,9 @@ class Settings:
     tyre_radius_std: float = 0.010
     """Relative: rolling radius of a tyre of known size. Diameter over makes 0.6 % (ETRTO allows about 1 %),
     wear 0.5 % (0 to 6 mm), rolling share over constructions, load and pressure 0.6 %. Assumed."""
+    wrong_size: float = 0.05
+    """Probability that the tyre's size as given is not that of the tyres that rolled: the door label or the
+    papers name another one, winter wheels differ. Assumed."""
     rolling_share: float = 0.969
     """Rolling radius over the unloaded radius of the size (ETRTO: circumference at 60 km/h, 3.05 of the
     diameter for radial tyres, is 0.971 pi; at working load a little less)."""
@@ -227,7 +230,7 @@ class Settings:
     line_nats: float = 10.0
     """Evidence from which a line of an encoder is one: e^-10 times the thousand trials is 1 in 20."""
     most_trials: int = 4000
-    """Of them at most."""
+    """Trial numbers at most, of a tyre's size and of all tyres each."""
 
     # -- all of them --
 

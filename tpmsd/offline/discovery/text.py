@@ -28,6 +28,7 @@ def vehicle_text(found: Discovery, dbc: str) -> str:
     source = f"tpmsd init, {found.car}" if found.assignment is None else "tpmsd discover"
     lines = [f"# By {source}. Look over what is marked as undecided."]
     lines += [f"# undecided: {one.key}: {one.why}. It takes: {one.drive}." for one in found.undecided]
+    lines += [f"# contradicted: {said}." for said in found.contradictions]
     lines += ["", "[vehicle]"]
     radius = found.geometry.get("wheel_radius_m")
     lines.append(f"wheel_radius_m = {radius.value if radius else SETTINGS.radius_m:.4f}")
@@ -40,8 +41,9 @@ def vehicle_text(found: Discovery, dbc: str) -> str:
     if found.driven_axle is not None:
         lines.append(f'driven_axle = "{found.driven_axle[0]}"   # probability {found.driven_axle[1]:.2f}')
     if found.counts_per_rev is not None:
-        sure = found.counts_probability
-        note = f"probability {sure:.2f}" if sure > 0.0 else "a usual value: not measured"
+        sure, spread = found.counts_probability, found.counts_per_rev.std
+        by_radius = f"+- {spread:.0f}, by the rolling radius alone" if spread > 0.0 else "a usual value"
+        note = f"probability {sure:.2f}" if sure > 0.0 else f"{by_radius}: not measured"
         lines.append(f"teeth_per_rev = {found.counts_per_rev.value:g}   # {note}")
     main = found.main_bus
     lines += ["", "[can]", 'interface = "socketcan"']

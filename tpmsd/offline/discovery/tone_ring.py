@@ -121,7 +121,7 @@ def log_evidence(
 ) -> FloatArray:
     """(k,) log evidence of `candidates` (k,), up to a constant; `between`: where there is noise alone.
 
-    `other_lines`: share of the blocks that may hold another line; 0 for encoders, whose rounding is too fine.
+    `other_lines`: share of the blocks that may hold another line; 0 to find where an encoder's line is.
     """
     if not blocks.counts:
         return np.zeros(len(candidates))

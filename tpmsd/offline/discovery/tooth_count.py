@@ -2,6 +2,10 @@
 
 In: counts per metre of road, the tyre's size where it is known, the wheels' counters. Out: `ToothCount`:
 the posterior over numbers, which is prior x likelihood of the rolling radius x evidence of the ripple.
+
+A size that is given may be wrong: the density of the rolling radius is (1 - w) of the size's, and w of that
+over all tyres (a contaminated prior; Box and Tiao 1968). So the ripple is looked for wherever a tyre may
+have it, and decides where it is plain.
 """
 
 from __future__ import annotations
@@ -38,6 +42,56 @@ class ToothCount:
     """The rolling radius that goes with it."""
     rivals: tuple[tuple[float, float], ...] = ()
     """Other numbers and their probability."""
+    by_size: tuple[float, float] | None = None
+    """Counts that the tyre's size needs, and their standard deviation, where `value` contradicts the size."""
+
+
+@dataclass(frozen=True, slots=True)
+class CountPrior:
+    """Density of the counts per revolution by the rolling radius: one or two normal ones."""
+
+    parts: tuple[tuple[float, float, float], ...]
+    """Weight, mean and standard deviation of each, in counts; the size's first where there is one."""
+    has_size: bool
+
+    @property
+    def expected(self) -> float:
+        """Mean of the narrowest part: roughly the number."""
+        return self.parts[0][1]
+
+    def log_density(self, numbers: FloatArray) -> FloatArray:
+        """(k,) log density at `numbers` (k,)."""
+        return np.asarray(np.logaddexp.reduce([_log_normal(numbers, *part) for part in self.parts], axis=0))
+
+    def by_size(self, value: float, settings: Settings = SETTINGS) -> tuple[float, float] | None:
+        """Mean and standard deviation of the size's part where `value` is hardly one of its numbers."""
+        if not self.has_size:
+            return None
+        at = np.array([value])
+        right = math.exp(float((_log_normal(at, *self.parts[0]) - self.log_density(at))[0]))
+        return None if right > 1.0 - settings.decided else self.parts[0][1:]
+
+
+def _log_normal(numbers: FloatArray, weight: float, mean: float, std: float) -> FloatArray:
+    return np.asarray(math.log(weight / std) - 0.5 * ((numbers - mean) / std) ** 2)
+
+
+def count_prior(
+    per_metre: float, per_metre_std: float, tyre: str | None, settings: Settings = SETTINGS
+) -> CountPrior:
+    """The density by the tyre's size, which may be wrong, and by all tyres."""
+    any_tyre = (settings.radius_m, settings.radius_std_m / settings.radius_m)
+    by_size = tyre_radius_m(tyre, settings) if tyre else None
+    weighted = [(1.0, *any_tyre)]
+    if by_size is not None:
+        wrong = settings.wrong_size
+        weighted = [(1.0 - wrong, by_size, settings.tyre_radius_std), (wrong, *any_tyre)]
+    turn = 2 * math.pi * per_metre
+    parts = tuple(
+        (weight, turn * radius, turn * radius * math.hypot(share, per_metre_std / per_metre))
+        for weight, radius, share in weighted
+    )
+    return CountPrior(parts, by_size is not None)
 
 
 def tyre_radius_m(size: str, settings: Settings = SETTINGS) -> float | None:
@@ -60,16 +114,15 @@ def tooth_count(
 
     `wheels`: counter and scale of each wheel, for the ripple.
     """
-    by_size = tyre_radius_m(tyre, settings) if tyre else None
-    mean = by_size or settings.radius_m
-    share = settings.tyre_radius_std if by_size else settings.radius_std_m / settings.radius_m
-    expected = 2 * math.pi * mean * per_metre
-    spread = expected * math.hypot(share, per_metre_std / per_metre)
+    prior = count_prior(per_metre, per_metre_std, tyre, settings)
+    expected = prior.expected
     blocks = cut(wheels, expected, settings)
     if expected > settings.most_whole:
-        return _encoder(expected, spread, per_metre, blocks)
-    numbers = np.arange(max(1, int(expected - 5 * spread)), int(expected + 5 * spread) + 2).astype(np.float64)
-    log_weight = -0.5 * ((numbers - expected) / spread) ** 2 + np.log([_usual(int(n)) for n in numbers])
+        return _encoder(prior, per_metre, blocks, settings)
+    low = min(mean - 5 * std for _, mean, std in prior.parts)
+    high = max(mean + 5 * std for _, mean, std in prior.parts)
+    numbers = np.arange(max(1, int(low)), int(high) + 2).astype(np.float64)
+    log_weight = prior.log_density(numbers) + np.log([_usual(int(n)) for n in numbers])
     log_weight = log_weight + log_evidence(blocks, numbers, _between(expected), settings.other_lines)
     weight = np.exp(log_weight - log_weight.max())
     weight /= weight.sum()
@@ -81,6 +134,7 @@ def tooth_count(
         min(float(weight[order[0]]), settings.max_probability),
         best / (2 * math.pi * per_metre),
         tuple((float(numbers[k]), float(weight[k])) for k in order[1:4] if weight[k] > 1e-3),
+        prior.by_size(best, settings),
     )
 
 
@@ -94,17 +148,24 @@ def _between(expected: float) -> FloatArray:
     return np.asarray((near[:, None] + np.linspace(0.25, 0.75, 21)).ravel())
 
 
-def _encoder(expected: float, spread: float, per_metre: float, blocks: Blocks) -> ToothCount:
+def _encoder(prior: CountPrior, per_metre: float, blocks: Blocks, settings: Settings) -> ToothCount:
     """A number of many counts: where the line is, or the tyre's radius alone."""
+    _, expected, spread = prior.parts[0]
     unknown = ToothCount(float(round(expected)), spread, 0.0, expected / (2 * math.pi * per_metre))
     if blocks.longest <= 0.0:
         return unknown
-    step = min(expected**2 / blocks.longest / SETTINGS.grid_per_line, 0.25 * spread)
-    trials = min(int(8 * spread / step) + 1, SETTINGS.most_trials)
-    grid = np.asarray(expected + step * (np.arange(trials) - trials // 2), dtype=np.float64)
-    evidence = log_evidence(blocks, grid, grid, 0.0) - 0.5 * ((grid - expected) / spread) ** 2
-    best = int(np.argmax(evidence))
-    if evidence[best] - float(np.median(evidence)) < SETTINGS.line_nats or not 0 < best < trials - 1:
+    grid, step = _trials(prior, blocks.longest, settings)
+    density = prior.log_density(grid)
+    # Each trial's threshold is lower by as much as the prior prefers it (weighted Bonferroni; Genovese,
+    # Roeder and Wasserman 2006): with weights of mean one the rate of false lines is as without.
+    weight = density - (np.logaddexp.reduce(density) - math.log(len(grid)))
+    best = int(np.argmax(log_evidence(blocks, grid, grid, 0.0) + weight))
+    at_end = not 0 < best < len(grid) - 1 or grid[best + 1] - grid[best - 1] > 3.0 * step
+    # Where the line is, all blocks tell; that it is one, no few of them do: perfect encoders show some lines.
+    plain = log_evidence(blocks, grid, grid, settings.other_lines)
+    about = slice(max(best - int(settings.grid_per_line), 0), best + int(settings.grid_per_line) + 1)
+    gain = float((plain + weight)[about].max() - np.median(plain))
+    if at_end or gain < settings.line_nats:
         return unknown
     # The bins of the search blur a line by some steps; without them its top is plain.
     near = grid[best] + step * np.linspace(-SETTINGS.grid_per_line, SETTINGS.grid_per_line, 33)
@@ -113,7 +174,21 @@ def _encoder(expected: float, spread: float, per_metre: float, blocks: Blocks) -
     power = exact_powers(blocks, near)
     value = float(near[np.argmax(power.sum(axis=0))])
     std = math.hypot(_jackknife_std(power, near), near[1] - near[0])
-    return ToothCount(value, std, SETTINGS.max_probability, value / (2 * math.pi * per_metre))
+    radius_m = value / (2 * math.pi * per_metre)
+    by_size = prior.by_size(value, settings)
+    return ToothCount(value, std, settings.max_probability, radius_m, by_size=by_size)
+
+
+def _trials(prior: CountPrior, longest: float, settings: Settings) -> tuple[FloatArray, float]:
+    """(k,) trial numbers, multiples of a step, around each part of the prior; and the step."""
+    least, narrowest = min(mean for _, mean, _ in prior.parts), min(std for *_, std in prior.parts)
+    step = min(least**2 / longest / settings.grid_per_line, 0.25 * narrowest)
+    around = []
+    for _, mean, std in prior.parts:
+        half = min(math.ceil(4 * std / step), settings.most_trials // 2)
+        around.append(round(mean / step) + np.arange(-half, half + 1))
+    multiples = np.unique(np.concatenate(around))
+    return np.asarray(step * multiples[multiples > 0], dtype=np.float64), step
 
 
 def _jackknife_std(power: FloatArray, grid: FloatArray) -> float:
