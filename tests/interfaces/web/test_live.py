@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import json
+import shutil
+import subprocess
 import threading
 import time
 from collections.abc import Iterator
@@ -12,8 +15,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from tests.beside import beside
-from tpmsd.interfaces.web.live import LiveHub
+from tpmsd.interfaces.web.app import STATIC
+from tpmsd.interfaces.web.live import LiveHub, history_row
 from tpmsd.interfaces.web.settings import WebSettings
 from tpmsd.onboard.sinks.status_server import StatusServer
 
@@ -143,6 +149,45 @@ def test_history_is_bounded_and_starts_anew_where_the_clock_goes_back(tmp_path: 
     assert [-times[-1], 0.1] == hub.history[-1]["rl"]
     hub._remember(document(3.0))
     assert [3.0] == [row["time"] for row in hub.history]
+
+
+UNKNOWN = {"state": "learning", "change_mm": None, "change_std_mm": None, "deviation_mm": -7.7, "std_mm": 0.4}
+"""A wheel after a stop: its deviation from nominal is known, its change since learned is not yet."""
+
+
+def around_a_stop() -> list[dict[str, Any]]:
+    """Documents before, at and after a stop."""
+    known = document(0.0)["wheels"]["rl"] | {"change_mm": 0.1}
+    return [
+        {"version": 1, "time": 10.0 * k, "wheels": {"rl": wheel}, "alarms": []}
+        for k, wheel in enumerate((known, UNKNOWN, {}, known))
+    ]
+
+
+def test_a_change_that_is_not_known_is_a_gap_of_the_timeline() -> None:
+    """The line holds the change since learned alone: the deviation from nominal never stands in for it."""
+    rows = [history_row(one) for one in around_a_stop()]
+
+    assert [[0.1, 0.1], None, None, [0.1, 0.1]] == [row["rl"] for row in rows]
+    assert [None] * 4 == [row["fr"] for row in rows]
+
+
+def test_the_page_adds_the_rows_that_the_server_keeps() -> None:
+    """The script makes the same row of a document as the server does, so that a reload changes nothing."""
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("node is not installed")
+    module = base64.b64encode((STATIC / "common.js").read_bytes()).decode()
+    script = (
+        f'import {{ changeRow }} from "data:text/javascript;base64,{module}";'
+        f"console.log(JSON.stringify({json.dumps(around_a_stop())}.map(changeRow)))"
+    )
+    made = subprocess.run(
+        [node, "--input-type=module", "-e", script], capture_output=True, text=True, timeout=60.0
+    )
+
+    assert "" == made.stderr
+    assert [history_row(one) for one in around_a_stop()] == json.loads(made.stdout)
 
 
 def test_a_new_visitor_gets_the_history_as_it_is_now(tmp_path: Path) -> None:

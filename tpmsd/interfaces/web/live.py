@@ -127,18 +127,20 @@ class LiveHub:
 
 
 def history_row(document: Mapping[str, Any]) -> dict[str, Any]:
-    """What the timeline shows of one document."""
+    """The timeline's row of one document: per wheel its change since learned with the deviation, mm.
+
+    None where the change is not known, as after a start and until a stop is decided: the line has a gap
+    there. The deviation from nominal is another quantity and is millimetres off. `changeRow` of the page's
+    script makes the same row.
+    """
     wheels = document.get("wheels")
     known = wheels if isinstance(wheels, dict) else {}
     row: dict[str, Any] = {"time": document["time"]}
     for wheel in WHEELS:
         one = known.get(wheel)
         one = one if isinstance(one, dict) else {}
-        learned = one.get("change_mm") is not None
-        row[wheel] = [
-            one.get("change_mm" if learned else "deviation_mm"),
-            one.get("change_std_mm" if learned else "std_mm"),
-        ]
+        change = one.get("change_mm")
+        row[wheel] = None if change is None else [change, one.get("change_std_mm")]
     return row
 
 

@@ -32,6 +32,19 @@ export function clock(seconds) {
   return `${hours ? `${hours}:${two(Math.floor((whole % 3600) / 60))}` : Math.floor(whole / 60)}:${two(whole % 60)}`;
 }
 
+/**
+ * The timeline's row of a status document, as `history_row` of the server makes it: per wheel its change since
+ * learned with the standard deviation, null where it is not known; the deviation from nominal is another quantity.
+ */
+export function changeRow(document_) {
+  const row = { time: document_.time };
+  for (const wheel of WHEELS) {
+    const one = document_.wheels?.[wheel], change = one?.change_mm ?? null;
+    row[wheel] = change === null ? null : [change, one.change_std_mm ?? null];
+  }
+  return row;
+}
+
 /** `radius_deviation` as words. */
 export const plain = (identifier) => identifier.replaceAll("_", " ");
 

@@ -1,5 +1,5 @@
 // The running daemon: server-sent events in, the car, its alarms and the last hours out.
-import { NAMES, WHEELS, alarmLines, axis, band, byId, duration, edge, element, keepFitting, signed, wheelSeries } from "./common.js";
+import { NAMES, WHEELS, alarmLines, axis, band, byId, changeRow, duration, edge, element, keepFitting, signed, wheelSeries } from "./common.js";
 
 const MM_PER_INCH = 25.4;
 const units = byId("units");
@@ -137,14 +137,8 @@ function follow() {
     alarms = newest.alarms ?? [];
     connected(`Live, ${new Date(1000 * newest.time || Date.now()).toLocaleTimeString()}`, false);
     show();
-    const row = { time: newest.time };
-    for (const wheel of WHEELS) {
-      const one = newest.wheels?.[wheel] ?? {};
-      const learned = one.change_mm !== null && one.change_mm !== undefined;
-      row[wheel] = [learned ? one.change_mm : one.deviation_mm, learned ? one.change_std_mm : one.std_mm];
-    }
     if (newest.time && (!rows.length || newest.time - rows.at(-1).time >= 1)) {
-      rows.push(row);
+      rows.push(changeRow(newest));
       if (rows.length > 6000) rows.splice(0, rows.length, ...rows.filter((_, k) => k % 2));
       plot?.setData(data());
     }
