@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import http.client
 import os
 import signal
 import socket
@@ -10,12 +12,17 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
+from urllib.request import urlopen
 
 import pytest
 
+from tpmsd.interfaces.cli.main import main
 from tpmsd.offline.fleet.find import find_drives
 from tpmsd.offline.fleet.run import missing
+from tpmsd.offline.fleet.settings import SETTINGS
 from tpmsd.offline.fleet.store import Store
 from tpmsd.offline.fleet.tables import COLUMNS, write_tables
 from tpmsd.offline.fleet.work import work_on
@@ -136,3 +143,96 @@ def test_local_processes_make_the_same_tables(
     assert undisturbed == tables(store)
     assert 0 == run(store, jobs=2, stages=STAGES).total
     assert [] == list(store.tries.iterdir())
+
+
+def listening_ports() -> set[int]:
+    """TCP ports on which this process and its children listen."""
+    import psutil
+
+    here = psutil.Process()
+    return {
+        one.laddr.port
+        for process in (here, *here.children(recursive=True))
+        for one in process.net_connections("tcp")
+        if one.status == psutil.CONN_LISTEN
+    }
+
+
+async def _asked(address: str, security: Any) -> bool:
+    """Whether a process of Dask answers a stranger, who says and asks what a client does."""
+    from distributed.comm import connect
+    from distributed.core import send_recv
+
+    try:
+        async with asyncio.timeout(2.0):
+            comm = await connect(address, timeout=1.5, **security.get_connection_args("client"))
+            await send_recv(comm, op="identity")
+    except (OSError, TimeoutError):
+        return False
+    return True
+
+
+async def answering(ports: list[int]) -> list[str]:
+    """Addresses that answer a stranger without a key, or with one of another run."""
+    from distributed.security import Security
+
+    strangers = [
+        (f"{scheme}://127.0.0.1:{port}", security)
+        for port in ports
+        for scheme, security in (("tcp", Security()), ("tls", Security.temporary()))
+    ]
+    answers = await asyncio.gather(*(_asked(*stranger) for stranger in strangers))
+    return [address for (address, _), answer in zip(strangers, answers, strict=True) if answer]
+
+
+def test_who_has_not_the_key_of_the_run_is_refused() -> None:
+    """No port that `--jobs` opens takes a message without the run's key, or shows a page of the run."""
+    import distributed
+
+    from tpmsd.offline.fleet.run import _client
+
+    before = listening_ports()
+    with _client(distributed, None, 1, "1GiB") as client:
+        assert 4 == client.submit(lambda: 4).result(PATIENCE_S)
+        ports = sorted(listening_ports() - before)
+        answered = asyncio.run(answering(ports))
+        shown = [page for port in ports if (page := plain_page(port))]
+
+    assert len(ports) >= 2  # a scheduler and a worker
+    assert [] == answered
+    assert [] == shown
+
+
+def plain_page(port: int) -> str:
+    """What a page of the scheduler shows to whoever asks over HTTP; empty where it shows none."""
+    for path in ("info/main/workers.html", "metrics", "json/counts.json", "status", "health"):
+        try:
+            with urlopen(f"http://127.0.0.1:{port}/{path}", timeout=0.5) as answer:
+                return f"{port}/{path}: {answer.status}"
+        except OSError:  # refused, closed, or no such page
+            continue
+        except http.client.HTTPException:  # no HTTP at all
+            continue
+    return ""
+
+
+def test_a_cluster_that_is_named_is_trusted_and_that_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`--scheduler` says before it connects that the cluster can run code as this user."""
+    store = Store.create(tmp_path / "store")
+    drive = tmp_path / "car" / "drive"
+    write_drive(drive, simulate_drive(DriveSpec(duration_s=10.0, seed=1)))
+    for entry in find_drives([str(drive)]):
+        store.add(entry)
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    monkey = pytest.MonkeyPatch()
+    with monkey.context() as patched:
+        patched.setattr("tpmsd.offline.fleet.run.SETTINGS", replace(SETTINGS, connect_s=0.2))
+        assert 0 != main(["fleet", "run", str(store.path), "--scheduler", address])
+
+    said = capsys.readouterr().err
+    assert f"--scheduler {address} is trusted" in said
+    assert "without TLS" in said

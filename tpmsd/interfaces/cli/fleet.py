@@ -27,7 +27,7 @@ _EPILOG = """\
 examples:
   tpmsd fleet add store vans/*/*              folders, globs, URLs; the folder above a drive names its car
   tpmsd fleet run store --jobs 4              killed at any moment, it goes on with what is missing
-  tpmsd fleet run store --scheduler tcp://10.0.0.1:8786
+  tpmsd fleet run store --scheduler tls://10.0.0.1:8786
   tpmsd fleet status store --json
   tpmsd fleet report store --html fleet.html
   tpmsd fleet sql store "select car, count(*) from alarms where kind = 'deflation' group by car"
@@ -55,7 +55,11 @@ def add_parser(subparsers: Subparsers) -> None:
     work = parts.add_parser("run", help="work on what is missing")
     work.add_argument("store", type=Path, metavar="STORE")
     where = work.add_mutually_exclusive_group()
-    where.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler, such as tcp://10.0.0.1:8786")
+    where.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="a Dask scheduler that is trusted, as it can run code as you; such as tls://10.0.0.1:8786",
+    )
     where.add_argument("--jobs", type=int, metavar="N", default=1, help="processes here (default: 1)")
     work.add_argument("--memory", metavar="SIZE", default="2GiB", help="of each process here (default: 2GiB)")
     work.add_argument(
@@ -129,6 +133,16 @@ def _add(args: argparse.Namespace) -> int:
     return InputError.exit_code if unusable and not added + known else 0
 
 
+def _trust(scheduler: str) -> str:
+    """Who is trusted by a run on a cluster, as one line."""
+    who = (
+        "whoever holds a key of the cluster"
+        if scheduler.startswith("tls://")
+        else "without TLS whoever reaches it"
+    )
+    return f"--scheduler {scheduler} is trusted: {who} can run code as you, here and on its workers"
+
+
 def _run(args: argparse.Namespace) -> int:
     from tpmsd.offline.fleet import run as fleet_run
     from tpmsd.offline.fleet.status import status_document
@@ -142,6 +156,8 @@ def _run(args: argparse.Namespace) -> int:
         raise ConfigError(f"--memory {args.memory}: a size such as 2GiB or 500MB is wanted")
     store = Store.open(args.store)
     stages = tuple(stage for stage in STAGES if stage not in args.without)
+    if args.scheduler is not None:
+        print(f"tpmsd: {_trust(args.scheduler)}", file=sys.stderr)
     shown = _Shown()
     tally = fleet_run.run(store, args.scheduler, args.jobs, args.memory, stages, args.recompute, shown.update)
     shown.close()

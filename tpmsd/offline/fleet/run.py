@@ -3,6 +3,9 @@
 In: a store, a scheduler's address or a number of worker processes. Out: result files; progress to a
 callback. Every task is one drive and writes one file; a task that runs twice writes the same file twice.
 The client holds a few drives per worker at a time, so neither it nor the scheduler ever holds the fleet.
+
+Dask's processes speak over TCP and run what they are sent. Those of this machine take nothing without a key
+that is made for the run and held in memory alone (mutual TLS); a cluster that is named is trusted.
 """
 
 from __future__ import annotations
@@ -101,24 +104,30 @@ def _client(distributed: Any, scheduler: str | None, jobs: int, memory: str) -> 
         "distributed.admin.tick.interval": "1s",
         "distributed.admin.system-monitor.interval": "5s",
         "distributed.worker.profile.enabled": False,
+        # Dask always opens its HTTP ports, to whoever is on the machine: nothing is shown there.
+        "distributed.scheduler.http.routes": [],
+        "distributed.worker.http.routes": [],
     }
     with dask.config.set(lean):
         if scheduler is not None:
             try:
                 client = distributed.Client(scheduler, timeout=SETTINGS.connect_s)
-            except (OSError, ValueError) as error:
+            except (OSError, TypeError, ValueError) as error:  # TypeError: TLS without keys
                 reason = " ".join(str(error).split())[:200]
                 raise TpmsdError(f"scheduler {scheduler}: cannot be reached: {reason}") from None
             with client:
                 yield client
             return
+        need("cryptography", "fleet", "fleets")
         with (
             _main_left_alone(),
             distributed.LocalCluster(
                 n_workers=jobs,
                 threads_per_worker=1,
                 memory_limit=memory,
+                security=distributed.security.Security.temporary(),
                 dashboard_address="127.0.0.1:0",
+                scheduler_kwargs={"dashboard": False},
                 silence_logs=50,
             ) as cluster,
             distributed.Client(cluster) as client,
