@@ -9,12 +9,12 @@ from __future__ import annotations
 import sys
 
 import numpy as np
-import uvicorn
 
 from tests.offline.report.drives import Drive, alarm
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.interfaces.api.results import Replay
 from tpmsd.interfaces.web.app import drive_app
+from tpmsd.interfaces.web.server import make_server, port_of
 from tpmsd.interfaces.web.settings import WebSettings
 from tpmsd.offline.tables.columns import COLUMNS, NUMBERS, TEXTS
 from tpmsd.offline.tables.tick_table import TickTable
@@ -43,7 +43,6 @@ def ten_hours() -> TickTable:
 if __name__ == "__main__":
     result = Drive(duration_s=36_000.0, dt_s=10.0, events={9: (alarm(90.0),)}).record().result(1.0)
     app = drive_app(Replay(result, ten_hours()), WebSettings())
-    config = uvicorn.Config(app, port=0, log_level="warning")
-    listener = config.bind_socket()
-    print(f"http://127.0.0.1:{listener.getsockname()[1]}/", flush=True)
-    sys.exit(uvicorn.Server(config).run(sockets=[listener]))
+    server, listener = make_server(app, WebSettings(port=0))
+    print(f"http://127.0.0.1:{port_of(listener)}/", flush=True)
+    sys.exit(server.run(sockets=[listener]))

@@ -16,6 +16,7 @@ from tpmsd.foundation.errors import ConfigError, TpmsdError
 from tpmsd.foundation.text_file import read_text
 from tpmsd.interfaces.cli.daemon_socket import add_socket_options, daemon_socket
 from tpmsd.interfaces.cli.output import Progress, Subparsers
+from tpmsd.offline.tables.extras import need
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette
@@ -55,40 +56,22 @@ def add_parser(subparsers: Subparsers) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Serve until Ctrl-C."""
-    try:
-        import uvicorn
-    except ImportError:
-        raise ConfigError(
-            "the page needs uvicorn, which is not installed: pip install 'tpmsd[web]'"
-        ) from None
+    need("uvicorn", "web", "pages")
     settings = settings_of(args)
     app = _app(args, settings)
-    config = uvicorn.Config(
-        app,
-        host=settings.host,
-        port=settings.port,
-        log_level="warning",
-        access_log=False,
-        server_header=False,
-        proxy_headers=False,
-        limit_concurrency=2 * settings.max_streams,
-        timeout_graceful_shutdown=2,
-        ssl_certfile=None if args.certificate is None else str(args.certificate),
-        ssl_keyfile=None if args.key is None else str(args.key),
-    )
+    from tpmsd.interfaces.web.server import make_server, port_of
+
     try:
-        listener = config.bind_socket()
-        listener.listen()  # before the address is said: who is quick waits instead of being refused
+        server, listener = make_server(app, settings, args.certificate, args.key)
     except (OSError, SystemExit) as error:
         reason = error.strerror if isinstance(error, OSError) else None
         raise TpmsdError(
             f"{settings.host}:{settings.port}: cannot listen{f': {reason}' if reason else ''}"
         ) from None
     scheme = "https" if settings.secure else "http"
-    port = listener.getsockname()[1]
-    print(f"{scheme}://{settings.host}:{port}/  (Ctrl-C ends it)", file=sys.stderr, flush=True)
+    print(f"{scheme}://{settings.host}:{port_of(listener)}/  (Ctrl-C ends it)", file=sys.stderr, flush=True)
     os.nice(settings.niceness)
-    uvicorn.Server(config).run(sockets=[listener])
+    server.run(sockets=[listener])
     return 0
 
 

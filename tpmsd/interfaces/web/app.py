@@ -29,6 +29,7 @@ from starlette.responses import (
 )
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
+from starlette.types import Receive, Scope, Send
 
 from tpmsd.foundation.errors import TpmsdError
 from tpmsd.foundation.version import __version__
@@ -68,7 +69,7 @@ def live_app(socket: Path, settings: WebSettings) -> Starlette:
     async def events(_: Request) -> Response:
         if hub.streams >= settings.max_streams:
             return PlainTextResponse("too many visitors; try again later\n", 503, {"Retry-After": "30"})
-        return StreamingResponse(hub.events(), media_type="text/event-stream")
+        return _Live(hub)
 
     async def session(_: Request) -> Response:
         return JSONResponse({"version": __version__, "csrf": csrf})
@@ -97,6 +98,22 @@ def live_app(socket: Path, settings: WebSettings) -> Starlette:
         Route("/api/reset", reset, methods=["POST"]),
     ]
     return _app(routes, settings, lifespan)
+
+
+class _Live(StreamingResponse):
+    """The events for one visitor, who counts from the moment at which the answer begins."""
+
+    def __init__(self, hub: LiveHub) -> None:
+        super().__init__(hub.events(), media_type="text/event-stream")
+        self._hub = hub
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send them, until the visitor leaves."""
+        self._hub.streams += 1
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            self._hub.streams -= 1
 
 
 def drive_app(replay: Replay, settings: WebSettings) -> Starlette:

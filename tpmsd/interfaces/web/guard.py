@@ -34,6 +34,11 @@ HEADERS = {
     "Cache-Control": "no-store",
 }
 
+_CLOSE = {"Connection": "close"}
+"""With a refusal whose request has more to come: the rest is not read."""
+_TOO_LARGE = PlainTextResponse("too large\n", 413, _CLOSE)
+_LENGTH_DIGITS = 18
+
 
 class Guard:
     """ASGI middleware; refuses before anything else has looked at the request."""
@@ -60,6 +65,13 @@ class Guard:
             await send(message)
 
         refusal = self._refusal(scope)
+        if refusal is None and scope["method"] not in SAFE_METHODS:
+            body = await _body(receive, self._settings.max_body_bytes)
+            if body is None:
+                return  # gone before the whole of it was there
+            if len(body) > self._settings.max_body_bytes:
+                refusal = _TOO_LARGE
+            receive = _replayed(body, receive)
         await (self._app if refusal is None else refusal)(scope, receive, with_headers)
 
     def _refusal(self, scope: Scope) -> PlainTextResponse | None:
@@ -71,10 +83,11 @@ class Guard:
             scheme = "https" if self._settings.secure else "http"
             if headers.get("origin") != f"{scheme}://{host}":
                 return PlainTextResponse("wrong Origin header\n", 403)
-            if not headers.get("content-length", "").isdecimal():
-                return PlainTextResponse("the length of the body is wanted\n", 411)
-            if int(headers["content-length"]) > self._settings.max_body_bytes:
-                return PlainTextResponse("too large\n", 413)
+            length = headers.get("content-length", "")
+            if not (length.isascii() and length.isdecimal()) or "transfer-encoding" in headers:
+                return PlainTextResponse("the length of the body is wanted\n", 411, _CLOSE)
+            if len(length) > _LENGTH_DIGITS or int(length) > self._settings.max_body_bytes:
+                return _TOO_LARGE
         if self._settings.token is not None and scope["path"] != LOGIN and not self._known(headers):
             if scope["method"] == "GET" and "text/html" in headers.get("accept", ""):
                 return PlainTextResponse("", 303, {"Location": LOGIN})
@@ -86,6 +99,32 @@ class Guard:
         if kind.lower() != "bearer":
             given = cookie_parser(headers.get("cookie", "")).get(COOKIE, "")
         return same(given.strip(), self._settings.token or "")
+
+
+async def _body(receive: Receive, most: int) -> bytes | None:
+    """The body, bytes counted as they come; more than `most` where it is larger, None where the visitor left.
+
+    What the headers say of its length is not relied on: in chunks a body has none.
+    """
+    body = b""
+    more = True
+    while more and len(body) <= most:
+        message = await receive()
+        if message["type"] == "http.disconnect":
+            return None
+        body += message.get("body", b"")
+        more = message.get("more_body", False)
+    return body
+
+
+def _replayed(body: bytes, receive: Receive) -> Receive:
+    """`receive` with a body that has been read already."""
+    waiting: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
+
+    async def replay() -> Message:
+        return waiting.pop() if waiting else await receive()
+
+    return replay
 
 
 def same(given: str, wanted: str) -> bool:

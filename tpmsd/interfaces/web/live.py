@@ -36,7 +36,7 @@ class LiveHub:
     """Why there is no document."""
     history: deque[dict[str, Any]] = field(default_factory=deque)
     streams: int = 0
-    """Visitors that look on."""
+    """Visitors that look on, as whoever answers them counts them."""
     _version: int = 0
     _newest: bytes = field(default_factory=lambda: event("down", {"reason": LiveHub.reason}))
     """The event of this version, as all visitors get it."""
@@ -111,19 +111,15 @@ class LiveHub:
 
     async def events(self) -> AsyncIterator[bytes]:
         """Server-sent events for one visitor: the history first, then every update it can take."""
-        self.streams += 1
         seen = -1
-        try:
-            self._past = self._past or event("history", list(self.history))
-            yield self._past
-            while True:
-                if not await self._newer_than(seen):
-                    yield b": still here\n\n"
-                    continue
-                seen = self._version
-                yield self._newest
-        finally:
-            self.streams -= 1
+        self._past = self._past or event("history", list(self.history))
+        yield self._past
+        while True:
+            if not await self._newer_than(seen):
+                yield b": still here\n\n"
+                continue
+            seen = self._version
+            yield self._newest
 
 
 def history_row(document: Mapping[str, Any]) -> dict[str, Any]:
