@@ -9,6 +9,7 @@ import pytest
 
 from tests.onboard.monitor.drives import ALL, RADIUS_M, Player, monitor, one, said
 from tpmsd.onboard.monitor.records import AlarmKind, LearningReport, MonitorReport, WheelState
+from tpmsd.onboard.monitor.settings import TYRE_SETS
 
 SOFT = 0.006
 """A little more than 25 % of the pressure."""
@@ -198,6 +199,38 @@ def test_resets_are_rationed_and_the_ration_comes_back() -> None:
     assert (False, True) == (taken, "too many resets in a short time" in reason)
     player.play(600.0, informative=False)
     assert player.monitor.reset()[0]
+
+
+def test_a_restart_fills_up_no_ration() -> None:
+    """Three resets, then switching off and on: the next one is refused as it would have been without."""
+    player = learned()
+    for _ in range(3):
+        assert player.monitor.reset()[0]
+        player.play(70.0)
+    fresh = monitor(ALL)
+    fresh.restore(json.loads(json.dumps(player.monitor.snapshot(), allow_nan=False)))
+    taken, reason = fresh.reset()
+    assert (False, True) == (taken, "too many resets in a short time" in reason)
+    Player(fresh, time_s=player.time_s + 60.0).play(600.0, informative=False)
+    assert fresh.reset()[0]
+
+
+@pytest.mark.parametrize("saved", [math.nan, math.inf, -1.0, 10.1, "3", None, True])
+def test_a_ration_that_is_none_is_no_state(saved: object) -> None:
+    """A number beyond what the ration holds, or something else, is refused with the rest of the state."""
+    sets = learned(60.0).monitor._sets
+    document = sets.to_json() | {"allowance": saved}
+    with pytest.raises(ValueError, match="saved"):
+        sets.take_up(document)
+
+
+def test_a_state_without_a_ration_is_an_older_one() -> None:
+    """A state of an earlier version has no ration: it is full."""
+    sets = learned(60.0).monitor._sets
+    document = sets.to_json()
+    del document["allowance"]
+    sets.take_up(document)
+    assert TYRE_SETS.allowance == sets.to_json()["allowance"]
 
 
 def test_a_set_that_is_being_learned_is_not_begun_again() -> None:

@@ -43,8 +43,8 @@ class WebSettings:
     max_connections: int = 900
     """Of all visitors, live pages and requests: a process may have 1,024 files open by default."""
     max_connections_per_address: int = 600
-    """Of one address. A proxy or a household stands for many visitors: all `max_streams` live pages may be its
-    own while 500 more arrive, which are connected before they ask. Others keep 300 places."""
+    """Of one address. A proxy or a household stands for many visitors: 256 live pages may be its own while
+    300 more arrive, which are connected before they ask. Others keep 300 places."""
     accepted_at_once: int = 32
     """In one turn of the event loop: the first of a burst are answered before the last ones take places."""
     niceness: int = 5

@@ -202,6 +202,7 @@ class TyreSets:
             "tyres_before": self._name_before,
             "reset": self.state,
             "reset_reason": self.reason,
+            "allowance": self._allowance,
         }
 
     def take_up(self, saved: dict[str, Any]) -> None:
@@ -212,6 +213,7 @@ class TyreSets:
             baseline = self._read(saved["baseline"])
             others = {name: self._read(entry).to_json() for name, entry in saved["others"].items()}
             before = None if saved["before"] is None else self._read(saved["before"])
+            allowance = _allowance(saved.get("allowance", TYRE_SETS.allowance))
         except (KeyError, TypeError, AttributeError, OverflowError) as error:
             raise ValueError(f"the saved sets of tyres are none: {error}") from error
         if not all(isinstance(name, str) and NAME.fullmatch(name) for name in names):
@@ -221,8 +223,20 @@ class TyreSets:
         self.name, self._name_before = names[0], names[1]
         self.baseline, self._others, self._before = baseline, others, before
         self.state, self.reason = state, reason
+        self._allowance = allowance
 
     def _read(self, saved: dict[str, Any]) -> Baseline:
         out = self._fresh()
         out.take_up(saved)
         return out
+
+
+def _allowance(saved: object) -> float:
+    """What is left of the ration of resets: a restart does not fill it up. ValueError beyond its bounds."""
+    if (
+        isinstance(saved, bool)
+        or not isinstance(saved, int | float)
+        or not 0.0 <= saved <= TYRE_SETS.allowance
+    ):
+        raise ValueError("the saved ration of resets is none")
+    return float(saved)
