@@ -150,6 +150,24 @@ def test_bytes_are_counted_while_they_are_read(headers: list[tuple[bytes, bytes]
     assert taken[0] <= settings.max_body_bytes + 1000
 
 
+@pytest.mark.parametrize("token", [False, True])
+def test_who_may_look_is_said(tmp_path: Path, token: bool) -> None:
+    """Without a token the command says that all of this machine may look and ask for a reset."""
+    file = tmp_path / "token"
+    file.write_text(TOKEN, encoding="ascii")
+    asking = ("--token-file", file) if token else ()
+    with process("tpmsd", "web", "--port", "0", "--socket", tmp_path / "none.sock", *asking) as (_, said):
+        lines = [line_with(said, "127.0.0.1")]
+        if not token:
+            lines.append(line_with(said, "--token-file"))
+        time.sleep(0.3)
+        lines += list(said.queue)
+
+    assert (not token) is any(
+        "whoever is on this machine may look and ask for a reset" in one for one in lines
+    )
+
+
 @pytest.mark.parametrize("count", [560, 760])
 def test_half_sent_requests_block_nobody(tmp_path: Path, count: int) -> None:
     """However many connections never finish their headers, one visitor more is answered at once."""
@@ -199,6 +217,15 @@ def test_a_live_page_outlasts_the_time_out(tmp_path: Path) -> None:
             assert got
             bytes_after_s += len(got) if time.monotonic() - begun > 2.5 else 0
     assert bytes_after_s > 0
+
+
+def test_an_upgrade_is_refused_by_the_server(tmp_path: Path) -> None:
+    """A request for a WebSocket is answered with 400, and nothing fails over it."""
+    request = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n"
+    request += b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\r\n"
+    app = live_app(tmp_path / "none.sock", ALMOST_AT_ONCE)
+    with served(app, ALMOST_AT_ONCE) as port, connected(port, request) as client:
+        assert b"HTTP/1.1 400" in client.makefile("rb").readline()
 
 
 async def visits(port: int, count: int) -> list[bytes]:

@@ -6,6 +6,7 @@ import math
 import shutil
 import time
 from pathlib import Path
+from urllib.parse import quote
 
 import numpy as np
 import pytest
@@ -19,6 +20,9 @@ from tpmsd.interfaces.web.settings import WebSettings
 from tpmsd.offline.report.decimation import decimated
 from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
+
+OWN = {"Origin": "http://127.0.0.1:8377"}
+"""What a browser sends with what the page's own scripts ask for."""
 
 
 @given(
@@ -93,13 +97,37 @@ def test_the_overview_and_the_track(web: TestClient, tmp_path: Path) -> None:
     assert 400 == web.get("/api/track?colour=nonsense").status_code
 
 
+@pytest.mark.parametrize("number", ["NaN", "nan", "-nan", "inf", "-Infinity", "1e999", "x", "\x00"])
+@pytest.mark.parametrize(
+    "asked", ["series?columns=speed_mps&points", "series?from", "series?to", "track?points"]
+)
+def test_what_is_no_number_is_refused(web: TestClient, asked: str, number: str) -> None:
+    """Points and times are finite numbers; anything else is 400 and says so."""
+    answer = web.get(f"/api/{asked}={quote(number)}")
+    assert (400, True) == (answer.status_code, "a number is wanted" in answer.text)
+
+
+def test_a_foreign_page_starts_no_diagnosis(tmp_path: Path) -> None:
+    """The work begins by a POST, which takes the page's Origin; that a page is loaded begins nothing."""
+    folder = write_drive(tmp_path / "oval", simulate_drive(DriveSpec(route="oval", duration_s=40.0)))
+    app = drive_app(tpmsd.replay(folder), WebSettings())
+    with TestClient(app, base_url="http://127.0.0.1:8377") as web:
+        assert "being analysed" in web.get("/diagnosis").text
+        assert {"state": "waiting", "share": 0.0, "reason": None} == web.get("/api/diagnosis").json()
+        foreign = {"Origin": "http://evil.example"}
+        assert 403 == web.post("/api/diagnosis", content=b"", headers=foreign).status_code
+        assert "waiting" == web.get("/api/diagnosis").json()["state"]
+
+
 def test_the_diagnosis_is_made_once_and_shown(tmp_path: Path) -> None:
     """The first visit starts it and waits; afterwards the page is there, and obeys the policy."""
     folder = write_drive(tmp_path / "oval", simulate_drive(DriveSpec(route="oval", duration_s=40.0)))
     app = drive_app(tpmsd.replay(folder), WebSettings())
     with TestClient(app, base_url="http://127.0.0.1:8377") as web:
-        assert {"state": "running", "share": 0.0, "reason": None} == web.get("/api/diagnosis").json()
         assert "being analysed" in web.get("/diagnosis").text
+        for _ in range(2):
+            assert 202 == web.post("/api/diagnosis", content=b"", headers=OWN).status_code
+        assert {"state": "running", "share": 0.0, "reason": None} == web.get("/api/diagnosis").json()
         assert "being analysed" in web.get("/diagnosis").text
         end = time.monotonic() + 60.0
         while web.get("/api/diagnosis").json()["state"] == "running" and time.monotonic() < end:
@@ -118,7 +146,7 @@ def test_a_diagnosis_that_fails_says_why(tmp_path: Path) -> None:
     app = drive_app(tpmsd.replay(folder), WebSettings())
     shutil.rmtree(folder)
     with TestClient(app, base_url="http://127.0.0.1:8377") as web:
-        web.get("/diagnosis")
+        web.post("/api/diagnosis", content=b"", headers=OWN)
         end = time.monotonic() + 60.0
         while (told := web.get("/api/diagnosis").json())["state"] == "running" and time.monotonic() < end:
             time.sleep(0.1)

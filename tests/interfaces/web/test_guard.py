@@ -114,3 +114,11 @@ def test_where_there_is_a_token_nothing_is_shown_without(tmp_path: Path) -> None
 def test_the_name_in_a_host_header(header: str, name: str) -> None:
     """Port and case do not count."""
     assert name == host_name(header)
+
+
+@pytest.mark.parametrize("upgrade", ["websocket", "WebSocket", "h2c, websocket"])
+def test_no_other_protocol_is_spoken(tmp_path: Path, upgrade: str) -> None:
+    """A request for a WebSocket is refused in one line."""
+    headers = {"Connection": "Upgrade", "Upgrade": upgrade, "Sec-WebSocket-Version": "13"}
+    answer = client(tmp_path).get("/", headers=headers)
+    assert (400, True) == (answer.status_code, "upgrade" in answer.text)

@@ -233,3 +233,30 @@ def test_what_is_no_daemon_is_said(tmp_path: Path) -> None:
                 await asyncio.sleep(0.01)
 
     assert "what answers is not tpmsd (no JSON)" in run(ask(), hub)
+
+
+@pytest.mark.parametrize("trouble", [RuntimeError("odd"), KeyError("time"), RecursionError(), MemoryError()])
+def test_no_error_leaves_old_data_on_show(tmp_path: Path, trouble: Exception) -> None:
+    """Whatever goes wrong while the daemon is followed is said, and the daemon is followed again."""
+
+    class Troubled(LiveHub):
+        async def _follow(self) -> None:
+            if self.document is None and self.troubles == 0:
+                self.troubles += 1
+                await self._publish(document(1.0), "")
+                raise trouble
+            await super()._follow()
+
+        troubles = 0
+
+    async def follow() -> tuple[str, list[Any]]:
+        (down,) = await heard(hub, "down", 1)
+        while type(trouble).__name__ not in down["reason"]:
+            (down,) = await heard(hub, "down", 1)
+        return down["reason"], await heard(hub, "status", 1)
+
+    with daemon(tmp_path / "s"):
+        hub = Troubled(tmp_path / "s", SETTINGS)
+        reason, again = run(follow(), hub)
+    assert "internal error" in reason
+    assert "wheels" in again[0]

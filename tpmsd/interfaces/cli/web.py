@@ -70,6 +70,12 @@ def run(args: argparse.Namespace) -> int:
         ) from None
     scheme = "https" if settings.secure else "http"
     print(f"{scheme}://{settings.host}:{port_of(listener)}/  (Ctrl-C ends it)", file=sys.stderr, flush=True)
+    if settings.token is None:
+        may = "look" if args.drive is not None else "look and ask for a reset, whatever [status] mode says"
+        print(
+            f"tpmsd: whoever is on this machine may {may}; --token-file asks them for a token",
+            file=sys.stderr,
+        )
     os.nice(settings.niceness)
     server.run(sockets=[listener])
     return 0

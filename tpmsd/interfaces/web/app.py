@@ -2,7 +2,7 @@
 
 In: the status socket of a daemon, or a replayed drive. Out: pages, JSON and server-sent events. Nothing
 changes anything but `POST /api/reset`, which takes the visitor's Origin and a secret that only this page's
-own scripts read.
+own scripts read; and nothing begins work but `POST /api/diagnosis`, which takes the Origin.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import math
 import secrets
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
@@ -31,7 +32,7 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import Receive, Scope, Send
 
-from tpmsd.foundation.errors import TpmsdError
+from tpmsd.foundation.errors import ConfigError, TpmsdError
 from tpmsd.foundation.version import __version__
 from tpmsd.interfaces.api.results import Replay
 from tpmsd.interfaces.web import drive as drive_data
@@ -133,7 +134,6 @@ def drive_app(replay: Replay, settings: WebSettings) -> Starlette:
     async def diagnosis(_: Request) -> Response:
         if job is None:
             raise HTTPException(404, "the drive is in memory alone: there is no diagnosis")
-        job.start()
         if job.page is None:
             return FileResponse(STATIC / "wait.html", media_type="text/html")
         return HTMLResponse(job.page)
@@ -142,6 +142,12 @@ def drive_app(replay: Replay, settings: WebSettings) -> Starlette:
         if job is None:
             raise HTTPException(404, "the drive is in memory alone: there is no diagnosis")
         return JSONResponse(job.document())
+
+    async def begin(_: Request) -> Response:
+        if job is None:
+            raise HTTPException(404, "the drive is in memory alone: there is no diagnosis")
+        job.start()
+        return JSONResponse(job.document(), 202)
 
     def series(request: Request) -> Response:
         query = request.query_params
@@ -167,6 +173,7 @@ def drive_app(replay: Replay, settings: WebSettings) -> Starlette:
         Route("/api/track", track),
         Route("/diagnosis", diagnosis),
         Route("/api/diagnosis", progress),
+        Route("/api/diagnosis", begin, methods=["POST"]),
     ]
     return _app(routes, settings, lifespan)
 
@@ -214,11 +221,17 @@ async def _http_error(_: Request, error: Exception) -> Response:
 
 
 def _number(text: str | None, usual: float) -> float:
-    try:
-        return usual if text is None else float(text)
-    except ValueError:
+    """A finite number of a query, `usual` where it is not given; ConfigError where it is none."""
+    if text is None:
         return usual
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise ConfigError(f"{text[:20]!r}: a number is wanted")
+    return number
 
 
 def _points(text: str | None, settings: WebSettings) -> int:
-    return int(min(max(_number(text, 2000.0), 2.0), settings.max_points)) if text != "nan" else 2000
+    return int(min(max(_number(text, 2000.0), 2.0), settings.max_points))

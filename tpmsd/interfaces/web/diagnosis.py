@@ -1,4 +1,4 @@
-"""The diagnosis of a recorded drive for the page: made once, at the first visit, by a process of its own.
+"""The diagnosis of a recorded drive for the page: made once, when asked for, by a process of its own.
 
 In: a drive folder. Out: the page of `tpmsd diagnose --html` with linked styles and scripts, and how far it
 is. The process is told by `python -m tpmsd.interfaces.web.diagnosis FOLDER`: it writes its progress to
@@ -42,7 +42,8 @@ class DiagnosisJob:
 
     def document(self) -> dict[str, Any]:
         """How far it is, as plain JSON values."""
-        state = "failed" if self.reason else "running" if self.page is None else "done"
+        begun = "waiting" if self._task is None else "running"
+        state = "failed" if self.reason else begun if self.page is None else "done"
         return {"state": state, "share": self.share, "reason": self.reason or None}
 
     async def stop(self) -> None:

@@ -79,6 +79,8 @@ class Guard:
         host = headers.get("host", "")
         if host_name(host) not in self._names:
             return PlainTextResponse("wrong Host header\n", 421)
+        if "websocket" in headers.get("upgrade", "").lower():
+            return PlainTextResponse("no upgrade: HTTP/1.1 alone is spoken here\n", 400)
         if scope["method"] not in SAFE_METHODS:
             scheme = "https" if self._settings.secure else "http"
             if headers.get("origin") != f"{scheme}://{host}":

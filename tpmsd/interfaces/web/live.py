@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import logging
 from collections import deque
 from collections.abc import AsyncIterator, Mapping
 from dataclasses import dataclass, field
@@ -22,6 +23,7 @@ from tpmsd.interfaces.web.settings import WebSettings
 from tpmsd.onboard.sinks.status_client import parse_status, refusal
 
 MAX_LINE_BYTES = 1 << 20
+log = logging.getLogger("tpmsd.interfaces.web")
 
 
 @dataclass
@@ -53,6 +55,9 @@ class LiveHub:
                 await self._publish(None, str(error))
             except (OSError, ValueError) as error:
                 await self._publish(None, f"{self.socket}: {error}")
+            except Exception as error:  # a defect is said, too: the last document would else stay on show
+                log.exception("the daemon's page")
+                await self._publish(None, f"internal error: {type(error).__name__}: {error}")
             await asyncio.sleep(self.settings.retry_s)
 
     async def _follow(self) -> None:

@@ -1,9 +1,9 @@
-// Waits for the diagnosis, then shows it.
+// Begins the diagnosis, waits for it, then shows it.
 import { byId } from "./common.js";
 
 async function look() {
   try {
-    const told = await (await fetch("api/diagnosis")).json();
+    const told = await (await fetch("api/diagnosis", { method: "POST" })).json(); // begins it once
     if (told.state === "done") return location.reload();
     byId("share").value = told.share;
     byId("share").textContent = `${Math.round(100 * told.share)} %`;
