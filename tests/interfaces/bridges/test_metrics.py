@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import logging
+import socket
+import threading
+import time
 import urllib.request
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +18,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from tests.interfaces.bridges.documents import alarm, document, served
 from tests.interfaces.bridges.test_summary import junk
 from tpmsd.foundation.errors import TpmsdError
+from tpmsd.interfaces.bridges import prometheus
 from tpmsd.interfaces.bridges.metrics import families
 from tpmsd.interfaces.bridges.prometheus import serve
 
@@ -74,6 +79,25 @@ def test_nothing_listens_beyond_the_loopback_unless_told(tmp_path: Path) -> None
             urllib.request.urlopen(f"http://127.0.0.2:{port}/metrics", timeout=1.0)
     finally:
         end()
+
+
+def test_half_sent_requests_neither_pile_up_nor_stay(tmp_path: Path) -> None:
+    """Sixty connections that ask for nothing hold a bounded number of threads, and are closed in time."""
+    before = threading.active_count()
+    with pytest.MonkeyPatch.context() as patched, ExitStack() as stack:
+        patched.setattr(prometheus, "REQUEST_S", 1.0, raising=False)
+        port, end = serve(tmp_path / "s", "127.0.0.1", 0, LOG)
+        stack.callback(end)
+        for _ in range(60):
+            client = stack.enter_context(socket.create_connection(("127.0.0.1", port), 5.0))
+            client.sendall(b"GET /metrics HTTP/1.1\r\nX-Half: ")
+        time.sleep(0.3)
+        most = threading.active_count() - before
+        time.sleep(1.7)
+        got = scrape(port)
+
+    assert most <= 2 * 16 + 1  # one each, one that ends it, one that listens
+    assert {("tpmsd_up",): 0.0} == got
 
 
 @settings(derandomize=True, deadline=None, max_examples=150)

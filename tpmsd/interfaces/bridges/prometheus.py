@@ -6,10 +6,15 @@ Prometheus asks, so nothing here can be stale.
 
 from __future__ import annotations
 
+import contextlib
 import logging
+import socket
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from socketserver import ThreadingMixIn
 from typing import Any
+from wsgiref.simple_server import WSGIRequestHandler, WSGIServer
 
 from tpmsd.foundation.errors import ConfigError, TpmsdError
 from tpmsd.interfaces.bridges.metrics import families
@@ -17,6 +22,10 @@ from tpmsd.onboard.sinks.status_client import StatusError, read_status
 
 SCRAPE_TIMEOUT_S = 3.0
 """Below the 10 s of Prometheus's own default."""
+MOST_REQUESTS = 16
+"""Requests at a time, a thread each: a server or two scrape, every some seconds."""
+REQUEST_S = 10.0
+"""From a connection to the end of its answer; what takes longer is closed, a scrape ends by itself before."""
 
 
 class StatusCollector:
@@ -59,15 +68,19 @@ def serve(path: Path, address: str, port: int, log: logging.Logger) -> tuple[int
     Raises ConfigError where prometheus-client is not installed, TpmsdError where nobody can listen there.
     """
     try:
-        from prometheus_client import CollectorRegistry, start_http_server
+        from prometheus_client import CollectorRegistry, make_wsgi_app
     except ImportError:
         raise ConfigError("prometheus-client is not installed: pip install 'tpmsd[prometheus]'") from None
     registry = CollectorRegistry(auto_describe=False)
     registry.register(StatusCollector(path, log))
     try:
-        server, thread = start_http_server(port, addr=address, registry=registry)
+        family, *_, where = socket.getaddrinfo(address, port, type=socket.SOCK_STREAM)[0]
+        server = _Server(family, (str(where[0]), int(where[1])))
     except OSError as error:
         raise TpmsdError(f"{address}:{port}: cannot listen: {error.strerror or error}") from None
+    server.set_app(make_wsgi_app(registry))
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
 
     def end() -> None:
         server.shutdown()
@@ -75,3 +88,51 @@ def serve(path: Path, address: str, port: int, log: logging.Logger) -> tuple[int
         thread.join(2.0)
 
     return int(server.server_port), end
+
+
+class _Handler(WSGIRequestHandler):
+    """Logs no request."""
+
+    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002
+        """Log nothing."""
+
+
+class _Server(ThreadingMixIn, WSGIServer):
+    """A thread per request: so many at most, each for a bounded time (prometheus-client's has no bounds)."""
+
+    daemon_threads = True
+
+    def __init__(self, family: int, where: tuple[str, int]) -> None:
+        self.address_family = family
+        self._places = threading.BoundedSemaphore(MOST_REQUESTS)
+        super().__init__(where, _Handler)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Begin a thread, or close the connection where all places are taken."""
+        if not self._places.acquire(blocking=False):
+            self.shutdown_request(request)
+            return
+        try:
+            super().process_request(request, client_address)
+        except RuntimeError:  # no thread to be had
+            self._places.release()
+            raise
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer; a visitor that is not done in time finds its connection closed."""
+        late = threading.Timer(REQUEST_S, _shut, (request,))
+        late.daemon = True
+        late.start()
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            late.cancel()
+            self._places.release()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say nothing: a visitor that leaves is no error."""
+
+
+def _shut(request: socket.socket) -> None:
+    with contextlib.suppress(OSError):
+        request.shutdown(socket.SHUT_RDWR)
