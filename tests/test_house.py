@@ -140,7 +140,6 @@ BRANCHY = {
     "tpmsd.offline.discovery.other_roles._ranked": 19,
     "tpmsd.offline.discovery.suspicions._aligned": 17,
     "tpmsd.offline.discovery.suspicions._car": 16,
-    "tpmsd.offline.discovery.text.vehicle_text": 21,
     "tpmsd.offline.fleet.report.report_document": 17,
     "tpmsd.offline.report.diagnosis_document.diagnosis_document": 18,
     "tpmsd.offline.report.static_figures._for_page": 18,

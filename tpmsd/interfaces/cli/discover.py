@@ -16,7 +16,7 @@ from tpmsd.interfaces.cli.output import Subparsers, add_json_option, json_text
 from tpmsd.interfaces.cli.outputs import Outputs
 
 if TYPE_CHECKING:
-    from tpmsd.offline.discovery.result import Discovery
+    from tpmsd.offline.discovery.result import Discovery, FoundRole
 
 SCHEMA = "tpmsd.discovery/2"
 EXIT_UNDECIDED = 4
@@ -133,13 +133,7 @@ def summary(found: Discovery) -> list[str]:
         lines += ["", f"wheels ({found.kind}) and other signals:"]
     width = max((len(role) for role in found.roles), default=0)
     for role, one in found.roles.items():
-        rivals = "".join(f"; {name} {p:.2f}" for name, p in one.rivals)
-        extra = f", modulus {one.modulus}" if one.modulus else ""
-        extra += f", in {one.unit}" if one.unit else ""
-        extra += f", scale {one.scale:g}" if one.scale is not None else ""
-        extra += ", sign turned" if one.sign < 0 else ""
-        extra += f", on {found.channel(one.bus)}" if len(found.channels) > 1 else ""
-        lines.append(f"  {role:{width}}  {one.field.signal}{extra}  {one.probability:.3f}{rivals}")
+        lines.append(f"  {role:{width}}  {_role(found, one)}")
     if found.counts_per_rev is not None:
         counts = found.counts_per_rev
         sure = found.counts_probability
@@ -155,3 +149,14 @@ def summary(found: Discovery) -> list[str]:
         lines += ["", "undecided:"]
         lines += [f"  {one.key}: {one.why}. It takes: {one.drive}." for one in found.undecided]
     return lines
+
+
+def _role(found: Discovery, one: FoundRole) -> str:
+    """The signal of a role with its qualities, probability and rivals."""
+    rivals = "".join(f"; {name} {p:.2f}" for name, p in one.rivals)
+    extra = f", modulus {one.modulus}" if one.modulus else ""
+    extra += f", in {one.unit}" if one.unit else ""
+    extra += f", scale {one.scale:g}" if one.scale is not None else ""
+    extra += ", sign turned" if one.sign < 0 else ""
+    extra += f", on {found.channel(one.bus)}" if len(found.channels) > 1 else ""
+    return f"{one.field.signal}{extra}  {one.probability:.3f}{rivals}"

@@ -29,7 +29,13 @@ def vehicle_text(found: Discovery, dbc: str) -> str:
     lines = [f"# By {source}. Look over what is marked as undecided."]
     lines += [f"# undecided: {one.key}: {one.why}. It takes: {one.drive}." for one in found.undecided]
     lines += [f"# contradicted: {said}." for said in found.contradictions]
-    lines += ["", "[vehicle]"]
+    lines += [*_vehicle_table(found), *_can_tables(found, dbc), *_gnss_table(found)]
+    return "\n".join(lines) + "\n"
+
+
+def _vehicle_table(found: Discovery) -> list[str]:
+    """The table [vehicle], with what was not measured marked."""
+    lines = ["", "[vehicle]"]
     radius = found.geometry.get("wheel_radius_m")
     lines.append(f"wheel_radius_m = {radius.value if radius else SETTINGS.radius_m:.4f}")
     for key, usual in _USUAL.items():
@@ -45,8 +51,13 @@ def vehicle_text(found: Discovery, dbc: str) -> str:
         by_radius = f"+- {spread:.0f}, by the rolling radius alone" if spread > 0.0 else "a usual value"
         note = f"probability {sure:.2f}" if sure > 0.0 else f"{by_radius}: not measured"
         lines.append(f"teeth_per_rev = {found.counts_per_rev.value:g}   # {note}")
+    return lines
+
+
+def _can_tables(found: Discovery, dbc: str) -> list[str]:
+    """The tables of the buses and of the signals."""
     main = found.main_bus
-    lines += ["", "[can]", 'interface = "socketcan"']
+    lines = ["", "[can]", 'interface = "socketcan"']
     lines += [f"channel = {json.dumps(found.channel(main))}", f"dbc = {json.dumps(dbc)}"]
     for bus in further_buses(found):
         name = json.dumps(found.channel(bus))
@@ -56,7 +67,12 @@ def vehicle_text(found: Discovery, dbc: str) -> str:
     for role, one in found.roles.items():
         bus_name = "" if one.bus == main else found.channel(one.bus)
         lines.append(f"{role} = {_signal(one, bus_name)}   # {one.probability:.3f}")
-    lines += ["", "[gnss]", 'device = "/dev/ttyACM0"', "baud = 115200"]
+    return lines
+
+
+def _gnss_table(found: Discovery) -> list[str]:
+    """The table [gnss]: antenna and latency where they are well known."""
+    lines = ["", "[gnss]", 'device = "/dev/ttyACM0"', "baud = 115200"]
     for key, low, high in (("antenna_forward_m", -10.0, 20.0), ("antenna_left_m", -3.0, 3.0)):
         place = found.gnss.get(key)
         use = place is not None and place.std < 0.5 and low <= place.value <= high
@@ -64,7 +80,7 @@ def vehicle_text(found: Discovery, dbc: str) -> str:
     latency = found.gnss.get("latency_s")
     if latency is not None and latency.std < 0.05 and 0.0 <= latency.value <= 5.0:
         lines.append(f"latency_s = {latency.value:.3f}")
-    return "\n".join(lines) + "\n"
+    return lines
 
 
 def further_buses(found: Discovery) -> list[int]:
