@@ -100,6 +100,8 @@ def strange_radius(name: str, p: dict[str, Any], course: Course) -> Array | None
     t, v = course.time_s, course.speed
     if name == "strange_speed_hump":  # a resonance: one axle shrinks around a certain speed
         return np.asarray(p["size_m"] * np.exp(-0.5 * ((v - p["at_mps"]) / p["width_mps"]) ** 2))
+    if name == "strange_speed_step":  # an axle that goes over from one radius to another at a certain speed
+        return np.asarray(p["size_m"] * np.tanh((v - p["at_mps"]) / p["width_mps"]))
     if name == "strange_camber":  # one wheel answers to the size of the bend, not its sign
         return np.asarray(p["size_m"] * np.minimum(np.abs(course.a_lat) / 2.0, 1.5))
     if name == "strange_span":  # a wheel that is off for a while and comes back

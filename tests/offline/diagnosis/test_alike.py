@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Term
+from tpmsd.offline.diagnosis.hypotheses.terms import ANY_CAR, Hypotheses, Term
 from tpmsd.offline.diagnosis.selection.candidates import Candidates
 from tpmsd.offline.diagnosis.selection.selector import Selector
 from tpmsd.offline.diagnosis.settings import SETTINGS
@@ -19,21 +19,20 @@ class Two(Hypotheses):
     """A slip and a load transfer, and nothing else."""
 
     def __init__(self) -> None:
-        self.width = 3
-        self.nuisance = np.zeros((3, 0))
-        self.catalogue = [
+        terms = [
             Term(effect, np.eye(3)[:, column : column + 1], (name,), 3.5)
             for column, effect, name in (
                 (1, "longitudinal_slip", "slip_per_accel"),
                 (2, "load_transfer_longitudinal", "coefficient"),
             )
         ]
+        super().__init__(np.zeros((3, 0)), terms, [], ANY_CAR)
 
     def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
         """None."""
         return []
 
-    pulse_gains = smooth_gains = ramp_gains
+    pulse_gains = ramp_gains
 
 
 def evidence(angle: float) -> Evidence:
@@ -76,17 +75,22 @@ def test_a_spline_gives_away_a_share_of_its_gain(place: str, covariate: str, sha
     assert pytest.approx((1.0 - share) * 100.0 - 5.0) == Candidates.net(term, 100.0, 1e-3)
 
 
-class Arm(Two):
+class Arm(Hypotheses):
     """An antenna's place of two values, and a latency."""
 
     def __init__(self) -> None:
-        self.width = 4
-        self.nuisance = np.zeros((4, 0))
         names = ("forward_m", "left_m")
-        self.catalogue = [
+        terms = [
             Term("antenna_lever_arm", np.eye(4)[:, 1:3], names, 7.0),
             Term("gnss_latency", np.eye(4)[:, 3:], ("latency_s",), 3.5),
         ]
+        super().__init__(np.zeros((4, 0)), terms, [], ANY_CAR)
+
+    def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
+        """None."""
+        return []
+
+    pulse_gains = ramp_gains
 
 
 @pytest.mark.parametrize(

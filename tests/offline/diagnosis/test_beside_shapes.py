@@ -11,9 +11,9 @@ import pytest
 from tpmsd.car.physics.kinematics import Geometry
 from tpmsd.car.physics.motion import Car, driven_mask
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.hypotheses.plausible import bounds_of
+from tpmsd.offline.diagnosis.hypotheses.plausible import limits_of
 from tpmsd.offline.diagnosis.hypotheses.prices import shape_price
-from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Term
+from tpmsd.offline.diagnosis.hypotheses.terms import ANY_CAR, CarLimits, Hypotheses, Term
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.robustness.confirm import _receivers_own
 from tpmsd.offline.diagnosis.selection.selector import Selector
@@ -30,11 +30,10 @@ LAG_S = 0.065
 class Given(Hypotheses):
     """These terms and no others."""
 
-    def __init__(self, width: int, catalogue: list[Term], shapes: list[Term]) -> None:
-        self.width = width
-        self.nuisance = np.zeros((width, 0))
-        self.catalogue = catalogue
-        self._smooth = shapes
+    def __init__(
+        self, width: int, catalogue: list[Term], shapes: list[Term], car: CarLimits = ANY_CAR
+    ) -> None:
+        super().__init__(np.zeros((width, 0)), catalogue, shapes, car)
 
     def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
         """None."""
@@ -141,9 +140,9 @@ def test_no_track_is_off_by_the_width_of_a_tyre(rear_m: float, thinkable: bool) 
     """However sure it looks."""
     u = directions(1)
     track = Term("track_width_error", columns(1, width=2), ("rear_m",), 3.5)
-    given = Given(2, [track], [])
     geometry = Geometry(track_front_m=1.5, track_rear_m=1.5, wheelbase_m=2.7)
-    given.bounds = bounds_of(Car(np.full(4, 0.3), geometry, driven_mask("rear")))
+    car = Car(np.full(4, 0.3), geometry, driven_mask("rear"))
+    given = Given(2, [track], [], limits_of(car))
     selector = Selector(evidence(100.0 * rear_m * u[:, 0], 100.0 * u), given, last=True)
 
     assert thinkable == bool(selector.select().chosen)
@@ -155,10 +154,9 @@ def test_no_antenna_is_where_there_is_no_car(configured_m: float, thinkable: boo
     u = directions(2)
     names = ("forward_m", "left_m")
     arm = Term("antenna_lever_arm", columns(1, 2, width=3), names, 7.0)
-    given = Given(3, [arm], [])
     geometry = Geometry(track_front_m=1.5, track_rear_m=1.5, wheelbase_m=2.7)
     car = Car(np.full(4, 0.3), geometry, driven_mask("rear"), antenna_forward_m=configured_m)
-    given.bounds = bounds_of(car)
+    given = Given(3, [arm], [], limits_of(car))
     chosen = Selector(evidence(-220.0 * u[:, 0], 100.0 * u), given, last=True).select().chosen
 
     assert thinkable == bool(chosen)

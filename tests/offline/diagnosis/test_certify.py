@@ -14,6 +14,7 @@ from tpmsd.car.physics.catalogue import make_effect
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.offline.diagnosis.assessment.result import Diagnosis, Quantity
 from tpmsd.offline.diagnosis.diagnose import Certification, diagnose, examine
+from tpmsd.offline.diagnosis.hypotheses.one_drive import DriveHypotheses
 from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Term
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.drive_study import first_noise
@@ -248,6 +249,6 @@ def test_gains_are_studentised_by_what_blocks_scatter() -> None:
 
 
 def _nothing_but_calibration(evidence: Evidence) -> Hypotheses:
-    hypotheses = Hypotheses([("data",), ("a",), ("b",)], np.linspace(0.0, 1.0, 41), frozenset())
+    hypotheses = DriveHypotheses([("data",), ("a",), ("b",)], np.linspace(0.0, 1.0, 41), frozenset())
     hypotheses.nuisance = np.zeros((evidence.width, 0))
     return hypotheses

@@ -11,7 +11,7 @@ from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.car.physics.catalogue import groups, make_effect
 from tpmsd.offline.diagnosis.assessment.tangent import nonlinear_stds
-from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses
+from tpmsd.offline.diagnosis.hypotheses.one_drive import DriveHypotheses
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.refinement.refine import plainest_shape, refine
@@ -22,7 +22,7 @@ CURVE = next(group for group in groups() if group[0].effect == "drive_slip_curve
 
 def test_all_values_of_an_effect_stay_when_its_parameter_is_refined() -> None:
     """Each value's response has a column of its own, at the refined parameter."""
-    hypotheses = Hypotheses([("data",), *(probe.key for probe in CURVE)], np.zeros(0), frozenset())
+    hypotheses = DriveHypotheses([("data",), *(probe.key for probe in CURVE)], np.zeros(0), frozenset())
     like = next(term for term in hypotheses.catalogue if len(term.parameters) == 2)
     hypotheses.widen(5)
 

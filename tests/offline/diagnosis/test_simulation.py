@@ -21,6 +21,14 @@ from tpmsd.offline.inference.recording import Recording
 GROWTH = {"centrifugal_growth": {"coefficient": 3e-6}}
 TRANSFER = {"load_transfer_lateral": {"coefficient": 1e-4}}
 SLIP = {"longitudinal_slip": {"slip_per_accel": 2e-3, "slip_per_speed2": 1e-6}}
+UNNAMED: dict[str, dict[str, Any]] = {
+    "speed": {
+        "strange_speed_step": {"size_m": 1.2e-3, "at_mps": 20.0, "width_mps": 4.0, "wheels": [2, 3]},
+    },
+    "one wheel": {"strange_camber": {"size_m": 1.5e-3, "wheels": [1]}},
+    "gyro": {"strange_gyro_square": {"per_rad": 1.5}},
+}
+"""Physics of no catalogue."""
 PERFECT: dict[str, Any] = {
     "position_slow_m": 1e-6,
     "position_white_m": 1e-6,
@@ -107,6 +115,29 @@ def test_what_both_hold_at_different_values_is_told_with_both() -> None:
     assert finding.parameters["coefficient"].value == pytest.approx(6e-5, rel=0.15)
     assert finding.simulated["coefficient"].value == pytest.approx(4e-5, rel=0.1)
     assert effect.values()["coefficient"] == pytest.approx(1e-4, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("physics", "channel", "wheels"),
+    [
+        ("speed", "wheel_ratio", {"rl", "rr"}),
+        ("one wheel", "wheel_ratio", {"fr"}),
+        ("gyro", "yaw_rate", set()),
+    ],
+)
+def test_physics_without_a_name_that_the_simulation_lacks_is_located(
+    physics: str, channel: str, wheels: set[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Through the command: what no catalogue holds is `unknown` in its place, held by the recording alone."""
+    write_folder(drive(spec(UNNAMED[physics]), 77), tmp_path / "recording")
+    write_folder(drive(spec({}, **PERFECT), 77), tmp_path / "simulation")
+    drives = [str(tmp_path / "recording"), "--simulation", str(tmp_path / "simulation")]
+
+    assert 0 == main(["diagnose", *drives, "--json", "-"])
+    findings = json.loads(capsys.readouterr().out)["findings"]
+    assert [("unknown", "recording")] == [(one["effect"], one["held_by"]) for one in findings]
+    assert channel == findings[0]["where"]["channel"]
+    assert wheels <= set(findings[0]["where"]["wheels"])
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,8 @@ import pytest
 from tests.offline.calibration.test_parts import CIRCLE, perfect
 from tpmsd.car.physics.catalogue import EFFECTS
 from tpmsd.car.physics.motion import driven_mask
-from tpmsd.offline.diagnosis.assessment.identifiability import usual_size
+from tpmsd.offline.diagnosis.assessment.identifiability import advice, usual_size
 from tpmsd.offline.diagnosis.counters.miscount import all_recounted, one_recounted, wrong_teeth
-from tpmsd.offline.diagnosis.hypotheses.advice import advice
 from tpmsd.offline.diagnosis.hypotheses.joint_terms import is_copied, is_own
 from tpmsd.offline.diagnosis.hypotheses.plausible import completions_of, with_completions
 from tpmsd.offline.diagnosis.hypotheses.terms import Term

@@ -12,8 +12,8 @@ from tests.offline.diagnosis.recorded import recording_of
 from tpmsd.car.physics.catalogue import EFFECTS, groups
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.diagnose import diagnose
+from tpmsd.offline.diagnosis.hypotheses.one_drive import DriveHypotheses
 from tpmsd.offline.diagnosis.hypotheses.prices import grid_price
-from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.study import Study
 
@@ -52,7 +52,7 @@ def test_how_soon_and_how_long_a_brake_warms_its_tyres(soak_s: float) -> None:
 
 def test_both_values_off_the_grid_are_priced() -> None:
     """Half a minute costs nothing; a factor of e^1.1 from it half a nat."""
-    hypotheses = Hypotheses([("data",), *(probe.key for probe in HEAT)], np.zeros(0), frozenset())
+    hypotheses = DriveHypotheses([("data",), *(probe.key for probe in HEAT)], np.zeros(0), frozenset())
     (like,) = hypotheses.catalogue
     hypotheses.widen(4)
     assert like.at is not None

@@ -11,12 +11,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tpmsd.car.physics.catalogue import EFFECTS
 from tpmsd.car.physics.effect import Effect, Parameter
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.hypotheses.advice import advice
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.settings import SETTINGS
+
+DRIVES: dict[str, str] = {
+    name: effect.telling_drive for name, effect in EFFECTS.items() if effect.telling_drive
+}
+"""The drive that tells an effect from others, by its name."""
 
 
 @dataclass(frozen=True)
@@ -92,3 +97,11 @@ def _cosine(one: FloatArray, other: FloatArray, gram: FloatArray) -> float:
     if not one.shape[1] or not other.shape[1]:
         return 0.0
     return float(min(np.linalg.svd(one.T @ gram @ other, compute_uv=False)[0], 1.0))
+
+
+def advice(effect: str, rivals: tuple[str, ...]) -> str:
+    """The drive that would separate an effect from the first of its rivals; empty without rivals."""
+    if not rivals:
+        return ""
+    order = [DRIVES[name] for name in (effect, rivals[0]) if name in DRIVES]
+    return f"to tell {effect} from {rivals[0]}: " + "; and ".join(dict.fromkeys(order))

@@ -18,7 +18,7 @@ import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.joint_terms import JointHypotheses
-from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Term
+from tpmsd.offline.diagnosis.hypotheses.terms import CarLimits, Hypotheses, Term
 from tpmsd.offline.diagnosis.prepared.drive_study import Refined, refined
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
@@ -64,11 +64,15 @@ class Differences(Hypotheses):
     """Terms that act in the recording alone; calibration and what both hold in common is the baseline."""
 
     def __init__(self, joint: JointHypotheses, common: Sequence[Common]) -> None:
+        """A difference may have either sign, so that the limits of an effect's values do not hold for it."""
         self.joint = joint
         self.common = list(common)
-        self.width = joint.width
-        self.catalogue = [term for term in joint.catalogue if term.drive == 0]
-        self.nuisance = np.concatenate([joint.nuisance, *(one.term.design for one in common)], axis=1)
+        super().__init__(
+            nuisance=np.concatenate([joint.nuisance, *(one.term.design for one in common)], axis=1),
+            catalogue=[term for term in joint.catalogue if term.drive == 0],
+            splines=joint.splines_of(0),
+            car=CarLimits(radius_m=joint.car.radius_m, driven=joint.car.driven),
+        )
 
     def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
         """Of the recording's wheels."""
@@ -77,10 +81,6 @@ class Differences(Hypotheses):
     def pulse_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
         """Of the recording's wheels."""
         return [(gain, term) for gain, term in self.joint.pulse_gains(gram, b) if term.drive == 0]
-
-    def smooth_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
-        """Of the recording."""
-        return [(gain, term) for gain, term in self.joint.smooth_gains(gram, b) if term.drive == 0]
 
     def first(self, which: Common) -> int:
         """Where the values of a common effect begin in a fit."""

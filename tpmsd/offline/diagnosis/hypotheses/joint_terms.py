@@ -14,7 +14,8 @@ import numpy as np
 
 from tpmsd.car.physics.catalogue import ALWAYS, EFFECTS
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Name, Term, for_drive
+from tpmsd.offline.diagnosis.hypotheses.one_drive import DriveHypotheses
+from tpmsd.offline.diagnosis.hypotheses.terms import ANY_CAR, CarLimits, Hypotheses, Name, Term, for_drive
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
 SHARED = frozenset(name for name, effect in EFFECTS.items() if effect.alike_on_every_drive)
@@ -54,16 +55,18 @@ class JointHypotheses(Hypotheses):
         drives: list[OwnNames],
         width: int,
         same_road: bool,
+        car: CarLimits = ANY_CAR,
     ) -> None:
         """`unusable` effects are left out of what is shared; `width` is that of the common index.
 
         A slope acts in every drive alike, but `same_road` compares a recording with a simulation, which may
         have left it out.
         """
-        common = Hypotheses(shared, drives[0].ramp_knots_s, unusable)
-        self.width = width
+        common = DriveHypotheses(shared, drives[0].ramp_knots_s, unusable, car)
         self._drives = [
-            Hypotheses(one.names, one.ramp_knots_s, one.unusable if same_road else one.unusable | SHARED)
+            DriveHypotheses(
+                one.names, one.ramp_knots_s, one.unusable if same_road else one.unusable | SHARED, car
+            )
             for one in drives
         ]
         self._at = [
@@ -73,13 +76,19 @@ class JointHypotheses(Hypotheses):
             {int(at): name for at, name in zip(places[1:], one.names[1:], strict=True)}
             for places, one in zip(self._at, drives, strict=True)
         ]
+        self._own_splines: dict[tuple[int, str, int], list[Term]] = {}
         self._places = [{name: at for at, name in names.items()} for names in self._names]
-        self.catalogue = [replace(term, design=self._wide(term.design)) for term in common.catalogue]
-        for number, one in enumerate(self._drives):
-            self.catalogue += [self._of(number, term) for term in one.catalogue]
-        self._smooth = [replace(term, design=self._wide(term.design)) for term in common._smooth]
-        self.nuisance = np.concatenate(
-            [self._place(number, one.nuisance) for number, one in enumerate(self._drives)], axis=1
+        calibration = [self._placed(number, one.nuisance, width) for number, one in enumerate(self._drives)]
+        super().__init__(
+            nuisance=np.concatenate(calibration, axis=1),
+            catalogue=[replace(term, design=_wide(term.design, width)) for term in common.catalogue]
+            + [
+                self._of(number, term, width)
+                for number, one in enumerate(self._drives)
+                for term in one.catalogue
+            ],
+            splines=[replace(term, design=_wide(term.design, width)) for term in common.splines],
+            car=car,
         )
 
     @property
@@ -110,7 +119,7 @@ class JointHypotheses(Hypotheses):
         for number, one in enumerate(self._drives):
             at = self._at[number][1:] - 1
             for gain, term in one.ramp_gains(gram[np.ix_(at, at)], b[at]):
-                out.append((gain, self._of(number, term)))
+                out.append((gain, self._of(number, term, self.width)))
         return out
 
     def pulse_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
@@ -119,7 +128,7 @@ class JointHypotheses(Hypotheses):
         for number, one in enumerate(self._drives):
             at = self._at[number][1:] - 1
             for gain, term in one.pulse_gains(gram[np.ix_(at, at)], b[at]):
-                out.append((gain, self._of(number, term)))
+                out.append((gain, self._of(number, term, self.width)))
         return out
 
     def smooth_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
@@ -131,16 +140,32 @@ class JointHypotheses(Hypotheses):
             best = sorted(gains, key=lambda entry: entry[1].penalty - entry[0])[
                 : SETTINGS.hypotheses.best_per_drive
             ]
-            out += [(gain, self._of(number, term)) for gain, term in best]
+            out += [(gain, self._of(number, term, self.width)) for gain, term in best]
         return out
 
-    def _of(self, drive: int, term: Term) -> Term:
-        return for_drive(replace(term, design=self._place(drive, term.design)), drive, len(self._drives))
+    def shapes_over(self, like: Term) -> list[Term]:
+        """As in the base; of a term of one drive, those of that drive."""
+        shapes = super().shapes_over(like)
+        return shapes if like.drive is None else [*shapes, *self.splines_of(like.drive, like.covariate)]
 
-    def _place(self, drive: int, design: FloatArray) -> FloatArray:
-        out = np.zeros((self.width, design.shape[1]))
+    def splines_of(self, drive: int, covariate: str = "") -> list[Term]:
+        """The smooth terms of one drive alone, over one covariate or over any."""
+        which = (drive, covariate, self.width)
+        if which not in self._own_splines:
+            mine = [one for one in self._drives[drive].splines if covariate in ("", one.covariate)]
+            self._own_splines[which] = [self._of(drive, one, self.width) for one in mine]
+        return self._own_splines[which]
+
+    def _of(self, drive: int, term: Term, width: int) -> Term:
+        placed = replace(term, design=self._placed(drive, term.design, width))
+        return for_drive(placed, drive, len(self._drives))
+
+    def _placed(self, drive: int, design: FloatArray, width: int) -> FloatArray:
+        """(width, k) one drive's own design in the common index."""
+        out = np.zeros((width, design.shape[1]))
         out[self._at[drive]] = design
         return out
 
-    def _wide(self, design: FloatArray) -> FloatArray:
-        return np.concatenate([design, np.zeros((self.width - len(design), design.shape[1]))])
+
+def _wide(design: FloatArray, width: int) -> FloatArray:
+    return np.concatenate([design, np.zeros((width - len(design), design.shape[1]))])

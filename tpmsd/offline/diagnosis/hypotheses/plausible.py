@@ -13,7 +13,7 @@ import numpy as np
 from tpmsd.car.physics.catalogue import EFFECTS
 from tpmsd.car.physics.motion import Car
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.hypotheses.terms import Term
+from tpmsd.offline.diagnosis.hypotheses.terms import CarLimits, Term
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
 Bounds = Mapping[tuple[str, str], tuple[float, float]]
@@ -35,6 +35,11 @@ def completions_of(car: Car) -> Mapping[tuple[str, str], str]:
         for name, effect in EFFECTS.items()
         for parameter, other in effect.completed_by(car).items()
     }
+
+
+def limits_of(car: Car) -> CarLimits:
+    """All that the hypotheses know of a car."""
+    return CarLimits(bounds_of(car), completions_of(car), car.radius_m, car.driven)
 
 
 def with_completions(terms: Sequence[Term], completions: Mapping[tuple[str, str], str]) -> FloatArray:

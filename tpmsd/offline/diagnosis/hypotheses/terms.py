@@ -1,25 +1,25 @@
 """The hypotheses: terms that may be added to the rolling model, each a few combinations of columns.
 
-In: the names of the columns. Out: `Term`s of the catalogue with one or several shapes each, and scans
-over the large families (radius ramps of any onset and length, smooth terms at any place over any
-covariate).
+In: terms and the calibration. Out: `Hypotheses`, which hold the terms of the catalogue and the smooth ones,
+take further terms off the grid, and scan the large families. `one_drive`, `joint_terms` and
+`assessment.simulated` make them of one drive, of several, and of what a simulation lacks.
 """
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from types import MappingProxyType
 
 import numpy as np
 
-from tpmsd.car.physics.catalogue import ALWAYS, EFFECTS, EVENTS, FAULT, FREE, groups
+from tpmsd.car.physics.catalogue import EFFECTS, FAULT, FREE
 from tpmsd.car.physics.effect import Effect, Kind
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.hypotheses.group_gain import gain_of_rows
-from tpmsd.offline.diagnosis.hypotheses.prices import RAMPED_PLACES, grid_price, ramp_price, shape_price
+from tpmsd.offline.diagnosis.hypotheses.prices import grid_price, ramp_price, shape_price
 from tpmsd.offline.diagnosis.hypotheses.response import PLACES
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
@@ -142,35 +142,35 @@ class Term:
         return grid is None or self.at == grid.middle
 
 
-class Hypotheses:
-    """All terms that a drive's columns allow."""
+@dataclass(frozen=True)
+class CarLimits:
+    """What the hypotheses know of the car; by default a car of usual size, all wheels driven, no limits."""
 
-    bounds: Mapping[tuple[str, str], tuple[float, float]] = MappingProxyType({})
+    bounds: Mapping[tuple[str, str], tuple[float, float]] = field(default_factory=dict)
     """Of the values, by effect and parameter: what may be fitted on this car."""
-    completions: Mapping[tuple[str, str], str] = MappingProxyType({})
+    completions: Mapping[tuple[str, str], str] = field(default_factory=dict)
     """By effect and parameter, the other effects' parameter that its bounds include."""
-    radius_m: FloatArray = np.full(4, 0.3)
-    driven: np.ndarray = np.ones(4, dtype=np.bool_)
-    """(4,) each, of the car."""
+    radius_m: FloatArray = field(default_factory=lambda: np.full(4, 0.3))
+    driven: np.ndarray = field(default_factory=lambda: np.ones(4, dtype=np.bool_))
+    """(4,) each."""
 
-    def __init__(self, names: list[Name], ramp_knots_s: FloatArray, unusable: frozenset[str]) -> None:
-        """`names` are those of the columns, the data's own first; `unusable` effects are left out."""
-        self.place = {name: k for k, name in enumerate(names)}
-        self.width = len(names)
-        self.knots_s = ramp_knots_s
-        self.nuisance = self._unit([name for name in names if name[0] in ALWAYS])
-        self.catalogue = [term for term in self._catalogue() if term.effect not in unusable]
-        self.wheels = [wheel for wheel in WHEELS if ("ramp", wheel, "0") in self.place]
-        pairs = [
-            (a, b)
-            for a in range(SETTINGS.hypotheses.ramp_knots)
-            for b in range(a + 1, SETTINGS.hypotheses.ramp_knots + 1)
-        ]
-        self._pairs = pairs
-        self._ramps = np.zeros((SETTINGS.hypotheses.ramp_knots, len(pairs)))
-        for k, (a, b) in enumerate(pairs):
-            self._ramps[a:b, k] = 1.0 / (b - a)
-        self._smooth = self._smooth_groups()
+
+ANY_CAR = CarLimits()
+
+
+class Hypotheses(ABC):
+    """Terms that may be added to the rolling model; complete once its constructor has run."""
+
+    def __init__(
+        self, nuisance: FloatArray, catalogue: Sequence[Term], splines: Sequence[Term], car: CarLimits
+    ) -> None:
+        """`nuisance` (1 + p, k) is the calibration, whose rows are those of all designs; `catalogue` may be
+        added to, `splines` are the terms on the covariates' usual knots."""
+        self.nuisance = nuisance
+        self.width = len(nuisance)
+        self.catalogue = list(catalogue)
+        self.splines = list(splines)
+        self.car = car
 
     @property
     def everything(self) -> FloatArray:
@@ -198,26 +198,7 @@ class Hypotheses:
         self.width = width
         self.nuisance = wider(self.nuisance)
         self.catalogue = [replace(term, design=wider(term.design)) for term in self.catalogue]
-        self._smooth = [replace(term, design=wider(term.design)) for term in self._smooth]
-
-    def _unit(self, names: list[Name]) -> FloatArray:
-        out = np.zeros((self.width, len(names)))
-        for k, name in enumerate(names):
-            out[self.place[name], k] = 1.0
-        return out
-
-    def _catalogue(self) -> list[Term]:
-        out = []
-        for group in groups():
-            if any(probe.key not in self.place for probe in group):
-                continue
-            name, place, at = group[0].effect, group[0].place, group[0].at
-            price = SETTINGS.hypotheses.per_value_nats * len(group) + grid_price(EFFECTS[name], at)
-            price += math.log(max(len(EFFECTS[name].places), 1))
-            design = self._unit([probe.key for probe in group])
-            parameters = tuple(probe.parameter for probe in group)
-            out.append(Term(name, design, parameters, price, place=place, at=at))
-        return out
+        self.splines = [replace(term, design=wider(term.design)) for term in self.splines]
 
     def add_ramp(self, wheel: str, span_s: tuple[float, float], column: int, course: str = "") -> None:
         """A ramp off the grid, whose response is that column."""
@@ -243,12 +224,12 @@ class Hypotheses:
         self, like: Term, knots: tuple[float, ...], columns: dict[str, list[int]], drives: int
     ) -> None:
         """Smooth terms over a term's covariate with finer knots, whose hats are these columns by place."""
-        for pattern, places in _patterns():
+        for pattern, places in patterns():
             if all(place in columns for place, _ in places):
                 design = np.zeros((self.width, len(columns[places[0][0]])))
                 for place, sign in places:
                     design[columns[place], np.arange(design.shape[1])] = sign
-                term = self._shape(pattern, like.covariate, design, knots)
+                term = spline_term(pattern, like.covariate, design, knots)
                 self.catalogue.append(term if like.drive is None else for_drive(term, like.drive, drives))
 
     def _column(self, column: int) -> FloatArray:
@@ -267,118 +248,47 @@ class Hypotheses:
         return Term(effect, slip, (SLIPPING,), price, span_s=span_s, place=place)
 
     def mean_radius_m(self, place: str) -> float:
-        """Of the wheels of a place."""
-        return float(self.radius_m[list(wheels_of(place))].mean())
+        """Mean radius of the wheels of a place."""
+        return float(self.car.radius_m[list(wheels_of(place))].mean())
 
+    @abstractmethod
     def pulse_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
-        """For each wheel and axle the best pulse (a ramp up between two knots, one down between two others),
-        and the events that look so.
-        """
-        out = []
-        middle = 0.5 * (self.knots_s[1:] + self.knots_s[:-1])
-        columns = {wheel: self._ramp_columns(wheel) - 1 for wheel in self.wheels}
-        for place in PULSED:
-            wheels = PATTERNS[place]
-            if any(wheel not in columns for wheel in wheels):
-                continue
-            at = [columns[wheel] for wheel in wheels]
-            both = sum(gram[np.ix_(a, c)] for a in at for c in at)
-            own = np.diag(both)
-            size = own[:, None] + own[None, :] - both - both.T
-            floor = 1e-6 * float(np.max(size, initial=1e-30))
-            total = sum(b[a] for a in at)
-            score = total[:, None] - total[None, :]
-            gain = np.triu(np.where(size > floor, 0.5 * score**2 / np.maximum(size, floor), 0.0), 1)
-            i, j = (int(k) for k in np.unravel_index(int(np.argmax(gain)), gain.shape))
-            design = np.zeros((self.width, 1))
-            for a in at:
-                design[a[i] + 1, 0], design[a[j] + 1, 0] = 1.0, -1.0
-            span = (float(middle[i]), float(middle[j]))
-            slip = -float(score[i, j] / max(size[i, j], floor)) / self.mean_radius_m(place)
-            # Of an axle, events alone: a shape over what both wheels share is told better by its covariate.
-            free = (FREE.name,) if len(wheels) == 1 else ()
-            for effect in (*free, *self._events(place, slip, span[1] - span[0])):
-                out.append((float(gain[i, j]), self._pulse(effect, place, span, design)))
-        return out
+        """For each wheel and axle the best pulse, and the events that look so."""
 
-    def _events(self, place: str, slip: float, duration_s: float) -> list[str]:
-        """Events that make these wheels slip so for so long."""
-        wheels = list(wheels_of(place))
-        driven, axle = bool(self.driven[wheels].all()), len(wheels) == 2
-        return [name for name in EVENTS if EFFECTS[name].fits_span(slip, duration_s, driven, axle)]
-
+    @abstractmethod
     def ramp_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
-        """For each wheel, and each pair that may change alike, the best ramp and its gain.
-
-        All wheels that are read would show against the receiver alone, whose slow error looks alike.
-        """
-        out = []
-        for wheels in (PATTERNS[place] for place in RAMPED_PLACES):
-            if not set(wheels) <= set(self.wheels) or (len(wheels) > 1 and set(wheels) == set(self.wheels)):
-                continue
-            at = [self._ramp_columns(wheel) - 1 for wheel in wheels]
-            score = self._ramps.T @ sum(b[a] for a in at)
-            both = sum(gram[np.ix_(a, c)] for a in at for c in at)
-            information = np.einsum("ik,ik->k", self._ramps, both @ self._ramps)
-            floor = 1e-6 * float(np.max(information, initial=1e-30))
-            gain = 0.5 * score**2 / np.maximum(information, floor)
-            best = int(np.argmax(np.where(information > floor, gain, 0.0)))
-            out.append((float(gain[best]), self.ramp(" ".join(wheels), best)))
-        return out
-
-    def ramp(self, wheels: str, pair: int) -> Term:
-        """The radius change of a wheel, or of several alike, between a pair of knots."""
-        a, b = self._pairs[pair]
-        design = np.zeros((self.width, 1))
-        for wheel in wheels.split():
-            design[self._ramp_columns(wheel)[a:b], 0] = 1.0 / (b - a)
-        span = (float(self.knots_s[a]), float(self.knots_s[b]))
-        return Term(FAULT.name, design, (RAMPED,), ramp_price(), wheel=wheels, span_s=span)
-
-    def _ramp_columns(self, wheel: str) -> np.ndarray:
-        """(knots,) places of a wheel's ramps in the common index."""
-        return np.array([self.place[("ramp", wheel, str(k))] for k in range(SETTINGS.hypotheses.ramp_knots)])
-
-    def _smooth_groups(self) -> list[Term]:
-        number: dict[tuple[str, str], int] = {}
-        for name in self.place:
-            if name[0] == "smooth":
-                at = (name[1], name[2])
-                number[at] = max(number.get(at, 0), int(name[3]) + 1)
-        out = []
-        for covariate in sorted({covariate for _, covariate in number}):
-            for pattern, places in _patterns():
-                if any(("smooth", place, covariate, "0") not in self.place for place, _ in places):
-                    continue
-                hats = number[places[0][0], covariate]
-                design = np.zeros((self.width, hats))
-                for place, sign in places:
-                    for k in range(hats):
-                        design[self.place[("smooth", place, covariate, str(k))], k] = sign
-                out.append(self._shape(pattern, covariate, design))
-        return out
-
-    @staticmethod
-    def _shape(place: str, covariate: str, design: FloatArray, knots: tuple[float, ...] = ()) -> Term:
-        values = tuple(f"at_{k + 1}" for k in range(design.shape[1]))
-        penalty = shape_price(design.shape[1])
-        return Term(FREE.name, design, values, penalty, place=place, covariate=covariate, knots=knots)
+        """For each wheel, and each pair that may change alike, the best ramp and its gain."""
 
     def shapes_over(self, like: Term) -> list[Term]:
         """All smooth terms over a term's covariate, of any pattern and knots."""
         pool = [term for term in self.catalogue if term.free and not term.pulse]
         both = (like.covariate, like.drive)
-        return [term for term in (*pool, *self._smooth) if (term.covariate, term.drive) == both]
+        return [term for term in (*pool, *self.splines) if (term.covariate, term.drive) == both]
 
     def smooth_gains(self, gram: FloatArray, b: FloatArray) -> list[tuple[float, Term]]:
         """Gain of every smooth term."""
-        return [(term.gain(gram, b)[0], term) for term in self._smooth]
+        return [(term.gain(gram, b)[0], term) for term in self.splines]
 
 
-def _patterns() -> list[tuple[str, tuple[tuple[str, float], ...]]]:
+def spline_term(place: str, covariate: str, design: FloatArray, knots: tuple[float, ...] = ()) -> Term:
+    """A smooth term whose values (k,) are its heights at the knots."""
+    values = tuple(f"at_{k + 1}" for k in range(design.shape[1]))
+    penalty = shape_price(design.shape[1])
+    return Term(FREE.name, design, values, penalty, place=place, covariate=covariate, knots=knots)
+
+
+def patterns() -> list[tuple[str, tuple[tuple[str, float], ...]]]:
     """Where a smooth term may act: its name, and the places with their signs."""
     alike = [(name, tuple((place, 1.0) for place in places)) for name, places in PATTERNS.items()]
     return [*alike, *ANTISYMMETRIC.items()]
+
+
+def wheels_acted_on(place: str) -> tuple[str, ...]:
+    """Wheels on which a term of this place acts, of either sign; none of a reading, all of no place."""
+    if not place:
+        return WHEELS
+    signed = ANTISYMMETRIC.get(place) or tuple((wheel, 1.0) for wheel in PATTERNS[place])
+    return tuple(wheel for wheel, _ in signed if wheel in WHEELS)
 
 
 def for_drive(term: Term, drive: int, drives: int) -> Term:

@@ -16,13 +16,14 @@ import numpy as np
 from tpmsd.car.physics.catalogue import EFFECTS
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.diagnosis.hypotheses.joint_terms import JointHypotheses, OwnNames, is_copied, is_own
-from tpmsd.offline.diagnosis.hypotheses.plausible import bounds_of, completions_of
+from tpmsd.offline.diagnosis.hypotheses.one_drive import DriveHypotheses
+from tpmsd.offline.diagnosis.hypotheses.plausible import limits_of
 from tpmsd.offline.diagnosis.hypotheses.response import (
     available,
     ramp_knots,
     smooth_knots,
 )
-from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Name, Term
+from tpmsd.offline.diagnosis.hypotheses.terms import CarLimits, Hypotheses, Name, Term
 from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy, Refined, first_noise
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.covariate_errors import covariate_stds
@@ -49,10 +50,8 @@ class Study:
                 knots = {c: at for c, at in knots.items() if c in apart} | common
             drives.append(DriveStudy(reader, knots, own, block_s))
         self.drives = tuple(drives)
-        self.hypotheses = self._alone() if len(readers) == 1 else self._together()
-        car = readers[0].reference.car
-        self.hypotheses.bounds, self.hypotheses.completions = bounds_of(car), completions_of(car)
-        self.hypotheses.radius_m, self.hypotheses.driven = car.radius_m, car.driven
+        car = limits_of(readers[0].reference.car)
+        self.hypotheses: Hypotheses = self._alone(car) if len(readers) == 1 else self._together(car)
         self.grid = self.hypotheses.width
         """Places in the common index from here on are of exact columns."""
         self.width = self.grid
@@ -119,11 +118,11 @@ class Study:
         self.hypotheses.widen(self.width)
         return places
 
-    def _alone(self) -> Hypotheses:
+    def _alone(self, car: CarLimits) -> DriveHypotheses:
         drive = self.drives[0]
-        return Hypotheses(drive.names, ramp_knots(drive.reader), unusable(drive.reader))
+        return DriveHypotheses(drive.names, ramp_knots(drive.reader), unusable(drive.reader), car)
 
-    def _together(self) -> JointHypotheses:
+    def _together(self, car: CarLimits) -> JointHypotheses:
         lost = [unusable(drive.reader) for drive in self.drives]
         shared: list[Name] = [("data",)]
         for drive in self.drives:
@@ -146,7 +145,7 @@ class Study:
             drive.here = np.array(here)
             drive.local = np.array([place[name] for name in both] + [place[name] for name in names])
             width += len(names)
-        return JointHypotheses(shared, frozenset.intersection(*lost), own, width, self.simulation)
+        return JointHypotheses(shared, frozenset.intersection(*lost), own, width, self.simulation, car)
 
 
 def _common_knots(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.foundation.wheels import FloatArray
+from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.diagnosis.assessment.result import Proposal
 from tpmsd.offline.diagnosis.hypotheses.response import READINGS, response_at
 from tpmsd.offline.diagnosis.hypotheses.terms import ANTISYMMETRIC, PATTERNS, Term
@@ -72,7 +72,8 @@ def _places(unnamed: list[Term], study: Study) -> list[str]:
     readings = [term.place for term in unnamed if term.place in READINGS]
     if len(readings) == len(unnamed):
         return sorted(set(readings))
-    here = set(study.hypotheses.wheels)
+    read = [set(drive.reader.recording.wheels) for drive in study.drives]
+    here = {WHEELS[wheel] for wheel in set.intersection(*read)}
     alike = [name for name, places in PATTERNS.items() if set(places) <= here]
     apart = [name for name, places in ANTISYMMETRIC.items() if {wheel for wheel, _ in places} <= here]
     return [*sorted(set(readings)), *alike, *apart]

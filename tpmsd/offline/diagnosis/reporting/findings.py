@@ -16,6 +16,7 @@ from tpmsd.car.physics.effect import Effect, Kind, Parameter, Std
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.diagnosis.assessment.explanatory import explanatory
+from tpmsd.offline.diagnosis.assessment.identifiability import advice
 from tpmsd.offline.diagnosis.assessment.lost_counts import lost, lost_singly, missed
 from tpmsd.offline.diagnosis.assessment.reach import Seen, reach
 from tpmsd.offline.diagnosis.assessment.result import (
@@ -33,9 +34,8 @@ from tpmsd.offline.diagnosis.assessment.result import (
 from tpmsd.offline.diagnosis.assessment.simulated import compared, simulated_effects, whole_model
 from tpmsd.offline.diagnosis.assessment.tangent import nonlinear_stds
 from tpmsd.offline.diagnosis.assessment.teeth import teeth, usual_ring
-from tpmsd.offline.diagnosis.hypotheses.advice import advice
 from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
-from tpmsd.offline.diagnosis.hypotheses.terms import PATTERNS, Term
+from tpmsd.offline.diagnosis.hypotheses.terms import Term, wheels_acted_on
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.reporting.down_weighted import down_weighted
 from tpmsd.offline.diagnosis.reporting.information import speed_ranges
@@ -190,7 +190,7 @@ def outweighed(one: Chosen, selection: Selection) -> bool:
 
 def _wheels(term: Term) -> set[str]:
     """On which wheels a term acts; all where it does not say."""
-    return {term.wheel} if term.wheel else set(PATTERNS[term.place] if term.place else WHEELS)
+    return set(term.wheel.split()) if term.wheel else set(wheels_acted_on(term.place))
 
 
 def _drives(study: Study, terms: list[Term], term: Term) -> tuple[str, ...]:

@@ -42,7 +42,7 @@ class Selector(Candidates):
         """With `last` it is the verdict that is asked for, and not what the noise is estimated beside."""
         super().__init__(evidence, hypotheses)
         self.last = last
-        self._bounds = hypotheses.bounds
+        self._bounds = hypotheses.car.bounds
         self._shares: dict[tuple[int, str, str], float] = {}
 
     def select(self, most: int = SETTINGS.selection.most_terms) -> Selection:
@@ -148,7 +148,7 @@ class Selector(Candidates):
         """Each term with the values in the joint fit that its limits apply to, and their covariance."""
         fit = self.evidence.fit(self.design(terms))
         first = self.hypotheses.nuisance.shape[1]
-        into = with_completions(terms, self.hypotheses.completions)
+        into = with_completions(terms, self.hypotheses.car.completions)
         values, covariance = into @ fit.values[first:], into @ fit.covariance[first:, first:] @ into.T
         at = 0
         for term in terms:

@@ -1,0 +1,103 @@
+"""Every wheel pattern that a term can have can be reported."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bench.worlds.kinematic import Spec, drive
+from tests.offline.diagnosis.recorded import recording_of
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.diagnosis.hypotheses.terms import Term, patterns, wheels_acted_on
+from tpmsd.offline.diagnosis.prepared.admission import admitted
+from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.reporting.findings import outweighed, report
+from tpmsd.offline.diagnosis.selection.chosen import Chosen
+from tpmsd.offline.diagnosis.selection.selector import Selector
+
+
+@pytest.fixture(scope="module")
+def studies() -> tuple[Study, Study]:
+    """Two short drives, one alone and both together."""
+    made = [recording_of(drive(Spec(duration_s=150.0, road="rural"), seed)) for seed in (4, 5)]
+    readers, _ = admitted(made)
+    return Study(readers[:1]), Study(readers)
+
+
+def terms_of(study: Study) -> list[Term]:
+    """One term of every kind, wheel pattern and group of wheels that the study's hypotheses make."""
+    hypotheses = study.hypotheses
+    gram, b = study.evidence().projected(hypotheses.nuisance)
+    scanned = [
+        term
+        for gains in (hypotheses.smooth_gains, hypotheses.ramp_gains, hypotheses.pulse_gains)
+        for _, term in gains(gram, b)
+    ]
+    every = [*hypotheses.catalogue, *hypotheses.splines, *scanned]
+    kinds = {(term.effect, term.place, term.wheel, term.pulse): term for term in every if not term.calibrates}
+    return list(kinds.values())
+
+
+def chosen(term: Term, gain: float) -> Chosen:
+    """A term with values of usual size."""
+    values = np.full(term.design.shape[1], 1e-3)
+    return Chosen(term, gain, gain, gain, 1.0, (), values, 0.1 * values)
+
+
+def test_all_patterns_of_the_hypotheses_are_walked(studies: tuple[Study, Study]) -> None:
+    """Each pattern is met in a term, so that no pattern escapes the reports below."""
+    names = {name for name, _ in patterns()}
+
+    for study in studies:
+        assert names <= {term.place for term in terms_of(study)}
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_every_pattern_is_held_against_an_effect_on_the_same_wheels(
+    studies: tuple[Study, Study], number: int
+) -> None:
+    """An instrument's effect on fl loses to a stronger spline on any pattern with fl, and to no other."""
+    terms = terms_of(studies[number])
+    missed = next(t for t in terms if (t.effect, t.place) == ("counter_missed_pulses", "fl"))
+    selection = Selector(studies[number].evidence(), studies[number].hypotheses).judged([])
+    found = {}
+    for term in terms:
+        if term.free and not term.pulse:
+            both = replace(selection, chosen=(chosen(missed, 9.0), chosen(term, 10.0)))
+            found[term.place] = outweighed(both.chosen[0], both)
+
+    assert {name: "fl" in dict(signed) for name, signed in patterns()} == found
+
+
+def test_every_pattern_has_its_wheels() -> None:
+    """A contrast acts on the wheels of either sign, a reading on none."""
+    for name, signed in patterns():
+        assert {wheel for wheel, _ in signed if wheel in WHEELS} == set(wheels_acted_on(name))
+    assert WHEELS == wheels_acted_on("")
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_every_pattern_is_reported(studies: tuple[Study, Study], number: int) -> None:
+    """Findings on all patterns, beside an effect of an instrument on wheels, end in a report with their
+    wheels."""
+    study = studies[number]
+    evidence = study.evidence()
+    selector = Selector(evidence, study.hypotheses)
+    gram, b = evidence.projected(study.hypotheses.nuisance)
+    common = [term for _, term in study.hypotheses.smooth_gains(gram, b) if term.drive is None]
+    covariates = sorted({term.covariate for term in common})
+    # Over a covariate of its own each, for all, front and rear over one are not told apart.
+    wanted = {name: covariates[k % len(covariates)] for k, (name, _) in enumerate(patterns())}
+    splines = [term for term in common if wanted[term.place] == term.covariate]
+    missed = next(t for t in terms_of(study) if (t.effect, t.place) == ("counter_missed_pulses", "fl"))
+    selection = replace(
+        selector.judged([]),
+        chosen=(chosen(missed, 9.0), *(chosen(term, 10.0) for term in splines)),
+        fit=evidence.fit(selector.design([missed, *splines])),
+    )
+    findings = [one for one in report(study, selection, evidence).findings if one.effect == "unknown"]
+
+    assert len(wanted) == len(splines)
+    assert [set(wheels_acted_on(term.place)) for term in splines] == [set(f.where.wheels) for f in findings]
