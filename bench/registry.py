@@ -130,5 +130,6 @@ CAMPAIGNS = {
         _campaign(
             "onboard", "recorded-losses", "losses of radius injected into real drives; drives in a row"
         ),
+        _campaign("offline", "lost-counts", "false lost or added counts of late counts, and true ones found"),
     )
 }

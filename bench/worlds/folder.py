@@ -18,6 +18,7 @@ from scipy.signal import lfilter
 
 from bench.worlds import causes
 from bench.worlds.instruments import STEERING_RATIO, Array, Drive
+from bench.worlds.latch import latched_at
 from bench.worlds.spec import FINE_TEETH, Spec
 
 LATITUDE, LONGITUDE, HEIGHT = 48.7, 9.1, 380.0
@@ -121,7 +122,12 @@ def wheel_messages(drive: Drive) -> list[Message]:
             signals = tuple((f"wheel_speed_{WHEELS[w]}", WHEELS[w].upper()) for w in wheels)
             factor, unit = spec.speed_step_kmh, "km/h"
         else:
-            shown = np.stack([np.interp(time_s, drive.time_s, drive.shown_rad[:, w]) for w in wheels], axis=1)
+            taken = [latched_at(time_s, spec, drive.seed, w) for w in wheels]
+            angles = [
+                np.interp(at, drive.time_s, drive.shown_rad[:, w])
+                for at, w in zip(taken, wheels, strict=True)
+            ]
+            shown = np.stack(angles, axis=1)
             raw, bits = drive.counted(shown), 32 if fine else spec.count_bits
             signals = tuple((f"wheel_count_{WHEELS[w]}", WHEELS[w].upper()) for w in wheels)
             factor, unit = 1.0, ""

@@ -19,6 +19,7 @@ import numpy as np
 from bench.worlds import awkward, kinematic, mems_gyro, receiver_residuals, traffic
 from bench.worlds.course import Course
 from bench.worlds.instruments import Drive, Errors, observe
+from bench.worlds.latch import draw_beat, draw_latch
 from bench.worlds.spec import Spec, draw_spec
 
 TRACES = 40
@@ -105,6 +106,11 @@ def _mems_spec(rng: np.random.Generator, **fixed: Any) -> Spec:
     return draw_spec(rng, **{"with_gyro": True, **fixed})
 
 
+def _latched_spec(rng: np.random.Generator, **fixed: Any) -> Spec:
+    changed = (draw_beat if rng.random() < 0.5 else draw_latch)(rng)
+    return draw_spec(rng, **{**changed, **fixed})
+
+
 def _awkward(spec: Spec, rng: np.random.Generator, seed: int, places: Places) -> tuple[Course, Drive]:
     course = awkward.course(spec, rng)
     errors = Errors()
@@ -125,6 +131,7 @@ ORIGINS = {
         Origin("receiver", "a rigid car, receiver errors resampled from recordings", draw_spec, _receiver),
         Origin("mems", "a rigid car, gyro by its Allan variance", _mems_spec, _mems),
         Origin("wheels", "a rigid car, averaged speeds or 20 to 60 teeth", awkward.draw_wheels, _kinematic),
+        Origin("latched", "a rigid car, counts latched in a rhythm of their own", _latched_spec, _kinematic),
         Origin("awkward", "tight bends, poor receivers and gyros, averaged speeds", awkward.draw, _awkward),
     )
 }

@@ -71,6 +71,14 @@ class Spec:
     """What the vehicle file says of the teeth; 0: the truth."""
     count_bits: int = 16
     wheel_hz: float = 50.0
+    latch_period_s: float = 0.0
+    """Rhythm in which a control unit reads its counters; a frame has the last; 0: read at the frame."""
+    latch_phase: float = 0.0
+    """Share of that period by which the rhythm is behind the drive's start."""
+    latch_jitter_s: float = 0.0
+    """Mean delay of a reading behind its rhythm."""
+    latch_apart: bool = False
+    """Each wheel has a rhythm and a clock of its own."""
     inertial_hz: float = 50.0
     split_wheels: bool = False
     """Front and rear axle in messages of their own, out of step."""

@@ -11,8 +11,9 @@ import pytest
 
 from bench.worlds import multibody
 from bench.worlds.course import hub_speeds, wheel_rates
-from bench.worlds.folder import write_folder
+from bench.worlds.folder import wheel_messages, write_folder
 from bench.worlds.kinematic import course, drive
+from bench.worlds.latch import latched_at
 from bench.worlds.spec import FINE_TEETH, Spec, draw_spec
 from tpmsd.interfaces.cli.diagnose import read_recording
 
@@ -20,6 +21,7 @@ BUSES = {
     "8 bit": {"count_bits": 8, "wheel_hz": 50.0},
     "10 bit, two messages, out of step": {"count_bits": 10, "split_wheels": True, "wheel_hz": 100.0},
     "16 bit at 20 Hz": {"wheel_hz": 20.0, "inertial_hz": 100.0},
+    "counts latched every 7 ms": {"latch_period_s": 0.007, "latch_jitter_s": 1e-4},
     "fine encoders": {"teeth": FINE_TEETH},
     "speeds of 0.01 km/h": {"wheel_signal": "speeds", "wheel_hz": 100.0},
     "speeds of 0.05 km/h at 25 Hz": {"wheel_signal": "speeds", "speed_step_kmh": 0.05, "wheel_hz": 25.0},
@@ -46,6 +48,41 @@ def test_each_bus_is_read_as_it_was_driven(bus: str, tmp_path: Path) -> None:
     assert recording.rotation_rad[known].sum(axis=0) == pytest.approx(expected, rel=1e-3)
     assert np.isfinite(recording.inertial["yaw_rate_radps"]).any() == spec.with_gyro
     assert len(recording.fix_time_s) == pytest.approx(len(true.fix_true_s), abs=15)
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_a_latched_count_is_between_nothing_and_a_period_old(apart: bool) -> None:
+    """Ages fill the latch's period evenly; of one unit they are alike on all wheels, of several they are not;
+    a rhythm of the frames gives one age, one a permille off it sweeps over the period and falls back."""
+    sent_s = np.arange(0.0, 60.0, 0.01)
+    spec = Spec(latch_period_s=0.0037, latch_phase=0.3, latch_apart=apart)
+    ages = np.stack([sent_s - latched_at(sent_s, spec, 4, wheel) for wheel in range(4)])
+
+    assert (0.0 <= ages.min()) and (ages.max() < 0.0037 * 1.001)
+    assert ages.mean(axis=1) == pytest.approx(0.5 * 0.0037, rel=0.05)
+    assert bool((ages == ages[0]).all()) is not apart
+
+    same = Spec(latch_period_s=0.005, latch_phase=0.5)
+    assert sent_s - latched_at(sent_s, same, 4, 0) == pytest.approx(0.0025, abs=1e-6)
+    beat = dataclasses.replace(same, latch_period_s=0.005 * 1.001)
+    falls = np.diff(sent_s - latched_at(sent_s, beat, 4, 0)) < -0.0025
+    sweeps = np.diff(sent_s - latched_at(sent_s, beat, 4, 0)) > 0.0025
+    # Ten microseconds a frame: the whole period in five seconds.
+    assert 12 == pytest.approx(max(falls.sum(), sweeps.sum()), abs=1)
+    assert 0 == min(falls.sum(), sweeps.sum())
+
+
+def test_counts_in_frames_are_those_of_the_last_latch(tmp_path: Path) -> None:
+    """At 20 m/s of a latch of 20 ms every wheel's count is up to 0.4 m behind, and 0.2 m in the mean."""
+    plain = Spec(duration_s=60.0, steady=True, teeth=100.0, frame_jitter_s=0.0)
+    late = dataclasses.replace(plain, latch_period_s=0.0193)
+    (now,), (then,) = (wheel_messages(drive(spec, 5)) for spec in (plain, late))
+    moved = np.interp(now.time_s, (true := drive(plain, 5)).time_s, true.speed) > 5.0
+    behind = (now.raw - then.raw)[moved] * 2.0 * math.pi * plain.radius_m / 100.0
+    expected = 0.5 * 0.0193 * float(np.interp(now.time_s[moved], true.time_s, true.speed).mean())
+
+    assert behind.min() >= -0.02
+    assert behind.mean(axis=0) == pytest.approx(np.full(4, expected), rel=0.1)
 
 
 def test_a_car_in_a_bend_turns_its_wheels_by_geometry() -> None:

@@ -124,6 +124,5 @@ def _single_finding(one: SingleLosses, drives: tuple[str, ...], seconds: float) 
             f"its way {'falls back' if kind is MISSED else 'leaps ahead'} at random in steps of a count"
             f" (standard deviation {one.std:.2g} counts in a second); a radius makes no steps"
         ),
-        # As by the ripple; of both signs.
-        p_value=min(1.0, 2.0 * len(WHEELS) * math.exp(-gain)),
+        p_value=one.p_value,
     )

@@ -82,9 +82,9 @@ class CounterSettings:
     single_most_steps: int = 60
     """Counts lost in a window: of more the scatter looks normal, and no steps show."""
     single_sum_windows: int = 12
-    """Windows of a sum that tells losses from rounding: a tenth of a block, whose mean is taken away."""
-    rounding_counts2: float = 1.0 / 3.0
-    """Variance of two differences of two readings, each uniform over a count: 4 / 12."""
+    """Windows of a sum that tells losses from bounded errors: a tenth of a block, whose mean is gone."""
+    single_few_windows: tuple[int, ...] = (2, 4)
+    """Windows of sums that tell losses at random from what lasts for seconds: slip and loads do."""
     single_stds: float = 6.0
     """Standard deviations above the mean up to which numbers of lost counts are added up."""
     single_probe: float = 0.05

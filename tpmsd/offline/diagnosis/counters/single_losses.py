@@ -7,11 +7,19 @@ are lost one at a time and at random: a wheel's way falls back in steps of a who
 a window has a Poisson distribution, whose mean is a share of what was counted. So the wheel scatters more
 than the others, and two accounts of its scatter are compared by their likelihood: steps of a count beside
 normal noise; and symmetric noise of any size, with tails as heavy as it likes (Student's distribution). A
-wheel on a coarse ring at steady speed steps as well, where it falls behind another one by a count each few
-seconds; but rounding is made up for by the next edge. So sums over some windows are asked, too: losses at
-random add up as their number does, rounding to no more than what two readings are off by. A
 wheel's way is compared with what the other wheels and the gyro leave open, the motion's speed and yaw rate
 eliminated by least squares.
+
+Skew alone is no loss. Three things that a Poisson process cannot lack are asked of the drive itself:
+
+- Losses last, a late reading does not. A count that the control unit took some milliseconds before the frame,
+  in a rhythm that beats against the frames, skews the ways by several counts, and so does rounding at steady
+  speed; but the next reading makes up for it. Ways over many windows must scatter more than those over one by
+  what losses add up to (Poisson: the variance grows with the mean; of a bounded error it does not grow).
+- Losses come at random from window to window. What slip, load or a temperature do to a radius lasts for
+  seconds, so that ways over two and four windows scatter more than the losses would.
+- Losses are of one wheel. No other direction in the space of what the motion leaves open, such as front
+  against rear where their messages are of different ages, may explain more.
 """
 
 from __future__ import annotations
@@ -46,6 +54,8 @@ class SingleLosses:
     """Log-likelihood of steps over that of symmetric noise, nats."""
     unlike: float
     """Log-likelihood of a scatter of its own over that of the other wheels' scatter, nats."""
+    p_value: float
+    """Probability that a symmetric scatter favours losses as much on one of the wheels, at most."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +68,8 @@ class _Way:
     """(w,) that the wheel made in a window."""
     explained: float
     """Half the sum of squares that an error of this wheel explains."""
+    elsewhere: float
+    """Log-likelihood of scatter in the best direction of all over that in this wheel's, nats."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +81,8 @@ class _Steps:
     std: float
     """Of the share, by the curvature of the likelihood."""
     log_likelihood: float
+    ahead: FloatArray
+    """(w,) log-likelihood of each window over that of the same with the opposite sign."""
 
 
 def single_losses(
@@ -87,21 +101,26 @@ def single_losses(
     sign = -1.0 if float(np.mean(counts**3)) < 0.0 else 1.0
     counted = ways[wheel].counted
     steps = _steps(sign * counts, counted)
-    gain = steps.log_likelihood - _symmetric(counts)
+    mean = steps.share * float(counted.mean())
+    gain = steps.log_likelihood - _symmetric(counts) - _not_at_random(counts, mean)
     unlike = _unlike(counts, [way.counts for other, way in ways.items() if other not in alike])
-    if _adds_up(counts, steps.share * float(counted.mean())) < SETTINGS.selection.admit_nats:
+    if _lasting(counts, mean) < SETTINGS.selection.admit_nats:
+        return None
+    if ways[wheel].elsewhere > SETTINGS.counters.lost_admit_nats:
         return None
     if gain < SETTINGS.selection.admit_nats or gain + unlike < SETTINGS.counters.lost_admit_nats:
         return None
-    per_s = float(counted.mean()) / WINDOW_S
+    by_growth = _growth(counts)
     return SingleLosses(
         wheel=WHEELS[wheel],
-        rate_per_s=-sign * steps.share * per_s,
-        rate_std_per_s=steps.std * per_s,
+        rate_per_s=-sign * 0.5 * (mean + by_growth) / WINDOW_S,
+        # The two differ where the noise is not normal, as that of late readings is not.
+        rate_std_per_s=math.hypot(steps.std * mean / steps.share, 0.5 * (mean - by_growth)) / WINDOW_S,
         std=float(counts.std()),
         twins=tuple(WHEELS[other] for other in alike if other != wheel),
         gain=gain,
         unlike=unlike,
+        p_value=min(1.0, 2.0 * len(ways) * _by_chance(steps.ahead)),
     )
 
 
@@ -121,6 +140,7 @@ def _ways(windows: Linearised, left: FloatArray, count_m: FloatArray, gyro_radps
     solved = np.linalg.pinv(design)
     onto = np.eye(len(rows)) - design @ solved
     rest = np.einsum("wij,wj->wi", onto, scaled)
+    level = np.stack([_around(one) for one in rest.T], axis=1)
     out = {}
     for k, wheel in enumerate(rows):
         own = onto[:, k, k]
@@ -129,8 +149,25 @@ def _ways(windows: Linearised, left: FloatArray, count_m: FloatArray, gyro_radps
         error = rest[:, k] / own * stds[k] / count_m[wheel]
         explained = 0.5 * float(np.sum(rest[:, k] ** 2 / own))
         counted = windows.covariates["speed"][read] * WINDOW_S / count_m[wheel]
-        out[wheel] = _Way(_around(error), counted, explained)
+        mine = np.sum(onto[:, :, k] / np.sqrt(own)[:, None] * level, axis=1)
+        out[wheel] = _Way(_around(error), counted, explained, _elsewhere(level, mine, len(rows) - 2))
     return out
+
+
+def _elsewhere(level: FloatArray, mine: FloatArray, size: int) -> float:
+    """Log-likelihood of scatter in the best one of all directions over that in a wheel's: of what is left
+    (w, r) in `size` dimensions, and of its part (w,) in the wheel's direction; noise is alike in the others.
+    """
+    if size < 2:
+        return 0.0
+    each = np.linalg.eigvalsh(level.T @ level / len(level))
+    whole = max(float(each.sum()), 1e-30)
+
+    def fit(part: float) -> float:
+        rest = max((whole - part) / (size - 1), 1e-12 * whole)
+        return -0.5 * len(level) * (math.log(max(part, 1e-12 * whole)) + (size - 1) * math.log(rest))
+
+    return fit(float(each[-1])) - fit(float(np.mean(mine**2)))
 
 
 def _unlike(values: FloatArray, others: list[FloatArray]) -> float:
@@ -141,14 +178,46 @@ def _unlike(values: FloatArray, others: list[FloatArray]) -> float:
     return 0.5 * len(values) * (ratio - 1.0 - math.log(ratio)) if ratio > 1.0 else 0.0
 
 
-def _adds_up(values: FloatArray, mean: float) -> float:
-    """Log-likelihood of sums over some windows as those of losses at random, `mean` in each window, over
-    those of rounding: differences of two readings of the wheel and of those it is held against."""
+def _sums(values: FloatArray, windows: int) -> FloatArray:
+    """Sums over so many windows in a row."""
+    return np.asarray(values[: len(values) // windows * windows].reshape(-1, windows).sum(axis=1))
+
+
+def _lasting(values: FloatArray, mean: float) -> float:
+    """Log-likelihood of sums over many windows as those of losses at random, `mean` in each window beside an
+    error that is bounded, over those of the bounded error alone: its sums scatter as single windows do."""
     long = SETTINGS.counters.single_sum_windows
-    sums = values[: len(values) // long * long].reshape(-1, long).sum(axis=1)
-    random, rounding = max(long * mean, 1e-12), SETTINGS.counters.rounding_counts2
-    square = float(np.sum(sums**2))
-    return 0.5 * (square * (1.0 / rounding - 1.0 / random) - len(sums) * math.log(random / rounding))
+    sums = _sums(values, long)
+    bounded = float(values.var())
+    random = bounded + (long - 1) * mean
+    return 0.5 * (
+        float(np.sum(sums**2)) * (1.0 / bounded - 1.0 / random) - len(sums) * math.log(random / bounded)
+    )
+
+
+def _growth(values: FloatArray) -> float:
+    """Mean number of losses in a window by the growth of the sums' variance, whatever the bounded noise."""
+    few = SETTINGS.counters.single_few_windows[-1]
+    return (float(np.mean(_sums(values, few) ** 2)) - float(values.var())) / (few - 1)
+
+
+def _not_at_random(values: FloatArray, mean: float) -> float:
+    """Log-likelihood that sums over a few windows lose where their scatter is that of losses at random,
+    `mean` in each window beside a bounded error, against a scatter of any size."""
+    bounded = max(float(values.var()) - mean, 0.0)
+    lost = 0.0
+    for windows in SETTINGS.counters.single_few_windows:
+        sums = _sums(values, windows)
+        ratio = float(np.mean(sums**2)) / (windows * mean + bounded)
+        lost += 0.5 * len(sums) * (ratio - 1.0 - math.log(ratio))
+    return lost
+
+
+def _by_chance(ahead: FloatArray) -> float:
+    """Bound of the probability that a symmetric scatter speaks for steps of one sign as much: the sign of
+    each block of windows is then drawn (Hoeffding, J. Am. Stat. Assoc. 58, 1963, theorem 2)."""
+    blocks = _sums(ahead, SETTINGS.counters.single_sum_windows)
+    return math.exp(-0.5 * max(float(blocks.sum()), 0.0) ** 2 / max(float(np.sum(blocks**2)), 1e-30))
 
 
 def _around(values: FloatArray) -> FloatArray:
@@ -165,15 +234,19 @@ def _steps(values: FloatArray, counted: FloatArray) -> _Steps:
     number = np.arange(min(math.ceil(most), SETTINGS.counters.single_most_steps))
     ways, usual = gammaln(number + 1.0), counted / counted.mean()
 
-    def negative(free: FloatArray) -> float:
+    def each(of: FloatArray, free: FloatArray) -> FloatArray:
         mean, std = usual * math.exp(free[0]), math.exp(free[1])
         weight = number * np.log(mean)[:, None] - mean[:, None] - ways
-        off = (values[:, None] - number + mean[:, None]) / std
-        return -float(logsumexp(weight - 0.5 * off**2, axis=1).sum()) + len(values) * float(free[1])
+        off = (of[:, None] - number + mean[:, None]) / std
+        return np.asarray(logsumexp(weight - 0.5 * off**2, axis=1)) - float(free[1])
+
+    def negative(free: FloatArray) -> float:
+        return -float(each(values, free).sum())
 
     found = _least(negative, [math.log(0.5 * spread), 0.5 * math.log(0.5 * spread)])
     share = math.exp(found[0]) / float(counted.mean())
-    return _Steps(share, share * math.sqrt(_variance(negative, found)), -negative(found))
+    ahead = each(values, found) - each(-values, found)
+    return _Steps(share, share * math.sqrt(_variance(negative, found)), -negative(found), ahead)
 
 
 def _variance(negative: Callable[[FloatArray], float], at: FloatArray) -> float:
