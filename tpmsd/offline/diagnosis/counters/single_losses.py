@@ -18,8 +18,9 @@ Skew alone is no loss. Three things that a Poisson process cannot lack are asked
   what losses add up to (Poisson: the variance grows with the mean; of a bounded error it does not grow).
 - Losses come at random from window to window. What slip, load or a temperature do to a radius lasts for
   seconds, so that ways over two and four windows scatter more than the losses would.
-- Losses are of one wheel. No other direction in the space of what the motion leaves open, such as front
-  against rear where their messages are of different ages, may explain more.
+- Losses are of one wheel. It scatters more than the others, whose readings are as late; and no other
+  direction in the space of what the motion leaves open, such as front against rear where their messages are
+  of different ages, may explain more.
 """
 
 from __future__ import annotations
@@ -108,7 +109,7 @@ def single_losses(
         return None
     if ways[wheel].elsewhere > SETTINGS.counters.lost_admit_nats:
         return None
-    if gain < SETTINGS.selection.admit_nats or gain + unlike < SETTINGS.counters.lost_admit_nats:
+    if gain < SETTINGS.selection.admit_nats or unlike < SETTINGS.counters.lost_admit_nats:
         return None
     by_growth = _growth(counts)
     return SingleLosses(
