@@ -28,6 +28,7 @@ from tpmsd.onboard.estimators.belief import (
 from tpmsd.onboard.estimators.fix_gate import FixGate
 from tpmsd.onboard.estimators.motion_gate import MotionGate
 from tpmsd.onboard.estimators.pose_start import PoseFinder
+from tpmsd.onboard.estimators.position_accuracy import PositionAccuracy
 from tpmsd.onboard.estimators.reversing import ReverseWatch
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import Fix, Tick
@@ -77,6 +78,7 @@ class RadiusFilter:
         self._gates = gates
         self.belief = belief
         self._fix_gate = FixGate()
+        self._accuracy = PositionAccuracy()
         self._finder = PoseFinder()
         self._reverse = ReverseWatch()
         self._located = False
@@ -94,7 +96,7 @@ class RadiusFilter:
             self._lose_pose()
         moment = self._move(tick)
         for fix in tick.fixes:
-            self._take_fix(fix, tick)
+            self._take_fix(self._accuracy.judged(fix), tick)
         self.belief.settle(moment)
         return self._estimate(moment, self.belief.moments())
 

@@ -71,6 +71,22 @@ class EstimatorSettings:
     igg3_floor: float = 1e-6
     """Least weight, so that a division stays finite."""
 
+    # -- positions that slide (`position_accuracy`) --
+
+    slide_step_s: float = 0.9
+    """Least time between two positions whose distance is a step of the way: an arc."""
+    slide_window_s: float = 4.5
+    """Time over which way and speeds are compared: long against white noise, short against `bias_tau_s`."""
+    slide_most_turn_rad: float = 1.0
+    """Of a step: beyond, its direction is noise and it is no arc."""
+    slide_lag_s: float = 0.1
+    """Standard deviation of the time between the epochs of a position and of its speed, s (recordings: 0.06
+    s; twice the prior of the effect)."""
+    slide_share: float = 0.003
+    """Standard deviation of the scale of a way against speeds: rounding to 0.1 knots, bends between fixes."""
+    slide_stds: float = 4.0
+    """The receiver is believed up to a difference of so many standard deviations."""
+
     # -- which ticks are informative (`motion_gate`, `gyro_check`) --
 
     gate_smoothing_s: float = 0.5

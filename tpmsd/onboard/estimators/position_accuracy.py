@@ -1,0 +1,111 @@
+"""How much worse a receiver's positions are than it states, by its own Doppler speeds.
+
+In: fixes. Out: the same, with a standard deviation of the position that the speeds bear out.
+
+A position's error is white noise and a slow part, a first-order Gauss-Markov process of which the receiver
+states the standard deviation. After poor reception some receivers state decimetres while their positions
+slide back by a metre a second (RTK solutions with float ambiguities). Over some seconds T the way between
+positions then differs from the integral of the speed by a difference S, by more than the statement explains.
+The variance of the slow part is matched to it (covariance matching: Mehra 1970),
+
+    sigma^2 = stated^2 + max(S^2 - 16 Var(S), 0) / (2 (1 - exp(-T / tau)))
+
+and what was added fades as the slow part itself does. Wheels and radii do not enter: a tyre that loses air
+makes no receiver look worse. A receiver without speeds is taken at its word.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import replace
+from typing import NamedTuple
+
+from tpmsd.onboard.estimators.settings import SETTINGS
+from tpmsd.onboard.timeline.tick import Fix
+
+
+class _Passed(NamedTuple):
+    """A fix, and the sums up to it."""
+
+    fix: Fix
+    path_m: float
+    """Along the positions."""
+    integral_m: float
+    """Of the speeds."""
+
+
+class PositionAccuracy:
+    """Follows one receiver."""
+
+    def __init__(self) -> None:
+        self._passed: deque[_Passed] = deque()
+        """Of the window, `SETTINGS.slide_step_s` apart."""
+        self._last: Fix | None = None
+        self._integral_m = 0.0
+        self._direction_rad = math.nan
+        """Of the last step between two of `_passed`."""
+        self._excess_m2, self._found_s = 0.0, -math.inf
+
+    def judged(self, fix: Fix) -> Fix:
+        """Return the fix with the standard deviation of its position that is to be used."""
+        before, self._last = self._last, fix
+        if before is None or not 0.0 < fix.time_s - before.time_s <= SETTINGS.block_max_s:
+            self._begin(fix)
+        elif not math.isfinite(before.speed_mps + fix.speed_mps):
+            self._begin(fix)
+        else:
+            self._integral_m += 0.5 * (before.speed_mps + fix.speed_mps) * (fix.time_s - before.time_s)
+            if fix.time_s - self._passed[-1].fix.time_s >= SETTINGS.slide_step_s:
+                self._add(fix)
+        excess_m2 = self._faded_m2(fix.time_s)
+        if excess_m2 == 0.0:
+            return fix
+        return replace(fix, position_std_m=math.sqrt(fix.position_std_m**2 + excess_m2))
+
+    def _begin(self, fix: Fix) -> None:
+        """The way to this fix is not known: the window begins with it."""
+        self._passed.clear()
+        self._passed.append(_Passed(fix, 0.0, 0.0))
+        self._integral_m, self._direction_rad = 0.0, math.nan
+
+    def _add(self, fix: Fix) -> None:
+        """Add a step, an arc that bends as much as the chord has turned; match the variance."""
+        passed = self._passed
+        before = passed[-1]
+        east, north = fix.east_m - before.fix.east_m, fix.north_m - before.fix.north_m
+        direction_rad = math.atan2(north, east)
+        turn = math.remainder(direction_rad - self._direction_rad, math.tau)
+        arc = 1.0 + turn * turn / 24.0 if abs(turn) < SETTINGS.slide_most_turn_rad else 1.0  # false for NaN
+        self._direction_rad = direction_rad
+        passed.append(_Passed(fix, before.path_m + math.hypot(east, north) * arc, self._integral_m))
+        while passed[1].fix.time_s <= fix.time_s - SETTINGS.slide_window_s:
+            passed.popleft()
+        if fix.time_s - passed[0].fix.time_s >= SETTINGS.slide_window_s:
+            excess_m2 = _excess_m2(passed[0], passed[-1])
+            if excess_m2 >= self._faded_m2(fix.time_s):
+                self._excess_m2, self._found_s = excess_m2, fix.time_s
+
+    def _faded_m2(self, time_s: float) -> float:
+        """Variance beyond the statement that is left of what was found."""
+        if self._excess_m2 == 0.0:
+            return 0.0
+        return self._excess_m2 * math.exp(-2.0 * max(time_s - self._found_s, 0.0) / SETTINGS.bias_tau_s)
+
+
+def _excess_m2(first: _Passed, last: _Passed) -> float:
+    """Variance of the slow error that the way between two fixes shows beyond the stated one."""
+    span_s = last.fix.time_s - first.fix.time_s
+    path_m = last.path_m - first.path_m
+    difference_m = path_m - (last.integral_m - first.integral_m)
+    growth = -2.0 * math.expm1(-span_s / SETTINGS.bias_tau_s)
+    stated_m = max(first.fix.position_std_m, last.fix.position_std_m)
+    doppler_mps = SETTINGS.doppler_mps * max(first.fix.speed_noise, last.fix.speed_noise)
+    expected_m2 = (
+        2.0 * min(SETTINGS.white_position_m, stated_m) ** 2
+        + growth * stated_m**2
+        + doppler_mps**2 * 2.0 * SETTINGS.doppler_tau_s * span_s
+        + (SETTINGS.slide_lag_s * (last.fix.speed_mps - first.fix.speed_mps)) ** 2
+        + (SETTINGS.slide_share * path_m) ** 2
+    )
+    return max(difference_m**2 - SETTINGS.slide_stds**2 * expected_m2, 0.0) / growth
