@@ -38,6 +38,8 @@ class Agreement:
     """The wheels' readings are faulty again and again."""
     began: bool
     """One of them has just begun: what was estimated in the last seconds is not to be believed."""
+    recovering: bool = False
+    """Wheels and receiver agree again, and not yet for so long that the fixes are given."""
 
     @property
     def trusted(self) -> bool:
@@ -63,7 +65,7 @@ class AgreementWatch:
         """How many of the window are off."""
         self._paths = [PathLength(window_s) for window_s in PATH_LENGTH.windows_s]
         self._anchor: Fix | None = None
-        self._withheld = self._unsteady = False
+        self._withheld = self._unsteady = self._recovering = False
         self._bad_s = self._good_s = 0.0
         self._faulty: deque[float] = deque()
 
@@ -89,7 +91,7 @@ class AgreementWatch:
         now = self._withheld or self._unsteady
         if not now:
             return AGREED
-        return Agreement(self._withheld, self._unsteady, not was)
+        return Agreement(self._withheld, self._unsteady, not was, self._withheld and self._recovering)
 
     def _follow(self, tick: Tick) -> None:
         if tick.gap_s > 0.0:
@@ -152,12 +154,14 @@ class AgreementWatch:
         if not enough:
             return
         off = self._off / len(self._window)
+        self._recovering = False
         if off >= AGREEMENT.off_share or any(path.apart for path in self._paths):
             self._withheld, self._good_s = True, 0.0
             self._bad_s += dt_s
         elif self._withheld and off > AGREEMENT.fair_share:
             self._good_s = 0.0
         elif self._withheld:
+            self._recovering = True
             self._good_s += dt_s
             if self._good_s >= min(
                 max(AGREEMENT.recover_share * self._bad_s, AGREEMENT.recover_s[0]), AGREEMENT.recover_s[1]

@@ -6,12 +6,13 @@ A position's error is white noise and a slow part, a first-order Gauss-Markov pr
 states the standard deviation. After poor reception some receivers state decimetres while their positions
 slide back by a metre a second (RTK solutions with float ambiguities). Over some seconds T the way between
 positions then differs from the integral of the speed by a difference S, by more than the statement explains.
-The variance of the slow part is matched to it (covariance matching: Mehra 1970),
+The variance of the slow part is matched to it (covariance matching [Mehra 1970]),
 
     sigma^2 = stated^2 + max(S^2 - 16 Var(S), 0) / (2 (1 - exp(-T / tau)))
 
 and what was added fades as the slow part itself does. Wheels and radii do not enter: a tyre that loses air
-makes no receiver look worse. A receiver without speeds is taken at its word.
+makes no receiver look worse. A receiver without speeds is taken at its word. A position that jumps is no
+slide but another solution, which the gate judges.
 """
 
 from __future__ import annotations
@@ -50,9 +51,7 @@ class PositionAccuracy:
     def judged(self, fix: Fix) -> Fix:
         """Return the fix with the standard deviation of its position that is to be used."""
         before, self._last = self._last, fix
-        if before is None or not 0.0 < fix.time_s - before.time_s <= SETTINGS.block_max_s:
-            self._begin(fix)
-        elif not math.isfinite(before.speed_mps + fix.speed_mps):
+        if before is None or not _follows(before, fix):
             self._begin(fix)
         else:
             self._integral_m += 0.5 * (before.speed_mps + fix.speed_mps) * (fix.time_s - before.time_s)
@@ -74,11 +73,15 @@ class PositionAccuracy:
         passed = self._passed
         before = passed[-1]
         east, north = fix.east_m - before.fix.east_m, fix.north_m - before.fix.north_m
+        chord_m, rolled_m = math.hypot(east, north), self._integral_m - before.integral_m
+        if abs(chord_m - rolled_m) > SETTINGS.slide_jump_m + SETTINGS.slide_jump_share * rolled_m:
+            self._begin(fix)
+            return
         direction_rad = math.atan2(north, east)
         turn = math.remainder(direction_rad - self._direction_rad, math.tau)
         arc = 1.0 + turn * turn / 24.0 if abs(turn) < SETTINGS.slide_most_turn_rad else 1.0  # false for NaN
         self._direction_rad = direction_rad
-        passed.append(_Passed(fix, before.path_m + math.hypot(east, north) * arc, self._integral_m))
+        passed.append(_Passed(fix, before.path_m + chord_m * arc, self._integral_m))
         while passed[1].fix.time_s <= fix.time_s - SETTINGS.slide_window_s:
             passed.popleft()
         if fix.time_s - passed[0].fix.time_s >= SETTINGS.slide_window_s:
@@ -91,6 +94,12 @@ class PositionAccuracy:
         if self._excess_m2 == 0.0:
             return 0.0
         return self._excess_m2 * math.exp(-2.0 * max(time_s - self._found_s, 0.0) / SETTINGS.bias_tau_s)
+
+
+def _follows(before: Fix, fix: Fix) -> bool:
+    """Whether the speeds tell the way between the two."""
+    known = math.isfinite(before.speed_mps + fix.speed_mps + fix.east_m + fix.north_m)
+    return known and 0.0 < fix.time_s - before.time_s <= SETTINGS.block_max_s
 
 
 def _excess_m2(first: _Passed, last: _Passed) -> float:

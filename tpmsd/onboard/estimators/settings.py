@@ -79,6 +79,10 @@ class EstimatorSettings:
     """Time over which way and speeds are compared: long against white noise, short against `bias_tau_s`."""
     slide_most_turn_rad: float = 1.0
     """Of a step: beyond, its direction is noise and it is no arc."""
+    slide_jump_m: float = 1.0
+    """A step of the way that differs from the speeds by more is a jump and no slide ..."""
+    slide_jump_share: float = 0.1
+    """... and by more than this share of it, as of `PathLengthSettings`."""
     slide_lag_s: float = 0.1
     """Standard deviation of the time between the epochs of a position and of its speed, s (recordings: 0.06
     s; twice the prior of the effect)."""

@@ -228,6 +228,9 @@ class SignalSettings:
     disagree_mps: float = 3.0
     disagree_share: float = 0.2
     """Beyond both, speeds of wheels and receiver are of two cars; braking and lags are less."""
+    agreed_s: float = 60.0
+    """Driving in which wheels and receiver agreed, after which the bus has been decoded rightly: a wrong
+    scale shows within the 10 s of `estimators.agreement`."""
     speed_fresh_s: float = 2.0
     """After a fix, how long its speed is that of the car."""
     chord_s: float = 1.0

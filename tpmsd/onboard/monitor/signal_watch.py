@@ -23,7 +23,9 @@ from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
 from tpmsd.onboard.monitor.settings import SIGNALS
 from tpmsd.onboard.timeline.tick import Fix, Tick
 
-DISAGREE = "wheels and receiver disagree on the speed (is it the right DBC?)"
+DISAGREE = "wheels and receiver disagree on the speed"
+NEVER_AGREED = " (is it the right DBC?)"
+AGREED_BEFORE = ", on which they agreed before"
 _ESTIMATED = 6
 """GGA quality of dead reckoning: no witness."""
 
@@ -124,6 +126,8 @@ class SignalWatch:
         self._unplugged = _Malfunction("the receiver is unplugged or cannot be opened")
         self._spoofed = _Malfunction("another node sends the wheels' frames: they are rejected")
         self._disagree = _Malfunction(DISAGREE)
+        self._agreed_s = 0.0
+        """Driving (`SIGNALS.driving_mps`) in which wheels and receiver agreed."""
         self._car_differs = _Malfunction("the wheels' speed is far from the car's own (OBD)")
         self._restarted = _Malfunction("the estimate of the radii broke down and is made anew")
         self._blind = _Malfunction(
@@ -217,11 +221,14 @@ class SignalWatch:
         wrong = bool(watching.contradiction)
         events += self._contradicted.update(wrong, not wrong, SIGNALS.at_once_s, tick)
         known, good = self._compared(rear, estimate.speed_mps, receiver_mps)
-        good = good and not agreement.withheld
-        self._disagree.reason = DISAGREE + car.sides_with
-        events += self._disagree.update(
-            agreement.withheld or (known and not good), known and good, limit_s, tick
-        )
+        # While they recover they agree: a receiver's burst ends with it, and not with the fixes' return.
+        apart = (known and not good) or (agreement.withheld and not agreement.recovering)
+        good = known and good and not agreement.withheld
+        if good and driving:
+            self._agreed_s += tick.dt_s
+        cause = AGREED_BEFORE if self._agreed_s >= SIGNALS.agreed_s else NEVER_AGREED
+        self._disagree.reason = DISAGREE + cause + car.sides_with
+        events += self._disagree.update(apart, good, limit_s, tick)
         # Against wheels and receiver together it is outvoted.
         differs = car.wheels is False and car.receiver is not False
         events += self._car_differs.update(differs, car.wheels is True, limit_s, tick)
