@@ -8,9 +8,10 @@ slide back by a metre a second (RTK solutions with float ambiguities). Over some
 positions then differs from the integral of the speed by a difference S, by more than the statement explains.
 The variance of the slow part is matched to it (covariance matching [Mehra 1970]),
 
-    sigma^2 = stated^2 + max(S^2 - 16 Var(S), 0) / (2 (1 - exp(-T / tau)))
+    sigma^2 = stated^2 + max(S^2 - 9 Var(S), 0) / (2 (1 - exp(-T / tau)))
 
-and what was added fades as the slow part itself does. Wheels and radii do not enter: a tyre that loses air
+with Var(S) for a slow part of three times the stated size, since makers state theirs differently; what was
+added fades as the slow part itself does. Wheels and radii do not enter: a tyre that loses air
 makes no receiver look worse. A receiver without speeds is taken at its word. A position that jumps is no
 slide but another solution, which the gate judges.
 """
@@ -98,8 +99,9 @@ class PositionAccuracy:
 
 def _follows(before: Fix, fix: Fix) -> bool:
     """Whether the speeds tell the way between the two."""
-    known = math.isfinite(before.speed_mps + fix.speed_mps + fix.east_m + fix.north_m)
-    return known and 0.0 < fix.time_s - before.time_s <= SETTINGS.block_max_s
+    known = math.isfinite(fix.east_m + fix.north_m)
+    fast = min(before.speed_mps, fix.speed_mps) > SETTINGS.slide_slowest_mps  # false for NaN
+    return known and fast and 0.0 < fix.time_s - before.time_s <= SETTINGS.block_max_s
 
 
 def _excess_m2(first: _Passed, last: _Passed) -> float:
@@ -112,7 +114,7 @@ def _excess_m2(first: _Passed, last: _Passed) -> float:
     doppler_mps = SETTINGS.doppler_mps * max(first.fix.speed_noise, last.fix.speed_noise)
     expected_m2 = (
         2.0 * min(SETTINGS.white_position_m, stated_m) ** 2
-        + growth * stated_m**2
+        + growth * (SETTINGS.slide_tolerated * stated_m) ** 2
         + doppler_mps**2 * 2.0 * SETTINGS.doppler_tau_s * span_s
         + (SETTINGS.slide_lag_s * (last.fix.speed_mps - first.fix.speed_mps)) ** 2
         + (SETTINGS.slide_share * path_m) ** 2

@@ -88,8 +88,13 @@ class EstimatorSettings:
     s; twice the prior of the effect)."""
     slide_share: float = 0.003
     """Standard deviation of the scale of a way against speeds: rounding to 0.1 knots, bends between fixes."""
-    slide_stds: float = 4.0
+    slide_tolerated: float = 3.0
+    """The slow error may be so many times the stated one: makers state theirs differently, as of
+    `speed_accuracy.TOLERATED`."""
+    slide_stds: float = 3.0
     """The receiver is believed up to a difference of so many standard deviations."""
+    slide_slowest_mps: float = 3.0
+    """Below, noise of positions lengthens the way between them, as of `PathLengthSettings`."""
 
     # -- which ticks are informative (`motion_gate`, `gyro_check`) --
 
