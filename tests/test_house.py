@@ -148,7 +148,7 @@ BRANCHY = {
     "tpmsd.onboard.daemon.config_toml.config_toml": 16,
     "tpmsd.onboard.estimators.odometry_block._build": 16,
     "tpmsd.onboard.monitor.baseline.learn": 21,
-    "tpmsd.onboard.monitor.signal_watch.update": 32,
+    "tpmsd.onboard.monitor.signal_watch.update": 28,
     "tpmsd.onboard.monitor.tyre_sets._take": 19,
     "tpmsd.onboard.sources.can_decoder._decode_group": 35,
     "tpmsd.onboard.sources.nmea_epoch.merge_readings": 16,

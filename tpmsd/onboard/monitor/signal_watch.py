@@ -220,15 +220,8 @@ class SignalWatch:
             self._contradicted.reason = f"the drive contradicts the configuration: {watching.contradiction}"
         wrong = bool(watching.contradiction)
         events += self._contradicted.update(wrong, not wrong, SIGNALS.at_once_s, tick)
-        known, good = self._compared(rear, estimate.speed_mps, receiver_mps)
-        # While they recover they agree: a receiver's burst ends with it, and not with the fixes' return.
-        apart = (known and not good) or (agreement.withheld and not agreement.recovering)
-        good = known and good and not agreement.withheld
-        if good and driving:
-            self._agreed_s += tick.dt_s
-        cause = AGREED_BEFORE if self._agreed_s >= SIGNALS.agreed_s else NEVER_AGREED
-        self._disagree.reason = DISAGREE + cause + car.sides_with
-        events += self._disagree.update(apart, good, limit_s, tick)
+        compared = self._compared(rear, estimate.speed_mps, receiver_mps)
+        events += self._disagreement(compared, agreement, driving, car.sides_with, tick)
         # Against wheels and receiver together it is outvoted.
         differs = car.wheels is False and car.receiver is not False
         events += self._car_differs.update(differs, car.wheels is True, limit_s, tick)
@@ -239,6 +232,20 @@ class SignalWatch:
         if watching.losing or any(one.raised for one in self._losing.values()):
             events += self._encoders(watching.losing, tick)
         return events
+
+    def _disagreement(
+        self, compared: tuple[bool, bool], agreement: Agreement, driving: bool, sides_with: str, tick: Tick
+    ) -> list[AlarmEvent]:
+        """Whether wheels and receiver state one speed; `compared`: whether both are known, and agree."""
+        known, good = compared
+        # While they recover they agree: a receiver's burst ends with it, and not with the fixes' return.
+        apart = (known and not good) or (agreement.withheld and not agreement.recovering)
+        good = known and good and not agreement.withheld
+        if good and driving:
+            self._agreed_s += tick.dt_s
+        cause = AGREED_BEFORE if self._agreed_s >= SIGNALS.agreed_s else NEVER_AGREED
+        self._disagree.reason = DISAGREE + cause + sides_with
+        return self._disagree.update(apart, good, self._settings.malfunction_s, tick)
 
     def _encoders(self, losing: Mapping[int, float], tick: Tick) -> list[AlarmEvent]:
         """Those that lose counts, and those that did; which share of them, by wheel."""
