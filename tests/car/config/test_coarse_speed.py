@@ -88,5 +88,5 @@ def test_check_says_what_it_looked_at(tmp_path: Path, capsys: pytest.CaptureFixt
     held = capsys.readouterr().out
 
     assert "No drive was read" in alone
-    assert f"held against the drive {drive}" in held
+    assert f"Nothing in the drive {drive} contradicts it." in held
     assert "No drive was read" not in held

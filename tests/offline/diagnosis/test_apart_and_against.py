@@ -17,7 +17,7 @@ from tpmsd.offline.diagnosis.assessment.simulated import Common, Differences, fl
 from tpmsd.offline.diagnosis.assessment.teeth import teeth, usual_ring
 from tpmsd.offline.diagnosis.counters.low_speed import Lost
 from tpmsd.offline.diagnosis.counters.tone_ring import Ripple
-from tpmsd.offline.diagnosis.hypotheses.terms import Term
+from tpmsd.offline.diagnosis.hypotheses.terms import ANY_CAR, Term
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.noise import Noise
 
@@ -169,13 +169,20 @@ def test_what_both_hold_is_fitted_behind_the_calibration_and_differences_are_the
 
     common = [Common(term("longitudinal_slip", 2)), Common(term("centrifugal_growth", 1))]
     catalogue = [term("wear", 1, 0), term("wear", 1, 1), term("wear", 1)]
-    joint: Any = SimpleNamespace(width=20, catalogue=catalogue, nuisance=np.zeros((20, 9)))
+    joint: Any = SimpleNamespace(
+        width=20,
+        catalogue=catalogue,
+        nuisance=np.zeros((20, 9)),
+        splines_of=lambda drive: [term("unknown", 3, drive)],
+        car=ANY_CAR,
+    )
 
     hypotheses = Differences(joint, common)
 
     assert [9, 11] == [hypotheses.first(one) for one in common]
     assert (20, 12) == hypotheses.nuisance.shape
     assert [0] == [one.drive for one in hypotheses.catalogue]
+    assert [0] == [one.drive for one in hypotheses.splines]
     assert key_of(catalogue[0]) == key_of(catalogue[2]) != common[0].key
 
 
