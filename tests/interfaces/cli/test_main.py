@@ -27,7 +27,7 @@ DEFECT = "internal error: ZeroDivisionError: division by zero (set TPMSD_DEBUG=1
     [
         ("plain", 1, ["tpmsd: disk full"]),
         ("input", 3, ["tpmsd: can.log:7: no frame"]),
-        ("interrupt", 130, []),
+        ("interrupt", 130, ["tpmsd: interrupted"]),
         ("pipe", 0, []),
         ("defect", 1, [f"tpmsd: {DEFECT}"]),
     ],
@@ -202,7 +202,7 @@ def test_check_of_recordings(recordings: Path, capsys: pytest.CaptureFixture[str
     captured = capsys.readouterr()
     assert captured.err == ""
     if name.startswith("rav4"):
-        assert "WHEEL_SPEEDS.FL (id 0x0AA, period not given), 16-bit speed in km/h" in captured.out
+        assert "WHEEL_SPEEDS.FL (id 0x0AA), 16-bit speed in km/h" in captured.out
     else:
         assert "ENCODERS.COUNT_RR (id 0x120" in captured.out
         assert "0.0496 mm of road per step, rolls over every 212.9 km" in captured.out
