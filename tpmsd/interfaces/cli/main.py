@@ -58,6 +58,7 @@ COMMANDS: Commands = (
         "tpmsd.interfaces.cli.diagnose",
         "say which physics a recorded drive holds that the model lacks",
     ),
+    ("unseal", "tpmsd.interfaces.cli.unseal", "open the truth of concealed effects, and score a report"),
     (
         "effects",
         "tpmsd.interfaces.cli.effects",

@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 from tpmsd.foundation.errors import ConfigError, TpmsdError
 from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
 from tpmsd.interfaces.cli.outputs import Outputs
+from tpmsd.interfaces.cli.simulate_onto import add_onto_options, model_of, run_onto
 
 if TYPE_CHECKING:
     from tpmsd.car.config.model import VehicleConfig
-    from tpmsd.car.physics.model import ExtendedModel
     from tpmsd.car.physics.motion import Motion
     from tpmsd.offline.simulator.drive import DriveSpec, SimulatedDrive
     from tpmsd.offline.simulator.faults import Fault
@@ -33,6 +33,8 @@ examples:
   tpmsd simulate drives/grown --effect centrifugal_growth:coefficient=1e-6 \\
                               --effect gnss_latency:latency_s=0.15
   tpmsd simulate drives/again --model model.toml --seed 7
+  tpmsd simulate drives/late --onto drives/monday --effect gnss_latency:latency_s=0.15
+  tpmsd simulate drives/riddle --onto drives/monday --conceal 2    the truth is sealed: tpmsd unseal
   tpmsd simulate --live vcan0 --puncture rl --at 120        and, elsewhere: tpmsd run
   tpmsd simulate live --live vcan0 --pty /run/user/1000/gnss    writes live/vehicle.toml for tpmsd run
 
@@ -65,7 +67,9 @@ def add_parser(subparsers: Subparsers) -> None:
         "--route-file", metavar="FILE", type=Path, help="manoeuvres instead, as tpmsd plan writes them"
     )
     drive.add_argument("--flat", action="store_true", help="no slopes")
-    drive.add_argument("--seed", metavar="N", type=int, default=1, help="same seed, same drive (default: 1)")
+    drive.add_argument(
+        "--seed", metavar="N", type=int, help="same seed, same drive (default: 1; of --conceal: a random one)"
+    )
 
     car = parser.add_argument_group("the car and its bus")
     car.add_argument(
@@ -130,10 +134,13 @@ def add_parser(subparsers: Subparsers) -> None:
     live.add_argument("--speed-up", metavar="X", type=float, default=1.0, help="default: 1")
     live.add_argument("--pty", metavar="PATH", type=Path, help="make this a link to the pseudo terminal")
     add_json_option(parser)
+    add_onto_options(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Simulate, write, play, report."""
+    if args.onto is not None or args.conceal is not None:
+        return run_onto(args)
     # Here, since --help does not need numpy.
     from tpmsd.foundation.provenance import provenance
     from tpmsd.offline.simulator.drive import simulate_drive
@@ -186,14 +193,14 @@ def spec_of(args: argparse.Namespace) -> DriveSpec:
     return DriveSpec(
         route=args.route,
         duration_s=args.duration,
-        seed=args.seed,
+        seed=1 if args.seed is None else args.seed,
         vehicle=vehicle,
         antenna_forward_m=forward,
         antenna_left_m=left,
         radius_offset_m=_four_mm(args.radius_offset_mm),
         flat=args.flat,
         faults=_faults(args),
-        model=_model(args),
+        model=model_of(args),
         receiver=ReceiverSpec(
             rate_hz=args.receiver_hz,
             position_std_m=_at_least_0("--position-std", args.position_std),
@@ -300,15 +307,6 @@ def _vehicle(path: Path | None) -> tuple[VehicleConfig, float, float]:
 
     config = load_config(path)
     return config.vehicle, config.gnss.antenna_forward_m, config.gnss.antenna_left_m
-
-
-def _model(args: argparse.Namespace) -> ExtendedModel:
-    from tpmsd.car.physics.catalogue import parse_effect
-    from tpmsd.car.physics.model import ExtendedModel
-    from tpmsd.car.physics.model_file import load_model
-
-    model = ExtendedModel() if args.model is None else load_model(args.model)
-    return model.plus(*(parse_effect(text) for text in args.effect))
 
 
 def _faults(args: argparse.Namespace) -> tuple[Fault, ...]:

@@ -1,0 +1,196 @@
+"""A diagnosis scored against the truth that was sealed before it.
+
+In: the unsealed truth, the report of `tpmsd diagnose --json`, and, if at hand, that of the untouched
+recording. Out: plain objects, and lines for people. A real recording has effects of its own: what the
+diagnosis finds in the untouched one is neither wrong nor part of what was concealed, and its values add up
+with those that were.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+SIGMAS = 1.96
+"""Standard deviations to either end of a 95 % interval."""
+SURE = 0.9
+"""Confidence from which a name that was not concealed is plainly wrong."""
+_WHEEL = ("wheel", "wheels", "on")
+
+
+def score(
+    truth: Mapping[str, Any], report: Mapping[str, Any], untouched: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
+    """What was named, what was missed, and what was named though nobody concealed it."""
+    findings = _findings(report)
+    before = _findings(untouched or {})
+    matched: dict[int, int] = {}
+    for number, effect in enumerate(truth["effects"]):
+        for rank, finding in enumerate(findings):
+            if rank not in matched.values() and _same(effect, finding):
+                matched[number] = rank
+                break
+    own = [
+        rank
+        for rank, finding in enumerate(findings)
+        if rank not in matched.values() and any(_alike(finding, other) for other in before)
+    ]
+    new = [rank for rank in range(len(findings)) if rank not in own]
+    concealed = []
+    for number, effect in enumerate(truth["effects"]):
+        rank = matched.get(number)
+        other = next((one for one in before if _same(effect, one)), None)
+        found = None if rank is None else findings[rank]
+        concealed.append(_entry(effect, found, None if rank is None else new.index(rank) + 1, other))
+    others = [
+        _other(findings[rank], rank in own) for rank in range(len(findings)) if rank not in matched.values()
+    ]
+    values = [
+        value for one in concealed for value in one["parameters"].values() if value["within"] is not None
+    ]
+    return {
+        "concealed": concealed,
+        "others": others,
+        "named": sum(one["named"] for one in concealed),
+        "missed": sum(not one["named"] for one in concealed),
+        "named_first": bool(new) and new[0] in matched.values(),
+        "wrong": sum(one["wrong"] for one in others),
+        "values": len(values),
+        "values_within": sum(value["within"] for value in values),
+    }
+
+
+def _findings(report: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    return [one for one in report.get("findings", []) if isinstance(one, Mapping)]
+
+
+def _same(effect: Mapping[str, Any], finding: Mapping[str, Any]) -> bool:
+    """Whether a finding is this effect: its name, and the wheels where it has such."""
+    if finding.get("effect") != effect["name"]:
+        return False
+    wheels = [str(value) for name, value in effect["parameters"].items() if name in _WHEEL]
+    return not wheels or _wheels(finding) in ("", wheels[0])
+
+
+def _alike(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    """Whether two findings are of the same effect on the same wheels."""
+    return (one.get("effect"), _wheels(one)) == (other.get("effect"), _wheels(other))
+
+
+def _wheels(finding: Mapping[str, Any]) -> str:
+    parameters = finding.get("parameters") or {}
+    return next((str(parameters[name].get("value")) for name in _WHEEL if name in parameters), "")
+
+
+def _entry(
+    effect: Mapping[str, Any],
+    finding: Mapping[str, Any] | None,
+    rank: int | None,
+    before: Mapping[str, Any] | None,
+) -> dict[str, Any]:
+    return {
+        "effect": effect["name"],
+        "named": finding is not None,
+        "rank": rank,
+        "status": None if finding is None else finding.get("status"),
+        "confidence": None if finding is None else finding.get("confidence"),
+        "untouched": before is not None,
+        "parameters": {
+            name: _value(name, value, finding, before)
+            for name, value in effect["parameters"].items()
+            if value is not None
+        },
+    }
+
+
+def _value(
+    name: str, true: Any, finding: Mapping[str, Any] | None, before: Mapping[str, Any] | None
+) -> dict[str, Any]:
+    """A concealed value beside the one that was found; `within`: in its 95 % interval, null where not asked.
+
+    A value that the untouched recording has of its own is added to the concealed one, with its uncertainty.
+    """
+    found, std = _number(finding, name)
+    own, own_std = _number(before, name)
+    within = None
+    if isinstance(true, (int, float)) and found is not None and std is not None and std > 0.0:
+        sum_of_both = true + _from_neutral(name, own)
+        within = abs(found - sum_of_both) <= SIGMAS * math.hypot(std, own_std or 0.0)
+    shown = found if found is not None else _word(finding, name)
+    return {"concealed": true, "found": shown, "std": std, "untouched": own, "within": within}
+
+
+def _from_neutral(name: str, value: float | None) -> float:
+    """By how much a value differs from that with which its effect does nothing."""
+    if value is None:
+        return 0.0
+    return value - 1.0 if name == "scale" else value
+
+
+def _number(finding: Mapping[str, Any] | None, name: str) -> tuple[float | None, float | None]:
+    quantity = ((finding or {}).get("parameters") or {}).get(name) or {}
+    value, std = quantity.get("value"), quantity.get("std")
+    return (
+        float(value) if isinstance(value, (int, float)) else None,
+        float(std) if isinstance(std, (int, float)) else None,
+    )
+
+
+def _word(finding: Mapping[str, Any] | None, name: str) -> str | None:
+    quantity = ((finding or {}).get("parameters") or {}).get(name) or {}
+    value = quantity.get("value")
+    return value if isinstance(value, str) else None
+
+
+def _other(finding: Mapping[str, Any], own: bool) -> dict[str, Any]:
+    confidence = finding.get("confidence")
+    sure = isinstance(confidence, (int, float)) and confidence > SURE
+    wrong = not own and sure and finding.get("status", "finding") == "finding"
+    return {
+        "effect": finding.get("effect"),
+        "status": finding.get("status"),
+        "confidence": confidence,
+        "untouched": own,
+        "wrong": wrong,
+    }
+
+
+def unsealed_summary(document: Mapping[str, Any]) -> str:
+    """The score in lines for people."""
+    lines = [f"sealed truth {document['sha256']}"]
+    for one in document["concealed"]:
+        lines.append(f"  {one['effect']}: " + (_named(one) if one["named"] else "missed"))
+        lines += [f"      {_compared(name, value)}" for name, value in one["parameters"].items()]
+    for one in document["others"]:
+        why = "in the untouched recording, too" if one["untouched"] else "was not concealed"
+        lines.append(f"  {one['effect']} (confidence {_short(one['confidence'])}): {why}")
+    count = document["named"] + document["missed"]
+    lines.append(
+        f"{document['named']} of {count} named, {document['missed']} missed,"
+        f" {document['wrong']} wrong above {SURE:g}; {document['values_within']} of {document['values']}"
+        " values in their 95 % interval"
+    )
+    return "\n".join(lines)
+
+
+def _named(one: Mapping[str, Any]) -> str:
+    status = "" if one["status"] in (None, "finding") else f", a {one['status']}"
+    return f"named, place {one['rank']}, confidence {_short(one['confidence'])}{status}"
+
+
+def _compared(name: str, value: Mapping[str, Any]) -> str:
+    text = f"{name} = {_short(value['concealed'])}"
+    if value["found"] is None:
+        return text
+    std = "" if value["std"] is None else f" +- {value['std']:.1g}"
+    text += f", found {_short(value['found'])}{std}"
+    if value["untouched"] is not None:
+        text += f" (of its own the recording has {_short(value['untouched'])})"
+    if value["within"] is None:
+        return text
+    return text + ("" if value["within"] else ": outside of the 95 % interval")
+
+
+def _short(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, (int, float)) else str(value)

@@ -1,0 +1,155 @@
+"""Effects injected into a recording: what each reading becomes, by the time at which it was taken.
+
+In: a `Recording`, its configuration, an `ExtendedModel`. Out: `Injection`, which gives changed readings of
+wheels, gyro, accelerometers, steering wheel and receiver at times of the host's clock. Pure. The motion on
+which effects depend is the recording's own, smoothed as the diagnosis smooths it: a recording holds no other.
+Roads, noise and instruments are those of the recording.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from tpmsd.car.config.model import Config
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.car.physics.reading_change import (
+    AntennaChange,
+    FixChange,
+    by_slopes,
+    shown_angle,
+    shown_rate_factor,
+    turn_factors,
+)
+from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.inference.recording import Recording
+from tpmsd.offline.inference.trajectory import reference
+
+FINER_S = 0.15
+"""Width (s) of the Gaussian by which the part of a reading that rounding took away is estimated: a car's
+speed hardly changes within it, and it holds some ten readings."""
+MARGIN = 1e-6
+"""Of a step of rounding: a finer reading keeps so far from its ends that sums in floating point stay within,
+and changes below it are none."""
+
+
+class Injection:
+    """A model's effects on one recording.
+
+    Raises:
+        ConfigError: an effect cannot be injected: it is in every recording already.
+    """
+
+    def __init__(self, recording: Recording, config: Config, model: ExtendedModel) -> None:
+        for effect in model:
+            if by_slopes(effect):
+                raise ConfigError(f"{effect.name} cannot be injected: slopes are in every recording already")
+        about = reference(recording)
+        self._model = model
+        self._car, self._motion = about.car, about.motion
+        self._start_s = recording.start_s
+        self._known_latency_s = config.gnss.latency_s
+        self._edges_s = recording.edges_s
+        self._factor = turn_factors(self._motion, self._car, model)
+        middle = 0.5 * (self._factor[1:] + self._factor[:-1])
+        rates = self._motion.speed_mps[:, None] / self._car.radius_m
+        rolled = 0.5 * (rates[1:] + rates[:-1]) * recording.dt_s
+        turned = np.where(np.isfinite(recording.rotation_rad), recording.rotation_rad, rolled)
+        self._angle_rad = _summed(turned)
+        self._more_rad = _summed((middle - 1.0) * turned)
+        self._more_unsigned_rad = _summed((middle - 1.0) * np.abs(turned))
+        zero, one = model.read_yaw_rate(np.array([0.0, 1.0]))
+        self._gyro_bias, self._gyro_scale = float(zero), float(one - zero)
+        self._yaw_error = model.yaw_rate_error_radps(self._motion, self._car)
+        self._accel_error = model.accel_error_mps2(self._motion, self._car)
+        self._steering_error = model.steering_error_rad(self._motion, self._car)
+        self._antenna = AntennaChange(self._motion, self._car, model)
+
+    def since_start_s(self, host_s: FloatArray) -> FloatArray:
+        """Seconds since the drive's start of times on the host's clock; same shape."""
+        return np.asarray(host_s - self._start_s)
+
+    def more_turn_rad(self, wheel: int, host_s: FloatArray, unsigned: bool = False) -> FloatArray:
+        """(m,) angle by which a wheel's counter is ahead of what it recorded; `unsigned` of a counter that
+        also rises while the wheel turns backward."""
+        time_s = self.since_start_s(host_s)
+        more = self._more_unsigned_rad if unsigned else self._more_rad
+        true = np.interp(time_s, self._edges_s, self._angle_rad[:, wheel])
+        angle = true + np.interp(time_s, self._edges_s, more[:, wheel])
+        return np.asarray(shown_angle(angle, wheel, self._car, self._model) - true)
+
+    def speed_factor(self, wheel: int, host_s: FloatArray) -> FloatArray:
+        """(m,) factor on a wheel's speed."""
+        time_s = self.since_start_s(host_s)
+        both = self._angle_rad[:, wheel] + self._more_rad[:, wheel]
+        angle = np.interp(time_s, self._edges_s, both)
+        rate = shown_rate_factor(angle, wheel, self._car, self._model)
+        return np.asarray(np.interp(time_s, self._edges_s, self._factor[:, wheel]) * rate)
+
+    def inertial(self, role: str, host_s: FloatArray, values: FloatArray) -> FloatArray:
+        """(m,) what a sensor of this role reads in place of `values` (m,), SI units; as they are where no
+        effect acts on it."""
+        if role == "yaw_rate":
+            read = self._gyro_scale * values + self._gyro_bias
+            changed = values if (self._gyro_scale, self._gyro_bias) == (1.0, 0.0) else read
+            return np.asarray(changed + self._at(self._yaw_error, host_s))
+        if role in ("accel_long", "accel_lat"):
+            return np.asarray(values + self._at(self._accel_error[:, role == "accel_lat"], host_s))
+        if role == "steering_wheel_angle":
+            return np.asarray(values + self._at(self._steering_error, host_s))
+        return values
+
+    def fixes(self, host_s: FloatArray) -> FixChange:
+        """What changes in fixes that arrived at these times (m,)."""
+        return self._antenna.at(self.since_start_s(host_s) - self._known_latency_s)
+
+    @property
+    def fix_age_s(self) -> float:
+        """How much later fixes arrive."""
+        return self._model.fix_age_s()
+
+    def clock_error_s(self, host_s: FloatArray) -> FloatArray:
+        """(m,) by how much the host's clock is ahead of what it recorded."""
+        return self._model.clock_error_s(self.since_start_s(host_s))
+
+    def _at(self, values: FloatArray, host_s: FloatArray) -> FloatArray:
+        return np.asarray(np.interp(self.since_start_s(host_s), self._edges_s, values))
+
+
+def recounted(counts: FloatArray, more: FloatArray, sigma: float, modulus: int) -> FloatArray:
+    """(m,) counts of a counter that is `more` (m,) counts ahead, on the same roll-over.
+
+    A count is the angle rounded down. The part that was lost is estimated by smoothing over `sigma` readings,
+    within the count, so that the changed angle is rounded once and not twice. Where nothing is added the
+    counts stay what they are.
+    """
+    steps = np.diff(counts, prepend=counts[:1])
+    steps = (steps + modulus // 2) % modulus - modulus // 2
+    unrolled = np.cumsum(steps) + counts[:1]
+    smooth = gaussian_filter1d(unrolled, sigma, mode="nearest") + 0.5
+    finer = np.clip(smooth, unrolled + MARGIN, unrolled + 1.0 - MARGIN)
+    return np.asarray(np.floor(finer + _noticeable(more)) - unrolled + counts) % modulus
+
+
+def requantised(readings: FloatArray, more: FloatArray, sigma: float) -> FloatArray:
+    """(m,) whole numbers of a rounded reading that is `more` (m,) steps larger; as `recounted` does."""
+    smooth = gaussian_filter1d(readings, sigma, mode="nearest")
+    finer = np.clip(smooth, readings - 0.5 + MARGIN, readings + 0.5 - MARGIN)
+    return np.asarray(np.floor(finer + _noticeable(more) + 0.5))
+
+
+def sigma_of(host_s: FloatArray) -> float:
+    """`FINER_S` in readings."""
+    steps = np.diff(host_s)
+    steps = steps[steps > 0.0]
+    return FINER_S / max(float(np.median(steps)), 1e-4) if len(steps) else 1.0
+
+
+def _summed(per_tick: FloatArray) -> FloatArray:
+    """(n + 1, 4) sums at the ticks' edges."""
+    return np.concatenate([np.zeros((1, per_tick.shape[1])), np.cumsum(per_tick, axis=0)])
+
+
+def _noticeable(more: FloatArray) -> FloatArray:
+    return np.where(np.abs(more) < MARGIN / 2.0, 0.0, more)

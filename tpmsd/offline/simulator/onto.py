@@ -1,0 +1,139 @@
+"""A drive folder with effects injected into a recording.
+
+In: a recorded drive, what it reads as, an `ExtendedModel`. Out: a folder of the same files in which wheels,
+gyro and receiver read what the effects make of them. Byte for byte the same is everything on which no effect
+acts: other frames, other bytes of these frames, stamps, sentences, configuration and DBC.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tpmsd.car.config.model import Config
+from tpmsd.car.physics.forward import RECEIVER_READ, acts_on
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
+from tpmsd.offline.inference.recording import Recording, record
+from tpmsd.offline.simulator.drive_writer import MAKER, TRUTH
+from tpmsd.offline.simulator.injection import Injection
+from tpmsd.offline.simulator.onto_can import CanRewriter, copy_of
+from tpmsd.offline.simulator.onto_nmea import NmeaRewriter
+from tpmsd.offline.simulator.sealed import SEALED
+from tpmsd.onboard.sources.databases import load_databases
+from tpmsd.onboard.sources.drive import Drive
+from tpmsd.onboard.sources.signal_plan import compile_plans
+from tpmsd.onboard.timeline.tick import Tick
+
+CLOCK_STEP_S = 1e-3
+"""Change of the host's clock against the drive's own time (s) that is a step: stamps are told to that."""
+
+
+@dataclass(frozen=True)
+class Onto:
+    """A recorded drive that effects are injected into."""
+
+    drive: Drive
+    """Opened, with its clocks aligned; it is not iterated."""
+    config: Config
+    recording: Recording
+
+    @classmethod
+    def of(cls, drive: Drive, config: Config, ticks: Sequence[Tick]) -> Onto:
+        """The drive and what was read of it; InputError where its clock steps or nothing usable is in it."""
+        steps = [tick.host_time_s - tick.time_s for tick in ticks]
+        if steps and max(steps) - min(steps) > CLOCK_STEP_S:
+            raise InputError(drive.folder, "the host's clock steps within the drive: cut it there")
+        try:
+            return cls(drive, config, record(ticks, config, drive.folder.resolve().name))
+        except ValueError as error:
+            raise InputError(drive.folder, str(error)) from None
+
+
+def check_target(out: Path, onto: Path, force: bool) -> None:
+    """Say before the work that a folder must not be written to; ConfigError with one line.
+
+    A folder that holds anything is written to only with `force`, and only if effects were injected there
+    before: its `truth.json` or `truth.sealed` says so.
+    """
+    if out.resolve() == onto.resolve():
+        raise ConfigError(f"{out}: is the recording itself, which is never changed; name another folder")
+    if not out.exists():
+        return
+    if not out.is_dir():
+        raise ConfigError(f"{out}: not a folder")
+    try:
+        names = sorted(entry.name for entry in out.iterdir())
+    except OSError as error:
+        raise ConfigError(f"{out}: cannot be read: {error.strerror}") from None
+    if not names:
+        return
+    if not _injected_here(out):
+        raise ConfigError(f"{out}: holds files that no --onto wrote; name another folder")
+    if not force:
+        raise ConfigError(f"{out}: holds a recording with effects already; --force replaces it")
+
+
+def inject(onto: Onto, model: ExtendedModel, out: Path) -> list[str]:
+    """Write the folder; the names of the files in which something changed.
+
+    Raises:
+        ConfigError: an effect cannot be injected into this recording.
+        InputError: a log cannot be read, or is of a format that cannot be written.
+        TpmsdError: the disk does not take it.
+    """
+    injection = Injection(onto.recording, onto.config, model)
+    if onto.config.gnss.source == "can":
+        for effect in model:
+            if RECEIVER_READ in acts_on(effect):
+                raise ConfigError(f"{effect.name} cannot be injected: this receiver is on the bus")
+    drive, config = onto.drive, onto.config
+    logs = [drive.can_log, *([] if drive.nmea_log is None else [drive.nmea_log])]
+    changed: list[str] = []
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        for name in (TRUTH, SEALED):
+            (out / name).unlink(missing_ok=True)
+        for entry in sorted(drive.folder.iterdir()):
+            if entry.is_file() and entry not in logs and entry.name not in (TRUTH, SEALED):
+                copy_of(entry, out / entry.name)
+        plans = compile_plans(config, load_databases(config))
+        can = CanRewriter(plans, injection, config.vehicle.teeth_per_rev, drive.channel, drive.buses)
+        if can.rewrite(drive.can_log, out / drive.can_log.name):
+            changed.append(drive.can_log.name)
+        if drive.nmea_log is not None:
+            nmea = NmeaRewriter(injection, drive.gnss_offset_s)
+            if nmea.rewrite(drive.nmea_log, out / drive.nmea_log.name):
+                changed.append(drive.nmea_log.name)
+    except OSError as error:
+        raise TpmsdError(f"{error.filename or out}: cannot be written: {error.strerror}") from None
+    return changed
+
+
+def write_truth(out: Path, onto: Onto, model: ExtendedModel) -> None:
+    """Write `truth.json`: the recording's name and what was injected."""
+    document = {"program": MAKER, "onto": onto.drive.folder.resolve().name, "effects": effects_of(model)}
+    lines = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in document.items()]
+    try:
+        (out / TRUTH).write_text("{" + ",\n ".join(lines) + "}\n", encoding="utf-8")
+    except OSError as error:
+        raise TpmsdError(f"{out / TRUTH}: cannot be written: {error.strerror}") from None
+
+
+def effects_of(model: ExtendedModel) -> list[dict[str, Any]]:
+    """Names and parameters as `truth.json` has them."""
+    return [{"name": effect.name, "parameters": effect.values()} for effect in model]
+
+
+def _injected_here(out: Path) -> bool:
+    """Whether the folder bears the mark of an injection."""
+    if (out / SEALED).is_file():
+        return True
+    try:
+        text = (out / TRUTH).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return False
+    return text.startswith(f'{{"program": "{MAKER}"') and '"onto"' in text[:200]

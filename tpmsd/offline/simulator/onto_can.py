@@ -1,0 +1,285 @@
+"""A CAN log with effects in it.
+
+In: a log as `candump -L` writes it (`.log`, `.log.gz`), the plans of the needed signals, an `Injection`. Out:
+the log with other bits in the signals on which effects act; every other byte stays what it was. Two passes:
+the first gathers the readings of each signal, the second writes.
+"""
+
+from __future__ import annotations
+
+import gzip
+import re
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from tpmsd.foundation.errors import InputError, TpmsdError
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.simulator.injection import Injection, recounted, requantised, sigma_of
+from tpmsd.onboard.sources.can_frame import CanFrame
+from tpmsd.onboard.sources.candump_line import LINE, parse_candump_line
+from tpmsd.onboard.sources.signal_plan import (
+    BUS_SHIFT,
+    EXTENDED,
+    BitField,
+    MessagePlan,
+    SignalGroup,
+    SignalPlan,
+)
+
+SUFFIXES = (".log", ".log.gz")
+AGAIN = 0.25
+"""Share of a message's period within which the same bytes are the same frame, sent or recorded twice."""
+PROBED_S = 60.0
+"""Time since the first frame (s) at which a clock's error is looked for: it has none at the start."""
+_STAMP = re.compile(rb"\((\d+)\.(\d+)\)")
+
+
+@dataclass
+class Series:
+    """The readings of one signal in the order of the log."""
+
+    signal: SignalPlan
+    host_s: list[float] = field(default_factory=list)
+    bits: list[int] = field(default_factory=list)
+    again: list[bool] = field(default_factory=list)
+    """Whether the frame holds what the one before it held, to the last bit."""
+    new: list[int] = field(default_factory=list)
+    at: int = 0
+    """The next one to be written."""
+
+
+class CanRewriter:
+    """Rewrites one log."""
+
+    def __init__(
+        self,
+        plans: Mapping[int, MessagePlan],
+        injection: Injection,
+        teeth_per_rev: float,
+        channel: str | None = None,
+        buses: Mapping[str, int] | None = None,
+    ) -> None:
+        """`channel` and `buses` as a drive has them: frames of other channels are left alone."""
+        self._plans = plans
+        self._injection = injection
+        self._teeth_per_rev = teeth_per_rev
+        self._channel = channel
+        self._buses = buses or {}
+        self._series = {
+            (key, signal.role): Series(signal)
+            for key, plan in plans.items()
+            for group in plan.groups
+            for signal in group.signals
+        }
+        self._before: dict[tuple[int, str], bytes] = {}
+
+    def rewrite(self, source: Path, target: Path) -> bool:
+        """Write the log with the effects; whether anything is different. Where nothing is, it is a copy.
+
+        Raises:
+            InputError: the log cannot be read, or its format cannot be written.
+        """
+        if not source.name.lower().endswith(SUFFIXES):
+            raise InputError(
+                source,
+                "effects are injected into logs of candump alone (.log, .log.gz):"
+                " `python -m can.logconvert` of python-can makes one of it",
+            )
+        for line in lines_of(source):
+            self._gather(line)
+        moved = [series for series in self._series.values() if self._change(series)]
+        probe = np.array([time for series in self._series.values() for time in series.host_s[:1]])
+        shifted = bool(self._injection.clock_error_s(probe + PROBED_S).any())
+        if not moved and not shifted:
+            copy_of(source, target)
+            return False
+        with opened_for_writing(target) as file:
+            for line in lines_of(source):
+                file.write(self._written(line, shifted))
+        return True
+
+    def _gather(self, line: bytes) -> None:
+        for key, frame, group in self._groups(line):
+            for signal in group.signals:
+                if signal.field.min_bytes > len(frame.data):
+                    continue
+                bits = signal.field.bits(frame.data)
+                if bits in signal.invalid or (signal.modulus and bits >= signal.modulus):
+                    continue
+                series = self._series[key, signal.role]
+                series.again.append(self._before.get((key, signal.role)) == frame.data)
+                self._before[key, signal.role] = frame.data
+                series.host_s.append(frame.time_s)
+                series.bits.append(bits)
+
+    def _groups(self, line: bytes) -> Iterator[tuple[int, CanFrame, SignalGroup]]:
+        """The groups of needed signals that a line's frame holds."""
+        frame = parse_candump_line(line.decode("latin-1").rstrip("\r\n"))
+        if frame is None or frame.is_error or frame.is_remote:
+            return
+        if self._channel is not None and frame.channel != self._channel:
+            return
+        bus = self._buses.get(frame.channel, 0)
+        key = bus << BUS_SHIFT | frame.arbitration_id | (EXTENDED if frame.is_extended else 0)
+        plan = self._plans.get(key)
+        if plan is None:
+            return
+        for group in plan.groups:
+            if all(
+                place.min_bytes <= len(frame.data) and place.number(place.bits(frame.data)) in numbers
+                for place, numbers in group.selectors
+            ):
+                yield key, frame, group
+
+    def _change(self, series: Series) -> bool:
+        """Compute the new bits of a signal; whether any differ."""
+        series.new = series.bits
+        if len(series.bits) < 2:
+            return False
+        host_s = np.array(series.host_s)
+        counted = series.signal.modulus > 0
+        new = self._counts(series, host_s) if counted else self._readings(series, host_s)
+        if new is None:
+            return False
+        period_s = float(np.median(np.diff(host_s)))
+        for k in np.flatnonzero(series.again):
+            if k > 0 and host_s[k] - host_s[k - 1] < AGAIN * period_s:
+                new[k] = new[k - 1]
+        series.new = new
+        return new != series.bits
+
+    def _counts(self, series: Series, host_s: FloatArray) -> list[int] | None:
+        signal = series.signal
+        assert signal.wheel is not None
+        unsigned = signal.backward_when is not None
+        more_rad = self._injection.more_turn_rad(signal.wheel, host_s, unsigned)
+        if not more_rad.any():
+            return None
+        more = more_rad * self._teeth_per_rev / (2.0 * np.pi * signal.gain)
+        counts = np.array(series.bits, dtype=np.float64)
+        made = recounted(counts, more, sigma_of(host_s), signal.modulus)
+        return [int(count) for count in made.tolist()]
+
+    def _readings(self, series: Series, host_s: FloatArray) -> list[int] | None:
+        signal = series.signal
+        place = signal.field
+        numbers = np.array([place.number(bits) for bits in series.bits], dtype=np.float64)
+        values = signal.gain * numbers + signal.bias
+        if signal.wheel is not None:
+            factor = self._injection.speed_factor(signal.wheel, host_s)
+            wanted = np.where(factor == 1.0, values, values * factor)
+        else:
+            wanted = self._injection.inertial(signal.role, host_s, values)
+        more = (wanted - values) / signal.gain
+        if not more.any():
+            return None
+        if place.is_float:
+            return [float_bits(number, place) for number in (numbers + more).tolist()]
+        made = requantised(numbers, more, sigma_of(host_s))
+        low, high = (-(1 << place.length - 1), place.mask >> 1) if place.signed else (0, place.mask)
+        return [
+            _valid(int(number), bits, signal)
+            for number, bits in zip(np.clip(made, low, high).tolist(), series.bits, strict=True)
+        ]
+
+    def _written(self, line: bytes, shifted: bool) -> bytes:
+        data: bytearray | None = None
+        for key, frame, group in self._groups(line):
+            for signal in group.signals:
+                if signal.field.min_bytes > len(frame.data):
+                    continue
+                bits = signal.field.bits(frame.data)
+                if bits in signal.invalid or (signal.modulus and bits >= signal.modulus):
+                    continue
+                series = self._series[key, signal.role]
+                new = series.new[series.at]
+                series.at += 1
+                if new != bits:
+                    data = bytearray(frame.data) if data is None else data
+                    put_bits(data, signal.field, new)
+        if data is not None:
+            line = _with_data(line, bytes(data))
+        if shifted and (match := _STAMP.search(line)) is not None:
+            host_s = float(match[1] + b"." + match[2])
+            error = float(self._injection.clock_error_s(np.array([host_s]))[0])
+            stamp = f"({host_s + error:.{len(match[2])}f})".encode("ascii")
+            line = line[: match.start()] + stamp + line[match.end() :]
+        return line
+
+
+def put_bits(data: bytearray, place: BitField, bits: int) -> None:
+    """Put the bits of a field into a frame's data; all other bits stay."""
+    order = "big" if place.big_endian else "little"
+    shift = place.shift - 8 * (place.word_bytes - place.min_bytes) if place.big_endian else place.shift
+    word = int.from_bytes(data[: place.min_bytes], order)  # type: ignore[arg-type]
+    word = word & ~(place.mask << shift) | bits << shift
+    data[: place.min_bytes] = word.to_bytes(place.min_bytes, order)  # type: ignore[arg-type]
+
+
+def float_bits(number: float, place: BitField) -> int:
+    """The bits of an IEEE 754 number of the field's length."""
+    kind = {16: ">f2", 32: ">f4", 64: ">f8"}[place.length]
+    return int.from_bytes(np.array(number, dtype=kind).tobytes(), "big")
+
+
+def lines_of(path: Path) -> Iterator[bytes]:
+    """The lines of a file, also of a compressed one, with their ends; one that is cut short ends there."""
+    try:
+        with opened(path) as file:
+            try:
+                for chunk in file:
+                    yield from chunk.splitlines(keepends=True)
+            except (EOFError, zlib.error):
+                return
+    except OSError as error:
+        raise InputError(path, f"cannot be read: {error.strerror or error}") from None
+
+
+def opened(path: Path) -> IO[bytes]:
+    """A file to read bytes from, unpacked where its name says so."""
+    if path.name.lower().endswith(".gz"):
+        return gzip.GzipFile(path, "rb")  # type: ignore[return-value]
+    return path.open("rb")
+
+
+def opened_for_writing(path: Path) -> IO[bytes]:
+    """A file to write bytes to, compressed where its name says so, without the time of writing in it."""
+    try:
+        if path.name.lower().endswith(".gz"):
+            return gzip.GzipFile(path, "wb", mtime=0)  # type: ignore[return-value]
+        return path.open("wb")
+    except OSError as error:
+        raise TpmsdError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def copy_of(source: Path, target: Path) -> None:
+    """Write the same bytes; a target is a file of its own, also of a source that may not be written."""
+    try:
+        with source.open("rb") as reading, target.open("wb") as writing:
+            while chunk := reading.read(1 << 20):
+                writing.write(chunk)
+    except OSError as error:
+        raise TpmsdError(f"{error.filename or target}: cannot be written: {error.strerror}") from None
+
+
+def _valid(number: int, bits: int, signal: SignalPlan) -> int:
+    """Bits of a number; those of the reading itself where they would mean that there is no value."""
+    made = number & signal.field.mask
+    return bits if made in signal.invalid else made
+
+
+def _with_data(line: bytes, data: bytes) -> bytes:
+    """The line with other data, written in the digits (upper or lower case) that were there."""
+    text = line.decode("latin-1")
+    match = LINE.match(text.rstrip("\r\n"))
+    assert match is not None
+    group = 7 if match[7] is not None else 5
+    digits = data.hex()
+    if match[group].upper() == match[group]:
+        digits = digits.upper()
+    return (text[: match.start(group)] + digits + text[match.end(group) :]).encode("latin-1")
