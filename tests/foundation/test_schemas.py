@@ -24,6 +24,7 @@ from tpmsd.offline.fleet.report import report_document
 from tpmsd.offline.fleet.work import make_result
 from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
+from tpmsd.offline.simulator.sealed import seal
 from tpmsd.onboard.daemon.clock import Clock
 
 PACKAGE = Path(__file__).resolve().parents[2] / "tpmsd"
@@ -36,6 +37,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any
     """One document of each kind, of a drive of 125 s and of a daemon."""
     here = tmp_path_factory.mktemp("schemas")
     drive, table = str(here / "drive"), str(here / "ticks.parquet")
+    late, said = str(here / "late"), str(here / "late.json")
     lines = (
         ["simulate", drive, "--duration", "125", "--seed", "2"],
         ["replay", drive, "--parquet", table],
@@ -46,6 +48,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any
         ["discover", drive, "--dbc", f"{drive}/bus.dbc"],
         ["import", table, str(here / "imported")],
         ["plan", "lateral_slip"],
+        ["simulate", late, "--onto", drive, "--effect", "gnss_latency:latency_s=0.3"],
     )
     found = {}
     for number, line in enumerate(lines):
@@ -54,6 +57,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any
         document = json.loads(file.read_text(encoding="utf-8"))
         found[document["schema"]] = document
     found |= written_by_fleet(here)
+    found["tpmsd.unseal/1"] = unsealed(here, Path(said), found["tpmsd.diagnosis/2"])
     config, database = car(here / "car")
     clock = Clock(SCALE)
     daemon = run_daemon(config, database, clock, DrivingBus(clock.now), 10.0)
@@ -63,6 +67,17 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any
     found["tpmsd.mqtt/1"] = state_document(summarise(status))
     found["tpmsd.reset/2"] = {"schema": "tpmsd.reset/2", **head, "baseline": status["baseline"]}
     return found
+
+
+def unsealed(here: Path, report: Path, diagnosis: dict[str, Any]) -> dict[str, Any]:
+    """The score of a diagnosis against a truth of one effect."""
+    report.write_text(json.dumps(diagnosis), encoding="utf-8")
+    effects = [{"name": "gnss_latency", "parameters": {"latency_s": 0.3}}]
+    seal(here / "truth.sealed", {"onto": "drive", "seed": 1, "effects": effects}, bytes(16))
+    out = here / "unsealed.json"
+    assert 0 == main(["unseal", str(here), "--with", str(report), "--json", str(out)])
+    document: dict[str, Any] = json.loads(out.read_text(encoding="utf-8"))
+    return document
 
 
 def written_by_fleet(here: Path) -> dict[str, dict[str, Any]]:

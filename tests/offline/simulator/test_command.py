@@ -195,7 +195,7 @@ def test_the_examples_of_the_help_are_right(
     simulate.add_parser(parser.add_subparsers())
     specs = [simulate.spec_of(parser.parse_args(["simulate", *example])) for example in examples]
 
-    assert 8 == len(specs)
+    assert 10 == len(specs)
     assert ["puncture", "leak", "diffusion", "puncture"] == [
         spec.faults[0].kind for spec in specs if spec.faults
     ]

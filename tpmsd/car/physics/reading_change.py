@@ -53,9 +53,10 @@ def shown_angle(angle_rad: FloatArray, wheel: int, car: Car, model: ExtendedMode
 def shown_rate_factor(angle_rad: FloatArray, wheel: int, car: Car, model: ExtendedModel) -> FloatArray:
     """Derivative of `shown_angle` by the true angle; same shape."""
     before, after = (
-        shown_angle(angle_rad + step, wheel, car, model) for step in (-ANGLE_STEP_RAD, ANGLE_STEP_RAD)
+        model.tooth_angle_error_rad(angle_rad + step, wheel) for step in (-ANGLE_STEP_RAD, ANGLE_STEP_RAD)
     )
-    return np.asarray((after - before) / (2.0 * ANGLE_STEP_RAD))
+    teeth = model.true_teeth_per_rev(wheel, car.teeth_per_rev) / car.teeth_per_rev
+    return np.asarray((1.0 + (after - before) / (2.0 * ANGLE_STEP_RAD)) * teeth)
 
 
 @dataclass(frozen=True)

@@ -26,12 +26,14 @@ NAMES = (
     "tpmsd.fleet.sql/1",
     "tpmsd.fleet.status/1",
     "tpmsd.import/1",
+    "tpmsd.injection/1",
     "tpmsd.mqtt/1",
     "tpmsd.plan/1",
     "tpmsd.replay/2",
     "tpmsd.reset/2",
     "tpmsd.simulation/2",
     "tpmsd.status/2",
+    "tpmsd.unseal/1",
 )
 
 

@@ -97,12 +97,13 @@ def read_report(path: Path) -> dict[str, Any]:
     try:
         if len(data) > MAX_REPORT_BYTES:
             raise ValueError("too large for a report")
-        document = json.loads(data)
+        document: Any = json.loads(data)
     except (ValueError, RecursionError) as error:
         raise InputError(path, f"not JSON: {error}") from None
     schema = document.get("schema") if isinstance(document, dict) else None
     if not isinstance(schema, str) or not schema.startswith("tpmsd.offline.diagnosis/"):
         raise ConfigError(f"{path}: not a report of tpmsd diagnose --json")
-    if not isinstance(document.get("findings"), list):
+    findings = document.get("findings")
+    if not isinstance(findings, list):
         raise ConfigError(f"{path}: a report of tpmsd diagnose has findings")
-    return document
+    return {**document, "findings": findings}

@@ -39,10 +39,10 @@ def score(
     new = [rank for rank in range(len(findings)) if rank not in own]
     concealed = []
     for number, effect in enumerate(truth["effects"]):
-        rank = matched.get(number)
+        place = matched.get(number)
         other = next((one for one in before if _same(effect, one)), None)
-        found = None if rank is None else findings[rank]
-        concealed.append(_entry(effect, found, None if rank is None else new.index(rank) + 1, other))
+        found = None if place is None else findings[place]
+        concealed.append(_entry(effect, found, None if place is None else new.index(place) + 1, other))
     others = [
         _other(findings[rank], rank in own) for rank in range(len(findings)) if rank not in matched.values()
     ]

@@ -180,7 +180,7 @@ class CanRewriter:
             return None
         if place.is_float:
             return [float_bits(number, place) for number in (numbers + more).tolist()]
-        made = requantised(numbers, more, sigma_of(host_s))
+        made = requantised(numbers, more)
         low, high = (-(1 << place.length - 1), place.mask >> 1) if place.signed else (0, place.mask)
         return [
             _valid(int(number), bits, signal)
