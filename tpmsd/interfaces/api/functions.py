@@ -71,11 +71,13 @@ def diagnose(
     drives: DriveLike | Iterable[DriveLike],
     *,
     simulation: DriveLike | None = None,
+    model: ExtendedModel | str | Path | None = None,
     certify: int = 19,
     progress: Callable[[float], None] = ignore_progress,
 ) -> Diagnosis:
     """Say which physics the drives of one car hold that the rolling model (or your `simulation`) lacks.
 
+    `model`: known effects (or their file) that belong to the baseline, else those of `[filter] model`.
     Findings get p-values from at most `certify` replicates of the drives; 0 skips that. `progress` is told
     the share that is done. ConfigError where the drives are of different cars, or the simulation of another
     road; InputError where nothing usable is in a drive.
@@ -87,7 +89,11 @@ def diagnose(
     names = tuple(drive.name for drive in wanted)
     if simulation is None:
         certification = diagnosis.Certification(certify, np.random.default_rng(0))
-        return Diagnosis(diagnosis.diagnose(recordings, progress, certification), names, _source(wanted))
+        known = _known(wanted, model)
+        found = diagnosis.diagnose(recordings, progress, certification, known=known)
+        return Diagnosis(found, names, _source(wanted))
+    if model is not None:
+        raise ConfigError("the baseline is the simulation: a model does not go with it")
     if len(recordings) > 1:
         raise ConfigError("a simulation is compared with one drive, that of which it is a simulation")
     other = as_drive(simulation)
@@ -164,6 +170,16 @@ def simulate(**settings: Any) -> Drive:
     name = f"simulated-{spec.route}-{spec.seed}"
     config = config_of(made.vehicle_toml)
     return Drive(name, config, MemoryRecording(name, tuple(items), made.dbc), made.vehicle_toml)
+
+
+def _known(drives: list[Drive], model: ExtendedModel | str | Path | None) -> ExtendedModel | None:
+    """The effects of the baseline; ConfigError where the drives' configurations name different models."""
+    if model is None:
+        named = {drive.config.filter.model for drive in drives}
+        if len(named) > 1:
+            raise ConfigError("the drives' configurations name different models: give one as model=")
+        model = named.pop()
+    return load_model(model) if isinstance(model, str | Path) else model
 
 
 def _source(drives: list[Drive]) -> Source:

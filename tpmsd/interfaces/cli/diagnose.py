@@ -22,6 +22,7 @@ from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, j
 from tpmsd.interfaces.cli.outputs import Outputs
 
 if TYPE_CHECKING:
+    from tpmsd.car.physics.model import ExtendedModel
     from tpmsd.offline.diagnosis.assessment.result import Proposal
     from tpmsd.offline.inference.recording import Recording
 
@@ -37,6 +38,7 @@ examples:
   tpmsd diagnose drives/monday
   tpmsd diagnose drives/monday --json monday.json --html monday.html
   tpmsd diagnose drives/monday --model-out model.toml
+  tpmsd diagnose drives/friday --model model.toml          what is left beside what is known
   tpmsd diagnose drives/monday drives/tuesday              one car, fitted together
   tpmsd diagnose drives/monday --simulation sims/monday    what your own simulator leaves out
   tpmsd diagnose drives/monday --alarms                    and what it means for the tyres
@@ -81,6 +83,13 @@ def add_parser(subparsers: Subparsers) -> None:
         help="give each finding a p-value from at most N replicates of the drive, drawn without it; what is"
         " not sure enough is a suspicion and makes no mismatch (default: %(default)s; 0 skips it; with"
         " --simulation there are none)",
+    )
+    parser.add_argument(
+        "--model",
+        type=Path,
+        metavar="FILE",
+        help="effects of a model.toml that belong to the baseline: what they explain is no finding"
+        " (default: [filter] model of the configuration)",
     )
     parser.add_argument("--model-out", type=Path, metavar="FILE", help="where the extended model goes")
     parser.add_argument(
@@ -130,6 +139,8 @@ def run(args: argparse.Namespace) -> int:
     if args.propose is not None and (args.simulation is not None or args.propose.is_file()):
         why = "not with --simulation" if args.simulation is not None else f"{args.propose} is a file"
         raise ConfigError(f"--propose: {why}")
+    if args.simulation is not None and args.model is not None:
+        raise ConfigError("--model: the baseline is the simulation, not the rolling model with known effects")
     if args.simulation is not None and len(args.drives) > 1:
         raise ConfigError("--simulation is compared with one DRIVE, that of which it is a simulation")
     names = names_of(args.drives)
@@ -137,6 +148,7 @@ def run(args: argparse.Namespace) -> int:
         read_recording(drive, args.config, name) for drive, name in zip(args.drives, names, strict=True)
     ]
     simulation = None if args.simulation is None else read_recording(args.simulation, name="your simulation")
+    known, known_file = known_effects(args)
     with contextlib.ExitStack() as stack:
         gc.freeze()  # modules and drives stay: the collector need not look through them again and again
         stack.callback(gc.unfreeze)
@@ -144,7 +156,8 @@ def run(args: argparse.Namespace) -> int:
         with Progress(1.0, "diagnose") as progress:
             if simulation is None:
                 certify = Certification(args.certify, np.random.default_rng(CERTIFY_SEED))
-                diagnosis = diagnose(recordings, progress.update, certify, args.propose is not None)
+                propose = args.propose is not None
+                diagnosis = diagnose(recordings, progress.update, certify, propose, known)
             else:
                 diagnosis = diagnose_against(recordings[0], simulation, progress.update)
         for note in diagnosis.notes:
@@ -154,7 +167,8 @@ def run(args: argparse.Namespace) -> int:
             alarms = replays.compared(diagnosis)
     known = diagnosis.verdict != INSUFFICIENT
     model_file = str(args.model_out) if known and args.model_out is not None else None
-    origin = cache(lambda: provenance(SCHEMA, _read(args), args.config or args.drives[0]))
+    read = [*_read(args), *([] if known_file is None else [known_file])]
+    origin = cache(lambda: provenance(SCHEMA, read, args.config or args.drives[0]))
     if not outputs.fill_stdout:
         print(diagnosis_summary(diagnosis, model_file, alarms), flush=True)
     comment = f"written by tpmsd diagnose from {', '.join(drive.resolve().name for drive in args.drives)}"
@@ -187,6 +201,26 @@ def _propose(folder: Path, proposal: Proposal, source: str) -> None:
     except OSError as error:
         raise TpmsdError(f"{path}: cannot be written: {error.strerror}") from None
     print(f"tpmsd: proposed {path}: review it, then put it into tpmsd/car/physics/effects", file=sys.stderr)
+
+
+def known_effects(args: argparse.Namespace) -> tuple[ExtendedModel | None, Path | None]:
+    """The effects of the baseline and their file: those of --model, else of the configuration.
+
+    ConfigError where the configurations of several drives name different models.
+    """
+    from tpmsd.car.config.load import load_config
+    from tpmsd.car.physics.model_file import load_model
+
+    if args.simulation is not None:
+        return None, None
+    file = args.model
+    if file is None:
+        configs = [args.config] if args.config is not None else args.drives
+        named = {load_config(one).filter.model for one in configs}
+        if len(named) > 1:
+            raise ConfigError("the drives' configurations name different models: say which with --model")
+        file = named.pop()
+    return (None, None) if file is None else (load_model(file), file)
 
 
 def _read(args: argparse.Namespace) -> list[Path]:

@@ -20,13 +20,15 @@ from tpmsd.foundation.errors import ConfigError
 from tpmsd.offline.diagnosis.assessment.identifiability import Telling, tellings
 from tpmsd.offline.diagnosis.assessment.result import INSUFFICIENT, Diagnosis
 from tpmsd.offline.diagnosis.assessment.simulated import differences
-from tpmsd.offline.diagnosis.prepared.admission import admitted, against
+from tpmsd.offline.diagnosis.prepared.admission import admitted, against, unfit
 from tpmsd.offline.diagnosis.prepared.drive_study import first_noise
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.proposal.search import proposals
+from tpmsd.offline.diagnosis.reporting.beside_known import beside
 from tpmsd.offline.diagnosis.reporting.findings import report
 from tpmsd.offline.diagnosis.robustness.certify import certified
 from tpmsd.offline.diagnosis.stages import estimated, examine
+from tpmsd.offline.inference.known_effects import without_effects
 from tpmsd.offline.inference.noise import Noise
 from tpmsd.offline.inference.noise_fit import Stage
 from tpmsd.offline.inference.recording import Recording
@@ -48,13 +50,18 @@ def diagnose(
     progress: Callable[[float], None] = lambda share: None,
     certify: Certification | None = None,
     propose: bool = False,
+    known: ExtendedModel | None = None,
 ) -> Diagnosis:
     """Diagnose the drives of one car together; findings get p-values where a certificate is asked for.
 
-    With `propose` the closed forms are looked for that suit what has no name.
+    With `propose` the closed forms are looked for that suit what has no name. Effects that are `known` are
+    part of the baseline model: what they explain is no finding, and the model of the answer holds them.
 
     ConfigError where the drives' configurations describe different cars.
     """
+    if known is not None and len(known):
+        rest = [one if unfit(one) else without_effects(one, known) for one in recordings]
+        return beside(known, diagnose(rest, progress, certify, propose))
     readers, notes = admitted(recordings)
     if not readers:
         return insufficient(notes)

@@ -1,4 +1,4 @@
-"""What is said where the user's own simulation takes the rolling model's place.
+"""What is said where the user's own simulation takes the rolling model's place, or known effects extend it.
 
 In: `Diagnosis`, `Finding`. Out: words.
 """
@@ -10,13 +10,20 @@ from tpmsd.offline.diagnosis.assessment.result import Diagnosis, Finding, Quanti
 
 def baseline_name(diagnosis: Diagnosis) -> str:
     """What the recording was compared with."""
-    return "your simulation" if diagnosis.baseline == ("simulation",) else "the rolling model"
+    if diagnosis.baseline == ("simulation",):
+        return "your simulation"
+    known = diagnosis.baseline[1:]
+    if not known:
+        return "the rolling model"
+    return f"the rolling model with {', '.join(known[:-1])}{' and ' if known[:-1] else ''}{known[-1]}"
 
 
 def agreement(diagnosis: Diagnosis) -> str:
     """The sentence for a recording in which nothing was found."""
     if diagnosis.baseline == ("simulation",):
         return "They agree within the noise: the recording holds nothing that your simulation does not."
+    if len(diagnosis.baseline) > 1:
+        return "They agree within the noise: with this model nothing is left."
     return "They agree within the noise: no missing physics was found."
 
 
