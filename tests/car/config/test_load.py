@@ -113,6 +113,7 @@ def test_schema_and_records_have_the_same_keys() -> None:
         "state": model.StateConfig,
         "notify": model.NotifyConfig,
         "calibration": model.CalibrationConfig,
+        "physics": model.PhysicsConfig,
     }
     schema = {table: set(rules) for table, rules in tables(Path()).items()}
     assert set(model.ROLES) == schema.pop("can.signals")

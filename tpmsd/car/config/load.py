@@ -25,6 +25,7 @@ from tpmsd.car.config.model import (
     NotifyConfig,
     ObdConfig,
     OutputConfig,
+    PhysicsConfig,
     SignalOptions,
     StateConfig,
     StatusConfig,
@@ -132,6 +133,7 @@ class _Parser:
                 state=StateConfig(**good["state"]),
                 notify=NotifyConfig(**good["notify"]),
                 calibration=CalibrationConfig(**good["calibration"]),
+                physics=PhysicsConfig(**good["physics"]),
                 file=self._document.file,
             )
         problems = tuple(sorted(self._problems, key=lambda problem: problem.line or 0))

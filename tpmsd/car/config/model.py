@@ -362,6 +362,14 @@ class CalibrationConfig:
 
 @brief
 @dataclass(frozen=True, slots=True)
+class PhysicsConfig:
+    """The catalogue of effects."""
+
+    effects_path: Path | None = None
+    """Folder of Python files with effects of one's own; not followed in a drive folder's own vehicle.toml."""
+
+
+@dataclass(frozen=True, slots=True)
 class Config:
     """Everything the daemon knows before it starts."""
 
@@ -377,5 +385,6 @@ class Config:
     state: StateConfig = field(default_factory=StateConfig)
     notify: NotifyConfig = field(default_factory=NotifyConfig)
     calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
+    physics: PhysicsConfig = field(default_factory=PhysicsConfig)
     file: Path | None = None
     """Where it was read from."""

@@ -141,4 +141,7 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
             "track_rear_std_m": Number(0.0, 1.0, "m"),
             "track_front_std_m": Number(0.0, 1.0, "m"),
         },
+        "physics": {
+            "effects_path": FilePath(folder),
+        },
     }

@@ -1,7 +1,8 @@
 """The catalogue of effects by name.
 
 In: an effect's name and its parameters. Out: the `Effect`. To add one: write its file in
-`tpmsd/car/physics/effects`; simulator, model files, compensation, diagnosis and reports then know it.
+`tpmsd/car/physics/effects`, or anywhere else (`tpmsd.car.physics.own_effects`); simulator, model files, compensation,
+diagnosis and reports then know it.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import pkgutil
 from collections.abc import Callable, Iterable
 from dataclasses import MISSING, dataclass, fields
 
-from tpmsd.car.physics import effects
+from tpmsd.car.physics import effects, own_effects
 from tpmsd.car.physics.effect import (
     AnyParameter,
     Effect,
@@ -38,6 +39,12 @@ def _found() -> dict[str, type[Effect]]:
 
 
 EFFECTS: dict[str, type[Effect]] = _found()
+
+
+def register_outside() -> None:
+    """Take in the effects of folders and entry points that are not yet here; ConfigError on a broken one."""
+    for effect in own_effects.found_outside(EFFECTS):
+        EFFECTS[effect.name] = effect
 
 
 def sentence_of(name: str) -> str:
@@ -210,3 +217,6 @@ def parse_effect(text: str) -> Effect:
 def _did_you_mean(word: str, known: Iterable[str]) -> str:
     close = difflib.get_close_matches(word, list(known), n=1)
     return f", did you mean {close[0]!r}?" if close else ""
+
+
+register_outside()

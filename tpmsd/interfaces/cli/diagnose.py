@@ -148,7 +148,7 @@ def run(args: argparse.Namespace) -> int:
         read_recording(drive, args.config, name) for drive, name in zip(args.drives, names, strict=True)
     ]
     simulation = None if args.simulation is None else read_recording(args.simulation, name="your simulation")
-    known, known_file = known_effects(args)
+    given, known_file = known_effects(args)
     with contextlib.ExitStack() as stack:
         gc.freeze()  # modules and drives stay: the collector need not look through them again and again
         stack.callback(gc.unfreeze)
@@ -157,7 +157,7 @@ def run(args: argparse.Namespace) -> int:
             if simulation is None:
                 certify = Certification(args.certify, np.random.default_rng(CERTIFY_SEED))
                 propose = args.propose is not None
-                diagnosis = diagnose(recordings, progress.update, certify, propose, known)
+                diagnosis = diagnose(recordings, progress.update, certify, propose, given)
             else:
                 diagnosis = diagnose_against(recordings[0], simulation, progress.update)
         for note in diagnosis.notes:
@@ -200,7 +200,7 @@ def _propose(folder: Path, proposal: Proposal, source: str) -> None:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
         raise TpmsdError(f"{path}: cannot be written: {error.strerror}") from None
-    print(f"tpmsd: proposed {path}: review it, then put it into tpmsd/car/physics/effects", file=sys.stderr)
+    print(f"tpmsd: proposed {path}: review it, then name its folder with --effects-path", file=sys.stderr)
 
 
 def known_effects(args: argparse.Namespace) -> tuple[ExtendedModel | None, Path | None]:

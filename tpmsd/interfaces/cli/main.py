@@ -22,6 +22,7 @@ from tpmsd.car.config.suggest import nearest
 from tpmsd.foundation.errors import ConfigError, TpmsdError
 from tpmsd.foundation.lean import import_on_demand, leave_out_mf4, no_collection
 from tpmsd.foundation.version import __version__
+from tpmsd.interfaces.cli.effects_path import add_effects_option, use_own_effects
 from tpmsd.interfaces.cli.output import Subparsers
 from tpmsd.interfaces.cli.parser import EXIT_CODES, Parser
 
@@ -158,6 +159,7 @@ def _run(arguments: list[str], commands: Commands) -> int:
             with no_collection():  # nearly all that an import makes stays
                 module = importlib.import_module(module_name)
             module.add_parser(subparsers)
+            add_effects_option(name, subparsers)
             runner, chosen = module.run, subparsers.choices[name]
         else:
             subparsers.add_parser(name, help=summary, add_help=False)
@@ -175,6 +177,7 @@ def _run(arguments: list[str], commands: Commands) -> int:
         parser.print_help(sys.stderr)
         return 2
     _refuse_control_characters(args)
+    use_own_effects(args)
     return int(runner(args))
 
 
@@ -192,9 +195,10 @@ def _top_parser() -> tuple[Parser, Subparsers]:
 def full_parser(commands: Commands = COMMANDS) -> Parser:
     """The parser with the options of all commands: for manual pages, completions and the reference."""
     parser, subparsers = _top_parser()
-    for _, module_name, _ in commands:
+    for name, module_name, _ in commands:
         if importlib.util.find_spec(module_name) is not None:
             importlib.import_module(module_name).add_parser(subparsers)
+            add_effects_option(name, subparsers)
     return parser
 
 

@@ -18,12 +18,6 @@ from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
-DRIVES: dict[str, str] = {
-    name: effect.telling_drive for name, effect in EFFECTS.items() if effect.telling_drive
-}
-"""The drive that tells an effect from others, by its name."""
-
-
 @dataclass(frozen=True)
 class Telling:
     """One effect on one drive."""
@@ -103,5 +97,6 @@ def advice(effect: str, rivals: tuple[str, ...]) -> str:
     """The drive that would separate an effect from the first of its rivals; empty without rivals."""
     if not rivals:
         return ""
-    order = [DRIVES[name] for name in (effect, rivals[0]) if name in DRIVES]
+    known = (EFFECTS[name].telling_drive for name in (effect, rivals[0]) if name in EFFECTS)
+    order = [drive for drive in known if drive]
     return f"to tell {effect} from {rivals[0]}: " + "; and ".join(dict.fromkeys(order))

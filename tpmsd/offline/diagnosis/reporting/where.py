@@ -15,7 +15,6 @@ from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.selection.chosen import Chosen
 
-PLACE = {name: effect.shows_in for name, effect in EFFECTS.items()}
 """Channel and covariate over which an effect shows."""
 RECEIVER = ("gnss_speed", "gnss_course", "yaw_rate")
 """Places of smooth terms that are no wheels."""
@@ -68,7 +67,7 @@ def place_of(study: Study, term: Term) -> tuple[tuple[str, ...], str, str | None
         wheels = PATTERNS[term.place]
         channel = "wheel" if set(wheels) == set(read) or len(read) < 4 else "wheel_ratio"
         return tuple(wheels), channel, term.covariate
-    channel, covariate = PLACE[term.effect]
+    channel, covariate = EFFECTS[term.effect].shows_in
     car = drives[0].reader.reference.car
     acts: tuple[str, ...] = term.kind_of.acting_wheels(car, term.parameters)
     if term.wheel or term.place:
