@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
 import cantools
 import numpy as np
 import pytest
@@ -257,3 +260,21 @@ def test_periods_are_in_the_dbc_unless_left_out() -> None:
     assert [40, 20, 20, 20] == [m.cycle_time for m in stated.messages]
     assert [None] * 4 == [m.cycle_time for m in silent.messages]
     assert ALIVE in [s.name for s in stated.get_message_by_name("REAR_AXLE").signals]
+
+
+@pytest.mark.parametrize(("kind", "bits"), [("counts16", 16), ("counts8", 8), ("split", 12)])
+def test_counters_that_turn_over_from_frame_to_frame_are_refused(kind: str, bits: int) -> None:
+    """A million counts per turn fit no bus; the number that the error names fits, and 5 % more does not."""
+    plain = world_of(straight(30.0, 5.0))
+
+    def with_teeth(teeth: float) -> World:
+        return replace(plain, car=replace(plain.car, teeth_per_rev=teeth))
+
+    with pytest.raises(
+        ConfigError, match=f"teeth_per_rev = 1e\\+06: the {bits} bits of CNT_.. turn over"
+    ) as caught:
+        log_of(with_teeth(1e6), kind=kind)
+    most = float(re.findall(r"up to (\d+) counts", str(caught.value))[0])
+    log_of(with_teeth(0.99 * most), kind=kind)
+    with pytest.raises(ConfigError, match="turn over"):
+        log_of(with_teeth(1.05 * most), kind=kind)

@@ -36,7 +36,7 @@ DRIVE is a folder with vehicle.toml, bus.dbc, can.log (or .log.gz .asc .blf .trc
 _EPILOG = """\
 examples:
   tpmsd diagnose drives/monday
-  tpmsd diagnose drives/monday --json monday.json --html monday.html
+  tpmsd diagnose drives/monday --json monday.json --html monday.html --plot monday.png
   tpmsd diagnose drives/monday --model-out model.toml
   tpmsd diagnose drives/friday --model model.toml          what is left beside what is known
   tpmsd diagnose drives/monday drives/tuesday              one car, fitted together
@@ -44,7 +44,7 @@ examples:
   tpmsd diagnose drives/monday --alarms                    and what it means for the tyres
   tpmsd simulate drives/again --model model.toml           a drive that holds what was found
 
-Nothing is written but what was asked for: --model-out for the extended model, --json, --html.
+Nothing is written but what was asked for: --model-out for the extended model, --json, --html, --plot.
 """
 
 REPLICATES = 19
@@ -99,6 +99,7 @@ def add_parser(subparsers: Subparsers) -> None:
         help="where something has no name, write the best closed form for it as a file of the catalogue",
     )
     parser.add_argument("--html", type=Path, metavar="FILE", help="write a page with pictures")
+    parser.add_argument("--plot", type=Path, metavar="FILE", help="write one picture (.png .svg .pdf)")
     parser.add_argument(
         "--alarms",
         action="store_true",
@@ -130,10 +131,14 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.offline.diagnosis.diagnose import Certification, diagnose, diagnose_against
     from tpmsd.offline.report.diagnosis_document import diagnosis_document
     from tpmsd.offline.report.diagnosis_page import diagnosis_page
+    from tpmsd.offline.report.diagnosis_plot import check_plot_target, plot_diagnosis
     from tpmsd.offline.report.diagnosis_summary import diagnosis_summary
     from tpmsd.offline.report.page import Origin, check_report_packages
 
-    outputs = Outputs(("--model-out", args.model_out), ("--html", args.html), ("--json", args.json))
+    files = (("--model-out", args.model_out), ("--html", args.html), ("--plot", args.plot))
+    outputs = Outputs(*files, ("--json", args.json))
+    if args.plot is not None:
+        check_plot_target(args.plot)
     if args.html is not None:
         check_report_packages()
     if args.propose is not None and (args.simulation is not None or args.propose.is_file()):
@@ -175,6 +180,7 @@ def run(args: argparse.Namespace) -> int:
     outputs.write(
         {
             "--model-out": lambda: format_model(diagnosis.model, comment) if known else None,
+            "--plot": lambda: plot_diagnosis(diagnosis, names, args.plot.suffix),
             "--html": lambda: diagnosis_page(diagnosis, names, Origin.now(origin()), alarms),
             "--json": lambda: json_text(
                 {

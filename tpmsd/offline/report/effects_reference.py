@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import inspect
 import re
+import shlex
 from collections.abc import Sequence
+from dataclasses import MISSING, fields
 from typing import Any
 
 from tpmsd.car.physics.catalogue import EFFECTS, probes, sentence_of
-from tpmsd.car.physics.effect import Effect, Kind, Parameter
+from tpmsd.car.physics.effect import AnyParameter, Effect, Kind, Parameter, VectorParameter, WheelParameter
 from tpmsd.offline.diagnosis.assessment.identifiability import Telling
 
 
@@ -48,6 +50,7 @@ def _entry(name: str, effect: type[Effect]) -> dict[str, Any]:
         "shows_in": {"channel": effect.shows_in[0], "covariate": effect.shows_in[1]},
         "needs": list(effect.needs),
         "telling_drive": effect.telling_drive,
+        "try": ready_command(effect),
     }
 
 
@@ -92,7 +95,42 @@ def effects_summary(names: Sequence[str], drive: str = "", told: Sequence[Tellin
     if entry["telling_drive"]:
         lines.append(f"  to tell it: {entry['telling_drive']}")
     lines.append(f"  source: {entry['source']}")
+    lines.append(f"  to try it: {entry['try']}")
     return "\n".join(lines)
+
+
+def ready_command(effect: type[Effect]) -> str:
+    """A command that simulates a drive in which the effect acts at its usual size."""
+    known = {one.name: one for one in effect.parameters}
+    wanted = [one.name for one in fields(effect) if one.default is MISSING and one.default_factory is MISSING]
+    acting = [p.name for p in effect.parameters if isinstance(p, Parameter) and p.probe > 0.0]
+    if known and not set(acting[:1] or list(known)[:1]) & set(wanted):
+        wanted += acting[:1] or _first_with_size(effect)
+    values = ",".join(f"{name}={_usual_text(known[name])}" for name in known if name in wanted)
+    text = f"{effect.name}:{values}" if values else effect.name
+    bus = " --bus speeds" if "speeds" in effect.needs else ""
+    return f"tpmsd simulate drives/try{bus} --effect {shlex.quote(text)}"
+
+
+def _first_with_size(effect: type[Effect]) -> list[str]:
+    return [p.name for p in effect.parameters if isinstance(p, Parameter)][:1]
+
+
+def _usual_text(parameter: AnyParameter) -> str:
+    """A parameter's usual value as the command line takes it."""
+    if isinstance(parameter, WheelParameter):
+        return "rl"
+    if isinstance(parameter, VectorParameter):
+        return " ".join(f"{entry:g}" for entry in parameter.typical)
+    if not isinstance(parameter, Parameter):
+        return parameter.typical
+    if parameter.prior is None:
+        return f"{parameter.typical:g}"
+    prior = parameter.prior
+    size = max(abs(prior.mean - parameter.neutral), prior.std)
+    if prior.mean < parameter.neutral and abs(prior.mean - parameter.neutral) >= prior.std:
+        size = -size
+    return f"{min(max(parameter.neutral + size, parameter.lower), parameter.upper):.3g}"
 
 
 def _drive_summary(names: Sequence[str], drive: str, told: Sequence[Telling]) -> str:

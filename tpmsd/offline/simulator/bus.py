@@ -13,6 +13,7 @@ import numpy as np
 
 from tpmsd.car.physics.forward import accelerations, gyro_rates, steering_wheel_angles
 from tpmsd.car.physics.motion import GRAVITY_MPS2
+from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.offline.simulator.bus_layouts import ALIVE, bus_layout
 from tpmsd.offline.simulator.clock import Clocks
@@ -33,6 +34,9 @@ _UNIT_PER_SI = {
     "bar": 1e-5,
     "degC": 1.0,
 }
+MOST_OF_WIDTH = 0.7
+"""Share of a counter's width that a wheel may count from frame to frame: what it may gain meanwhile, and a
+stamp that is late, must be told from one turn more. At 0.73 0.4 % of the ticks are lost, at 0.92 a fifth."""
 _SENSOR_TAU_S = 0.02
 _BRAKE_PA_PER_MPS2 = 8e5
 
@@ -74,7 +78,9 @@ def frames_of(world: World, spec: BusSpec, clocks: Clocks, rng: np.random.Genera
     """All frames of the drive."""
     times, ids, datas = [], [], []
     start = {wheel: int(rng.integers(0, 1 << 32)) for wheel in WHEELS}
-    for message in bus_layout(spec.kind, spec.wheels):
+    layout = bus_layout(spec.kind, spec.wheels)
+    _check_widths(world, layout)
+    for message in layout:
         sampled, payload = _message_frames(world, spec, message, start, rng)
         arrival = sampled + rng.exponential(spec.jitter_s, len(sampled)) if spec.jitter_s > 0 else sampled
         # A control unit never sends a message before the one that it sent earlier.
@@ -119,6 +125,30 @@ def _counter(
         if after.any():
             edges[after] -= edges[after][0]
     return edges % (1 << signal.bits)
+
+
+def _check_widths(world: World, layout: tuple[MessageLayout, ...]) -> None:
+    """ConfigError where a counter turns over so fast that no reader can follow it; of several, the first to
+    do so is named."""
+    teeth, end = world.car.teeth_per_rev, float(world.motion.time_s[-1])
+    held = []
+    for message in layout:
+        sampled = np.arange(0.0, end, message.period_s)
+        for signal in message.signals:
+            if signal.role.startswith("wheel_count_"):
+                counts = world.counts_at(sampled, WHEELS.index(signal.role[-2:])) / signal.factor
+                most = float(np.max(np.abs(np.diff(counts)), initial=0.0))
+                room = MOST_OF_WIDTH * (1 << signal.bits)
+                held.append((teeth * room / max(most, 1e-9), signal))
+    if not held:
+        return
+    least, signal = min(held, key=lambda one: one[0])
+    if least < teeth:
+        speed = float(world.motion.speed_mps.max())
+        raise ConfigError(
+            f"teeth_per_rev = {teeth:g}: the {signal.bits} bits of {signal.name} turn over from frame to"
+            f" frame at {speed:.0f} m/s, where this bus holds up to {least:.0f} counts per revolution"
+        )
 
 
 def _measured(
