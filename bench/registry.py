@@ -131,5 +131,6 @@ CAMPAIGNS = {
             "onboard", "recorded-losses", "losses of radius injected into real drives; drives in a row"
         ),
         _campaign("offline", "lost-counts", "false lost or added counts of late counts, and true ones found"),
+        _campaign("offline", "concealed", "effects concealed in real recordings, diagnosed, unsealed"),
     )
 }

@@ -5,12 +5,15 @@ from __future__ import annotations
 import gzip
 import json
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+import can
 import numpy as np
 import pytest
 
+from bench.campaigns.offline.injected import Injected
 from bench.worlds.folder import write_folder
 from bench.worlds.kinematic import Spec, drive
 from tpmsd.car.physics.catalogue import make_effect, parse_effect
@@ -18,6 +21,7 @@ from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.interfaces.cli.diagnose import read_recording
 from tpmsd.interfaces.cli.main import main
 from tpmsd.offline.diagnosis.diagnose import diagnose
+from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.simulator.bus import BusSpec
 from tpmsd.offline.simulator.drive import DriveSpec, simulate_drive
 from tpmsd.offline.simulator.drive_writer import write_drive
@@ -315,3 +319,70 @@ def test_concealed_effects_are_sealed_and_drawn_by_the_seed(
         assert effect["name"] not in said
     assert there(tmp_path / "one") == same(tmp_path / "one", tmp_path / "two")
     assert not (tmp_path / "one" / "truth.json").exists()
+
+
+@pytest.mark.parametrize("suffix", [".blf", ".asc", ".trc"])
+def test_a_log_of_another_format_becomes_one_of_candump(tmp_path: Path, suffix: str) -> None:
+    """The same frames with other counts; without any effect on frames the log itself, to the last byte."""
+    write_drive(tmp_path / "in", simulate_drive(replace(SPEC, duration_s=30.0)))
+    shutil.copytree(tmp_path / "in", tmp_path / "other")
+    (tmp_path / "other" / "can.log").unlink()
+    log = tmp_path / "other" / f"can{suffix}"
+    with can.Logger(str(log)) as writer:
+        for message in can.LogReader(str(tmp_path / "in" / "can.log")):
+            message.channel = 0
+            writer.on_message_received(message)
+    growth = "centrifugal_growth:coefficient=9e-6"
+
+    inject(tmp_path / "other", tmp_path / "none", "gnss_latency:latency_s=0.1")
+    assert log.read_bytes() == (tmp_path / "none" / log.name).read_bytes()
+    for name in ("in", "other"):
+        inject(tmp_path / name, tmp_path / f"out-{name}", growth)
+    made = [[data for _, data in frames(tmp_path / f"out-{name}")] for name in ("in", "other")]
+    before = [data for _, data in frames(tmp_path / "in")]
+    assert len(before) == len(made[1])
+    assert before != made[1]
+    # Stamps of some formats are rounded: a count may come one frame later.
+    assert np.mean([one == other for one, other in zip(*made, strict=True)]) > 0.98
+    assert not (tmp_path / "out-other" / log.name).exists()
+
+
+@pytest.mark.parametrize(
+    ("effect", "wheels", "to"),
+    [
+        (
+            "centrifugal_growth:coefficient=1.7e-6",
+            lambda one: dict.fromkeys((2, 3), 1.7e-6 * one.speed**2),
+            0.03,
+        ),
+        # There the yaw rate is that of wheels whose radii are taken as equal, and smoothed three times as wide.
+        (
+            "load_transfer_lateral:coefficient=4e-4",
+            lambda one: {2: 4e-4 * one.across, 3: -4e-4 * one.across},
+            0.15,
+        ),
+    ],
+)
+def test_effects_are_those_that_other_equations_make(
+    recordings: Path,
+    tmp_path: Path,
+    effect: str,
+    wheels: Callable[[Injected], dict[int, np.ndarray]],
+    to: float,
+) -> None:
+    """On a real motorway, against equations and a motion of their own that act on the readings: ways over ten
+    seconds are changed alike."""
+    onto = recordings / "van-motorway-d"
+    inject(onto, tmp_path / "out", effect)
+    was, made = read_recording(onto), read_recording(tmp_path / "out")
+    other = Injected(was)
+    true = other.radii(wheels(other))
+
+    def changes(one: Recording) -> np.ndarray:
+        more = np.nan_to_num(one.rotation_rad[:, 2:] - was.rotation_rad[:, 2:])
+        return more[: len(more) // 100 * 100].reshape(-1, 100, 2).sum(axis=1).ravel()
+
+    expected, found = changes(true), changes(made)
+    slope = float(expected @ found) / float(expected @ expected)
+    assert slope == pytest.approx(1.0, abs=to)
+    assert np.corrcoef(expected, found)[0, 1] > 0.97

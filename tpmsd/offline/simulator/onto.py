@@ -23,6 +23,7 @@ from tpmsd.offline.simulator.injection import Injection
 from tpmsd.offline.simulator.onto_can import CanRewriter, copy_of
 from tpmsd.offline.simulator.onto_nmea import NmeaRewriter
 from tpmsd.offline.simulator.sealed import SEALED
+from tpmsd.onboard.sources.can_log import READERS
 from tpmsd.onboard.sources.databases import load_databases
 from tpmsd.onboard.sources.drive import Drive
 from tpmsd.onboard.sources.signal_plan import compile_plans
@@ -82,7 +83,7 @@ def inject(onto: Onto, model: ExtendedModel, out: Path) -> list[str]:
 
     Raises:
         ConfigError: an effect cannot be injected into this recording.
-        InputError: a log cannot be read, or is of a format that cannot be written.
+        InputError: a log cannot be read.
         TpmsdError: the disk does not take it.
     """
     injection = Injection(onto.recording, onto.config, model)
@@ -102,8 +103,10 @@ def inject(onto: Onto, model: ExtendedModel, out: Path) -> list[str]:
                 copy_of(entry, out / entry.name)
         plans = compile_plans(config, load_databases(config))
         can = CanRewriter(plans, injection, config.vehicle.teeth_per_rev, drive.channel, drive.buses)
-        if can.rewrite(drive.can_log, out / drive.can_log.name):
-            changed.append(drive.can_log.name)
+        for stale in READERS:  # of another format, which an earlier run left
+            (out / f"can{stale}").unlink(missing_ok=True)
+        if name := can.rewrite(drive.can_log, out):
+            changed.append(name)
         if drive.nmea_log is not None:
             nmea = NmeaRewriter(injection, drive.gnss_offset_s)
             if nmea.rewrite(drive.nmea_log, out / drive.nmea_log.name):

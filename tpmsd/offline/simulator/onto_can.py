@@ -1,8 +1,9 @@
 """A CAN log with effects in it.
 
-In: a log as `candump -L` writes it (`.log`, `.log.gz`), the plans of the needed signals, an `Injection`. Out:
-the log with other bits in the signals on which effects act; every other byte stays what it was. Two passes:
-the first gathers the readings of each signal, the second writes.
+In: a log, the plans of the needed signals, an `Injection`. Out: the log with other bits in the signals on
+which effects act; every other byte stays what it was. Two passes: the first gathers the readings of each
+signal, the second writes. A log of another format than candump's (`.asc .blf .trc .mf4`) becomes one of
+candump, frame by frame, if anything changes.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ from tpmsd.foundation.errors import InputError, TpmsdError
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.simulator.injection import Injection, recounted, requantised, sigma_of
 from tpmsd.onboard.sources.can_frame import CanFrame
-from tpmsd.onboard.sources.candump_line import LINE, parse_candump_line
+from tpmsd.onboard.sources.can_log import read_can_log
+from tpmsd.onboard.sources.candump_line import ERROR_FLAG, LINE, parse_candump_line
 from tpmsd.onboard.sources.signal_plan import (
     BUS_SHIFT,
     EXTENDED,
@@ -32,6 +34,8 @@ from tpmsd.onboard.sources.signal_plan import (
 )
 
 SUFFIXES = (".log", ".log.gz")
+DEFAULT_CHANNEL = "can0"
+"""Of frames whose log names none."""
 AGAIN = 0.25
 """Share of a message's period within which the same bytes are the same frame, sent or recorded twice."""
 PROBED_S = 60.0
@@ -78,30 +82,30 @@ class CanRewriter:
         }
         self._before: dict[tuple[int, str], bytes] = {}
 
-    def rewrite(self, source: Path, target: Path) -> bool:
-        """Write the log with the effects; whether anything is different. Where nothing is, it is a copy.
+    def rewrite(self, source: Path, folder: Path) -> str:
+        """Write the log with the effects into a folder; the name of the file in which something is different.
+        Where nothing is, the name is empty and the file is a copy.
 
         Raises:
-            InputError: the log cannot be read, or its format cannot be written.
+            InputError: the log cannot be read.
         """
-        if not source.name.lower().endswith(SUFFIXES):
-            raise InputError(
-                source,
-                "effects are injected into logs of candump alone (.log, .log.gz):"
-                " `python -m can.logconvert` of python-can makes one of it",
-            )
-        for line in lines_of(source):
+        target = folder / source.name
+        as_text = source.name.lower().endswith(SUFFIXES)
+        read = lines_of if as_text else frame_lines
+        for line in read(source):
             self._gather(line)
         moved = [series for series in self._series.values() if self._change(series)]
         probe = np.array([time for series in self._series.values() for time in series.host_s[:1]])
         shifted = bool(self._injection.clock_error_s(probe + PROBED_S).any())
         if not moved and not shifted:
             copy_of(source, target)
-            return False
+            return ""
+        if not as_text:
+            target = folder / "can.log"
         with opened_for_writing(target) as file:
-            for line in lines_of(source):
+            for line in read(source):
                 file.write(self._written(line, shifted))
-        return True
+        return target.name
 
     def _gather(self, line: bytes) -> None:
         for key, frame, group in self._groups(line):
@@ -122,7 +126,7 @@ class CanRewriter:
         frame = parse_candump_line(line.decode("latin-1").rstrip("\r\n"))
         if frame is None or frame.is_error or frame.is_remote:
             return
-        if self._channel is not None and frame.channel != self._channel:
+        if self._channel is not None and frame.channel != (self._channel or DEFAULT_CHANNEL):
             return
         bus = self._buses.get(frame.channel, 0)
         key = bus << BUS_SHIFT | frame.arbitration_id | (EXTENDED if frame.is_extended else 0)
@@ -238,6 +242,18 @@ def lines_of(path: Path) -> Iterator[bytes]:
                 return
     except OSError as error:
         raise InputError(path, f"cannot be read: {error.strerror or error}") from None
+
+
+def frame_lines(path: Path) -> Iterator[bytes]:
+    """The frames of a log of any format as lines of candump."""
+    for frame in read_can_log(path):
+        identifier = f"{frame.arbitration_id:08X}" if frame.is_extended else f"{frame.arbitration_id:03X}"
+        if frame.is_error:
+            identifier = f"{frame.arbitration_id | ERROR_FLAG:08X}"
+        data = "R" if frame.is_remote else frame.data.hex().upper()
+        mark = "##0" if frame.is_fd else "#"
+        channel = frame.channel or DEFAULT_CHANNEL
+        yield f"({frame.time_s:.6f}) {channel} {identifier}{mark}{data}\n".encode("ascii")
 
 
 def opened(path: Path) -> IO[bytes]:

@@ -1,0 +1,103 @@
+"""Effects concealed in real recordings: is what was drawn named first, and does its interval hold the value?
+
+    python -m bench run concealed [DRIVE ...] [--count 1] [--seeds 3]
+
+In: drive folders. Out: a line per case and the shares. Each case is what a stranger does: `tpmsd simulate`
+with `--onto --conceal`, `diagnose`, `unseal --untouched`. The program draws what the drive can show by its
+own noise (twice the size at the limit of identifiability), and not what the diagnosis finds. A drive that
+can show nothing is no case.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from bench.places import RECORDINGS
+from bench.statistics import percent, share
+from tpmsd.interfaces.cli.main import main as tpmsd
+
+NAMES = (
+    *(f"van-motorway-{name}" for name in ("a", "b", "c", "d", "lost-counts")),
+    *("van-mountain-a", "van-mountain-b", "van-oval"),
+)
+
+
+def quietly(*words: str | Path) -> int:
+    """The exit code of a command whose output nobody reads."""
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        return tpmsd([str(word) for word in words])
+
+
+def diagnosed(drive: Path, report: Path) -> Path:
+    """The report of a drive."""
+    if quietly("diagnose", drive, "--certify", "0", "--json", report) != 0:
+        raise RuntimeError(f"{drive} cannot be diagnosed")
+    return report
+
+
+def case(drive: Path, count: int, seed: int, untouched: Path, folder: Path) -> dict[str, Any] | None:
+    """The score of one case; None where the drive cannot show so many effects."""
+    out, score = folder / f"{drive.name}-{seed}", folder / f"{drive.name}-{seed}.score.json"
+    if quietly("simulate", out, "--onto", drive, "--conceal", str(count), "--seed", str(seed)) != 0:
+        return None
+    report = diagnosed(out, folder / f"{drive.name}-{seed}.json")
+    if quietly("unseal", out, "--with", report, "--untouched", untouched, "--json", score) != 0:
+        raise RuntimeError(f"{out} cannot be unsealed")
+    document: dict[str, Any] = json.loads(score.read_text(encoding="utf-8"))
+    return {"drive": drive.name, "case_seed": seed, **document}
+
+
+def line_of(row: dict[str, Any]) -> str:
+    """A case in a line."""
+    parts = []
+    for one in row["concealed"]:
+        values = ", ".join(
+            f"{name} {value['concealed']:g}"
+            for name, value in one["parameters"].items()
+            if isinstance(value["concealed"], float) and value["concealed"] != 0.0
+        )
+        place = f"place {one['rank']}" if one["named"] else "missed"
+        parts.append(f"{one['effect']} ({values}): {place}")
+    wrong = [one["effect"] for one in row["others"] if one["wrong"]]
+    return f"{row['drive']} seed {row['case_seed']}: {'; '.join(parts)}" + (
+        f"; wrong: {' '.join(wrong)}" if wrong else ""
+    )
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    """Its options."""
+    parser.add_argument("drives", nargs="*", type=Path, metavar="DRIVE", help="default: those of the van")
+    parser.add_argument("--count", type=int, default=1, help="effects per case")
+    parser.add_argument("--seeds", type=int, default=3, help="cases per drive")
+
+
+def main(args: argparse.Namespace) -> dict[str, Any]:
+    """Run and print."""
+    rows: list[dict[str, Any]] = []
+    with tempfile.TemporaryDirectory() as made:
+        folder = Path(made)
+        for drive in args.drives or [RECORDINGS / name for name in NAMES]:
+            untouched = diagnosed(drive, folder / f"{drive.name}.json")
+            for seed in range(1, args.seeds + 1):
+                row = case(drive, args.count, seed, untouched, folder)
+                if row is None:
+                    print(f"{drive.name} seed {seed}: cannot show {args.count} at usual sizes", flush=True)
+                    continue
+                rows.append(row)
+                print(line_of(row), flush=True)
+    effects = sum(len(row["concealed"]) for row in rows)
+    named, wrong = sum(row["named"] for row in rows), sum(row["wrong"] for row in rows)
+    first = sum(row["named_first"] for row in rows)
+    values, within = (sum(row[key] for row in rows) for key in ("values", "values_within"))
+    print(
+        f"{len(rows)} cases: named first {percent(share(first, len(rows)))}, named"
+        f" {percent(share(named, effects))}, wrong above 0.9: {wrong},"
+        f" values in their 95 % interval {percent(share(within, values))}"
+    )
+    return {"cases": rows}
