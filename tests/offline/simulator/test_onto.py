@@ -355,7 +355,7 @@ def test_a_log_of_another_format_becomes_one_of_candump(tmp_path: Path, suffix: 
             lambda one: dict.fromkeys((2, 3), 1.7e-6 * one.speed**2),
             0.03,
         ),
-        # There the yaw rate is that of wheels whose radii are taken as equal, and smoothed three times as wide.
+        # There the yaw rate is that of wheels taken as equal, and smoothed three times as wide.
         (
             "load_transfer_lateral:coefficient=4e-4",
             lambda one: {2: 4e-4 * one.across, 3: -4e-4 * one.across},

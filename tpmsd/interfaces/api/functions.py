@@ -89,7 +89,7 @@ def diagnose(
     names = tuple(drive.name for drive in wanted)
     if simulation is None:
         certification = diagnosis.Certification(certify, np.random.default_rng(0))
-        known = _known(wanted, model)
+        known = known_effects(wanted, model)
         found = diagnosis.diagnose(recordings, progress, certification, known=known)
         return Diagnosis(found, names, _source(wanted))
     if model is not None:
@@ -172,7 +172,9 @@ def simulate(**settings: Any) -> Drive:
     return Drive(name, config, MemoryRecording(name, tuple(items), made.dbc), made.vehicle_toml)
 
 
-def _known(drives: list[Drive], model: ExtendedModel | str | Path | None) -> ExtendedModel | None:
+def known_effects(
+    drives: list[Drive], model: ExtendedModel | str | Path | None = None
+) -> ExtendedModel | None:
     """The effects of the baseline; ConfigError where the drives' configurations name different models."""
     if model is None:
         named = {drive.config.filter.model for drive in drives}

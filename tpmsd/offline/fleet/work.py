@@ -84,7 +84,7 @@ def _document(status: str, reason: str, stages: tuple[str, ...], parts: dict[str
 def _parts(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
     # Imported here: the client, which only hands out keys, needs none of it.
     from tpmsd.offline.drives.drive import load
-    from tpmsd.offline.drives.playing import recording_of, replayed
+    from tpmsd.offline.drives.playing import known_effects, recording_of, replayed
     from tpmsd.offline.report.replay_document import replay_document
 
     drive = load(folder)
@@ -110,7 +110,8 @@ def _parts(folder: Path, stages: tuple[str, ...]) -> dict[str, Any]:
         from tpmsd.offline.diagnosis.diagnose import diagnose
         from tpmsd.offline.report.diagnosis_document import diagnosis_document
 
-        document = diagnosis_document(diagnose([recording_of(drive, "the drive")]), None)
+        found = diagnose([recording_of(drive, "the drive")], known=known_effects([drive]))
+        document = diagnosis_document(found, None)
         kept = ("verdict", "reason", "findings", "driving_s")
         parts["diagnose"] = _rounded(plain({name: document[name] for name in kept}))
     return parts
