@@ -280,6 +280,21 @@ def test_folders_and_logs_that_cannot_be_are_one_line(
         assert 1 == sum(reason in line for line in said)
 
 
+def test_a_drive_without_its_rear_wheels_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The motion on which effects depend is theirs; the folder is not made."""
+    write_drive(tmp_path / "in", simulate_drive(replace(SPEC, duration_s=20.0, bus=BusSpec(kind="split"))))
+    log = tmp_path / "in" / "can.log"
+    heard = [line for line in log.read_text("ascii").splitlines(keepends=True) if " 1A4#" not in line]
+    log.write_text("".join(heard), "ascii")
+    words = ["--onto", str(tmp_path / "in"), "--effect", "gnss_latency:latency_s=0.1"]
+
+    assert 3 == main(["simulate", str(tmp_path / "out"), *words])
+    assert "the rear wheels are not both read" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_the_truth_of_an_open_injection_is_written(tmp_path: Path) -> None:
     """`truth.json` names recording, effects and values; that of the drive below is not copied."""
     write_drive(tmp_path / "in", simulate_drive(replace(SPEC, duration_s=20.0)))

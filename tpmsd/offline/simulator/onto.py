@@ -17,6 +17,7 @@ from tpmsd.car.config.model import Config
 from tpmsd.car.physics.forward import RECEIVER_READ, acts_on
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
+from tpmsd.foundation.wheels import RL, RR
 from tpmsd.offline.inference.recording import Recording, record
 from tpmsd.offline.simulator.drive_writer import MAKER, TRUTH
 from tpmsd.offline.simulator.injection import Injection
@@ -49,9 +50,12 @@ class Onto:
         if steps and max(steps) - min(steps) > CLOCK_STEP_S:
             raise InputError(drive.folder, "the host's clock steps within the drive: cut it there")
         try:
-            return cls(drive, config, record(ticks, config, drive.folder.resolve().name))
+            recording = record(ticks, config, drive.folder.resolve().name)
         except ValueError as error:
             raise InputError(drive.folder, str(error)) from None
+        if not {RL, RR} <= set(recording.wheels):
+            raise InputError(drive.folder, "the rear wheels are not both read, by which the motion is known")
+        return cls(drive, config, recording)
 
 
 def check_target(out: Path, onto: Path, force: bool) -> None:
