@@ -41,7 +41,7 @@ WITHIN: dict[str, set[str]] = {
     "calibration": {"inference"},
     "inference": set(),
     "discovery": set(),
-    "simulator": set(),
+    "simulator": {"inference"},
     "tables": set(),
     # onboard
     "daemon": {*_CORE_FLOW, "pipeline", "resonance"},
@@ -67,7 +67,7 @@ SHELLS = {
         for name in ("can_live", "can_log", "can_log_candump", "can_log_others")
     ),
     *(f"tpmsd.onboard.sources.{name}" for name in ("drive", "gnss_net_live", "nmea_log", "serial_live")),
-    "tpmsd.car.physics.model_file",
+    *("tpmsd.car.physics.model_file", "tpmsd.car.physics.own_effects"),
 }
 """Modules of these rooms that open files and devices; the others only work on what those read."""
 SEEDS = {"pipeline"}
@@ -124,7 +124,7 @@ BRANCHY = {
     "tpmsd.car.config.dbc.find_signal": 18,
     "tpmsd.foundation.plain.plain": 16,
     "tpmsd.interfaces.cli.check.summary": 16,
-    "tpmsd.interfaces.cli.diagnose.run": 23,
+    "tpmsd.interfaces.cli.diagnose.run": 17,
     "tpmsd.interfaces.cli.replay.run": 17,
     "tpmsd.offline.calibration.vehicle_file.calibrated_toml": 16,
     "tpmsd.offline.diagnosis.assessment.simulated._take": 17,

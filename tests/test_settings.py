@@ -47,31 +47,6 @@ STRUCTURE = {
     "fleet.store._UMASK": "what the process has",
 }
 """What is no setting, and why."""
-AT_MOST = {
-    "sources": 126,
-    "physics": 70,
-    "calibration": 60,
-    "resonance": 50,
-    "inference": 60,
-    "timeline": 50,
-    "discovery": 12,
-    "sinks": 50,
-    "daemon": 50,
-    "config": 50,
-    "estimators": 15,
-    "simulator": 45,
-    "report": 35,
-    "cli": 35,
-    "tables": 30,
-    "bridges": 30,
-    "planning": 10,
-    "web": 10,
-    "api": 2,
-    "drives": 3,
-    "vehicle_state": 1,
-}
-"""Such constants in packages that are not settled: sources, sinks and config hold codes and limits of
-formats, which stay; the others shrink."""
 
 
 def numbers_of(package: str) -> list[str]:
@@ -101,10 +76,3 @@ def test_nothing_is_excused_that_is_not_there() -> None:
     there = {name for package in SETTLED for name in numbers_of(package)}
 
     assert set() == set(STRUCTURE) - there
-
-
-def test_other_packages_gain_no_more_constants() -> None:
-    """A new number goes into settings, with unit and reason; every package is counted."""
-    counts = {package: len(numbers_of(package)) for package in set(ROOMS) - set(SETTLED)}
-
-    assert {} == {name: count for name, count in counts.items() if count > AT_MOST.get(name, 0)}

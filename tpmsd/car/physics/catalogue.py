@@ -1,8 +1,8 @@
 """The catalogue of effects by name.
 
 In: an effect's name and its parameters. Out: the `Effect`. To add one: write its file in
-`tpmsd/car/physics/effects`, or anywhere else (`tpmsd.car.physics.own_effects`); simulator, model files, compensation,
-diagnosis and reports then know it.
+`tpmsd/car/physics/effects`, or anywhere else (`tpmsd.car.physics.own_effects`); simulator, model files,
+compensation, diagnosis and reports then know it.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from tpmsd.car.physics.model_file import load_model
 from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.interfaces.api.results import Calibration, Diagnosis, Replay, Source
 from tpmsd.offline.drives.drive import Drive, as_drive
-from tpmsd.offline.drives.playing import recording_of, replayed
+from tpmsd.offline.drives.playing import known_effects, recording_of, replayed
 from tpmsd.offline.drives.reading import (
     MemoryRecording,
     Progress,
@@ -170,18 +170,6 @@ def simulate(**settings: Any) -> Drive:
     name = f"simulated-{spec.route}-{spec.seed}"
     config = config_of(made.vehicle_toml)
     return Drive(name, config, MemoryRecording(name, tuple(items), made.dbc), made.vehicle_toml)
-
-
-def known_effects(
-    drives: list[Drive], model: ExtendedModel | str | Path | None = None
-) -> ExtendedModel | None:
-    """The effects of the baseline; ConfigError where the drives' configurations name different models."""
-    if model is None:
-        named = {drive.config.filter.model for drive in drives}
-        if len(named) > 1:
-            raise ConfigError("the drives' configurations name different models: give one as model=")
-        model = named.pop()
-    return load_model(model) if isinstance(model, str | Path) else model
 
 
 def _source(drives: list[Drive]) -> Source:

@@ -131,23 +131,13 @@ def run(args: argparse.Namespace) -> int:
     from tpmsd.offline.diagnosis.diagnose import Certification, diagnose, diagnose_against
     from tpmsd.offline.report.diagnosis_document import diagnosis_document
     from tpmsd.offline.report.diagnosis_page import diagnosis_page
-    from tpmsd.offline.report.diagnosis_plot import check_plot_target, plot_diagnosis
+    from tpmsd.offline.report.diagnosis_plot import plot_diagnosis
     from tpmsd.offline.report.diagnosis_summary import diagnosis_summary
-    from tpmsd.offline.report.page import Origin, check_report_packages
+    from tpmsd.offline.report.page import Origin
 
     files = (("--model-out", args.model_out), ("--html", args.html), ("--plot", args.plot))
     outputs = Outputs(*files, ("--json", args.json))
-    if args.plot is not None:
-        check_plot_target(args.plot)
-    if args.html is not None:
-        check_report_packages()
-    if args.propose is not None and (args.simulation is not None or args.propose.is_file()):
-        why = "not with --simulation" if args.simulation is not None else f"{args.propose} is a file"
-        raise ConfigError(f"--propose: {why}")
-    if args.simulation is not None and args.model is not None:
-        raise ConfigError("--model: the baseline is the simulation, not the rolling model with known effects")
-    if args.simulation is not None and len(args.drives) > 1:
-        raise ConfigError("--simulation is compared with one DRIVE, that of which it is a simulation")
+    _check_options(args)
     names = names_of(args.drives)
     recordings = [
         read_recording(drive, args.config, name) for drive, name in zip(args.drives, names, strict=True)
@@ -193,6 +183,24 @@ def run(args: argparse.Namespace) -> int:
     if args.propose is not None and diagnosis.proposals:
         _propose(args.propose, diagnosis.proposals[0], ", ".join(names))
     return 0
+
+
+def _check_options(args: argparse.Namespace) -> None:
+    """ConfigError on options that do not go together, before anything is read."""
+    from tpmsd.offline.report.diagnosis_plot import check_plot_target
+    from tpmsd.offline.report.page import check_report_packages
+
+    if args.plot is not None:
+        check_plot_target(args.plot)
+    if args.html is not None:
+        check_report_packages()
+    if args.propose is not None and (args.simulation is not None or args.propose.is_file()):
+        why = "not with --simulation" if args.simulation is not None else f"{args.propose} is a file"
+        raise ConfigError(f"--propose: {why}")
+    if args.simulation is not None and args.model is not None:
+        raise ConfigError("--model: the baseline is the simulation, not the rolling model with known effects")
+    if args.simulation is not None and len(args.drives) > 1:
+        raise ConfigError("--simulation is compared with one DRIVE, that of which it is a simulation")
 
 
 def _propose(folder: Path, proposal: Proposal, source: str) -> None:

@@ -101,7 +101,7 @@ def read_report(path: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise InputError(path, f"not JSON: {error}") from None
     schema = document.get("schema") if isinstance(document, dict) else None
-    if not isinstance(schema, str) or not schema.startswith("tpmsd.offline.diagnosis/"):
+    if not isinstance(schema, str) or not schema.startswith("tpmsd.diagnosis/"):
         raise ConfigError(f"{path}: not a report of tpmsd diagnose --json")
     findings = document.get("findings")
     if not isinstance(findings, list):

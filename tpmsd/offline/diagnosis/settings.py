@@ -286,6 +286,8 @@ class ReportSettings:
     """Share of a block's data from which its span of time is named."""
     bins: int = 16
     """Of a covariate, in the pictures."""
+    known_ripple_stds: float = 3.0
+    """Standard deviations within which a ring's ripple is the known one: one of 370 is farther by chance."""
     proposals: int = 3
     """Closed forms that are proposed for what has no name."""
     folds: int = 5

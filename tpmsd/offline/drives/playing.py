@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.car.physics.model_file import load_model
-from tpmsd.foundation.errors import InputError, TpmsdError
+from tpmsd.foundation.errors import ConfigError, InputError, TpmsdError
 from tpmsd.offline.drives.drive import Drive
 from tpmsd.offline.drives.reading import (
     DESK_RATE_HZ,
@@ -94,3 +95,15 @@ def recording_of(drive: Drive, name: str | None = None) -> Recording:
         raise
     except ValueError as error:
         raise InputError(drive.name, str(error)) from None
+
+
+def known_effects(
+    drives: list[Drive], model: ExtendedModel | str | Path | None = None
+) -> ExtendedModel | None:
+    """The effects of the baseline; ConfigError where the drives' configurations name different models."""
+    if model is None:
+        named = {drive.config.filter.model for drive in drives}
+        if len(named) > 1:
+            raise ConfigError("the drives' configurations name different models: give one as model=")
+        model = named.pop()
+    return load_model(model) if isinstance(model, str | Path) else model

@@ -1,9 +1,10 @@
 """Known effects taken out of a recording: the baseline model of a diagnosis that begins with them.
 
 In: a `Recording`, an `ExtendedModel`. Out: the recording as it would be if these effects did not act. Pure.
-Factors and differences are those of `tpmsd.car.physics.reading_change`, on the recording's own smoothed motion;
-that motion is made again from what is left, so that a latency or a larger radius is not in it twice. What
-cannot be inverted stays: a wheel that hardly turned, the ripple of a ring, whose phase is each drive's own.
+Factors and differences are those of `tpmsd.car.physics.reading_change`, on the recording's own smoothed
+motion; that motion is made again from what is left, so that a latency or a larger radius is not in it
+twice. What cannot be inverted stays: a wheel that hardly turned, the ripple of a ring, whose phase is each
+drive's own.
 """
 
 from __future__ import annotations

@@ -25,12 +25,7 @@ def score(
     """What was named, what was missed, and what was named though nobody concealed it."""
     findings = _findings(report)
     before = _findings(untouched or {})
-    matched: dict[int, int] = {}
-    for number, effect in enumerate(truth["effects"]):
-        for rank, finding in enumerate(findings):
-            if rank not in matched.values() and _same(effect, finding):
-                matched[number] = rank
-                break
+    matched = _matched(truth["effects"], findings)
     own = [
         rank
         for rank, finding in enumerate(findings)
@@ -46,16 +41,38 @@ def score(
     others = [
         _other(findings[rank], rank in own) for rank in range(len(findings)) if rank not in matched.values()
     ]
+    counted = _counted(concealed)
+    return {
+        "concealed": concealed,
+        "others": others,
+        "named": counted["named"],
+        "missed": counted["missed"],
+        "named_first": bool(new) and new[0] in matched.values(),
+        "wrong": sum(one["wrong"] for one in others),
+        "values": counted["values"],
+        "values_within": counted["values_within"],
+    }
+
+
+def _matched(effects: list[Mapping[str, Any]], findings: list[Mapping[str, Any]]) -> dict[int, int]:
+    """Place of a concealed effect -> place of the finding that is it, each finding once."""
+    matched: dict[int, int] = {}
+    for number, effect in enumerate(effects):
+        free = (rank for rank in range(len(findings)) if rank not in matched.values())
+        rank = next((rank for rank in free if _same(effect, findings[rank])), None)
+        if rank is not None:
+            matched[number] = rank
+    return matched
+
+
+def _counted(concealed: list[dict[str, Any]]) -> dict[str, int]:
+    """How many effects were named and missed, and how many values lie within their intervals."""
     values = [
         value for one in concealed for value in one["parameters"].values() if value["within"] is not None
     ]
     return {
-        "concealed": concealed,
-        "others": others,
         "named": sum(one["named"] for one in concealed),
         "missed": sum(not one["named"] for one in concealed),
-        "named_first": bool(new) and new[0] in matched.values(),
-        "wrong": sum(one["wrong"] for one in others),
         "values": len(values),
         "values_within": sum(value["within"] for value in values),
     }

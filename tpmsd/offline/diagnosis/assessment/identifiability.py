@@ -18,6 +18,7 @@ from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
+
 @dataclass(frozen=True)
 class Telling:
     """One effect on one drive."""

@@ -11,10 +11,9 @@ from dataclasses import replace
 from tpmsd.car.physics.catalogue import TEETH
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.offline.diagnosis.assessment.result import CONSISTENT, FINDING, MISMATCH, Diagnosis, Finding
+from tpmsd.offline.diagnosis.settings import SETTINGS
 
 RIPPLE = "amplitude_rad"
-RIPPLE_STDS = 3.0
-"""Standard deviations within which a ripple is the known one: one of 370 is farther by chance."""
 
 
 def beside(known: ExtendedModel, rest: Diagnosis) -> Diagnosis:
@@ -60,5 +59,5 @@ def _is_known_ripple(finding: Finding, known: ExtendedModel) -> bool:
             continue
         if wheel is None or values.get("wheel") in (None, wheel.value):
             off = abs(abs(amplitude.value) - abs(size))
-            return off <= RIPPLE_STDS * (amplitude.std or 0.0)
+            return off <= SETTINGS.report.known_ripple_stds * (amplitude.std or 0.0)
     return False
