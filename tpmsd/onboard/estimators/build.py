@@ -17,6 +17,7 @@ from tpmsd.onboard.estimators.belief import Belief, Car
 from tpmsd.onboard.estimators.fix_gate import FIX_WEIGHTS
 from tpmsd.onboard.estimators.front_contrast import FrontBeside
 from tpmsd.onboard.estimators.gaussian import GaussianBelief, GaussianPieces
+from tpmsd.onboard.estimators.marginal import MarginalBelief, MarginalPieces
 from tpmsd.onboard.estimators.mixture import MixtureBelief, MixturePieces
 from tpmsd.onboard.estimators.motion_gate import MotionGate
 from tpmsd.onboard.estimators.radius_filter import RadiusFilter
@@ -88,6 +89,10 @@ def begin_belief(row: Row, car: Car, settings: FilterConfig, rng: np.random.Gene
     if isinstance(pieces, MixturePieces):
         chosen = replace(pieces, fix_weights=FIX_WEIGHTS[settings.fix_weights])
         return MixtureBelief(car, chosen, settings.particles or SETTINGS.hypotheses)
+    if isinstance(pieces, MarginalPieces):
+        weighed = replace(pieces.mixture, fix_weights=FIX_WEIGHTS[settings.fix_weights])
+        count = settings.particles or SETTINGS.marginal_particles
+        return MarginalBelief(car, replace(pieces, mixture=weighed), count, rng)
     forgetting = 1.0 - 1.0 / max(settings.window_s * settings.rate_hz, 2.0)
     rear: Belief
     if isinstance(pieces, GaussianPieces):

@@ -61,7 +61,7 @@ from tpmsd.onboard.estimators.error_state import (
     ProcessModel,
     initial_state,
 )
-from tpmsd.onboard.estimators.jump_hypotheses import JUMPS, JumpHypotheses
+from tpmsd.onboard.estimators.jump_hypotheses import JUMPS, Bank, JumpHypotheses
 from tpmsd.onboard.estimators.odometry_block import Block, BlockBuilder
 from tpmsd.onboard.estimators.pose_start import PoseStart
 from tpmsd.onboard.estimators.settings import SETTINGS
@@ -85,13 +85,14 @@ class MixturePieces:
 class MixtureBelief:
     """A `Belief`."""
 
-    def __init__(self, car: Car, pieces: MixturePieces, count: int) -> None:
+    def __init__(self, car: Car, pieces: MixturePieces, count: int, bank: Bank | None = None) -> None:
+        """`bank` None: that of the pieces' jump hypotheses."""
         self._car, self._pieces, self._kernel = car, pieces, pieces.kernel
         self._process = ProcessModel(car.nominal_m, car.geometry.track_rear_m, car.driven_rear)
         self._noise_std = np.sqrt(np.diag(self._process.drift))
         self._grade = GradeTracker()
         self._blocks = BlockBuilder(list(car.order), car.nominal_m, car.geometry)
-        self.bank = pieces.changes.begin(count, car.nominal_m)
+        self.bank = pieces.changes.begin(count, car.nominal_m) if bank is None else bank
         self._drift = self._process.drift_at(self.bank.level)
         self._radii = np.zeros(car.nominal_m.size)
         """Radius errors at the end of the last tick."""
@@ -207,14 +208,17 @@ class MixtureBelief:
         if block is None:
             return
         if block.informative:
-            changes = self._pieces.changes
-            changes.keep_levels(self.bank)
-            nominal = self._car.nominal_m
-            self._next_wheel = changes.branch(self.bank, block.duration_s, nominal, self._next_wheel)
+            self._suppose(block.duration_s)
             self._learn(block, moment.gyro_trusted)
         self._drift = self._process.drift_at(self.bank.level)
         self._kernel.symmetrise(self.bank)
         self.bank.rescale()
+
+    def _suppose(self, duration_s: float) -> None:
+        """Branch hypotheses off: what may have changed within the block."""
+        changes = self._pieces.changes
+        changes.keep_levels(self.bank)
+        self._next_wheel = changes.branch(self.bank, duration_s, self._car.nominal_m, self._next_wheel)
 
     def _learn(self, block: Block, gyro_trusted: bool) -> None:
         """Doppler way and yaw rate against the rear wheels, front wheels against rear."""

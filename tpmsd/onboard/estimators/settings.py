@@ -191,6 +191,27 @@ class EstimatorSettings:
     level_floor: float = 0.003
     """Least weight of each level, relative to the best hypothesis."""
 
+    # -- the particles of MPF-PN (`particle_bank`) --
+
+    marginal_particles: int = 200
+    """Where the configuration says nothing."""
+    level_log_mean: float = -2.8
+    """Log of the usual noise level of the radii's drift, in the middle of `drift_levels`, ..."""
+    level_log_std: float = 1.6
+    """... and its standard deviation: from 0.01 to 1 within two of them."""
+    level_contrast_std: float = 0.7
+    """Standard deviation of one wheel's log level against that: a factor of two."""
+    level_tau_s: float = 600.0
+    """Time in which a noise level is forgotten: roads and loads last for minutes."""
+    proposed_share: float = 0.02
+    """Share of the particles that suppose a change of a radius, per second: often enough that some do within
+    a second, and so few that half of the particles have supposed none when resampling comes."""
+    shrinkage_kernel: float = 0.3
+    """Step h by which copies are moved apart, in standard deviations of theta (Liu and West 2001: a discount
+    of 0.95 is 0.31)."""
+    lineage_s: float = 60.0
+    """Over this time at least, and twice as long at most, ancestors of the particles are counted."""
+
     # -- its state and process (`error_state`) --
 
     drift_own_m: float = 0.010e-3

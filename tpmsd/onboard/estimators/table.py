@@ -24,6 +24,7 @@ from types import MappingProxyType
 from tpmsd.onboard.estimators.changes import PoissonChanges
 from tpmsd.onboard.estimators.gaussian import GaussianPieces, linearised, unscented
 from tpmsd.onboard.estimators.gnss_likelihood import gaussian_log
+from tpmsd.onboard.estimators.marginal import MarginalPieces
 from tpmsd.onboard.estimators.mixture import MixturePieces
 from tpmsd.onboard.estimators.radius_filter import GATED, Gates
 from tpmsd.onboard.estimators.radius_models import Floors, NiwRadii, WalkingRadii
@@ -36,7 +37,7 @@ from tpmsd.onboard.estimators.settings import SETTINGS
 class Row:
     """One filter."""
 
-    pieces: SampledPieces | GaussianPieces | MixturePieces
+    pieces: SampledPieces | GaussianPieces | MixturePieces | MarginalPieces
     gates: Gates = GATED
 
 
@@ -45,7 +46,8 @@ TABLE: MappingProxyType[str, Row] = MappingProxyType(
     {
         "gaussian-sum": Row(MixturePieces(), Gates(fix_interval_s=SETTINGS.fix_interval_s)),
         "mpf-pn-paper": Row(_PAPER, Gates(ticks=False, fixes=False)),
-        "mpf-pn": Row(SampledPieces(radii=NiwRadii(floors=Floors(apart=True)), changes=PoissonChanges())),
+        "mpf-pn": Row(MarginalPieces(), Gates(fix_interval_s=SETTINGS.fix_interval_s)),
+        "mpf-pn-niw": Row(SampledPieces(radii=NiwRadii(floors=Floors(apart=True)), changes=PoissonChanges())),
         "mpf-mn": Row(SampledPieces(motion=WheelsMeasured())),
         "aug-pf": Row(SampledPieces(radii=WalkingRadii())),
         "aug-ekf": Row(GaussianPieces(linearised)),

@@ -1,0 +1,86 @@
+"""Representation by particles that are Kalman filters: MPF-PN, the program's.
+
+In: movements and fixes. Out: a `Belief` of all wheels. The model, the measurements and the arithmetic are
+those of the Gaussian-sum filter (`mixture`); the hypotheses are drawn instead of enumerated
+(`particle_bank`). Per block of odometry, about once a second:
+
+    theta walks, changes are proposed        p(theta, changes), weights by prior over proposal
+    the Kalman filters take the block        weights by p(block | particle), pose and radii marginalised
+    resampling, copies moved apart           where N_eff <= N / 2
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tpmsd.onboard.estimators.belief import Car, Moment, Moments, Sight
+from tpmsd.onboard.estimators.error_state import MU, E, N
+from tpmsd.onboard.estimators.mixture import MixtureBelief, MixturePieces
+from tpmsd.onboard.estimators.particle_bank import Lineage, ParticleBank, SampledHypotheses
+
+
+@dataclass(frozen=True, slots=True)
+class MarginalPieces:
+    """What the belief is made of."""
+
+    hypotheses: SampledHypotheses = field(default_factory=SampledHypotheses)
+    mixture: MixturePieces = field(default_factory=MixturePieces)
+    """The Kalman filters' measurements and arithmetic; its change model is not used."""
+
+
+class MarginalBelief(MixtureBelief):
+    """A `Belief`; draws from the generator it was given."""
+
+    bank: ParticleBank
+
+    def __init__(self, car: Car, pieces: MarginalPieces, count: int, rng: np.random.Generator) -> None:
+        self._hypotheses, self._rng = pieces.hypotheses, rng
+        super().__init__(car, pieces.mixture, count, pieces.hypotheses.begin(count, car.nominal_m, rng))
+        self._lineage = Lineage(count)
+        self._effective = float(count)
+
+    def _suppose(self, duration_s: float) -> None:
+        """Let theta walk and changes be proposed."""
+        self._hypotheses.walk(self.bank, duration_s, self._rng)
+        self._hypotheses.propose(self.bank, duration_s, self._car.nominal_m, self._rng)
+
+    def settle(self, moment: Moment) -> None:
+        """Resample where the fixes before this tick ask for it; then as the mixture."""
+        self._lineage.elapse(moment.tick.dt_s)
+        if self._hypotheses.resample(self.bank, self._lineage, self._effective, self._rng):
+            self._drift = self._process.drift_at(self.bank.level)
+        super().settle(moment)
+
+    def distance(self, sight: Sight) -> tuple[float, float]:
+        """Of the particles' mean; the spread between the particles is in the variance."""
+        residual_m, variance_m2 = super().distance(sight)
+        weights, place = self.bank.weights(), self.bank.state[[E, N]]
+        away = place - (place @ weights)[:, None]
+        return residual_m, variance_m2 + float(np.square(away).sum(axis=0) @ weights)
+
+    def lose(self) -> None:
+        """Blocks and grade do not go on; the radii keep their joint evidence, and half of the particles
+        suppose that one of them has changed: the receiver may have left the wheels for that."""
+        super().lose()
+        half = np.flatnonzero(self._rng.random(self.bank.log_weights.size) < 0.5)
+        self._hypotheses.reopen(self.bank, half, self._car.nominal_m, self._rng)
+
+    def moments(self) -> Moments:
+        """Of all particles together."""
+        said = super().moments()
+        self._effective = said.effective
+        return said
+
+    @property
+    def ancestors(self) -> int:
+        """Particles of a minute or two ago that have descendants."""
+        return self._lineage.ancestors
+
+    def spread_between_m(self) -> float:
+        """Root mean square over the wheels of the standard deviation of the radii between particles."""
+        weights, radii = self.bank.weights(), self.bank.state[MU:]
+        away = radii - (radii @ weights)[:, None]
+        return math.sqrt(float((np.square(away) @ weights).mean()))

@@ -1,0 +1,174 @@
+"""The particles of MPF-PN, the program's: how their noise parameters move, when radii change, resampling.
+
+In: a bank of Kalman filters with weights. Out: the bank, changed in place. Given the covariance of the radii's
+noise and the instants at which a radius changed, pose, radii and nuisances are so nearly linear and Gaussian
+that each particle carries them as one Kalman filter (Rao-Blackwellised: Schoen, Gustafsson and Nordlund 2005,
+IEEE Trans. Signal Processing 53(7), 2279-2289). What remains is drawn, per particle:
+
+    theta    log of the noise level of the radii's drift, common part and one contrast per wheel
+    changes  instant and wheel of sudden changes; how much has changed is left to the Kalman filter
+
+theta walks about its prior (Ornstein-Uhlenbeck), so its diversity never ends. Copies that resampling makes
+are moved apart by the kernel of Liu and West (2001, in Doucet, de Freitas and Gordon, Sequential Monte Carlo
+Methods in Practice, 197-223), which shrinks towards the mean by as much as it adds: mean and covariance of
+theta stay. Changes are proposed more often than they are believed to occur, and the weights make up for it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.error_state import MU, PSI, initial_state
+from tpmsd.onboard.estimators.jump_hypotheses import Bank
+from tpmsd.onboard.estimators.resampling import systematic
+from tpmsd.onboard.estimators.settings import SETTINGS
+
+
+class Lineage:
+    """Which particles of a while ago the present ones descend from."""
+
+    def __init__(self, count: int) -> None:
+        self._older = np.arange(count)
+        self._newer = np.arange(count)
+        self._since_s = 0.0
+        self.ancestors = count
+        """Number of particles of `SETTINGS.lineage_s` to twice as long ago that have descendants."""
+
+    def keep(self, index: NDArray[np.intp]) -> None:
+        """Follow a resampling."""
+        self._older, self._newer = self._older[index], self._newer[index]
+        self.ancestors = np.unique(self._older).size
+
+    def elapse(self, duration_s: float) -> None:
+        """Let time pass."""
+        self._since_s += duration_s
+        if self._since_s >= SETTINGS.lineage_s:
+            self._since_s = 0.0
+            self._older, self._newer = self._newer, np.arange(self._newer.size)
+            self.ancestors = np.unique(self._older).size
+
+
+@dataclass(slots=True)
+class ParticleBank(Bank):
+    """A bank whose hypotheses were drawn; N particles."""
+
+    theta: FloatArray = field(default_factory=lambda: np.zeros((1, 1)))
+    """(1 + d, N) log noise level of all wheels, and of each against it."""
+
+    def keep(self, index: NDArray[np.intp]) -> None:
+        """Keep the particles of these indices with even weights, in place."""
+        self.state[:] = self.state[:, index]
+        self.spread[:] = self.spread[:, :, index]
+        self.theta[:] = self.theta[:, index]
+        self.log_weights[:] = 0.0
+
+    def set_levels(self) -> None:
+        """Levels of the radii's drift as theta has them."""
+        self.level[:] = np.exp(self.theta[0] + self.theta[1:]).T
+
+
+@dataclass(frozen=True, slots=True)
+class SampledHypotheses:
+    """The proposals of the particles; parameters alone."""
+
+    level_mean: float = SETTINGS.level_log_mean
+    level_std: float = SETTINGS.level_log_std
+    contrast_std: float = SETTINGS.level_contrast_std
+    tau_s: float = SETTINGS.level_tau_s
+    rate_per_s: float = SETTINGS.jump_rate_per_s
+    proposed_share: float = SETTINGS.proposed_share
+    std: float = SETTINGS.jump_std
+    heading_std_rad: float = SETTINGS.jump_heading_rad
+    kernel: float = SETTINGS.shrinkage_kernel
+    below: float = SETTINGS.resample_below
+
+    def begin(self, count: int, nominal_m: FloatArray, rng: np.random.Generator) -> ParticleBank:
+        """Particles drawn from the prior."""
+        mean, covariance = initial_state(count, nominal_m)
+        level, kind = np.ones((count, nominal_m.size)), np.zeros(count, dtype=np.intp)
+        theta = self._prior_mean(nominal_m.size) + self._prior_std(nominal_m.size) * rng.standard_normal(
+            (1 + nominal_m.size, count)
+        )
+        bank = ParticleBank(mean, covariance, np.zeros(count), level, kind, theta)
+        bank.set_levels()
+        return bank
+
+    def _prior_mean(self, wheels: int) -> FloatArray:
+        return np.array([self.level_mean] + [0.0] * wheels)[:, None]
+
+    def _prior_std(self, wheels: int) -> FloatArray:
+        return np.array([self.level_std] + [self.contrast_std] * wheels)[:, None]
+
+    def walk(self, bank: ParticleBank, duration_s: float, rng: np.random.Generator) -> None:
+        """Move theta about its prior, which this leaves as it is."""
+        wheels, keep = bank.level.shape[1], math.exp(-duration_s / self.tau_s)
+        mean, std = self._prior_mean(wheels), self._prior_std(wheels)
+        kick = rng.standard_normal(bank.theta.shape)
+        bank.theta[:] = mean + keep * (bank.theta - mean) + math.sqrt(1.0 - keep * keep) * std * kick
+        bank.set_levels()
+
+    def propose(
+        self, bank: ParticleBank, duration_s: float, nominal_m: FloatArray, rng: np.random.Generator
+    ) -> None:
+        """Suppose in a share of the particles that one wheel has just changed; the weights hold prior over
+        proposal, so that the mixture is that of the prior rate."""
+        count, wheels = bank.log_weights.size, nominal_m.size
+        chance = wheels * self.rate_per_s * duration_s
+        share = max(self.proposed_share * duration_s, chance)
+        jumps = np.flatnonzero(rng.random(count) < share)
+        logs = bank.log_weights
+        logs += math.log1p(-chance) - math.log1p(-share)
+        logs[jumps] += math.log(chance / share) - math.log1p(-chance) + math.log1p(-share)
+        self.reopen(bank, jumps, nominal_m, rng)
+
+    def reopen(
+        self, bank: ParticleBank, who: NDArray[np.intp], nominal_m: FloatArray, rng: np.random.Generator
+    ) -> None:
+        """Widen one wheel's radius, drawn for each of these particles, by what a change can do, and the
+        heading by what it has done before it was supposed."""
+        wheel = rng.integers(nominal_m.size, size=who.size)
+        bank.spread[MU + wheel, MU + wheel, who] += np.square(self.std * nominal_m[wheel])
+        bank.spread[PSI, PSI, who] += self.heading_std_rad**2
+
+    def resample(
+        self, bank: ParticleBank, lineage: Lineage, effective: float, rng: np.random.Generator
+    ) -> bool:
+        """Resample where the effective number asks for it; whether it did.
+
+        Systematically, in the order of the rear pair's difference: with neighbours alike, the error of the
+        drawn mixture is smaller (Kitagawa 1996, J. Comput. Graph. Statist. 5(1), 1-25).
+        """
+        if not effective <= self.below * bank.log_weights.size:  # true for NaN
+            return False
+        weights = bank.weights()
+        order = np.argsort(bank.state[MU] - bank.state[MU + 1], kind="stable")
+        chosen = order[systematic(weights[order], rng)]
+        mean, root = moments_of(bank.theta, weights)
+        bank.keep(chosen)
+        lineage.keep(chosen)
+        bank.theta[:] = shrunk(bank.theta, mean, root, self.kernel, rng)
+        bank.set_levels()
+        return True
+
+
+def moments_of(theta: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Weighted mean (p,) of theta (p, N) and a root (p, p) of its covariance."""
+    mean = theta @ weights
+    away = theta - mean[:, None]
+    values, vectors = np.linalg.eigh((away * weights) @ away.T)
+    return mean, vectors * np.sqrt(np.maximum(values, 0.0))
+
+
+def shrunk(
+    theta: FloatArray, mean: FloatArray, root: FloatArray, kernel: float, rng: np.random.Generator
+) -> FloatArray:
+    """theta (p, N) moved by the kernel of Liu and West (2001): a theta + (1 - a) mean + h root N(0, 1) with
+    a^2 + h^2 = 1, which keeps mean and covariance root root'."""
+    keep = math.sqrt(1.0 - kernel * kernel)
+    moved = keep * theta + (1.0 - keep) * mean[:, None]
+    return np.asarray(moved + kernel * (root @ rng.standard_normal(theta.shape)))
