@@ -9,9 +9,22 @@
 #include "../../foundation/_arrays.h"
 #include <math.h>
 
+/* Loops over hypotheses are also compiled for wider vectors, chosen when the module is loaded. Each hypothesis is
+ * computed by itself and contraction is off, so the numbers are the same. */
+#if defined(__x86_64__) && defined(__GLIBC__) && defined(__GNUC__) && !defined(__clang__)
+#define WIDE __attribute__((target_clones("avx512f", "avx2", "default")))
+#else
+#define WIDE
+#endif
+#ifdef __GNUC__
+#define INLINE inline __attribute__((always_inline))
+#else
+#define INLINE inline
+#endif
+
 /* Places in the state, as in `error_state`. */
 enum { E, N_, PSI, BE, BN, LAT, LATV, TRK, FWD, GYRO, GAIN, SLIP, LOAD, MU };
-enum { POSE = PSI + 1, MOST_STATES = MU + 4, TILE = 64 };
+enum { POSE = PSI + 1, MOST_STATES = MU + 4, MOST_SUMS = POSE + 4 * 5 / 2, SUMS = 4, TILE = 64 };
 
 /* ---- arguments ------------------------------------------------------------------------------------------ */
 
@@ -85,14 +98,12 @@ struct bend {
     int steered, slips;
 };
 
-/* Add B times a column of the covariance to it; `column` + place * stride: that place's hypotheses. */
-static void bend_column(const struct bend *b, double *column, Py_ssize_t stride, Py_ssize_t size)
+/* Add B times a column of the covariance to the pose's part of it. */
+static INLINE void bend_places(const struct bend *b, double *restrict east, double *restrict north,
+                               double *restrict heading, const double *restrict slip, const double *restrict track,
+                               const double *restrict load, const double *restrict left, const double *restrict right,
+                               Py_ssize_t size)
 {
-    double *restrict east = column + E * stride, *restrict north = column + N_ * stride;
-    double *restrict heading = column + PSI * stride;
-    const double *restrict left = column + MU * stride, *restrict right = column + (MU + 1) * stride;
-    const double *restrict slip = column + SLIP * stride, *restrict load = column + LOAD * stride;
-    const double *restrict track = column + TRK * stride;
     for (Py_ssize_t h = 0; h < size; h++) {
         double psi = heading[h], l = left[h], r = right[h];
         east[h] += b->across[0][h] * psi + b->by_radius[0][0][h] * l + b->by_radius[1][0][h] * r;
@@ -109,38 +120,85 @@ static void bend_column(const struct bend *b, double *column, Py_ssize_t stride,
                           b->by_track[h] * track[h];
 }
 
-/* Move hypotheses [from, to), at most TILE, through [Lundquist 2013, eq. 7], heading at mid-step; no noise. */
-static void move(const struct motion *m, double *mean, double *covariance, Py_ssize_t n, Py_ssize_t count,
-                 Py_ssize_t from, Py_ssize_t to, double *sum_way, double *sum_turn)
+/* The same; `column` + place * stride: that place's hypotheses. */
+static inline void bend_column(const struct bend *b, double *column, Py_ssize_t stride, Py_ssize_t size)
+{
+    bend_places(b, column + E * stride, column + N_ * stride, column + PSI * stride, column + SLIP * stride,
+                column + TRK * stride, column + LOAD * stride, column + MU * stride, column + (MU + 1) * stride, size);
+}
+
+/* Cosine and sine of the headings at mid-step by series about the first one, to rounding; 0 where they are more than
+ * 0.1 rad apart and nothing was done. */
+static INLINE int directions(const double *heading, const double *turn, Py_ssize_t size, double *cosine, double *sine)
+{
+    double base = heading[0] + 0.5 * turn[0], c = cos(base), s = sin(base), widest = 0.0;
+    for (Py_ssize_t h = 0; h < size; h++) {
+        double d = heading[h] + 0.5 * turn[h] - base;
+        widest = fabs(d) < widest ? widest : fabs(d);
+    }
+    if (!(widest < 0.1)) /* not a number: nor this */
+        return 0;
+    for (Py_ssize_t h = 0; h < size; h++) {
+        double d = heading[h] + 0.5 * turn[h] - base, q = d * d;
+        double sd = d * (1.0 - q * (1.0 / 6.0) * (1.0 - q * 0.05 * (1.0 - q * (1.0 / 42.0) * (1.0 - q * (1.0 / 72.0)))));
+        double cd = 1.0 - q * 0.5 * (1.0 - q * (1.0 / 12.0) * (1.0 - q * (1.0 / 30.0) * (1.0 - q * (1.0 / 56.0) * (1.0 - q * (1.0 / 90.0)))));
+        cosine[h] = c * cd - s * sd;
+        sine[h] = s * cd + c * sd;
+    }
+    return 1;
+}
+
+/* Move the means of hypotheses [from, to), at most TILE, through [Lundquist 2013, eq. 7], heading at mid-step. */
+static INLINE void move_means(const int half, const struct motion *m, double *mean, Py_ssize_t count, Py_ssize_t from, Py_ssize_t to,
+                              struct bend *b, double *sum_way, double *sum_turn)
 {
     double way[TILE], turn[TILE];
-    Py_ssize_t size = to - from, row = n * count;
-    double *state = mean + from, *spread = covariance + from;
-    struct bend b;
-    way_and_turn(m, mean, count, from, to, way, turn, b.share);
-    b.steered = !isnan(m->curvature);
-    b.slips = m->slip_accel != 0.0;
-    b.load = m->load_turn;
-    b.turned[0] = b.steered ? 0.0 : -m->rear_rad[0] / m->track_m;
-    b.turned[1] = b.steered ? 0.0 : m->rear_rad[1] / m->track_m;
+    Py_ssize_t size = to - from;
+    double *state = mean + from;
+    way_and_turn(m, mean, count, from, to, way, turn, b->share);
+    b->steered = !isnan(m->curvature);
+    b->slips = m->slip_accel != 0.0;
+    b->load = m->load_turn;
+    b->turned[0] = b->steered ? 0.0 : -m->rear_rad[0] / m->track_m;
+    b->turned[1] = b->steered ? 0.0 : m->rear_rad[1] / m->track_m;
+    double cosine[TILE], sine[TILE];
+    if (!half || !directions(state + PSI * count, turn, size, cosine, sine))
+        for (Py_ssize_t h = 0; h < size; h++) {
+            double middle = state[PSI * count + h] + 0.5 * turn[h];
+            cosine[h] = cos(middle);
+            sine[h] = sin(middle);
+        }
     for (Py_ssize_t h = 0; h < size; h++) {
-        double middle = state[PSI * count + h] + 0.5 * turn[h], along[2] = {cos(middle), sin(middle)};
+        double along[2] = {cosine[h], sine[h]};
         double step[2] = {along[0] * way[h], along[1] * way[h]};
-        b.across[0][h] = -step[1];
-        b.across[1][h] = step[0];
+        b->across[0][h] = -step[1];
+        b->across[1][h] = step[0];
         for (int i = 0; i < 2; i++)
             for (int axis = 0; axis < 2; axis++)
-                b.by_radius[i][axis][h] = m->rear_rad[i] * m->half_horizontal * along[axis] +
-                                          b.turned[i] * (0.5 * b.share[h] * b.across[axis][h]);
+                b->by_radius[i][axis][h] = m->rear_rad[i] * m->half_horizontal * along[axis] +
+                                           b->turned[i] * (0.5 * b->share[h] * b->across[axis][h]);
         for (int axis = 0; axis < 2; axis++)
-            b.by_slip[axis][h] = along[axis] * (way[h] * -m->slip_accel);
-        b.by_track[h] = isnan(m->witness_turn) ? turn[h] : m->witness_turn;
+            b->by_slip[axis][h] = along[axis] * (way[h] * -m->slip_accel);
+        b->by_track[h] = isnan(m->witness_turn) ? turn[h] : m->witness_turn;
         state[E * count + h] += step[0];
         state[N_ * count + h] += step[1];
         state[PSI * count + h] += turn[h];
         *sum_way += way[h];
         *sum_turn += turn[h];
     }
+    for (Py_ssize_t j = BE; j <= BN; j++) /* the receiver's slow error fades */
+        for (Py_ssize_t h = 0; h < size; h++)
+            state[j * count + h] *= m->bias_decay;
+}
+
+/* Move hypotheses [from, to), at most TILE; no noise. */
+WIDE static void move(const struct motion *m, double *mean, double *covariance, Py_ssize_t n, Py_ssize_t count,
+                      Py_ssize_t from, Py_ssize_t to, double *sum_way, double *sum_turn)
+{
+    Py_ssize_t size = to - from, row = n * count;
+    double *spread = covariance + from;
+    struct bend b;
+    move_means(0, m, mean, count, from, to, &b, sum_way, sum_turn);
     /* F P F' with F = I + B: the pose's rows of P + B P, then their part B' in the first columns; the first
      * columns of the other rows are these, mirrored. */
     for (Py_ssize_t k = 0; k < n; k++)
@@ -151,10 +209,7 @@ static void move(const struct motion *m, double *mean, double *covariance, Py_ss
         for (Py_ssize_t k = POSE; k < n; k++)
             for (Py_ssize_t h = 0; h < size; h++)
                 spread[k * row + j * count + h] = spread[j * row + k * count + h];
-    /* The receiver's slow error fades. */
     for (Py_ssize_t j = BE; j <= BN; j++) {
-        for (Py_ssize_t h = 0; h < size; h++)
-            state[j * count + h] *= m->bias_decay;
         for (Py_ssize_t k = 0; k < n; k++)
             for (Py_ssize_t h = 0; h < size; h++)
                 spread[j * row + k * count + h] *= m->bias_decay;
@@ -164,43 +219,107 @@ static void move(const struct motion *m, double *mean, double *covariance, Py_ss
     }
 }
 
-/* propagate(mean, covariance, drift [d][d][N], *numbers of struct motion) -> (mean way, mean turn) */
-static PyObject *propagate(PyObject *self, PyObject *const *args, Py_ssize_t given)
+/* As `move`, of the upper triangle alone. */
+WIDE static void move_half(const struct motion *m, double *mean, double *covariance, Py_ssize_t n, Py_ssize_t count,
+                           Py_ssize_t from, Py_ssize_t to, double *sum_way, double *sum_turn)
 {
-    static const int dimensions[3] = {2, 3, 3};
-    Py_buffer views[3];
+#define AT(j, k) (covariance + from + ((j) * n + (k)) * count)
+#define UPPER(j, k) ((j) < (k) ? AT(j, k) : AT(k, j))
+    Py_ssize_t size = to - from;
+    double pose[POSE][POSE][TILE]; /* [column][row]: P + B P of the pose */
+    struct bend b;
+    move_means(1, m, mean, count, from, to, &b, sum_way, sum_turn);
+    for (Py_ssize_t k = 0; k < POSE; k++) {
+        for (Py_ssize_t j = 0; j < POSE; j++)
+            for (Py_ssize_t h = 0; h < size; h++)
+                pose[k][j][h] = UPPER(j, k)[h];
+        bend_places(&b, pose[k][E], pose[k][N_], pose[k][PSI], AT(k, SLIP), AT(k, TRK), AT(k, LOAD), AT(k, MU),
+                    AT(k, MU + 1), size);
+    }
+    for (Py_ssize_t k = POSE; k < n; k++)
+        bend_places(&b, AT(E, k), AT(N_, k), AT(PSI, k), UPPER(SLIP, k), UPPER(TRK, k), UPPER(LOAD, k), UPPER(MU, k),
+                    UPPER(MU + 1, k), size);
+    for (Py_ssize_t j = 0; j < POSE; j++) { /* row j of P + B P, times B' */
+        double own[POSE][TILE];
+        for (Py_ssize_t k = 0; k < POSE; k++)
+            for (Py_ssize_t h = 0; h < size; h++)
+                own[k][h] = pose[k][j][h];
+        bend_places(&b, own[E], own[N_], own[PSI], AT(j, SLIP), AT(j, TRK), AT(j, LOAD), AT(j, MU), AT(j, MU + 1),
+                    size);
+        for (Py_ssize_t k = j; k < POSE; k++)
+            for (Py_ssize_t h = 0; h < size; h++)
+                AT(j, k)[h] = own[k][h];
+    }
+    for (Py_ssize_t j = BE; j <= BN; j++)
+        for (Py_ssize_t k = 0; k < n; k++) {
+            double decay = k == j ? m->bias_decay * m->bias_decay : m->bias_decay;
+            for (Py_ssize_t h = 0; h < size; h++)
+                UPPER(j, k)[h] *= decay;
+        }
+#undef UPPER
+#undef AT
+}
+
+typedef void (*move_of_tile)(const struct motion *, double *, double *, Py_ssize_t, Py_ssize_t, Py_ssize_t, Py_ssize_t,
+                             double *, double *);
+
+/* propagate(mean, covariance, drift [d][d][N], noise_factor [N], *numbers of struct motion) -> (mean way, mean turn);
+ * the factor is on the noise of way and heading that grows with the way */
+static PyObject *propagate_by(move_of_tile moved, PyObject *const *args, Py_ssize_t given)
+{
+    static const int dimensions[4] = {2, 3, 3, 1};
+    Py_buffer views[4];
     struct motion m;
-    if (given != 3 + MOTION_NUMBERS)
-        return odd("three arrays and the numbers of a motion are needed");
-    if (numbers(args + 3, MOTION_NUMBERS, (double *)&m) < 0 || get_all(args, views, dimensions, 3, 2) < 0)
+    if (given != 4 + MOTION_NUMBERS)
+        return odd("four arrays and the numbers of a motion are needed");
+    if (numbers(args + 4, MOTION_NUMBERS, (double *)&m) < 0 || get_all(args, views, dimensions, 4, 2) < 0)
         return NULL;
     Py_ssize_t n = views[0].shape[0], count = views[0].shape[1], wheels = n - MU;
     if (!is_bank(&views[0], &views[1]) || views[2].shape[0] != wheels || views[2].shape[1] != wheels ||
-        views[2].shape[2] != count) {
-        release(views, 3);
+        views[2].shape[2] != count || views[3].shape[0] != count) {
+        release(views, 4);
         return odd("the arrays do not belong together");
     }
     double *mean = views[0].buf, *covariance = views[1].buf, way = 0.0, turn = 0.0;
-    const double *drift = views[2].buf;
+    const double *drift = views[2].buf, *factor = views[3].buf;
     for (Py_ssize_t from = 0; from < count; from += TILE)
-        move(&m, mean, covariance, n, count, from, from + TILE < count ? from + TILE : count, &way, &turn);
+        moved(&m, mean, covariance, n, count, from, from + TILE < count ? from + TILE : count, &way, &turn);
     way /= (double)count;
     turn /= (double)count;
-    double distance = fabs(way), own[GYRO + 1] = {0.0};
-    own[E] = own[N_] = m.way_noise * distance + m.way_noise2 * distance * distance;
-    own[PSI] = m.turn_noise * distance + m.turn_noise2 * turn * turn + m.turn_way_noise2 * distance * distance;
+    double distance = fabs(way), walked[POSE], own[GYRO + 1] = {0.0};
+    walked[E] = walked[N_] = m.way_noise * distance;
+    walked[PSI] = m.turn_noise * distance;
+    own[E] = own[N_] = m.way_noise2 * distance * distance;
+    own[PSI] = m.turn_noise2 * turn * turn;
     own[BE] = own[BN] = m.bias_noise;
     own[LAT] = m.latency_noise;
     own[GYRO] = m.gyro_noise;
-    for (Py_ssize_t j = 0; j <= GYRO; j++)
-        for (Py_ssize_t h = 0; h < count; h++)
-            covariance[(j * n + j) * count + h] += own[j];
+    double rough = m.turn_way_noise2 * distance * distance;
+    for (Py_ssize_t j = 0; j <= GYRO; j++) {
+        double *diagonal = covariance + (j * n + j) * count;
+        if (j <= PSI)
+            for (Py_ssize_t h = 0; h < count; h++)
+                diagonal[h] += walked[j] * factor[h] + own[j] + (j == PSI ? rough : 0.0);
+        else if (own[j] != 0.0)
+            for (Py_ssize_t h = 0; h < count; h++)
+                diagonal[h] += own[j];
+    }
     for (Py_ssize_t j = 0; j < wheels; j++)
-        for (Py_ssize_t k = 0; k < wheels; k++)
+        for (Py_ssize_t k = moved == move_half ? j : 0; k < wheels; k++)
             for (Py_ssize_t h = 0; h < count; h++)
                 covariance[((MU + j) * n + MU + k) * count + h] += drift[(j * wheels + k) * count + h] * m.dt_s;
-    release(views, 3);
+    release(views, 4);
     return Py_BuildValue("dd", way, turn);
+}
+
+static PyObject *propagate(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    return propagate_by(move, args, given);
+}
+
+static PyObject *propagate_half(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    return propagate_by(move_half, args, given);
 }
 
 /* ---- a scalar measurement ------------------------------------------------------------------------------- */
@@ -210,13 +329,14 @@ struct scalar {
 };
 
 /* Update hypotheses [from, to), at most TILE. `row`: the place's numbers `row_step` doubles apart from the
- * next place's, one per hypothesis where `row_each`, else one for all. */
-static void measure(const struct scalar *s, double *mean, double *covariance, double *log_weights,
+ * next place's, one per hypothesis where `row_each`, else one for all. `half`: the upper triangle alone. */
+static INLINE void update_tile(const int half, const struct scalar *s, double *mean, double *covariance, double *log_weights,
                     const double *innovation, const double *row, Py_ssize_t row_step, int row_each,
                     Py_ssize_t frozen_from, Py_ssize_t n, Py_ssize_t count, Py_ssize_t from, Py_ssize_t to)
 {
     double gain[MOST_STATES][TILE], projected[TILE], pull[TILE], scale[TILE];
     Py_ssize_t size = to - from, places[MOST_STATES], used = 0;
+    int idle[MOST_STATES];
     double *state = mean + from, *spread = covariance + from;
     for (Py_ssize_t k = 0; k < n; k++) { /* rows hold few numbers that are not zero */
         const double *here = row + k * row_step + (row_each ? from : 0);
@@ -233,13 +353,15 @@ static void measure(const struct scalar *s, double *mean, double *covariance, do
             gain[j][h] = 0.0;
         for (Py_ssize_t i = 0; i < used; i++) {
             const double *here = row + places[i] * row_step + (row_each ? from : 0);
-            const double *of = spread + (j * n + places[i]) * count;
+            Py_ssize_t at = half && j > places[i] ? places[i] * n + j : j * n + places[i];
+            const double *restrict of = spread + at * count;
+            double *restrict to_gain = gain[j];
             if (row_each)
                 for (Py_ssize_t h = 0; h < size; h++)
-                    gain[j][h] += of[h] * here[h];
+                    to_gain[h] += of[h] * here[h];
             else
                 for (Py_ssize_t h = 0; h < size; h++)
-                    gain[j][h] += of[h] * here[0];
+                    to_gain[h] += of[h] * here[0];
         }
     }
     for (Py_ssize_t i = 0; i < used; i++) {
@@ -247,30 +369,50 @@ static void measure(const struct scalar *s, double *mean, double *covariance, do
         for (Py_ssize_t h = 0; h < size; h++)
             projected[h] += gain[places[i]][h] * here[row_each ? h : 0];
     }
+    /* Root and quotients in loops of their own, which the compiler makes wide: logarithms it calls one by one. */
+    double total[TILE], squared[TILE];
     for (Py_ssize_t h = 0; h < size; h++) {
-        double off = innovation[from + h], total = projected[h] + s->variance, squared = off * off / total;
-        log_weights[from + h] += -0.5 * (s->dof + 1.0) * log1p(squared / s->dof) - 0.5 * log(total);
-        double beyond = sqrt(squared) / s->robust_from;
+        double off = innovation[from + h];
+        total[h] = projected[h] + s->variance;
+        squared[h] = off * off / total[h];
+    }
+    for (Py_ssize_t h = 0; h < size; h++)
+        log_weights[from + h] += -0.5 * (s->dof + 1.0) * log1p(squared[h] / s->dof) - 0.5 * log(total[h]);
+    for (Py_ssize_t h = 0; h < size; h++) {
+        double beyond = sqrt(squared[h]) / s->robust_from;
         /* Not `beyond > 1.0`: what is not a number must stay so. */
-        total = projected[h] + s->variance * (beyond <= 1.0 ? 1.0 : beyond * beyond);
-        pull[h] = off / total;
-        scale[h] = 1.0 / sqrt(total);
+        double held = projected[h] + s->variance * (beyond <= 1.0 ? 1.0 : beyond * beyond);
+        pull[h] = innovation[from + h] / held;
+        scale[h] = 1.0 / sqrt(held);
     }
     for (Py_ssize_t j = 0; j < n; j++) {
         if (j < frozen_from)
             for (Py_ssize_t h = 0; h < size; h++)
                 state[j * count + h] += gain[j][h] * pull[h];
+        idle[j] = 1; /* a place that this measurement says nothing of, as the gyro's before it is used */
+        for (Py_ssize_t h = 0; h < size; h++)
+            idle[j] &= gain[j][h] == 0.0;
         for (Py_ssize_t h = 0; h < size; h++)
             gain[j][h] *= scale[h]; /* K g' with K = g / total, of one scaled copy of g: rounded symmetrically */
     }
     for (Py_ssize_t j = 0; j < frozen_from; j++) {
         double *diagonal = spread + (j * n + j) * count;
+        if (half && idle[j])
+            continue;
         for (Py_ssize_t h = 0; h < size; h++)
             diagonal[h] -= gain[j][h] * gain[j][h];
         for (Py_ssize_t k = j + 1; k < n; k++) {
-            double *here = spread + (j * n + k) * count, *mirrored = spread + (k * n + j) * count;
+            if (half && idle[k])
+                continue;
+            double *restrict here = spread + (j * n + k) * count, *restrict mirrored = spread + (k * n + j) * count;
+            const double *restrict one = gain[j], *restrict other = gain[k];
+            if (half) {
+                for (Py_ssize_t h = 0; h < size; h++)
+                    here[h] -= one[h] * other[h];
+                continue;
+            }
             for (Py_ssize_t h = 0; h < size; h++) {
-                double less = gain[j][h] * gain[k][h];
+                double less = one[h] * other[h];
                 here[h] -= less;
                 mirrored[h] -= less;
             }
@@ -278,9 +420,23 @@ static void measure(const struct scalar *s, double *mean, double *covariance, do
     }
 }
 
+typedef void (*update_of_tile)(const struct scalar *, double *, double *, double *, const double *, const double *,
+                               Py_ssize_t, int, Py_ssize_t, Py_ssize_t, Py_ssize_t, Py_ssize_t, Py_ssize_t);
+
+#define UPDATE(name, half)                                                                                            \
+    WIDE static void name(const struct scalar *s, double *mean, double *covariance, double *log_weights,              \
+                          const double *innovation, const double *row, Py_ssize_t row_step, int row_each,             \
+                          Py_ssize_t frozen_from, Py_ssize_t n, Py_ssize_t count, Py_ssize_t from, Py_ssize_t to)     \
+    {                                                                                                                 \
+        update_tile(half, s, mean, covariance, log_weights, innovation, row, row_step, row_each, frozen_from, n,      \
+                    count, from, to);                                                                                 \
+    }
+UPDATE(measure, 0)
+UPDATE(measure_half, 1)
+
 /* update(mean, covariance, log_weights [N], innovation [N], row [n] or [n][N], variance, frozen_from,
  *        robust_from, dof) */
-static PyObject *update(PyObject *self, PyObject *const *args, Py_ssize_t given)
+static PyObject *update_by(update_of_tile measured, PyObject *const *args, Py_ssize_t given)
 {
     static const int dimensions[4] = {2, 3, 1, 1};
     Py_buffer views[5];
@@ -306,10 +462,20 @@ static PyObject *update(PyObject *self, PyObject *const *args, Py_ssize_t given)
     }
     struct scalar s = {values[0], values[2], values[3]};
     for (Py_ssize_t from = 0; from < count; from += TILE)
-        measure(&s, views[0].buf, views[1].buf, views[2].buf, views[3].buf, views[4].buf, row_each ? count : 1,
+        measured(&s, views[0].buf, views[1].buf, views[2].buf, views[3].buf, views[4].buf, row_each ? count : 1,
                 row_each, frozen_from, n, count, from, from + TILE < count ? from + TILE : count);
     release(views, 5);
     Py_RETURN_NONE;
+}
+
+static PyObject *update(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    return update_by(measure, args, given);
+}
+
+static PyObject *update_half(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    return update_by(measure_half, args, given);
 }
 
 /* symmetrise(covariance, least): the mean of both halves, and no variance below `least` */
@@ -337,6 +503,51 @@ static PyObject *symmetrise(PyObject *self, PyObject *const *args, Py_ssize_t gi
                 here[h] = mirrored[h] = 0.5 * (here[h] + mirrored[h]);
         }
     }
+    PyBuffer_Release(&view);
+    Py_RETURN_NONE;
+}
+
+/* clamp(covariance, least): no variance below `least` */
+static PyObject *clamp(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    Py_buffer view;
+    double least;
+    if (given != 2)
+        return odd("two arguments are needed");
+    if (numbers(args + 1, 1, &least) < 0 || get(args[0], &view, 3, 1) < 0)
+        return NULL;
+    Py_ssize_t n = view.shape[0], count = view.shape[2];
+    if (view.shape[1] != n) {
+        PyBuffer_Release(&view);
+        return odd("the array is no covariance");
+    }
+    double *spread = view.buf;
+    for (Py_ssize_t j = 0; j < n; j++)
+        for (Py_ssize_t h = 0; h < count; h++)
+            spread[(j * n + j) * count + h] =
+                spread[(j * n + j) * count + h] < least ? least : spread[(j * n + j) * count + h];
+    PyBuffer_Release(&view);
+    Py_RETURN_NONE;
+}
+
+/* mirror(covariance): the lower triangle is made of the upper one */
+static PyObject *mirror(PyObject *self, PyObject *const *args, Py_ssize_t given)
+{
+    Py_buffer view;
+    if (given != 1)
+        return odd("one argument is needed");
+    if (get(args[0], &view, 3, 1) < 0)
+        return NULL;
+    Py_ssize_t n = view.shape[0], count = view.shape[2];
+    if (view.shape[1] != n) {
+        PyBuffer_Release(&view);
+        return odd("the array is no covariance");
+    }
+    double *spread = view.buf;
+    for (Py_ssize_t j = 0; j < n; j++)
+        for (Py_ssize_t k = j + 1; k < n; k++)
+            for (Py_ssize_t h = 0; h < count; h++)
+                spread[(k * n + j) * count + h] = spread[(j * n + k) * count + h];
     PyBuffer_Release(&view);
     Py_RETURN_NONE;
 }
@@ -370,24 +581,47 @@ static PyObject *moments(PyObject *self, PyObject *const *args, Py_ssize_t given
         weights[h] /= total;
         squares += weights[h] * weights[h];
     }
-    for (Py_ssize_t j = 0; j < n; j++) {
-        mean[j] = 0.0;
+    for (Py_ssize_t j = 0; j < n; j += SUMS) { /* some sums side by side: each waits for itself alone */
+        double some[SUMS] = {0.0};
+        const double *rows[SUMS];
+        for (int i = 0; i < SUMS; i++)
+            rows[i] = state + (j + i < n ? j + i : j) * count;
         for (Py_ssize_t h = 0; h < count; h++)
-            mean[j] += state[j * count + h] * weights[h];
+            for (int i = 0; i < SUMS; i++)
+                some[i] += rows[i][h] * weights[h];
+        for (int i = 0; i < SUMS && j + i < n; i++)
+            mean[j + i] = some[i];
     }
-    for (Py_ssize_t j = 0; j < n; j++) {
-        if (j >= POSE && j < MU)
-            continue;
-        for (Py_ssize_t k = j; k < (j < POSE ? j + 1 : n); k++) {
-            double sum = 0.0;
-            for (Py_ssize_t h = 0; h < count; h++)
-                sum += weights[h] * (spread[(j * n + k) * count + h] +
-                                     (state[j * count + h] - mean[j]) * (state[k * count + h] - mean[k]));
-            if (j < POSE)
-                pose[j] = sum;
-            else
-                radii[(j - MU) * wheels + k - MU] = radii[(k - MU) * wheels + j - MU] = sum;
+    Py_ssize_t pairs = 0, one[MOST_SUMS], other[MOST_SUMS];
+    double sum[MOST_SUMS];
+    for (Py_ssize_t j = 0; j < n; j++)
+        for (Py_ssize_t k = j; k < (j < POSE ? j + 1 : j < MU ? j : n); k++) {
+            one[pairs] = j;
+            other[pairs++] = k;
         }
+    for (Py_ssize_t from = 0; from < pairs; from += SUMS) {
+        double some[SUMS] = {0.0}, at[SUMS], to[SUMS];
+        const double *own[SUMS], *left[SUMS], *right[SUMS];
+        for (int i = 0; i < SUMS; i++) {
+            Py_ssize_t j = one[from + i < pairs ? from + i : from], k = other[from + i < pairs ? from + i : from];
+            own[i] = spread + (j * n + k) * count;
+            left[i] = state + j * count;
+            right[i] = state + k * count;
+            at[i] = mean[j];
+            to[i] = mean[k];
+        }
+        for (Py_ssize_t h = 0; h < count; h++)
+            for (int i = 0; i < SUMS; i++)
+                some[i] += weights[h] * (own[i][h] + (left[i][h] - at[i]) * (right[i][h] - to[i]));
+        for (int i = 0; i < SUMS && from + i < pairs; i++)
+            sum[from + i] = some[i];
+    }
+    for (Py_ssize_t i = 0; i < pairs; i++) {
+        Py_ssize_t j = one[i], k = other[i];
+        if (j < POSE)
+            pose[j] = sum[i];
+        else
+            radii[(j - MU) * wheels + k - MU] = radii[(k - MU) * wheels + j - MU] = sum[i];
     }
     release(views, 6);
     return Py_BuildValue("dddd", pose[E], pose[N_], pose[PSI], 1.0 / squares);
@@ -447,6 +681,10 @@ static PyObject *antenna(PyObject *self, PyObject *const *args, Py_ssize_t given
 static PyMethodDef methods[] = {
     FAST(propagate, "Move all hypotheses through a tick."),
     FAST(update, "Hold all hypotheses against a scalar measurement."),
+    FAST(propagate_half, "Move all hypotheses through a tick, of covariances the upper triangle."),
+    FAST(update_half, "Hold all hypotheses against a scalar measurement, of covariances the upper triangle."),
+    FAST(clamp, "Undo the loss of positive diagonals that rounding leaves."),
+    FAST(mirror, "Make the lower triangle of the upper one."),
     FAST(symmetrise, "Undo the asymmetry that rounding leaves."),
     FAST(moments, "Mean and covariance over the mixture."),
     FAST(antenna, "Predicted position of the antenna and its derivatives."),

@@ -80,6 +80,10 @@ class BankKernel(Protocol):
         """Undo the asymmetry of covariances that rounding leaves (`batched_kalman.symmetrise`)."""
         ...
 
+    def complete(self, bank: Bank) -> None:
+        """Make the covariances whole where a kernel keeps a part of them, for all who read them elsewhere."""
+        ...
+
     def summary(self, bank: Bank) -> Summary:
         """Mean and covariance over the mixture."""
         ...
@@ -92,7 +96,8 @@ class ArrayKernel:
         self, process: ProcessModel, bank: Bank, motion: Motion, position_std_m: float, drift: FloatArray
     ) -> tuple[float, float]:
         """As of `BankKernel`."""
-        return process.propagate(bank.mean, bank.covariance, motion, position_std_m, drift)
+        factor = bank.noise_factor
+        return process.propagate(bank.mean, bank.covariance, motion, position_std_m, drift, factor)
 
     def update(
         self, bank: Bank, scalar: measurements.Scalar, frozen_from: int | None, weights: Weights
@@ -111,6 +116,9 @@ class ArrayKernel:
     def symmetrise(self, bank: Bank) -> None:
         """As of `BankKernel`."""
         symmetrise(bank.covariance)
+
+    def complete(self, bank: Bank) -> None:
+        """As of `BankKernel`."""
 
     def summary(self, bank: Bank) -> Summary:
         """As of `BankKernel`."""
@@ -144,6 +152,7 @@ class CompiledKernel:
             bank.state,
             bank.spread,
             drift.transpose(1, 2, 0),
+            bank.noise_factor,
             *process.constants(motion, position_std_m),
         )
         return way, turn
@@ -185,6 +194,9 @@ class CompiledKernel:
         """As of `BankKernel`."""
         self._symmetrise(bank.spread, LEAST_VARIANCE)
 
+    def complete(self, bank: Bank) -> None:
+        """As of `BankKernel`."""
+
     def summary(self, bank: Bank) -> Summary:
         """As of `BankKernel`."""
         count, size = bank.mean.shape
@@ -193,5 +205,30 @@ class CompiledKernel:
         return Summary(mean, radii_m2, *pose)
 
 
+class HalfKernel(CompiledKernel):
+    """By compiled code that keeps the upper triangle of the covariances alone, for banks of hundreds: half of
+    the memory is read and written. The lower triangle is made of it where it is asked for (`complete`)."""
+
+    def __init__(self, module: ModuleType) -> None:
+        """`module`: `tpmsd.onboard.estimators._bank`."""
+        super().__init__(module)
+        self._propagate, self._update = module.propagate_half, module.update_half
+        self._symmetrise, self._mirror = module.clamp, module.mirror
+
+    def update(
+        self, bank: Bank, scalar: measurements.Scalar, frozen_from: int | None, weights: Weights
+    ) -> None:
+        """As of `BankKernel`."""
+        if weights is not square_weights:
+            self._mirror(bank.spread)
+        super().update(bank, scalar, frozen_from, weights)
+
+    def complete(self, bank: Bank) -> None:
+        """As of `BankKernel`."""
+        self._mirror(bank.spread)
+
+
 KERNEL: BankKernel = CompiledKernel(compiled) if usable(compiled) else ArrayKernel()
 """The one in use."""
+HALF_KERNEL: BankKernel = HalfKernel(compiled) if usable(compiled) else ArrayKernel()
+"""The one in use for particles."""

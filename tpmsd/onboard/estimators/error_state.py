@@ -150,7 +150,6 @@ class ProcessModel:
         self._wheels = nominal_m.size
         self.drift = drift_covariance(self._wheels)
         self._drift_own = self.drift - SETTINGS.drift_common_m**2
-        self._noise = np.zeros((GYRO + 1, 1))
         self._rear = tuple(nominal_m[:2].tolist())
         self._decay = (math.nan, math.nan)
         """Length of a tick, and how the receiver's slow error fades in it."""
@@ -205,12 +204,13 @@ class ProcessModel:
         motion: Motion,
         position_std_m: float,
         drift: FloatArray | None = None,
+        noise_factor: FloatArray | float = 1.0,
     ) -> tuple[float, float]:
         """Move mean (N, n) and covariance (N, n, n) through eq. (7), heading at mid-step, in place; mean way
         and turn of the tick.
 
         `drift` (N, d, d): growth of the radii's covariance per second of each hypothesis (`drift_at`); None:
-        that at level 1.
+        that at level 1. `noise_factor` (N,): on the variances of way and heading that grow with the way.
         """
         count = mean.shape[0]
         state, spread = mean.T, covariance.transpose(1, 2, 0)
@@ -237,8 +237,8 @@ class ProcessModel:
         spread[BE : BN + 1] *= decay
         spread[:, BE : BN + 1] *= decay
         mean_way, mean_turn = float(np.add.reduce(way)) / count, float(np.add.reduce(turn)) / count
-        noise = self._noise
-        self._set_noise(noise, motion, abs(mean_way), mean_turn)
+        noise = np.zeros((GYRO + 1, np.size(noise_factor)))
+        self._set_noise(noise, motion, abs(mean_way), mean_turn, noise_factor)
         noise[BE : BN + 1] = position_std_m**2 * (1.0 - decay**2)
         diagonal = np.einsum("iij->ij", spread)
         diagonal[: GYRO + 1] += noise
@@ -306,11 +306,14 @@ class ProcessModel:
         by_track = turn if motion.witness_turn_rad is None else motion.witness_turn_rad
         return _Bend(across, by_radius, by_slip, by_track, np.array([self.load_turn(motion), *turned]), share)
 
-    def _set_noise(self, out: FloatArray, motion: Motion, distance: float, turn: float) -> None:
-        """What a tick adds to the variances of every hypothesis (GYRO + 1, 1), but for BE and BN."""
+    def _set_noise(
+        self, out: FloatArray, motion: Motion, distance: float, turn: float, factor: FloatArray | float
+    ) -> None:
+        """Set what a tick adds to the variances (GYRO + 1, N or 1) of the hypotheses, but for BE and BN."""
         rough = not motion.informative
-        out[E : N + 1] = SETTINGS.way_noise**2 * distance + (SETTINGS.rough_way * distance) ** 2 * rough
-        heading = SETTINGS.turn_noise**2 * distance + (SETTINGS.turn_relative * turn) ** 2
+        way = SETTINGS.way_noise**2 * distance * factor
+        out[E : N + 1] = way + (SETTINGS.rough_way * distance) ** 2 * rough
+        heading = SETTINGS.turn_noise**2 * distance * factor + (SETTINGS.turn_relative * turn) ** 2
         out[PSI] = heading + (SETTINGS.rough_turn * distance / self._track) ** 2 * rough
         out[LAT] = SETTINGS.latency_drift**2 * motion.dt_s
         out[GYRO] = SETTINGS.gyro_drift**2 * motion.dt_s

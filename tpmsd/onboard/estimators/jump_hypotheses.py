@@ -40,12 +40,15 @@ class Bank:
     """(N, d) process-noise level of each wheel's radius that a hypothesis assumes."""
     kind: NDArray[np.intp]
     """(N,) which of the kinds of hypothesis that is (`JumpHypotheses.kinds`)."""
+    noise_factor: FloatArray = field(init=False)
+    """(N,) on the variances of way and heading that grow with the way."""
     state: FloatArray = field(init=False)
     """(n, N) the means as they lie in memory: all arrays are changed in place."""
     spread: FloatArray = field(init=False)
     """(n, n, N) the covariances in the same way."""
 
     def __post_init__(self) -> None:
+        self.noise_factor = np.ones(self.log_weights.size)
         self.state, self.spread = self.mean.T, self.covariance.transpose(1, 2, 0)
 
     def copy(self, child: int, parent: int) -> None:

@@ -13,13 +13,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from tpmsd.onboard.estimators.bank_kernel import HALF_KERNEL
 from tpmsd.onboard.estimators.belief import Car, Moment, Moments, Sight
 from tpmsd.onboard.estimators.error_state import MU, E, N
 from tpmsd.onboard.estimators.mixture import MixtureBelief, MixturePieces
 from tpmsd.onboard.estimators.particle_bank import Lineage, ParticleBank, SampledHypotheses
+from tpmsd.onboard.estimators.settings import SETTINGS
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +30,7 @@ class MarginalPieces:
     """What the belief is made of."""
 
     hypotheses: SampledHypotheses = field(default_factory=SampledHypotheses)
-    mixture: MixturePieces = field(default_factory=MixturePieces)
+    mixture: MixturePieces = field(default_factory=lambda: MixturePieces(kernel=HALF_KERNEL))
     """The Kalman filters' measurements and arithmetic; its change model is not used."""
 
 
@@ -41,10 +44,15 @@ class MarginalBelief(MixtureBelief):
         super().__init__(car, pieces.mixture, count, pieces.hypotheses.begin(count, car.nominal_m, rng))
         self._lineage = Lineage(count)
         self._effective = float(count)
+        self._unwalked_s = 0.0
 
     def _suppose(self, duration_s: float) -> None:
         """Let theta walk and changes be proposed."""
-        self._hypotheses.walk(self.bank, duration_s, self._rng)
+        self._unwalked_s += duration_s
+        if self._unwalked_s >= SETTINGS.level_step_s:
+            self._hypotheses.walk(self.bank, self._unwalked_s, self._rng)
+            self._unwalked_s = 0.0
+            self._drift = self._process.drift_at(self.bank.level)
         self._hypotheses.propose(self.bank, duration_s, self._car.nominal_m, self._rng)
 
     def settle(self, moment: Moment) -> None:
@@ -60,6 +68,11 @@ class MarginalBelief(MixtureBelief):
         weights, place = self.bank.weights(), self.bank.state[[E, N]]
         away = place - (place @ weights)[:, None]
         return residual_m, variance_m2 + float(np.square(away).sum(axis=0) @ weights)
+
+    def snapshot(self) -> dict[str, Any]:
+        """As of the mixture."""
+        self._kernel.complete(self.bank)
+        return super().snapshot()
 
     def lose(self) -> None:
         """Blocks and grade do not go on; the radii keep their joint evidence, and half of the particles

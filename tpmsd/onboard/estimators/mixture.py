@@ -65,7 +65,7 @@ from tpmsd.onboard.estimators.jump_hypotheses import JUMPS, Bank, JumpHypotheses
 from tpmsd.onboard.estimators.odometry_block import Block, BlockBuilder
 from tpmsd.onboard.estimators.pose_start import PoseStart
 from tpmsd.onboard.estimators.settings import SETTINGS
-from tpmsd.onboard.timeline.tick import Tick
+from tpmsd.onboard.timeline.tick import Fix, Tick
 
 NUISANCE_LIMIT = 10.0
 """No saved nuisance parameter is larger, in any of their units."""
@@ -102,6 +102,8 @@ class MixtureBelief:
         self._slow_yaw_rate = 0.0
         """The wheels' by the present radii, smoothed over `SETTINGS.slow_yaw_s`."""
         self._gyro_bias = 0.0
+        self._expected: tuple[Fix, FloatArray, FloatArray, FloatArray, FloatArray] | None = None
+        """A fix with the antenna's position and its rows, between its judgement and its use."""
 
     # -- motion ---------------------------------------------------------------------------------------------
 
@@ -162,7 +164,8 @@ class MixtureBelief:
     def distance(self, sight: Sight) -> tuple[float, float]:
         """Of the mixture's mean; the variance is the position's within the hypotheses and the fix's."""
         fix, bank = sight.fix, self.bank
-        east, north, _, _ = self._kernel.antenna_position(bank, fix, sight.tick, self._present(sight))
+        self._expected = fix, *self._kernel.antenna_position(bank, fix, sight.tick, self._present(sight))
+        _, east, north, _, _ = self._expected
         weights = bank.weights()
         off = math.hypot(fix.east_m - float(weights @ east), fix.north_m - float(weights @ north))
         own = float(weights @ (bank.covariance[:, E, E] + bank.covariance[:, N, N]))
@@ -174,7 +177,10 @@ class MixtureBelief:
         weights = self._pieces.fix_weights
         self._position_std_m = fix.position_std_m
         variance = measurements.position_variance(fix, now)
-        east, _, row, _ = self._kernel.antenna_position(bank, fix, tick, now)
+        expected, self._expected = self._expected, None
+        if expected is None or expected[0] is not fix:
+            expected = fix, *self._kernel.antenna_position(bank, fix, tick, now)
+        _, east, _, row, _ = expected
         self._update(measurements.Scalar(fix.east_m - east, row, variance), weights)
         _, north, _, row = self._kernel.antenna_position(bank, fix, tick, now)
         self._update(measurements.Scalar(fix.north_m - north, row, variance), weights)
@@ -210,7 +216,6 @@ class MixtureBelief:
         if block.informative:
             self._suppose(block.duration_s)
             self._learn(block, moment.gyro_trusted)
-        self._drift = self._process.drift_at(self.bank.level)
         self._kernel.symmetrise(self.bank)
         self.bank.rescale()
 
@@ -219,6 +224,7 @@ class MixtureBelief:
         changes = self._pieces.changes
         changes.keep_levels(self.bank)
         self._next_wheel = changes.branch(self.bank, duration_s, self._car.nominal_m, self._next_wheel)
+        self._drift = self._process.drift_at(self.bank.level)
 
     def _learn(self, block: Block, gyro_trusted: bool) -> None:
         """Doppler way and yaw rate against the rear wheels, front wheels against rear."""

@@ -5,7 +5,8 @@ noise and the instants at which a radius changed, pose, radii and nuisances are 
 that each particle carries them as one Kalman filter (Rao-Blackwellised: Schoen, Gustafsson and Nordlund 2005,
 IEEE Trans. Signal Processing 53(7), 2279-2289). What remains is drawn, per particle:
 
-    theta    log of the noise level of the radii's drift, common part and one contrast per wheel
+    theta    log of the covariance of the noise: of way and heading, and of the radii's drift, its common
+             part and one contrast per wheel
     changes  instant and wheel of sudden changes; how much has changed is left to the Kalman filter
 
 theta walks about its prior (Ornstein-Uhlenbeck), so its diversity never ends. Copies that resampling makes
@@ -58,7 +59,8 @@ class ParticleBank(Bank):
     """A bank whose hypotheses were drawn; N particles."""
 
     theta: FloatArray = field(default_factory=lambda: np.zeros((1, 1)))
-    """(1 + d, N) log noise level of all wheels, and of each against it."""
+    """(2 + d, N) log of the noise of way and heading relative to the usual variance; log level of the drift of
+    all radii, and of each against it."""
 
     def keep(self, index: NDArray[np.intp]) -> None:
         """Keep the particles of these indices with even weights, in place."""
@@ -68,14 +70,16 @@ class ParticleBank(Bank):
         self.log_weights[:] = 0.0
 
     def set_levels(self) -> None:
-        """Levels of the radii's drift as theta has them."""
-        self.level[:] = np.exp(self.theta[0] + self.theta[1:]).T
+        """Take the noise of way and heading and the drift of the radii as theta has them."""
+        self.noise_factor[:] = np.exp(self.theta[0])
+        self.level[:] = np.exp(self.theta[1] + self.theta[2:]).T
 
 
 @dataclass(frozen=True, slots=True)
 class SampledHypotheses:
     """The proposals of the particles; parameters alone."""
 
+    noise_std: float = SETTINGS.noise_log_std
     level_mean: float = SETTINGS.level_log_mean
     level_std: float = SETTINGS.level_log_std
     contrast_std: float = SETTINGS.level_contrast_std
@@ -92,17 +96,17 @@ class SampledHypotheses:
         mean, covariance = initial_state(count, nominal_m)
         level, kind = np.ones((count, nominal_m.size)), np.zeros(count, dtype=np.intp)
         theta = self._prior_mean(nominal_m.size) + self._prior_std(nominal_m.size) * rng.standard_normal(
-            (1 + nominal_m.size, count)
+            (2 + nominal_m.size, count)
         )
         bank = ParticleBank(mean, covariance, np.zeros(count), level, kind, theta)
         bank.set_levels()
         return bank
 
     def _prior_mean(self, wheels: int) -> FloatArray:
-        return np.array([self.level_mean] + [0.0] * wheels)[:, None]
+        return np.array([0.0, self.level_mean] + [0.0] * wheels)[:, None]
 
     def _prior_std(self, wheels: int) -> FloatArray:
-        return np.array([self.level_std] + [self.contrast_std] * wheels)[:, None]
+        return np.array([self.noise_std, self.level_std] + [self.contrast_std] * wheels)[:, None]
 
     def walk(self, bank: ParticleBank, duration_s: float, rng: np.random.Generator) -> None:
         """Move theta about its prior, which this leaves as it is."""
@@ -120,10 +124,8 @@ class SampledHypotheses:
         count, wheels = bank.log_weights.size, nominal_m.size
         chance = wheels * self.rate_per_s * duration_s
         share = max(self.proposed_share * duration_s, chance)
-        jumps = np.flatnonzero(rng.random(count) < share)
-        logs = bank.log_weights
-        logs += math.log1p(-chance) - math.log1p(-share)
-        logs[jumps] += math.log(chance / share) - math.log1p(-chance) + math.log1p(-share)
+        jumps = np.unique(rng.integers(count, size=rng.binomial(count, share)))
+        bank.log_weights[jumps] += math.log(chance / share) + math.log1p(-share) - math.log1p(-chance)
         self.reopen(bank, jumps, nominal_m, rng)
 
     def reopen(

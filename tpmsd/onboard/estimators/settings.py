@@ -195,6 +195,9 @@ class EstimatorSettings:
 
     marginal_particles: int = 200
     """Where the configuration says nothing."""
+    noise_log_std: float = 0.7
+    """Standard deviation of the log of the variance of way and heading noise: crown, bank and roughness of
+    roads differ by a factor of two."""
     level_log_mean: float = -2.8
     """Log of the usual noise level of the radii's drift, in the middle of `drift_levels`, ..."""
     level_log_std: float = 1.6
@@ -203,6 +206,8 @@ class EstimatorSettings:
     """Standard deviation of one wheel's log level against that: a factor of two."""
     level_tau_s: float = 600.0
     """Time in which a noise level is forgotten: roads and loads last for minutes."""
+    level_step_s: float = 10.0
+    """Its steps: small against that, and rare enough to cost nothing."""
     proposed_share: float = 0.02
     """Share of the particles that suppose a change of a radius, per second: often enough that some do within
     a second, and so few that half of the particles have supposed none when resampling comes."""

@@ -10,7 +10,7 @@ import json
 import math
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -74,28 +74,34 @@ def config_of(driven: Driven, folder: Path) -> Config:
     return load_config(folder)
 
 
+def with_method(config: Config, method: str | None) -> Config:
+    """The configuration with this estimator; None: as it is."""
+    return config if method is None else replace(config, filter=replace(config.filter, method=method))
+
+
 def hear(
     driven: Driven,
     before: State | None = None,
     stop: Callable[[Heard], float | None] | None = None,
     frames: bool | None = None,
     memory: Path | None = None,
+    method: str | None = None,
 ) -> Heard:
     """Play a leg. `stop` may say, after an alarm, at which time since the start enough was heard.
 
     `frames`: through the decoder instead of by ticks; None: where the leg needs it. `memory`: a folder that
-    keeps what the estimator made of it.
+    keeps what the estimator made of it. `method`: an estimator instead of the default.
     """
     if frames is None:
         frames = any(tag in FRAMES_NEEDED for tag in driven.leg.tags)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         if frames:
-            config = config_of(driven, folder)
+            config = with_method(config_of(driven, folder), method)
             drive, database = open_drive(folder, config)
         else:
             short = _beginning(driven)
-            config = config_of(short, folder)
+            config = with_method(config_of(short, folder), method)
             drive, database = None, load_database(config.can.dbc)
         pipeline = Pipeline(config, database)
         remembered = None
@@ -117,8 +123,6 @@ def hear(
 
 def _beginning(driven: Driven) -> Driven:
     """Just enough of a leg to write a configuration."""
-    from dataclasses import replace
-
     drive = driven.drive
     few, none = slice(0, 50), slice(0, 0)
     cut: dict[str, Any] = {

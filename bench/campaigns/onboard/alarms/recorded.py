@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from bench.campaigns.onboard.alarms.play import with_method
 from tpmsd.car.config.load import load_config
 from tpmsd.foundation.errors import TpmsdError
 from tpmsd.interfaces.cli.replay import replay
@@ -20,12 +21,12 @@ def recordings(folder: Path) -> list[Path]:
     return sorted(path.parent for path in folder.glob("*/vehicle.toml"))
 
 
-def play_recordings(folder: Path) -> Iterator[dict[str, Any]]:
-    """A row per recording."""
+def play_recordings(folder: Path, method: str | None = None) -> Iterator[dict[str, Any]]:
+    """A row per recording; `method`: an estimator instead of the configured one."""
     for drive in recordings(folder):
         begun = time.process_time()
         try:
-            result = replay(drive, load_config(drive))
+            result = replay(drive, with_method(load_config(drive), method))
         except TpmsdError as error:
             yield {"what": "failed", "name": drive.name, "error": str(error)}
             continue

@@ -32,6 +32,7 @@ from bench.campaigns.onboard.alarms.text import markdown
 from bench.places import OUT, RECORDINGS, REPO
 from bench.registry import UsageError
 from bench.runner import code_state, last_state, resume
+from tpmsd.car.config.model import FILTER_METHODS
 
 Row = dict[str, Any]
 Unit = tuple[str, str, int, int]
@@ -55,21 +56,21 @@ def plan(args: argparse.Namespace) -> list[Unit]:
     return recorded + [unit for _, unit in sorted(turns)]
 
 
-def work(unit: Unit, memory: Path | None = None) -> list[Row]:
-    """The rows of a unit; its own failure is a row as well."""
+def work(unit: Unit, memory: Path | None = None, method: str | None = None) -> list[Row]:
+    """The rows of a unit, with an estimator instead of the default; its own failure is a row as well."""
     what, pool, seed, number = unit
     rows: list[Row] = []
     try:
         if what == "cases":
-            rows += play_group(group(pool, seed, number), memory)
+            rows += play_group(group(pool, seed, number), memory, method)
         elif what == "life":
-            rows += play_life(life(pool, seed), pool, seed, memory)
+            rows += play_life(life(pool, seed), pool, seed, memory, method=method)
         elif what == "kinds":
-            rows += play_life(kinds(pool, seed), pool, seed, memory, what)
+            rows += play_life(kinds(pool, seed), pool, seed, memory, what, method)
         elif what in SLIPPERY_OF:
-            rows += play_life(slippery(pool, seed, SLIPPERY_OF[what]), pool, seed, memory, what)
+            rows += play_life(slippery(pool, seed, SLIPPERY_OF[what]), pool, seed, memory, what, method)
         else:
-            rows += play_recordings(Path(pool))
+            rows += play_recordings(Path(pool), method)
     except Exception as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         text = f"{type(error).__name__}: {error} ({Path(place.filename).name}:{place.lineno})"
@@ -85,14 +86,20 @@ def state_of_code() -> str:
 
 def run(args: argparse.Namespace) -> list[Row]:
     """Do what is not done yet; the rows of the whole plan."""
-    state = state_of_code()
+    state = state_of_code() + ("" if args.method is None else f" {args.method}")
 
     def after(done: dict[str, list[Row]]) -> None:
         if args.failures is not None:
             args.failures.write_text(failing(done, state), encoding="utf-8")
 
     found = resume(
-        *(args.out / "results.jsonl", state, plan(args), partial(work, memory=args.remember), _line),
+        *(
+            args.out / "results.jsonl",
+            state,
+            plan(args),
+            partial(work, memory=args.remember, method=args.method),
+            _line,
+        ),
         jobs=args.jobs,
         minutes=args.minutes,
         after=after,
@@ -171,6 +178,9 @@ def options(parser: argparse.ArgumentParser) -> None:
         metavar="FOLDER",
         help="keep the estimates here, 0.3 GB per 1000 km: another monitor takes a sixth of the time",
     )
+    parser.add_argument(
+        "--method", choices=FILTER_METHODS, help="an estimator instead of the default, in a folder of its own"
+    )
     parser.add_argument("--out", type=Path, default=OUT / "alarms")
     parser.add_argument("--recordings", type=Path, default=RECORDINGS, help="folder of real drives")
     parser.add_argument("--one", metavar="NAME", help="play one case or one leg of a life again, and say all")
@@ -203,7 +213,8 @@ def main(args: argparse.Namespace) -> int:
         args.cars = 60 if args.full else 4 if args.campaign else 6
     if args.km is None:
         args.km = 20_000.0 if args.full or args.campaign else 600.0
-    args.out = args.out.resolve() / ("held-out" if args.held_out else "development")
+    folder = args.out if args.method is None else args.out.with_name(f"{args.out.name}-{args.method}")
+    args.out = folder.resolve() / ("held-out" if args.held_out else "development")
     if args.report_only:
         rows = [row for unit in last_state(args.out / "results.jsonl") for row in unit]
         if not rows:

@@ -28,7 +28,9 @@ ONE_INCIDENT_S = 120.0
 """Alarms this close to each other are one incident."""
 
 
-def learned(car: Car, group: Group, memory: Path | None) -> tuple[Row, State, Array]:
+def learned(
+    car: Car, group: Group, memory: Path | None, method: str | None = None
+) -> tuple[Row, State, Array]:
     """Drive the healthy legs; a row on how that went, what was learned and how warm the tyres were."""
     state: State = {}
     tyre_k = None
@@ -37,7 +39,7 @@ def learned(car: Car, group: Group, memory: Path | None) -> tuple[Row, State, Ar
     heard = Heard()
     for leg in group.healthy:
         driven = drive_leg(car, leg, tyre_k)
-        heard = hear(driven, state, memory=memory)
+        heard = hear(driven, state, memory=memory, method=method)
         state, tyre_k = heard.state, driven.temperature_k
         kilometres += driven.kilometres
         false += [said for kind in ("deflation", "radius_deviation") for said in heard.raised(kind)]
@@ -46,21 +48,28 @@ def learned(car: Car, group: Group, memory: Path | None) -> tuple[Row, State, Ar
     return row, state, tyre_k
 
 
-def play_group(group: Group, memory: Path | None = None) -> Iterator[Row]:
-    """A row for the learning and one for each case."""
+def play_group(group: Group, memory: Path | None = None, method: str | None = None) -> Iterator[Row]:
+    """A row for the learning and one for each case; `method`: an estimator instead of the default."""
     car = group.car
     begun = time.process_time()
-    first, state, tyre_k = learned(car, group, memory)
+    first, state, tyre_k = learned(car, group, memory, method)
     about = _about(car)
     pool, seed, _ = group.cases[0].name.split("/")
     yield {"what": "learning", "name": f"{pool}/{seed}/learning", **about, **first, **_spent(begun)}
     for case in group.cases:
         begun = time.process_time()
-        row = play_case(car, case, state, tyre_k, memory)
+        row = play_case(car, case, state, tyre_k, memory, method)
         yield {"what": "case", "name": case.name, **about, **row, **_spent(begun)}
 
 
-def play_case(car: Car, case: Case, state: State, tyre_k: Array | None, memory: Path | None = None) -> Row:
+def play_case(
+    car: Car,
+    case: Case,
+    state: State,
+    tyre_k: Array | None,
+    memory: Path | None = None,
+    method: str | None = None,
+) -> Row:
     """Play one case from what was learned."""
     driven = drive_leg(car, case.leg, tyre_k)
     onset = case.leg.losses[0].onset_s
@@ -69,7 +78,7 @@ def play_case(car: Car, case: Case, state: State, tyre_k: Array | None, memory: 
         real = [said for said in heard.raised("deflation") if said.time_s >= onset]
         return real[0].time_s + AFTER_S if real else None
 
-    heard = hear(driven, state, stop, memory=memory)
+    heard = hear(driven, state, stop, memory=memory, method=method)
     return judge(case, driven, heard)
 
 
@@ -140,7 +149,12 @@ def why_missed(case: Case, driven: Driven, heard: Heard, before: list[Said], lat
 
 
 def play_life(
-    life: Life, pool: str, seed: int, memory: Path | None = None, what: str = "life"
+    life: Life,
+    pool: str,
+    seed: int,
+    memory: Path | None = None,
+    what: str = "life",
+    method: str | None = None,
 ) -> Iterator[Row]:
     """A row for each leg, all of it heard, alarms or not; `what`: the units, for the names."""
     about = _about(life.car)
@@ -149,7 +163,7 @@ def play_life(
     for k, leg in enumerate(life.legs):
         begun = time.process_time()
         driven = drive_leg(life.car, leg, tyre_k)
-        heard = hear(driven, state, memory=memory)
+        heard = hear(driven, state, memory=memory, method=method)
         if k < LEARNING:
             state, tyre_k = heard.state, driven.temperature_k
         yield {
