@@ -80,9 +80,9 @@ def test_a_receiver_that_errs_slowly_is_no_change_of_a_radius(seed: int) -> None
     ticks = [
         replace(t, fixes=tuple(replace(f, position_std_m=STATED_M) for f in t.fixes)) for t in drive.ticks
     ]
-    settings = FilterConfig(method="mpf-pn", rate_hz=10.0, window_s=20.0)
+    settings = FilterConfig(method="mpf-pn-niw", rate_hz=10.0, window_s=20.0)
     known = learned(500, drive.offsets_m[0, 2:], 200.0)
-    pieces = TABLE["mpf-pn"].pieces
+    pieces = TABLE["mpf-pn-niw"].pieces
     assert isinstance(pieces, SampledPieces)
     row = Row(replace(pieces, radii=NiwRadii(floors=Floors(apart=True), known=known)))
     filter_ = filter_of(row, settings=settings, seed=seed)

@@ -37,10 +37,12 @@ GNSS_ROLES = (
 """A receiver whose fixes come on CAN."""
 FILTER_METHODS = (
     *("aug-ekf", "aug-pf", "aug-ukf", "gaussian-sum"),
-    *("mpf-mn", "mpf-pn", "mpf-pn-paper", "mpf-rb"),
+    *("mpf-mn", "mpf-pn", "mpf-pn-niw", "mpf-pn-paper", "mpf-rb"),
 )
 FILTER_GATES = ("thresholds", "slip")
 FIX_WEIGHTS = ("square", "igg3")
+MEASUREMENTS = ("position", "speed", "course", "yaw_rate", "steering")
+"""What a filter may hear beside the rotation of the wheels."""
 ROLES = WHEEL_COUNT_ROLES + WHEEL_SPEED_ROLES + OPTIONAL_ROLES + FLAG_ROLES + GNSS_ROLES
 
 
@@ -250,6 +252,9 @@ class FilterConfig:
     """The same for the side slip of the rear axle."""
     fix_weights: str = "square"
     """One of FIX_WEIGHTS (gaussian-sum): how fast a fix that does not fit loses influence."""
+    measurements: tuple[str, ...] = MEASUREMENTS
+    """Those of MEASUREMENTS that are used, by every method alike; mpf-pn-paper uses positions and steering at
+    most."""
     model: Path | None = None
     """A model file as `diagnose` writes it, to be compensated; --model takes its place."""
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tpmsd.car.config.can_output import Identifiers
 from tpmsd.car.config.gnss_source import DeviceRule, SourceRule
-from tpmsd.car.config.model import FILTER_GATES, FILTER_METHODS, FIX_WEIGHTS, ROLES
+from tpmsd.car.config.model import FILTER_GATES, FILTER_METHODS, FIX_WEIGHTS, MEASUREMENTS, ROLES
 from tpmsd.car.config.rules import (
     Channel,
     Choice,
@@ -85,6 +85,7 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
             "max_wheel_slip": Number(0.0005, 0.2, "share"),
             "max_side_slip_rad": Number(0.002, 0.5, "rad"),
             "fix_weights": Choice(FIX_WEIGHTS),
+            "measurements": Words(len(MEASUREMENTS), MEASUREMENTS),
             "model": FilePath(folder),
         },
         "monitor": {

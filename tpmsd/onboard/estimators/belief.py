@@ -17,6 +17,7 @@ import numpy as np
 from tpmsd.car.physics.kinematics import Geometry
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.base import NIGHT_S
+from tpmsd.onboard.estimators.odometry_block import Block
 from tpmsd.onboard.estimators.pose_start import PoseStart
 from tpmsd.onboard.timeline.tick import Fix, Tick
 
@@ -129,10 +130,15 @@ class Sight(NamedTuple):
     yaw_rate_radps: float
     interval_s: float
     """Since the last one that was used."""
+    by_position: bool = True
+    """Whether its position is a measurement, and not its course alone."""
 
 
 class Belief(Protocol):
     """Beliefs differ in representation, models and likelihoods; the verbs are the same."""
+
+    takes_blocks: bool
+    """Whether `hold` does anything."""
 
     def predict(self, movement: Movement) -> tuple[float, float]:
         """Move by one tick, learning from it if it is informative; expected way (m) and turn (rad)."""
@@ -144,6 +150,11 @@ class Belief(Protocol):
 
     def update(self, sight: Sight) -> None:
         """Take a fix that is used as a measurement."""
+        ...
+
+    def hold(self, block: Block, bias_rad2: float) -> None:
+        """Take an informative block's Doppler way and turn by the gyro as measurements, where it makes no
+        blocks of its own; `bias_rad2`: variance of the turn that the gyro's bias leaves."""
         ...
 
     def settle(self, moment: Moment) -> None:

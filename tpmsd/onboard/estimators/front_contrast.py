@@ -31,6 +31,7 @@ from tpmsd.onboard.estimators.belief import (
     saved_radii,
 )
 from tpmsd.onboard.estimators.niw import NormalInverseWishart
+from tpmsd.onboard.estimators.odometry_block import Block
 from tpmsd.onboard.estimators.pose_start import PoseStart
 from tpmsd.onboard.estimators.settings import SETTINGS
 
@@ -96,6 +97,7 @@ class FrontBeside:
     def __init__(self, rear: Belief, car: Car, forgetting_factor: float) -> None:
         """`rear` is of the rear pair of the same car."""
         self.rear = rear
+        self.takes_blocks = rear.takes_blocks
         self._car = car
         self._contrast = FrontContrast(car.nominal_m, car.geometry, forgetting_factor)
         self._rear_m = np.zeros(2)
@@ -114,6 +116,10 @@ class FrontBeside:
     def update(self, sight: Sight) -> None:
         """Of the rear belief."""
         self.rear.update(sight)
+
+    def hold(self, block: Block, bias_rad2: float) -> None:
+        """Of the rear belief."""
+        self.rear.hold(block, bias_rad2)
 
     def settle(self, moment: Moment) -> None:
         """Of the rear belief."""

@@ -36,7 +36,8 @@ from tpmsd.onboard.estimators.belief import (
     saved_radii,
     wrapped,
 )
-from tpmsd.onboard.estimators.gnss_likelihood import position_variance
+from tpmsd.onboard.estimators.gnss_likelihood import position_variance, seen_course, seen_in_block
+from tpmsd.onboard.estimators.odometry_block import Block
 from tpmsd.onboard.estimators.pose_start import PoseStart
 from tpmsd.onboard.estimators.samples import saved_noise
 from tpmsd.onboard.estimators.settings import SETTINGS
@@ -150,6 +151,8 @@ class GaussianPieces:
 class GaussianBelief:
     """A `Belief`."""
 
+    takes_blocks = True
+
     def __init__(self, car: Car, pieces: GaussianPieces) -> None:
         self._car, self._pieces = car, pieces
         self.mean = np.zeros(SIZE)
@@ -212,16 +215,34 @@ class GaussianBelief:
         return math.hypot(fix.east_m - at[0], fix.north_m - at[1]), own + fix.position_std_m**2
 
     def update(self, sight: Sight) -> None:
-        """East, then north."""
+        """East, then north, then the course."""
         fix = sight.fix
         for axis, seen_m in enumerate((fix.east_m, fix.north_m)):
-            at, rows = self._antenna_at(fix)
-            off = np.array([seen_m - at[axis]])
-            # One filter is a batch of one; what is changed in place is this filter's own.
-            scalar_update(
-                *(self.mean[None], self.covariance[None], off, rows[axis], position_variance(fix)),
-                weights=self._pieces.weights,
+            if sight.by_position:
+                at, rows = self._antenna_at(fix)
+                self._take(seen_m - at[axis], rows[axis], position_variance(fix))
+        if (seen := seen_course(sight, self._car.antenna_m)) is not None:
+            row = np.zeros(SIZE)
+            row[PSI] = 1.0
+            self._take(
+                math.remainder(seen.heading_rad - self.mean[PSI], 2 * math.pi), row, seen.variance_rad2
             )
+        symmetrise(self.covariance[None])
+
+    def _take(self, innovation: float, row: FloatArray, variance: float) -> None:
+        # One filter is a batch of one; what is changed in place is this filter's own.
+        scalar_update(
+            *(self.mean[None], self.covariance[None], np.array([innovation]), row, variance),
+            weights=self._pieces.weights,
+        )
+
+    def hold(self, block: Block, bias_rad2: float) -> None:
+        """Doppler way, then the turn by the gyro."""
+        track_m = self._car.geometry.track_rear_m
+        for seen in seen_in_block(block, bias_rad2, self._car.nominal_m[:2], track_m):
+            row = np.zeros(SIZE)
+            row[MU:SIGMA] = seen.by_radius
+            self._take(seen.residual - float(row @ self.mean), row, seen.variance)
         symmetrise(self.covariance[None])
 
     def settle(self, moment: Moment) -> None:

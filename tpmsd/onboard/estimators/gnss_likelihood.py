@@ -10,11 +10,16 @@ in the paper, which makes the posterior too narrow; the Gaussian-sum filter carr
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 
+from tpmsd.car.physics.priors import FIX_AGE_S, GYRO_SCALE, SPEED_AGE_S
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.estimators.belief import Sight
+from tpmsd.onboard.estimators.odometry_block import Block
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import Fix
 
@@ -38,3 +43,63 @@ def gaussian_log(squared: FloatArray, dimension: int) -> FloatArray:
 def position_variance(fix: Fix) -> float:
     """Variance per axis of a position, m2."""
     return max(fix.position_std_m, SETTINGS.position_floor_m) ** 2
+
+
+class SeenCourse(NamedTuple):
+    """A receiver's course as a heading of the car at the end of its tick."""
+
+    heading_rad: float
+    variance_rad2: float
+
+
+def seen_course(sight: Sight, antenna_m: tuple[float, float]) -> SeenCourse | None:
+    """The heading that a fix's course tells, by the usual age of positions and speeds; None where it has none
+    or the car is slow. The model is that of `measurements.course`, with what is a state there at its mean."""
+    fix, rate = sight.fix, sight.yaw_rate_radps
+    if not (math.isfinite(fix.heading_rad) and sight.speed_mps > SETTINGS.course_speed_mps):
+        return None
+    behind_s = (1.0 - fix.fraction) * sight.tick.dt_s + FIX_AGE_S.mean + SPEED_AGE_S.mean
+    forward, left = antenna_m
+    swing = math.atan2(rate * forward, max(sight.speed_mps - rate * left, 0.1))
+    doppler = (fix.speed_noise * SETTINGS.doppler_mps / sight.speed_mps) ** 2
+    repeated = max(1.0, 2 * SETTINGS.doppler_tau_s / min(sight.interval_s, 2.0))
+    age = (SETTINGS.timing_s**2 + FIX_AGE_S.std**2 + SPEED_AGE_S.std**2) * rate**2
+    return SeenCourse(
+        fix.heading_rad + rate * behind_s - swing, doppler * repeated + age + SETTINGS.course_floor_rad**2
+    )
+
+
+class SeenInBlock(NamedTuple):
+    """A measurement that is linear in the rear radii."""
+
+    residual: float
+    """Measured minus what nominal radii make of the rotation."""
+    by_radius: FloatArray
+    """(2,) derivative by the radii of rl and rr."""
+    variance: float
+    variance_sampled: float
+    """The same with the floor below which a bootstrap proposal would starve."""
+
+
+def seen_in_block(
+    block: Block, bias_rad2: float, nominal_m: FloatArray, track_m: float
+) -> Iterator[SeenInBlock]:
+    """Doppler way and turn by the gyro of a block of the rear pair at nominal radii, where it has them; the
+    models are those of `measurements.doppler_way` and `gyro_turn`."""
+    angle = block.angle_rad[:2]
+    if math.isfinite(block.doppler_way_m):
+        variance = (
+            (block.speed_noise * SETTINGS.doppler_mps) ** 2 * 2 * SETTINGS.doppler_tau_s * block.duration_s
+        )
+        age_s2 = SETTINGS.timing_s**2 + FIX_AGE_S.std**2 + SPEED_AGE_S.std**2
+        variance += age_s2 * block.speed_swing_mps**2 + block.reading_way_m**2
+        late_m = (FIX_AGE_S.mean + SPEED_AGE_S.mean) * block.speed_change_mps
+        residual = block.doppler_way_m + late_m - float(angle @ nominal_m) / 2
+        yield SeenInBlock(residual, angle / 2, variance, max(variance, SETTINGS.way_floor_m**2))
+    if math.isfinite(block.gyro_turn_rad):
+        variance = SETTINGS.gyro_noise_radps**2 * block.duration_s + block.reading_turn_rad**2 + bias_rad2
+        variance += ((SETTINGS.gyro_relative + GYRO_SCALE.std) * block.gyro_turn_rad) ** 2
+        turn = float(angle[1] * nominal_m[1] - angle[0] * nominal_m[0]) / track_m
+        by_radius = np.array([-angle[0], angle[1]]) / track_m
+        residual = block.gyro_turn_rad - turn
+        yield SeenInBlock(residual, by_radius, variance, max(variance, SETTINGS.turn_floor_rad**2))

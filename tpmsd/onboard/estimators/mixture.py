@@ -85,6 +85,8 @@ class MixturePieces:
 class MixtureBelief:
     """A `Belief`."""
 
+    takes_blocks = False
+
     def __init__(self, car: Car, pieces: MixturePieces, count: int, bank: Bank | None = None) -> None:
         """`bank` None: that of the pieces' jump hypotheses."""
         self._car, self._pieces, self._kernel = car, pieces, pieces.kernel
@@ -176,6 +178,14 @@ class MixtureBelief:
         fix, tick, now, bank = sight.fix, sight.tick, self._present(sight), self.bank
         weights = self._pieces.fix_weights
         self._position_std_m = fix.position_std_m
+        if sight.by_position:
+            self._update_position(sight, now, weights)
+        if math.isfinite(fix.heading_rad) and now.speed_mps > SETTINGS.course_speed_mps:
+            reading, interval_s = self._reading_heading(tick), min(sight.interval_s, 2.0)
+            self._update(measurements.course(bank.mean, fix, tick, now, reading, interval_s), weights)
+
+    def _update_position(self, sight: Sight, now: measurements.Present, weights: Weights) -> None:
+        fix, tick, bank = sight.fix, sight.tick, self.bank
         variance = measurements.position_variance(fix, now)
         expected, self._expected = self._expected, None
         if expected is None or expected[0] is not fix:
@@ -184,9 +194,6 @@ class MixtureBelief:
         self._update(measurements.Scalar(fix.east_m - east, row, variance), weights)
         _, north, _, row = self._kernel.antenna_position(bank, fix, tick, now)
         self._update(measurements.Scalar(fix.north_m - north, row, variance), weights)
-        if math.isfinite(fix.heading_rad) and now.speed_mps > SETTINGS.course_speed_mps:
-            reading, interval_s = self._reading_heading(tick), min(sight.interval_s, 2.0)
-            self._update(measurements.course(bank.mean, fix, tick, now, reading, interval_s), weights)
 
     def _reading_heading(self, tick: Tick) -> float:
         """The counters' reading error at one instant (half of a tick's variance) as an error of heading,
@@ -201,6 +208,9 @@ class MixtureBelief:
         they are."""
         frozen = None if self._informative else SLIP
         self._kernel.update(self.bank, scalar, frozen, weights)
+
+    def hold(self, block: Block, bias_rad2: float) -> None:
+        """Nothing: `settle` makes blocks of all wheels, by the present radii."""
 
     # -- blocks of odometry ---------------------------------------------------------------------------------
 

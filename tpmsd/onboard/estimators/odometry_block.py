@@ -63,6 +63,8 @@ class Block:
     turn."""
     reading_turn_rad: float
     """Reading error of the counters as a turn."""
+    ticks: int
+    """Number of ticks in it."""
 
 
 class BlockBuilder:
@@ -165,6 +167,7 @@ class BlockBuilder:
             gyro_turn_rad=gyro,
             load_per_turn=-accel_per_turn * (angle[0] + angle[1]) / track_m,
             reading_turn_rad=reading_roll_m / track_m,
+            ticks=len(ticks),
         )
 
     def _front(

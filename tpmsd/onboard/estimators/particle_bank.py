@@ -1,9 +1,9 @@
 """The particles of MPF-PN, the program's: how their noise parameters move, when radii change, resampling.
 
-In: a bank of Kalman filters with weights. Out: the bank, changed in place. Given the covariance of the radii's
-noise and the instants at which a radius changed, pose, radii and nuisances are so nearly linear and Gaussian
-that each particle carries them as one Kalman filter (Rao-Blackwellised: Schoen, Gustafsson and Nordlund 2005,
-IEEE Trans. Signal Processing 53(7), 2279-2289). What remains is drawn, per particle:
+In: a bank of Kalman filters with weights. Out: the bank, changed in place. Given the covariance of the noise
+and the instants at which a radius changed, pose, radii and nuisances are so nearly linear and Gaussian that
+each particle carries them as one Kalman filter (Rao-Blackwellised: Schoen, Gustafsson and Nordlund 2005, IEEE
+Trans. Signal Processing 53(7), 2279-2289). What remains is drawn, per particle:
 
     theta    log of the covariance of the noise: of way and heading, and of the radii's drift, its common
              part and one contrast per wheel
@@ -59,8 +59,8 @@ class ParticleBank(Bank):
     """A bank whose hypotheses were drawn; N particles."""
 
     theta: FloatArray = field(default_factory=lambda: np.zeros((1, 1)))
-    """(2 + d, N) log of the noise of way and heading relative to the usual variance; log level of the drift of
-    all radii, and of each against it."""
+    """(2 + d, N) log of the noise of way and heading relative to the usual variance; log level of the drift
+    of all radii, and of each against it."""
 
     def keep(self, index: NDArray[np.intp]) -> None:
         """Keep the particles of these indices with even weights, in place."""

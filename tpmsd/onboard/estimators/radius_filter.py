@@ -26,6 +26,7 @@ from tpmsd.onboard.estimators.belief import (
     numbers,
 )
 from tpmsd.onboard.estimators.fix_gate import FixGate
+from tpmsd.onboard.estimators.frame_measurements import FrameBlocks, Heard
 from tpmsd.onboard.estimators.motion_gate import MotionGate
 from tpmsd.onboard.estimators.pose_start import PoseFinder
 from tpmsd.onboard.estimators.position_accuracy import PositionAccuracy
@@ -80,6 +81,8 @@ class RadiusFilter:
         self._fix_gate = FixGate()
         self._accuracy = PositionAccuracy()
         self._finder = PoseFinder()
+        self._heard = Heard(settings.measurements)
+        self._blocks = FrameBlocks(car) if belief.takes_blocks else None
         self._reverse = ReverseWatch()
         self._located = False
         self._informative_s = 0.0
@@ -92,11 +95,16 @@ class RadiusFilter:
 
     def step(self, tick: Tick) -> RadiusEstimate:
         """Advance by one tick; never raises on odd input."""
+        tick = self._heard.of(tick)
         if tick.gap_s > SETTINGS.coast_limit_s:
             self._lose_pose()
         moment = self._move(tick)
         for fix in tick.fixes:
             self._take_fix(self._accuracy.judged(fix), tick)
+        if self._blocks is not None:
+            held = self._blocks.update(moment)
+            if held is not None and self._located:
+                self.belief.hold(*held)
         self.belief.settle(moment)
         return self._estimate(moment, self.belief.moments())
 
@@ -164,7 +172,8 @@ class RadiusFilter:
         """Find the pose by a fix, or hold the belief against it."""
         moving = self._speed > SETTINGS.moving_mps
         interval_s = fix.time_s - self._last_used_s
-        sight = Sight(fix, tick, self._speed, self._yaw_rate, interval_s)
+        by_position = self._heard.position
+        sight = Sight(fix, tick, self._speed, self._yaw_rate, interval_s, by_position)
         if not self._located:
             if self._coasting_s == 0.0:  # else a pose is of no use before the wheels turn again
                 self._try_to_place(sight, self._speed > SETTINGS.start_speed_mps)
@@ -177,7 +186,9 @@ class RadiusFilter:
                     self._last_fix_s = max(self._last_fix_s, fix.time_s)
                 return
             self._last_used_s = fix.time_s
-            verdict = self._fix_gate.judge(*self.belief.distance(sight), fix.time_s)
+            verdict = "use"
+            if by_position:
+                verdict = self._fix_gate.judge(*self.belief.distance(sight), fix.time_s)
             if verdict != "use":
                 self.counts["rejected_fixes"] += 1
                 if verdict == "lost":
@@ -202,6 +213,8 @@ class RadiusFilter:
         self._finder.reset()
         self._gate.reset()
         self._fix_gate.reset()
+        if self._blocks is not None:
+            self._blocks.reset()
         self.belief.lose()
         self.counts["lost_pose"] += 1
 

@@ -35,7 +35,14 @@ from tpmsd.onboard.estimators.belief import (
     wrapped,
 )
 from tpmsd.onboard.estimators.changes import ChangeModel
-from tpmsd.onboard.estimators.gnss_likelihood import PositionLog, position_variance, student_t_log
+from tpmsd.onboard.estimators.gnss_likelihood import (
+    PositionLog,
+    position_variance,
+    seen_course,
+    seen_in_block,
+    student_t_log,
+)
+from tpmsd.onboard.estimators.odometry_block import Block
 from tpmsd.onboard.estimators.pose_start import PoseStart
 from tpmsd.onboard.estimators.radius_models import NIW, RadiusModel
 from tpmsd.onboard.estimators.resampling import SYSTEMATIC, Systematic, effective_number
@@ -53,10 +60,14 @@ class SampledPieces:
     likelihood: PositionLog = student_t_log
     resampling: Systematic = SYSTEMATIC
     changes: ChangeModel | None = None
+    positions_alone: bool = False
+    """Whether courses, Doppler speeds and the gyro are no measurements, as in the paper."""
 
 
 class SampledBelief:
     """A `Belief`; draws from the generator it was given."""
+
+    takes_blocks = True
 
     def __init__(self, car: Car, pieces: SampledPieces, count: int, rng: np.random.Generator) -> None:
         self._car, self._pieces, self._rng = car, pieces, rng
@@ -94,15 +105,37 @@ class SampledBelief:
         return fix.east_m - east, fix.north_m - north
 
     def distance(self, sight: Sight) -> tuple[float, float]:
-        """Mean distance; the spread of the particles is in it, a share of the variance covers the rest."""
-        off = float(self.particles.weights @ np.hypot(*self._off(sight.fix)))
-        return off, sight.fix.position_std_m**2 + position_variance(sight.fix) / 9.0
+        """Distance of the mean; the spread of the particles is in the variance."""
+        off = np.stack(self._off(sight.fix))
+        weights = self.particles.weights
+        mean = off @ weights
+        spread = float(np.square(off - mean[:, None]).sum(axis=0) @ weights)
+        return math.hypot(*mean.tolist()), sight.fix.position_std_m**2 + spread
 
     def update(self, sight: Sight) -> None:
-        """Multiply the weights by the likelihood of the position (22)."""
-        east, north = self._off(sight.fix)
-        squared = (east * east + north * north) / position_variance(sight.fix)
-        self.particles.multiply(self._pieces.likelihood(squared, 2))
+        """Multiply the weights by the likelihoods of position (22) and course."""
+        particles, pieces = self.particles, self._pieces
+        if sight.by_position:
+            east, north = self._off(sight.fix)
+            squared = (east * east + north * north) / position_variance(sight.fix)
+            particles.multiply(pieces.likelihood(squared, 2))
+        if not pieces.positions_alone and (seen := seen_course(sight, self._car.antenna_m)) is not None:
+            off = np.remainder(seen.heading_rad - particles.pose[2] + math.pi, 2 * math.pi) - math.pi
+            variance = max(seen.variance_rad2, SETTINGS.course_floor_sampled_rad**2)
+            particles.multiply(pieces.likelihood(off * off / variance, 1))
+
+    def hold(self, block: Block, bias_rad2: float) -> None:
+        """Multiply the weights by the likelihoods of Doppler way and turn, given the radii that each particle
+        believes in; what a tick's noise makes of them averages out over the block."""
+        pieces = self._pieces
+        if pieces.positions_alone:
+            return
+        location, scale, _ = pieces.radii.marginals(self.particles.radii)
+        track_m = self._car.geometry.track_rear_m
+        for seen in seen_in_block(block, bias_rad2, self._car.nominal_m[:2], track_m):
+            noise = np.square(seen.by_radius) @ scale / max(block.ticks, 1)
+            squared = np.square(seen.residual - seen.by_radius @ location) / (seen.variance_sampled + noise)
+            self.particles.multiply(pieces.likelihood(squared, 1))
 
     def settle(self, moment: Moment) -> None:
         """Resample where the effective number asks for it."""

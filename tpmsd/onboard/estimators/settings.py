@@ -105,6 +105,8 @@ class EstimatorSettings:
     course_rate_chord_m: float = 8.0
     course_rate_span_s: float = 0.9
     """Least time between two courses whose difference is a yaw rate."""
+    gyro_span_s: float = 10.0
+    """Time between two courses from which the gyro's bias is taken: errors of courses last for a second."""
     max_curvature_per_m: float = 0.03
     """Tighter bends are not informative: errors of track and side slip grow with curvature (5 cm of track at
     33 m: 0.5 mm)."""
@@ -121,6 +123,12 @@ class EstimatorSettings:
     """Where neither configuration nor row says: half of what AUG-PF needs in the paper's Fig. 9."""
     position_floor_m: float = 0.3
     """Least position error: below it a bootstrap proposal would starve; it covers what the clocks leave."""
+    way_floor_m: float = 0.1
+    """Least error of a block's Doppler way, for the same reason, ..."""
+    turn_floor_rad: float = 0.01
+    """... of its turn by the gyro, ..."""
+    course_floor_sampled_rad: float = 0.02
+    """... and of a course: as much as a tick's noise turns a particle."""
     position_dof: float = 4.0
     """Degrees of freedom of positions' Student-t errors: multipath has heavy tails."""
     resample_below: float = 0.5

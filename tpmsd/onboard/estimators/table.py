@@ -41,7 +41,7 @@ class Row:
     gates: Gates = GATED
 
 
-_PAPER = SampledPieces(radii=NiwRadii(floors=None), likelihood=gaussian_log)
+_PAPER = SampledPieces(radii=NiwRadii(floors=None), likelihood=gaussian_log, positions_alone=True)
 TABLE: MappingProxyType[str, Row] = MappingProxyType(
     {
         "gaussian-sum": Row(MixturePieces(), Gates(fix_interval_s=SETTINGS.fix_interval_s)),
