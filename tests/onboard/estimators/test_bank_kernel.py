@@ -12,12 +12,20 @@ import pytest
 from tests.onboard.estimators.test_error_state import NOMINAL, TRACK_M
 from tpmsd.car.config.model import FilterConfig, GnssConfig, VehicleConfig
 from tpmsd.onboard.estimators import measurements
-from tpmsd.onboard.estimators.bank_kernel import ArrayKernel, BankKernel, CompiledKernel, compiled, usable
+from tpmsd.onboard.estimators.bank_kernel import (
+    ArrayKernel,
+    BankKernel,
+    CompiledKernel,
+    HalfKernel,
+    compiled,
+    usable,
+)
 from tpmsd.onboard.estimators.batched_kalman import Weights, square_weights
 from tpmsd.onboard.estimators.build import build_filter
-from tpmsd.onboard.estimators.error_state import SLIP, Motion, ProcessModel, side_by_side
+from tpmsd.onboard.estimators.error_state import GYRO, PSI, SLIP, Motion, ProcessModel, side_by_side
 from tpmsd.onboard.estimators.fix_gate import igg3_weights
 from tpmsd.onboard.estimators.jump_hypotheses import JUMPS, Bank
+from tpmsd.onboard.estimators.marginal import MarginalPieces
 from tpmsd.onboard.estimators.mixture import MixturePieces
 from tpmsd.onboard.estimators.table import TABLE
 from tpmsd.onboard.timeline.tick import Fix, Tick
@@ -35,6 +43,14 @@ def fast() -> BankKernel:
     return CompiledKernel(compiled)
 
 
+@pytest.fixture
+def half() -> HalfKernel:
+    """The compiled kernel that keeps one triangle of the covariances."""
+    if compiled is None or not usable(compiled):
+        pytest.skip("the compiled kernel is not built here (no compiler, or no headers of Python)")
+    return HalfKernel(compiled)
+
+
 def some_bank(count: int, wheels: int, seed: int) -> Bank:
     """Hypotheses as they occur, each with a covariance of its own."""
     rng = np.random.default_rng(seed)
@@ -46,6 +62,7 @@ def some_bank(count: int, wheels: int, seed: int) -> Bank:
         bank.covariance[place] += root @ root.T
     bank.mean += rng.standard_normal((count, size)) * scale
     bank.log_weights[:] = rng.uniform(-20.0, 0.0, count)
+    bank.noise_factor[:] = rng.uniform(0.5, 2.0, count)
     return bank
 
 
@@ -53,7 +70,9 @@ def copied(bank: Bank) -> Bank:
     """One that shares nothing with it and lies in memory as it does."""
     mean, covariance = side_by_side(*bank.mean.shape), side_by_side(*bank.covariance.shape)
     mean[:], covariance[:] = bank.mean, bank.covariance
-    return replace(bank, mean=mean, covariance=covariance, log_weights=bank.log_weights.copy())
+    other = replace(bank, mean=mean, covariance=covariance, log_weights=bank.log_weights.copy())
+    other.noise_factor[:] = bank.noise_factor
+    return other
 
 
 def assert_alike(one: Bank, other: Bank) -> None:
@@ -68,10 +87,11 @@ def test_a_kernel_of_other_sources_is_not_used() -> None:
     """A module that was built before a tick had its present numbers is as good as none."""
     motion = Motion(0.1, np.array([6.0, 6.1]), 0.0, 0.0, True)
     numbers = len(ProcessModel(NOMINAL, TRACK_M, False).constants(motion, 1.0))
-    older, present = ModuleType("_bank"), ModuleType("_bank")
-    present.MOTION_NUMBERS = numbers  # type: ignore[attr-defined]
+    older, old, present = (ModuleType("_bank") for _ in range(3))
+    old.MOTION_NUMBERS = present.MOTION_NUMBERS = numbers  # type: ignore[attr-defined]
+    present.propagate_half = print  # type: ignore[attr-defined]
 
-    assert [False, False, True] == [usable(module) for module in (None, older, present)]
+    assert [False, False, False, True] == [usable(module) for module in (None, older, old, present)]
 
 
 @pytest.mark.parametrize("count", [1, 40, 100])
@@ -116,6 +136,75 @@ def test_a_measurement_updates_the_bank_alike(
         assert_alike(one, other)
 
 
+def lower_torn(bank: Bank) -> None:
+    """Make the lower triangles of the covariances what must not matter."""
+    size = bank.mean.shape[1]
+    bank.spread[np.tril_indices(size, -1)] = 1e3
+
+
+@pytest.mark.parametrize("count", [1, 64, 200])
+@pytest.mark.parametrize("wheels", [2, 4])
+@pytest.mark.parametrize("driven_rear", [False, True])
+@pytest.mark.parametrize("apart_rad", [0.01, 1.0])
+def test_one_triangle_moves_alike(
+    half: HalfKernel, count: int, wheels: int, driven_rear: bool, apart_rad: float
+) -> None:
+    """The kernel that keeps the upper triangle propagates as the arrays do, whatever stands in the lower one,
+    with headings close to each other (directions by a series) and far apart."""
+    process = ProcessModel(NOMINAL[:wheels], TRACK_M, driven_rear)
+    for seed, (informative, witness, known, curvature) in enumerate(
+        [
+            *((True, None, True, None), (False, None, False, None), (True, 0.01, False, None)),
+            *((False, 0.02, True, 0.05), (True, 0.02, False, 0.05)),
+        ]
+    ):
+        motion = Motion(0.1, np.array([6.0, 6.1]), 0.7, -1.2, informative, 0.998, witness, known, curvature)
+        one = some_bank(count, wheels, seed)
+        one.mean[:, PSI] = 2.0 + apart_rad * np.linspace(-1.0, 1.0, count)
+        other = copied(one)
+        lower_torn(other)
+        drift = process.drift_at(one.level * np.random.default_rng(seed).uniform(0.1, 2.0, one.level.shape))
+        expected = ARRAYS.propagate(process, one, motion, 1.4, drift)
+        assert pytest.approx(expected, rel=SAME) == half.propagate(process, other, motion, 1.4, drift)
+        half.complete(other)
+        assert_alike(one, other)
+
+
+@pytest.mark.parametrize("frozen_from", [None, SLIP])
+@pytest.mark.parametrize("weights", [square_weights, igg3_weights])
+def test_one_triangle_is_updated_alike(half: HalfKernel, frozen_from: int | None, weights: Weights) -> None:
+    """Rows common to all and rows of each, frozen states, outliers and places that the measurement says
+    nothing of: the upper triangle is that of the arrays."""
+    rng = np.random.default_rng(7)
+    for count, wheels, each in [(40, 4, False), (40, 4, True), (100, 2, True), (1, 2, False)]:
+        one = some_bank(count, wheels, count)
+        one.covariance[:, GYRO, :] = one.covariance[:, :, GYRO] = 0.0
+        one.covariance[:, GYRO, GYRO] = 1e-6
+        other = copied(one)
+        lower_torn(other)
+        size = one.mean.shape[1]
+        row = side_by_side(count, size) if each else np.zeros(size)
+        row[..., [0, 5, size - 1]] = rng.standard_normal((count, 3) if each else 3)
+        innovation = rng.standard_normal(count) * rng.choice([0.1, 100.0], count)
+        scalar = measurements.Scalar(innovation, row, 0.3)
+        ARRAYS.update(one, scalar, frozen_from, weights)
+        half.update(other, scalar, frozen_from, weights)
+        half.complete(other)
+        assert_alike(one, other)
+
+
+def test_one_triangle_keeps_its_variances_positive(half: HalfKernel) -> None:
+    """A variance that rounding made negative is raised, as the arrays do."""
+    one = some_bank(40, 4, 2)
+    one.covariance[3, 5, 5] = -1e-12
+    other = copied(one)
+    ARRAYS.symmetrise(one)
+    half.symmetrise(other)
+    half.complete(other)
+    np.testing.assert_allclose(other.covariance, one.covariance, rtol=1e-12)
+    assert one.covariance[3, 5, 5] > 0.0
+
+
 def test_the_mixture_is_summed_alike(fast: BankKernel) -> None:
     """Mean, variances and the effective number agree, with weights far apart and with one hypothesis."""
     for count, wheels in [(40, 4), (100, 2), (1, 4)]:
@@ -154,14 +243,20 @@ def test_positions_are_predicted_alike(fast: BankKernel) -> None:
         np.testing.assert_allclose(found, expected, rtol=SAME, atol=SAME)
 
 
-def driven(kernel: BankKernel, seconds: int) -> list[tuple[list[float], list[float]]]:
+def driven(
+    kernel: BankKernel, seconds: int, method: str = "gaussian-sum"
+) -> list[tuple[list[float], list[float]]]:
     """Radii and pose tick by tick of a filter with this kernel: bends, a soft tyre, fixes at 2 Hz."""
     vehicle = VehicleConfig(
         wheel_radius_m=(0.316,) * 4, track_front_m=1.53, track_rear_m=TRACK_M, wheelbase_m=2.63
     )
-    row = TABLE["gaussian-sum"]
-    assert isinstance(row.pieces, MixturePieces)
-    row = replace(row, pieces=replace(row.pieces, kernel=kernel))
+    row = TABLE[method]
+    if isinstance(row.pieces, MarginalPieces):
+        mixture = replace(row.pieces.mixture, kernel=kernel)
+        row = replace(row, pieces=replace(row.pieces, mixture=mixture))
+    else:
+        assert isinstance(row.pieces, MixturePieces)
+        row = replace(row, pieces=replace(row.pieces, kernel=kernel))
     rng = np.random.default_rng(3)
     estimator = build_filter(vehicle, GnssConfig(), FilterConfig(), rng, True, row)
     east = north = heading = 0.0
@@ -198,6 +293,14 @@ def test_a_drive_gives_the_same_estimates(fast: BankKernel) -> None:
     for (radii, pose), (other_radii, other_pose) in zip(driven(ARRAYS, 90), driven(fast, 90), strict=True):
         np.testing.assert_allclose(other_radii, radii, rtol=1e-6, atol=1e-12)
         np.testing.assert_allclose(other_pose, pose, atol=1e-8)
+
+
+def test_particles_give_the_same_estimates(half: HalfKernel) -> None:
+    """Over the same drive MPF-PN keeps the same particles with arrays and with the kernel of one triangle."""
+    by_arrays, by_half = (driven(kernel, 60, "mpf-pn") for kernel in (ARRAYS, half))
+    for (radii, pose), (other_radii, other_pose) in zip(by_arrays, by_half, strict=True):
+        np.testing.assert_allclose(other_radii, radii, rtol=1e-6, atol=1e-11)
+        np.testing.assert_allclose(other_pose, pose, atol=1e-7)
 
 
 def test_arrays_of_another_layout_are_refused(fast: BankKernel) -> None:

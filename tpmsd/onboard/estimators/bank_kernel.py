@@ -38,7 +38,8 @@ def usable(module: ModuleType | None) -> bool:
     """Whether this compiled kernel was built, and of sources whose `propagate` takes what is handed to it."""
     standing = Motion(1.0, np.zeros(2), 0.0, 0.0, False)
     handed = ProcessModel(np.ones(2), 1.0, False).constants(standing, 1.0)
-    return getattr(module, "MOTION_NUMBERS", None) == len(handed)
+    whole = getattr(module, "MOTION_NUMBERS", None) == len(handed)
+    return whole and hasattr(module, "propagate_half")
 
 
 class Summary(NamedTuple):

@@ -21,6 +21,7 @@ from tpmsd.onboard.estimators.bank_kernel import HALF_KERNEL
 from tpmsd.onboard.estimators.belief import Car, Moment, Moments, Sight
 from tpmsd.onboard.estimators.error_state import MU, E, N
 from tpmsd.onboard.estimators.mixture import MixtureBelief, MixturePieces
+from tpmsd.onboard.estimators.odometry_block import Block
 from tpmsd.onboard.estimators.particle_bank import Lineage, ParticleBank, SampledHypotheses
 from tpmsd.onboard.estimators.settings import SETTINGS
 
@@ -46,14 +47,17 @@ class MarginalBelief(MixtureBelief):
         self._effective = float(count)
         self._unwalked_s = 0.0
 
-    def _suppose(self, duration_s: float) -> None:
-        """Let theta walk and changes be proposed."""
-        self._unwalked_s += duration_s
+    def _suppose(self, block: Block, gyro_trusted: bool) -> None:
+        """Let theta walk, and changes be proposed where the block can judge them: others would only spread
+        the radii."""
+        self._unwalked_s += block.duration_s
         if self._unwalked_s >= SETTINGS.level_step_s:
             self._hypotheses.walk(self.bank, self._unwalked_s, self._rng)
             self._unwalked_s = 0.0
             self._drift = self._process.drift_at(self.bank.level)
-        self._hypotheses.propose(self.bank, duration_s, self._car.nominal_m, self._rng)
+        by_gyro = gyro_trusted and math.isfinite(block.gyro_turn_rad)
+        if by_gyro or math.isfinite(block.doppler_way_m) or any(front is not None for front in block.front):
+            self._hypotheses.propose(self.bank, block.duration_s, self._car.nominal_m, self._rng)
 
     def settle(self, moment: Moment) -> None:
         """Resample where the fixes before this tick ask for it; then as the mixture."""

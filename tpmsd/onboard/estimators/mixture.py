@@ -224,16 +224,17 @@ class MixtureBelief:
         if block is None:
             return
         if block.informative:
-            self._suppose(block.duration_s)
+            self._suppose(block, moment.gyro_trusted)
             self._learn(block, moment.gyro_trusted)
         self._kernel.symmetrise(self.bank)
         self.bank.rescale()
 
-    def _suppose(self, duration_s: float) -> None:
+    def _suppose(self, block: Block, gyro_trusted: bool) -> None:
         """Branch hypotheses off: what may have changed within the block."""
         changes = self._pieces.changes
         changes.keep_levels(self.bank)
-        self._next_wheel = changes.branch(self.bank, duration_s, self._car.nominal_m, self._next_wheel)
+        nominal = self._car.nominal_m
+        self._next_wheel = changes.branch(self.bank, block.duration_s, nominal, self._next_wheel)
         self._drift = self._process.drift_at(self.bank.level)
 
     def _learn(self, block: Block, gyro_trusted: bool) -> None:

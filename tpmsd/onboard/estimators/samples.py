@@ -105,12 +105,14 @@ class SampledBelief:
         return fix.east_m - east, fix.north_m - north
 
     def distance(self, sight: Sight) -> tuple[float, float]:
-        """Distance of the mean; the spread of the particles is in the variance."""
+        """Distance of the mean; the spread of the particles is in the variance, and a share for what the
+        receiver's slow errors have made of it."""
         off = np.stack(self._off(sight.fix))
         weights = self.particles.weights
         mean = off @ weights
         spread = float(np.square(off - mean[:, None]).sum(axis=0) @ weights)
-        return math.hypot(*mean.tolist()), sight.fix.position_std_m**2 + spread
+        slow = position_variance(sight.fix) / 9.0
+        return math.hypot(*mean.tolist()), sight.fix.position_std_m**2 + slow + spread
 
     def update(self, sight: Sight) -> None:
         """Multiply the weights by the likelihoods of position (22) and course."""

@@ -105,7 +105,7 @@ class EstimatorSettings:
     course_rate_chord_m: float = 8.0
     course_rate_span_s: float = 0.9
     """Least time between two courses whose difference is a yaw rate."""
-    gyro_span_s: float = 10.0
+    gyro_span_s: float = 30.0
     """Time between two courses from which the gyro's bias is taken: errors of courses last for a second."""
     max_curvature_per_m: float = 0.03
     """Tighter bends are not informative: errors of track and side slip grow with curvature (5 cm of track at
