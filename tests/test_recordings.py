@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +19,18 @@ from tpmsd.onboard.monitor.records import WheelState
 DRIVES = ("rav4-suburb-60s", "van-motorway-a", "van-motorway-b", "van-oval")
 
 
+@pytest.fixture(scope="module", params=["gaussian-sum", "mpf-pn"])
+def method(request: pytest.FixtureRequest) -> str:
+    """The filter."""
+    name: str = request.param
+    return name
+
+
 @pytest.fixture(scope="module", params=DRIVES)
-def result(request: pytest.FixtureRequest, recordings: Path) -> ReplayResult:
-    """A recording, replayed once for all tests of it."""
-    folder = recordings / request.param
-    return replay(folder, load_config(folder))
+def result(request: pytest.FixtureRequest, recordings: Path, method: str) -> ReplayResult:
+    """A recording, replayed once per filter for all tests of it."""
+    config = load_config(recordings / request.param)
+    return replay(recordings / request.param, replace(config, filter=replace(config.filter, method=method)))
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.faults.drives import Item, Outcome
+from tests.faults.drives import Item, Outcome, with_method
 from tpmsd.car.config.load import load_config
 from tpmsd.car.config.model import Config
 from tpmsd.offline.simulator.bus import BusSpec
@@ -61,7 +61,7 @@ def played_ticks(change: Callable[[list[Tick], float], Iterable[Tick]], source: 
     config, _, ticks = attacked()
     start_s = ticks[0].time_s
     outcome = Outcome(start_s)
-    outcome.pipeline = Pipeline(config, load_database(config.can.dbc))
+    outcome.pipeline = Pipeline(with_method(config), load_database(config.can.dbc))
     for tick in change(list(ticks), start_s):
         outcome.steps.append(outcome.pipeline.on_tick(tick))
     return outcome
@@ -72,7 +72,7 @@ def played_items(change: Callable[[list[Item], float], Iterable[Item]]) -> Outco
     config, items, _ = attacked()
     start_s = items[0].time_s
     outcome = Outcome(start_s)
-    pipeline = outcome.pipeline = Pipeline(config, load_database(config.can.dbc))
+    pipeline = outcome.pipeline = Pipeline(with_method(config), load_database(config.can.dbc))
     for item in change(list(items), start_s):
         if isinstance(item, CanFrame):
             outcome.steps += pipeline.on_frame(item.time_s, item.arbitration_id, item.is_extended, item.data)

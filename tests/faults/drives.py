@@ -35,6 +35,11 @@ FROM_S, TO_S = 65.0, 90.0
 ONSET_S = 105.0
 SEED = 3
 
+METHODS = ("gaussian-sum", "mpf-pn")
+FEW = {"gaussian-sum": 10, "mpf-pn": 60}
+"""As many hypotheses and particles as the losses of these drives take: they are all that costs time."""
+PLAYED_WITH = ["gaussian-sum"]
+"""The filter that drives are played with is the last one (`conftest.method`)."""
 Item = CanFrame | Sentence
 Change = Callable[[list[Item], float], Iterable[Item]]
 """From the items of the drive and the stamp of its beginning to what is really received."""
@@ -87,6 +92,13 @@ class Outcome:
         )
 
 
+def with_method(config: Config) -> Config:
+    """The configuration with the filter that drives are played with."""
+    method = PLAYED_WITH[-1]
+    settings = dataclasses.replace(config.filter, method=method, particles=FEW[method])
+    return dataclasses.replace(config, filter=settings)
+
+
 @functools.cache
 def drive(kind: str = "counts16", duration_s: float = DURATION_S) -> tuple[Config, tuple[Item, ...]]:
     """Configuration and items of the drive on a bus of some kind; wheels and yaw rate are configured."""
@@ -103,7 +115,7 @@ def drive(kind: str = "counts16", duration_s: float = DURATION_S) -> tuple[Confi
     config = dataclasses.replace(
         config,
         can=dataclasses.replace(config.can, signals=signals),
-        filter=dataclasses.replace(config.filter, particles=10),
+        filter=dataclasses.replace(config.filter, particles=FEW["gaussian-sum"]),
     )
     plans = compile_plans(config, load_database(config.can.dbc))
     wheels = {key for key, plan in plans.items() for group in plan.groups for s in group.signals if s.wheel}
@@ -124,7 +136,7 @@ def played(
 ) -> Outcome:
     """Play the drive as changed; `events`: the inputs' faults at a time since the start, every 0.1 s."""
     original, items = drive(kind)
-    used = config(original)
+    used = config(with_method(original))
     start_s = items[0].time_s
     outcome = Outcome(start_s)
     pipeline = outcome.pipeline = Pipeline(used, load_database(used.can.dbc))

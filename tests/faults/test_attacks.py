@@ -18,6 +18,7 @@ from tpmsd.onboard.monitor.records import WheelState
 from tpmsd.onboard.sources.can_frame import CanFrame
 from tpmsd.onboard.timeline.tick import Tick
 
+pytestmark = pytest.mark.usefixtures("method")
 RATE_HZ = 10
 
 
@@ -36,7 +37,7 @@ def offset_mm(one: Outcome, other: Outcome, time_s: float) -> float:
 
 
 @pytest.fixture(scope="module")
-def honest() -> Outcome:
+def honest(method: str) -> Outcome:
     return played_ticks(lambda ticks, start_s: ticks)
 
 

@@ -12,6 +12,8 @@ from tests.faults.drives import FOUND, Item, played
 from tests.onboard.daemon.fakes import DrivingBus, LeapingClock, car, listening
 from tpmsd.onboard.pipeline import Step
 
+pytestmark = pytest.mark.usefixtures("method")
+
 DECADES_S = 20 * 365.25 * 86400.0
 
 

@@ -16,6 +16,8 @@ from tpmsd.car.config.model import Config
 from tpmsd.onboard.sources.drive import Sentence
 from tpmsd.onboard.sources.events import SourceFault
 
+pytestmark = pytest.mark.usefixtures("method")
+
 Rewrite = Callable[[list[bytes]], list[bytes] | None]
 """From the fields of a sentence to others; None leaves it out."""
 

@@ -6,13 +6,15 @@ from pathlib import Path
 
 import pytest
 
+from tests.faults.drives import METHODS
 from tests.faults.soak import OFFSET_M, Mark, Soaked, problems, soak
 
 
-def test_twenty_minutes_of_faults_leaves_nothing_behind(tmp_path: Path) -> None:
+@pytest.mark.parametrize("method", METHODS)
+def test_twenty_minutes_of_faults_leaves_nothing_behind(tmp_path: Path, method: str) -> None:
     """Two legs with a fault after the other: no false alarm, the puncture found, memory, descriptors and tick
     rate steady, and the radii those of the car."""
-    result = soak(2, 1, tmp_path, leg_s=600.0)
+    result = soak(2, 1, tmp_path, leg_s=600.0, method=method)
 
     assert [] == problems(result)
     assert 10 * 2 * 720 * 0.98 <= result.marks[-1].ticks

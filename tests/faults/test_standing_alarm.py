@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.faults.drives import Item, drive
+from tests.faults.drives import Item, drive, with_method
 from tpmsd.onboard.monitor.records import AlarmKind
 from tpmsd.onboard.pipeline import Pipeline, Step
 from tpmsd.onboard.sources.can_decoder import load_database
@@ -34,9 +34,10 @@ def _received(items: tuple[Item, ...]) -> Iterator[Item]:
 
 
 @pytest.fixture(scope="module")
-def steps() -> list[Step]:
+def steps(method: str) -> list[Step]:
     """The steps from the time on at which the alarm stands."""
     config, items = drive(duration_s=END_S)
+    config = with_method(config)
     database = load_database(config.can.dbc)
     pipeline, restarted = Pipeline(config, database), False
     start_s, out = items[0].time_s, []

@@ -12,6 +12,8 @@ from tests.faults.drives import FOUND, FROM_S, Change, Item, Outcome, drive, dur
 from tpmsd.car.config.model import Config
 from tpmsd.onboard.sources.can_frame import CanFrame
 
+pytestmark = pytest.mark.usefixtures("method")
+
 Frames = Callable[[CanFrame], Iterable[CanFrame]]
 SPEED_OFFSET = 6767
 """Raw value of 0 km/h on the simulator's bus `speeds`; its last signal is the rear left wheel."""

@@ -195,7 +195,11 @@ def test_what_was_skipped_is_said(folder: Path, capsys: pytest.CaptureFixture[st
     [
         (["--seed", "-3"], 2, "--seed -3: a seed is 0 or more"),
         (["--seed", "many"], 2, "invalid int value"),
-        (["--method", "kalman"], 2, "unknown 'kalman'; known: gaussian-sum, mpf-pn-paper, mpf-pn,"),
+        (
+            ["--method", "kalman"],
+            2,
+            "unknown 'kalman'; known: gaussian-sum, mpf-pn-paper, mpf-pn, mpf-pn-niw,",
+        ),
         (["--plot", "/nonexistent/a.png"], 1, "--plot /nonexistent/a.png: there is no folder /nonexistent"),
         (["--config", "/nonexistent/a.toml"], 2, "/nonexistent/a.toml"),
         (["--json", "/nonexistent/a.json"], 1, "--json /nonexistent/a.json: there is no folder /nonexistent"),

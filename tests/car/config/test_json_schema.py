@@ -25,6 +25,7 @@ body = { channel = "can1", dbc = "body.dbc" }
 [filter]
 method = "mpf-pn"
 gate = "slip"
+measurements = ["position", "course"]
 [tyre]
 size = "205/55R16"
 [alarms]

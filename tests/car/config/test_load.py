@@ -138,7 +138,7 @@ def test_defaults_pass_their_own_rules() -> None:
     ):
         for key, rule in rules[name].items():
             value = getattr(record, key)
-            assert value is None or value == rule.read(value)
+            assert value is None or value == rule.read(list(value) if isinstance(value, tuple) else value)
 
 
 @pytest.mark.parametrize("name", RECORDINGS)
@@ -217,8 +217,12 @@ def test_one_mistake_is_one_line(make: Make, old: str, new: str, starts: str, te
         ("[filter]\nparticles = 1e3.0", None),
         ('[filter]\nmethod = "mpf_pn"',
          '[filter] method: not one of the choices, found "mpf_pn"; '
-         "allowed: aug-ekf | aug-pf | aug-ukf | gaussian-sum | mpf-mn | mpf-pn | mpf-pn-paper | mpf-rb; "
+         "allowed: aug-ekf | aug-pf | aug-ukf | gaussian-sum | mpf-mn | mpf-pn | mpf-pn-niw | "
+         "mpf-pn-paper | mpf-rb; "
          "did you mean mpf-pn?"),
+        ('[filter]\nmeasurements = ["gyro"]',
+         '[filter] measurements: not one of the texts that may stand here, found "gyro"; '
+         "allowed: a list of up to 5 texts of position speed course yaw_rate steering"),
         ("[filter]\nwindow_s = -1", "[filter] window_s: out of range, found -1; allowed: 2 to 86400 s"),
         ("[monitor]\nraise_probability = 1.0",
          "[monitor] raise_probability: out of range, found 1.0; allowed: above 0 and below 1"),

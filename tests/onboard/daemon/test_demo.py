@@ -22,20 +22,12 @@ from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, MonitorReport, 
 from tpmsd.onboard.sinks.can_frames import CanReporter
 
 
-def test_the_demonstration_finds_the_wheel(tmp_path: Path) -> None:
+@pytest.mark.parametrize("method", ["gaussian-sum", "mpf-pn"])
+def test_the_demonstration_finds_the_wheel(tmp_path: Path, method: str) -> None:
     """Another wheel than the usual one is announced on the bus, its frame decoded; the exit code is 0."""
+    options = ["--wheel", "fr", "--speed-up", "36", "--seed", "5", "--method", method]
     done = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "tpmsd.interfaces.cli.demo",
-            "--wheel",
-            "fr",
-            "--speed-up",
-            "36",
-            "--seed",
-            "5",
-        ],
+        [sys.executable, "-m", "tpmsd.interfaces.cli.demo", *options],
         capture_output=True,
         text=True,
         timeout=60,

@@ -53,6 +53,12 @@ def test_shapes_and_nan(method: str, front: bool, drive: Drive) -> None:
         assert np.linalg.eigvalsh(inside).min() > 0.0
         assert np.all(said.noise_std_m[known] > 0.0)
         assert said.effective_particles >= 1.0 - 1e-9
+        if deterministic(method):
+            assert math.isnan(said.ancestors)
+            assert math.isnan(said.between_std_m)
+        else:
+            assert said.ancestors >= 1.0
+            assert said.between_std_m >= 0.0
 
 
 @EACH

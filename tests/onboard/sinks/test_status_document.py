@@ -73,6 +73,8 @@ ESTIMATE = RadiusEstimate(
     heading_std_rad=0.01,
     gnss_age_s=math.inf,
     effective_particles=31.5,
+    ancestors=17.0,
+    between_std_m=2.5e-4,
 )
 LOOP = LoopHealth(uptime_s=3725.0, ticks=37250, missed_deadlines=2)
 CAN = SourceHealth(SourceState.OK, "can0", 1234567, {"lost": 3, "checksum": 1}, 0.004)
@@ -176,6 +178,8 @@ def test_the_document_holds_all_in_the_units_it_states() -> None:
             "position_std_m": 0.8,
             "gnss_age_s": None,
             "effective_particles": 31.5,
+            "ancestors": 17.0,
+            "between_std_mm": 0.25,
         },
     } == {key: value for key, value in DOCUMENT.items() if key not in ("watch", "wheels")}
     assert ["fl", "fr", "rl", "rr"] == list(DOCUMENT["wheels"])

@@ -24,6 +24,7 @@ import can
 import cantools.database
 from cantools.database.can import Database
 
+from tpmsd.car.config.model import FILTER_METHODS, FilterConfig
 from tpmsd.foundation.errors import TpmsdError
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.interfaces.cli.demo_panel import GREEN, RED, Panel, listen
@@ -49,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the demonstration; the exit code says whether the right wheel was found."""
     args = _parser().parse_args(argv)
     try:
-        return demonstrate(args.wheel, args.seed, args.speed_up, sys.stdout, args.record)
+        return demonstrate(args.wheel, args.seed, args.speed_up, sys.stdout, args.record, args.method)
     except TpmsdError as error:
         print(f"demo: {error}", file=sys.stderr)
         return error.exit_code
@@ -57,8 +58,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         return EXIT_INTERRUPTED
 
 
-def demonstrate(wheel: str, seed: int, speed_up: float, out: IO[str], record: Path | None = None) -> int:
-    """Simulate, play, watch, judge."""
+def demonstrate(
+    wheel: str,
+    seed: int,
+    speed_up: float,
+    out: IO[str],
+    record: Path | None = None,
+    method: str = FilterConfig.method,
+) -> int:
+    """Simulate, play, watch, judge; `method`: the estimator."""
     fault = Fault("puncture", LOSS_PERCENT, "percent", wheel, PUNCTURE_AT_S, PUNCTURE_OVER_S)
     drive = simulate_drive(DriveSpec(duration_s=DURATION_S, seed=seed, faults=(fault,)))
     loss_mm = LOSS_PERCENT / 100.0 * drive.spec.vehicle.wheel_radius_m[WHEELS.index(wheel)] * 1e3
@@ -80,6 +88,7 @@ def demonstrate(wheel: str, seed: int, speed_up: float, out: IO[str], record: Pa
             speed_up=speed_up,
             channel=CHANNEL,
             record=record,
+            method=method,
             on_start=show.start,
             on_step=show.enough,
             log=_silent_log(),
@@ -177,6 +186,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--seed", metavar="N", type=int, default=1, help="another drive (default: 1)")
     parser.add_argument(
         "--speed-up", metavar="X", type=float, default=SPEED_UP, help=f"default: {SPEED_UP:g}"
+    )
+    parser.add_argument(
+        "--method",
+        choices=FILTER_METHODS,
+        default=FilterConfig.method,
+        help="estimator (default: %(default)s)",
     )
     parser.add_argument("--record", metavar="DIR", type=Path, help="also record it as a drive folder")
     return parser

@@ -16,6 +16,7 @@ from pathlib import Path
 import can
 
 from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import FilterConfig
 from tpmsd.offline.simulator.drive import SimulatedDrive
 from tpmsd.offline.simulator.live import LivePlayer, PtyPort
 from tpmsd.onboard.daemon.clock import Clock
@@ -37,6 +38,7 @@ def watch_live(
     channel: str,
     duration_s: float = math.inf,
     record: Path | None = None,
+    method: str = FilterConfig.method,
     on_start: Callable[[Clock, Daemon], None] = lambda clock, daemon: None,
     on_step: Callable[[Step], None] | None = None,
     grace_real_s: float = GRACE_REAL_S,
@@ -44,14 +46,15 @@ def watch_live(
 ) -> Daemon:
     """Play a drive on the virtual bus `channel` and a pseudo terminal to a daemon, which is returned.
 
-    `folder` takes the daemon's configuration, socket and state. Drive and daemon share one scaled clock:
-    frames bear the drive's own times, sentences are stamped when they are read.
+    `folder` takes the daemon's configuration, socket and state; `method`: its estimator. Drive and daemon
+    share one scaled clock: frames bear the drive's own times, sentences are stamped when they are read.
     """
     with (
         PtyPort() as port,
         can.Bus(interface="virtual", channel=channel, preserve_timestamps=True) as bus,
     ):
         text = drive.configuration("virtual", channel, port.path)
+        text += f'\n[filter]\nmethod = "{method}"\n'
         text += '\n[status]\nsocket = "status.sock"\n\n[state]\nfile = "state.json"\n'
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "vehicle.toml").write_text(text, encoding="utf-8")

@@ -32,9 +32,12 @@ def config_toml(config: Config, dbc: str) -> str:
                 continue
             if field.name == "teeth_per_rev" and config.vehicle.teeth_by_wheel is not None:
                 value = config.vehicle.teeth_by_wheel
-            if value is not None and value != () and not isinstance(value, dict):
-                text = repr(list(value)) if table == "tyre" and isinstance(value, tuple) else _toml(value)
-                lines.append(f"{field.name} = {text}")
+            if isinstance(value, tuple) and (table == "tyre" or field.name == "measurements"):
+                # None of the measurements is a choice; an empty curve is none at all.
+                if value or table == "filter":
+                    lines.append(f"{field.name} = {json.dumps(list(value))}")
+            elif value is not None and value != () and not isinstance(value, dict):
+                lines.append(f"{field.name} = {_toml(value)}")
         lines.append("")
         if table == "can":
             lines.append("[can.signals]")

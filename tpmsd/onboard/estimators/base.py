@@ -38,6 +38,11 @@ class RadiusEstimate(NamedTuple):
     gnss_age_s: float
     """Time since the last fix that was used; infinite before the first."""
     effective_particles: float
+    ancestors: float = math.nan
+    """Particles of one or two minutes ago that have descendants; NaN where nothing is drawn."""
+    between_std_m: float = math.nan
+    """Standard deviation of the mean radii between the particles, root mean square over the wheels; NaN where
+    nothing is drawn."""
 
 
 NIGHT_S = 1000.0

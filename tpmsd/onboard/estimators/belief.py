@@ -73,6 +73,10 @@ class Moments(NamedTuple):
     pose: Pose
     effective: float
     """Effective number of particles or hypotheses; 1 where there are none."""
+    ancestors: float = math.nan
+    """As of `RadiusEstimate`."""
+    between_std_m: float = math.nan
+    """As of `RadiusEstimate`."""
 
 
 class Moment(NamedTuple):

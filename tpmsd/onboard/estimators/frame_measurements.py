@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -28,12 +29,12 @@ class Heard:
         self._lacks = {name for name in MEASUREMENTS if name not in names}
         self.position = "position" not in self._lacks
         """Whether positions are measurements; a pose is found by them in any case."""
-        self._fix_fields = {
+        self._fix_fields: dict[str, Any] = {
             field: NAN
             for name, field in (("speed", "speed_mps"), ("course", "heading_rad"))
             if name in self._lacks
         }
-        self._tick_fields = {
+        self._tick_fields: dict[str, Any] = {
             field: NAN
             for name, field in (("yaw_rate", "yaw_rate_radps"), ("steering", "steering_wheel_angle_rad"))
             if name in self._lacks

@@ -139,7 +139,8 @@ class FrontBeside:
         self._rear_m = said.mean_m
         mean, covariance = self._contrast.moments(said.mean_m, said.covariance_m2)
         noise = np.concatenate([said.noise_std_m, self._contrast.noise_std()])
-        return Moments(mean, covariance, noise, said.pose, said.effective)
+        drawn = said.effective, said.ancestors, said.between_std_m
+        return Moments(mean, covariance, noise, said.pose, *drawn)
 
     def snapshot(self) -> dict[str, Any]:
         """As that of the rear belief, with the moments of all four."""

@@ -22,7 +22,8 @@ from tpmsd.onboard.estimators.belief import Car, Moment, Moments, Sight
 from tpmsd.onboard.estimators.error_state import MU, E, N
 from tpmsd.onboard.estimators.mixture import MixtureBelief, MixturePieces
 from tpmsd.onboard.estimators.odometry_block import Block
-from tpmsd.onboard.estimators.particle_bank import Lineage, ParticleBank, SampledHypotheses
+from tpmsd.onboard.estimators.particle_bank import ParticleBank, SampledHypotheses
+from tpmsd.onboard.estimators.resampling import Lineage, between_std
 from tpmsd.onboard.estimators.settings import SETTINGS
 
 
@@ -46,11 +47,14 @@ class MarginalBelief(MixtureBelief):
         self._lineage = Lineage(count)
         self._effective = float(count)
         self._unwalked_s = 0.0
+        self._between_m = math.nan
+        """Of the last informative block; NaN: to be computed."""
 
     def _suppose(self, block: Block, gyro_trusted: bool) -> None:
         """Let theta walk, and changes be proposed where the block can judge them: others would only spread
         the radii."""
         self._unwalked_s += block.duration_s
+        self._between_m = math.nan
         if self._unwalked_s >= SETTINGS.level_step_s:
             self._hypotheses.walk(self.bank, self._unwalked_s, self._rng)
             self._unwalked_s = 0.0
@@ -89,15 +93,6 @@ class MarginalBelief(MixtureBelief):
         """Of all particles together."""
         said = super().moments()
         self._effective = said.effective
-        return said
-
-    @property
-    def ancestors(self) -> int:
-        """Particles of a minute or two ago that have descendants."""
-        return self._lineage.ancestors
-
-    def spread_between_m(self) -> float:
-        """Root mean square over the wheels of the standard deviation of the radii between particles."""
-        weights, radii = self.bank.weights(), self.bank.state[MU:]
-        away = radii - (radii @ weights)[:, None]
-        return math.sqrt(float((np.square(away) @ weights).mean()))
+        if self._between_m != self._between_m:
+            self._between_m = between_std(self.bank.state[MU:], self.bank.weights())
+        return said._replace(ancestors=float(self._lineage.ancestors), between_std_m=self._between_m)

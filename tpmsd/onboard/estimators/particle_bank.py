@@ -26,32 +26,8 @@ from numpy.typing import NDArray
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.error_state import MU, PSI, initial_state
 from tpmsd.onboard.estimators.jump_hypotheses import Bank
-from tpmsd.onboard.estimators.resampling import systematic
+from tpmsd.onboard.estimators.resampling import Lineage, systematic
 from tpmsd.onboard.estimators.settings import SETTINGS
-
-
-class Lineage:
-    """Which particles of a while ago the present ones descend from."""
-
-    def __init__(self, count: int) -> None:
-        self._older = np.arange(count)
-        self._newer = np.arange(count)
-        self._since_s = 0.0
-        self.ancestors = count
-        """Number of particles of `SETTINGS.lineage_s` to twice as long ago that have descendants."""
-
-    def keep(self, index: NDArray[np.intp]) -> None:
-        """Follow a resampling."""
-        self._older, self._newer = self._older[index], self._newer[index]
-        self.ancestors = np.unique(self._older).size
-
-    def elapse(self, duration_s: float) -> None:
-        """Let time pass."""
-        self._since_s += duration_s
-        if self._since_s >= SETTINGS.lineage_s:
-            self._since_s = 0.0
-            self._older, self._newer = self._newer, np.arange(self._newer.size)
-            self.ancestors = np.unique(self._older).size
 
 
 @dataclass(slots=True)

@@ -247,6 +247,8 @@ class RadiusFilter:
             heading_std_rad=pose.heading_std_rad if found else math.inf,
             gnss_age_s=time_s - self._last_fix_s,
             effective_particles=said.effective,
+            ancestors=said.ancestors,
+            between_std_m=said.between_std_m,
         )
 
     def snapshot(self) -> dict[str, Any]:

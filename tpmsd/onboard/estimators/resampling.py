@@ -1,4 +1,4 @@
-"""Resampling of weighted particles.
+"""Resampling of weighted particles, and what it leaves of them.
 
 In: normalised weights and a random generator. Out: indices of the particles to keep. Unbiased: a particle's
 expected number of copies is N times its weight.
@@ -44,3 +44,33 @@ class Systematic:
 
 
 SYSTEMATIC = Systematic()
+
+
+class Lineage:
+    """Which particles of a while ago the present ones descend from."""
+
+    def __init__(self, count: int) -> None:
+        self._older = np.arange(count)
+        self._newer = np.arange(count)
+        self._since_s = 0.0
+        self.ancestors = count
+        """Number of particles of `SETTINGS.lineage_s` to twice as long ago that have descendants."""
+
+    def keep(self, index: NDArray[np.intp]) -> None:
+        """Follow a resampling."""
+        self._older, self._newer = self._older[index], self._newer[index]
+        self.ancestors = np.unique(self._older).size
+
+    def elapse(self, duration_s: float) -> None:
+        """Let time pass."""
+        self._since_s += duration_s
+        if self._since_s >= SETTINGS.lineage_s:
+            self._since_s = 0.0
+            self._older, self._newer = self._newer, np.arange(self._newer.size)
+            self.ancestors = np.unique(self._older).size
+
+
+def between_std(radii_m: FloatArray, weights: FloatArray) -> float:
+    """Standard deviation of radii (d, N) between particles, root mean square over the wheels."""
+    away = radii_m - (radii_m @ weights)[:, None]
+    return float(np.sqrt((np.square(away) @ weights).mean()))

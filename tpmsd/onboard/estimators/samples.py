@@ -45,7 +45,7 @@ from tpmsd.onboard.estimators.gnss_likelihood import (
 from tpmsd.onboard.estimators.odometry_block import Block
 from tpmsd.onboard.estimators.pose_start import PoseStart
 from tpmsd.onboard.estimators.radius_models import NIW, RadiusModel
-from tpmsd.onboard.estimators.resampling import SYSTEMATIC, Systematic, effective_number
+from tpmsd.onboard.estimators.resampling import SYSTEMATIC, Lineage, Systematic, between_std, effective_number
 from tpmsd.onboard.estimators.sampled_motion import WHEELS_IN, Particles, SampledMotion, go
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import Fix
@@ -72,6 +72,7 @@ class SampledBelief:
     def __init__(self, car: Car, pieces: SampledPieces, count: int, rng: np.random.Generator) -> None:
         self._car, self._pieces, self._rng = car, pieces, rng
         self.particles = Particles.even(count, pieces.radii.begin(count, car.nominal_m[:2], rng))
+        self._lineage = Lineage(count)
 
     def predict(self, movement: Movement) -> tuple[float, float]:
         """Move all poses by one tick."""
@@ -142,8 +143,10 @@ class SampledBelief:
     def settle(self, moment: Moment) -> None:
         """Resample where the effective number asks for it."""
         particles, pieces = self.particles, self._pieces
+        self._lineage.elapse(moment.tick.dt_s)
         chosen = pieces.resampling(particles.weights, self._rng)
         if chosen is not None:
+            self._lineage.keep(chosen)
             particles.keep(chosen)
             particles.radii = pieces.radii.select(particles.radii, chosen)
 
@@ -163,7 +166,9 @@ class SampledBelief:
             position_std_m=math.sqrt((spread[0] + spread[1]) / 2),
             heading_std_rad=math.sqrt(spread[2]),
         )
-        return Moments(mean_m, covariance_m2, noise_m, pose, effective_number(weights))
+        between = between_std(radii.marginals(particles.radii)[0], weights)
+        drawn = effective_number(weights), float(self._lineage.ancestors), between
+        return Moments(mean_m, covariance_m2, noise_m, pose, *drawn)
 
     def place(self, start: PoseStart, sight: Sight) -> None:
         """Spread the particles about a pose that fixes tell."""

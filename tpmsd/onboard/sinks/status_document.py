@@ -199,4 +199,6 @@ def _estimator(estimate: RadiusEstimate, method: str) -> dict[str, Any]:
         "position_std_m": finite(estimate.position_std_m),
         "gnss_age_s": finite(estimate.gnss_age_s),
         "effective_particles": finite(estimate.effective_particles),
+        "ancestors": finite(estimate.ancestors),
+        "between_std_mm": millimetres(estimate.between_std_m),
     }

@@ -36,9 +36,9 @@ DEFAULT = "gaussian-sum"
 """The product's default method."""
 TEXTBOOK = "mpf-pn-paper"
 """MPF-PN as Table I prints it (`tpmsd.onboard.estimators.table`)."""
-WANTED = (DEFAULT, TEXTBOOK, "mpf-pn", "aug-pf", "aug-ekf", "aug-ukf", "mpf-mn")
+WANTED = (DEFAULT, TEXTBOOK, "mpf-pn", "mpf-pn-niw", "aug-pf", "aug-ekf", "aug-ukf", "mpf-mn")
 """In the order of the tables."""
-SAMPLED = (TEXTBOOK, "mpf-pn", "aug-pf", "mpf-mn")
+SAMPLED = (TEXTBOOK, "mpf-pn", "mpf-pn-niw", "aug-pf", "mpf-mn")
 """Methods whose number of particles is the paper's N."""
 
 
@@ -58,8 +58,8 @@ _WALK = (("drift_std_m", 0.06e-3),)
 TUNED: dict[tuple[str, str], Setting] = {
     (TEXTBOOK, "white"): Setting(10.0, 3.0),
     (TEXTBOOK, "correlated"): Setting(20.0, 3.0),
-    ("mpf-pn", "white"): Setting(10.0, 3.0),
-    ("mpf-pn", "correlated"): Setting(20.0, 3.0),
+    ("mpf-pn-niw", "white"): Setting(10.0, 3.0),
+    ("mpf-pn-niw", "correlated"): Setting(20.0, 3.0),
     ("aug-pf", "white"): Setting(60.0, 3.0, _WALK),
     ("aug-pf", "correlated"): Setting(60.0, 3.0, _WALK),
     ("aug-ekf", "white"): Setting(60.0, 3.0, _WALK),

@@ -138,7 +138,7 @@ def perform(item: Recorded) -> dict[str, Any]:
         config,
         filter=replace(
             config.filter,
-            method="mpf-pn" if item.method.startswith("mpf-pn") else item.method,
+            method=item.method,
             particles=item.particles or None,
             window_s=setting.window_s,
             rate_hz=RATE_HZ,

@@ -29,7 +29,7 @@ YAW_ACCELS = (0.1, 0.25, 0.6)
 
 def grid(method: str) -> list[Setting]:
     """The settings that a method is tried with; none for one that has nothing to tune here."""
-    if method in (TEXTBOOK, "mpf-pn"):
+    if method in (TEXTBOOK, "mpf-pn-niw"):
         return [Setting(w, f) for w, f in product(WINDOWS_S, FACTORS)]
     if method.startswith("aug-"):
         return [Setting(60.0, f, (("drift_std_m", d),)) for d, f in product(DRIFTS_M, FACTORS)]
