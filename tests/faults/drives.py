@@ -36,7 +36,7 @@ ONSET_S = 105.0
 SEED = 3
 
 METHODS = ("gaussian-sum", "mpf-pn")
-FEW = {"gaussian-sum": 10, "mpf-pn": 60}
+FEW = {"gaussian-sum": 10, "mpf-pn": 200}
 """As many hypotheses and particles as the losses of these drives take: they are all that costs time."""
 PLAYED_WITH = ["gaussian-sum"]
 """The filter that drives are played with is the last one (`conftest.method`)."""

@@ -60,25 +60,36 @@ def test_noise_parameters_walk_about_their_prior() -> None:
 
 
 def test_changes_are_proposed_often_and_weigh_what_they_should() -> None:
-    """A share of the particles supposes a change; together they weigh the prior probability of one, and each
-    has one wheel wider by a change's variance."""
+    """In a share of the places one wheel is supposed to have just changed, as many for each; together
+    they weigh the prior probability of a change, each is wider by a change's variance, and their parents come
+    by their weights. They take the places that a resampling left free."""
     rng = np.random.default_rng(8)
-    bank = HYPOTHESES.begin(50_000, NOMINAL, rng)
+    count = 5000
+    bank, lineage = HYPOTHESES.begin(count, NOMINAL, rng), Lineage(count)
+    alive = round((1.0 - SETTINGS.reserved_share) * count)
+    bank.log_weights[:1000] = 1.5
+    bank.state[E] = np.arange(count)
+    weights = bank.weights()
     before = np.einsum("ijj->ij", bank.covariance)[:, MU:].copy()
-    HYPOTHESES.propose(bank, 1.0, NOMINAL, rng)
+    HYPOTHESES.propose(bank, lineage, 1.0, NOMINAL, rng)
     wider = np.einsum("ijj->ij", bank.covariance)[:, MU:] - before
     jumped = wider.max(axis=1) > 0.0
-    assert jumped.mean() == pytest.approx(SETTINGS.proposed_share, rel=0.1)
+    assert jumped.sum() == round(SETTINGS.proposed_share * count)
+    assert not jumped[:alive].any()
+    assert np.array_equal(np.bincount(wider[jumped].argmax(axis=1)), [jumped.sum() // 4] * 4)
     chance = 4.0 * SETTINGS.jump_rate_per_s
-    assert bank.weights()[jumped].sum() == pytest.approx(chance, rel=0.1)
+    assert bank.weights()[jumped].sum() == pytest.approx(chance / (1.0 + chance), rel=1e-6)
     assert np.all(np.count_nonzero(wider[jumped], axis=1) == 1)
     size = SETTINGS.jump_std * NOMINAL[wider[jumped].argmax(axis=1)]
     assert wider[jumped].max(axis=1) == pytest.approx(size**2)
-    assert np.bincount(wider[jumped].argmax(axis=1)) / jumped.sum() == pytest.approx(0.25, abs=0.05)
+    parents = bank.state[E, jumped]
+    assert (parents < 1000).mean() == pytest.approx(weights[:1000].sum(), abs=0.01)
+    assert np.array_equal(bank.theta[:, jumped], bank.theta[:, parents.astype(int)])
+    assert np.array_equal(bank.level[jumped], bank.level[parents.astype(int)])
 
 
 def test_resampling_keeps_the_expectation_and_counts_ancestors() -> None:
-    """Copies come in proportion to the weights, in the order of the rear pair's difference; the number of
+    """Copies come in proportion to the weights; a quarter of the places is left without any; the number of
     ancestors is that of the particles that have descendants."""
     rng = np.random.default_rng(3)
     bank = HYPOTHESES.begin(1000, NOMINAL, rng)
@@ -89,10 +100,12 @@ def test_resampling_keeps_the_expectation_and_counts_ancestors() -> None:
     lineage = Lineage(1000)
     assert not HYPOTHESES.resample(bank, lineage, 501.0, rng)
     assert HYPOTHESES.resample(bank, lineage, 1.0 / float(weights @ weights), rng)
-    assert bank.state[MU].mean() == pytest.approx(expected, abs=2e-6)
+    after = bank.weights()
+    assert float(after @ bank.state[MU]) == pytest.approx(expected, abs=2e-6)
     assert lineage.ancestors == np.unique(bank.state[MU]).size
     assert lineage.ancestors < 1000
-    assert np.all(bank.log_weights == 0.0)
+    assert np.count_nonzero(after == 0.0) == 250
+    assert after[after > 0.0] == pytest.approx(1.0 / 750.0)
 
 
 def test_ancestors_older_than_two_minutes_count_no_more() -> None:
@@ -145,6 +158,7 @@ def test_the_gate_knows_how_far_the_particles_are_apart() -> None:
     """Half of the particles 30 m east of the others, each sure of its place: a fix where the one half is lies
     within what the gate allows, for their variance about the mean is 15 m squared."""
     belief = belief_of(100)
+    belief.bank.log_weights[:] = 0.0
     belief.bank.spread[[E, N], [E, N]] = 1.0
     belief.bank.state[E, :50] = 30.0
     residual_m, variance_m2 = belief.distance(sight_at(30.0, 0.0))
@@ -186,6 +200,7 @@ def test_the_spread_between_particles_is_part_of_that_stated() -> None:
     """Particles that differ in a radius by 2 mm either way state so, and the spread between them is 1 mm
     over the root of four wheels."""
     belief = belief_of(200)
+    belief.bank.log_weights[:] = 0.0
     belief.bank.state[MU, :100] = 2e-3
     said = belief.moments()
     assert said.between_std_m == pytest.approx(1e-3 / math.sqrt(4.0))

@@ -45,7 +45,8 @@ class MarginalBelief(MixtureBelief):
         self._hypotheses, self._rng = pieces.hypotheses, rng
         super().__init__(car, pieces.mixture, count, pieces.hypotheses.begin(count, car.nominal_m, rng))
         self._lineage = Lineage(count)
-        self._effective = float(count)
+        self._effective = math.nan
+        """Of the last tick."""
         self._unwalked_s = 0.0
         self._between_m = math.nan
         """Of the last informative block; NaN: to be computed."""
@@ -58,10 +59,12 @@ class MarginalBelief(MixtureBelief):
         if self._unwalked_s >= SETTINGS.level_step_s:
             self._hypotheses.walk(self.bank, self._unwalked_s, self._rng)
             self._unwalked_s = 0.0
-            self._drift = self._process.drift_at(self.bank.level)
         by_gyro = gyro_trusted and math.isfinite(block.gyro_turn_rad)
         if by_gyro or math.isfinite(block.doppler_way_m) or any(front is not None for front in block.front):
-            self._hypotheses.propose(self.bank, block.duration_s, self._car.nominal_m, self._rng)
+            self._hypotheses.propose(
+                self.bank, self._lineage, block.duration_s, self._car.nominal_m, self._rng
+            )
+        self._drift = self._process.drift_at(self.bank.level)
 
     def settle(self, moment: Moment) -> None:
         """Resample where the fixes before this tick ask for it; then as the mixture."""

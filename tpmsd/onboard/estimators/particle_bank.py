@@ -12,7 +12,7 @@ Trans. Signal Processing 53(7), 2279-2289). What remains is drawn, per particle:
 theta walks about its prior (Ornstein-Uhlenbeck), so its diversity never ends. Copies that resampling makes
 are moved apart by the kernel of Liu and West (2001, in Doucet, de Freitas and Gordon, Sequential Monte Carlo
 Methods in Practice, 197-223), which shrinks towards the mean by as much as it adds: mean and covariance of
-theta stay. Changes are proposed more often than they are believed to occur, and the weights make up for it.
+theta stay. Changes are proposed in many particles, which share the prior probability of one.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.error_state import MU, PSI, initial_state
-from tpmsd.onboard.estimators.jump_hypotheses import Bank
+from tpmsd.onboard.estimators.jump_hypotheses import UNUSED, Bank
 from tpmsd.onboard.estimators.resampling import Lineage, systematic
 from tpmsd.onboard.estimators.settings import SETTINGS
 
@@ -38,12 +38,21 @@ class ParticleBank(Bank):
     """(2 + d, N) log of the noise of way and heading relative to the usual variance; log level of the drift
     of all radii, and of each against it."""
 
-    def keep(self, index: NDArray[np.intp]) -> None:
-        """Keep the particles of these indices with even weights, in place."""
+    def keep(self, index: NDArray[np.intp], free: int) -> None:
+        """Keep the particles of these indices with even weights, in place; the last `free` without any."""
         self.state[:] = self.state[:, index]
         self.spread[:] = self.spread[:, :, index]
         self.theta[:] = self.theta[:, index]
         self.log_weights[:] = 0.0
+        self.log_weights[self.log_weights.size - free :] = UNUSED
+
+    def take(self, places: NDArray[np.intp], parents: NDArray[np.intp]) -> None:
+        """Put copies of the parents in these places; the weights are the caller's."""
+        self.state[:, places] = self.state[:, parents]
+        self.spread[:, :, places] = self.spread[:, :, parents]
+        self.theta[:, places] = self.theta[:, parents]
+        self.level[places] = self.level[parents]
+        self.noise_factor[places] = self.noise_factor[parents]
 
     def set_levels(self) -> None:
         """Take the noise of way and heading and the drift of the radii as theta has them."""
@@ -62,6 +71,7 @@ class SampledHypotheses:
     tau_s: float = SETTINGS.level_tau_s
     rate_per_s: float = SETTINGS.jump_rate_per_s
     proposed_share: float = SETTINGS.proposed_share
+    reserved_share: float = SETTINGS.reserved_share
     std: float = SETTINGS.jump_std
     heading_std_rad: float = SETTINGS.jump_heading_rad
     kernel: float = SETTINGS.shrinkage_kernel
@@ -76,6 +86,7 @@ class SampledHypotheses:
         )
         bank = ParticleBank(mean, covariance, np.zeros(count), level, kind, theta)
         bank.set_levels()
+        bank.log_weights[count - round(self.reserved_share * count) :] = UNUSED
         return bank
 
     def _prior_mean(self, wheels: int) -> FloatArray:
@@ -93,30 +104,52 @@ class SampledHypotheses:
         bank.set_levels()
 
     def propose(
-        self, bank: ParticleBank, duration_s: float, nominal_m: FloatArray, rng: np.random.Generator
+        self,
+        bank: ParticleBank,
+        lineage: Lineage,
+        duration_s: float,
+        nominal_m: FloatArray,
+        rng: np.random.Generator,
     ) -> None:
-        """Suppose in a share of the particles that one wheel has just changed; the weights hold prior over
-        proposal, so that the mixture is that of the prior rate."""
+        """Suppose, for each wheel in the same number of copies of particles, that it has just changed.
+
+        Parents are drawn by their weights, systematically, so that whatever hypothesis leads has children
+        within the second. The copies of one wheel share the prior probability of its change within
+        `duration_s`, and take the places of the least probable particles: of those that a resampling leaves
+        free, and of children that came to nothing.
+        """
         count, wheels = bank.log_weights.size, nominal_m.size
-        chance = wheels * self.rate_per_s * duration_s
-        share = max(self.proposed_share * duration_s, chance)
-        jumps = np.unique(rng.integers(count, size=rng.binomial(count, share)))
-        bank.log_weights[jumps] += math.log(chance / share) + math.log1p(-share) - math.log1p(-chance)
-        self.reopen(bank, jumps, nominal_m, rng)
+        each = max(round(self.proposed_share * duration_s * count / wheels), 1)
+        places = bank.ascending()[: min(each * wheels, count // 2)]
+        best = float(bank.log_weights.max())
+        relative = np.exp(bank.log_weights - best)
+        total = float(relative.sum())
+        parents = systematic(relative / total, rng, places.size)
+        bank.take(places, parents)
+        lineage.copy(places, parents)
+        chance = self.rate_per_s * duration_s / each
+        bank.log_weights[places] = best + math.log(total) + math.log(chance)
+        self._widen(bank, places, np.arange(places.size) % wheels, nominal_m)
 
     def reopen(
         self, bank: ParticleBank, who: NDArray[np.intp], nominal_m: FloatArray, rng: np.random.Generator
     ) -> None:
-        """Widen one wheel's radius, drawn for each of these particles, by what a change can do, and the
-        heading by what it has done before it was supposed."""
-        wheel = rng.integers(nominal_m.size, size=who.size)
+        """Let each of these particles suppose that a wheel, drawn for each, has changed; weights stay."""
+        self._widen(bank, who, rng.integers(nominal_m.size, size=who.size), nominal_m)
+
+    def _widen(
+        self, bank: ParticleBank, who: NDArray[np.intp], wheel: NDArray[np.intp], nominal_m: FloatArray
+    ) -> None:
+        """Widen one wheel's radius in each of these particles by what a change can do, and the heading by
+        what it has done before it was supposed."""
         bank.spread[MU + wheel, MU + wheel, who] += np.square(self.std * nominal_m[wheel])
         bank.spread[PSI, PSI, who] += self.heading_std_rad**2
 
     def resample(
         self, bank: ParticleBank, lineage: Lineage, effective: float, rng: np.random.Generator
     ) -> bool:
-        """Resample where the effective number asks for it; whether it did.
+        """Resample where the effective number asks for it; whether it did. A share of the places is left free
+        for changes to be proposed.
 
         Systematically, in the order of the rear pair's difference: with neighbours alike, the error of the
         drawn mixture is smaller (Kitagawa 1996, J. Comput. Graph. Statist. 5(1), 1-25).
@@ -125,9 +158,11 @@ class SampledHypotheses:
             return False
         weights = bank.weights()
         order = np.argsort(bank.state[MU] - bank.state[MU + 1], kind="stable")
-        chosen = order[systematic(weights[order], rng)]
+        free = round(self.reserved_share * weights.size)
+        chosen = order[systematic(weights[order], rng, weights.size - free)]
+        chosen = np.concatenate([chosen, chosen[:free]])
         mean, root = moments_of(bank.theta, weights)
-        bank.keep(chosen)
+        bank.keep(chosen, free)
         lineage.keep(chosen)
         bank.theta[:] = shrunk(bank.theta, mean, root, self.kernel, rng)
         bank.set_levels()

@@ -20,10 +20,10 @@ def effective_number(weights: FloatArray) -> float:
     return float(1.0 / np.dot(weights, weights))
 
 
-def systematic(weights: FloatArray, rng: np.random.Generator) -> NDArray[np.intp]:
-    """Systematic resampling: one uniform draw, N equally spaced pointers into the cumulative weights;
-    (N,)."""
-    count = weights.size
+def systematic(weights: FloatArray, rng: np.random.Generator, count: int | None = None) -> NDArray[np.intp]:
+    """Systematic resampling: one uniform draw, `count` equally spaced pointers (None: as many as weights)
+    into the cumulative weights; (count,)."""
+    count = weights.size if count is None else count
     pointers = (np.arange(count) + rng.random()) / count
     edges = np.cumsum(weights)
     edges[-1] = 1.0  # rounding must not leave a pointer without a particle
@@ -60,6 +60,10 @@ class Lineage:
         """Follow a resampling."""
         self._older, self._newer = self._older[index], self._newer[index]
         self.ancestors = np.unique(self._older).size
+
+    def copy(self, child: NDArray[np.intp], parent: NDArray[np.intp]) -> None:
+        """Follow copies that take the places of others."""
+        self._older[child], self._newer[child] = self._older[parent], self._newer[parent]
 
     def elapse(self, duration_s: float) -> None:
         """Let time pass."""

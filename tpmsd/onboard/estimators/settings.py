@@ -216,9 +216,11 @@ class EstimatorSettings:
     """Time in which a noise level is forgotten: roads and loads last for minutes."""
     level_step_s: float = 10.0
     """Its steps: small against that, and rare enough to cost nothing."""
-    proposed_share: float = 0.02
-    """Share of the particles that suppose a change of a radius, per second: often enough that some do within
-    a second, and so few that half of the particles have supposed none when resampling comes."""
+    proposed_share: float = 0.04
+    """Share of the particles that suppose a change of a radius, per second and over all wheels: two of each
+    wheel with 200 particles, ..."""
+    reserved_share: float = 0.25
+    """... which have places for the children of six seconds, in which a change shows."""
     shrinkage_kernel: float = 0.3
     """Step h by which copies are moved apart, in standard deviations of theta (Liu and West 2001: a discount
     of 0.95 is 0.31)."""
