@@ -145,7 +145,6 @@ BRANCHY = {
     "tpmsd.offline.report.static_figures._for_page": 18,
     "tpmsd.offline.tables.gather.signals_from": 18,
     "tpmsd.offline.tables.tick_table.add": 18,
-    "tpmsd.onboard.daemon.config_toml.config_toml": 16,
     "tpmsd.onboard.estimators.odometry_block._build": 16,
     "tpmsd.onboard.monitor.baseline.learn": 21,
     "tpmsd.onboard.monitor.signal_watch.update": 28,

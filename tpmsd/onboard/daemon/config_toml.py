@@ -22,22 +22,8 @@ def config_toml(config: Config, dbc: str) -> str:
     for table in _TABLES:
         record = getattr(config, table)
         lines.append(f"[{table}]")
-        for field in dataclasses.fields(record):
-            value = getattr(record, field.name)
-            if field.name == "dbc":
-                value = dbc
-            if value is None and (table, field.name) == ("state", "file"):
-                value = ""  # None says: keep none; leaving the key out would say: the usual one
-            if field.name in ("teeth_by_wheel", "output", "output_ids"):  # a replay sends nothing
-                continue
-            if field.name == "teeth_per_rev" and config.vehicle.teeth_by_wheel is not None:
-                value = config.vehicle.teeth_by_wheel
-            if isinstance(value, tuple) and (table == "tyre" or field.name == "measurements"):
-                # None of the measurements is a choice; an empty curve is none at all.
-                if value or table == "filter":
-                    lines.append(f"{field.name} = {json.dumps(list(value))}")
-            elif value is not None and value != () and not isinstance(value, dict):
-                lines.append(f"{field.name} = {_toml(value)}")
+        texts = {field.name: _value(config, table, field.name, dbc) for field in dataclasses.fields(record)}
+        lines += [f"{name} = {text}" for name, text in texts.items() if text is not None]
         lines.append("")
         if table == "can":
             lines.append("[can.signals]")
@@ -48,6 +34,23 @@ def config_toml(config: Config, dbc: str) -> str:
                 lines += [f"{_key(name)} = {_bus(bus, dbc)}" for name, bus in config.can.buses.items()]
                 lines.append("")
     return "\n".join(lines)
+
+
+def _value(config: Config, table: str, name: str, dbc: str) -> str | None:
+    """The text of a key's value; None where the key is left out."""
+    value: object = getattr(getattr(config, table), name)
+    if name in ("teeth_by_wheel", "output", "output_ids"):  # a replay sends nothing
+        return None
+    if name == "dbc":
+        value = dbc
+    if value is None and (table, name) == ("state", "file"):
+        value = ""  # None says: keep none; leaving the key out would say: the usual one
+    if name == "teeth_per_rev" and config.vehicle.teeth_by_wheel is not None:
+        value = config.vehicle.teeth_by_wheel
+    if isinstance(value, tuple) and (table == "tyre" or name == "measurements"):
+        # None of the measurements is a choice; an empty curve is none at all.
+        return json.dumps(list(value)) if value or table == "filter" else None
+    return None if value is None or value == () or isinstance(value, dict) else _toml(value)
 
 
 def signal_toml(can: CanConfig, role: str) -> str:
