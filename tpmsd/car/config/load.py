@@ -13,6 +13,7 @@ from typing import Any
 from tpmsd.car.config import agree
 from tpmsd.car.config.can_output import MOST_OUTPUTS, read_output
 from tpmsd.car.config.document import Document, read_document
+from tpmsd.car.config.dynamics import DynamicsConfig
 from tpmsd.car.config.model import (
     AlarmsConfig,
     BusConfig,
@@ -134,6 +135,7 @@ class _Parser:
                 notify=NotifyConfig(**good["notify"]),
                 calibration=CalibrationConfig(**good["calibration"]),
                 physics=PhysicsConfig(**good["physics"]),
+                dynamics=DynamicsConfig(**good["dynamics"]),
                 file=self._document.file,
             )
         problems = tuple(sorted(self._problems, key=lambda problem: problem.line or 0))

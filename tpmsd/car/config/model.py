@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tpmsd.foundation.plain import brief
+from tpmsd.car.config.dynamics import DynamicsConfig
 
 WHEEL_COUNT_ROLES = ("wheel_count_fl", "wheel_count_fr", "wheel_count_rl", "wheel_count_rr")
 WHEEL_SPEED_ROLES = ("wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr")
@@ -391,5 +392,6 @@ class Config:
     notify: NotifyConfig = field(default_factory=NotifyConfig)
     calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)
+    dynamics: DynamicsConfig = field(default_factory=DynamicsConfig)
     file: Path | None = None
     """Where it was read from."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from tpmsd.car.config import dynamics
 from tpmsd.car.config.can_output import Identifiers
 from tpmsd.car.config.gnss_source import DeviceRule, SourceRule
 from tpmsd.car.config.model import FILTER_GATES, FILTER_METHODS, FIX_WEIGHTS, MEASUREMENTS, ROLES
@@ -133,6 +134,7 @@ def tables(folder: Path) -> dict[str, dict[str, Rule]]:
             "file": FilePath(folder, may_be_empty=True),
             "interval_s": Number(1.0, 86_400.0, "s"),
         },
+        "dynamics": dict(dynamics.RULES),
         "calibration": {
             "made": Text(),
             "method": Text(),

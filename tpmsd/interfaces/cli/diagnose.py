@@ -50,6 +50,7 @@ Nothing is written but what was asked for: --model-out for the extended model, -
 REPLICATES = 19
 """Of the certificate, at most: seven do where a finding is beyond doubt, which costs about as much as the
 diagnosis itself."""
+BASELINE_NAMES = ("rolling", "single-track", "three-dof")
 CERTIFY_SEED = 0
 """Of the replicates: the same drives get the same certificate."""
 
@@ -83,6 +84,13 @@ def add_parser(subparsers: Subparsers) -> None:
         help="give each finding a p-value from at most N replicates of the drive, drawn without it; what is"
         " not sure enough is a suspicion and makes no mismatch (default: %(default)s; 0 skips it; with"
         " --simulation there are none)",
+    )
+    parser.add_argument(
+        "--baseline",
+        choices=BASELINE_NAMES,
+        default="rolling",
+        help="model that the drive is compared with (default: rolling): single-track and three-dof are models"
+        " of vehicle dynamics and take signals.csv and the table [dynamics]",
     )
     parser.add_argument(
         "--model",
@@ -122,6 +130,12 @@ def run(args: argparse.Namespace) -> int:
     for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(name, "1")
     keep_freed_memory()
+    if args.baseline != "rolling":
+        from tpmsd.interfaces.cli.diagnose_dynamics import run_dynamics
+
+        return run_dynamics(args)
+    if args.model is not None:
+        raise ConfigError("--model goes with --baseline single-track or three-dof")
     import numpy as np
 
     from tpmsd.car.physics.model_file import format_model

@@ -1,0 +1,160 @@
+"""The table `[dynamics]` of a configuration: masses, lengths and stiffnesses for the baselines of vehicle dynamics.
+
+In: the folder or file of a configuration. Out: `DynamicsConfig` in a `Config`, or `load_car`, which reads
+`[vehicle]` and `[dynamics]` alone, so that a folder without a bus needs no DBC.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tpmsd.car.config.document import Document, read_document
+from tpmsd.car.config.problems import BadValueError, ConfigProblems, Problem
+from tpmsd.car.config.rules import Choice, Number, Rule
+from tpmsd.car.config.suggest import nearest
+
+_STIFFNESS = Number(1e3, 2e6, "N/rad")
+
+RULES: dict[str, Rule] = {
+    "mass_kg": Number(50.0, 60_000.0, "kg"),
+    "yaw_inertia_kgm2": Number(5.0, 1e6, "kg m2"),
+    "cg_to_front_m": Number(0.1, 8.0, "m"),
+    "cg_to_rear_m": Number(0.1, 8.0, "m"),
+    "cg_height_m": Number(0.05, 3.0, "m"),
+    "cornering_stiffness_front_n_per_rad": _STIFFNESS,
+    "cornering_stiffness_rear_n_per_rad": _STIFFNESS,
+    "longitudinal_stiffness_n": Number(1e3, 2e6, "N"),
+    "friction": Number(0.05, 3.0),
+    "brake_front_share": Number(0.0, 1.0, "share"),
+    "drag_area_m2": Number(0.0, 20.0, "m2"),
+    "rolling_resistance": Number(0.0, 0.2),
+}
+"""Keys of the table."""
+NEEDED = (
+    "mass_kg",
+    "yaw_inertia_kgm2",
+    "cg_to_front_m",
+    "cg_to_rear_m",
+    "cornering_stiffness_front_n_per_rad",
+    "cornering_stiffness_rear_n_per_rad",
+)
+"""Keys without which there is no baseline of vehicle dynamics."""
+
+
+@dataclass(frozen=True, slots=True)
+class DynamicsConfig:
+    """What is known of masses and tyres; None where it is not stated."""
+
+    mass_kg: float | None = None
+    yaw_inertia_kgm2: float | None = None
+    cg_to_front_m: float | None = None
+    cg_to_rear_m: float | None = None
+    cg_height_m: float = 0.5
+    """Centre of gravity above the road."""
+    cornering_stiffness_front_n_per_rad: float | None = None
+    """Of the front axle."""
+    cornering_stiffness_rear_n_per_rad: float | None = None
+    """Of the rear axle."""
+    longitudinal_stiffness_n: float = 80_000.0
+    """Force of one wheel per unit of longitudinal slip."""
+    friction: float = 1.0
+    brake_front_share: float = 0.65
+    drag_area_m2: float = 0.0
+    """Drag coefficient times frontal area; 0 leaves drag out."""
+    rolling_resistance: float = 0.0
+    """Force per load; 0 leaves it out."""
+
+
+@dataclass(frozen=True, slots=True)
+class CarTables:
+    """What `[vehicle]` and `[dynamics]` say of a car, for the baselines of vehicle dynamics."""
+
+    file: Path
+    dynamics: DynamicsConfig
+    track_front_m: float
+    track_rear_m: float
+    driven_axle: str
+    steering_ratio: float | None
+    wheel_radius_m: float
+
+
+_VEHICLE: dict[str, Rule] = {
+    "track_front_m": Number(0.8, 3.0, "m"),
+    "track_rear_m": Number(0.8, 3.0, "m"),
+    "driven_axle": Choice(("front", "rear", "all")),
+    "steering_ratio": Number(1.0, 60.0),
+}
+
+
+def load_car(path: Path) -> CarTables:
+    """Return the car in the file `path` or in the `vehicle.toml` of the folder; ConfigProblems if it has none."""
+    document = read_document(path)
+    problems: list[Problem] = []
+    dynamics = _read(document, "dynamics", RULES, problems)
+    given = document.data.get("vehicle")
+    known = {key: given[key] for key in _VEHICLE if key in given} if isinstance(given, dict) else {}
+    vehicle = _values(document, "vehicle", known, _VEHICLE, problems)
+    for key in NEEDED:
+        if key not in dynamics:
+            found = document.data.get("dynamics")
+            if not (isinstance(found, dict) and key in found):
+                bad = BadValueError("missing", allowed="a baseline of vehicle dynamics needs it")
+                problems.append(bad.at(document.file, document.line("dynamics"), f"[dynamics] {key}"))
+    if problems:
+        raise ConfigProblems(tuple(problems))
+    base = dynamics["cg_to_front_m"] + dynamics["cg_to_rear_m"]
+    return CarTables(
+        document.file,
+        DynamicsConfig(**dynamics),
+        vehicle.get("track_front_m", 0.57 * base),
+        vehicle.get("track_rear_m", 0.57 * base),
+        vehicle.get("driven_axle", "front"),
+        vehicle.get("steering_ratio"),
+        _radius(given),
+    )
+
+
+def _radius(vehicle: object) -> float:
+    """Return the nominal radius, the mean where wheels differ; 0.3 m where none is stated."""
+    value = vehicle.get("wheel_radius_m") if isinstance(vehicle, dict) else None
+    if isinstance(value, dict):
+        numbers = [float(v) for v in value.values() if isinstance(v, int | float)]
+        return sum(numbers) / len(numbers) if numbers else 0.3
+    return (
+        float(value) if isinstance(value, int | float) and not isinstance(value, bool) and value > 0 else 0.3
+    )
+
+
+def _read(
+    document: Document, table: str, rules: Mapping[str, Rule], problems: list[Problem]
+) -> dict[str, Any]:
+    """Return the good values of a table; what is wrong is added to the problems."""
+    given = document.data.get(table, {})
+    if not isinstance(given, dict):
+        bad = BadValueError("must be a table", allowed=f"[{table}] on a line of its own")
+        problems.append(bad.at(document.file, document.line(table), f"[{table}]"))
+        return {}
+    for key in given:
+        if key not in rules:
+            unknown = BadValueError("unknown key", allowed=" ".join(rules), suggestion=nearest(key, rules))
+            problems.append(unknown.at(document.file, document.line(table, key), f"[{table}] {key}"))
+    return _values(document, table, {k: v for k, v in given.items() if k in rules}, rules, problems)
+
+
+def _values(
+    document: Document,
+    table: str,
+    given: Mapping[str, Any],
+    rules: Mapping[str, Rule],
+    problems: list[Problem],
+) -> dict[str, Any]:
+    good: dict[str, Any] = {}
+    for key, value in given.items():
+        try:
+            good[key] = rules[key].read(value)
+        except BadValueError as bad:
+            problems.append(bad.at(document.file, document.line(table, key), f"[{table}] {key}"))
+    return good

@@ -1,0 +1,200 @@
+"""The common frame of the baselines of vehicle dynamics: forces to rates, rates to a step, states to readings.
+
+In: states (..., n), inputs of shape (...), effects. Out: arrays of the same leading shape; the leading axes
+are time, parameters or none. A baseline is a car with contacts: two axles with linear tyres, or four wheels
+with Dugoff's.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.car.physics.air import AIR_KGPM3
+from tpmsd.car.physics.baselines.car import DynamicCar
+from tpmsd.car.physics.baselines.frame import Frame, frame_of
+from tpmsd.car.physics.baselines.inputs import Inputs, Span
+from tpmsd.car.physics.dynamics_effect import DynamicsEffect
+from tpmsd.car.physics.motion import GRAVITY_MPS2
+from tpmsd.foundation.wheels import FloatArray
+
+Theta = Sequence[DynamicsEffect]
+"""Parameters of an extended baseline: the effects with their values; none leaves the baseline as configured."""
+LEAST_MPS = 2.0
+"""Slip angles are those of at least this speed: slower, their geometry is singular."""
+UNITS = {
+    "yaw_rate": "rad/s",
+    "accel_long": "m/s2",
+    "accel_lat": "m/s2",
+    "speed": "m/s",
+    "velocity_lat": "m/s",
+    "side_slip": "rad",
+    "roll": "rad",
+}
+"""Outputs by name, with their units."""
+MOST_STIFF = 0.8
+"""Largest rate constant times step of the integration."""
+
+
+@dataclass(frozen=True, slots=True)
+class Baseline(ABC):
+    """A baseline of one car; `forces` says that drive and brake forces are inputs and speed a state."""
+
+    car: DynamicCar
+    forces: bool = False
+    name: ClassVar[str] = ""
+    nonlinear: ClassVar[bool] = False
+
+    def states(self, theta: Theta = ()) -> tuple[str, ...]:
+        """Return the names of the states: v, r, u where speed is an output, and those that effects add."""
+        extra = [state for effect in theta for state in effect.states]
+        return ("v", "r", *(("u",) if self.forces else ()), *dict.fromkeys(extra))
+
+    def outputs(self, theta: Theta = ()) -> tuple[str, ...]:
+        """Return the names of what it predicts."""
+        speed = ("speed", "accel_long") if self.forces else ()
+        roll = ("roll",) if "roll" in self.states(theta) else ()
+        return ("yaw_rate", "accel_lat", "velocity_lat", "side_slip", *speed, *roll)
+
+    def step(self, x: FloatArray, u: Inputs | Span, theta: Theta, dt: float | FloatArray) -> FloatArray:
+        """Return the states after `dt` seconds, (..., n); `u` is held, or a `Span` that changes linearly.
+
+        Runge-Kutta of fourth order, in as many steps as the fastest rate needs.
+        """
+        count = self.substeps(u.at(0.0), float(np.max(dt)), theta)
+        h = np.asarray(dt)[..., None] / count
+        for k in range(count):
+            first, middle, last = (u.at((k + part) / count) for part in (0.0, 0.5, 1.0))
+            a = self.rates(x, first, theta)
+            b = self.rates(x + 0.5 * h * a, middle, theta)
+            c = self.rates(x + 0.5 * h * b, middle, theta)
+            d = self.rates(x + h * c, last, theta)
+            x = x + h / 6.0 * (a + 2.0 * b + 2.0 * c + d)
+        return x
+
+    def substeps(self, u: Inputs, dt: float, theta: Theta = ()) -> int:
+        """Return how many steps of the integration are stable and exact enough at all speeds; a power of 2."""
+        slowest = max(float(np.min(u.speed_mps)), LEAST_MPS)
+        stiff = (self.car.cornering_front_n + self.car.cornering_rear_n) / (self.car.mass_kg * slowest)
+        fastest = float(np.max(u.speed_mps))
+        stiff = max([stiff, *(effect.fastest_rate_per_s(fastest) for effect in theta)])
+        return int(2 ** np.ceil(np.log2(max(dt * stiff / MOST_STIFF, 1.0))))
+
+    def rates(self, x: FloatArray, u: Inputs, theta: Theta) -> FloatArray:
+        """Return the time derivatives of the states, (..., n)."""
+        names = self.states(theta)
+        frame = self._moved({name: x[..., k] for k, name in enumerate(names)}, u, theta)
+        rates = [frame.rates[name] for name in names]
+        return np.stack(np.broadcast_arrays(*rates), axis=-1)
+
+    def read(self, x: FloatArray, u: Inputs, theta: Theta) -> dict[str, FloatArray]:
+        """Return what instruments read, by the output's name."""
+        return self.frame(x, u, theta).outputs
+
+    def frame(self, x: FloatArray, u: Inputs, theta: Theta, states: Sequence[str] | None = None) -> Frame:
+        """Return everything of one evaluation, readings included.
+
+        `states` names those of x where they are not all that the effects have: an effect without its states
+        acts to first order.
+        """
+        names = self.states(theta) if states is None else states
+        state = {name: x[..., k] for k, name in enumerate(names)}
+        frame = self._moved(state, u, theta)
+        self._instruments(frame, theta)
+        if frame.delays:
+            self._delayed(frame, state, u, theta)
+        return frame
+
+    def _moved(self, state: Mapping[str, FloatArray], u: Inputs, theta: Theta) -> Frame:
+        """Return a frame with forces and rates."""
+        frame = frame_of(self.car, state, u, self.nonlinear, LEAST_MPS)
+        for effect in theta:
+            effect.adapt_car(frame)
+        for effect in theta:
+            effect.adapt_inputs(frame)
+        if not self.forces:
+            force = frame.mass * frame.accel_long
+            frame.drive, frame.brake = np.maximum(force, 0.0), np.maximum(-force, 0.0)
+        self._loads(frame)
+        for effect in theta:
+            effect.adapt_loads(frame)
+        self._angles(frame)
+        for effect in theta:
+            effect.adapt_angles(frame)
+        for effect in theta:
+            effect.adapt_tyres(frame)
+        self._tyres(frame)
+        for effect in theta:
+            effect.add_forces(frame)
+        _air_and_rolling(frame)
+        frame.rates["v"] = frame.force_y / frame.mass - frame.u * frame.r + frame.gravity_y
+        frame.rates["r"] = np.asarray(frame.moment / frame.inertia)
+        frame.rates["u"] = np.asarray(frame.force_x / frame.mass + frame.v * frame.r + frame.gravity_x)
+        for effect in theta:
+            effect.add_rates(frame)
+        return frame
+
+    def _instruments(self, frame: Frame, theta: Theta) -> None:
+        """Fill in the readings of perfect instruments at the centre of gravity, then those of the effects."""
+        frame.outputs = {
+            "yaw_rate": frame.r,
+            "accel_lat": np.asarray(frame.force_y / frame.mass),
+            "velocity_lat": frame.v,
+            "side_slip": frame.v / frame.u,
+        }
+        if self.nonlinear:
+            frame.outputs["side_slip"] = np.arctan2(frame.v, frame.u)
+        if self.forces:
+            frame.outputs["speed"] = frame.u
+            frame.outputs["accel_long"] = np.asarray(frame.force_x / frame.mass)
+        if "roll" in frame.extra:
+            frame.outputs["roll"] = frame.extra["roll"]
+        for effect in theta:
+            effect.read(frame)
+
+    def _delayed(self, frame: Frame, state: Mapping[str, FloatArray], u: Inputs, theta: Theta) -> None:
+        """Put readings back by their ages: y(t - T) = y - T * dy/dt at t - T/2, to second order."""
+        for name, delay in frame.delays.items():
+            rate = {"yaw_rate": "r", "velocity_lat": "v", "speed": "u"}[name]
+            back = {key: value - 0.5 * delay * frame.rates[key] for key, value in state.items()}
+            middle = self._moved(back, u.shifted(-0.5 * np.asarray(delay)), theta)  # type: ignore[arg-type]
+            frame.outputs[name] = frame.outputs[name] - delay * middle.rates[rate]
+
+    @abstractmethod
+    def _loads(self, frame: Frame) -> None:
+        """Fill in `load` and `transfer`."""
+
+    @abstractmethod
+    def _angles(self, frame: Frame) -> None:
+        """Fill in `angle` and `stiffness`."""
+
+    @abstractmethod
+    def _tyres(self, frame: Frame) -> None:
+        """Fill in `side` and `along`, and add them up to forces and moment."""
+
+
+def _air_and_rolling(frame: Frame) -> None:
+    """Add drag and rolling resistance, where the car has them and speed is an output."""
+    if not frame.speed_is_state:
+        return
+    drag = 0.5 * AIR_KGPM3 * frame.drag_area * frame.u * np.abs(frame.u)
+    frame.force_x = frame.force_x - drag - frame.rolling_resistance * frame.mass * GRAVITY_MPS2
+
+
+def lateral_transfer(frame: Frame) -> FloatArray:
+    """Return the lateral load transfer of each axle over its wheel's static load, (2, ...).
+
+    Each axle takes the transfer of the mass that it carries: dF / F0 = 2 h a_y / (g t), a_y = u r.
+    """
+    pull = 2.0 * frame.height * frame.u * frame.r / GRAVITY_MPS2
+    return np.stack(np.broadcast_arrays(pull / frame.track_front, pull / frame.track_rear))
+
+
+def like(contacts: FloatArray, shape: FloatArray) -> FloatArray:
+    """Return values of contacts (k, ...) with axes of one put in behind the first, as many as `shape` has."""
+    missing = shape.ndim - contacts.ndim
+    return contacts.reshape((len(contacts),) + (1,) * missing + contacts.shape[1:])

@@ -1,0 +1,132 @@
+"""One evaluation of a car: every quantity from parameters and state to forces and readings, in order.
+
+In: a car, states and inputs. Out: `Frame`, which a baseline fills stage by stage; between the stages the
+effects of the model change what is there. Arrays of contacts have the contact first: (2, ...) for axles,
+(4, ...) for wheels fl fr rl rr; the other axes are time, parameters or none and broadcast together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tpmsd.car.physics.baselines.car import DynamicCar
+from tpmsd.car.physics.baselines.inputs import Inputs
+from tpmsd.foundation.wheels import FloatArray
+
+Real = float | FloatArray
+
+
+@dataclass(slots=True)
+class Frame:
+    """Quantities of one evaluation; SI units, x forward, y left, moments counter-clockwise."""
+
+    inputs: Inputs
+    v: FloatArray
+    """Lateral speed of the centre of gravity, m/s."""
+    u: FloatArray
+    """Longitudinal speed, at least the baseline's least speed, m/s."""
+    r: FloatArray
+    """Yaw rate, rad/s."""
+    extra: Mapping[str, FloatArray]
+    """States that effects add, by name."""
+    nonlinear: bool
+    """False where the tyres are linear and the angles small."""
+    speed_is_state: bool
+
+    # the car as the effects see it
+    mass: Real
+    inertia: Real
+    front: Real
+    rear: Real
+    height: Real
+    track_front: Real
+    track_rear: Real
+    cornering_front: Real
+    cornering_rear: Real
+    longitudinal: Real
+    friction: Real | None
+    """None where the tyres have no limit."""
+    drive_front_share: Real
+    brake_front_share: Real
+    drag_area: Real
+    rolling_resistance: Real
+    steering_ratio: Real
+
+    # inputs as they act
+    steer: FloatArray
+    drive: FloatArray
+    brake: FloatArray
+    accel_long: FloatArray
+
+    # stage by stage
+    load: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """(contacts, ...) N."""
+    transfer: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """(2, ...) lateral load transfer of each axle over its wheel's static load, signed: positive in a left
+    turn."""
+    angle: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """(contacts, ...) slip angles, positive where the force points left."""
+    stiffness: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """(contacts, ...) cornering stiffness, N/rad."""
+    side: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """(contacts, ...) lateral tyre forces in the wheel's frame, N."""
+    along: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """(contacts, ...) longitudinal tyre forces in the wheel's frame, N."""
+    force_x: Real = 0.0
+    """External and summed forces on the car, N; those that an accelerometer feels."""
+    force_y: Real = 0.0
+    moment: Real = 0.0
+    gravity_x: Real = 0.0
+    """Accelerations by gravity, which no accelerometer feels, m/s2."""
+    gravity_y: Real = 0.0
+    rates: dict[str, FloatArray] = field(default_factory=dict)
+    """Time derivatives of the states by name."""
+    outputs: dict[str, FloatArray] = field(default_factory=dict)
+    """Readings by the output's name."""
+    delays: dict[str, Real] = field(default_factory=dict)
+    """Age of a reading by the output's name, s."""
+
+    @property
+    def axles(self) -> bool:
+        """Whether the contacts are the two axles."""
+        return len(self.angle) == 2
+
+
+def frame_of(
+    car: DynamicCar, state: Mapping[str, FloatArray], inputs: Inputs, nonlinear: bool, least_mps: float
+) -> Frame:
+    """Return a frame with the car, the inputs and the states as they are before any effect."""
+    speed_is_state = "u" in state
+    speed = state["u"] if speed_is_state else inputs.speed_mps
+    return Frame(
+        inputs=inputs,
+        v=state["v"],
+        u=np.maximum(speed, least_mps),
+        r=state["r"],
+        extra={name: value for name, value in state.items() if name not in ("u", "v", "r")},
+        nonlinear=nonlinear,
+        speed_is_state=speed_is_state,
+        mass=car.mass_kg,
+        inertia=car.yaw_inertia_kgm2,
+        front=car.front_m,
+        rear=car.rear_m,
+        height=car.height_m,
+        track_front=car.track_front_m,
+        track_rear=car.track_rear_m,
+        cornering_front=car.cornering_front_n,
+        cornering_rear=car.cornering_rear_n,
+        longitudinal=car.longitudinal_n,
+        friction=car.friction if nonlinear else None,
+        drive_front_share=car.drive_front_share,
+        brake_front_share=car.brake_front_share,
+        drag_area=car.drag_area_m2,
+        rolling_resistance=car.rolling_resistance,
+        steering_ratio=car.steering_ratio,
+        steer=inputs.steer_rad,
+        drive=inputs.drive_n,
+        brake=inputs.brake_n,
+        accel_long=inputs.accel_long_mps2,
+    )

@@ -1,0 +1,92 @@
+"""Inputs of a baseline model: what the driver does, and the speed where it is not an output.
+
+In: arrays of any one shape. Out: `Inputs`, and `Span`, the inputs over a step with linear interpolation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.foundation.wheels import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """Inputs at one instant or at many; arrays of one shape."""
+
+    time_s: FloatArray
+    """Since the drive's start."""
+    steer_rad: FloatArray
+    """Angle of the road wheels as configured, left positive."""
+    steer_rate_radps: FloatArray
+    speed_mps: FloatArray
+    """Longitudinal speed of the centre of gravity; unused where it is a state."""
+    accel_long_mps2: FloatArray
+    """Longitudinal specific force."""
+    drive_n: FloatArray
+    """Sum of the drive forces at the road."""
+    brake_n: FloatArray
+    """Sum of the brake forces at the road, positive."""
+
+    def at(self, fraction: float) -> Inputs:
+        """Return the inputs held over a step (zero-order hold)."""
+        return self
+
+    def take(self, rows: slice | FloatArray) -> Inputs:
+        """Return the inputs at some rows of the first axis."""
+        return Inputs(*(getattr(self, name)[rows] for name in FIELDS))
+
+    def shifted(self, by_s: float) -> Inputs:
+        """Return the inputs a time later, steering alone extrapolated by its rate."""
+        steer = self.steer_rad + by_s * self.steer_rate_radps
+        return Inputs(
+            self.time_s + by_s,
+            steer,
+            self.steer_rate_radps,
+            self.speed_mps,
+            self.accel_long_mps2,
+            self.drive_n,
+            self.brake_n,
+        )
+
+
+FIELDS = tuple(Inputs.__slots__)
+"""Names of the arrays."""
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """Inputs at both ends of a step; between them they change linearly (first-order hold)."""
+
+    start: Inputs
+    end: Inputs
+
+    def at(self, fraction: float) -> Inputs:
+        """Return the inputs at a fraction of the step."""
+        if fraction == 0.0:
+            return self.start
+        if fraction == 1.0:
+            return self.end
+        return Inputs(
+            *(
+                (1.0 - fraction) * getattr(self.start, name) + fraction * getattr(self.end, name)
+                for name in FIELDS
+            )
+        )
+
+
+def make_inputs(
+    time_s: FloatArray,
+    steer_rad: FloatArray,
+    speed_mps: FloatArray | None = None,
+    accel_long_mps2: FloatArray | None = None,
+    drive_n: FloatArray | None = None,
+    brake_n: FloatArray | None = None,
+) -> Inputs:
+    """Return inputs over a recording of n rows; what is not given is 0, the steering's rate its gradient."""
+    zero = np.zeros(len(time_s))
+    rate = np.gradient(steer_rad, time_s) if len(time_s) > 1 else zero
+    given = (speed_mps, accel_long_mps2, drive_n, brake_n)
+    return Inputs(time_s, steer_rad, rate, *(zero if one is None else one for one in given))

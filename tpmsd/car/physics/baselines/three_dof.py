@@ -1,0 +1,102 @@
+"""The 3-DOF car of [Liu 2022]: four wheels, Dugoff tyres, quasi-static wheel loads.
+
+Hub i lies x_i ahead and y_i to the left of the centre of gravity and moves with (u - r y_i, v + r x_i). A
+wheel's longitudinal slip is that which carries its share of the force, sigma / (1 + sigma) = F / C_sigma, of
+the given forces or of m a_x. Loads follow from a_x and the steady a_y = u r. Each sign is taken from a
+free-body drawing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from tpmsd.car.physics.baselines.base import LEAST_MPS, Baseline, lateral_transfer, like
+from tpmsd.car.physics.baselines.dugoff import grip_share
+from tpmsd.car.physics.baselines.frame import Frame, Real
+from tpmsd.car.physics.motion import GRAVITY_MPS2
+from tpmsd.foundation.wheels import FloatArray
+
+MOST_SLIP_FORCE = 0.3
+"""Largest F / C_sigma that is turned into a slip: beyond, a wheel spins or locks."""
+
+
+@dataclass(frozen=True, slots=True)
+class ThreeDof(Baseline):
+    """The car of [Liu 2022]."""
+
+    name: ClassVar[str] = "three-dof"
+    nonlinear: ClassVar[bool] = True
+
+    def _loads(self, frame: Frame) -> None:
+        """Quasi-static wheel loads, [Liu 2022, eq. 8] with the division by the wheelbase."""
+        base = frame.front + frame.rear
+        ahead = (frame.drive - frame.brake) / frame.mass if self.forces else frame.accel_long
+        rise = frame.mass * ahead * frame.height / base
+        weight = frame.mass * GRAVITY_MPS2 / base
+        front, rear = 0.5 * (weight * frame.rear - rise), 0.5 * (weight * frame.front + rise)
+        frame.transfer = lateral_transfer(frame)
+        left = frame.transfer * np.stack(
+            np.broadcast_arrays(0.5 * weight * frame.rear + 0.0 * rise, 0.5 * weight * frame.front)
+        )
+        frame.load = np.stack(
+            np.broadcast_arrays(front - left[0], front + left[0], rear - left[1], rear + left[1])
+        )
+
+    def _angles(self, frame: Frame) -> None:
+        """Slip angles of the wheels."""
+        ahead = frame.v + frame.front * frame.r
+        behind = frame.v - frame.rear * frame.r
+        front, rear = 0.5 * frame.track_front * frame.r, 0.5 * frame.track_rear * frame.r
+        along = [np.maximum(frame.u + side, LEAST_MPS) for side in (-front, front, -rear, rear)]
+        across = (ahead, ahead, behind, behind)
+        turned = (frame.steer, frame.steer, 0.0, 0.0)
+        angles = [t - np.arctan2(a, u) for t, a, u in zip(turned, across, along, strict=True)]
+        frame.angle = np.stack(np.broadcast_arrays(*angles))
+        front_n, rear_n = np.broadcast_arrays(
+            0.5 * np.asarray(frame.cornering_front), 0.5 * np.asarray(frame.cornering_rear)
+        )
+        frame.stiffness = like(np.stack([front_n, front_n, rear_n, rear_n]), frame.angle)
+
+    def _tyres(self, frame: Frame) -> None:
+        """Forces in the wheels' frames, added up in the car's."""
+        slip = carried_slip(frame)
+        linear_side = frame.stiffness * np.tan(frame.angle)
+        linear_along = frame.longitudinal * slip
+        lengthened = 1.0 + slip
+        assert frame.friction is not None
+        share = grip_share(np.hypot(linear_along, linear_side), lengthened, frame.friction, frame.load)
+        share = share / lengthened
+        frame.side, frame.along = linear_side * share, linear_along * share
+        cos, sin = np.cos(frame.steer), np.sin(frame.steer)
+        ahead = [frame.along[k] * cos - frame.side[k] * sin for k in (0, 1)] + [
+            frame.along[2],
+            frame.along[3],
+        ]
+        left = [frame.along[k] * sin + frame.side[k] * cos for k in (0, 1)] + [frame.side[2], frame.side[3]]
+        frame.force_x = ahead[0] + ahead[1] + ahead[2] + ahead[3]
+        front, rear = left[0] + left[1], left[2] + left[3]
+        frame.force_y = front + rear
+        frame.moment = (
+            frame.front * front
+            - frame.rear * rear
+            + 0.5 * frame.track_front * (ahead[1] - ahead[0])
+            + 0.5 * frame.track_rear * (ahead[3] - ahead[2])
+        )
+
+
+def carried_slip(frame: Frame) -> FloatArray:
+    """Return the longitudinal slip of the wheels that carry their shares of drive and brake force, (4, ...)."""
+    front = _share(frame.drive_front_share) * frame.drive - _share(frame.brake_front_share) * frame.brake
+    rear = (1.0 - _share(frame.drive_front_share)) * frame.drive
+    rear = rear - (1.0 - _share(frame.brake_front_share)) * frame.brake
+    halves = [0.5 * np.asarray(one) / frame.longitudinal for one in (front, front, rear, rear)]
+    force = np.clip(np.stack(np.broadcast_arrays(*halves)), -MOST_SLIP_FORCE, MOST_SLIP_FORCE)
+    return np.asarray(force / (1.0 - force))
+
+
+def _share(value: Real) -> Real:
+    """Return a share within 0 and 1."""
+    return np.clip(value, 0.0, 1.0)

@@ -1,0 +1,117 @@
+"""What an effect of vehicle dynamics is: a piece of physics that a baseline model leaves out.
+
+In: nothing. Out: the base class `DynamicsEffect`. A concrete effect is a frozen dataclass in
+`tpmsd.car.physics.dynamics_effects` whose fields are its parameters; it overrides the one or two hooks through
+which it acts. Hooks change a `Frame` in place, in the order in which they are listed here, and work on
+arrays of any shape that broadcasts with the frame's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+from tpmsd.car.physics.baselines.car import DynamicCar
+from tpmsd.car.physics.baselines.frame import Frame
+from tpmsd.car.physics.baselines.inputs import Inputs
+from tpmsd.car.physics.parameters import AnyParameter, Parameter, Value
+from tpmsd.foundation.errors import ConfigError
+
+PHYSICS, INSTRUMENT, EVENT, FREE = "physics", "instrument", "event", "free"
+"""Kinds: of car and road, of a sensor, of a span of time, a description without a formula."""
+
+
+@dataclass(frozen=True)
+class DynamicsEffect:
+    """One effect with its values. Sub-classes are frozen dataclasses with one field per parameter."""
+
+    name: ClassVar[str]
+    kind: ClassVar[str] = PHYSICS
+    formula: ClassVar[str] = ""
+    sentence: ClassVar[str] = ""
+    """A clause that says what it is."""
+    telling_drive: ClassVar[str] = ""
+    """The drive in which it shows and is parted from its twins."""
+    parameters: ClassVar[tuple[AnyParameter, ...]] = ()
+    channel: ClassVar[str] = "yaw_rate"
+    """The output in which it shows most, where the drive does not tell."""
+    covariate: ClassVar[str | None] = None
+    """The variable that it depends on; None: time."""
+    grid: ClassVar[tuple[Mapping[str, float], ...]] = ()
+    """Values at which it is looked for where it enters nonlinearly; empty: it is linear about neutral."""
+    states: ClassVar[tuple[str, ...]] = ()
+    """States that it adds once it belongs to a model."""
+    needs_forces: ClassVar[bool] = False
+    """Whether it shows only where speed is an output."""
+    positive: ClassVar[bool] = False
+    """Whether its first parameter has one possible sign."""
+    shows_in: ClassVar[Mapping[str, str]] = {}
+    """Outputs by parameter, for parameters that show in one output alone."""
+    twins: ClassVar[tuple[str, ...]] = ()
+    """Effects that it is often confounded with, for the reference."""
+
+    def __post_init__(self) -> None:
+        for parameter in self.parameters:
+            value = getattr(self, parameter.name)
+            if not isinstance(value, float | int | str | tuple | list):
+                continue  # an array of values that broadcasts, made by a caller that knows the limits
+            try:
+                object.__setattr__(self, parameter.name, parameter.check(value))
+            except ValueError as error:
+                raise ConfigError(f"effect {self.name}: {error}") from None
+
+    def values(self) -> dict[str, Value]:
+        """Return the parameters by name."""
+        return {p.name: getattr(self, p.name) for p in self.parameters}
+
+    def unit_of(self, parameter: str) -> str:
+        """Return the unit of one of its parameters; empty where it has none."""
+        return next(p.unit for p in self.parameters if p.name == parameter)
+
+    @classmethod
+    def numbers(cls) -> tuple[Parameter, ...]:
+        """Return the parameters that a fit moves."""
+        return tuple(p for p in cls.parameters if isinstance(p, Parameter) and p.probe > 0.0)
+
+    @classmethod
+    def neutral_values(cls, car: DynamicCar, nonlinear: bool) -> dict[str, float]:
+        """Return the values with which it does nothing on this car."""
+        return {p.name: p.neutral for p in cls.parameters if isinstance(p, Parameter)}
+
+    @classmethod
+    def applies(cls, nonlinear: bool, forces: bool) -> bool:
+        """Return True if the effect can act on a baseline with these tyres and inputs."""
+        return forces or not cls.needs_forces
+
+    def fastest_rate_per_s(self, speed_mps: float) -> float:
+        """Return the rate constant of its own states at most at this speed."""
+        return 0.0
+
+    def shift_series(self, inputs: Inputs) -> Inputs:
+        """Change inputs over a whole recording, arrays (n,): delays."""
+        return inputs
+
+    def adapt_car(self, frame: Frame) -> None:
+        """Change masses, lengths, stiffnesses and limits."""
+
+    def adapt_inputs(self, frame: Frame) -> None:
+        """Change steering and forces as they act."""
+
+    def adapt_loads(self, frame: Frame) -> None:
+        """Change loads and load transfer."""
+
+    def adapt_angles(self, frame: Frame) -> None:
+        """Change slip angles."""
+
+    def adapt_tyres(self, frame: Frame) -> None:
+        """Change stiffnesses once loads and slip angles are known."""
+
+    def add_forces(self, frame: Frame) -> None:
+        """Add forces, moments and gravity once the tyres' forces are known."""
+
+    def add_rates(self, frame: Frame) -> None:
+        """Add the rates of its own states, or change those of others."""
+
+    def read(self, frame: Frame) -> None:
+        """Change what the instruments read."""

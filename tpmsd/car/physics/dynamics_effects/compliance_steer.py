@@ -1,0 +1,52 @@
+"""The front wheels give way under side force."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.car.physics.baselines.frame import Frame
+from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.parameters import Parameter, Prior
+
+
+@dataclass(frozen=True)
+class ComplianceSteer(DynamicsEffect):
+    """The front wheels turn out of the bend by k * F_f, k = c l / (m b): by c * a_y in steady bends.
+
+    With a linear tyre the axle has C / (1 + k C) instead of C. Source: 1 to 3 degrees per g with rack and
+    bushings, a third of it by compliance ([Gillespie 1992], ch. 6).
+    """
+
+    name = "compliance_steer"
+    kind = PHYSICS
+    formula = "front slip angle = geometric / (1 + k * C_f), k = c * l / (m * b)"
+    sentence = "the front wheels give way under side force"
+    telling_drive = "hold steady bends at two speeds and change lanes quickly"
+    channel = "yaw_rate"
+    covariate = "accel_lat"
+    twins = ("cornering_stiffness_error",)
+    parameters = (
+        Parameter(
+            "coefficient",
+            "rad.s2/m",
+            0.0015,
+            -0.01,
+            0.03,
+            "c, angle of the front wheels per lateral acceleration",
+            probe=1e-05,
+            prior=Prior(0.0, 0.001, "a third of 1 to 3 degrees per g: Gillespie, ch. 6"),
+        ),
+    )
+    coefficient: float = 0.0
+
+    def adapt_angles(self, frame: Frame) -> None:
+        """Reduce the front slip angles."""
+        base = frame.front + frame.rear
+        by_force = self.coefficient * base / (frame.mass * frame.rear)
+        less = 1.0 / (1.0 + by_force * frame.cornering_front)
+        same = np.ones_like(less)
+        shares = (less, same) if frame.axles else (less, less, same, same)
+        share = np.stack(np.broadcast_arrays(*shares))
+        frame.angle = frame.angle * share.reshape(share.shape + (1,) * (frame.angle.ndim - share.ndim))

@@ -1,0 +1,45 @@
+"""The drive force is more or less than the reading."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tpmsd.car.physics.baselines.frame import Frame
+from tpmsd.car.physics.dynamics_effect import PHYSICS, DynamicsEffect
+from tpmsd.car.physics.parameters import Parameter, Prior
+
+
+@dataclass(frozen=True)
+class DriveForceError(DynamicsEffect):
+    """F_drive = reading * (1 + relative).
+
+    Source: torque by the engine's or the hydraulic model is within 5 to 15 % of the dynamometer's
+    ([Rajamani 2012], ch. 5).
+    """
+
+    name = "drive_force_error"
+    kind = PHYSICS
+    formula = "F_drive = reading * (1 + relative)"
+    sentence = "the drive force is not the one stated"
+    telling_drive = "accelerate on the level at several forces, the car weighed"
+    channel = "speed"
+    covariate = "accel_long"
+    twins = ("mass_error",)
+    needs_forces = True
+    parameters = (
+        Parameter(
+            "relative",
+            "1",
+            0.1,
+            -0.8,
+            2.0,
+            "true over configured, minus 1",
+            probe=0.001,
+            prior=Prior(0.0, 0.1, "5 to 15 %: Rajamani, ch. 5"),
+        ),
+    )
+    relative: float = 0.0
+
+    def adapt_inputs(self, frame: Frame) -> None:
+        """Scale the force."""
+        frame.drive = frame.drive * (1.0 + self.relative)

@@ -1,0 +1,43 @@
+"""The gyro's reading is old."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tpmsd.car.physics.baselines.frame import Frame
+from tpmsd.car.physics.dynamics_effect import INSTRUMENT, DynamicsEffect
+from tpmsd.car.physics.parameters import Parameter, Prior
+
+
+@dataclass(frozen=True)
+class GyroDelay(DynamicsEffect):
+    """reading(t) = yaw rate(t - delay_s).
+
+    Source: filters of automotive gyros, 10 to 50 Hz corner: 3 to 30 ms; buses and loggers add 5 to 50 ms.
+    """
+
+    name = "gyro_delay"
+    kind = INSTRUMENT
+    formula = "yaw rate read at t = yaw rate at t - delay_s"
+    sentence = "the yaw rate is read late"
+    telling_drive = "steer quickly from side to side"
+    channel = "yaw_rate"
+    covariate = "steering_rate"
+    twins = ("steering_delay", "yaw_inertia_error")
+    parameters = (
+        Parameter(
+            "delay_s",
+            "s",
+            0.04,
+            -0.3,
+            0.3,
+            "age of the reading",
+            probe=0.0001,
+            prior=Prior(0.0, 0.03, "3 to 50 ms: data sheets, buses"),
+        ),
+    )
+    delay_s: float = 0.0
+
+    def read(self, frame: Frame) -> None:
+        """Set the reading's age."""
+        frame.delays["yaw_rate"] = frame.delays.get("yaw_rate", 0.0) + self.delay_s

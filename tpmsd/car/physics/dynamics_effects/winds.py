@@ -1,0 +1,98 @@
+"""Wind from the side and from ahead, over a span of time.
+
+In: speed, onset, duration. Out: `SideWind`, `HeadWind`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.car.physics.air import AIR_KGPM3
+from tpmsd.car.physics.baselines.frame import Frame
+from tpmsd.car.physics.dynamics_effect import EVENT, DynamicsEffect
+from tpmsd.car.physics.parameters import Parameter, Prior
+from tpmsd.foundation.wheels import FloatArray
+
+SIDE_AREA_M2 = 4.5
+"""Side force area dC_y/dbeta * A of a passenger car: 2 to 2.5 per rad of 2 m2 ([Gillespie 1992], ch. 4)."""
+LEVER_M = 0.25
+"""Its centre of pressure ahead of the centre of gravity ([Gillespie 1992], ch. 4: a tenth of the wheelbase)."""
+USUAL_DRAG_M2 = 0.65
+"""Drag area where the car has none configured."""
+
+
+def _span(name: str, typical: float, low: float, description: str) -> Parameter:
+    return Parameter(name, "s", typical, low, 1e6, description)
+
+
+_SPEED = Parameter(
+    "speed_mps",
+    "m/s",
+    8.0,
+    -60.0,
+    60.0,
+    "of the wind, positive to the left or against the car",
+    probe=1e-2,
+    prior=Prior(0.0, 6.0, "4 to 12 m/s: Beaufort 3 to 6"),
+)
+
+
+@dataclass(frozen=True)
+class SideWind(DynamicsEffect):
+    """F_y = rho / 2 * A * u * speed, M_z = 0.25 m * F_y, A = 4.5 m2, from onset_s for duration_s.
+
+    A wind to the left, at a small angle to the path. Source: [Gillespie 1992], ch. 4.
+    """
+
+    name = "side_wind"
+    kind = EVENT
+    formula = "F_y = rho/2 * 4.5 m2 * u * speed, M_z = 0.25 m * F_y, in a span of time"
+    sentence = "a wind blows from the side"
+    telling_drive = "drive the same road there and back at a constant speed"
+    channel = "accel_lat"
+    twins = ("road_bank", "steering_offset")
+    parameters = (_SPEED, _span("onset_s", 60.0, 0.0, "begin"), _span("duration_s", 10.0, 0.1, "length"))
+    speed_mps: float = 0.0
+    onset_s: float = 0.0
+    duration_s: float = 1e6
+
+    def add_forces(self, frame: Frame) -> None:
+        """Push sideways, ahead of the centre of gravity."""
+        force = 0.5 * AIR_KGPM3 * SIDE_AREA_M2 * frame.u * self.speed_mps * _within(self, frame)
+        frame.force_y = frame.force_y + force
+        frame.moment = frame.moment + LEVER_M * force
+
+
+@dataclass(frozen=True)
+class HeadWind(DynamicsEffect):
+    """F_x = -rho / 2 * A * ((u + speed)^2 - u^2), from onset_s for duration_s; A is the car's drag area.
+
+    Source: dynamic pressure of the relative wind.
+    """
+
+    name = "head_wind"
+    kind = EVENT
+    formula = "F_x = -rho/2 * A * ((u + speed)^2 - u^2) in a span of time"
+    sentence = "a wind blows from ahead"
+    telling_drive = "drive the same road there and back at a constant speed"
+    channel = "speed"
+    needs_forces = True
+    twins = ("road_grade",)
+    parameters = (_SPEED, _span("onset_s", 60.0, 0.0, "begin"), _span("duration_s", 10.0, 0.1, "length"))
+    speed_mps: float = 0.0
+    onset_s: float = 0.0
+    duration_s: float = 1e6
+
+    def add_forces(self, frame: Frame) -> None:
+        """Push backwards."""
+        area = np.where(np.asarray(frame.drag_area) > 0.0, frame.drag_area, USUAL_DRAG_M2)
+        press = (frame.u + self.speed_mps) ** 2 - frame.u**2
+        frame.force_x = frame.force_x - 0.5 * AIR_KGPM3 * area * press * _within(self, frame)
+
+
+def _within(wind: SideWind | HeadWind, frame: Frame) -> FloatArray:
+    """Return 1 in the span, 0 outside."""
+    since = frame.inputs.time_s - wind.onset_s
+    return np.asarray((since >= 0.0) & (since < wind.duration_s), dtype=np.float64)

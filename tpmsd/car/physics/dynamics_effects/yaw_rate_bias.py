@@ -1,0 +1,43 @@
+"""The gyro reads a rate on the straight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tpmsd.car.physics.baselines.frame import Frame
+from tpmsd.car.physics.dynamics_effect import INSTRUMENT, DynamicsEffect
+from tpmsd.car.physics.parameters import Parameter, Prior
+
+
+@dataclass(frozen=True)
+class YawRateBias(DynamicsEffect):
+    """reading = truth + bias.
+
+    Source: data sheets of automotive gyros, 1e-3 to 1e-2 rad/s uncalibrated.
+    """
+
+    name = "yaw_rate_bias"
+    kind = INSTRUMENT
+    formula = "yaw rate read = truth + bias"
+    sentence = "the gyro reads a rate on the straight"
+    telling_drive = "stand still for a minute with the ignition on"
+    channel = "yaw_rate"
+    covariate = "time"
+    twins = ("steering_offset",)
+    parameters = (
+        Parameter(
+            "bias",
+            "rad/s",
+            0.005,
+            -0.2,
+            0.2,
+            "reading minus truth",
+            probe=1e-05,
+            prior=Prior(0.0, 0.005, "1e-3 to 1e-2: data sheets"),
+        ),
+    )
+    bias: float = 0.0
+
+    def read(self, frame: Frame) -> None:
+        """Add the bias."""
+        frame.outputs["yaw_rate"] = frame.outputs["yaw_rate"] + self.bias

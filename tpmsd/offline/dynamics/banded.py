@@ -1,0 +1,44 @@
+"""Block tridiagonal least squares over time by a banded Cholesky factor.
+
+In: diagonal blocks (n, s, s), blocks below the diagonal (n - 1, s, s), right-hand sides. Out: solutions, and
+samples of the Gaussian whose information matrix this is.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.linalg import lapack
+
+from tpmsd.foundation.wheels import FloatArray
+
+
+class BandedFactor:
+    """The Cholesky factor of a symmetric positive definite block tridiagonal matrix."""
+
+    def __init__(self, diagonal: FloatArray, below: FloatArray) -> None:
+        n, s, _ = diagonal.shape
+        band = np.zeros((2 * s, n * s), order="F")
+        for j in range(s):
+            for i in range(j, s):
+                band[i - j, j::s] = diagonal[:, i, j]
+            for i in range(s):
+                band[s + i - j, j : (n - 1) * s : s] = below[:, i, j]
+        factor, info = lapack.dpbtrf(band, lower=1, overwrite_ab=1)
+        if info != 0:
+            raise np.linalg.LinAlgError(f"the path's information matrix is not positive definite ({info})")
+        self._factor = factor
+        self._shape = (n, s)
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """Return the solution for right-hand sides (n, s) or (n, s, p)."""
+        n, s = self._shape
+        columns = np.asfortranarray(right.reshape(n * s, -1))
+        out, _ = lapack.dpbtrs(self._factor, columns, lower=1)
+        return np.ascontiguousarray(out).reshape(right.shape)
+
+    def sample(self, white: FloatArray) -> FloatArray:
+        """Return draws of the Gaussian with this information matrix, (n, s, p), from standard normals."""
+        n, s = self._shape
+        columns = np.asfortranarray(white.reshape(n * s, -1))
+        out, _ = lapack.dtbtrs(self._factor, columns, uplo="L", trans="T")
+        return np.ascontiguousarray(out).reshape(white.shape)

@@ -1,0 +1,145 @@
+"""The diagnosis of vehicle dynamics: from a baseline and a drive to findings.
+
+In: `Baseline`, `DynamicsDrive`, effects that belong to the baseline. Out: `DynamicsDiagnosis`. No I/O.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from tpmsd.car.physics.baselines.base import UNITS, Baseline
+from tpmsd.car.physics.dynamics_effect import DynamicsEffect
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.dynamics.drive import DynamicsDrive
+from tpmsd.offline.dynamics.findings import findings_of, not_detectable
+from tpmsd.offline.dynamics.path import Setup
+from tpmsd.offline.dynamics.predict import predicted
+from tpmsd.offline.dynamics.rating import rating
+from tpmsd.offline.dynamics.result import (
+    CONSISTENT,
+    FINDING,
+    INSUFFICIENT,
+    MISMATCH,
+    DynamicsDiagnosis,
+    OutputFit,
+    Step,
+)
+from tpmsd.offline.dynamics.search import Search, Stage, fold_blocks, threshold_of
+from tpmsd.offline.dynamics.settings import SETTINGS
+from tpmsd.offline.dynamics.stages import searched
+
+
+def _silent(share: float) -> None:
+    """Take no notice of the progress."""
+
+
+def diagnose_dynamics(
+    baseline: Baseline,
+    drive: DynamicsDrive,
+    given: Sequence[DynamicsEffect] = (),
+    say: Callable[[float], None] = _silent,
+) -> DynamicsDiagnosis:
+    """Return what the drive holds that the baseline with the given effects leaves out."""
+    names = tuple(effect.name for effect in given)
+    moving = float(np.sum(np.diff(drive.time_s)[drive.moving[:-1] & drive.linked]))
+    if reason := _too_little(drive, moving):
+        return DynamicsDiagnosis(INSUFFICIENT, reason, baseline.name, baseline.forces, names, moving)
+    channels = tuple(
+        name for name in UNITS if name in drive.outputs and name in baseline.outputs(tuple(given))
+    )
+    setup = Setup(baseline, drive, channels)
+    search = searched(setup, tuple(given), say)
+    look = search.look(search.offered())
+    found = findings_of(search, look)
+    say(0.8)
+    threshold = threshold_of(len({term.name for term in look.offered}) + len(search.terms))
+    steps, outputs = _compared(search)
+    verdict = MISMATCH if any(one.status == FINDING for one in found) else CONSISTENT
+    stds = [
+        dict(zip(term.free, map(float, look.slot(k).std), strict=True)) for k, term in enumerate(search.terms)
+    ]
+    stds = [{key: value for key, value in one.items() if not key.startswith("heights[")} for one in stds]
+    return DynamicsDiagnosis(
+        verdict,
+        "",
+        baseline.name,
+        baseline.forces,
+        names,
+        moving,
+        found,
+        outputs,
+        steps,
+        not_detectable(search, look, threshold),
+        search.theta,
+        tuple([{} for _ in given] + stds),
+        dict(zip(channels, map(float, search.noise.outputs), strict=True)),
+        sum(one.loglik_gain for one in found) / max(moving, 1.0),
+    )
+
+
+def _too_little(drive: DynamicsDrive, moving_s: float) -> str:
+    """Return why nothing can be concluded; empty if something can."""
+    if not drive.outputs:
+        return "no output of the baseline is recorded (yaw_rate_radps, accel_lat_mps2, velocity_lat_mps)"
+    if moving_s < SETTINGS.least_s:
+        return f"{moving_s:.0f} s of driving above {SETTINGS.slowest_mps:g} m/s; {SETTINGS.least_s:g} s are needed"
+    if len(drive.starts) < 5:
+        return "too few contiguous rows"
+    return ""
+
+
+def _compared(search: Search) -> tuple[tuple[Step, ...], dict[str, OutputFit]]:
+    """Return errors of the outputs after each step and for the whole, parameters fitted on the other folds."""
+    setup = search.setup
+    readings = setup.readings()
+    guesses = [heldout(setup, stage) for stage in search.stages]
+    steps = [
+        Step(
+            tuple(dict.fromkeys(term.name for term in stage.terms)),
+            {name: _rms(readings[:, k] - guess[:, k]) for k, name in enumerate(setup.channels)},
+        )
+        for stage, guess in zip(search.stages, guesses, strict=True)
+    ]
+    outputs = {
+        name: OutputFit(
+            UNITS[name],
+            steps[0].rms[name],
+            steps[-1].rms[name],
+            curve_rating(setup.drive.time_s, readings[:, k], guesses[0][:, k]),
+            curve_rating(setup.drive.time_s, readings[:, k], guesses[-1][:, k]),
+        )
+        for k, name in enumerate(setup.channels)
+    }
+    return tuple(steps), outputs
+
+
+def heldout(setup: Setup, stage: Stage) -> FloatArray:
+    """Return the outputs that the inputs give, each fold with parameters fitted on the others, (n, m)."""
+    drive = setup.drive
+    out = np.full((len(drive.time_s), len(setup.channels)), np.nan)
+    if all(theta == stage.by_fold[0] for theta in stage.by_fold):
+        return predicted(setup, stage.by_fold[0], stage.path)
+    for blocks, theta in zip(fold_blocks(len(drive.starts)), stage.by_fold, strict=True):
+        first, last = int(drive.starts[blocks[0]]), int(drive.ends[blocks[-1]])
+        part = Setup(setup.baseline, drive.part(first, last), setup.channels)
+        out[first:last] = predicted(part, theta, stage.path[first:last])
+    return out
+
+
+def _rms(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return math.sqrt(float(np.mean(known**2))) if len(known) else math.nan
+
+
+def curve_rating(time_s: FloatArray, recorded: FloatArray, simulated: FloatArray) -> float:
+    """Return the ISO/TS 18571 rating of a curve over the drive, thinned out evenly; NaN if it is too short."""
+    known = np.isfinite(recorded) & np.isfinite(simulated)
+    if known.sum() < 20:
+        return math.nan
+    count = min(int(known.sum()), SETTINGS.rating_samples)
+    at = np.linspace(time_s[known][0], time_s[known][-1], count)
+    a, b = (np.interp(at, time_s[known], curve[known]) for curve in (recorded, simulated))
+    return rating(a, b, float(at[1] - at[0])).overall

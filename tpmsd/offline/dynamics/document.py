@@ -1,0 +1,105 @@
+"""The diagnosis of vehicle dynamics for JSON.
+
+In: `DynamicsDiagnosis`. Out: plain objects with the keys of `tpmsd.diagnosis/2`, and those of section 6 of the
+public formats.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from tpmsd.offline.dynamics.result import FINDING, DynamicsDiagnosis, DynamicsFinding
+from tpmsd.offline.dynamics.summary import summary_sentences
+
+
+def dynamics_document(diagnosis: DynamicsDiagnosis, model_file: str | None) -> dict[str, Any]:
+    """Return the document; `model_file` is where the extended model was written."""
+    unknown = next((one for one in diagnosis.findings if one.effect == "unknown"), None)
+    first = next(iter(diagnosis.outputs.values()), None)
+    return {
+        "verdict": diagnosis.verdict,
+        "reason": diagnosis.reason or None,
+        "summary": " ".join(summary_sentences(diagnosis)),
+        "baseline": {
+            "name": diagnosis.baseline,
+            "model": [diagnosis.baseline, *diagnosis.given],
+            "speed": "output" if diagnosis.forces else "input",
+            "heldout_rms": None if first is None else first.rms_before,
+            "heldout_loglik_per_s": None,
+        },
+        "findings": [_finding(one) for one in diagnosis.findings],
+        "outputs": {
+            name: {
+                "unit": fit.unit,
+                "rms_before": fit.rms_before,
+                "rms_after": fit.rms_after,
+                "rating_before": fit.rating_before,
+                "rating_after": fit.rating_after,
+            }
+            for name, fit in diagnosis.outputs.items()
+        },
+        "steps": [{"effects": list(step.effects), "rms": dict(step.rms)} for step in diagnosis.steps],
+        "unexplained": {
+            "significant": unknown is not None,
+            "where": None if unknown is None else _where(unknown),
+        },
+        "not_detectable": [
+            {
+                "effect": one.effect,
+                "smallest": {
+                    name: {"value": size, "unit": unit} for name, (size, unit) in one.smallest.items()
+                },
+            }
+            for one in diagnosis.not_detectable
+        ],
+        "certificate": None,
+        "model_file": model_file,
+        "driving_s": diagnosis.driving_s,
+        "model": {
+            "effects": [one.effect for one in diagnosis.findings if one.status == FINDING],
+            "heldout_rms": None if first is None else first.rms_after,
+            "loglik_gain_per_s": diagnosis.loglik_gain_per_s,
+            "noise": dict(diagnosis.noise),
+        },
+        **({"notes": list(diagnosis.notes)} if diagnosis.notes else {}),
+    }
+
+
+def _where(finding: DynamicsFinding) -> dict[str, Any]:
+    where = finding.where
+    return {
+        "wheels": [],
+        "channel": where.channel,
+        "covariate": where.covariate,
+        "range": None if where.range is None else list(where.range),
+        "time_spans": [list(span) for span in where.time_spans],
+    }
+
+
+def _finding(finding: DynamicsFinding) -> dict[str, Any]:
+    out: dict[str, Any] = {
+        "effect": finding.effect,
+        "status": finding.status,
+        "confidence": finding.confidence,
+        "p_value": finding.p_value,
+        "parameters": {
+            name: {"value": one.value, "std": one.std, "unit": one.unit}
+            for name, one in finding.parameters.items()
+        },
+        "where": _where(finding),
+        "heldout": {
+            "rms_before": finding.rms_before,
+            "rms_after": finding.rms_after,
+            "loglik_gain_per_s": finding.loglik_gain_per_s,
+            "loglik_gain": finding.loglik_gain,
+        },
+        "log_evidence": finding.evidence,
+        "indistinguishable_from": list(finding.indistinguishable_from),
+    }
+    if finding.acts_on:
+        out["acts_on"] = finding.acts_on
+    if finding.shape:
+        out["shape"] = [{"at": x, "value": value, "std": std} for x, value, std in finding.shape]
+    if finding.indistinguishable_from and finding.telling_drive:
+        out["advice"] = finding.telling_drive
+    return out

@@ -1,0 +1,90 @@
+"""A recorded drive for the diagnosis of vehicle dynamics: inputs, outputs, blocks.
+
+In: arrays. Out: `DynamicsDrive`; the number of outputs and their rates are values, an output that is not there
+at a row is NaN.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from tpmsd.car.physics.baselines.inputs import Inputs
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.dynamics.settings import SETTINGS
+
+
+@dataclass(frozen=True)
+class DynamicsDrive:
+    """Rows in the order of time."""
+
+    name: str
+    inputs: Inputs
+    """(n,) each; times since the drive's start."""
+    outputs: Mapping[str, FloatArray]
+    """(n,) each, NaN where there is no value."""
+    forces: bool = False
+    """Whether drive and brake forces are given."""
+    start_s: float = 0.0
+    """Time of the drive's start on the recording's own clock."""
+    key: str = ""
+    """What parts this drive from others, for terms that belong to its own time."""
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Return the times of the rows since the drive's start."""
+        return self.inputs.time_s
+
+    @property
+    def block_s(self) -> float:
+        """Return the length of blocks: shorter in a short drive, so that there are enough of them."""
+        least, most = SETTINGS.shortest_block_s, SETTINGS.block_s
+        return float(np.clip((self.time_s[-1] - self.time_s[0]) / SETTINGS.blocks, least, most))
+
+    @cached_property
+    def starts(self) -> FloatArray:
+        """Return the first row of each block, ascending; block b ends where b + 1 begins."""
+        time = self.time_s
+        pause = np.flatnonzero(np.diff(time) > SETTINGS.gap_s) + 1
+        edges = [0, *pause.tolist(), len(time)]
+        starts: list[int] = []
+        for first, last in zip(edges[:-1], edges[1:], strict=True):
+            count = max(round((time[last - 1] - time[first]) / self.block_s), 1)
+            starts += np.linspace(first, last, count + 1).astype(int)[:-1].tolist()
+        return np.unique(np.asarray(starts))
+
+    @cached_property
+    def ends(self) -> FloatArray:
+        """Return the row after each block."""
+        return np.append(self.starts[1:], len(self.time_s))
+
+    @cached_property
+    def linked(self) -> FloatArray:
+        """Return for each row but the last whether the next one belongs to the same block, (n - 1,)."""
+        out = np.ones(len(self.time_s) - 1, dtype=bool)
+        out[self.starts[1:] - 1] = False
+        return out
+
+    @cached_property
+    def moving(self) -> FloatArray:
+        """Return for each row whether the car is fast enough to be judged, (n,)."""
+        speed = self.outputs.get("speed")
+        known = self.inputs.speed_mps if speed is None else filled(self.time_s, speed)
+        return np.asarray(known >= SETTINGS.slowest_mps)
+
+    def part(self, first: int, last: int) -> DynamicsDrive:
+        """Return rows first to last (excluded), times as they are."""
+        rows = slice(first, last)
+        outputs = {name: values[rows] for name, values in self.outputs.items()}
+        return DynamicsDrive(self.name, self.inputs.take(rows), outputs, self.forces, self.start_s, self.key)
+
+
+def filled(time_s: FloatArray, values: FloatArray) -> FloatArray:
+    """Return values with gaps interpolated; zeros where there is none at all."""
+    known = np.isfinite(values)
+    if not known.any():
+        return np.zeros_like(values)
+    return np.interp(time_s, time_s[known], values[known])

@@ -1,0 +1,162 @@
+"""From the terms of a selection to findings: where they act, what they are confounded with, how sure they are.
+
+In: a finished selection. Out: `DynamicsFinding`s, the strongest first, and what the drive could not have shown.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from tpmsd.car.physics.baselines.base import UNITS
+from tpmsd.car.physics.dynamics_effect import EVENT, DynamicsEffect
+from tpmsd.car.physics.dynamics_effects.time_spline import Unknown
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.dynamics.path import Setup
+from tpmsd.offline.dynamics.predict import predicted
+from tpmsd.offline.dynamics.result import FINDING, SUSPICION, DynamicsFinding, NotDetectable, Place, Quantity
+from tpmsd.offline.dynamics.search import Look, Search, Slot
+from tpmsd.offline.dynamics.settings import SETTINGS
+from tpmsd.offline.dynamics.terms import usual_sizes
+
+SURE = 0.05
+"""Largest p-value, all alternatives counted, of a finding; beyond it is a suspicion."""
+
+
+def findings_of(search: Search, look: Look) -> tuple[DynamicsFinding, ...]:
+    """Return the findings, the strongest on held-out blocks first."""
+    slots = [look.slot(k) for k in range(len(search.terms))]
+    if not slots:
+        return ()
+    few = search.part()
+    with_all = predicted(few.setup, few.theta, few.at.path)
+    alternatives = len({term.name for term in look.offered}) + len(slots)
+    found = []
+    for k, slot in enumerate(slots):
+        without = _without(few, k)
+        found.append(_finding(search, few, slot, with_all, without, alternatives))
+    return tuple(sorted(found, key=lambda one: -one.loglik_gain))
+
+
+def _without(few: Search, k: int) -> FloatArray:
+    """Return the prediction without one of the terms."""
+    theta, setup = few.without(k), few.setup
+    names, fewer = setup.states(few.theta), setup.states(theta)
+    rows = [names.index(name) for name in fewer]
+    rest = range(len(names), few.at.path.shape[1])
+    return predicted(setup, theta, few.at.path[:, [*rows, *rest]])
+
+
+def _finding(
+    search: Search, few: Search, slot: Slot, with_all: FloatArray, without: FloatArray, alternatives: int
+) -> DynamicsFinding:
+    setup, term = search.setup, slot.term
+    change = with_all - without
+    readings = few.setup.readings()
+    known = np.isfinite(readings)
+    change = np.where(known, change, 0.0)
+    strength = np.sqrt((change**2).mean(axis=0)) / search.noise.outputs
+    place = int(np.argmax(strength))
+    channel = setup.channels[place]
+    before, after = (
+        math.sqrt(float(np.nanmean((readings[:, place] - guess[:, place]) ** 2)))
+        for guess in (without, with_all)
+    )
+    duration = max(float(setup.drive.time_s[-1] - setup.drive.time_s[0]), 1.0)
+    p_value = 1.0 - (1.0 - min(slot.p_value, 1.0)) ** alternatives
+    p_value = max(p_value, min(alternatives * slot.p_value, 1.0) if slot.p_value < 1e-9 else p_value)
+    rivals = [(rival.name, value) for rival, value in slot.rivals]
+    twins = tuple(dict.fromkeys(name for name, value in rivals if value > slot.evidence - SETTINGS.twin_nats))
+    against = sum(math.exp(min(value - slot.evidence, 50.0)) for _, value in rivals)
+    return DynamicsFinding(
+        effect=term.name,
+        status=FINDING if p_value <= SURE else SUSPICION,
+        confidence=1.0 / (1.0 + against + math.exp(min(-slot.evidence, 50.0))),
+        p_value=p_value,
+        parameters=_quantities(slot),
+        where=_place(few.setup, few, slot, channel, change[:, place]),
+        rms_before=before,
+        rms_after=after,
+        loglik_gain=slot.heldout_gain,
+        loglik_gain_per_s=slot.heldout_gain / duration,
+        evidence=slot.evidence,
+        indistinguishable_from=twins,
+        telling_drive=term.effect.telling_drive,
+        shape=_shape(slot),
+        acts_on=getattr(term.effect, "on", ""),
+    )
+
+
+def _quantities(slot: Slot) -> dict[str, Quantity]:
+    term = slot.term
+    if term.free and term.free[0].startswith("heights["):
+        size = float(np.std(term.values()))
+        return {
+            "amplitude": Quantity(
+                size, float(np.mean(slot.std)) / math.sqrt(len(slot.std)), unit_of(term.effect)
+            )
+        }
+    out = {
+        name: Quantity(term.value(name), float(std), term.effect.unit_of(name))
+        for name, std in zip(term.free, slot.std, strict=True)
+    }
+    for name, value in term.effect.values().items():
+        if name not in out and name in ("onset_s", "duration_s") and isinstance(value, float):
+            out[name] = Quantity(value, SETTINGS.wind_box_s / math.sqrt(12.0), "s")
+    return out
+
+
+def unit_of(effect: DynamicsEffect) -> str:
+    """Return the unit of a spline's values."""
+    if isinstance(effect, Unknown):
+        return {"force_x": "m/s2", "force_y": "m/s2", "moment": "rad/s2"}.get(effect.on) or UNITS[effect.on]
+    return effect.unit_of("heights")
+
+
+def _shape(slot: Slot) -> tuple[tuple[float, float, float], ...]:
+    effect = slot.term.effect
+    knots: Sequence[float] = getattr(effect, "knots", ())
+    return tuple(
+        (float(at), float(value), float(std))
+        for at, value, std in zip(knots, slot.term.values(), slot.std, strict=False)
+    )
+
+
+def _place(setup: Setup, few: Search, slot: Slot, channel: str, change: FloatArray) -> Place:
+    """Return covariate and range of the rows that hold nine tenths of the change, or the time spans."""
+    effect = slot.term.effect
+    if effect.kind == EVENT:
+        onset, duration = (float(getattr(effect, name)) for name in ("onset_s", "duration_s"))
+        return Place(channel, None, None, ((onset, onset + duration),))
+    covariate = getattr(effect, "over", effect.covariate) or "time"
+    along = few.covariates[covariate]
+    order = np.argsort(along)
+    mass = np.cumsum(change[order] ** 2)
+    if not mass[-1] > 0.0:
+        return Place(channel, covariate, None)
+    low, high = (float(along[order][np.searchsorted(mass, part * mass[-1])]) for part in (0.05, 0.95))
+    return Place(channel, covariate, (low, high))
+
+
+def not_detectable(search: Search, look: Look, threshold: float) -> tuple[NotDetectable, ...]:
+    """Return the effects that would have had to be larger than usual to be found, with the sizes it takes."""
+    out = []
+    done: set[str] = set()
+    for k, term in enumerate(look.offered):
+        if term.jump or term.name in done:
+            continue
+        done.add(term.name)
+        addition = look.addition(k)
+        if not addition.visible:
+            units = {name: (None, term.effect.unit_of(name)) for name in term.free}
+            out.append(NotDetectable(term.name, units))
+            continue
+        sizes = dict(zip(term.free, addition.smallest(threshold), strict=True))
+        usual = usual_sizes(term)
+        if all(sizes[name] > usual[name] for name in term.free):
+            out.append(
+                NotDetectable(term.name, {n: (float(v), term.effect.unit_of(n)) for n, v in sizes.items()})
+            )
+    return tuple(out)

@@ -1,0 +1,185 @@
+"""What a drive holds at a place that no number of the catalogue describes: slopes and wind over time, and terms
+without a name.
+
+In: a selection that finds nothing more in the catalogue. Out: terms that may be added, with their evidence.
+Terms without a name are first looked for on a part of the blocks, the best ones then on all.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tpmsd.car.physics.dynamics_effects.time_spline import COVARIATES, RoadBank, RoadGrade, Unknown
+from tpmsd.car.physics.dynamics_effects.winds import HeadWind, SideWind
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.dynamics.columns import Probe, gram
+from tpmsd.offline.dynamics.evidence import Columns, Statistics, joined
+from tpmsd.offline.dynamics.search import Search
+from tpmsd.offline.dynamics.settings import SETTINGS
+from tpmsd.offline.dynamics.terms import Term, spaced, spline_term
+
+SIZES = {"force_x": 0.4, "force_y": 0.6, "moment": 0.6}
+"""Prior standard deviations of a term without a name on an equation: m/s2, m/s2, rad/s2."""
+OUTPUT_SIZES = 5.0
+"""The same on an output, in standard deviations of a reading."""
+NAMELESS_NATS = 3.0
+"""Nats against a term without a name: odds of twenty that physics has one."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A term that may be added, with the log evidence for it."""
+
+    term: Term
+    evidence: float
+
+
+def places(search: Search, nameless: bool) -> list[Place]:
+    """Return the terms that may be added, best first."""
+    found = [*_slopes(search), *_winds(search)]
+    if nameless:
+        found += _nameless(search)
+    return sorted(found, key=lambda place: -place.evidence)
+
+
+def _slopes(search: Search) -> list[Place]:
+    """Return slopes across and along the road as splines over time, one of each the model does not have."""
+    time = search.setup.drive.time_s
+    knots = spaced(float(time[0]), float(time[-1]), SETTINGS.time_knot_s)
+    flat = (0.0,) * len(knots)
+    there = {effect.name for effect in search.theta}
+    terms = []
+    if "road_bank" not in there:
+        terms.append(spline_term(RoadBank(knots, flat), SETTINGS.bank_std_rad))
+    if "road_grade" not in there and search.setup.baseline.forces:
+        terms.append(spline_term(RoadGrade(knots, flat), SETTINGS.grade_std_rad))
+    return _scored(search, terms)
+
+
+def _scored(search: Search, terms: list[Term], penalty: float = 0.0) -> list[Place]:
+    if not terms:
+        return []
+    look = search.look(terms)
+    out = []
+    for k, term in enumerate(terms):
+        term_columns = _seen(look.statistics, look.added[k])
+        if len(term_columns.index) < 2:
+            continue
+        addition = look.statistics.addition(joined(look.columns), term_columns)
+        out.append(Place(term, addition.log_evidence() - penalty))
+    return out
+
+
+def _seen(statistics: Statistics, columns: Columns) -> Columns:
+    """Return the columns of which the drive says anything."""
+    rows = np.array(columns.index, dtype=int)
+    seen = np.diag(statistics.information)[rows] > 1e-3 * columns.precision
+    return Columns(tuple(rows[seen].tolist()), columns.offset[seen], columns.precision[seen])
+
+
+# -- wind ----------------------------------------------------------------------------------------------------
+
+
+def _winds(search: Search) -> list[Place]:
+    """Return the likeliest span of wind from the side, and from ahead where speed is an output."""
+    time = search.setup.drive.time_s
+    edges = np.array(spaced(float(time[0]), float(time[-1]) + 1e-6, SETTINGS.wind_box_s))
+    out = []
+    for kind in (SideWind, *((HeadWind,) if search.setup.baseline.forces else ())):
+        if sum(effect.name == kind.name for effect in search.theta) >= 2:
+            continue
+        columns, probes = search.own(0)
+        moved = (*search.theta, kind(speed_mps=1.0))
+        boxes = [
+            Probe(moved, 1.0, np.asarray((time >= first) & (time < last), dtype=np.float64))
+            for first, last in zip(edges[:-1], edges[1:], strict=True)
+        ]
+        statistics = Statistics(gram(search.setup, search.theta, search.at, search.noise, [*probes, *boxes]))
+        count = len(boxes)
+        prior = next(p.prior for p in kind.numbers() if p.prior is not None)
+        added = Columns(
+            tuple(range(len(probes), len(probes) + count)), np.zeros(count), np.full(count, prior.std**-2)
+        )
+        addition = statistics.addition(joined(columns), added)
+        first, last, evidence = _best_span(
+            addition.information, addition.gradient, prior.std, _ratio(addition.scores, addition.information)
+        )
+        effect = kind(0.0, float(max(edges[first], 0.0)), float(edges[last] - edges[first]))
+        term = Term(effect, ("speed_mps",), (0.0,), (prior.std,), {"speed_mps": 0.0})
+        out.append(Place(term, evidence))
+    return out
+
+
+def _ratio(scores: FloatArray, information: FloatArray) -> float:
+    """Return the overdispersion of single boxes, each of which mostly has a block of its own."""
+    size = np.sum(scores**2, axis=0) / np.maximum(np.diag(information), 1e-300)
+    return max(float(np.median(size) / 0.455), 1.0)
+
+
+def _best_span(
+    information: FloatArray, gradient: FloatArray, std: float, ratio: float
+) -> tuple[int, int, float]:
+    """Return first and last edge of the span with the largest evidence, and that."""
+    n = len(gradient)
+    total = np.zeros((n + 1, n + 1))
+    total[1:, 1:] = np.cumsum(np.cumsum(information, axis=0), axis=1) / ratio
+    pull = np.concatenate([[0.0], np.cumsum(gradient)]) / ratio
+    i, j = np.triu_indices(n + 1, 1)
+    short = j - i <= max(n // 3, 1)
+    i, j = i[short], j[short]
+    inside = np.maximum(total[j, j] - total[i, j] - total[j, i] + total[i, i], 0.0)
+    gain = 0.5 * (pull[j] - pull[i]) ** 2 / (inside + std**-2) - 0.5 * np.log1p(inside * std**2)
+    best = int(np.argmax(gain))
+    return int(i[best]), int(j[best]), float(gain[best]) - math.log(len(i))
+
+
+# -- terms without a name ------------------------------------------------------------------------------------
+
+
+def _nameless(search: Search) -> list[Place]:
+    """Return terms without a name, each equation and output over each covariate."""
+    values = search.covariates
+    equations = ("force_y", "moment", *(("force_x",) if search.setup.baseline.forces else ()))
+    sizes = {on: SIZES[on] for on in equations}
+    noise = dict(zip(search.setup.channels, search.noise.outputs, strict=True))
+    sizes |= {on: OUTPUT_SIZES * std for on, std in noise.items()}
+    taken = {(effect.on, effect.over) for effect in search.theta if isinstance(effect, Unknown)}
+    terms = []
+    for on, size in sizes.items():
+        for over in COVARIATES:
+            if (on, over) in taken:
+                continue
+            knots = _knots(values[over], over)
+            if len(knots) >= 3:
+                flat = Unknown(knots=knots, heights=(0.0,) * len(knots), on=on, over=over)
+                terms.append(spline_term(flat, size))
+    penalty = NAMELESS_NATS + math.log(max(len(terms), 1))
+    coarse = search.part()
+    share = len(search.setup.drive.time_s) / len(coarse.setup.drive.time_s)
+    found: list[Place] = []
+    for first in range(0, len(terms), 7):
+        found += _scored(coarse, terms[first : first + 7])
+    found.sort(key=lambda place: -place.evidence)
+    likely = [place.term for place in found[:3] if place.evidence * share > 0.0]
+    return _scored(search, likely, penalty)
+
+
+def _knots(values: FloatArray, over: str) -> tuple[float, ...]:
+    """Return knots over a covariate: even steps over time, quantiles mixed with even steps over others."""
+    if over == "time":
+        return spaced(float(values[0]), float(values[-1]), SETTINGS.time_knot_s)
+    low, high = (float(x) for x in np.quantile(values, [0.005, 0.995]))
+    if not high - low > 1e-9:
+        return ()
+    return tuple(float(x) for x in np.linspace(low, high, SETTINGS.spline_knots))
+
+
+def refined(search: Search, place: Place) -> Term:
+    """Return the term of a place with heights or a size fitted, ready to be added."""
+    look = search.look([place.term])
+    estimate, _ = look.statistics.fit(joined([*look.columns, look.added[0]]))
+    own = estimate[len(estimate) - len(place.term.free) :]
+    return replace(place.term.moved(own))

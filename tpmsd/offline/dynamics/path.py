@@ -1,0 +1,330 @@
+"""The path of a drive: states and disturbances that steps and readings agree on best, and its derivatives.
+
+In: a baseline with effects, a drive, noise. Out: `Linear`: residuals of steps and readings at a path with
+their derivatives by the states; `smoothed`, the path by Gauss-Newton over the whole drive at once. All
+evaluations are vectorised over time. The estimate is the fixed-interval Kalman smoother's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tpmsd.car.physics.baselines.base import Baseline, Theta
+from tpmsd.car.physics.baselines.frame import Frame
+from tpmsd.car.physics.baselines.inputs import Inputs, Span
+from tpmsd.car.physics.dynamics_effect import DynamicsEffect
+from tpmsd.car.physics.dynamics_effects.time_spline import COVARIATES, covariate_of
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.dynamics.banded import BandedFactor
+from tpmsd.offline.dynamics.drive import DynamicsDrive, filled
+from tpmsd.offline.dynamics.noise import Noise
+from tpmsd.offline.dynamics.settings import SETTINGS
+
+_STEPS = {"v": 1e-3, "r": 1e-4, "u": 1e-3}
+_OTHER_STEP = 1e-4
+
+
+@dataclass(frozen=True)
+class Disturbance(DynamicsEffect):
+    """Accelerations that belong to no term: F_x / m, F_y / m and M_z / I_z."""
+
+    name = "disturbance"
+    force_x: FloatArray | float = 0.0
+    force_y: FloatArray | float = 0.0
+    moment: FloatArray | float = 0.0
+
+    def add_forces(self, frame: Frame) -> None:
+        """Add them."""
+        frame.force_x = frame.force_x + frame.mass * self.force_x
+        frame.force_y = frame.force_y + frame.mass * self.force_y
+        frame.moment = frame.moment + frame.inertia * self.moment
+
+
+@dataclass(frozen=True)
+class Setup:
+    """A baseline on a drive: which states, disturbances and outputs take part."""
+
+    baseline: Baseline
+    drive: DynamicsDrive
+    channels: tuple[str, ...]
+
+    @property
+    def disturbances(self) -> tuple[str, ...]:
+        """Return the names of the disturbances that are estimated."""
+        return ("force_y", "moment", *(("force_x",) if self.baseline.forces else ()))
+
+    def states(self, theta: Theta) -> tuple[str, ...]:
+        """Return the names of the baseline's states with these effects."""
+        return self.baseline.states(theta)
+
+    def inputs(self, theta: Theta) -> Inputs:
+        """Return the inputs as effects shift them."""
+        inputs = self.drive.inputs
+        for effect in theta:
+            inputs = effect.shift_series(inputs)
+        return inputs
+
+    def readings(self) -> FloatArray:
+        """Return the readings, (n, m); NaN where there is none or the car is too slow."""
+        out = np.stack([self.drive.outputs[name] for name in self.channels], axis=1)
+        return np.where(self.drive.moving[:, None], out, np.nan)
+
+    def held(self, path: FloatArray, count: int) -> tuple[FloatArray, Disturbance]:
+        """Return the first `count` states of a path, and its disturbances as a term."""
+        free = {name: path[..., count + k] for k, name in enumerate(self.disturbances)}
+        return path[..., :count], Disturbance(**free)
+
+    def evaluate(
+        self, path: FloatArray, inputs: Inputs, theta: Theta, states: Sequence[str] | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return rates (n, s) and predicted readings (n, m) at the rows; `states` are those of the path."""
+        names = self.states(theta) if states is None else states
+        state, free = self.held(path, len(names))
+        frame = self.baseline.frame(state, inputs, (*theta, free), names)
+        rates = [np.broadcast_to(frame.rates[name], state.shape[:-1]) for name in names]
+        outputs = [np.broadcast_to(frame.outputs[name], state.shape[:-1]) for name in self.channels]
+        return np.stack(rates, axis=-1), np.stack(outputs, axis=-1)
+
+    def start(self, theta: Theta) -> FloatArray:
+        """Return a path to start from: readings where there are any, else rest."""
+        drive, names = self.drive, self.states(theta)
+        path = np.zeros((len(drive.time_s), len(names) + len(self.disturbances)))
+        for state, output in (("v", "velocity_lat"), ("r", "yaw_rate"), ("u", "speed")):
+            if state in names and output in drive.outputs:
+                path[:, names.index(state)] = filled(drive.time_s, drive.outputs[output])
+        return path
+
+
+def covariates_of(setup: Setup, theta: Theta, path: FloatArray) -> dict[str, FloatArray]:
+    """Return the covariates of terms without a name along a path, (n,) each."""
+    names = setup.states(theta)
+    state, free = setup.held(path, len(names))
+    frame = setup.baseline.frame(state, setup.inputs(theta), (*theta, free), names)
+    return {name: np.broadcast_to(covariate_of(frame, name), path.shape[:1]) for name in COVARIATES}
+
+
+@dataclass(frozen=True)
+class Linear:
+    """Steps and readings at a path; n rows, n - 1 steps, t = s + d states with disturbances, m outputs."""
+
+    path: FloatArray
+    """(n, t)"""
+    step_residual: FloatArray
+    """(n - 1, t) path at the next row minus what the step gives; 0 between blocks."""
+    reading_residual: FloatArray
+    """(n, m) reading minus prediction; NaN where there is none."""
+    by_state: FloatArray
+    """(n - 1, t, t) of the step."""
+    outputs_by_state: FloatArray
+    """(n, m, t)"""
+
+
+def linear(setup: Setup, theta: Theta, path: FloatArray) -> Linear:
+    """Return residuals and derivatives at a path."""
+    drive, names = setup.drive, setup.states(theta)
+    inputs = setup.inputs(theta)
+    count, total = len(names), path.shape[1]
+    dt = np.diff(drive.time_s)
+    dt = np.where(drive.linked, dt, 1e-6)
+    rates, predicted = setup.evaluate(path, inputs, theta)
+    jacobian = np.zeros((len(path), total, total))
+    outputs_by = np.empty((len(path), len(setup.channels), total))
+    for k in range(total):
+        h = _STEPS.get(names[k], _OTHER_STEP) if k < count else _OTHER_STEP
+        moved = path.copy()
+        moved[:, k] += h
+        up, out_up = setup.evaluate(moved, inputs, theta)
+        moved[:, k] -= 2.0 * h
+        down, out_down = setup.evaluate(moved, inputs, theta)
+        jacobian[:, :count, k] = (up - down) / (2.0 * h)
+        outputs_by[:, :, k] = (out_up - out_down) / (2.0 * h)
+    by_state = transition(setup, theta, inputs, jacobian, dt, count)
+    ahead = stepped(setup, theta, path, inputs, dt)
+    residual = np.where(drive.linked[:, None], path[1:] - ahead, 0.0)
+    return Linear(path, residual, setup.readings() - predicted, by_state, outputs_by)
+
+
+def transition(
+    setup: Setup, theta: Theta, inputs: Inputs, jacobian: FloatArray, dt: FloatArray, count: int
+) -> FloatArray:
+    """Return the derivatives of the steps, (n - 1, t, t): the exponential of the mean Jacobian."""
+    substeps = setup.baseline.substeps(inputs, float(np.median(dt)), theta)
+    matrix = 0.5 * (jacobian[:-1] + jacobian[1:]) * (dt / substeps)[:, None, None]
+    eye = np.eye(matrix.shape[1])
+    out = eye + matrix / 4.0
+    for order in (3.0, 2.0, 1.0):
+        out = eye + matrix @ out / order
+    for _ in range(int(np.log2(substeps))):
+        out = out @ out
+    for k in range(count, matrix.shape[1]):
+        out[:, k, k] = np.exp(-dt / SETTINGS.disturbance_time_s)
+    return out
+
+
+def stepped(setup: Setup, theta: Theta, path: FloatArray, inputs: Inputs, dt: FloatArray) -> FloatArray:
+    """Return where each row's step leads, (n - 1, t)."""
+    state, free = setup.held(path[:-1], len(setup.states(theta)))
+    span = Span(inputs.take(slice(0, -1)), inputs.take(slice(1, None)))
+    ahead = setup.baseline.step(state, span, (*theta, free), dt)
+    decay = np.exp(-dt / SETTINGS.disturbance_time_s)[:, None]
+    return np.concatenate([ahead, path[:-1, state.shape[1] :] * decay], axis=1)
+
+
+class Weighted:
+    """A linear problem with noise: its factor over the path, ready for any right-hand sides."""
+
+    def __init__(self, setup: Setup, at: Linear, noise: Noise) -> None:
+        drive = setup.drive
+        dt = np.diff(drive.time_s)
+        step = np.where(drive.linked[:, None], 1.0 / noise.step_variance(dt), 0.0)
+        known = np.isfinite(at.reading_residual)
+        reading = np.where(known, 1.0 / noise.outputs**2, 0.0)
+        self.step_weight, self.reading_weight = step, reading
+        self.at = at
+        diagonal = np.einsum(
+            "nmi,nm,nmj->nij", at.outputs_by_state, reading, at.outputs_by_state, optimize=True
+        )
+        weighted = step[:, :, None] * at.by_state
+        diagonal[:-1] += np.swapaxes(at.by_state, 1, 2) @ weighted
+        order = np.arange(diagonal.shape[1])
+        diagonal[1:, order, order] += step
+        first = _start_information(setup, noise, diagonal.shape[1])
+        diagonal[drive.starts[:, None], order, order] += first
+        self._starts = drive.starts
+        self._start_pull = np.where(order < len(noise.white), 0.0, first)
+        self.factor = BandedFactor(diagonal, -weighted)
+
+    def gradient(self) -> FloatArray:
+        """Return the right-hand side of the path's own step, (n, t)."""
+        at = self.at
+        out = np.einsum("nmi,nm->ni", at.outputs_by_state, self.reading_weight * _zeroed(at.reading_residual))
+        pull = self.step_weight * at.step_residual
+        out[1:] -= pull
+        out[:-1] += np.einsum("nij,ni->nj", at.by_state, pull)
+        out[self._starts] -= at.path[self._starts] * self._start_pull
+        return np.asarray(out)
+
+
+def _zeroed(residual: FloatArray) -> FloatArray:
+    return np.where(np.isfinite(residual), residual, 0.0)
+
+
+def _start_information(setup: Setup, noise: Noise, total: int) -> FloatArray:
+    """Return one over the variances of a block's first state, (t,)."""
+    wide = np.array([*SETTINGS.start_std, *([1.0] * total)])[: total - len(noise.disturbance)]
+    return 1.0 / np.concatenate([wide, noise.disturbance]) ** 2
+
+
+def smoothed(setup: Setup, theta: Theta, path: FloatArray, noise: Noise) -> Linear:
+    """Return the likeliest path, with residuals and derivatives there, by damped Gauss-Newton."""
+    at = linear(setup, theta, path)
+    cost = _cost(setup, at, noise)
+    for _ in range(SETTINGS.path_rounds):
+        step = Weighted(setup, at, noise)
+        move = step.factor.solve(step.gradient())
+        for share in (1.0, 0.3, 0.1, 0.03):
+            tried = linear(setup, theta, at.path + share * move)
+            new = _cost(setup, tried, noise)
+            if np.isfinite(new) and new <= cost * (1.0 + 1e-9) + 1e-6:
+                break
+        else:
+            return at
+        done = cost - new < SETTINGS.path_tolerance * max(1.0, 1e-4 * new)
+        at, cost = tried, new
+        if done:
+            break
+    return at
+
+
+def _cost(setup: Setup, at: Linear, noise: Noise) -> float:
+    dt = np.diff(setup.drive.time_s)
+    steps = np.where(setup.drive.linked[:, None], at.step_residual**2 / noise.step_variance(dt), 0.0)
+    starts = at.path[setup.drive.starts, len(noise.white) :] ** 2 / noise.disturbance**2
+    return float(steps.sum() + np.nansum(at.reading_residual**2 / noise.outputs**2) + starts.sum())
+
+
+def fitted_noise(setup: Setup, at: Linear, noise: Noise, rounds: int, least: Noise) -> Noise:
+    """Return the noise under which the residuals are as large as they are expected to be.
+
+    MacKay's fixed point: each variance is its sum of squares over the number of its residuals that the path
+    does not fit away; that number comes from one draw of the path's posterior. Few rows are enough.
+    """
+    few, part = subset(setup, at)
+    draw = np.random.Generator(np.random.PCG64(0)).standard_normal(part.path.shape)[:, :, None]
+    for _ in range(rounds):
+        weighted = Weighted(few, part, noise)
+        move = weighted.factor.solve(weighted.gradient())
+        sample = weighted.factor.sample(draw)[:, :, 0]
+        noise = _updated(few, part, noise, move, sample, least)
+    return noise
+
+
+def _updated(
+    setup: Setup, at: Linear, noise: Noise, move: FloatArray, sample: FloatArray, least: Noise
+) -> Noise:
+    dt = np.diff(setup.drive.time_s)
+    linked = setup.drive.linked
+    scale = noise.step_variance(dt)[linked]
+
+    def steps(path: FloatArray) -> FloatArray:
+        return np.asarray((path[1:] - np.einsum("nij,nj->ni", at.by_state, path[:-1]))[linked])
+
+    residual = (at.step_residual[linked] + steps(move)) ** 2 / scale
+    ratio = _ratio(residual, steps(sample) ** 2 / scale)
+    outputs = np.einsum("nmi,ni->nm", at.outputs_by_state, move)
+    drawn = np.einsum("nmi,ni->nm", at.outputs_by_state, sample)
+    left = (at.reading_residual - outputs) ** 2 / noise.outputs**2
+    known = np.isfinite(left)
+    reading = np.array(
+        [
+            float(_ratio(left[known[:, k], k], drawn[known[:, k], k] ** 2 / noise.outputs[k] ** 2))
+            for k in range(left.shape[1])
+        ]
+    )
+    count = len(noise.white)
+    return Noise(
+        np.maximum(noise.white * np.sqrt(ratio[:count]), least.white),
+        np.maximum(noise.disturbance * np.sqrt(ratio[count:]), least.disturbance),
+        np.maximum(noise.outputs * np.sqrt(reading), least.outputs),
+    )
+
+
+def _ratio(residual: FloatArray, fitted_away: FloatArray) -> FloatArray:
+    """Return by how much each variance is too small, from squares over it; axis 0 is rows."""
+    rows = len(residual)
+    if rows == 0:
+        return np.ones(residual.shape[1:])
+    free = np.maximum(rows - fitted_away.sum(axis=0), 0.01 * rows)
+    return np.asarray(np.clip(residual.sum(axis=0) / free, 0.05, 20.0))
+
+
+def subset(setup: Setup, at: Linear) -> tuple[Setup, Linear]:
+    """Return every k-th block, as many as have enough rows."""
+    drive = setup.drive
+    n = len(drive.time_s)
+    every = max(n // SETTINGS.noise_rows, 1)
+    if every == 1:
+        return setup, at
+    blocks = list(zip(drive.starts, drive.ends, strict=True))[every // 2 :: every]
+    rows = np.concatenate([np.arange(first, last) for first, last in blocks])
+    links = rows[:-1]
+    outputs = {name: values[rows] for name, values in drive.outputs.items()}
+    few = _Part(drive.name, drive.inputs.take(rows), outputs, drive.forces, drive.start_s)
+    begins = np.cumsum([0, *(last - first for first, last in blocks)])
+    few.__dict__["starts"], few.__dict__["ends"] = begins[:-1], begins[1:]
+    few.__dict__["moving"] = drive.moving[rows]
+    part = Linear(
+        at.path[rows],
+        at.step_residual[np.minimum(links, n - 2)],
+        at.reading_residual[rows],
+        at.by_state[np.minimum(links, n - 2)],
+        at.outputs_by_state[rows],
+    )
+    return replace(setup, drive=few), part
+
+
+class _Part(DynamicsDrive):
+    """Blocks of a drive, their borders as in the whole."""

@@ -1,0 +1,75 @@
+"""Prediction by the inputs alone: states and outputs of a baseline with effects, no reading used.
+
+In: a setup, effects, states at the first row of each block. Out: outputs over time. All steps of all blocks
+are solved at once by Newton's method: the linearised steps are a lower triangular banded system. Where that does
+not converge, the steps are taken one after the other, all blocks abreast.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.linalg import lapack
+
+from tpmsd.car.physics.baselines.base import Theta
+from tpmsd.car.physics.baselines.inputs import Span
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.dynamics.path import Setup, linear
+
+ROUNDS = 12
+TOLERANCE = 1e-6
+
+
+def free_run(setup: Setup, theta: Theta, path: FloatArray) -> FloatArray:
+    """Return states (n, s) that start each block where `path` does, without any disturbance."""
+    count = len(setup.states(theta))
+    extended = np.concatenate([path[:, :count], np.zeros((len(path), len(setup.disturbances)))], axis=1)
+    for _ in range(ROUNDS):
+        at = linear(setup, theta, extended)
+        move = _forward(setup, at.by_state[:, :count, :count], -at.step_residual[:, :count])
+        if not np.all(np.isfinite(move)) or np.abs(move).max() > 1e3:
+            return _abreast(setup, theta, path[:, :count])
+        extended[:, :count] += move
+        if np.abs(move).max() < TOLERANCE:
+            return extended[:, :count]
+    return _abreast(setup, theta, path[:, :count])
+
+
+def _forward(setup: Setup, by_state: FloatArray, right: FloatArray) -> FloatArray:
+    """Return x with x[k + 1] - A[k] x[k] = right[k] within blocks and x = 0 at their first rows."""
+    n, s = len(setup.drive.time_s), right.shape[1]
+    by_state = np.where(setup.drive.linked[:, None, None], by_state, 0.0)
+    band = np.zeros((2 * s, n * s), order="F")
+    band[0] = 1.0
+    for j in range(s):
+        for i in range(s):
+            band[s + i - j, j : (n - 1) * s : s] = -by_state[:, i, j]
+    values = np.zeros((n, s))
+    values[1:] = np.where(setup.drive.linked[:, None], right, 0.0)
+    out, _ = lapack.dtbtrs(band, np.asfortranarray(values.reshape(-1, 1)), uplo="L")
+    return np.ascontiguousarray(out).reshape(n, s)
+
+
+def _abreast(setup: Setup, theta: Theta, path: FloatArray) -> FloatArray:
+    """Return the same one step after the other, all blocks at once."""
+    drive, inputs = setup.drive, setup.inputs(theta)
+    starts, ends = drive.starts, drive.ends
+    out = path.copy()
+    for k in range(int((ends - starts).max()) - 1):
+        rows = starts[starts + k + 1 < ends] + k
+        dt = drive.time_s[rows + 1] - drive.time_s[rows]
+        span = Span(inputs.take(rows), inputs.take(rows + 1))
+        out[rows + 1] = setup.baseline.step(out[rows], span, theta, dt)
+    return out
+
+
+def outputs_along(setup: Setup, theta: Theta, states: FloatArray, names: Sequence[str]) -> FloatArray:
+    """Return outputs at states (n, s), (n, m)."""
+    frame = setup.baseline.frame(states, setup.inputs(theta), theta)
+    return np.stack([np.broadcast_to(frame.outputs[name], states.shape[:1]) for name in names], axis=1)
+
+
+def predicted(setup: Setup, theta: Theta, path: FloatArray) -> FloatArray:
+    """Return the outputs of the channels that the inputs give from each block's first state, (n, m)."""
+    return outputs_along(setup, theta, free_run(setup, theta, path), setup.channels)

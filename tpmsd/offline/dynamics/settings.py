@@ -1,0 +1,71 @@
+"""Every number of the diagnosis of vehicle dynamics that may be tuned, with unit and reason.
+
+In: nothing. Out: `SETTINGS`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class DynamicsSettings:
+    """Blocks, noise, selection."""
+
+    block_s: float = 10.0
+    """Contiguous blocks: many times the memory of a car's lateral motion (0.1 to 0.5 s), and enough of them in
+    five minutes (30) for the spread between them to be an estimate."""
+    shortest_block_s: float = 1.5
+    """Blocks of short drives: still several times the memory of lateral motion."""
+    blocks: float = 16.0
+    """Wanted in a short drive."""
+    folds: int = 4
+    """Groups of neighbouring blocks that are held out in turn."""
+    gap_s: float = 0.5
+    """A longer pause between rows begins a new block."""
+    slowest_mps: float = 3.0
+    """Rows below are left out: slip angles are singular at walking pace."""
+    disturbance_time_s: float = 0.5
+    """Correlation time of accelerations that belong to no term: of the order of a steering movement."""
+    start_std: tuple[float, float, float] = (3.0, 1.0, 3.0)
+    """Standard deviations of v, r, u at the start of a block: wider than any of them is unknown."""
+    least_white: tuple[float, float, float] = (2e-3, 2e-4, 2e-3)
+    """Least random walk of v, r, u per square root of a second: rounding of the recording and of the step."""
+    least_other: float = 3e-5
+    """The same for states that effects add (slip angles in rad, rolled lateral acceleration in m/s2): a step's
+    share stays far below what tyres make of a reading's noise."""
+    least_disturbance: tuple[float, float, float] = (3e-3, 3e-3, 3e-3)
+    """Least standard deviation of accelerations that belong to no term: m/s2, m/s2, rad/s2 (x, y, moment)."""
+    noise_rounds: int = 10
+    """Of the fixed-point iteration for the noise: two figures are reached in five to ten."""
+    noise_rows: int = 4000
+    """Rows from which noise is estimated: standard deviations to 2 %."""
+    path_rounds: int = 8
+    """Of Gauss-Newton for the path, at most."""
+    path_tolerance: float = 1e-3
+    """Largest remaining step of the path in its start's standard deviations."""
+    false_discovery: float = 0.02
+    """Probability that a null drive has a finding, by Markov's inequality for Bayes factors over all
+    alternatives: the bar is one in fifty."""
+    most_effects: int = 10
+    """More findings than anybody can follow are not looked for."""
+    twin_nats: float = 3.0
+    """Alternatives whose log evidence is within this are listed as confounded: odds of twenty."""
+    spline_knots: int = 6
+    """Knots of a term without a name: a shape with two bends."""
+    time_knot_s: float = 12.0
+    """Between knots of a spline over time: shorter than a bend of a road takes is told by its forces."""
+    bank_std_rad: float = 0.03
+    """Slopes across the road: crowns of 2.5 %, superelevation of 4 to 8 % (AASHTO 2018, ch. 3)."""
+    grade_std_rad: float = 0.04
+    """Slopes along the road: 3 to 7 % on rural roads (AASHTO 2018, ch. 3)."""
+    wind_box_s: float = 5.0
+    """Resolution of the spans in which wind is looked for."""
+    rating_samples: int = 1000
+    """Most samples of a curve whose rating is computed: the work grows with their square."""
+    least_s: float = 8.0
+    """Driving below which nothing is concluded: a handful of blocks."""
+
+
+SETTINGS = DynamicsSettings()
+"""The ones in use."""

@@ -1,0 +1,117 @@
+"""The diagnosis of vehicle dynamics in sentences and small tables: the answer first.
+
+In: `DynamicsDiagnosis`. Out: text.
+"""
+
+from __future__ import annotations
+
+from tpmsd.car.physics.dynamics_catalogue import DYNAMICS_EFFECTS
+from tpmsd.offline.dynamics.result import (
+    CONSISTENT,
+    INSUFFICIENT,
+    SUSPICION,
+    DynamicsDiagnosis,
+    DynamicsFinding,
+)
+
+_NAMES = {
+    "yaw_rate": "yaw rate",
+    "accel_lat": "lateral acceleration",
+    "accel_long": "longitudinal acceleration",
+    "velocity_lat": "lateral speed",
+    "side_slip": "side slip",
+    "speed": "speed",
+    "roll": "roll",
+}
+
+
+def summary_sentences(diagnosis: DynamicsDiagnosis) -> list[str]:
+    """Return the answer in sentences."""
+    if diagnosis.verdict == INSUFFICIENT:
+        return [f"Nothing can be concluded: {diagnosis.reason}."]
+    base = f"the {diagnosis.baseline} model"
+    if diagnosis.given:
+        base += f" with {_listed(list(diagnosis.given))}"
+    sure = [one for one in diagnosis.findings if one.status != SUSPICION]
+    out = []
+    if diagnosis.verdict == CONSISTENT:
+        out.append(f"The drive agrees with {base}: nothing beyond noise was found.")
+    else:
+        clauses = [clause(one) for one in sure]
+        more = "this" if len(clauses) == 1 else f"{len(clauses)} things"
+        out.append(f"{base[:1].upper()}{base[1:]} leaves out {more}: {'; '.join(clauses)}.")
+        out += [_fit(diagnosis)] if diagnosis.outputs else []
+    for one in sure:
+        if one.indistinguishable_from:
+            twins = _listed(list(one.indistinguishable_from), "or")
+            out.append(
+                f"This drive cannot tell {one.effect} from {twins}; to part them, {one.telling_drive}."
+            )
+    for one in diagnosis.findings:
+        if one.status == SUSPICION:
+            out.append(f"Suspected, not sure: {clause(one)}.")
+    return out
+
+
+def clause(finding: DynamicsFinding) -> str:
+    """Return what was found, as a clause with its numbers."""
+    if finding.effect == "unknown":
+        where = finding.where
+        over = f"over {(where.covariate or 'time').replace('_', ' ')}"
+        if where.range is not None:
+            over += f" from {where.range[0]:.3g} to {where.range[1]:.3g}"
+        acts = {"force_x": "longitudinal force", "force_y": "lateral force", "moment": "yaw moment"}
+        on = acts.get(finding.acts_on) or _NAMES.get(finding.acts_on, finding.acts_on)
+        return f"something without a name in the {on} {over}"
+    sentence = DYNAMICS_EFFECTS[finding.effect].sentence
+    numbers = ", ".join(
+        f"{name} {one.value:.4g} +- {one.std:.2g}{' ' + one.unit if one.unit and one.unit != '1' else ''}"
+        for name, one in finding.parameters.items()
+    )
+    return f"{sentence} ({finding.effect}: {numbers})"
+
+
+def _fit(diagnosis: DynamicsDiagnosis) -> str:
+    parts = [
+        f"of {_NAMES[name]} from {fit.rms_before:.3g} to {fit.rms_after:.3g} {fit.unit}"
+        for name, fit in diagnosis.outputs.items()
+    ]
+    return f"With {'it' if len(diagnosis.findings) == 1 else 'them'} the held-out prediction error falls {_listed(parts)}."
+
+
+def _listed(words: list[str], last: str = "and") -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}"
+
+
+def dynamics_summary(diagnosis: DynamicsDiagnosis, model_file: str | None) -> str:
+    """Return the whole report for people."""
+    lines = list(summary_sentences(diagnosis))
+    if diagnosis.verdict == INSUFFICIENT:
+        return "\n".join(lines)
+    if diagnosis.findings:
+        lines += ["", f"{'finding':28}{'confidence':>10}{'p':>9}{'held-out gain':>15}   shows in"]
+        for one in diagnosis.findings:
+            over = f" over {one.where.covariate}" if one.where.covariate else ""
+            lines.append(
+                f"{one.effect:28}{one.confidence:10.3f}{one.p_value:9.1g}{one.loglik_gain:11.1f} nats"
+                f"   {_NAMES[one.where.channel]}{over}"
+            )
+    if diagnosis.outputs:
+        lines += [
+            "",
+            f"{'output, held out':28}{'rms before':>12}{'after':>10}{'rating before':>15}{'after':>8}",
+        ]
+        for name, fit in diagnosis.outputs.items():
+            lines.append(
+                f"{_NAMES[name] + ', ' + fit.unit:28}{fit.rms_before:12.4g}{fit.rms_after:10.4g}"
+                f"{fit.rating_before:15.3f}{fit.rating_after:8.3f}"
+            )
+        lines.append(
+            "Predicted from the inputs alone, parameters fitted on other parts; ratings by ISO/TS 18571."
+        )
+    if diagnosis.not_detectable:
+        names = _listed([one.effect for one in diagnosis.not_detectable])
+        lines += ["", f"This drive could not have shown at a usual size: {names}."]
+    if model_file is not None:
+        lines += ["", f"The extended model is in {model_file}."]
+    return "\n".join(lines)

@@ -1,0 +1,190 @@
+"""Terms that may be added to a baseline: an effect with the numbers that a fit moves, and their priors.
+
+In: a baseline. Out: `Term`s, one per effect, or one per value of its grid where it enters nonlinearly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tpmsd.car.physics.baselines.base import Baseline, Theta
+from tpmsd.car.physics.dynamics_catalogue import DYNAMICS_EFFECTS
+from tpmsd.car.physics.dynamics_effect import EVENT, DynamicsEffect
+from tpmsd.car.physics.parameters import Parameter
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.dynamics.columns import Probe
+
+_KNOT_PROBE = 1e-3
+
+
+@dataclass(frozen=True)
+class Term:
+    """An effect at the values about which it is linear."""
+
+    effect: DynamicsEffect
+    free: tuple[str, ...]
+    """Parameters that a fit moves; `heights[k]` for those of a spline."""
+    prior_mean: tuple[float, ...]
+    prior_std: tuple[float, ...]
+    neutral: Mapping[str, float]
+    jump: bool = False
+    """Whether it is looked for as a whole, at a value of its grid, by one column of size one."""
+    alternatives: int = 1
+    """Terms of this effect among which is chosen."""
+
+    @property
+    def name(self) -> str:
+        """Return the effect's name."""
+        return self.effect.name
+
+    @property
+    def key(self) -> str:
+        """Return the name, with what parts terms of one name."""
+        on = getattr(self.effect, "on", "")
+        return f"{self.name}:{on}:{getattr(self.effect, 'over', '')}" if on else self.name
+
+    def value(self, name: str) -> float:
+        """Return the value of a free parameter."""
+        if name.startswith("heights["):
+            return float(self.effect.heights[int(name[8:-1])])  # type: ignore[attr-defined]
+        return float(getattr(self.effect, name))
+
+    def values(self) -> FloatArray:
+        """Return the values of the free parameters."""
+        return np.array([self.value(name) for name in self.free])
+
+    def moved(self, by: FloatArray) -> Term:
+        """Return the term with its free parameters moved, within their limits."""
+        heights = [k for k, name in enumerate(self.free) if name.startswith("heights[")]
+        if heights:
+            new = tuple(float(v) for v in self.values() + by)
+            return replace(self, effect=replace(self.effect, heights=new))  # type: ignore[call-arg]
+        limits = {p.name: p for p in self.effect.parameters if isinstance(p, Parameter)}
+        changed: dict[str, float] = {}
+        for name, step in zip(self.free, by, strict=True):
+            low, high = limits[name].limits
+            margin = 2.0 * limits[name].probe
+            changed[name] = float(np.clip(self.value(name) + step, low + margin, high - margin))
+        return replace(self, effect=replace(self.effect, **changed))
+
+    def probe_size(self, name: str) -> float:
+        """Return the difference by which a free parameter is moved for its derivative."""
+        if name.startswith("heights["):
+            return _KNOT_PROBE
+        return next(p.probe for p in self.effect.numbers() if p.name == name)
+
+    def probes(self, theta: Theta, covariates: Mapping[str, FloatArray]) -> list[Probe]:
+        """Return the probes of its free parameters, beside the other effects of a model.
+
+        `covariates` are those of the path, (n,) each, for the basis functions of splines.
+        """
+        if self.jump:
+            return [Probe((*theta, self.effect), 1.0)]
+        if self.free[0].startswith("heights["):
+            knots: tuple[float, ...] = self.effect.knots  # type: ignore[attr-defined]
+            raised = tuple(h + _KNOT_PROBE for h in self.effect.heights)  # type: ignore[attr-defined]
+            moved = (*theta, replace(self.effect, heights=raised))  # type: ignore[call-arg]
+            along = covariates[getattr(self.effect, "over", "time")]
+            return [Probe(moved, _KNOT_PROBE, weights) for weights in hats(along, knots)]
+        out = []
+        for name in self.free:
+            size = self.probe_size(name)
+            effect = replace(self.effect, **{name: self.value(name) + size})
+            out.append(Probe((*theta, effect), size))
+        return out
+
+    def prior(self) -> tuple[FloatArray, FloatArray]:
+        """Return mean of the prior minus value, and one over its variance, for each column."""
+        if self.jump:
+            return np.array([0.0]), np.array([1.0])
+        return np.array(self.prior_mean) - self.values(), 1.0 / np.array(self.prior_std) ** 2
+
+    def free_in(self, channels: Sequence[str]) -> tuple[str, ...]:
+        """Return the free parameters that can show in these outputs."""
+        shows = self.effect.shows_in
+        return tuple(name for name in self.free if shows.get(name) is None or shows[name] in channels)
+
+    def only(self, free: tuple[str, ...]) -> Term:
+        """Return the term with some of its parameters free."""
+        rows = [self.free.index(name) for name in free]
+        means, stds = (tuple(values[k] for k in rows) for values in (self.prior_mean, self.prior_std))
+        return replace(self, free=free, prior_mean=means, prior_std=stds)
+
+    @property
+    def columns(self) -> int:
+        """Return how many columns it has."""
+        return 1 if self.jump else len(self.free)
+
+
+def term_of(effect: DynamicsEffect, baseline: Baseline, jump: bool = False, alternatives: int = 1) -> Term:
+    """Return the term of an effect at its values."""
+    numbers = effect.numbers()
+    neutral = effect.neutral_values(baseline.car, baseline.nonlinear)
+    means, stds = [], []
+    for p in numbers:
+        assert p.prior is not None
+        means.append(neutral[p.name] if p.prior.mean == p.neutral and not effect.grid else p.prior.mean)
+        stds.append(p.prior.std)
+    return Term(
+        effect, tuple(p.name for p in numbers), tuple(means), tuple(stds), neutral, jump, alternatives
+    )
+
+
+def spline_term(effect: DynamicsEffect, std: float) -> Term:
+    """Return the term of a spline effect, each height with this prior about 0."""
+    count = len(effect.heights)  # type: ignore[attr-defined]
+    return Term(effect, tuple(f"heights[{k}]" for k in range(count)), (0.0,) * count, (std,) * count, {})
+
+
+def candidates(baseline: Baseline, channels: Sequence[str], taken: Theta = ()) -> list[Term]:
+    """Return a term for every effect with numbers that is not in the model, grids included.
+
+    Parameters that show only in an output that is not among `channels` stay at neutral.
+    """
+    there = {effect.name for effect in taken}
+    out: list[Term] = []
+    for name, cls in DYNAMICS_EFFECTS.items():
+        if name in there or not cls.numbers() or cls.kind == EVENT:
+            continue
+        if not cls.applies(baseline.nonlinear, baseline.forces):
+            continue
+        neutral = cls.neutral_values(baseline.car, baseline.nonlinear)
+        if not cls.grid or (name == "tyre_saturation" and baseline.nonlinear):
+            term = term_of(_at_neutral(cls, neutral), baseline)
+            if term.free_in(channels):
+                out.append(term.only(term.free_in(channels)))
+        out += [
+            term_of(cls(**values), baseline, jump=True, alternatives=len(cls.grid))
+            for values in cls.grid
+            if not _same(values, neutral)
+        ]
+    return out
+
+
+def _same(values: Mapping[str, float], neutral: Mapping[str, float]) -> bool:
+    return all(abs(value - neutral[name]) < 0.03 for name, value in values.items())
+
+
+def _at_neutral(cls: type[DynamicsEffect], neutral: Mapping[str, float]) -> DynamicsEffect:
+    return cls(**{p.name: neutral[p.name] for p in cls.numbers()})
+
+
+def usual_sizes(term: Term) -> dict[str, float]:
+    """Return the differences from neutral that are usual, by free parameter."""
+    typical = {p.name: p.typical for p in term.effect.numbers()}
+    return {name: abs(typical[name] - term.neutral.get(name, 0.0)) for name in term.free if name in typical}
+
+
+def spaced(first: float, last: float, step: float) -> tuple[float, ...]:
+    """Return knots from first to last, about a step apart; at least two."""
+    count = max(round((last - first) / step), 1) + 1
+    return tuple(float(value) for value in np.linspace(first, last, count))
+
+
+def hats(along: FloatArray, knots: tuple[float, ...]) -> list[FloatArray]:
+    """Return the basis functions of a spline that is linear between knots and constant beyond them, (n,) each."""
+    eye = np.eye(len(knots))
+    return [np.interp(along, knots, row) for row in eye]

@@ -1,0 +1,1 @@
+"""Drive folders without a bus: tables of signals in and out."""

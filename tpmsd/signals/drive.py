@@ -1,0 +1,163 @@
+"""From a table of signals and a car to the drive that the diagnosis of vehicle dynamics works on.
+
+In: `SignalTable`, the tables of `vehicle.toml`. Out: `Baseline` and `DynamicsDrive`; InputError where an input
+that the baseline needs is missing.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+
+import numpy as np
+
+from tpmsd.car.config.dynamics import CarTables
+from tpmsd.car.physics.baselines.base import Baseline
+from tpmsd.car.physics.baselines.car import DynamicCar
+from tpmsd.car.physics.baselines.inputs import make_inputs
+from tpmsd.car.physics.baselines.table import BASELINES
+from tpmsd.foundation.errors import InputError
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.dynamics.drive import DynamicsDrive, filled
+from tpmsd.signals.columns import BRAKE, DRIVE, DRIVE_TORQUE, OUTPUTS, ROAD_WHEEL, STEERING_WHEEL, WHEELS
+from tpmsd.signals.read import SignalTable
+
+MOST_HZ = 105.0
+"""Rows at a higher rate are thinned out: lateral dynamics end below 10 Hz."""
+DRIVE_SHARES = {"front": 1.0, "rear": 0.0, "all": 0.5}
+
+
+def car_of(tables: CarTables, ratio: float) -> DynamicCar:
+    """Return the car as the baselines know it; `ratio` is that of the recorded steering angle."""
+    d = tables.dynamics
+    assert d.mass_kg is not None
+    assert d.yaw_inertia_kgm2 is not None
+    assert d.cg_to_front_m is not None
+    assert d.cg_to_rear_m is not None
+    assert d.cornering_stiffness_front_n_per_rad is not None
+    assert d.cornering_stiffness_rear_n_per_rad is not None
+    return DynamicCar(
+        mass_kg=d.mass_kg,
+        yaw_inertia_kgm2=d.yaw_inertia_kgm2,
+        front_m=d.cg_to_front_m,
+        rear_m=d.cg_to_rear_m,
+        cornering_front_n=d.cornering_stiffness_front_n_per_rad,
+        cornering_rear_n=d.cornering_stiffness_rear_n_per_rad,
+        height_m=d.cg_height_m,
+        track_front_m=tables.track_front_m,
+        track_rear_m=tables.track_rear_m,
+        longitudinal_n=d.longitudinal_stiffness_n,
+        friction=d.friction,
+        drive_front_share=DRIVE_SHARES[tables.driven_axle],
+        brake_front_share=d.brake_front_share,
+        drag_area_m2=d.drag_area_m2,
+        rolling_resistance=d.rolling_resistance,
+        steering_ratio=ratio,
+    )
+
+
+def make_drive(
+    table: SignalTable, tables: CarTables, baseline: str, name: str
+) -> tuple[Baseline, DynamicsDrive]:
+    """Return the baseline of this car, and the drive with the outputs that were recorded."""
+    columns = _thinned(table)
+    time = columns["time_s"] - columns["time_s"][0]
+    steer, ratio = _steering(table, columns, tables, time)
+    forces = BASELINES[baseline].nonlinear and _has_forces(columns) and _has(columns, OUTPUTS["speed"])
+    model = BASELINES[baseline](car_of(tables, ratio), forces)
+    speed = _speed(table, columns, tables, time)
+    inputs = make_inputs(
+        time,
+        steer,
+        speed,
+        _ahead(columns, time, speed),
+        _drive_force(columns, tables, time),
+        _input(columns, BRAKE, time),
+    )
+    outputs = {
+        output: columns[column]
+        for output, column in OUTPUTS.items()
+        if output in model.outputs() and _has(columns, column)
+    }
+    if "velocity_lat" in outputs:
+        outputs.pop("side_slip", None)  # both say the same, mostly from one instrument
+    key = hashlib.sha256(np.ascontiguousarray(np.stack([time, steer])).tobytes()).hexdigest()[:12]
+    return model, DynamicsDrive(name, inputs, outputs, forces, float(columns["time_s"][0]), key)
+
+
+def _thinned(table: SignalTable) -> dict[str, FloatArray]:
+    """Return the columns at no more than `MOST_HZ`, a missing value taken from the rows between."""
+    time = table.time_s
+    step = float(np.median(np.diff(time)))
+    every = int(np.floor(1.0 / (step * MOST_HZ))) if step * MOST_HZ < 1.0 else 1
+    if every <= 1:
+        return dict(table.columns)
+    rows = np.arange(0, len(time) - every + 1, every)
+    out = {}
+    for name, values in table.columns.items():
+        taken = values[rows].copy()
+        for later in range(1, every):
+            taken = np.where(np.isfinite(taken), taken, values[rows + later])
+        out[name] = taken
+    out["time_s"] = time[rows]
+    return out
+
+
+def _has(columns: dict[str, FloatArray], name: str) -> bool:
+    return name in columns and int(np.isfinite(columns[name]).sum()) >= 10
+
+
+def _has_forces(columns: dict[str, FloatArray]) -> bool:
+    return any(_has(columns, name) for name in (DRIVE, BRAKE, DRIVE_TORQUE))
+
+
+def _input(columns: dict[str, FloatArray], name: str, time: FloatArray) -> FloatArray | None:
+    return filled(time, columns[name]) if _has(columns, name) else None
+
+
+def _drive_force(columns: dict[str, FloatArray], tables: CarTables, time: FloatArray) -> FloatArray | None:
+    """Return the drive force, of the torque at the wheels where no force is recorded."""
+    force = _input(columns, DRIVE, time)
+    torque = _input(columns, DRIVE_TORQUE, time)
+    if force is None and torque is not None:
+        return torque / tables.wheel_radius_m
+    return force
+
+
+def _steering(
+    table: SignalTable, columns: dict[str, FloatArray], tables: CarTables, time: FloatArray
+) -> tuple[FloatArray, float]:
+    """Return the configured road-wheel angle, and the ratio of what is recorded."""
+    if _has(columns, ROAD_WHEEL):
+        return filled(time, columns[ROAD_WHEEL]), 1.0
+    if not _has(columns, STEERING_WHEEL):
+        raise InputError(table.file, f"neither {ROAD_WHEEL} nor {STEERING_WHEEL} has values", 1)
+    if tables.steering_ratio is None:
+        raise InputError(tables.file, f"[vehicle] steering_ratio is missing: {STEERING_WHEEL} needs it")
+    return filled(time, columns[STEERING_WHEEL]) / tables.steering_ratio, tables.steering_ratio
+
+
+def _speed(
+    table: SignalTable, columns: dict[str, FloatArray], tables: CarTables, time: FloatArray
+) -> FloatArray:
+    """Return the speed: recorded, else by the wheels, else by the receiver."""
+    if _has(columns, OUTPUTS["speed"]):
+        return filled(time, columns[OUTPUTS["speed"]])
+    wheels = [columns[name] for name in _usable(columns, WHEELS)]
+    if wheels:
+        return np.mean([filled(time, one) for one in wheels], axis=0) * tables.wheel_radius_m
+    if _has(columns, "gnss_speed_mps"):
+        return filled(time, columns["gnss_speed_mps"])
+    raise InputError(table.file, "no speed: speed_mps, wheel_speed_*_radps or gnss_speed_mps is needed", 1)
+
+
+def _usable(columns: dict[str, FloatArray], names: Sequence[str]) -> list[str]:
+    return [name for name in names if _has(columns, name)]
+
+
+def _ahead(columns: dict[str, FloatArray], time: FloatArray, speed: FloatArray) -> FloatArray:
+    """Return the longitudinal acceleration: recorded, else the speed's rate over a fifth of a second."""
+    if _has(columns, OUTPUTS["accel_long"]):
+        return filled(time, columns[OUTPUTS["accel_long"]])
+    later, before = (np.interp(time + by, time, speed) for by in (0.1, -0.1))
+    return np.asarray((later - before) / 0.2)

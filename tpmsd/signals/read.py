@@ -1,0 +1,159 @@
+"""Tables of signals from files: `signals.csv`, `signals.csv.gz` or `signals.parquet` in a drive folder.
+
+In: a folder or a file. Out: `SignalTable`; InputError with file, line and reason where it cannot be used.
+"""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tpmsd.foundation.errors import InputError
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.signals.columns import TIME, is_known
+
+FILES = ("signals.csv", "signals.csv.gz", "signals.parquet")
+"""Names in a drive folder, in the order in which they are looked for."""
+LARGEST_BYTES = 2_000_000_000
+_EMPTY = {"", "nan", "NaN", "NA", "null"}
+
+
+@dataclass(frozen=True)
+class SignalTable:
+    """Columns of one length by name, empty cells NaN; rows in the order of time, each time once."""
+
+    file: Path
+    columns: Mapping[str, FloatArray]
+    unknown: tuple[str, ...] = ()
+    """Columns that were left out."""
+
+    @property
+    def time_s(self) -> FloatArray:
+        """Return the times of the rows on the recording's own clock."""
+        return self.columns[TIME]
+
+
+def signals_file(folder: Path) -> Path | None:
+    """Return the table of signals in a drive folder; None where there is none."""
+    return next((folder / name for name in FILES if (folder / name).is_file()), None)
+
+
+def read_signals(path: Path) -> SignalTable:
+    """Return the table in a file, or in a drive folder."""
+    file = signals_file(path) if path.is_dir() else path
+    if file is None:
+        raise InputError(path, f"no table of signals ({' '.join(FILES)})")
+    if not file.is_file():
+        raise InputError(file, "no such file")
+    names, values = _parquet(file) if file.suffix == ".parquet" else _text(file)
+    if TIME not in names:
+        raise InputError(file, f"no column {TIME}", 1)
+    if len(set(names)) != len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(file, f"column {twice} stands twice", 1)
+    table = dict(zip(names, values.T, strict=True))
+    return _ordered(file, table)
+
+
+def _ordered(file: Path, table: dict[str, FloatArray]) -> SignalTable:
+    """Return the known columns with rows in the order of time; rows of one time become one."""
+    time = table[TIME]
+    good = np.isfinite(time)
+    if good.sum() < 2:
+        raise InputError(file, "fewer than two rows with a time")
+    order = np.flatnonzero(good)[np.argsort(time[good], kind="stable")]
+    unknown = tuple(name for name in table if not is_known(name))
+    kept = {name: values[order] for name, values in table.items() if is_known(name)}
+    first = np.concatenate([[True], np.diff(kept[TIME]) > 1e-9])
+    if not first.all():
+        group = np.cumsum(first) - 1
+        merged: dict[str, FloatArray] = {}
+        for name, values in kept.items():
+            out = np.full(int(group[-1]) + 1, np.nan)
+            there = np.isfinite(values)
+            out[group[there]] = values[there]
+            merged[name] = out
+        kept = merged
+    return SignalTable(file, kept, unknown)
+
+
+def _text(file: Path) -> tuple[list[str], FloatArray]:
+    """Return header and values of a CSV file, gzipped or not."""
+    try:
+        if file.stat().st_size > LARGEST_BYTES:
+            raise InputError(file, "larger than 2 GB")
+        data = file.read_bytes()
+        if file.suffix == ".gz":
+            data = gzip.decompress(data)
+        text = data.decode("utf-8-sig")
+    except (OSError, EOFError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or str(error) or "cannot be read"
+        raise InputError(file, f"cannot be read: {reason}") from None
+    head, _, body = text.partition("\n")
+    names = [name.strip().strip('"') for name in head.rstrip("\r").split(",")]
+    quick = _quick(body, len(names))
+    return names, quick if quick is not None else _careful(file, text, len(names))
+
+
+def _quick(body: str, width: int) -> FloatArray | None:
+    """Return the values of plain numbers without an empty cell; None where there is anything else."""
+    try:
+        values = np.loadtxt(io.StringIO(body), delimiter=",", ndmin=2)
+    except ValueError:
+        return None
+    return values if values.ndim == 2 and values.shape[1] == width and len(values) else None
+
+
+def _careful(file: Path, text: str, width: int) -> FloatArray:
+    """Return the values cell by cell, empty ones NaN; InputError with the line of a cell that is no number."""
+    rows: list[list[float]] = []
+    for line, cells in enumerate(csv.reader(io.StringIO(text)), start=1):
+        if line == 1 or not cells:
+            continue
+        if len(cells) != width:
+            raise InputError(file, f"{len(cells)} cells, the header has {width}", line)
+        try:
+            rows.append([float("nan") if cell.strip() in _EMPTY else float(cell) for cell in cells])
+        except ValueError:
+            bad = next(cell for cell in cells if not _is_number(cell))
+            raise InputError(file, f"{bad[:40]!r} is not a number", line) from None
+    if not rows:
+        raise InputError(file, "no rows")
+    return np.array(rows)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return cell.strip() in _EMPTY
+    return True
+
+
+def _parquet(file: Path) -> tuple[list[str], FloatArray]:
+    """Return names and values of a Parquet file's columns of numbers."""
+    try:
+        import pyarrow.parquet as pq
+    except ImportError:
+        raise InputError(file, "Parquet needs the extra 'tables' (pip install 'tpmsd[tables]')") from None
+    try:
+        table = pq.read_table(file)
+    except Exception as error:
+        raise InputError(file, f"no Parquet file: {' '.join(str(error).split())[:120]}") from None
+    names, values = [], []
+    for name in table.column_names:
+        column = table.column(name)
+        try:
+            values.append(np.asarray(column.to_numpy(zero_copy_only=False), dtype=np.float64))
+        except (TypeError, ValueError):
+            continue  # text
+        names.append(name)
+    if not names or not len(values[0]):
+        raise InputError(file, "no rows")
+    return names, np.stack(values, axis=1)
