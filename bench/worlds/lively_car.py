@@ -2,67 +2,22 @@
 against.
 
 In: `CarSpec`, what is concealed, a generator. Out: columns of a `signals.csv` and the tables of a
-`vehicle.toml`. Scalar equations in steps of a millisecond (Heun's rule), written from the text books without any
-code of the program: the linear single-track car, and four wheels with Dugoff's tyres whose slip carries the
-forces.
+`vehicle.toml`. Scalar equations in steps of a millisecond (Heun's rule), written from the text books
+without any code of the program: the linear single-track car, and four wheels with Dugoff's tyres whose slip
+carries the forces.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-STEP_S = 1e-3
-G = 9.80665
-RHO = 1.2041
+from bench.worlds.lively_body import STEP_S, Array, Body, CarSpec, Concealed, SensorSpec
 
-
-@dataclass(frozen=True)
-class CarSpec:
-    """A car as its maker states it."""
-
-    m: float = 1480.0
-    iz: float = 2350.0
-    a: float = 1.18
-    b: float = 1.46
-    h: float = 0.54
-    tf: float = 1.53
-    tr: float = 1.51
-    cf: float = 105_000.0
-    cr: float = 128_000.0
-    cx: float = 85_000.0
-    mu: float = 1.0
-    brake_front: float = 0.65
-    driven: str = "front"
-    ratio: float = 15.5
-
-
-@dataclass(frozen=True)
-class SensorSpec:
-    """Standard deviations of the sensors' white noise, and the rate of the logger."""
-
-    rate_hz: float = 50.0
-    yaw: float = 0.002
-    ay: float = 0.05
-    ax: float = 0.05
-    v: float = 0.02
-    u: float = 0.03
-
-
-@dataclass
-class Concealed:
-    """What acts beside the stated car; by the name that the public contract gives it."""
-
-    values: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-
-    def get(self, effect: str, parameter: str, default: float = 0.0) -> float:
-        """Return a value, or the default where the effect is not concealed."""
-        return float(self.values.get(effect, {}).get(parameter, default))
+__all__ = ["CarSpec", "Concealed", "Drive", "SensorSpec", "course", "drive", "vehicle_tables"]
 
 
 @dataclass(frozen=True)
@@ -74,7 +29,8 @@ class Drive:
 
 
 def course(duration_s: float, rng: np.random.Generator, most_lat: float = 7.0) -> tuple[Array, Array]:
-    """Return road-wheel angle and speed every millisecond: bends, lane changes, weaving, braking, pulling away."""
+    """Return road-wheel angle and speed every millisecond: bends, lane changes, weaving, braking, pulling
+    away."""
     n = round(duration_s / STEP_S)
     t = np.arange(n) * STEP_S
     knots = np.arange(0.0, duration_s + 12.0, 6.0)
@@ -131,7 +87,7 @@ def drive(
     # what is read is planned; what the wheels do follows from it
     acting = np.roll(steer, delay) if delay else steer
     acting = (acting - zero / car.ratio) / ratio
-    body = _Body(car, concealed, model, forces)
+    body = Body(car, concealed, model, forces)
     truth = body.run(acting, speed)
     return Drive(
         _recorded(car, concealed, sensors, steer, truth, forces, rng),
@@ -180,230 +136,6 @@ def _recorded(
         columns["drive_force_n"] = truth["drive"][rows]
         columns["brake_force_n"] = truth["brake"][rows]
     return columns
-
-
-class _Body:
-    """The equations of motion, one state at a time."""
-
-    def __init__(self, car: CarSpec, hidden: Concealed, model: str, forces: bool) -> None:
-        self.car, self.hidden, self.model, self.forces = car, hidden, model, forces
-        shift = hidden.get("cg_position_error", "forward_m")
-        self.a, self.b = car.a - shift, car.b + shift
-        self.m = car.m * (1.0 + hidden.get("mass_error", "relative"))
-        self.iz = car.iz * (1.0 + hidden.get("yaw_inertia_error", "relative"))
-        self.cf = car.cf * (1.0 + hidden.get("cornering_stiffness_error", "front"))
-        self.cr = car.cr * (1.0 + hidden.get("cornering_stiffness_error", "rear"))
-        self.h = car.h + hidden.get("cg_height_error", "height_m")
-        self.mu = hidden.get("tyre_saturation", "friction", car.mu)
-        self.limited = model == "three-dof" or "tyre_saturation" in hidden.values
-        self.length = hidden.get("tyre_relaxation", "length_m")
-        self.load_loss = hidden.get("load_dependent_stiffness", "coefficient")
-        self.roll_steer = hidden.get("roll_steer", "coefficient")
-        self.give = hidden.get("compliance_steer", "coefficient")
-        self.camber = hidden.get("camber_thrust", "coefficient")
-        self.lock = hidden.get("locked_differential", "coefficient")
-        self.pull = hidden.get("yaw_moment", "coefficient")
-        self.roll_resist = hidden.get("rolling_resistance", "coefficient")
-        self.drag = hidden.get("aero_drag", "drag_area_m2")
-        self.lift = (hidden.get("aero_downforce", "front_m2"), hidden.get("aero_downforce", "rear_m2"))
-        self.drive_gain = 1.0 + hidden.get("drive_force_error", "relative")
-        self.brake_gain = 1.0 + hidden.get("brake_force_error", "relative")
-        self.outside = hidden.get("beyond", "moment_per_speed2")
-
-    def run(self, steer: Array, speed: Array) -> dict[str, Array]:
-        """Return the truth every millisecond."""
-        n = len(steer)
-        out = {name: np.zeros(n) for name in ("v", "r", "u", "ay", "ax", "r_rate", "drive", "brake")}
-        wanted = np.gradient(speed, STEP_S)
-        v = r = 0.0
-        u = float(speed[0])
-        lag = [0.0, 0.0]
-        for k in range(n):
-            drive = brake = 0.0
-            ax = float(wanted[k])
-            if self.forces:
-                ask = self.car.m * (ax + 0.6 * (float(speed[k]) - u))
-                drive, brake = max(ask, 0.0), max(-ask, 0.0)
-            else:
-                u = float(speed[k])
-                ax = ax - v * r
-            t = k * STEP_S
-            first = self._rates(t, float(steer[k]), u, v, r, ax, drive, brake, lag)
-            v1, r1 = v + STEP_S * first[0], r + STEP_S * first[1]
-            u1 = u + STEP_S * first[2] if self.forces else float(speed[min(k + 1, n - 1)])
-            l1 = [lag[i] + STEP_S * first[5 + i] for i in (0, 1)]
-            nxt = float(steer[min(k + 1, n - 1)])
-            second = self._rates(t + STEP_S, nxt, u1, v1, r1, ax, drive, brake, l1)
-            for name, value in (("v", v), ("r", r), ("u", u), ("ay", first[3]), ("ax", first[4])):
-                out[name][k] = value
-            out["r_rate"][k], out["drive"][k], out["brake"][k] = first[1], drive, brake
-            v += 0.5 * STEP_S * (first[0] + second[0])
-            r += 0.5 * STEP_S * (first[1] + second[1])
-            if self.forces:
-                u += 0.5 * STEP_S * (first[2] + second[2])
-            lag = [lag[i] + 0.5 * STEP_S * (first[5 + i] + second[5 + i]) for i in (0, 1)]
-        return out
-
-    def _rates(
-        self,
-        t: float,
-        delta: float,
-        u: float,
-        v: float,
-        r: float,
-        ax: float,
-        drive: float,
-        brake: float,
-        lag: list[float],
-    ) -> tuple[float, ...]:
-        """Return dv, dr, du, a_y, a_x and the rates of the relaxed slip angles."""
-        drive, brake = drive * self.drive_gain, brake * self.brake_gain
-        if self.model == "three-dof":
-            fx, fy, mz, slip_rates = self._four_wheels(delta, u, v, r, ax, drive, brake, lag)
-        else:
-            fx, fy, mz, slip_rates = self._two_axles(delta, u, v, r, ax, lag)
-        lat = u * r
-        if self.camber:
-            front = -self.camber * self._axle_load(ax)[0] * lat / G
-            rear = -self.camber * self._axle_load(ax)[1] * lat / G
-            fy += front + rear
-            mz += self.a * front - self.b * rear
-        if self.lock:
-            track = self.car.tf if self.car.driven == "front" else self.car.tr
-            mz -= self.lock * 2.0 * self.car.cx * (track / 2.0) ** 2 * r / u
-        if self.pull:
-            mz += self.pull * ((drive - brake) if self.forces else self.m * ax)
-        wind = self._wind(t, u)
-        fy += wind
-        mz += 0.25 * wind + self.iz * self.outside * u * u * math.copysign(1.0, r) * min(abs(r) * 20.0, 1.0)
-        fx -= 0.5 * RHO * self.drag * u * abs(u) + self.roll_resist * self.m * G
-        bank = self._bank(t)
-        return (
-            fy / self.m - u * r - G * math.sin(bank),
-            mz / self.iz,
-            fx / self.m + v * r,
-            fy / self.m,
-            fx / self.m if self.forces else ax,
-            *slip_rates,
-        )
-
-    def _wind(self, t: float, u: float) -> float:
-        """Return the side force of a gust."""
-        speed = self.hidden.get("side_wind", "speed_mps")
-        begin, length = self.hidden.get("side_wind", "onset_s"), self.hidden.get("side_wind", "duration_s")
-        return 0.5 * RHO * 4.5 * u * speed if begin <= t < begin + length else 0.0
-
-    def _bank(self, t: float) -> float:
-        """Return the road's cross slope."""
-        size = self.hidden.get("road_bank", "amplitude_rad")
-        return size * math.sin(2.0 * math.pi * t / 70.0) if size else 0.0
-
-    def _axle_load(self, ax: float) -> tuple[float, float]:
-        """Return the loads of front and rear axle."""
-        base = self.a + self.b
-        rise = self.m * ax * self.h / base
-        return self.m * G * self.b / base - rise, self.m * G * self.a / base + rise
-
-    def _relaxed(self, angle: float, u: float, state: float) -> tuple[float, float]:
-        """Return the angle that makes the force, and the rate of its state."""
-        if self.length <= 0.0:
-            return angle, 0.0
-        return state, (angle - state) * u / self.length
-
-    def _two_axles(
-        self, delta: float, u: float, v: float, r: float, ax: float, lag: list[float]
-    ) -> tuple[float, float, float, tuple[float, float]]:
-        alpha_f = delta - (v + self.a * r) / u
-        alpha_r = -(v - self.b * r) / u
-        alpha_r += self.roll_steer * u * r
-        if self.give:
-            alpha_f /= 1.0 + self.give * (self.a + self.b) / (self.m * self.b) * self.cf
-        alpha_f, rate_f = self._relaxed(alpha_f, u, lag[0])
-        alpha_r, rate_r = self._relaxed(alpha_r, u, lag[1])
-        cf, cr = self.cf, self.cr
-        if self.load_loss:
-            move = 2.0 * self.h * u * r / G
-            cf *= 1.0 - self.load_loss * (move / self.car.tf) ** 2
-            cr *= 1.0 - self.load_loss * (move / self.car.tr) ** 2
-        ff, fr = cf * alpha_f, cr * alpha_r
-        if self.limited:
-            load_f, load_r = self._axle_load(ax)
-            ff *= dugoff(abs(ff), self.mu * load_f)
-            fr *= dugoff(abs(fr), self.mu * load_r)
-        return 0.0, ff + fr, self.a * ff - self.b * fr, (rate_f, rate_r)
-
-    def _four_wheels(
-        self,
-        delta: float,
-        u: float,
-        v: float,
-        r: float,
-        ax: float,
-        drive: float,
-        brake: float,
-        lag: list[float],
-    ) -> tuple[float, float, float, tuple[float, float]]:
-        car, base = self.car, self.a + self.b
-        if not self.forces:
-            force = self.m * ax
-            drive, brake = max(force, 0.0), max(-force, 0.0)
-        else:
-            ax = (drive - brake) / self.m
-        share = {"front": 1.0, "rear": 0.0, "all": 0.5}[car.driven]
-        f_front = share * drive - car.brake_front * brake
-        f_rear = (1.0 - share) * drive - (1.0 - car.brake_front) * brake
-        load_f, load_r = self._axle_load(ax)
-        load_f += 0.5 * RHO * self.lift[0] * u * u
-        load_r += 0.5 * RHO * self.lift[1] * u * u
-        side_f = self.m * self.b / base * u * r * self.h / car.tf
-        side_r = self.m * self.a / base * u * r * self.h / car.tr
-        fx = fy = mz = 0.0
-        move = 2.0 * self.h * u * r / G
-        mean = [0.0, 0.0]
-        wheels = []
-        for front in (True, False):
-            for left in (True, False):
-                x = self.a if front else -self.b
-                y = (car.tf if front else car.tr) / 2.0 * (1.0 if left else -1.0)
-                alpha = (delta if front else 0.0) - math.atan2(v + x * r, u - y * r)
-                if not front:
-                    alpha += self.roll_steer * u * r
-                elif self.give:
-                    alpha /= 1.0 + self.give * base / (self.m * self.b) * self.cf
-                mean[0 if front else 1] += alpha / 2.0
-                wheels.append((front, left, x, y, alpha))
-        rates = (0.0, 0.0)
-        if self.length > 0.0:
-            rates = ((mean[0] - lag[0]) * u / self.length, (mean[1] - lag[1]) * u / self.length)
-        for front, left, x, y, alpha in wheels:
-            axle = 0 if front else 1
-            if self.length > 0.0:
-                alpha += lag[axle] - mean[axle]
-            ratio = (f_front if front else f_rear) / 2.0 / car.cx
-            slip = ratio / (1.0 - ratio)
-            load = (load_f if front else load_r) / 2.0
-            transfer = side_f if front else side_r
-            load += -transfer if left else transfer
-            stiff = (self.cf if front else self.cr) / 2.0
-            stiff *= 1.0 - self.load_loss * (move / (car.tf if front else car.tr)) ** 2
-            along, side = car.cx * slip, stiff * math.tan(alpha)
-            grip = dugoff(math.hypot(along, side), self.mu * max(load, 0.0) * (1.0 + slip)) / (1.0 + slip)
-            along, side = along * grip, side * grip
-            angle = delta if front else 0.0
-            ahead = along * math.cos(angle) - side * math.sin(angle)
-            across = along * math.sin(angle) + side * math.cos(angle)
-            fx += ahead
-            fy += across
-            mz += x * across - y * ahead
-        return fx, fy, mz, rates
-
-
-def dugoff(linear: float, limit: float) -> float:
-    """Return the share of a tyre's linear force that remains below a friction limit."""
-    if linear <= 0.5 * limit:
-        return 1.0
-    lam = limit / (2.0 * linear)
-    return (2.0 - lam) * lam
 
 
 def vehicle_tables(car: CarSpec) -> str:

@@ -1,7 +1,7 @@
 """From a table of signals and a car to the drive that the diagnosis of vehicle dynamics works on.
 
-In: `SignalTable`, the tables of `vehicle.toml`. Out: `Baseline` and `DynamicsDrive`; InputError where an input
-that the baseline needs is missing.
+In: `SignalTable`, the tables of `vehicle.toml`. Out: `Baseline` and `DynamicsDrive`; InputError where an
+input that the baseline needs is missing.
 """
 
 from __future__ import annotations
@@ -145,7 +145,7 @@ def _speed(
         return filled(time, columns[OUTPUTS["speed"]])
     wheels = [columns[name] for name in _usable(columns, WHEELS)]
     if wheels:
-        return np.mean([filled(time, one) for one in wheels], axis=0) * tables.wheel_radius_m
+        return np.asarray(np.mean([filled(time, one) for one in wheels], axis=0) * tables.wheel_radius_m)
     if _has(columns, "gnss_speed_mps"):
         return filled(time, columns["gnss_speed_mps"])
     raise InputError(table.file, "no speed: speed_mps, wheel_speed_*_radps or gnss_speed_mps is needed", 1)

@@ -111,7 +111,8 @@ def _quick(body: str, width: int) -> FloatArray | None:
 
 
 def _careful(file: Path, text: str, width: int) -> FloatArray:
-    """Return the values cell by cell, empty ones NaN; InputError with the line of a cell that is no number."""
+    """Return the values cell by cell, empty ones NaN; InputError with the line of a cell that is no
+    number."""
     rows: list[list[float]] = []
     for line, cells in enumerate(csv.reader(io.StringIO(text)), start=1):
         if line == 1 or not cells:

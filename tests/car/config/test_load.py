@@ -114,6 +114,7 @@ def test_schema_and_records_have_the_same_keys() -> None:
         "notify": model.NotifyConfig,
         "calibration": model.CalibrationConfig,
         "physics": model.PhysicsConfig,
+        "dynamics": model.DynamicsConfig,
     }
     schema = {table: set(rules) for table, rules in tables(Path()).items()}
     assert set(model.ROLES) == schema.pop("can.signals")

@@ -1,4 +1,5 @@
-"""The table `[dynamics]` of a configuration: masses, lengths and stiffnesses for the baselines of vehicle dynamics.
+"""The table `[dynamics]` of a configuration: masses, lengths and stiffnesses for the baselines of vehicle
+dynamics.
 
 In: the folder or file of a configuration. Out: `DynamicsConfig` in a `Config`, or `load_car`, which reads
 `[vehicle]` and `[dynamics]` alone, so that a folder without a bus needs no DBC.
@@ -90,7 +91,8 @@ _VEHICLE: dict[str, Rule] = {
 
 
 def load_car(path: Path) -> CarTables:
-    """Return the car in the file `path` or in the `vehicle.toml` of the folder; ConfigProblems if it has none."""
+    """Return the car in the file `path` or in the `vehicle.toml` of the folder; ConfigProblems if it has
+    none."""
     document = read_document(path)
     problems: list[Problem] = []
     dynamics = _read(document, "dynamics", RULES, problems)

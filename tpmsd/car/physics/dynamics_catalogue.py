@@ -16,14 +16,15 @@ from tpmsd.foundation.errors import ConfigError
 
 
 def _found() -> dict[str, type[DynamicsEffect]]:
-    """Return every effect that a module of `tpmsd.car.physics.dynamics_effects` defines, in the alphabet's order."""
+    """Return every effect that a module of `tpmsd.car.physics.dynamics_effects` defines, in the alphabet's
+    order."""
     out: dict[str, type[DynamicsEffect]] = {}
     for module in sorted(one.name for one in pkgutil.iter_modules(dynamics_effects.__path__)):
         full = f"{dynamics_effects.__name__}.{module}"
         for value in vars(importlib.import_module(full)).values():
-            if isinstance(value, type) and issubclass(value, DynamicsEffect) and value.__module__ == full:
-                if "name" in vars(value):
-                    out[value.name] = value
+            own = isinstance(value, type) and issubclass(value, DynamicsEffect) and value.__module__ == full
+            if own and "name" in vars(value):
+                out[value.name] = value
     return dict(sorted(out.items()))
 
 

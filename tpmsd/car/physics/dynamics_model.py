@@ -19,7 +19,8 @@ MOST_EFFECTS = 200
 
 @dataclass(frozen=True)
 class DynamicsModel:
-    """Effects, for each the standard deviations of its parameters where known, and the drive it belongs to."""
+    """Effects, for each the standard deviations of its parameters where known, and the drive it belongs
+    to."""
 
     effects: tuple[DynamicsEffect, ...] = ()
     stds: tuple[Mapping[str, float], ...] = ()

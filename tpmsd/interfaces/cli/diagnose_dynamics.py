@@ -84,7 +84,8 @@ def read_dynamics_drive(folder: Path, config: Path | None, baseline: str) -> tup
 
 
 def model_effects(path: Path | None, key: str) -> tuple[DynamicsEffect, ...]:
-    """Return the effects of a model file that hold on the drive with this key; others are named and left out."""
+    """Return the effects of a model file that hold on the drive with this key; others are named and left
+    out."""
     from tpmsd.car.physics.dynamics_model import parse_dynamics_model
     from tpmsd.foundation.text_file import read_text
 

@@ -36,6 +36,11 @@ class BandedFactor:
         out, _ = lapack.dpbtrs(self._factor, columns, lower=1)
         return np.ascontiguousarray(out).reshape(right.shape)
 
+    def solve_rows(self, right: FloatArray) -> FloatArray:
+        """Return the solutions for right-hand sides (p, n, s), which keep their places in memory."""
+        out, _ = lapack.dpbtrs(self._factor, right.reshape(len(right), -1).T, lower=1)
+        return np.asarray(out.T.reshape(right.shape))
+
     def sample(self, white: FloatArray) -> FloatArray:
         """Return draws of the Gaussian with this information matrix, (n, s, p), from standard normals."""
         n, s = self._shape

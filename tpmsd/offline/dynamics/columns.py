@@ -27,12 +27,14 @@ class Probe:
     """The whole model with the change."""
     size: float
     weights: FloatArray | None = None
-    """(n,) where the change acts, for a basis function of a spline; probes of one model share its evaluation."""
+    """(n,) where the change acts, for a basis function of a spline; probes of one model share its
+    evaluation."""
 
 
 @dataclass(frozen=True)
 class Gram:
-    """Sufficient statistics of B blocks for p parameters, about the values that the path was linearised at."""
+    """Sufficient statistics of B blocks for p parameters, about the values that the path was linearised
+    at."""
 
     information: FloatArray
     """(B, p, p)"""
@@ -51,24 +53,37 @@ class Gram:
 
 
 def changes(setup: Setup, theta: Theta, at: Linear, probes: Sequence[Probe]) -> tuple[FloatArray, FloatArray]:
-    """Return the derivatives of rates (n, s, p) and readings (n, m, p) by the probes."""
+    """Return the derivatives of rates (p, n, s) and readings (p, n, m) by the probes."""
     states = setup.states(theta)
     count = len(states)
     rates, outputs = setup.evaluate(at.path, setup.inputs(theta), theta)
     n, m = outputs.shape
-    by_rate, by_output = np.empty((n, count, len(probes))), np.empty((n, m, len(probes)))
+    by_rate, by_output = np.empty((len(probes), n, count)), np.empty((len(probes), n, m))
     last: Theta | None = None
     moved, seen = rates, outputs
     for k, probe in enumerate(probes):
         if probe.theta is not last:
             last = probe.theta
             moved, seen = setup.evaluate(at.path, setup.inputs(last), last, states)
-        by_rate[:, :, k] = (moved[:, :count] - rates) / probe.size
-        by_output[:, :, k] = (seen - outputs) / probe.size
-        if probe.weights is not None:
-            by_rate[:, :, k] *= probe.weights[:, None]
-            by_output[:, :, k] *= probe.weights[:, None]
+            moved, seen = (moved[:, :count] - rates) / probe.size, (seen - outputs) / probe.size
+        if probe.weights is None:
+            by_rate[k], by_output[k] = moved, seen
+        else:
+            np.multiply(moved, probe.weights[:, None], out=by_rate[k])
+            np.multiply(seen, probe.weights[:, None], out=by_output[k])
     return by_rate, by_output
+
+
+def step_changes(setup: Setup, at: Linear, by_rate: FloatArray) -> FloatArray:
+    """Return the derivatives of the steps, (p, n - 1, s): the trapezium rule over each."""
+    count = by_rate.shape[2]
+    dt = np.where(setup.drive.linked, np.diff(setup.drive.time_s), 0.0)
+    half = 0.5 * dt[:, None]
+    out = by_rate[:, 1:] * half
+    for i in range(count):
+        for j in range(count):
+            out[:, :, i] += (at.by_state[:, i, j] * half[:, 0]) * by_rate[:, :-1, j]
+    return out
 
 
 def gram(setup: Setup, theta: Theta, at: Linear, noise: Noise, probes: Sequence[Probe]) -> Gram:
@@ -78,35 +93,38 @@ def gram(setup: Setup, theta: Theta, at: Linear, noise: Noise, probes: Sequence[
         blocks = len(drive.starts)
         return Gram(np.zeros((blocks, 0, 0)), np.zeros((blocks, 0)))
     by_rate, by_output = changes(setup, theta, at, probes)
-    count, total = by_rate.shape[1], at.path.shape[1]
-    dt = np.where(drive.linked, np.diff(drive.time_s), 0.0)
-    # trapezium over the step, the first half carried on by the step itself
-    step = np.einsum("nij,njp->nip", at.by_state[:, :count, :count], by_rate[:-1], optimize=True)
-    step += by_rate[1:]
-    step *= 0.5 * dt[:, None, None]
+    count, total = by_rate.shape[2], at.path.shape[1]
+    step = step_changes(setup, at, by_rate)
     weighted = Weighted(setup, at, noise)
-    reading = np.where(np.isfinite(at.reading_residual)[:, :, None], by_output, 0.0)
-    cross = np.zeros((len(at.path), total, by_rate.shape[2]))
-    pulled = weighted.step_weight[:, :count, None] * step
-    cross[1:, :count] -= pulled
-    cross[:-1] += np.einsum("nij,nip->njp", at.by_state[:, :count], pulled, optimize=True)
-    trusted = weighted.reading_weight[:, :, None] * reading
-    cross += np.einsum("nmi,nmp->nip", at.outputs_by_state, trusted, optimize=True)
-    eliminated = weighted.factor.solve(cross)
+    by_output *= np.isfinite(at.reading_residual)
+    cross = np.zeros((len(probes), len(at.path), total))
+    pulled = weighted.step_weight[:, :count] * step
+    cross[:, 1:, :count] -= pulled
+    trusted = weighted.reading_weight * by_output
+    for j in range(total):
+        for i in range(count):
+            cross[:, :-1, j] += at.by_state[:, i, j] * pulled[:, :, i]
+        for i in range(by_output.shape[2]):
+            cross[:, :, j] += at.outputs_by_state[:, i, j] * trusted[:, :, i]
+    eliminated = weighted.factor.solve_rows(cross)
     left = weighted.gradient()
     residual = np.where(np.isfinite(at.reading_residual), at.reading_residual, 0.0)
     information, gradient = [], []
     for first, last in zip(drive.starts, drive.ends, strict=True):
         rows, steps = slice(first, last), slice(first, max(last - 1, first))
-        own = _product(step[steps], pulled[steps]) + _product(reading[rows], trusted[rows])
-        information.append(own - _product(cross[rows], eliminated[rows]))
-        pull = np.einsum("nip,ni->p", pulled[steps], at.step_residual[steps, :count])
-        pull = np.einsum("nmp,nm->p", trusted[rows], residual[rows]) + pull
-        gradient.append(pull - np.einsum("nip,ni->p", eliminated[rows], left[rows]))
+        own = _product(step[:, steps], pulled[:, steps]) + _product(by_output[:, rows], trusted[:, rows])
+        gone = _flat(eliminated[:, rows])
+        information.append(own - _flat(cross[:, rows]) @ gone.T)
+        pull = _flat(pulled[:, steps]) @ at.step_residual[steps, :count].reshape(-1)
+        pull += _flat(trusted[:, rows]) @ residual[rows].reshape(-1)
+        gradient.append(pull - gone @ left[rows].reshape(-1))
     return Gram(np.array(information), np.array(gradient))
+
+
+def _flat(values: FloatArray) -> FloatArray:
+    return values.reshape(len(values), -1)
 
 
 def _product(left: FloatArray, right: FloatArray) -> FloatArray:
     """Return the sum over rows and components, (p, p)."""
-    p = left.shape[-1]
-    return left.reshape(-1, p).T @ right.reshape(-1, p)
+    return _flat(left) @ _flat(right).T

@@ -15,6 +15,7 @@ from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.drive import DynamicsDrive
 from tpmsd.offline.dynamics.findings import findings_of, not_detectable
+from tpmsd.offline.dynamics.look import fold_blocks, threshold_of
 from tpmsd.offline.dynamics.path import Setup
 from tpmsd.offline.dynamics.predict import predicted
 from tpmsd.offline.dynamics.rating import rating
@@ -27,7 +28,7 @@ from tpmsd.offline.dynamics.result import (
     OutputFit,
     Step,
 )
-from tpmsd.offline.dynamics.search import Search, Stage, fold_blocks, threshold_of
+from tpmsd.offline.dynamics.search import Search, Stage
 from tpmsd.offline.dynamics.settings import SETTINGS
 from tpmsd.offline.dynamics.stages import searched
 
@@ -52,16 +53,16 @@ def diagnose_dynamics(
     )
     setup = Setup(baseline, drive, channels)
     search = searched(setup, tuple(given), say)
-    look = search.look(search.offered())
+    look = search.look([term for term in search.offered() if term.name not in search.rejected])
     found = findings_of(search, look)
     say(0.8)
     threshold = threshold_of(len({term.name for term in look.offered}) + len(search.terms))
     steps, outputs = _compared(search)
     verdict = MISMATCH if any(one.status == FINDING for one in found) else CONSISTENT
-    stds = [
-        dict(zip(term.free, map(float, look.slot(k).std), strict=True)) for k, term in enumerate(search.terms)
-    ]
-    stds = [{key: value for key, value in one.items() if not key.startswith("heights[")} for one in stds]
+    stds: list[dict[str, float]] = [{} for _ in given]
+    for k, term in enumerate(search.terms):
+        pairs = zip(term.free, map(float, look.slot(k).std), strict=True)
+        stds.append({name: std for name, std in pairs if not name.startswith("heights[")})
     return DynamicsDiagnosis(
         verdict,
         "",
@@ -74,7 +75,7 @@ def diagnose_dynamics(
         steps,
         not_detectable(search, look, threshold),
         search.theta,
-        tuple([{} for _ in given] + stds),
+        tuple(stds),
         dict(zip(channels, map(float, search.noise.outputs), strict=True)),
         sum(one.loglik_gain for one in found) / max(moving, 1.0),
     )
@@ -85,14 +86,16 @@ def _too_little(drive: DynamicsDrive, moving_s: float) -> str:
     if not drive.outputs:
         return "no output of the baseline is recorded (yaw_rate_radps, accel_lat_mps2, velocity_lat_mps)"
     if moving_s < SETTINGS.least_s:
-        return f"{moving_s:.0f} s of driving above {SETTINGS.slowest_mps:g} m/s; {SETTINGS.least_s:g} s are needed"
+        least = f"{SETTINGS.least_s:g} s are needed"
+        return f"{moving_s:.0f} s of driving above {SETTINGS.slowest_mps:g} m/s; {least}"
     if len(drive.starts) < 5:
         return "too few contiguous rows"
     return ""
 
 
 def _compared(search: Search) -> tuple[tuple[Step, ...], dict[str, OutputFit]]:
-    """Return errors of the outputs after each step and for the whole, parameters fitted on the other folds."""
+    """Return errors of the outputs after each step and for the whole, parameters fitted on the other
+    folds."""
     setup = search.setup
     readings = setup.readings()
     guesses = [heldout(setup, stage) for stage in search.stages]
@@ -135,7 +138,8 @@ def _rms(values: FloatArray) -> float:
 
 
 def curve_rating(time_s: FloatArray, recorded: FloatArray, simulated: FloatArray) -> float:
-    """Return the ISO/TS 18571 rating of a curve over the drive, thinned out evenly; NaN if it is too short."""
+    """Return the ISO/TS 18571 rating of a curve over the drive, thinned out evenly; NaN if it is too
+    short."""
     known = np.isfinite(recorded) & np.isfinite(simulated)
     if known.sum() < 20:
         return math.nan

@@ -1,7 +1,7 @@
 """The diagnosis of vehicle dynamics for JSON.
 
-In: `DynamicsDiagnosis`. Out: plain objects with the keys of `tpmsd.diagnosis/2`, and those of section 6 of the
-public formats.
+In: `DynamicsDiagnosis`. Out: plain objects with the keys of `tpmsd.diagnosis/2`, and those of section 6 of
+the public formats.
 """
 
 from __future__ import annotations

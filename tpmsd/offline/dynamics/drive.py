@@ -1,7 +1,7 @@
 """A recorded drive for the diagnosis of vehicle dynamics: inputs, outputs, blocks.
 
-In: arrays. Out: `DynamicsDrive`; the number of outputs and their rates are values, an output that is not there
-at a row is NaN.
+In: arrays. Out: `DynamicsDrive`; the number of outputs and their rates are values, an output that is not
+there at a row is NaN.
 """
 
 from __future__ import annotations
@@ -9,11 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
 from tpmsd.car.physics.baselines.inputs import Inputs
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.dynamics.arrays import BoolArray, IntArray
 from tpmsd.offline.dynamics.settings import SETTINGS
 
 
@@ -45,31 +47,31 @@ class DynamicsDrive:
         return float(np.clip((self.time_s[-1] - self.time_s[0]) / SETTINGS.blocks, least, most))
 
     @cached_property
-    def starts(self) -> FloatArray:
+    def starts(self) -> IntArray:
         """Return the first row of each block, ascending; block b ends where b + 1 begins."""
         time = self.time_s
         pause = np.flatnonzero(np.diff(time) > SETTINGS.gap_s) + 1
         edges = [0, *pause.tolist(), len(time)]
         starts: list[int] = []
-        for first, last in zip(edges[:-1], edges[1:], strict=True):
+        for first, last in pairwise(edges):
             count = max(round((time[last - 1] - time[first]) / self.block_s), 1)
             starts += np.linspace(first, last, count + 1).astype(int)[:-1].tolist()
         return np.unique(np.asarray(starts))
 
     @cached_property
-    def ends(self) -> FloatArray:
+    def ends(self) -> IntArray:
         """Return the row after each block."""
         return np.append(self.starts[1:], len(self.time_s))
 
     @cached_property
-    def linked(self) -> FloatArray:
+    def linked(self) -> BoolArray:
         """Return for each row but the last whether the next one belongs to the same block, (n - 1,)."""
         out = np.ones(len(self.time_s) - 1, dtype=bool)
         out[self.starts[1:] - 1] = False
         return out
 
     @cached_property
-    def moving(self) -> FloatArray:
+    def moving(self) -> BoolArray:
         """Return for each row whether the car is fast enough to be judged, (n,)."""
         speed = self.outputs.get("speed")
         known = self.inputs.speed_mps if speed is None else filled(self.time_s, speed)

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.dynamics.arrays import IntArray
 from tpmsd.offline.dynamics.columns import Gram
 
 PRIOR_BLOCKS = 10.0
@@ -55,7 +56,7 @@ class Statistics:
         free: Columns,
         held: Sequence[int] = (),
         values: Sequence[float] = (),
-        left_out: FloatArray | None = None,
+        left_out: IntArray | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """Return estimate and covariance of the free columns, some others held at values.
 
@@ -74,7 +75,7 @@ class Statistics:
         return covariance @ right, covariance
 
     def log_likelihood(
-        self, columns: Sequence[int], values: FloatArray, blocks: FloatArray | None = None
+        self, columns: Sequence[int], values: FloatArray, blocks: IntArray | None = None
     ) -> float:
         """Return the log-likelihood of values beyond that of the linearisation, of all or of some blocks."""
         rows = np.array(columns, dtype=int)

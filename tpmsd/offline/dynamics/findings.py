@@ -1,6 +1,8 @@
-"""From the terms of a selection to findings: where they act, what they are confounded with, how sure they are.
+"""From the terms of a selection to findings: where they act, what they are confounded with, how sure they
+are.
 
-In: a finished selection. Out: `DynamicsFinding`s, the strongest first, and what the drive could not have shown.
+In: a finished selection. Out: `DynamicsFinding`s, the strongest first, and what the drive could not have
+shown.
 """
 
 from __future__ import annotations
@@ -14,10 +16,11 @@ from tpmsd.car.physics.baselines.base import UNITS
 from tpmsd.car.physics.dynamics_effect import EVENT, DynamicsEffect
 from tpmsd.car.physics.dynamics_effects.time_spline import Unknown
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.dynamics.look import Look, Slot
 from tpmsd.offline.dynamics.path import Setup
 from tpmsd.offline.dynamics.predict import predicted
 from tpmsd.offline.dynamics.result import FINDING, SUSPICION, DynamicsFinding, NotDetectable, Place, Quantity
-from tpmsd.offline.dynamics.search import Look, Search, Slot
+from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.settings import SETTINGS
 from tpmsd.offline.dynamics.terms import usual_sizes
 

@@ -1,5 +1,5 @@
-"""What a drive holds at a place that no number of the catalogue describes: slopes and wind over time, and terms
-without a name.
+"""What a drive holds at a place that no number of the catalogue describes: slopes and wind over time, and
+terms without a name.
 
 In: a selection that finds nothing more in the catalogue. Out: terms that may be added, with their evidence.
 Terms without a name are first looked for on a part of the blocks, the best ones then on all.
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -17,9 +18,10 @@ from tpmsd.car.physics.dynamics_effects.winds import HeadWind, SideWind
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.columns import Probe, gram
 from tpmsd.offline.dynamics.evidence import Columns, Statistics, joined
+from tpmsd.offline.dynamics.screen import block_test, largest_span, row_scores, slow_share
 from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.settings import SETTINGS
-from tpmsd.offline.dynamics.terms import Term, spaced, spline_term
+from tpmsd.offline.dynamics.terms import Term, hats, spaced, spline_term
 
 SIZES = {"force_x": 0.4, "force_y": 0.6, "moment": 0.6}
 """Prior standard deviations of a term without a name on an equation: m/s2, m/s2, rad/s2."""
@@ -52,11 +54,18 @@ def _slopes(search: Search) -> list[Place]:
     flat = (0.0,) * len(knots)
     there = {effect.name for effect in search.theta}
     terms = []
-    if "road_bank" not in there:
+    if "road_bank" not in there and _slow(search, RoadBank((0.0, 1.0), (1e-3, 1e-3))):
         terms.append(spline_term(RoadBank(knots, flat), SETTINGS.bank_std_rad))
-    if "road_grade" not in there and search.setup.baseline.forces:
+    grade = search.setup.baseline.forces and "road_grade" not in there
+    if grade and _slow(search, RoadGrade((0.0, 1.0), (1e-3, 1e-3))):
         terms.append(spline_term(RoadGrade(knots, flat), SETTINGS.grade_std_rad))
     return _scored(search, terms)
+
+
+def _slow(search: Search, flat: RoadBank | RoadGrade) -> bool:
+    """Return True if the scores of a slope vary slowly enough for a proper look."""
+    scores = row_scores(search, Probe((*search.theta, flat), 1e-3))
+    return slow_share(search, scores, SETTINGS.time_knot_s) > SETTINGS.slow_share
 
 
 def _scored(search: Search, terms: list[Term], penalty: float = 0.0) -> list[Place]:
@@ -91,11 +100,14 @@ def _winds(search: Search) -> list[Place]:
     for kind in (SideWind, *((HeadWind,) if search.setup.baseline.forces else ())):
         if sum(effect.name == kind.name for effect in search.theta) >= 2:
             continue
-        columns, probes = search.own(0)
         moved = (*search.theta, kind(speed_mps=1.0))
+        scores = row_scores(search, Probe(moved, 1.0))
+        if largest_span(search, scores, SETTINGS.wind_box_s) < SETTINGS.span_sizes:
+            continue
+        columns, probes = search.own(0)
         boxes = [
             Probe(moved, 1.0, np.asarray((time >= first) & (time < last), dtype=np.float64))
-            for first, last in zip(edges[:-1], edges[1:], strict=True)
+            for first, last in pairwise(edges)
         ]
         statistics = Statistics(gram(search.setup, search.theta, search.at, search.noise, [*probes, *boxes]))
         count = len(boxes)
@@ -157,13 +169,22 @@ def _nameless(search: Search) -> list[Place]:
                 flat = Unknown(knots=knots, heights=(0.0,) * len(knots), on=on, over=over)
                 terms.append(spline_term(flat, size))
     penalty = NAMELESS_NATS + math.log(max(len(terms), 1))
-    coarse = search.part()
-    share = len(search.setup.drive.time_s) / len(coarse.setup.drive.time_s)
-    found: list[Place] = []
-    for first in range(0, len(terms), 7):
-        found += _scored(coarse, terms[first : first + 7])
-    found.sort(key=lambda place: -place.evidence)
-    likely = [place.term for place in found[:3] if place.evidence * share > 0.0]
+    found = []
+    scores: dict[str, FloatArray] = {}
+    for k, term in enumerate(terms):
+        effect = term.effect
+        assert isinstance(effect, Unknown)
+        if effect.on not in scores:
+            raised = replace(effect, heights=tuple(1e-3 for _ in effect.knots))
+            scores[effect.on] = row_scores(search, Probe((*search.theta, raised), 1e-3))
+        if effect.over == "time":
+            slow = slow_share(search, scores[effect.on], SETTINGS.time_knot_s)
+            p_value = 1.0 if slow < SETTINGS.slow_share else 1e-4 / slow
+        else:
+            p_value = block_test(search, scores[effect.on], hats(values[effect.over], effect.knots))
+        found.append((p_value, k))
+    found.sort()
+    likely = [terms[k] for p_value, k in found[:3] if p_value < SETTINGS.screen_p]
     return _scored(search, likely, penalty)
 
 

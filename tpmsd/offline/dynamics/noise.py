@@ -46,10 +46,18 @@ def least(states: Sequence[str], disturbances: Sequence[str]) -> tuple[FloatArra
 def first_guess(states: Sequence[str], disturbances: Sequence[str], readings: Sequence[FloatArray]) -> Noise:
     """Return a noise to start from: outputs by their second differences, the rest plainly too large."""
     white, free = least(states, disturbances)
-    outputs = []
-    for values in readings:
-        known = values[np.isfinite(values)]
-        bend = np.diff(known, 2) if len(known) > 10 else np.array([1.0])
-        rough = float(np.sqrt(np.mean(bend**2) / 6.0))
-        outputs.append(max(rough, 1e-4 * float(np.std(known) if len(known) else 1.0), 1e-6))
+    outputs = [max(white_noise(values), 1e-6) for values in readings]
     return Noise(10.0 * white, 100.0 * free, np.array(outputs))
+
+
+def white_noise(values: FloatArray) -> float:
+    """Return the standard deviation of a reading's white noise, by its fourth differences.
+
+    Those of white noise have 70 times its variance; motion of a car is too slow to have any. The median makes
+    the estimate that of the quiet parts.
+    """
+    known = values[np.isfinite(values)]
+    if len(known) < 20:
+        return 0.0
+    bend = np.abs(np.diff(known, 4))
+    return float(np.median(bend) / (0.6745 * np.sqrt(70.0)))

@@ -129,7 +129,7 @@ def linear(setup: Setup, theta: Theta, path: FloatArray) -> Linear:
     count, total = len(names), path.shape[1]
     dt = np.diff(drive.time_s)
     dt = np.where(drive.linked, dt, 1e-6)
-    rates, predicted = setup.evaluate(path, inputs, theta)
+    _, predicted = setup.evaluate(path, inputs, theta)
     jacobian = np.zeros((len(path), total, total))
     outputs_by = np.empty((len(path), len(setup.channels), total))
     for k in range(total):
@@ -253,13 +253,25 @@ def fitted_noise(setup: Setup, at: Linear, noise: Noise, rounds: int, least: Noi
     does not fit away; that number comes from one draw of the path's posterior. Few rows are enough.
     """
     few, part = subset(setup, at)
-    draw = np.random.Generator(np.random.PCG64(0)).standard_normal(part.path.shape)[:, :, None]
+    draw = signs(part.path.size).reshape(*part.path.shape, 1)
     for _ in range(rounds):
         weighted = Weighted(few, part, noise)
         move = weighted.factor.solve(weighted.gradient())
         sample = weighted.factor.sample(draw)[:, :, 0]
         noise = _updated(few, part, noise, move, sample, least)
     return noise
+
+
+def signs(count: int) -> FloatArray:
+    """Return numbers of -1 and 1 that are independent for all that matters here, the same each time.
+
+    The finaliser of SplitMix64 on a counter; products of such signs estimate traces (Hutchinson's method).
+    """
+    word = np.arange(1, count + 1, dtype=np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+        word = (word ^ (word >> np.uint64(shift))) * np.uint64(factor)
+    word ^= word >> np.uint64(31)
+    return np.where(word & np.uint64(1), 1.0, -1.0)
 
 
 def _updated(
@@ -298,7 +310,8 @@ def _ratio(residual: FloatArray, fitted_away: FloatArray) -> FloatArray:
     if rows == 0:
         return np.ones(residual.shape[1:])
     free = np.maximum(rows - fitted_away.sum(axis=0), 0.01 * rows)
-    return np.asarray(np.clip(residual.sum(axis=0) / free, 0.05, 20.0))
+    ratio = np.clip(residual.sum(axis=0) / free, 0.05, 20.0)
+    return np.asarray(np.where(ratio < 1.0, ratio**1.5, ratio))  # variances near 0 fall slowly
 
 
 def subset(setup: Setup, at: Linear) -> tuple[Setup, Linear]:

@@ -1,8 +1,8 @@
 """Prediction by the inputs alone: states and outputs of a baseline with effects, no reading used.
 
 In: a setup, effects, states at the first row of each block. Out: outputs over time. All steps of all blocks
-are solved at once by Newton's method: the linearised steps are a lower triangular banded system. Where that does
-not converge, the steps are taken one after the other, all blocks abreast.
+are solved at once by Newton's method: the linearised steps are a lower triangular banded system. Where that
+does not converge, the steps are taken one after the other, all blocks abreast.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The objective rating of a simulated curve against a recorded one by ISO/TS 18571:2014.
 
-In: two curves of n samples at one rate. Out: the rating, 0 to 1: 0.4 corridor + 0.2 phase + 0.2 magnitude + 0.2
-slope. `ratings` computes many pairs of one length at once.
+In: two curves of n samples at one rate. Out: the rating, 0 to 1: 0.4 corridor + 0.2 phase + 0.2 magnitude +
+0.2 slope. `ratings` computes many pairs of one length at once.
 """
 
 from __future__ import annotations
@@ -63,7 +63,8 @@ def _corridor(reference: FloatArray, simulated: FloatArray) -> float:
 
 
 def _best_shift(reference: FloatArray, simulated: FloatArray) -> int:
-    """Return the shift of largest correlation; positive: the simulated curve is late. The least one of equals."""
+    """Return the shift of largest correlation; positive: the simulated curve is late. The least one of
+    equals."""
     best, found = 0, _correlation(reference, simulated)
     for k in range(1, int(np.floor(len(reference) * MOST_SHIFT) + 1)):
         late = _correlation(reference[:-k], simulated[k:])
@@ -115,14 +116,13 @@ def _warping(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         j = d - i
         before = np.minimum(np.minimum(total[i, j + 1], total[i + 1, j]), total[i, j])
         total[i + 1, j + 1] = (x[i] - y[j]) ** 2 + before
-    i = j = n - 1
-    first, second = [i], [j]
-    while i > 0 or j > 0:
-        steps = (total[i, j + 1], total[i + 1, j], total[i, j])
-        which = int(np.argmin(steps))
-        i, j = (i - 1, j) if which == 0 else (i, j - 1) if which == 1 else (i - 1, j - 1)
-        first.append(i)
-        second.append(j)
+    row = column = n - 1
+    first, second = [row], [column]
+    while row > 0 or column > 0:
+        which = int(np.argmin((total[row, column + 1], total[row + 1, column], total[row, column])))
+        row, column = row - (which != 1), column - (which != 0)
+        first.append(row)
+        second.append(column)
     return np.array(first[::-1]), np.array(second[::-1])
 
 

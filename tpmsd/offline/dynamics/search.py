@@ -1,14 +1,13 @@
 """Stepwise selection of terms for a baseline on a drive.
 
 In: a setup. Out: `Search`: the terms that the drive holds, path and noise with them, and what every step did.
-A forward step adds the term with the largest log evidence; an exchange step replaces a term by a better one; a
-backward step takes out what is no longer needed. After each step parameters, path and noise are fitted again,
-so that every standard deviation is that of the model as it stands.
+A forward step adds the term with the largest log evidence; an exchange step replaces a term by a better
+one; a backward step takes out what is no longer needed. After each step parameters, path and noise are
+fitted again, so that every standard deviation is that of the model as it stands.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
@@ -18,30 +17,15 @@ import numpy as np
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.columns import Probe, gram
-from tpmsd.offline.dynamics.evidence import Addition, Columns, Statistics, joined
+from tpmsd.offline.dynamics.evidence import Columns, Statistics, joined
+from tpmsd.offline.dynamics.look import Look, fold_blocks
 from tpmsd.offline.dynamics.noise import Noise, first_guess, least
 from tpmsd.offline.dynamics.path import Linear, Setup, covariates_of, fitted_noise, smoothed, subset
+from tpmsd.offline.dynamics.predict import predicted
 from tpmsd.offline.dynamics.settings import SETTINGS
 from tpmsd.offline.dynamics.terms import Term, candidates
 
 Say = Callable[[float], None]
-
-
-@dataclass(frozen=True)
-class Slot:
-    """A term of the model against its absence and against rivals in its place."""
-
-    term: Term
-    evidence: float
-    """Log Bayes factor against its absence."""
-    overdispersion: float
-    std: FloatArray
-    """(a,) standard deviations, overdispersion included."""
-    p_value: float
-    rivals: tuple[tuple[Term, float], ...]
-    """Terms in its place with their log Bayes factors against its absence, best first."""
-    heldout_gain: float
-    """Nats on held-out blocks against the model without it."""
 
 
 @dataclass(frozen=True)
@@ -66,6 +50,11 @@ class Search:
     noise: Noise = field(init=False)
     at: Linear = field(init=False)
     floor: Noise = field(init=False)
+    scale: FloatArray = field(init=False)
+    """(m,) white noise of a reading, by which errors of predictions are measured."""
+    error: float = field(init=False)
+    rejected: dict[str, float] = field(default_factory=dict)
+    """Effects that explain more but predict worse, at the last forward step, with their log evidence."""
 
     def __post_init__(self) -> None:
         setup = self.setup
@@ -73,9 +62,11 @@ class Search:
         readings = setup.readings()
         self.noise = first_guess(states, setup.disturbances, list(readings.T))
         white, free = least(states, setup.disturbances)
-        self.floor = Noise(white, free, np.full(readings.shape[1], 1e-7))
+        self.floor = Noise(white, free, np.maximum(SETTINGS.white_share * self.noise.outputs, 1e-7))
         self.at = smoothed(setup, self.theta, setup.start(self.theta), self.noise)
+        self.scale = self.noise.outputs
         self._refit_noise(SETTINGS.noise_rounds)
+        self.error = self.prediction_error()
 
     @property
     def theta(self) -> tuple[DynamicsEffect, ...]:
@@ -186,51 +177,90 @@ class Search:
             added,
         )
 
-    def forward(self, threshold: float, offered: Sequence[Term] | None = None) -> bool:
-        """Add the term with the largest evidence above the threshold; False if there is none."""
-        offered = self.offered() if offered is None else offered
-        if not offered:
-            return False
-        look = self.look(offered)
-        scores = [look.score(k) for k in range(len(offered))]
-        best = int(np.argmax(scores))
-        if not scores[best] > threshold:
-            return False
-        self._add(offered[best], look.addition(best))
-        return True
+    def forward(self, threshold: float) -> bool:
+        """Add the term with the largest evidence above the threshold that predicts no worse; False if none.
 
-    def put(self, term: Term) -> None:
-        """Add a term with its values."""
-        self.terms.append(_inside(term))
+        A part of the blocks is asked first: what is plain there needs no more.
+        """
+        self.rejected = {}
+        offered = self.offered()
+        coarse = self.part()
+        if coarse.setup is not self.setup:
+            ranked = coarse.ranked(offered, SETTINGS.plain * threshold)
+            if ranked and self._first_of(ranked):
+                return True
+        return self._first_of(self.ranked([t for t in offered if t.name not in self.rejected], threshold))
+
+    def ranked(self, offered: list[Term], threshold: float) -> list[tuple[Term, float]]:
+        """Return the terms above the threshold at their fitted values, best first, each effect once."""
+        if not offered:
+            return []
+        look = self.look(offered)
+        scores = np.array([look.score(k) for k in range(len(offered))])
+        out: dict[str, tuple[Term, float]] = {}
+        for k in np.argsort(-scores):
+            term = offered[int(k)]
+            if scores[k] > threshold and term.key not in out:
+                plain = replace(term, jump=False)
+                if not term.jump:
+                    plain = term.moved(look.addition(int(k)).estimate)
+                out[term.key] = (plain, float(scores[k]))
+        return list(out.values())
+
+    def _first_of(self, terms: Sequence[tuple[Term, float]]) -> bool:
+        """Add the first term that predicts no worse; False if none of those that are tried does."""
+        for term, evidence in terms[: SETTINGS.tried]:
+            if self.attempt([*self.terms, term]):
+                return True
+            self.rejected[term.name] = evidence
+        return False
+
+    def attempt(self, terms: list[Term]) -> bool:
+        """Take these terms, fitted, as the model if it predicts no worse; else leave the model as it is."""
+        before = (self.terms, self.at, self.noise, self.floor, self.error)
+        self.terms = [_inside(term) for term in terms]
         self.at = smoothed(self.setup, self.theta, self._resized(self.at.path), self.noise)
         self.fit()
+        self.error = self.prediction_error()
+        if self.error <= before[-1] + SETTINGS.most_worse:
+            return True
+        self.terms, self.at, self.noise, self.floor, self.error = before
+        return False
 
-    def _add(self, term: Term, addition: Addition) -> None:
-        start = replace(term, jump=False) if term.jump else term.moved(addition.estimate)
-        self.put(start)
+    def prediction_error(self) -> float:
+        """Return the mean over blocks and outputs of the log error of the prediction from the inputs, in
+        standard deviations of a reading."""
+        few, at = subset(self.setup, self.at)
+        square = (few.readings() - predicted(few, self.theta, at.path)) ** 2
+        logs = []
+        for first, last in zip(few.drive.starts, few.drive.ends, strict=True):
+            known = np.isfinite(square[first:last])
+            mean = np.where(known, square[first:last], 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+            logs.append(np.where(known.any(axis=0), 0.5 * np.log(mean + 1e-12) - np.log(self.scale), 0.0))
+        return float(np.mean(np.clip(np.nan_to_num(np.array(logs), nan=6.0), -5.0, 6.0)))
 
     def tidy(self, threshold: float) -> bool:
         """Take one exchange or backward step where it helps; True if it took one."""
         look = self.look(self.offered())
         for k in range(len(self.terms)):
-            evidence = look.evidence(k)
-            if evidence < 0.5 * threshold:
-                del self.terms[k]
-                self.at = smoothed(self.setup, self.theta, self._resized(self.at.path), self.noise)
-                self.fit()
+            rest = [term for j, term in enumerate(self.terms) if j != k]
+            if look.evidence(k) < 0.5 * threshold and self.attempt(rest):
                 return True
         for k, term in enumerate(self.terms):
             rivals = look.rivals(k)
-            if rivals and rivals[0][1] > look.evidence(k) + SETTINGS.twin_nats:
-                rival, _ = rivals[0]
-                before = (list(self.terms), self.at, self.noise, self.floor)
-                del self.terms[k]
-                self.at = smoothed(self.setup, self.theta, self._resized(self.at.path), self.noise)
-                again = self.look([rival])
-                self._add(rival, again.addition(0))
-                if any(one.key == rival.key for one in self.terms) and self._better(term, rival):
-                    return True
-                self.terms, self.at, self.noise, self.floor = before
+            better = rivals and rivals[0][1] > look.evidence(k) + SETTINGS.twin_nats
+            if better and self._exchanged(k, term, rivals[0][0]):
+                return True
+        return False
+
+    def _exchanged(self, k: int, term: Term, rival: Term) -> bool:
+        """Put a rival in a term's place; False, and nothing changed, if that is no better."""
+        before = (self.terms, self.at, self.noise, self.floor, self.error)
+        start = replace(rival, jump=False) if rival.jump else rival
+        rest = [one for j, one in enumerate(self.terms) if j != k]
+        if self.attempt([*rest, start]) and self._better(term, rival):
+            return True
+        self.terms, self.at, self.noise, self.floor, self.error = before
         return False
 
     def _better(self, old: Term, new: Term) -> bool:
@@ -261,127 +291,3 @@ class Search:
 def _inside(term: Term) -> Term:
     """Return the term with values that its effect can take."""
     return term.moved(np.zeros(len(term.free)))
-
-
-def fold_blocks(blocks: int) -> list[FloatArray]:
-    """Return the blocks of each fold, neighbours together."""
-    return [part for part in np.array_split(np.arange(blocks), SETTINGS.folds) if len(part)]
-
-
-@dataclass(frozen=True)
-class Look:
-    """Statistics about a model: its terms, their removal, and terms that may be added."""
-
-    statistics: Statistics
-    terms: Sequence[Term]
-    columns: list[Columns]
-    removal: list[tuple[tuple[int, ...], tuple[float, ...]]]
-    offered: list[Term]
-    added: list[Columns]
-
-    def addition(self, k: int) -> Addition:
-        """Return what an offered term adds."""
-        return self.statistics.addition(joined(self.columns), self.added[k])
-
-    def score(self, k: int) -> float:
-        """Return the log evidence of an offered term, less the choice among its alternatives."""
-        term, addition = self.offered[k], self.addition(k)
-        if not addition.visible or not possible(term, addition.estimate):
-            return -math.inf
-        return addition.log_evidence() - math.log(term.alternatives)
-
-    def evidence(self, k: int) -> float:
-        """Return the log Bayes factor of a term of the model against its absence."""
-        rest = [columns for j, columns in enumerate(self.columns) if j != k]
-        own = self.statistics.addition(joined(rest), self.columns[k])
-        ratio = own.overdispersion
-        full = self._penalised(joined(self.columns), (), ())
-        less = self._penalised(joined(rest), *self.removal[k])
-        prior = self.columns[k].precision
-        matrix = own.information / ratio + np.diag(prior)
-        occam = 0.5 * (np.linalg.slogdet(matrix)[1] - float(np.sum(np.log(prior))))
-        return (full - less) / ratio - occam - math.log(self.terms[k].alternatives)
-
-    def _penalised(self, free: Columns, held: Sequence[int], values: Sequence[float]) -> float:
-        """Return the log-likelihood with priors at the best values of the free columns."""
-        held_values = np.array(values, dtype=float)
-        if not free.index:
-            return self.statistics.log_likelihood(held, held_values)
-        estimate, _ = self.statistics.fit(free, held, values)
-        total = self.statistics.log_likelihood((*free.index, *held), np.concatenate([estimate, held_values]))
-        return total - 0.5 * float(np.sum(free.precision * (estimate - free.offset) ** 2))
-
-    def rivals(self, k: int) -> list[tuple[Term, float]]:
-        """Return the offered terms in the place of one of the model's, with their evidence, best first."""
-        rest = joined([columns for j, columns in enumerate(self.columns) if j != k])
-        ratio = self.statistics.addition(rest, self.columns[k]).overdispersion
-        best: dict[str, tuple[Term, float]] = {}
-        for term, columns in zip(self.offered, self.added, strict=True):
-            if set(columns.index) & set(self.removal[k][0]):
-                continue
-            addition = self.statistics.addition(rest, columns, *self.removal[k])
-            if not addition.visible or not possible(term, addition.estimate):
-                continue
-            value = addition.log_evidence(max(ratio, 1.0)) - math.log(term.alternatives)
-            if term.key not in best or value > best[term.key][1]:
-                best[term.key] = (term, value)
-        return sorted(best.values(), key=lambda pair: -pair[1])
-
-    def heldout(self, k: int) -> float:
-        """Return the nats that a term of the model gains on held-out blocks."""
-        rest = joined([columns for j, columns in enumerate(self.columns) if j != k])
-        held, values = self.removal[k]
-        everything = joined(self.columns)
-        gain = 0.0
-        for blocks in fold_blocks(len(self.statistics.blocks.gradient)):
-            estimate, _ = self.statistics.fit(everything, left_out=blocks)
-            gain += self.statistics.log_likelihood(everything.index, estimate, blocks)
-            less = np.array(values, dtype=float)
-            if rest.index:
-                other, _ = self.statistics.fit(rest, held, values, blocks)
-                less = np.concatenate([other, less])
-            gain -= self.statistics.log_likelihood((*rest.index, *held), less, blocks)
-        return gain
-
-    def slot(self, k: int) -> Slot:
-        """Return a term of the model with everything that is said of it."""
-        rest = joined([columns for j, columns in enumerate(self.columns) if j != k])
-        own = self.statistics.addition(rest, self.columns[k])
-        _, covariance = self.statistics.fit(joined(self.columns))
-        first = sum(len(columns.index) for columns in self.columns[:k])
-        variance = np.diag(covariance)[first : first + len(self.columns[k].index)]
-        std = np.sqrt(variance * own.overdispersion)
-        term = self.terms[k]
-        away = np.array([term.value(name) - term.neutral.get(name, 0.0) for name in term.free])
-        return Slot(
-            term,
-            self.evidence(k),
-            own.overdispersion,
-            std,
-            p_value_of(away / std, len(self.statistics.blocks.gradient)),
-            tuple(self.rivals(k)),
-            self.heldout(k),
-        )
-
-
-def p_value_of(sizes: FloatArray, blocks: int) -> float:
-    """Return the two-sided p-value of the largest of some standardised values, by Student's t over blocks."""
-    from scipy.stats import t as student
-
-    tail = 2.0 * student.sf(float(np.abs(sizes).max()), max(blocks - 1, 1))
-    return float(min(tail * len(sizes), 1.0))
-
-
-def possible(term: Term, estimate: FloatArray) -> bool:
-    """Return True if a fit gives an effect of one sign that sign, and a grid's value a part of itself."""
-    if term.jump:
-        return bool(estimate[0] > 0.2)
-    return not term.effect.positive or bool(estimate[0] > 0.0)
-
-
-def threshold_of(alternatives: int) -> float:
-    """Return the log evidence above which a null drive has a finding with the probability of the settings.
-
-    A Bayes factor exceeds K under the null with a probability of at most 1 / K (Markov's inequality).
-    """
-    return math.log(alternatives / SETTINGS.false_discovery)

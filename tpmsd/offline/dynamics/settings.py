@@ -13,29 +13,34 @@ class DynamicsSettings:
     """Blocks, noise, selection."""
 
     block_s: float = 10.0
-    """Contiguous blocks: many times the memory of a car's lateral motion (0.1 to 0.5 s), and enough of them in
-    five minutes (30) for the spread between them to be an estimate."""
+    """Contiguous blocks: many times the memory of a car's lateral motion (0.1 to 0.5 s), and enough of them
+    in five minutes (30) for the spread between them to be an estimate."""
     shortest_block_s: float = 1.5
     """Blocks of short drives: still several times the memory of lateral motion."""
     blocks: float = 16.0
     """Wanted in a short drive."""
+    relative_std: float = 0.005
+    """Standard deviation of a value beside that by noise, over the value: noise of inputs, steps of the
+    integration and neighbouring physics, on worlds of the same equations 0.2 to 0.8 %."""
     folds: int = 4
     """Groups of neighbouring blocks that are held out in turn."""
     gap_s: float = 0.5
     """A longer pause between rows begins a new block."""
     slowest_mps: float = 3.0
     """Rows below are left out: slip angles are singular at walking pace."""
-    disturbance_time_s: float = 0.5
+    disturbance_time_s: float = 0.2
     """Correlation time of accelerations that belong to no term: of the order of a steering movement."""
     start_std: tuple[float, float, float] = (3.0, 1.0, 3.0)
     """Standard deviations of v, r, u at the start of a block: wider than any of them is unknown."""
     least_white: tuple[float, float, float] = (2e-3, 2e-4, 2e-3)
     """Least random walk of v, r, u per square root of a second: rounding of the recording and of the step."""
     least_other: float = 3e-5
-    """The same for states that effects add (slip angles in rad, rolled lateral acceleration in m/s2): a step's
-    share stays far below what tyres make of a reading's noise."""
+    """The same for states that effects add (slip angles in rad, rolled lateral acceleration in m/s2): a
+    step's share stays far below what tyres make of a reading's noise."""
     least_disturbance: tuple[float, float, float] = (3e-3, 3e-3, 3e-3)
     """Least standard deviation of accelerations that belong to no term: m/s2, m/s2, rad/s2 (x, y, moment)."""
+    white_share: float = 0.9
+    """Least noise of a reading over its white noise: a term must not explain what differs from row to row."""
     noise_rounds: int = 10
     """Of the fixed-point iteration for the noise: two figures are reached in five to ten."""
     noise_rows: int = 4000
@@ -47,6 +52,16 @@ class DynamicsSettings:
     false_discovery: float = 0.02
     """Probability that a null drive has a finding, by Markov's inequality for Bayes factors over all
     alternatives: the bar is one in fifty."""
+    most_prior_stds: float = 4.0
+    """A fit stays within this many standard deviations of a prior: where a model lacks much, its terms would
+    otherwise run to sizes that no car has."""
+    most_worse: float = 0.003
+    """Largest increase of the mean log error of the prediction, over outputs and blocks, that a step may
+    cost: what explains how readings follow each other but predicts them worse is a property of the noise."""
+    plain: float = 4.0
+    """Log evidence on a part of the blocks, in thresholds, beyond which the whole drive need not be asked."""
+    tried: int = 4
+    """Terms that a forward step tries, best evidence first, until one predicts no worse."""
     most_effects: int = 10
     """More findings than anybody can follow are not looked for."""
     twin_nats: float = 3.0
@@ -61,6 +76,13 @@ class DynamicsSettings:
     """Slopes along the road: 3 to 7 % on rural roads (AASHTO 2018, ch. 3)."""
     wind_box_s: float = 5.0
     """Resolution of the spans in which wind is looked for."""
+    slow_share: float = 1.6
+    """Variance of slow sums of scores over that of white ones, from which slopes are looked at: with 25
+    sums its standard deviation is 0.3 where nothing acts."""
+    span_sizes: float = 4.0
+    """Largest sum of scores over spans, in standard deviations, from which wind is looked at."""
+    screen_p: float = 0.003
+    """p-value over blocks below which a term without a name is looked at: some forty are asked."""
     rating_samples: int = 1000
     """Most samples of a curve whose rating is computed: the work grows with their square."""
     least_s: float = 8.0

@@ -9,8 +9,9 @@ from collections.abc import Callable
 
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
 from tpmsd.offline.dynamics.located import places, refined
+from tpmsd.offline.dynamics.look import threshold_of
 from tpmsd.offline.dynamics.path import Setup
-from tpmsd.offline.dynamics.search import Search, threshold_of
+from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.settings import SETTINGS
 
 Say = Callable[[float], None]
@@ -34,8 +35,10 @@ def searched(setup: Setup, fixed: tuple[DynamicsEffect, ...], say: Say) -> Searc
 
 def _locate(search: Search, threshold: float) -> bool:
     """Add the best term at a place; False if there is none."""
-    found = places(search, nameless=True)
-    if not found or not found[0].evidence > threshold:
-        return False
-    search.put(refined(search, found[0]))
-    return True
+    for place in places(search, nameless=True)[: SETTINGS.tried]:
+        # Where the catalogue explains more, and predicts worse, no lesser place is the right one.
+        if not place.evidence > max([threshold, *search.rejected.values()]):
+            break
+        if search.attempt([*search.terms, refined(search, place)]):
+            return True
+    return False

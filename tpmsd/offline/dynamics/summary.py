@@ -76,7 +76,8 @@ def _fit(diagnosis: DynamicsDiagnosis) -> str:
         f"of {_NAMES[name]} from {fit.rms_before:.3g} to {fit.rms_after:.3g} {fit.unit}"
         for name, fit in diagnosis.outputs.items()
     ]
-    return f"With {'it' if len(diagnosis.findings) == 1 else 'them'} the held-out prediction error falls {_listed(parts)}."
+    with_what = "it" if len(diagnosis.findings) == 1 else "them"
+    return f"With {with_what} the held-out prediction error falls {_listed(parts)}."
 
 
 def _listed(words: list[str], last: str = "and") -> str:

@@ -16,6 +16,7 @@ from tpmsd.car.physics.dynamics_effect import EVENT, DynamicsEffect
 from tpmsd.car.physics.parameters import Parameter
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.columns import Probe
+from tpmsd.offline.dynamics.settings import SETTINGS
 
 _KNOT_PROBE = 1e-3
 
@@ -67,6 +68,9 @@ class Term:
         for name, step in zip(self.free, by, strict=True):
             low, high = limits[name].limits
             margin = 2.0 * limits[name].probe
+            where = self.free.index(name)
+            reach = SETTINGS.most_prior_stds * self.prior_std[where]
+            low, high = max(low, self.prior_mean[where] - reach), min(high, self.prior_mean[where] + reach)
             changed[name] = float(np.clip(self.value(name) + step, low + margin, high - margin))
         return replace(self, effect=replace(self.effect, **changed))
 
@@ -185,6 +189,7 @@ def spaced(first: float, last: float, step: float) -> tuple[float, ...]:
 
 
 def hats(along: FloatArray, knots: tuple[float, ...]) -> list[FloatArray]:
-    """Return the basis functions of a spline that is linear between knots and constant beyond them, (n,) each."""
+    """Return the basis functions of a spline that is linear between knots and constant beyond them, (n,)
+    each."""
     eye = np.eye(len(knots))
     return [np.interp(along, knots, row) for row in eye]

@@ -1,4 +1,5 @@
-"""The common frame of the baselines of vehicle dynamics: forces to rates, rates to a step, states to readings.
+"""The common frame of the baselines of vehicle dynamics: forces to rates, rates to a step, states to
+readings.
 
 In: states (..., n), inputs of shape (...), effects. Out: arrays of the same leading shape; the leading axes
 are time, parameters or none. A baseline is a car with contacts: two axles with linear tyres, or four wheels
@@ -23,7 +24,8 @@ from tpmsd.car.physics.motion import GRAVITY_MPS2
 from tpmsd.foundation.wheels import FloatArray
 
 Theta = Sequence[DynamicsEffect]
-"""Parameters of an extended baseline: the effects with their values; none leaves the baseline as configured."""
+"""Parameters of an extended baseline: the effects with their values; none leaves the baseline as
+configured."""
 LEAST_MPS = 2.0
 """Slip angles are those of at least this speed: slower, their geometry is singular."""
 UNITS = {
@@ -77,7 +79,8 @@ class Baseline(ABC):
         return x
 
     def substeps(self, u: Inputs, dt: float, theta: Theta = ()) -> int:
-        """Return how many steps of the integration are stable and exact enough at all speeds; a power of 2."""
+        """Return how many steps of the integration are stable and exact enough at all speeds; a power of
+        2."""
         slowest = max(float(np.min(u.speed_mps)), LEAST_MPS)
         stiff = (self.car.cornering_front_n + self.car.cornering_rear_n) / (self.car.mass_kg * slowest)
         fastest = float(np.max(u.speed_mps))
@@ -157,12 +160,17 @@ class Baseline(ABC):
             effect.read(frame)
 
     def _delayed(self, frame: Frame, state: Mapping[str, FloatArray], u: Inputs, theta: Theta) -> None:
-        """Put readings back by their ages: y(t - T) = y - T * dy/dt at t - T/2, to second order."""
+        """Put readings back by their ages: y(t - T) is read in the state that the car had then.
+
+        That state is one step of the midpoint rule back, to second order in T.
+        """
         for name, delay in frame.delays.items():
-            rate = {"yaw_rate": "r", "velocity_lat": "v", "speed": "u"}[name]
-            back = {key: value - 0.5 * delay * frame.rates[key] for key, value in state.items()}
-            middle = self._moved(back, u.shifted(-0.5 * np.asarray(delay)), theta)  # type: ignore[arg-type]
-            frame.outputs[name] = frame.outputs[name] - delay * middle.rates[rate]
+            half = {key: value - 0.5 * delay * frame.rates[key] for key, value in state.items()}
+            middle = self._moved(half, u.shifted(-0.5 * np.asarray(delay)), theta)
+            back = {key: value - delay * middle.rates[key] for key, value in state.items()}
+            before = self._moved(back, u.shifted(-np.asarray(delay)), theta)
+            self._instruments(before, theta)
+            frame.outputs[name] = before.outputs[name]
 
     @abstractmethod
     def _loads(self, frame: Frame) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
 
@@ -34,11 +35,11 @@ class Inputs:
         """Return the inputs held over a step (zero-order hold)."""
         return self
 
-    def take(self, rows: slice | FloatArray) -> Inputs:
+    def take(self, rows: slice | NDArray[np.intp]) -> Inputs:
         """Return the inputs at some rows of the first axis."""
         return Inputs(*(getattr(self, name)[rows] for name in FIELDS))
 
-    def shifted(self, by_s: float) -> Inputs:
+    def shifted(self, by_s: float | FloatArray) -> Inputs:
         """Return the inputs a time later, steering alone extrapolated by its rate."""
         steer = self.steer_rad + by_s * self.steer_rate_radps
         return Inputs(

@@ -88,7 +88,8 @@ class ThreeDof(Baseline):
 
 
 def carried_slip(frame: Frame) -> FloatArray:
-    """Return the longitudinal slip of the wheels that carry their shares of drive and brake force, (4, ...)."""
+    """Return the longitudinal slip of the wheels that carry their shares of drive and brake force, (4,
+    ...)."""
     front = _share(frame.drive_front_share) * frame.drive - _share(frame.brake_front_share) * frame.brake
     rear = (1.0 - _share(frame.drive_front_share)) * frame.drive
     rear = rear - (1.0 - _share(frame.brake_front_share)) * frame.brake

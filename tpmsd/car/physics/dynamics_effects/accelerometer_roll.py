@@ -11,10 +11,11 @@ from tpmsd.car.physics.parameters import Parameter, Prior
 
 @dataclass(frozen=True)
 class AccelerometerRoll(DynamicsEffect):
-    """a_y reads a_y * (1 + coefficient): a body that rolls outwards by phi adds g * phi, coefficient = g * phi / a_y.
+    """a_y reads a_y * (1 + coefficient): a body that rolls outwards by phi adds g * phi, coefficient = g *
+    phi / a_y.
 
-    A scale error of the sensor reads the same. Source: roll of 2 to 7 degrees per g ([Gillespie 1992], ch. 6):
-    0.035 to 0.12.
+    A scale error of the sensor reads the same. Source: roll of 2 to 7 degrees per g ([Gillespie 1992], ch.
+    6): 0.035 to 0.12.
     """
 
     name = "accelerometer_roll"

@@ -11,7 +11,8 @@ from tpmsd.car.physics.parameters import Parameter, Prior
 
 @dataclass(frozen=True)
 class AccelerometerTilt(DynamicsEffect):
-    """a_y reads a_y - yaw_rad * a_x, a_x reads a_x + yaw_rad * a_y; pitch and roll of the mount read as a bias.
+    """a_y reads a_y - yaw_rad * a_x, a_x reads a_x + yaw_rad * a_y; pitch and roll of the mount read as a
+    bias.
 
     Source: rotation of a vector; tolerances of brackets and floors, 1 to 3 degrees.
     """

@@ -14,17 +14,17 @@ from tpmsd.car.physics.parameters import Parameter, Prior
 from tpmsd.foundation.wheels import FloatArray
 
 COUPLING = 0.4
-"""(m_s h)^2 / (m I_x): sprung mass, its height above the roll axis and its roll inertia about that axis; 0.3 to
-0.5 on passenger cars ([Heydinger 1999])."""
+"""(m_s h)^2 / (m I_x): sprung mass, its height above the roll axis and its roll inertia about that axis;
+0.3 to 0.5 on passenger cars ([Heydinger 1999])."""
 
 
 @dataclass(frozen=True)
 class RollDynamics(DynamicsEffect):
     """d2q/dt2 + 2 D w dq/dt + w^2 q = w^2 a_y, and dv/dt gains COUPLING * d2q/dt2 / w^2, w = 2 pi frequency.
 
-    q is the roll angle over that per lateral acceleration in a steady bend. The body that swings out takes the
-    car's lateral motion with it. Source: [Gillespie 1992], ch. 6; roll frequencies of 1 to 2.5 Hz, damping 0.2 to
-    0.5.
+    q is the roll angle over that per lateral acceleration in a steady bend. The body that swings out takes
+    the car's lateral motion with it. Source: [Gillespie 1992], ch. 6; roll frequencies of 1 to 2.5 Hz,
+    damping 0.2 to 0.5.
     """
 
     name = "roll_dynamics"

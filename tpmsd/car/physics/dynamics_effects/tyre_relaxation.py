@@ -19,8 +19,8 @@ LEAST_M = 0.05
 class TyreRelaxation(DynamicsEffect):
     """length_m / u * d(alpha')/dt = alpha - alpha', and alpha' makes the force; one alpha' per axle.
 
-    Source: [Pacejka 2012], section 5.4: relaxation lengths of 0.3 to 0.8 m for side slip, about C_alpha over the
-    lateral stiffness of the carcass.
+    Source: [Pacejka 2012], section 5.4: relaxation lengths of 0.3 to 0.8 m for side slip, about C_alpha
+    over the lateral stiffness of the carcass.
     """
 
     name = "tyre_relaxation"

@@ -12,10 +12,11 @@ from tpmsd.car.physics.parameters import Parameter, Prior
 
 @dataclass(frozen=True)
 class TyreSaturation(DynamicsEffect):
-    """F = f * F_linear with f = (2 - l) l below l = 1, l = mu F_z / (2 F_linear): Dugoff's law with this friction.
+    """F = f * F_linear with f = (2 - l) l below l = 1, l = mu F_z / (2 F_linear): Dugoff's law with this
+    friction.
 
-    Where the baseline's tyres are linear there is no limit without it. Source: [Liu 2022], eqs (9)-(12); mu of
-    0.7 to 1.1 on dry asphalt, racing tyres to 1.6 ([Pacejka 2012], section 4.3).
+    Where the baseline's tyres are linear there is no limit without it. Source: [Liu 2022], eqs (9)-(12); mu
+    of 0.7 to 1.1 on dry asphalt, racing tyres to 1.6 ([Pacejka 2012], section 4.3).
     """
 
     name = "tyre_saturation"

@@ -18,7 +18,8 @@ from tpmsd.foundation.wheels import FloatArray
 SIDE_AREA_M2 = 4.5
 """Side force area dC_y/dbeta * A of a passenger car: 2 to 2.5 per rad of 2 m2 ([Gillespie 1992], ch. 4)."""
 LEVER_M = 0.25
-"""Its centre of pressure ahead of the centre of gravity ([Gillespie 1992], ch. 4: a tenth of the wheelbase)."""
+"""Its centre of pressure ahead of the centre of gravity ([Gillespie 1992], ch. 4: a tenth of the
+wheelbase)."""
 USUAL_DRAG_M2 = 0.65
 """Drag area where the car has none configured."""
 

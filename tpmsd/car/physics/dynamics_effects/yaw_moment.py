@@ -11,8 +11,8 @@ from tpmsd.car.physics.parameters import Parameter, Prior
 
 @dataclass(frozen=True)
 class YawMoment(DynamicsEffect):
-    """M_z = c * F_x, F_x the sum of drive and brake forces (m a_x where none are given); c is half the track times
-    the difference of the sides' shares, positive where the right side carries more.
+    """M_z = c * F_x, F_x the sum of drive and brake forces (m a_x where none are given); c is half the
+    track times the difference of the sides' shares, positive where the right side carries more.
 
     Source: brake force differences of 5 to 25 % per axle are tolerated at inspections (directive 2014/45/EU).
     """

@@ -1,0 +1,44 @@
+"""The accelerometers' reading is old."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tpmsd.car.physics.baselines.frame import Frame
+from tpmsd.car.physics.dynamics_effect import INSTRUMENT, DynamicsEffect
+from tpmsd.car.physics.parameters import Parameter, Prior
+
+
+@dataclass(frozen=True)
+class AccelerometerDelay(DynamicsEffect):
+    """reading(t) = lateral acceleration(t - delay_s).
+
+    Source: filters of automotive accelerometers, 10 to 50 Hz corner: 3 to 30 ms; buses and loggers add 5 to
+    50 ms.
+    """
+
+    name = "accelerometer_delay"
+    kind = INSTRUMENT
+    formula = "a_y read at t = a_y at t - delay_s"
+    sentence = "the lateral acceleration is read late"
+    telling_drive = "steer quickly from side to side"
+    channel = "accel_lat"
+    covariate = "steering_rate"
+    twins = ("accelerometer_position", "roll_dynamics")
+    parameters = (
+        Parameter(
+            "delay_s",
+            "s",
+            0.04,
+            -0.3,
+            0.3,
+            "age of the reading",
+            probe=0.0001,
+            prior=Prior(0.0, 0.03, "3 to 50 ms: data sheets, buses"),
+        ),
+    )
+    delay_s: float = 0.0
+
+    def read(self, frame: Frame) -> None:
+        """Set the reading's age."""
+        frame.delays["accel_lat"] = frame.delays.get("accel_lat", 0.0) + self.delay_s

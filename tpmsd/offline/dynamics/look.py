@@ -1,0 +1,158 @@
+"""Statistics about a model of a drive: its terms, their removal, rivals, and terms that may be added.
+
+In: sufficient statistics of columns. Out: `Look`, evidence of every alternative; `Slot`, all of one term.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.dynamics.arrays import IntArray
+from tpmsd.offline.dynamics.evidence import Addition, Columns, Statistics, joined
+from tpmsd.offline.dynamics.settings import SETTINGS
+from tpmsd.offline.dynamics.terms import Term
+
+
+@dataclass(frozen=True)
+class Slot:
+    """A term of the model against its absence and against rivals in its place."""
+
+    term: Term
+    evidence: float
+    """Log Bayes factor against its absence."""
+    overdispersion: float
+    std: FloatArray
+    """(a,) standard deviations, overdispersion included."""
+    p_value: float
+    rivals: tuple[tuple[Term, float], ...]
+    """Terms in its place with their log Bayes factors against its absence, best first."""
+    heldout_gain: float
+    """Nats on held-out blocks against the model without it."""
+
+
+def fold_blocks(blocks: int) -> list[IntArray]:
+    """Return the blocks of each fold, neighbours together."""
+    return [part for part in np.array_split(np.arange(blocks), SETTINGS.folds) if len(part)]
+
+
+@dataclass(frozen=True)
+class Look:
+    """Statistics about a model: its terms, their removal, and terms that may be added."""
+
+    statistics: Statistics
+    terms: Sequence[Term]
+    columns: list[Columns]
+    removal: list[tuple[tuple[int, ...], tuple[float, ...]]]
+    offered: list[Term]
+    added: list[Columns]
+
+    def addition(self, k: int) -> Addition:
+        """Return what an offered term adds."""
+        return self.statistics.addition(joined(self.columns), self.added[k])
+
+    def score(self, k: int) -> float:
+        """Return the log evidence of an offered term, less the choice among its alternatives."""
+        term, addition = self.offered[k], self.addition(k)
+        if not addition.visible or not possible(term, addition.estimate):
+            return -math.inf
+        return addition.log_evidence() - math.log(term.alternatives)
+
+    def evidence(self, k: int) -> float:
+        """Return the log Bayes factor of a term of the model against its absence."""
+        rest = [columns for j, columns in enumerate(self.columns) if j != k]
+        own = self.statistics.addition(joined(rest), self.columns[k])
+        ratio = own.overdispersion
+        full = self._penalised(joined(self.columns), (), ())
+        less = self._penalised(joined(rest), *self.removal[k])
+        prior = self.columns[k].precision
+        matrix = own.information / ratio + np.diag(prior)
+        occam = 0.5 * (np.linalg.slogdet(matrix)[1] - float(np.sum(np.log(prior))))
+        return float((full - less) / ratio - occam - math.log(self.terms[k].alternatives))
+
+    def _penalised(self, free: Columns, held: Sequence[int], values: Sequence[float]) -> float:
+        """Return the log-likelihood with priors at the best values of the free columns."""
+        held_values = np.array(values, dtype=float)
+        if not free.index:
+            return self.statistics.log_likelihood(held, held_values)
+        estimate, _ = self.statistics.fit(free, held, values)
+        total = self.statistics.log_likelihood((*free.index, *held), np.concatenate([estimate, held_values]))
+        return float(total - 0.5 * np.sum(free.precision * (estimate - free.offset) ** 2))
+
+    def rivals(self, k: int) -> list[tuple[Term, float]]:
+        """Return the offered terms in the place of one of the model's, with their evidence, best first."""
+        rest = joined([columns for j, columns in enumerate(self.columns) if j != k])
+        ratio = self.statistics.addition(rest, self.columns[k]).overdispersion
+        best: dict[str, tuple[Term, float]] = {}
+        for term, columns in zip(self.offered, self.added, strict=True):
+            if set(columns.index) & set(self.removal[k][0]):
+                continue
+            addition = self.statistics.addition(rest, columns, *self.removal[k])
+            if not addition.visible or not possible(term, addition.estimate):
+                continue
+            value = addition.log_evidence(max(ratio, 1.0)) - math.log(term.alternatives)
+            if term.key not in best or value > best[term.key][1]:
+                best[term.key] = (term, value)
+        return sorted(best.values(), key=lambda pair: -pair[1])
+
+    def heldout(self, k: int) -> float:
+        """Return the nats that a term of the model gains on held-out blocks."""
+        rest = joined([columns for j, columns in enumerate(self.columns) if j != k])
+        held, values = self.removal[k]
+        everything = joined(self.columns)
+        gain = 0.0
+        for blocks in fold_blocks(len(self.statistics.blocks.gradient)):
+            estimate, _ = self.statistics.fit(everything, left_out=blocks)
+            gain += self.statistics.log_likelihood(everything.index, estimate, blocks)
+            less = np.array(values, dtype=float)
+            if rest.index:
+                other, _ = self.statistics.fit(rest, held, values, blocks)
+                less = np.concatenate([other, less])
+            gain -= self.statistics.log_likelihood((*rest.index, *held), less, blocks)
+        return gain
+
+    def slot(self, k: int) -> Slot:
+        """Return a term of the model with everything that is said of it."""
+        rest = joined([columns for j, columns in enumerate(self.columns) if j != k])
+        own = self.statistics.addition(rest, self.columns[k])
+        _, covariance = self.statistics.fit(joined(self.columns))
+        first = sum(len(columns.index) for columns in self.columns[:k])
+        variance = np.diag(covariance)[first : first + len(self.columns[k].index)]
+        term = self.terms[k]
+        away = np.array([term.value(name) - term.neutral.get(name, 0.0) for name in term.free])
+        std = np.sqrt(variance * own.overdispersion + (SETTINGS.relative_std * away) ** 2)
+        return Slot(
+            term,
+            self.evidence(k),
+            own.overdispersion,
+            std,
+            p_value_of(away / std, len(self.statistics.blocks.gradient)),
+            tuple(self.rivals(k)),
+            self.heldout(k),
+        )
+
+
+def p_value_of(sizes: FloatArray, blocks: int) -> float:
+    """Return the two-sided p-value of the largest of some standardised values, by Student's t over blocks."""
+    tail = 2.0 * student.sf(float(np.abs(sizes).max()), max(blocks - 1, 1))
+    return float(min(tail * len(sizes), 1.0))
+
+
+def possible(term: Term, estimate: FloatArray) -> bool:
+    """Return True if a fit gives an effect of one sign that sign, and a grid's value a part of itself."""
+    if term.jump:
+        return bool(estimate[0] > 0.2)
+    return not term.effect.positive or bool(estimate[0] > 0.0)
+
+
+def threshold_of(alternatives: int) -> float:
+    """Return the log evidence above which a null drive has a finding with the probability of the settings.
+
+    A Bayes factor exceeds K under the null with a probability of at most 1 / K (Markov's inequality).
+    """
+    return math.log(alternatives / SETTINGS.false_discovery)

@@ -1,0 +1,67 @@
+"""A cheap look at what places may hold: scores row by row, without the path eliminated.
+
+In: a selection. Out: numbers by which a term over time or over a covariate is worth a proper look. At the
+likeliest path the gradient of the log-likelihood by a term is the sum of its rows' scores.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.stats import f as fisher
+
+from tpmsd.foundation.wheels import FloatArray
+from tpmsd.offline.dynamics.columns import Probe, changes, step_changes
+from tpmsd.offline.dynamics.path import Weighted
+from tpmsd.offline.dynamics.search import Search
+
+
+def row_scores(search: Search, probe: Probe) -> FloatArray:
+    """Return the scores of a term at the rows, (n,); the term acts at all of them alike."""
+    at = search.at
+    by_rate, by_output = changes(search.setup, search.theta, at, [probe])
+    step = step_changes(search.setup, at, by_rate)[0]
+    weighted = Weighted(search.setup, at, search.noise)
+    count = step.shape[1]
+    out = np.zeros(len(at.path))
+    out[:-1] += np.sum(weighted.step_weight[:, :count] * step * at.step_residual[:, :count], axis=1)
+    residual = np.where(np.isfinite(at.reading_residual), at.reading_residual, 0.0)
+    out += np.sum(weighted.reading_weight * by_output[0] * residual, axis=1)
+    return out
+
+
+def slow_share(search: Search, scores: FloatArray, long_s: float) -> float:
+    """Return the variance of sums over `long_s` over that of white scores: 1 where nothing acts slowly."""
+    time = search.setup.drive.time_s
+    short = max(long_s / 10.0, 0.5)
+    first = np.bincount(((time - time[0]) // short).astype(int), scores)
+    second = np.bincount(((time - time[0]) // long_s).astype(int), scores)
+    if len(second) < 3:
+        return np.inf
+    expected = len(first) / len(second) * float(np.mean(first**2))
+    return float(np.mean(second**2)) / max(expected, 1e-300)
+
+
+def largest_span(search: Search, scores: FloatArray, box_s: float, boxes: int = 6) -> float:
+    """Return the largest standardised sum over spans of up to so many boxes."""
+    time = search.setup.drive.time_s
+    sums = np.bincount(((time - time[0]) // box_s).astype(int), scores)
+    size = np.median(np.abs(sums)) / 0.6745
+    total = np.concatenate([[0.0], np.cumsum(sums)])
+    best = 0.0
+    for length in range(1, min(boxes, len(sums)) + 1):
+        best = max(best, float(np.abs(total[length:] - total[:-length]).max()) / np.sqrt(length))
+    return best / max(float(size), 1e-300)
+
+
+def block_test(search: Search, scores: FloatArray, basis: list[FloatArray]) -> float:
+    """Return the p-value of a term's mean score over the blocks (Hotelling), for basis functions (n,)
+    each."""
+    drive = search.setup.drive
+    table = np.add.reduceat(np.stack([scores * one for one in basis], axis=1), drive.starts, axis=0)
+    count, size = table.shape
+    if count <= size + 2:
+        return 0.0
+    mean = table.mean(axis=0)
+    spread = np.cov(table.T) + 1e-12 * np.eye(size) * max(float(np.trace(np.cov(table.T))), 1e-300)
+    squared = count * mean @ np.linalg.solve(spread, mean)
+    return float(fisher.sf(squared * (count - size) / (size * (count - 1)), size, count - size))
