@@ -38,6 +38,8 @@ def run_dynamics(args: argparse.Namespace) -> int:
     folder = args.drives[0]
     baseline, drive = read_dynamics_drive(folder, args.config, args.baseline)
     given = model_effects(args.model, drive.key)
+    if args.simulation is not None:
+        drive = _against(args.simulation, baseline, drive)
     with Progress(1.0, "diagnose") as progress:
         diagnosis = diagnose_dynamics(baseline, drive, given, progress.update)
     known = diagnosis.verdict != INSUFFICIENT
@@ -61,9 +63,33 @@ def _refuse(args: argparse.Namespace) -> None:
     """ConfigError on options that belong to the rolling baseline."""
     if len(args.drives) > 1:
         raise ConfigError(f"--baseline {args.baseline} takes one DRIVE")
-    for option in ("html", "propose", "alarms", "simulation"):
+    for option in ("html", "propose", "alarms"):
         if getattr(args, option):
             raise ConfigError(f"--{option} is not there for --baseline {args.baseline}")
+
+
+def _against(folder: Path, baseline: Baseline, drive: DynamicsDrive) -> DynamicsDrive:
+    """Return the drive against a user's simulation of it; InputError if that has no usable output."""
+    import numpy as np
+
+    from tpmsd.offline.dynamics.simulate import against_simulation
+    from tpmsd.signals.columns import OUTPUTS
+    from tpmsd.signals.read import read_signals
+
+    table = read_signals(folder)
+    at = drive.time_s + drive.start_s
+    known = {}
+    for name, column in OUTPUTS.items():
+        values = table.columns.get(column)
+        if values is not None and np.isfinite(values).sum() >= 10:
+            good = np.isfinite(values)
+            known[name] = np.interp(at, table.time_s[good], values[good])
+    if table.time_s[0] > at[0] + 1.0 or table.time_s[-1] < at[-1] - 1.0:
+        raise InputError(table.file, "does not cover the time of the recording")
+    compared = against_simulation(baseline, drive, known)
+    if not compared.outputs:
+        raise InputError(table.file, f"has none of the outputs {' '.join(drive.outputs)}", 1)
+    return compared
 
 
 def read_dynamics_drive(folder: Path, config: Path | None, baseline: str) -> tuple[Baseline, DynamicsDrive]:

@@ -126,6 +126,14 @@ def add_parser(subparsers: Subparsers) -> None:
     )
     physics.add_argument("--model", metavar="FILE", type=Path, help="the effects of a model.toml")
 
+    dynamics = parser.add_argument_group("vehicle dynamics")
+    dynamics.add_argument(
+        "--baseline",
+        choices=("single-track", "three-dof"),
+        help="write what this baseline, with the effects of --model, predicts for the inputs of a recording",
+    )
+    dynamics.add_argument("--inputs", metavar="DRIVE", type=Path, help="the recording, with signals.csv")
+
     live = parser.add_argument_group("live")
     live.add_argument("--live", metavar="CHANNEL", help="play onto this CAN channel and a pseudo terminal")
     live.add_argument(
@@ -141,6 +149,10 @@ def run(args: argparse.Namespace) -> int:
     """Simulate, write, play, report."""
     if args.onto is not None or args.conceal is not None:
         return run_onto(args)
+    if args.baseline is not None or args.inputs is not None:
+        from tpmsd.interfaces.cli.simulate_dynamics import run_inputs
+
+        return run_inputs(args)
     # Here, since --help does not need numpy.
     from tpmsd.foundation.provenance import provenance
     from tpmsd.offline.simulator.drive import simulate_drive

@@ -7,7 +7,7 @@ there at a row is NaN.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 
@@ -76,6 +76,13 @@ class DynamicsDrive:
         speed = self.outputs.get("speed")
         known = self.inputs.speed_mps if speed is None else filled(self.time_s, speed)
         return np.asarray(known >= SETTINGS.slowest_mps)
+
+    def whole(self) -> DynamicsDrive:
+        """Return the drive with blocks that end at pauses alone."""
+        out = replace(self)
+        pause = np.flatnonzero(np.diff(self.time_s) > SETTINGS.gap_s) + 1
+        out.__dict__["starts"] = np.concatenate([[0], pause])
+        return out
 
     def part(self, first: int, last: int) -> DynamicsDrive:
         """Return rows first to last (excluded), times as they are."""

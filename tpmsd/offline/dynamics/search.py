@@ -258,7 +258,9 @@ class Search:
         before = (self.terms, self.at, self.noise, self.floor, self.error)
         start = replace(rival, jump=False) if rival.jump else rival
         rest = [one for j, one in enumerate(self.terms) if j != k]
-        if self.attempt([*rest, start]) and self._better(term, rival):
+        if not self.attempt([*rest, start]):
+            self.rejected[rival.name] = 0.0
+        elif self._better(term, rival):
             return True
         self.terms, self.at, self.noise, self.floor, self.error = before
         return False
