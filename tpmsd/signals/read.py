@@ -103,6 +103,8 @@ def _text(file: Path) -> tuple[list[str], FloatArray]:
 
 def _quick(body: str, width: int) -> FloatArray | None:
     """Return the values of plain numbers without an empty cell; None where there is anything else."""
+    if not body.strip():
+        return None
     try:
         values = np.loadtxt(io.StringIO(body), delimiter=",", ndmin=2)
     except ValueError:

@@ -39,11 +39,9 @@ class Place:
     evidence: float
 
 
-def places(search: Search, nameless: bool) -> list[Place]:
+def places(search: Search) -> list[Place]:
     """Return the terms that may be added, best first."""
-    found = [*_slopes(search), *_winds(search)]
-    if nameless:
-        found += _nameless(search)
+    found = [*_slopes(search), *_winds(search), *nameless(search)]
     return sorted(found, key=lambda place: -place.evidence)
 
 
@@ -151,7 +149,7 @@ def _best_span(
 # -- terms without a name ------------------------------------------------------------------------------------
 
 
-def _nameless(search: Search) -> list[Place]:
+def nameless(search: Search) -> list[Place]:
     """Return terms without a name, each equation and output over each covariate."""
     values = search.covariates
     equations = ("force_y", "moment", *(("force_x",) if search.setup.baseline.forces else ()))
@@ -185,7 +183,7 @@ def _nameless(search: Search) -> list[Place]:
         found.append((p_value, k))
     found.sort()
     likely = [terms[k] for p_value, k in found[:3] if p_value < SETTINGS.screen_p]
-    return _scored(search, likely, penalty)
+    return sorted(_scored(search, likely, penalty), key=lambda place: -place.evidence)
 
 
 def _knots(values: FloatArray, over: str) -> tuple[float, ...]:

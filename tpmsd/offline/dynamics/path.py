@@ -221,13 +221,13 @@ def _start_information(setup: Setup, noise: Noise, total: int) -> FloatArray:
 def smoothed(setup: Setup, theta: Theta, path: FloatArray, noise: Noise) -> Linear:
     """Return the likeliest path, with residuals and derivatives there, by damped Gauss-Newton."""
     at = linear(setup, theta, path)
-    cost = _cost(setup, at, noise)
+    cost = path_cost(setup, at, noise)
     for _ in range(SETTINGS.path_rounds):
         step = Weighted(setup, at, noise)
         move = step.factor.solve(step.gradient())
         for share in (1.0, 0.3, 0.1, 0.03):
             tried = linear(setup, theta, at.path + share * move)
-            new = _cost(setup, tried, noise)
+            new = path_cost(setup, tried, noise)
             if np.isfinite(new) and new <= cost * (1.0 + 1e-9) + 1e-6:
                 break
         else:
@@ -239,7 +239,8 @@ def smoothed(setup: Setup, theta: Theta, path: FloatArray, noise: Noise) -> Line
     return at
 
 
-def _cost(setup: Setup, at: Linear, noise: Noise) -> float:
+def path_cost(setup: Setup, at: Linear, noise: Noise) -> float:
+    """Return the sum of squares over variances of steps, readings and starts."""
     dt = np.diff(setup.drive.time_s)
     steps = np.where(setup.drive.linked[:, None], at.step_residual**2 / noise.step_variance(dt), 0.0)
     starts = at.path[setup.drive.starts, len(noise.white) :] ** 2 / noise.disturbance**2

@@ -5,12 +5,16 @@ In: a setup, effects that belong to the baseline. Out: the selection.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
+import numpy as np
+
 from tpmsd.car.physics.dynamics_effect import DynamicsEffect
-from tpmsd.offline.dynamics.located import places, refined
+from tpmsd.offline.dynamics.located import nameless, places, refined
 from tpmsd.offline.dynamics.look import threshold_of
-from tpmsd.offline.dynamics.path import Setup
+from tpmsd.offline.dynamics.noise import Noise
+from tpmsd.offline.dynamics.path import Setup, path_cost, smoothed
 from tpmsd.offline.dynamics.search import Search
 from tpmsd.offline.dynamics.settings import SETTINGS
 
@@ -22,7 +26,18 @@ def searched(setup: Setup, fixed: tuple[DynamicsEffect, ...], say: Say) -> Searc
     search = Search(setup, fixed)
     threshold = threshold_of(len({term.name for term in search.offered()}))
     search.keep_stage()
-    while len(search.terms) < SETTINGS.most_effects:
+    _grow(search, threshold, SETTINGS.most_effects, say)
+    named = [term for term in search.terms if term.name != "unknown"]
+    if len(named) > 1:
+        other = _nameless_first(setup, fixed, threshold)
+        if other is not None and total(other, search) > total(search, search) + SETTINGS.twin_nats:
+            return other
+    return search
+
+
+def _grow(search: Search, threshold: float, most: int, say: Say) -> None:
+    """Take steps until none helps, or so many terms are there."""
+    while len(search.terms) < most:
         say(0.1 + 0.6 * len(search.terms) / SETTINGS.most_effects)
         if not (search.forward(threshold) or _locate(search, threshold)):
             break
@@ -30,12 +45,39 @@ def searched(setup: Setup, fixed: tuple[DynamicsEffect, ...], say: Say) -> Searc
             if not (len(search.terms) > 1 and search.tidy(threshold)):
                 break
         search.keep_stage()
-    return search
+
+
+def _nameless_first(setup: Setup, fixed: tuple[DynamicsEffect, ...], threshold: float) -> Search | None:
+    """Return the selection that begins with the best term without a name; None where there is no such term.
+
+    Several effects of the catalogue may stand in for one that is not in it; one term that explains more than
+    all of them is the better answer.
+    """
+    search = Search(setup, fixed)
+    search.keep_stage()
+    for place in nameless(search)[: SETTINGS.tried]:
+        if place.evidence > threshold and search.attempt([*search.terms, refined(search, place)]):
+            search.keep_stage()
+            _grow(search, threshold, 4, lambda share: None)
+            return search
+    return None
+
+
+def total(search: Search, judge: Search) -> float:
+    """Return the log-likelihood of a selection under another one's noise, less half log n per free value."""
+    effects, noise = search.theta, judge.noise
+    states = len(search.setup.states(effects))
+    white = np.concatenate([noise.white[:states], search.noise.white[len(noise.white) :]])
+    noise = Noise(white, noise.disturbance, noise.outputs)
+    at = smoothed(search.setup, effects, search.at.path, noise)
+    free = sum(len(term.free) for term in search.terms)
+    count = np.isfinite(at.reading_residual).sum()
+    return -0.5 * path_cost(search.setup, at, noise) - 0.5 * free * math.log(float(count))
 
 
 def _locate(search: Search, threshold: float) -> bool:
     """Add the best term at a place; False if there is none."""
-    for place in places(search, nameless=True)[: SETTINGS.tried]:
+    for place in places(search)[: SETTINGS.tried]:
         # Where the catalogue explains more, and predicts worse, no lesser place is the right one.
         if not place.evidence > max([threshold, *search.rejected.values()]):
             break

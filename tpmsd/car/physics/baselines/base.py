@@ -204,5 +204,11 @@ def lateral_transfer(frame: Frame) -> FloatArray:
 
 def like(contacts: FloatArray, shape: FloatArray) -> FloatArray:
     """Return values of contacts (k, ...) with axes of one put in behind the first, as many as `shape` has."""
-    missing = shape.ndim - contacts.ndim
+    missing = max(shape.ndim - contacts.ndim, 0)
     return contacts.reshape((len(contacts),) + (1,) * missing + contacts.shape[1:])
+
+
+def aligned(*arrays: FloatArray) -> list[FloatArray]:
+    """Return arrays of contacts (k, ...) with as many axes as the one that has most."""
+    longest = max(arrays, key=lambda one: one.ndim)
+    return [like(one, longest) for one in arrays]

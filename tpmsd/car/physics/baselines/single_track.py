@@ -41,7 +41,7 @@ class SingleTrack(Baseline):
 
     def _tyres(self, frame: Frame) -> None:
         """Forces proportional to the slip angles, less where an effect sets a limit."""
-        frame.side = frame.stiffness * frame.angle
+        frame.side = like(frame.stiffness, frame.angle) * frame.angle
         if frame.friction is not None:
             frame.side = frame.side * grip_share(np.abs(frame.side), 1.0, frame.friction, frame.load)
         frame.along = np.zeros_like(frame.side)

@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tpmsd.car.physics.baselines.base import LEAST_MPS, Baseline, lateral_transfer, like
+from tpmsd.car.physics.baselines.base import LEAST_MPS, Baseline, aligned, lateral_transfer, like
 from tpmsd.car.physics.baselines.dugoff import grip_share
 from tpmsd.car.physics.baselines.frame import Frame, Real
 from tpmsd.car.physics.motion import GRAVITY_MPS2
@@ -38,12 +38,10 @@ class ThreeDof(Baseline):
         weight = frame.mass * GRAVITY_MPS2 / base
         front, rear = 0.5 * (weight * frame.rear - rise), 0.5 * (weight * frame.front + rise)
         frame.transfer = lateral_transfer(frame)
-        left = frame.transfer * np.stack(
-            np.broadcast_arrays(0.5 * weight * frame.rear + 0.0 * rise, 0.5 * weight * frame.front)
-        )
-        frame.load = np.stack(
-            np.broadcast_arrays(front - left[0], front + left[0], rear - left[1], rear + left[1])
-        )
+        left_front = 0.5 * weight * frame.rear * frame.transfer[0]
+        left_rear = 0.5 * weight * frame.front * frame.transfer[1]
+        loads = (front - left_front, front + left_front, rear - left_rear, rear + left_rear)
+        frame.load = np.stack(np.broadcast_arrays(*loads))
 
     def _angles(self, frame: Frame) -> None:
         """Slip angles of the wheels."""
@@ -62,12 +60,12 @@ class ThreeDof(Baseline):
 
     def _tyres(self, frame: Frame) -> None:
         """Forces in the wheels' frames, added up in the car's."""
-        slip = carried_slip(frame)
-        linear_side = frame.stiffness * np.tan(frame.angle)
+        slip, angle, load = aligned(carried_slip(frame), frame.angle, frame.load)
+        linear_side = like(frame.stiffness, angle) * np.tan(angle)
         linear_along = frame.longitudinal * slip
         lengthened = 1.0 + slip
         assert frame.friction is not None
-        share = grip_share(np.hypot(linear_along, linear_side), lengthened, frame.friction, frame.load)
+        share = grip_share(np.hypot(linear_along, linear_side), lengthened, frame.friction, load)
         share = share / lengthened
         frame.side, frame.along = linear_side * share, linear_along * share
         cos, sin = np.cos(frame.steer), np.sin(frame.steer)

@@ -1,0 +1,138 @@
+"""`tpmsd diagnose --baseline` and `tpmsd simulate --baseline` from the command line."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+
+from tests.offline.dynamics.drives import folder, hidden
+from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
+from tpmsd.car.physics.dynamics_model import DynamicsModel, format_dynamics_model, parse_dynamics_model
+from tpmsd.foundation.schemas import schema_of
+from tpmsd.interfaces.cli.main import main
+from tpmsd.signals.read import read_signals
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A car that weighs more than configured, with a gyro of its own scale."""
+    where = tmp_path_factory.mktemp("command") / "drive"
+    return folder(where, hidden(yaw_inertia_error={"relative": 0.25}), duration_s=60.0)
+
+
+def test_a_diagnosis_answers_in_sentences_and_json(drive: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The first sentence names what is left out; the JSON is as its schema says, with the keys of section 6."""
+    document, model = drive.parent / "found.json", drive.parent / "model.toml"
+    code = main(
+        [
+            "diagnose",
+            str(drive),
+            "--baseline",
+            "single-track",
+            "--json",
+            str(document),
+            "--model-out",
+            str(model),
+        ]
+    )
+    text = capsys.readouterr().out
+    found = json.loads(document.read_text())
+    schema = schema_of("tpmsd.diagnosis/2")
+
+    assert code == 0
+    assert text.startswith("The single-track model leaves out")
+    assert "yaw inertia" in text.splitlines()[0]
+    jsonschema.validate(found, schema)
+    assert set() == found.keys() - schema["properties"].keys()
+    assert found["verdict"] == "mismatch"
+    assert found["baseline"]["name"] == "single-track"
+    assert found["summary"].startswith("The single-track model")
+    (one,) = found["findings"]
+    assert one["effect"] == "yaw_inertia_error"
+    assert one["where"]["channel"] in found["outputs"]
+    assert one["parameters"]["relative"]["value"] == pytest.approx(0.25, abs=0.02)
+    assert found["outputs"]["yaw_rate"]["rms_after"] < found["outputs"]["yaw_rate"]["rms_before"]
+    assert {entry["effect"] for entry in found["not_detectable"]} >= {"aero_downforce"}
+    assert [effect.name for effect in parse_dynamics_model(model.read_text()).effects] == [
+        "yaw_inertia_error"
+    ]
+
+
+def test_a_simulation_on_the_inputs_comes_nearer_with_the_model(drive: Path, tmp_path: Path) -> None:
+    """The folder that is written is of the same kind; with what was concealed its yaw rate is the recorded one."""
+    model = tmp_path / "model.toml"
+    effect = make_dynamics_effect("yaw_inertia_error", relative=0.25)
+    model.write_text(format_dynamics_model(DynamicsModel((effect,))))
+    errors = []
+    for name, options in (("plain", []), ("with", ["--model", str(model)])):
+        out = tmp_path / name
+        line = ["simulate", "--baseline", "single-track", "--inputs", str(drive), *options, str(out)]
+        assert 0 == main(line)
+        one, other = read_signals(out), read_signals(drive)
+        assert one.time_s == pytest.approx(other.time_s)
+        errors.append(np.std(one.columns["yaw_rate_radps"] - other.columns["yaw_rate_radps"]))
+
+    assert errors[1] < 0.0025 < errors[0]
+    assert (tmp_path / "with" / "vehicle.toml").is_file()
+
+
+def test_a_user_s_simulation_is_told_what_it_lacks(drive: Path, tmp_path: Path) -> None:
+    """Against a simulation by the plain baseline, the recording's difference is the concealed effect."""
+    sim, document = tmp_path / "sim", tmp_path / "found.json"
+    main(["simulate", "--baseline", "single-track", "--inputs", str(drive), str(sim)])
+    line = ["diagnose", str(drive), "--baseline", "single-track", "--simulation", str(sim)]
+
+    assert 0 == main([*line, "--json", str(document)])
+    assert ["yaw_inertia_error"] == [one["effect"] for one in json.loads(document.read_text())["findings"]]
+
+
+def test_a_model_file_is_read_back_exactly() -> None:
+    """Numbers, splines, standard deviations and the drive to which a term over time belongs."""
+    effects = (
+        make_dynamics_effect("mass_error", relative=0.123456789),
+        make_dynamics_effect("road_bank", knots=(0.0, 12.5), heights=(0.01, -0.02)),
+        make_dynamics_effect("unknown", on="moment", over="speed", knots=(5.0, 9.0), heights=(0.1, 0.2)),
+    )
+    model = DynamicsModel(effects, ({"relative": 0.01}, {}, {}), ("", "abc", ""))
+
+    assert parse_dynamics_model(format_dynamics_model(model, "found\non a drive")) == model
+
+
+def test_a_term_over_time_stays_out_of_another_drive(
+    drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is named on standard error and left out."""
+    model, out = tmp_path / "model.toml", tmp_path / "out"
+    effect = make_dynamics_effect("side_wind", speed_mps=9.0, onset_s=1.0, duration_s=5.0)
+    model.write_text(format_dynamics_model(DynamicsModel((effect,), (), ("another",))))
+    line = ["simulate", "--baseline", "single-track", "--inputs", str(drive), "--model", str(model), str(out)]
+
+    assert 0 == main(line)
+    assert "side_wind belongs to the time of another drive" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (["diagnose", "{drive}", "--baseline", "rolling"], 2, "can"),
+        (["diagnose", "{drive}", "--baseline", "single-track", "--html", "x.html"], 2, "--html"),
+        (["diagnose", "{empty}", "--baseline", "single-track"], 3, "no table of signals"),
+        (["simulate", "--baseline", "single-track", "out"], 2, "--inputs"),
+        (["simulate", "--baseline", "single-track", "--inputs", "{drive}", "{drive}"], 2, "not empty"),
+    ],
+)
+def test_wrong_usage_is_one_line(
+    drive: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], code: int, said: str
+) -> None:
+    """Exit codes 2 and 3 with the reason."""
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    shutil.copy(drive / "vehicle.toml", empty)
+
+    assert code == main([word.format(drive=drive, empty=empty) for word in words])
+    assert said in capsys.readouterr().err

@@ -1,0 +1,281 @@
+"""Each effect of vehicle dynamics against its closed form."""
+
+from __future__ import annotations
+
+import math
+import pkgutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.offline.dynamics.test_baselines import CAR, held, settled
+from tpmsd.car.physics import dynamics_effects
+from tpmsd.car.physics.baselines.base import Baseline
+from tpmsd.car.physics.baselines.inputs import Inputs, Span, make_inputs
+from tpmsd.car.physics.baselines.single_track import SingleTrack
+from tpmsd.car.physics.baselines.table import BASELINES
+from tpmsd.car.physics.baselines.three_dof import ThreeDof
+from tpmsd.car.physics.dynamics_catalogue import DYNAMICS_EFFECTS, make_dynamics_effect
+from tpmsd.car.physics.parameters import Parameter
+from tpmsd.foundation.errors import ConfigError
+
+G = 9.80665
+X = np.array([[0.2, 0.15]])
+U = replace(held(0.03, 22.0, -1.5), drive_n=np.array([500.0]), brake_n=np.array([900.0]))
+FORCED = np.array([[0.2, 0.15, 22.0]])
+
+
+def rates(name: str, model: Baseline | None = None, u: Inputs = U, **values: object) -> np.ndarray:
+    """Return the change of the rates by an effect."""
+    model = SingleTrack(CAR) if model is None else model
+    x = FORCED if model.forces else X
+    return np.asarray(model.rates(x, u, (make_dynamics_effect(name, **values),)) - model.rates(x, u, ()))[0]
+
+
+def readings(name: str, output: str, u: Inputs = U, model: Baseline | None = None, **values: object) -> float:
+    """Return the change of a reading by an effect."""
+    model = SingleTrack(CAR) if model is None else model
+    x = FORCED if model.forces else X
+    return float(
+        (model.read(x, u, (make_dynamics_effect(name, **values),))[output] - model.read(x, u, ())[output])[0]
+    )
+
+
+def front_angle() -> float:
+    """Return the front slip angle of the probing state."""
+    return 0.03 - (0.2 + CAR.front_m * 0.15) / 22.0
+
+
+def rear_angle() -> float:
+    """Return the rear slip angle."""
+    return -(0.2 - CAR.rear_m * 0.15) / 22.0
+
+
+@pytest.mark.parametrize("name", sorted(DYNAMICS_EFFECTS))
+@pytest.mark.parametrize("kind", list(BASELINES))
+def test_neutral_values_change_nothing(name: str, kind: str) -> None:
+    """An effect at neutral leaves rates and readings as they are."""
+    cls = DYNAMICS_EFFECTS[name]
+    model = BASELINES[kind](CAR, kind == "three-dof")
+    if cls.grid or cls.states:
+        return  # at neutral they are not there
+    neutral = {p.name: p.neutral for p in cls.parameters if isinstance(p, Parameter) and p.probe > 0.0}
+    effect = cls(**neutral)
+    x = FORCED if model.forces else X
+    frame, plain = model.frame(x, U, (effect,)), model.frame(x, U, ())
+
+    for key, value in plain.outputs.items():
+        assert frame.outputs[key] == pytest.approx(value, rel=1e-12, abs=1e-12)
+    for key in ("v", "r", "u"):
+        assert frame.rates[key] == pytest.approx(plain.rates[key], rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", sorted(DYNAMICS_EFFECTS))
+def test_every_effect_says_what_it_is(name: str) -> None:
+    """Formula, sentence, units, a prior with its source for each fitted number, a drive that tells it."""
+    cls = DYNAMICS_EFFECTS[name]
+
+    assert cls.formula
+    assert cls.sentence
+    assert name == "unknown" or cls.telling_drive
+    assert name == "unknown" or "Source:" in (cls.__doc__ or "")
+    for p in cls.numbers():
+        assert p.prior is not None
+        assert len(p.prior.source) > 5
+        assert p.unit
+    assert set(cls.twins) <= set(DYNAMICS_EFFECTS)
+
+
+def test_the_catalogue_has_what_the_public_formats_name() -> None:
+    """Every effect of section 6 of the public formats is there."""
+    named = """
+        rolling_resistance aero_drag aero_downforce mass_error yaw_inertia_error cornering_stiffness_error
+        drive_force_error brake_force_error cg_position_error cg_height_error tyre_relaxation tyre_saturation
+        load_dependent_stiffness roll_steer compliance_steer camber_thrust roll_dynamics steering_ratio_error
+        steering_offset steering_delay road_grade road_bank side_wind head_wind locked_differential yaw_moment
+        yaw_rate_bias yaw_rate_scale gyro_delay accelerometer_bias accelerometer_tilt accelerometer_position
+    """
+
+    assert set(named.split()) <= set(DYNAMICS_EFFECTS)
+    files = {one.name for one in pkgutil.iter_modules([str(Path(dynamics_effects.__path__[0]))])}
+    assert len(set(DYNAMICS_EFFECTS) & files) >= len(named.split()) - 4  # slopes and winds share a file
+
+
+def test_forces_of_the_longitudinal_effects() -> None:
+    """du/dt loses c g, rho A u^2 / (2 m), and gains the share of a force."""
+    model = ThreeDof(CAR, forces=True)
+
+    assert rates("rolling_resistance", model, coefficient=0.012)[2] == pytest.approx(-0.012 * G)
+    assert rates("aero_drag", model, drag_area_m2=0.7)[2] == pytest.approx(
+        -0.5 * 1.2041 * 0.7 * 22.0**2 / 1480.0
+    )
+    assert rates("drive_force_error", model, relative=0.1)[2] == pytest.approx(50.0 / 1480.0, rel=0.03)
+    assert rates("brake_force_error", model, relative=0.1)[2] == pytest.approx(-90.0 / 1480.0, rel=0.03)
+    assert rates("road_grade", model, knots=(0.0, 9.0), heights=(0.04, 0.04))[2] == pytest.approx(
+        -G * math.sin(0.04)
+    )
+    wind = rates("head_wind", model, speed_mps=10.0)
+    assert wind[2] == pytest.approx(-0.5 * 1.2041 * 0.65 * (32.0**2 - 22.0**2) / 1480.0)
+
+
+def test_forces_of_the_lateral_effects() -> None:
+    """dv/dt and dr/dt change by the forces of the closed forms."""
+    side = 0.5 * 1.2041 * 4.5 * 22.0 * 8.0
+    assert rates("side_wind", speed_mps=8.0)[:2] == pytest.approx([side / 1480.0, 0.25 * side / 2350.0])
+    assert rates("road_bank", knots=(0.0, 9.0), heights=(0.03, 0.03))[:2] == pytest.approx(
+        [-G * math.sin(0.03), 0.0]
+    )
+    lock = 0.3 * 85_000.0 * 1.53**2 / 2.0 * 0.15 / 22.0
+    assert rates("locked_differential", coefficient=0.3)[:2] == pytest.approx([0.0, -lock / 2350.0])
+    assert rates("yaw_moment", coefficient=0.05)[:2] == pytest.approx([0.0, 0.05 * 1480.0 * -1.5 / 2350.0])
+    base = CAR.wheelbase_m
+    loads = (
+        np.array([CAR.rear_m, CAR.front_m]) * 1480.0 * G / base
+        + np.array([1.0, -1.0]) * 1480.0 * 1.5 * 0.54 / base
+    )
+    push = -0.05 * loads * 22.0 * 0.15 / G
+    moment = (CAR.front_m * push[0] - CAR.rear_m * push[1]) / 2350.0
+    assert rates("camber_thrust", coefficient=0.05)[:2] == pytest.approx([push.sum() / 1480.0, moment])
+
+
+def test_changes_of_the_car() -> None:
+    """Mass, inertia, stiffness and lengths enter as in Riekert's equations."""
+    front, rear = CAR.cornering_front_n * front_angle(), CAR.cornering_rear_n * rear_angle()
+    v_rate, r_rate = (front + rear) / 1480.0, (CAR.front_m * front - CAR.rear_m * rear) / 2350.0
+    assert rates("mass_error", relative=0.1)[:2] == pytest.approx([v_rate / 1.1 - v_rate, 0.0])
+    assert rates("yaw_inertia_error", relative=0.2)[:2] == pytest.approx([0.0, r_rate / 1.2 - r_rate])
+    both = rates("cornering_stiffness_error", front=0.1, rear=-0.2)
+    assert both[0] == pytest.approx((0.1 * front - 0.2 * rear) / 1480.0)
+    assert both[1] == pytest.approx((0.1 * CAR.front_m * front + 0.2 * CAR.rear_m * rear) / 2350.0)
+    ahead = CAR.cornering_front_n * (0.03 - (0.2 + (CAR.front_m - 0.05) * 0.15) / 22.0)
+    behind = CAR.cornering_rear_n * -(0.2 - (CAR.rear_m + 0.05) * 0.15) / 22.0
+    moved = rates("cg_position_error", forward_m=0.05)
+    assert moved[0] == pytest.approx((ahead + behind - front - rear) / 1480.0)
+
+
+def test_changes_of_the_tyres() -> None:
+    """Load transfer, compliance, roll steer and friction change the side forces by their formulas."""
+    front, rear = CAR.cornering_front_n * front_angle(), CAR.cornering_rear_n * rear_angle()
+    z = 2.0 * 0.54 * 22.0 * 0.15 / G / np.array([1.53, 1.51])
+    lost = -0.4 * z**2 * np.array([front, rear])
+    assert rates("load_dependent_stiffness", coefficient=0.4)[0] == pytest.approx(lost.sum() / 1480.0)
+    k = 0.002 * CAR.wheelbase_m / (1480.0 * CAR.rear_m)
+    less = front / (1.0 + k * CAR.cornering_front_n) - front
+    assert rates("compliance_steer", coefficient=0.002)[0] == pytest.approx(less / 1480.0)
+    assert rates("roll_steer", coefficient=0.001)[0] == pytest.approx(
+        CAR.cornering_rear_n * 0.001 * 3.3 / 1480.0
+    )
+    load = 1480.0 * G * CAR.rear_m / CAR.wheelbase_m + 1480.0 * 1.5 * 0.54 / CAR.wheelbase_m
+    lam = 0.3 * load / (2.0 * abs(front))
+    share = (2.0 - lam) * lam if lam < 1.0 else 1.0
+    assert lam < 1.0
+    change = rates("tyre_saturation", friction=0.3)
+    assert change[1] == pytest.approx(CAR.front_m * front * (share - 1.0) / 2350.0, rel=0.25)
+    assert abs(rates("tyre_saturation", friction=3.0)).max() < 1e-12
+
+
+def test_height_and_downforce_act_by_the_loads_at_the_limit() -> None:
+    """On the 3-DOF car a higher centre of gravity costs side force, downforce gives some."""
+    model, hard = ThreeDof(CAR), held(0.12, 22.0)
+    high = readings("cg_height_error", "accel_lat", hard, model, height_m=0.2)
+    pressed = readings("aero_downforce", "accel_lat", hard, model, front_m2=1.0, rear_m2=1.0)
+
+    assert high < 0.0 < pressed
+
+
+def test_a_relaxed_slip_angle_follows_with_its_length() -> None:
+    """d(alpha')/dt = u / L (alpha - alpha'), and the force is that of alpha'."""
+    model = SingleTrack(CAR)
+    effect = make_dynamics_effect("tyre_relaxation", length_m=0.5)
+    x = np.array([[0.2, 0.15, 0.01, -0.002]])
+    found = model.rates(x, U, (effect,))[0]
+
+    assert found[2] == pytest.approx(22.0 / 0.5 * (front_angle() - 0.01))
+    assert found[3] == pytest.approx(22.0 / 0.5 * (rear_angle() + 0.002))
+    force = CAR.cornering_front_n * 0.01 - CAR.cornering_rear_n * 0.002
+    assert found[0] == pytest.approx(force / 1480.0 - 22.0 * 0.15)
+
+
+def test_a_rolling_body_settles_at_the_lateral_acceleration() -> None:
+    """In a steady bend q = a_y and nothing else has changed; its natural frequency is the parameter's."""
+    model = SingleTrack(CAR)
+    effect = make_dynamics_effect("roll_dynamics", frequency_hz=1.5, damping=0.3)
+    u = held(0.01, 20.0)
+    x = np.zeros((1, 4))
+    for _ in range(1000):
+        x = model.step(x, u, (effect,), 0.02)
+    plain = settled(model, u)
+
+    assert x[0, :2] == pytest.approx(plain[0], rel=1e-3)
+    assert x[0, 2] == pytest.approx(20.0 * x[0, 1], rel=1e-3)
+    off = model.rates(x + np.array([[0.0, 0.0, 0.1, 0.0]]), u, (effect,))[0]
+    assert off[3] == pytest.approx(-((2 * math.pi * 1.5) ** 2) * 0.1, rel=1e-2)
+
+
+def test_what_instruments_read() -> None:
+    """Bias, scale, tilt, position and roll change the readings alone."""
+    model = SingleTrack(CAR)
+    plain = model.frame(X, U, ())
+    lat, turn = float(plain.outputs["accel_lat"][0]), float(plain.rates["r"][0])
+
+    assert readings("yaw_rate_bias", "yaw_rate", bias=0.004) == pytest.approx(0.004)
+    assert readings("yaw_rate_scale", "yaw_rate", scale=1.03) == pytest.approx(0.03 * 0.15)
+    assert readings("accelerometer_bias", "accel_lat", lat_mps2=0.2) == pytest.approx(0.2)
+    assert readings("accelerometer_tilt", "accel_lat", yaw_rad=0.05) == pytest.approx(-0.05 * -1.5)
+    assert readings("accelerometer_position", "accel_lat", forward_m=0.5) == pytest.approx(0.5 * turn)
+    assert readings("accelerometer_roll", "accel_lat", coefficient=0.05) == pytest.approx(0.05 * lat)
+    assert abs(rates("accelerometer_bias", lat_mps2=0.2)).max() == 0.0
+
+
+def test_ages_of_readings_and_of_the_steering() -> None:
+    """A reading that is T old is that of a state T earlier, to second order; the steering is read ahead."""
+    model = SingleTrack(CAR)
+    time = np.arange(200) * 0.01
+    steer = 0.02 * np.sin(2.0 * math.pi * 0.8 * time)
+    u = make_inputs(time, steer, np.full(200, 20.0))
+    x = np.zeros((200, 2))
+    for k in range(199):
+        span = Span(u.take(slice(k, k + 1)), u.take(slice(k + 1, k + 2)))
+        x[k + 1] = model.step(x[k : k + 1], span, (), 0.01)[0]
+    late = model.read(x, u, (make_dynamics_effect("gyro_delay", delay_s=0.03),))["yaw_rate"]
+    lat = model.read(x, u, (make_dynamics_effect("accelerometer_delay", delay_s=0.03),))["accel_lat"]
+    now = model.read(x, u, ())
+    shifted = make_dynamics_effect("steering_delay", delay_s=0.05).shift_series(u)
+
+    assert late[20:] == pytest.approx(now["yaw_rate"][17:-3], abs=2e-4)
+    assert lat[20:] == pytest.approx(now["accel_lat"][17:-3], abs=2e-2)
+    assert shifted.steer_rad[50] == pytest.approx(steer[45])
+
+
+def test_steering_ratio_and_offset() -> None:
+    """The ratio divides the angle; the offset is that of the recorded angle, through the ratio."""
+    front = CAR.cornering_front_n / 1480.0
+    assert rates("steering_ratio_error", ratio=1.2)[0] == pytest.approx(front * (0.03 / 1.2 - 0.03))
+    model = SingleTrack(replace(CAR, steering_ratio=15.0))
+    assert rates("steering_offset", model, offset_rad=0.15)[0] == pytest.approx(-front * 0.01)
+
+
+def test_a_term_without_a_name_adds_its_spline() -> None:
+    """On an equation per inertia, over a covariate; on an output as it is."""
+    values = {"on": "moment", "over": "speed", "knots": (10.0, 30.0), "heights": (0.0, 0.4)}
+    assert rates("unknown", **values)[1] == pytest.approx(0.24)
+    seen = {"on": "yaw_rate", "over": "accel_long", "knots": (-3.0, 0.0), "heights": (0.2, 0.0)}
+    assert readings("unknown", "yaw_rate", **seen) == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("gyro_delai", {}),
+        ("gyro_delay", {"delay": 0.1}),
+        ("gyro_delay", {"delay_s": 9.0}),
+        ("unknown", {"on": "roof"}),
+        ("road_bank", {"knots": (1.0, 0.0), "heights": (0.0, 0.0)}),
+    ],
+)
+def test_what_is_no_effect_is_refused(name: str, values: dict[str, object]) -> None:
+    """A wrong name, parameter, value, place or order of knots is one line."""
+    with pytest.raises(ConfigError, match="effect"):
+        make_dynamics_effect(name, **values)

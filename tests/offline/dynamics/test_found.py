@@ -1,0 +1,149 @@
+"""What the diagnosis names on drives of an independent world, and on a real car."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.offline.dynamics.drives import diagnosed, folder, hidden, loaded
+from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
+from tpmsd.offline.dynamics.columns import Probe, gram
+from tpmsd.offline.dynamics.diagnose import diagnose_dynamics
+from tpmsd.offline.dynamics.path import Setup, path_cost, smoothed
+from tpmsd.offline.dynamics.result import CONSISTENT, INSUFFICIENT, MISMATCH
+from tpmsd.offline.dynamics.search import Search
+
+SINGLE = {
+    "mass_error": {"relative": 0.12},
+    "yaw_inertia_error": {"relative": 0.2},
+    "cornering_stiffness_error": {"front": -0.15, "rear": 0.1},
+    "tyre_relaxation": {"length_m": 0.5},
+    "steering_delay": {"delay_s": 0.04},
+    "yaw_rate_scale": {"scale": 1.03},
+    "accelerometer_position": {"forward_m": 0.5},
+    "yaw_moment": {"coefficient": 0.06},
+}
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A folder for the drives."""
+    return str(tmp_path_factory.mktemp("drives"))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("model", ["single-track", "three-dof"])
+def test_a_null_drive_has_no_finding(root: str, model: str, seed: int) -> None:
+    """The same equations in other code, with the sensors' noise: consistent."""
+    found = diagnosed(root, (), model, 60.0, seed)
+
+    assert found.verdict == CONSISTENT
+    assert found.findings == ()
+
+
+@pytest.mark.parametrize("name", sorted(SINGLE))
+def test_a_concealed_effect_is_named_with_its_size(root: str, name: str) -> None:
+    """Alone, surely, within four standard deviations of the truth."""
+    found = diagnosed(root, hidden(**{name: SINGLE[name]}))
+
+    assert found.verdict == MISMATCH
+    assert [one.effect for one in found.findings] == [name]
+    assert found.findings[0].confidence > 0.9
+    for parameter, truth in SINGLE[name].items():
+        got = found.findings[0].parameters[parameter]
+        assert abs(got.value - truth) < 4.0 * got.std
+
+
+def test_forces_make_speed_an_output_and_drag_and_mass_are_told(root: str) -> None:
+    """The 3-DOF car with given forces: the drag area is found from speed and longitudinal acceleration."""
+    found = diagnosed(root, hidden(aero_drag={"drag_area_m2": 0.65}), "three-dof", 80.0, 1, True)
+
+    assert "speed" in found.outputs
+    assert [one.effect for one in found.findings] == ["aero_drag"]
+    assert found.findings[0].parameters["drag_area_m2"].value == pytest.approx(0.65, abs=0.03)
+
+
+def test_a_gust_is_found_with_its_span(root: str) -> None:
+    """Side wind from 40 to 55 s."""
+    found = diagnosed(root, hidden(side_wind={"speed_mps": 9.0, "onset_s": 40.0, "duration_s": 15.0}))
+
+    assert [one.effect for one in found.findings] == ["side_wind"]
+    (span,) = found.findings[0].where.time_spans
+    assert span[0] == pytest.approx(40.0, abs=3.0)
+    assert span[1] == pytest.approx(55.0, abs=3.0)
+
+
+def test_two_effects_are_found_together(root: str) -> None:
+    """A gyro's scale and a longer relaxation, both."""
+    both = hidden(yaw_rate_scale={"scale": 1.04}, tyre_relaxation={"length_m": 0.6})
+    found = diagnosed(root, both)
+
+    assert {"yaw_rate_scale", "tyre_relaxation"} == {one.effect for one in found.findings}
+    assert len(found.steps) == 3
+    assert found.outputs["yaw_rate"].rms_after < found.outputs["yaw_rate"].rms_before
+
+
+def test_what_no_effect_describes_is_located(root: str) -> None:
+    """A yaw moment by the square of speed and the turn's sign has no name: located, and no name is sure."""
+    found = diagnosed(root, hidden(beyond={"moment_per_speed2": -4e-4}))
+
+    assert found.verdict == MISMATCH
+    assert "unknown" == found.findings[0].effect
+    assert [] == [one.effect for one in found.findings if one.confidence > 0.9 and one.effect != "unknown"]
+
+
+def test_a_model_found_before_leaves_nothing(root: str, tmp_path: Path) -> None:
+    """With the effects that were found in the baseline, the same drive is consistent."""
+    where = folder(tmp_path / "d", hidden(mass_error={"relative": 0.12}), duration_s=60.0)
+    baseline, drive = loaded(where, "single-track")
+    first = diagnose_dynamics(baseline, drive)
+    again = diagnose_dynamics(baseline, drive, first.effects)
+
+    assert [one.effect for one in first.findings] == ["mass_error"]
+    assert again.verdict == CONSISTENT
+
+
+def test_a_short_drive_is_not_judged(tmp_path: Path) -> None:
+    """Five seconds are insufficient data."""
+    found = diagnose_dynamics(*loaded(folder(tmp_path / "d", duration_s=5.0), "single-track"))
+
+    assert found.verdict == INSUFFICIENT
+    assert "8 s" in found.reason
+
+
+def test_a_column_is_the_derivative_of_the_innovations_of_a_kalman_filter(tmp_path: Path) -> None:
+    """Gradient and information of a parameter equal the differences of the smoother's own cost."""
+    baseline, drive = loaded(folder(tmp_path / "d", duration_s=20.0), "single-track")
+    setup = Setup(baseline, drive, ("yaw_rate", "accel_lat", "velocity_lat"))
+    search = Search(setup)
+
+    def cost(relative: float) -> float:
+        theta = (make_dynamics_effect("yaw_inertia_error", relative=relative),)
+        return path_cost(setup, smoothed(setup, theta, search.at.path, search.noise), search.noise)
+
+    h = 0.02
+    effect = make_dynamics_effect("yaw_inertia_error", relative=1e-3)
+    found = gram(setup, (), search.at, search.noise, [Probe((effect,), 1e-3)])
+    low, middle, high = cost(-h), cost(0.0), cost(h)
+
+    assert found.information.sum() == pytest.approx(0.5 * (high - 2 * middle + low) / h**2, rel=0.05)
+    assert found.gradient.sum() == pytest.approx(
+        -0.5 * (high - low) / (2 * h), abs=0.05 * found.information.sum() * h
+    )
+
+
+def test_the_shares_of_the_real_car(recorded_dynamics: Path) -> None:
+    """The Ferrari: softer tyres than configured and a limit; yaw rate and lateral acceleration held out."""
+    baseline, drive = loaded(recorded_dynamics / "ferrari-250lm", "single-track")
+    half = drive.part(0, len(drive.time_s) // 4)
+    found = diagnose_dynamics(baseline, half)
+    names = {one.effect for one in found.findings}
+
+    assert names & {"tyre_saturation", "load_dependent_stiffness"}
+    assert names & {"cornering_stiffness_error", "compliance_steer"}
+    for name in ("yaw_rate", "accel_lat"):
+        assert found.outputs[name].rms_after < 0.6 * found.outputs[name].rms_before
+        assert found.outputs[name].rating_after > found.outputs[name].rating_before
+    assert np.isfinite(found.loglik_gain_per_s)

@@ -1,0 +1,125 @@
+"""Tables of signals: formats, gaps, faults."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.offline.dynamics.drives import folder, loaded
+from tpmsd.car.config.dynamics import load_car
+from tpmsd.car.config.problems import ConfigProblems
+from tpmsd.foundation.errors import InputError
+from tpmsd.signals.read import read_signals
+from tpmsd.signals.write import signals_text
+
+HEAD = "time_s,road_wheel_angle_rad,yaw_rate_radps,speed_mps\n"
+
+
+def test_csv_gzip_and_parquet_hold_the_same(tmp_path: Path) -> None:
+    """The three formats of one table are read alike."""
+    pq = pytest.importorskip("pyarrow.parquet")
+    import pyarrow as pa
+
+    text = HEAD + "0,0.01,0.1,20\n0.02,0.02,,20.1\n0.04,0.03,0.12,20.2\n"
+    (tmp_path / "signals.csv").write_text(text)
+    (tmp_path / "signals.csv.gz").write_bytes(gzip.compress(text.encode()))
+    plain = read_signals(tmp_path / "signals.csv")
+    table = {name: pa.array(np.where(np.isnan(v), None, v)) for name, v in plain.columns.items()}
+    pq.write_table(pa.table(table), tmp_path / "signals.parquet")
+
+    for name in ("signals.csv.gz", "signals.parquet"):
+        other = read_signals(tmp_path / name)
+        for column, values in plain.columns.items():
+            assert np.array_equal(other.columns[column], values, equal_nan=True)
+
+
+def test_unknown_columns_are_named_and_left_out(tmp_path: Path) -> None:
+    """A column of no known name is no column of the table."""
+    (tmp_path / "signals.csv").write_text("time_s,yaw_rate_radps,oil_temp\n0,0.1,90\n0.1,0.2,91\n")
+    table = read_signals(tmp_path)
+
+    assert table.unknown == ("oil_temp",)
+    assert set(table.columns) == {"time_s", "yaw_rate_radps"}
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "reason"),
+    [
+        ("a,b\n1,2\n", 1, "no column time_s"),
+        ("time_s,speed_mps\n0,1\n0.1,fast\n", 3, "not a number"),
+        ("time_s,speed_mps\n0,1\n0.1\n", 3, "1 cells"),
+        ("time_s,speed_mps,speed_mps\n0,1,1\n", 1, "stands twice"),
+        ("time_s,speed_mps\n", None, "no rows"),
+    ],
+)
+def test_what_is_no_table_is_one_line(tmp_path: Path, text: str, line: int | None, reason: str) -> None:
+    """File, line and reason."""
+    (tmp_path / "signals.csv").write_text(text)
+    with pytest.raises(InputError, match=reason) as caught:
+        read_signals(tmp_path)
+
+    assert caught.value.line == line
+
+
+@settings(derandomize=True, deadline=None, max_examples=40)
+@given(st.lists(st.tuples(st.integers(0, 50), st.floats(-5, 5)), min_size=3, max_size=30))
+def test_rows_are_put_in_order_and_each_time_stands_once(rows: list[tuple[int, float]]) -> None:
+    """Whatever the order of the rows and however often a time stands."""
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as where:
+        text = "time_s,yaw_rate_radps\n" + "".join(f"{t / 10},{v!r}\n" for t, v in rows)
+        (Path(where) / "signals.csv").write_text(text)
+        table = read_signals(Path(where))
+
+    times = sorted({t for t, _ in rows})
+    assert table.time_s == pytest.approx(np.array(times) / 10.0)
+    assert np.all(np.isfinite(table.columns["yaw_rate_radps"]))
+
+
+def test_outputs_may_have_rates_of_their_own(tmp_path: Path) -> None:
+    """Inputs are interpolated onto every row, an output counts where it has a value."""
+    where = folder(tmp_path / "d", duration_s=20.0)
+    table = read_signals(where)
+    columns = {name: values.copy() for name, values in table.columns.items()}
+    columns["velocity_lat_mps"][1::2] = np.nan
+    columns["steering_wheel_angle_rad"][3::5] = np.nan
+    (where / "signals.csv").write_text(signals_text(columns))
+    _, drive = loaded(where, "single-track")
+
+    assert np.isnan(drive.outputs["velocity_lat"][1::2]).all()
+    assert np.all(np.isfinite(drive.inputs.steer_rad))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "what"),
+    [
+        ("mass_kg = 1480.0\n", "", "mass_kg"),
+        ("mass_kg = 1480.0", 'mass_kg = "heavy"', "not a number"),
+        ("friction = 1.0", "frction = 1.0", "friction"),
+        ("cg_height_m = 0.54", "cg_height_m = 540", "0.05 to 3"),
+    ],
+)
+def test_mistakes_of_the_car_s_table_name_the_key(tmp_path: Path, old: str, new: str, what: str) -> None:
+    """A missing, wrong or misspelt key of [dynamics] is a line with the file."""
+    where = folder(tmp_path / "d", duration_s=10.0)
+    file = where / "vehicle.toml"
+    file.write_text(file.read_text().replace(old, new))
+    with pytest.raises(ConfigProblems, match=what):
+        load_car(where)
+
+
+def test_a_drive_without_speed_or_steering_is_refused(tmp_path: Path) -> None:
+    """The message names the columns that are wanted."""
+    where = folder(tmp_path / "d", duration_s=10.0)
+    table = read_signals(where)
+    for missing in ("speed_mps", "steering_wheel_angle_rad"):
+        columns = {name: values for name, values in table.columns.items() if name != missing}
+        (where / "signals.csv").write_text(signals_text(columns))
+        with pytest.raises(InputError, match=missing):
+            loaded(where, "single-track")
