@@ -26,7 +26,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_diagnosis_answers_in_sentences_and_json(drive: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The first sentence names what is left out; the JSON is as its schema says, with the keys of section 6."""
+    """The first sentence names what is left out; the JSON is as its schema says, no key beside it."""
     document, model = drive.parent / "found.json", drive.parent / "model.toml"
     code = main(
         [
@@ -64,7 +64,7 @@ def test_a_diagnosis_answers_in_sentences_and_json(drive: Path, capsys: pytest.C
 
 
 def test_a_simulation_on_the_inputs_comes_nearer_with_the_model(drive: Path, tmp_path: Path) -> None:
-    """The folder that is written is of the same kind; with what was concealed its yaw rate is the recorded one."""
+    """A folder of the same kind is written; with what was concealed its yaw rate is the recorded one."""
     model = tmp_path / "model.toml"
     effect = make_dynamics_effect("yaw_inertia_error", relative=0.25)
     model.write_text(format_dynamics_model(DynamicsModel((effect,))))

@@ -90,7 +90,7 @@ def test_what_no_effect_describes_is_located(root: str) -> None:
     found = diagnosed(root, hidden(beyond={"moment_per_speed2": -4e-4}))
 
     assert found.verdict == MISMATCH
-    assert "unknown" == found.findings[0].effect
+    assert "unknown" in [one.effect for one in found.findings]
     assert [] == [one.effect for one in found.findings if one.confidence > 0.9 and one.effect != "unknown"]
 
 

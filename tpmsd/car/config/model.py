@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tpmsd.foundation.plain import brief
 from tpmsd.car.config.dynamics import DynamicsConfig
+from tpmsd.foundation.plain import brief
 
 WHEEL_COUNT_ROLES = ("wheel_count_fl", "wheel_count_fr", "wheel_count_rl", "wheel_count_rr")
 WHEEL_SPEED_ROLES = ("wheel_speed_fl", "wheel_speed_fr", "wheel_speed_rl", "wheel_speed_rr")

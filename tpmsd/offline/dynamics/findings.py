@@ -73,10 +73,12 @@ def _finding(
     rivals = [(rival.name, value) for rival, value in slot.rivals]
     twins = tuple(dict.fromkeys(name for name, value in rivals if value > slot.evidence - SETTINGS.twin_nats))
     against = sum(math.exp(min(value - slot.evidence, 50.0)) for _, value in rivals)
+    stand_in = search.stand_in and term.name != "unknown"
+    confidence = 1.0 / (1.0 + against + math.exp(min(-slot.evidence, 50.0)))
     return DynamicsFinding(
         effect=term.name,
         status=FINDING if p_value <= SURE else SUSPICION,
-        confidence=1.0 / (1.0 + against + math.exp(min(-slot.evidence, 50.0))),
+        confidence=0.5 * confidence if stand_in else confidence,
         p_value=p_value,
         parameters=_quantities(slot),
         where=_place(few.setup, few, slot, channel, change[:, place]),
@@ -89,6 +91,7 @@ def _finding(
         telling_drive=term.effect.telling_drive,
         shape=_shape(slot),
         acts_on=getattr(term.effect, "on", ""),
+        stand_in=stand_in,
     )
 
 

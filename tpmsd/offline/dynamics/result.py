@@ -55,6 +55,8 @@ class DynamicsFinding:
     shape: tuple[tuple[float, float, float], ...] = ()
     """Of a spline: covariate, value, standard deviation."""
     acts_on: str = ""
+    stand_in: bool = False
+    """Whether it may stand in for a term without a name."""
 
 
 @dataclass(frozen=True, slots=True)

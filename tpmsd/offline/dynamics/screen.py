@@ -14,6 +14,9 @@ from tpmsd.offline.dynamics.columns import Probe, changes, step_changes
 from tpmsd.offline.dynamics.path import Weighted
 from tpmsd.offline.dynamics.search import Search
 
+PIECE_S = 2.0
+"""Pieces of a drive whose scores count as independent: ten correlation times of the disturbances."""
+
 
 def row_scores(search: Search, probe: Probe) -> FloatArray:
     """Return the scores of a term at the rows, (n,); the term acts at all of them alike."""
@@ -54,10 +57,10 @@ def largest_span(search: Search, scores: FloatArray, box_s: float, boxes: int = 
 
 
 def block_test(search: Search, scores: FloatArray, basis: list[FloatArray]) -> float:
-    """Return the p-value of a term's mean score over the blocks (Hotelling), for basis functions (n,)
-    each."""
-    drive = search.setup.drive
-    table = np.add.reduceat(np.stack([scores * one for one in basis], axis=1), drive.starts, axis=0)
+    """Return the p-value of a term's mean score over pieces (Hotelling), for basis functions (n,)."""
+    time = search.setup.drive.time_s
+    piece = ((time - time[0]) // PIECE_S).astype(int)
+    table = np.stack([np.bincount(piece, scores * one) for one in basis], axis=1)
     count, size = table.shape
     if count <= size + 2:
         return 0.0

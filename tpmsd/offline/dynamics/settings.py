@@ -62,6 +62,9 @@ class DynamicsSettings:
     """Log evidence on a part of the blocks, in thresholds, beyond which the whole drive need not be asked."""
     tried: int = 4
     """Terms that a forward step tries, best evidence first, until one predicts no worse."""
+    stand_in_share: float = 0.7
+    """Share of what a model explains that one term without a name explains alone, from which the model's
+    named effects may stand in for it."""
     most_effects: int = 10
     """More findings than anybody can follow are not looked for."""
     twin_nats: float = 3.0

@@ -28,10 +28,17 @@ def searched(setup: Setup, fixed: tuple[DynamicsEffect, ...], say: Say) -> Searc
     search.keep_stage()
     _grow(search, threshold, SETTINGS.most_effects, say)
     named = [term for term in search.terms if term.name != "unknown"]
-    if len(named) > 1:
-        other = _nameless_first(setup, fixed, threshold)
-        if other is not None and total(other, search) > total(search, search) + SETTINGS.twin_nats:
-            return other
+    if len(named) < 2:
+        return search
+    plain = Search(setup, fixed)
+    other = _nameless_first(setup, fixed, threshold)
+    if other is None:
+        return search
+    base, first, best = (total(one, search) for one in (plain, other, search))
+    if first > best + SETTINGS.twin_nats:
+        return other
+    nameless_there = len(named) < len(search.terms)
+    search.stand_in = nameless_there and first - base > SETTINGS.stand_in_share * (best - base)
     return search
 
 

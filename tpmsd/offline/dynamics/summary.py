@@ -47,6 +47,10 @@ def summary_sentences(diagnosis: DynamicsDiagnosis) -> list[str]:
             out.append(
                 f"This drive cannot tell {one.effect} from {twins}; to part them, {one.telling_drive}."
             )
+    if doubtful := [one.effect for one in sure if one.stand_in]:
+        out.append(
+            f"What has no name may be the cause of {_listed(doubtful)} as well, which stand in for it then."
+        )
     for one in diagnosis.findings:
         if one.status == SUSPICION:
             out.append(f"Suspected, not sure: {clause(one)}.")
