@@ -29,7 +29,7 @@ def folder(
     where: Path,
     concealed: Hidden = (),
     model: str = "single-track",
-    duration_s: float = 100.0,
+    duration_s: float = 60.0,
     seed: int = 1,
     forces: bool = False,
 ) -> Path:
@@ -62,7 +62,7 @@ def diagnosed(
     root: str,
     concealed: Hidden,
     model: str = "single-track",
-    duration_s: float = 100.0,
+    duration_s: float = 60.0,
     seed: int = 1,
     forces: bool = False,
 ) -> DynamicsDiagnosis:

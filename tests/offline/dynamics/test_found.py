@@ -33,11 +33,11 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(tmp_path_factory.mktemp("drives"))
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("model", ["single-track", "three-dof"])
 def test_a_null_drive_has_no_finding(root: str, model: str, seed: int) -> None:
     """The same equations in other code, with the sensors' noise: consistent."""
-    found = diagnosed(root, (), model, 60.0, seed)
+    found = diagnosed(root, (), model, 40.0, seed)
 
     assert found.verdict == CONSISTENT
     assert found.findings == ()
@@ -58,7 +58,7 @@ def test_a_concealed_effect_is_named_with_its_size(root: str, name: str) -> None
 
 def test_forces_make_speed_an_output_and_drag_and_mass_are_told(root: str) -> None:
     """The 3-DOF car with given forces: the drag area is found from speed and longitudinal acceleration."""
-    found = diagnosed(root, hidden(aero_drag={"drag_area_m2": 0.65}), "three-dof", 80.0, 1, True)
+    found = diagnosed(root, hidden(aero_drag={"drag_area_m2": 0.65}), "three-dof", 40.0, 1, True)
 
     assert "speed" in found.outputs
     assert [one.effect for one in found.findings] == ["aero_drag"]
@@ -66,13 +66,13 @@ def test_forces_make_speed_an_output_and_drag_and_mass_are_told(root: str) -> No
 
 
 def test_a_gust_is_found_with_its_span(root: str) -> None:
-    """Side wind from 40 to 55 s."""
-    found = diagnosed(root, hidden(side_wind={"speed_mps": 9.0, "onset_s": 40.0, "duration_s": 15.0}))
+    """Side wind from 20 to 35 s."""
+    found = diagnosed(root, hidden(side_wind={"speed_mps": 9.0, "onset_s": 20.0, "duration_s": 15.0}))
 
     assert [one.effect for one in found.findings] == ["side_wind"]
     (span,) = found.findings[0].where.time_spans
-    assert span[0] == pytest.approx(40.0, abs=3.0)
-    assert span[1] == pytest.approx(55.0, abs=3.0)
+    assert span[0] == pytest.approx(20.0, abs=3.0)
+    assert span[1] == pytest.approx(35.0, abs=3.0)
 
 
 def test_two_effects_are_found_together(root: str) -> None:
@@ -87,7 +87,7 @@ def test_two_effects_are_found_together(root: str) -> None:
 
 def test_what_no_effect_describes_is_located(root: str) -> None:
     """A yaw moment by the square of speed and the turn's sign has no name: located, and no name is sure."""
-    found = diagnosed(root, hidden(beyond={"moment_per_speed2": -4e-4}))
+    found = diagnosed(root, hidden(beyond={"moment_per_speed2": -4e-4}), duration_s=100.0)
 
     assert found.verdict == MISMATCH
     assert "unknown" in [one.effect for one in found.findings]

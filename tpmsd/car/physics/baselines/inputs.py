@@ -1,11 +1,11 @@
 """Inputs of a baseline model: what the driver does, and the speed where it is not an output.
 
-In: arrays of any one shape. Out: `Inputs`, and `Span`, the inputs over a step with linear interpolation.
+In: arrays of any one shape. Out: `Inputs`, and `Span`, the inputs over a step, interpolated.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +59,7 @@ FIELDS = tuple(Inputs.__slots__)
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """Inputs at both ends of a step; between them they change linearly (first-order hold)."""
+    """Inputs at both ends of a step; between them they change linearly, the steering as a cubic."""
 
     start: Inputs
     end: Inputs
@@ -70,12 +70,17 @@ class Span:
             return self.start
         if fraction == 1.0:
             return self.end
-        return Inputs(
+        mixed = Inputs(
             *(
                 (1.0 - fraction) * getattr(self.start, name) + fraction * getattr(self.end, name)
                 for name in FIELDS
             )
         )
+        h = self.end.time_s - self.start.time_s
+        slope = (self.end.steer_rad - self.start.steer_rad) / np.where(h > 0.0, h, 1.0)
+        before, after = self.start.steer_rate_radps - slope, self.end.steer_rate_radps - slope
+        bend = h * fraction * (1.0 - fraction) * ((1.0 - fraction) * before - fraction * after)
+        return replace(mixed, steer_rad=mixed.steer_rad + bend)
 
 
 def make_inputs(

@@ -16,7 +16,10 @@ from tpmsd.car.physics.parameters import TextParameter, VectorParameter
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.wheels import FloatArray
 
-ACTS_ON = ("force_x", "force_y", "moment", "yaw_rate", "accel_lat", "accel_long", "velocity_lat", "speed")
+ACTS_ON = (
+    *("force_x", "force_y", "moment"),
+    *("yaw_rate", "accel_lat", "accel_long", "velocity_lat", "side_slip", "speed", "roll"),
+)
 """Equations (per mass or inertia) and outputs that a term without a name may change."""
 COVARIATES = ("time", "speed", "steering", "steering_rate", "accel_long", "accel_lat", "yaw_rate")
 
