@@ -41,6 +41,7 @@ WITHIN: dict[str, set[str]] = {
     "calibration": {"inference"},
     "inference": set(),
     "discovery": set(),
+    "dynamics": set(),
     "simulator": {"inference"},
     "tables": set(),
     # onboard

@@ -1,9 +1,9 @@
 """What an effect of vehicle dynamics is: a piece of physics that a baseline model leaves out.
 
 In: nothing. Out: the base class `DynamicsEffect`. A concrete effect is a frozen dataclass in
-`tpmsd.car.physics.dynamics_effects` whose fields are its parameters; it overrides the one or two hooks through
-which it acts. Hooks change a `Frame` in place, in the order in which they are listed here, and work on
-arrays of any shape that broadcasts with the frame's.
+`tpmsd.car.physics.dynamics_effects` whose fields are its parameters; it overrides the one or two hooks
+through which it acts. Hooks change a `Frame` in place, in the order in which they are listed here, and work
+on arrays of any shape that broadcasts with the frame's.
 """
 
 from __future__ import annotations
