@@ -41,6 +41,7 @@ WITHIN: dict[str, set[str]] = {
     "calibration": {"inference"},
     "inference": set(),
     "discovery": set(),
+    "signals": {"dynamics"},
     "dynamics": set(),
     "simulator": {"inference"},
     "tables": set(),
@@ -60,7 +61,17 @@ for _room in ("monitor", "sinks"):
 
 PURE_ROOMS = {
     *("sources", "timeline", "estimators", "monitor", "pipeline"),
-    *("physics", "discovery", "vehicle_state", "resonance", "diagnosis", "bounds", "errors", "wheels"),
+    *(
+        "physics",
+        "dynamics",
+        "discovery",
+        "vehicle_state",
+        "resonance",
+        "diagnosis",
+        "bounds",
+        "errors",
+        "wheels",
+    ),
 }
 SHELLS = {
     *(
@@ -125,7 +136,6 @@ BRANCHY = {
     "tpmsd.car.config.dbc.find_signal": 18,
     "tpmsd.foundation.plain.plain": 16,
     "tpmsd.interfaces.cli.check.summary": 16,
-    "tpmsd.interfaces.cli.diagnose.run": 17,
     "tpmsd.interfaces.cli.replay.run": 17,
     "tpmsd.offline.calibration.vehicle_file.calibrated_toml": 16,
     "tpmsd.offline.diagnosis.assessment.simulated._take": 17,

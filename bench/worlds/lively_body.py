@@ -213,6 +213,19 @@ class Body:
             fr *= dugoff(abs(fr), self.mu * load_r)
         return 0.0, ff + fr, self.a * ff - self.b * fr, (rate_f, rate_r)
 
+    def _slip_angle(
+        self, front: bool, left: bool, delta: float, u: float, v: float, r: float
+    ) -> tuple[float, float, float]:
+        """Return a wheel's place (x, y) and its slip angle, with what suspension and bushings add."""
+        x = self.a if front else -self.b
+        y = (self.car.tf if front else self.car.tr) / 2.0 * (1.0 if left else -1.0)
+        alpha = (delta if front else 0.0) - math.atan2(v + x * r, u - y * r)
+        if not front:
+            alpha += self.roll_steer * u * r
+        elif self.give:
+            alpha /= 1.0 + self.give * (self.a + self.b) / (self.m * self.b) * self.cf
+        return x, y, alpha
+
     def _four_wheels(
         self,
         delta: float,
@@ -244,13 +257,7 @@ class Body:
         wheels = []
         for front in (True, False):
             for left in (True, False):
-                x = self.a if front else -self.b
-                y = (car.tf if front else car.tr) / 2.0 * (1.0 if left else -1.0)
-                alpha = (delta if front else 0.0) - math.atan2(v + x * r, u - y * r)
-                if not front:
-                    alpha += self.roll_steer * u * r
-                elif self.give:
-                    alpha /= 1.0 + self.give * base / (self.m * self.b) * self.cf
+                x, y, alpha = self._slip_angle(front, left, delta, u, v, r)
                 mean[0 if front else 1] += alpha / 2.0
                 wheels.append((front, left, x, y, alpha))
         rates = (0.0, 0.0)

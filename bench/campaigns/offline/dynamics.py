@@ -19,9 +19,9 @@ from bench.worlds.lively_car import CarSpec, Concealed, drive, vehicle_tables
 from tpmsd.car.config.dynamics import load_car
 from tpmsd.offline.dynamics.diagnose import diagnose_dynamics
 from tpmsd.offline.dynamics.result import DynamicsDiagnosis
-from tpmsd.signals.drive import make_drive
-from tpmsd.signals.read import read_signals
-from tpmsd.signals.write import signals_text
+from tpmsd.offline.signals.drive import make_drive
+from tpmsd.offline.signals.read import read_signals
+from tpmsd.offline.signals.write import signals_text
 
 Effects = Mapping[str, Mapping[str, float]]
 SINGLE: dict[str, dict[str, float]] = {

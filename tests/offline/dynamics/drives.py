@@ -13,9 +13,9 @@ from tpmsd.car.physics.baselines.base import Baseline
 from tpmsd.offline.dynamics.diagnose import diagnose_dynamics
 from tpmsd.offline.dynamics.drive import DynamicsDrive
 from tpmsd.offline.dynamics.result import DynamicsDiagnosis
-from tpmsd.signals.drive import make_drive
-from tpmsd.signals.read import read_signals
-from tpmsd.signals.write import signals_text
+from tpmsd.offline.signals.drive import make_drive
+from tpmsd.offline.signals.read import read_signals
+from tpmsd.offline.signals.write import signals_text
 
 Hidden = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
 

@@ -15,7 +15,7 @@ from tpmsd.car.physics.dynamics_catalogue import make_dynamics_effect
 from tpmsd.car.physics.dynamics_model import DynamicsModel, format_dynamics_model, parse_dynamics_model
 from tpmsd.foundation.schemas import schema_of
 from tpmsd.interfaces.cli.main import main
-from tpmsd.signals.read import read_signals
+from tpmsd.offline.signals.read import read_signals
 
 
 @pytest.fixture(scope="module")

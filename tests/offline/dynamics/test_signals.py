@@ -14,8 +14,8 @@ from tests.offline.dynamics.drives import folder, loaded
 from tpmsd.car.config.dynamics import load_car
 from tpmsd.car.config.problems import ConfigProblems
 from tpmsd.foundation.errors import InputError
-from tpmsd.signals.read import read_signals
-from tpmsd.signals.write import signals_text
+from tpmsd.offline.signals.read import read_signals
+from tpmsd.offline.signals.write import signals_text
 
 HEAD = "time_s,road_wheel_angle_rad,yaw_rate_radps,speed_mps\n"
 

@@ -134,8 +134,11 @@ def run(args: argparse.Namespace) -> int:
         from tpmsd.interfaces.cli.diagnose_dynamics import run_dynamics
 
         return run_dynamics(args)
-    if args.model is not None:
-        raise ConfigError("--model goes with --baseline single-track or three-dof")
+    return _run_rolling(args)
+
+
+def _run_rolling(args: argparse.Namespace) -> int:
+    """Diagnose against the rolling model, or against a simulation of the user's own."""
     import numpy as np
 
     from tpmsd.car.physics.model_file import format_model
@@ -153,10 +156,7 @@ def run(args: argparse.Namespace) -> int:
     outputs = Outputs(*files, ("--json", args.json))
     _check_options(args)
     names = names_of(args.drives)
-    recordings = [
-        read_recording(drive, args.config, name) for drive, name in zip(args.drives, names, strict=True)
-    ]
-    simulation = None if args.simulation is None else read_recording(args.simulation, name="your simulation")
+    recordings, simulation = _recordings(args, names)
     given, known_file = known_effects(args)
     with contextlib.ExitStack() as stack:
         gc.freeze()  # modules and drives stay: the collector need not look through them again and again
@@ -197,6 +197,16 @@ def run(args: argparse.Namespace) -> int:
     if args.propose is not None and diagnosis.proposals:
         _propose(args.propose, diagnosis.proposals[0], ", ".join(names))
     return 0
+
+
+def _recordings(args: argparse.Namespace, names: Sequence[str]) -> tuple[list[Recording], Recording | None]:
+    """The drives, and the user's own simulation where there is one."""
+    drives = [
+        read_recording(drive, args.config, name) for drive, name in zip(args.drives, names, strict=True)
+    ]
+    return drives, None if args.simulation is None else read_recording(
+        args.simulation, name="your simulation"
+    )
 
 
 def _check_options(args: argparse.Namespace) -> None:

@@ -73,8 +73,8 @@ def _against(folder: Path, baseline: Baseline, drive: DynamicsDrive) -> Dynamics
     import numpy as np
 
     from tpmsd.offline.dynamics.simulate import against_simulation
-    from tpmsd.signals.columns import OUTPUTS
-    from tpmsd.signals.read import read_signals
+    from tpmsd.offline.signals.columns import OUTPUTS
+    from tpmsd.offline.signals.read import read_signals
 
     table = read_signals(folder)
     at = drive.time_s + drive.start_s
@@ -95,8 +95,8 @@ def _against(folder: Path, baseline: Baseline, drive: DynamicsDrive) -> Dynamics
 def read_dynamics_drive(folder: Path, config: Path | None, baseline: str) -> tuple[Baseline, DynamicsDrive]:
     """Return baseline and drive of a folder; InputError or ConfigError if there is no such one."""
     from tpmsd.car.config.dynamics import load_car
-    from tpmsd.signals.drive import make_drive
-    from tpmsd.signals.read import read_signals
+    from tpmsd.offline.signals.drive import make_drive
+    from tpmsd.offline.signals.read import read_signals
 
     if not folder.is_dir():
         raise InputError(folder, "not a folder" if folder.exists() else "no such drive folder")

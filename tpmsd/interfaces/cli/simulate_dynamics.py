@@ -22,8 +22,8 @@ def run_inputs(args: argparse.Namespace) -> int:
     from tpmsd.car.config.document import VEHICLE_FILE
     from tpmsd.foundation.provenance import provenance
     from tpmsd.offline.dynamics.simulate import simulated_outputs
-    from tpmsd.signals.columns import BRAKE, DRIVE, OUTPUTS, ROAD_WHEEL, STEERING_WHEEL
-    from tpmsd.signals.write import check_signals_folder, write_signals_folder
+    from tpmsd.offline.signals.columns import BRAKE, DRIVE, OUTPUTS, ROAD_WHEEL, STEERING_WHEEL
+    from tpmsd.offline.signals.write import check_signals_folder, write_signals_folder
 
     if args.baseline is None or args.inputs is None:
         raise ConfigError("--baseline and --inputs go together")

@@ -16,7 +16,7 @@ import numpy as np
 
 from tpmsd.foundation.errors import InputError
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.signals.columns import TIME, is_known
+from tpmsd.offline.signals.columns import TIME, is_known
 
 FILES = ("signals.csv", "signals.csv.gz", "signals.parquet")
 """Names in a drive folder, in the order in which they are looked for."""

@@ -19,8 +19,16 @@ from tpmsd.car.physics.baselines.table import BASELINES
 from tpmsd.foundation.errors import InputError
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.offline.dynamics.drive import DynamicsDrive, filled
-from tpmsd.signals.columns import BRAKE, DRIVE, DRIVE_TORQUE, OUTPUTS, ROAD_WHEEL, STEERING_WHEEL, WHEELS
-from tpmsd.signals.read import SignalTable
+from tpmsd.offline.signals.columns import (
+    BRAKE,
+    DRIVE,
+    DRIVE_TORQUE,
+    OUTPUTS,
+    ROAD_WHEEL,
+    STEERING_WHEEL,
+    WHEELS,
+)
+from tpmsd.offline.signals.read import SignalTable
 
 MOST_HZ = 105.0
 """Rows at a higher rate are thinned out: lateral dynamics end below 10 Hz."""
