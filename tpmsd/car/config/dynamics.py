@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from tpmsd.car.config.document import Document, read_document
+from tpmsd.car.config.dynamics_record import DynamicsConfig
 from tpmsd.car.config.problems import BadValueError, ConfigProblems, Problem
 from tpmsd.car.config.rules import Choice, Number, Rule
 from tpmsd.car.config.suggest import nearest
@@ -43,30 +44,6 @@ NEEDED = (
     "cornering_stiffness_rear_n_per_rad",
 )
 """Keys without which there is no baseline of vehicle dynamics."""
-
-
-@dataclass(frozen=True, slots=True)
-class DynamicsConfig:
-    """What is known of masses and tyres; None where it is not stated."""
-
-    mass_kg: float | None = None
-    yaw_inertia_kgm2: float | None = None
-    cg_to_front_m: float | None = None
-    cg_to_rear_m: float | None = None
-    cg_height_m: float = 0.5
-    """Centre of gravity above the road."""
-    cornering_stiffness_front_n_per_rad: float | None = None
-    """Of the front axle."""
-    cornering_stiffness_rear_n_per_rad: float | None = None
-    """Of the rear axle."""
-    longitudinal_stiffness_n: float = 80_000.0
-    """Force of one wheel per unit of longitudinal slip."""
-    friction: float = 1.0
-    brake_front_share: float = 0.65
-    drag_area_m2: float = 0.0
-    """Drag coefficient times frontal area; 0 leaves drag out."""
-    rolling_resistance: float = 0.0
-    """Force per load; 0 leaves it out."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from typing import Any
 from tpmsd.car.config import agree
 from tpmsd.car.config.can_output import MOST_OUTPUTS, read_output
 from tpmsd.car.config.document import Document, read_document
-from tpmsd.car.config.dynamics import DynamicsConfig
+from tpmsd.car.config.dynamics_record import DynamicsConfig
 from tpmsd.car.config.model import (
     AlarmsConfig,
     BusConfig,

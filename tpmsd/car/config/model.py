@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tpmsd.car.config.dynamics import DynamicsConfig
+from tpmsd.car.config.dynamics_record import DynamicsConfig
 from tpmsd.foundation.plain import brief
 
 WHEEL_COUNT_ROLES = ("wheel_count_fl", "wheel_count_fr", "wheel_count_rl", "wheel_count_rr")
