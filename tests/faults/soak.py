@@ -39,7 +39,7 @@ from tpmsd.foundation.lean import leave_out_mf4
 leave_out_mf4()  # as the daemon does: it takes as much memory as all the rest
 
 from tpmsd.car.config.load import load_config  # noqa: E402
-from tpmsd.car.config.model import FILTER_METHODS, CanConfig, Config, FilterConfig  # noqa: E402
+from tpmsd.car.config.model import DEFAULT_METHOD, FILTER_METHODS, CanConfig, Config  # noqa: E402
 from tpmsd.onboard.daemon.clock import Clock  # noqa: E402
 from tpmsd.onboard.daemon.loop import Daemon  # noqa: E402
 from tpmsd.onboard.pipeline import Step  # noqa: E402
@@ -423,7 +423,7 @@ def soak(
     folder: Path,
     told: Callable[[Mark, Soaked], None] = lambda mark, so_far: None,
     leg_s: float = LEG_S,
-    method: str = FilterConfig.method,
+    method: str = DEFAULT_METHOD,
 ) -> Soaked:
     """Drive so many legs with this filter; `told` hears of each."""
     clock = DayClock(START_S)
@@ -491,7 +491,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="a day of driving in logical time, with faults")
     parser.add_argument("--hours", type=float, default=24.0)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--method", choices=FILTER_METHODS, default=FilterConfig.method)
+    parser.add_argument("--method", choices=FILTER_METHODS, default=DEFAULT_METHOD)
     args = parser.parse_args()
     legs = max(2, round(args.hours * 3600.0 / (LEG_S + PARKED_S)))
 

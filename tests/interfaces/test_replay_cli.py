@@ -198,7 +198,7 @@ def test_what_was_skipped_is_said(folder: Path, capsys: pytest.CaptureFixture[st
         (
             ["--method", "kalman"],
             2,
-            "unknown 'kalman'; known: gaussian-sum, mpf-pn-paper, mpf-pn, mpf-pn-niw,",
+            "unknown 'kalman'; known: gaussian-sum, mpf-pn-paper, mpf-pn, mpf-pn-",
         ),
         (["--plot", "/nonexistent/a.png"], 1, "--plot /nonexistent/a.png: there is no folder /nonexistent"),
         (["--config", "/nonexistent/a.toml"], 2, "/nonexistent/a.toml"),

@@ -40,6 +40,7 @@ FILTER_METHODS = (
     *("aug-ekf", "aug-pf", "aug-ukf", "gaussian-sum"),
     *("mpf-mn", "mpf-pn", "mpf-pn-niw", "mpf-pn-paper", "mpf-rb"),
 )
+DEFAULT_METHOD = "gaussian-sum"
 FILTER_GATES = ("thresholds", "slip")
 FIX_WEIGHTS = ("square", "igg3")
 MEASUREMENTS = ("position", "speed", "course", "yaw_rate", "steering")
@@ -230,7 +231,7 @@ class ObdConfig:
 class FilterConfig:
     """The estimator."""
 
-    method: str = "gaussian-sum"
+    method: str = DEFAULT_METHOD
     """One of FILTER_METHODS (`onboard/estimators/table.py`); mpf-rb is an earlier name of the default."""
     rate_hz: float = 10.0
     """Ticks per second, 1 to 100."""

@@ -24,7 +24,7 @@ import can
 import cantools.database
 from cantools.database.can import Database
 
-from tpmsd.car.config.model import FILTER_METHODS, FilterConfig
+from tpmsd.car.config.model import DEFAULT_METHOD, FILTER_METHODS
 from tpmsd.foundation.errors import TpmsdError
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.interfaces.cli.demo_panel import GREEN, RED, Panel, listen
@@ -64,7 +64,7 @@ def demonstrate(
     speed_up: float,
     out: IO[str],
     record: Path | None = None,
-    method: str = FilterConfig.method,
+    method: str = DEFAULT_METHOD,
 ) -> int:
     """Simulate, play, watch, judge; `method`: the estimator."""
     fault = Fault("puncture", LOSS_PERCENT, "percent", wheel, PUNCTURE_AT_S, PUNCTURE_OVER_S)
@@ -190,7 +190,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--method",
         choices=FILTER_METHODS,
-        default=FilterConfig.method,
+        default=DEFAULT_METHOD,
         help="estimator (default: %(default)s)",
     )
     parser.add_argument("--record", metavar="DIR", type=Path, help="also record it as a drive folder")

@@ -16,7 +16,7 @@ from pathlib import Path
 import can
 
 from tpmsd.car.config.load import load_config
-from tpmsd.car.config.model import FilterConfig
+from tpmsd.car.config.model import DEFAULT_METHOD
 from tpmsd.offline.simulator.drive import SimulatedDrive
 from tpmsd.offline.simulator.live import LivePlayer, PtyPort
 from tpmsd.onboard.daemon.clock import Clock
@@ -38,7 +38,7 @@ def watch_live(
     channel: str,
     duration_s: float = math.inf,
     record: Path | None = None,
-    method: str = FilterConfig.method,
+    method: str = DEFAULT_METHOD,
     on_start: Callable[[Clock, Daemon], None] = lambda clock, daemon: None,
     on_step: Callable[[Step], None] | None = None,
     grace_real_s: float = GRACE_REAL_S,
