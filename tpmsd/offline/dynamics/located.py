@@ -52,9 +52,9 @@ def _slopes(search: Search) -> list[Place]:
     flat = (0.0,) * len(knots)
     there = {effect.name for effect in search.theta}
     terms = []
-    if "road_bank" not in there and _slow(search, RoadBank((0.0, 1.0), (1e-3, 1e-3))):
+    if RoadBank.name not in there and _slow(search, RoadBank((0.0, 1.0), (1e-3, 1e-3))):
         terms.append(spline_term(RoadBank(knots, flat), SETTINGS.bank_std_rad))
-    grade = search.setup.baseline.forces and "road_grade" not in there
+    grade = search.setup.baseline.forces and RoadGrade.name not in there
     if grade and _slow(search, RoadGrade((0.0, 1.0), (1e-3, 1e-3))):
         terms.append(spline_term(RoadGrade(knots, flat), SETTINGS.grade_std_rad))
     return _scored(search, terms)

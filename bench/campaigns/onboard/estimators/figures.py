@@ -28,11 +28,11 @@ Row = dict[str, Any]
 COLOURS = dict(
     zip(
         WANTED,
-        ("tab:red", "black", "tab:gray", "tab:blue", "tab:green", "tab:olive", "tab:purple"),
+        ("tab:red", "black", "tab:gray", "tab:blue", "tab:green", "tab:olive", "tab:purple", "tab:cyan"),
         strict=True,
     )
 )
-MARKERS = dict(zip(WANTED, "*os^vDP", strict=True))
+MARKERS = dict(zip(WANTED, "*os^vDPX", strict=True))
 
 
 def _save(figure: Figure, out: Path, name: str) -> Path:
