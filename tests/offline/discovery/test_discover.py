@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from functools import reduce
+from operator import xor
 from pathlib import Path
 
 import numpy as np
@@ -162,7 +164,51 @@ def test_write_refuses_and_is_accepted(
     assert "--force" in capsys.readouterr().err
     assert before == target.read_text()
     assert 0 == main([*command, "--force"])
-    assert [target] == list(tmp_path.iterdir())
+    assert {target, tmp_path / "vehicle.dbc"} == set(tmp_path.iterdir())
+
+
+def test_what_was_written_stands_alone(
+    recordings: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The configuration names the copied DBC beside it, and the command says both files and what comes next."""
+    target = tmp_path / "vehicle.toml"
+    drive = recordings / "van-oval"
+    assert 0 == main(["discover", str(drive), "--write", str(target)])
+    said = capsys.readouterr().out
+    assert f"Wrote {target} and {tmp_path / 'vehicle.dbc'}." in said
+    assert f"Next: tpmsd check {target} --drive {drive}" in said
+    assert 'dbc = "vehicle.dbc"' in target.read_text()
+    assert (drive / "bus.dbc").read_bytes() == (tmp_path / "vehicle.dbc").read_bytes()
+    target.unlink()
+    (tmp_path / "vehicle.dbc").write_text("mine")
+    assert 2 == main(["discover", str(drive), "--write", str(target)]), "no DBC of another is replaced"
+    assert "mine" == (tmp_path / "vehicle.dbc").read_text()
+
+
+def test_nothing_written_is_said(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """Where no wheels are found the command says that nothing was written."""
+    drive = tmp_path / "drive"
+    drive.mkdir()
+    lines = [f"({1700000000 + i / 10:.6f}) can0 123#{i % 256:02X}00" for i in range(600)]
+    (drive / "can.log").write_text("\n".join(lines) + "\n")
+    body = "GPRMC,{:06d}.00,A,4807.0380,N,01131.0000,E,0.0,84.4,230394,,,A"
+    sentences = [body.format(120000 + i) for i in range(60)]
+    sums = [reduce(xor, sentence.encode()) for sentence in sentences]
+    stamped = [f"({1700000000 + i}.0) ${s}*{c:02X}" for i, (s, c) in enumerate(zip(sentences, sums, strict=True))]
+    (drive / "gnss.nmea").write_text("\n".join(stamped) + "\n")
+    target = tmp_path / "vehicle.toml"
+    assert 4 == main(["discover", str(drive), "--write", str(target)])
+    assert "Nothing was written" in capsys.readouterr().out
+    assert not target.exists()
+
+
+def test_two_folders_are_no_drive(recordings: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Two drives, or a name that is not there, are answered by what the command takes."""
+    wanted = "one folder, or two files, its CAN log and its NMEA log"
+    assert 2 == main(["discover", str(recordings / "van-oval"), str(recordings / "van-motorway-c")])
+    assert wanted in capsys.readouterr().err
+    assert 3 == main(["discover", "a", "b"])
+    assert wanted in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

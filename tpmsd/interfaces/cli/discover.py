@@ -7,9 +7,10 @@ Exit code 4 where a wheel is undecided.
 from __future__ import annotations
 
 import argparse
-import os
+import shlex
+import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING
 
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.interfaces.cli.output import Subparsers, add_json_option, json_text
@@ -69,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     dbc = None if args.no_dbc else args.dbc or _beside(args.drive)
     if args.write is not None:
         refuse(args.write, args.force)
-        if dbc is None:
+        if dbc is None or _is_copied(dbc, args.write):
             refuse(args.write.with_suffix(".dbc"), args.force)
     outputs = Outputs(("--json", args.json))
     database = None if dbc is None else load_database(dbc)
@@ -77,8 +78,11 @@ def run(args: argparse.Namespace) -> int:
     found = discover(drive.log, drive.fixes, database, args.tyre, load_cars())
     if args.json != "-":
         print("\n".join(summary(found)))
-    if args.write is not None and found.kind is not None:
-        write_files(found, dbc, args.write)
+    if args.write is not None:
+        written = [] if found.kind is None else write_files(found, dbc, args.write)
+        what_was_written(
+            written, args.drive, found.wheels_decided, sys.stderr if args.json == "-" else sys.stdout
+        )
     head = provenance(SCHEMA, [drive.can_log, drive.nmea_log], dbc)
     outputs.write({"--json": lambda: json_text({**head, **found.document()})})
     return 0 if found.wheels_decided else EXIT_UNDECIDED
@@ -100,24 +104,67 @@ def refuse(path: Path, force: bool) -> None:
         raise ConfigError(f"{path}: no such folder")
 
 
-def write_files(found: Discovery, dbc: Path | None, target: Path) -> None:
-    """The configuration, and beside it the DBC where the fields were found in raw frames."""
+def write_files(found: Discovery, dbc: Path | None, target: Path) -> list[Path]:
+    """Write the configuration and its DBC, which is made where the fields were found in raw frames.
+
+    A DBC of another folder is copied beside the configuration, so that the two can be moved together.
+
+    Returns:
+        The files that were written, the configuration first.
+    """
     from tpmsd.offline.discovery.text import dbc_of_bus, dbc_text, further_buses, vehicle_text
 
+    written = [target]
+    beside = target.with_suffix(".dbc")
     if dbc is None:
-        dbc = target.with_suffix(".dbc")
-        replace_file(dbc, dbc_text(found))
+        replace_file(beside, dbc_text(found))
+        written.append(beside)
         for bus in further_buses(found):
-            replace_file(dbc.with_name(dbc_of_bus(dbc.name, found.channel(bus))), dbc_text(found, bus))
-    name = os.path.relpath(dbc.resolve(), target.absolute().parent)
-    replace_file(target, vehicle_text(found, name))
+            of_bus = beside.with_name(dbc_of_bus(beside.name, found.channel(bus)))
+            replace_file(of_bus, dbc_text(found, bus))
+            written.append(of_bus)
+    elif _lies_elsewhere(dbc, target):
+        if _is_copied(dbc, target):
+            replace_file(beside, dbc.read_bytes())
+            written.append(beside)
+    else:
+        beside = dbc
+    replace_file(target, vehicle_text(found, beside.name))
+    return written
 
 
-def replace_file(path: Path, text: str) -> None:
+def _lies_elsewhere(dbc: Path, target: Path) -> bool:
+    """Whether the DBC lies in another folder than the configuration."""
+    return dbc.resolve().parent != target.absolute().parent.resolve()
+
+
+def _is_copied(dbc: Path, target: Path) -> bool:
+    """Whether a copy of the DBC is to be written; not if the file beside the configuration is that copy."""
+    beside = target.with_suffix(".dbc")
+    is_there = beside.is_file() and dbc.is_file() and beside.read_bytes() == dbc.read_bytes()
+    return _lies_elsewhere(dbc, target) and not is_there
+
+
+def what_was_written(written: list[Path], drive: list[Path], decided: bool, out: IO[str]) -> None:
+    """Print which files were written and the command that comes next, or that nothing was written."""
+    if not written:
+        print("\nNothing was written: no wheels were found.", file=out)
+        return
+    print(f"\nWrote {' and '.join(map(str, written))}.", file=out)
+    if not decided:
+        print(f"Look over what {written[0]} marks as undecided.", file=out)
+    if len(drive) == 1:
+        command = shlex.join(["tpmsd", "check", str(written[0]), "--drive", str(drive[0])])
+    else:
+        command = shlex.join(["tpmsd", "check", str(written[0])])
+    print(f"Next: {command}", file=out)
+
+
+def replace_file(path: Path, content: str | bytes) -> None:
     """Write beside, then rename: a full disk leaves the old file."""
     beside = path.with_name(f".{path.name}.new")
     try:
-        beside.write_text(text, encoding="utf-8")
+        beside.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
         beside.replace(path)
     except OSError as error:
         beside.unlink(missing_ok=True)

@@ -6,6 +6,7 @@ In: a platform's name. Out: vehicle.toml on standard output, or in a file with i
 from __future__ import annotations
 
 import argparse
+import shlex
 from pathlib import Path
 
 from tpmsd.foundation.errors import ConfigError
@@ -60,5 +61,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     refuse(args.write, args.force)
     refuse(args.write.with_suffix(".dbc"), args.force)
-    write_files(found, None, args.write)
+    written = write_files(found, None, args.write)
+    print(f"Wrote {' and '.join(map(str, written))}.")
+    print(f"Next: {shlex.join(['tpmsd', 'check', str(args.write)])}")
     return 0

@@ -20,6 +20,8 @@ from tpmsd.onboard.sources.events import GnssFix
 from tpmsd.onboard.sources.nmea_epoch import NmeaAssembler
 from tpmsd.onboard.sources.nmea_log import bears_host_times, read_nmea_log
 
+_WANTED = "a drive is one folder, or two files, its CAN log and its NMEA log"
+
 
 @dataclass(frozen=True)
 class RawDrive:
@@ -43,10 +45,12 @@ def drive_files(paths: Sequence[Path]) -> tuple[Path, Path]:
             raise InputError(folder, "no gnss.nmea: without a receiver's log nothing can be told")
         return find_can_log(folder), nmea
     if len(paths) != 2:
-        raise ConfigError("give a drive folder, or its CAN log and its NMEA log")
+        raise ConfigError(f"{_WANTED}, not {len(paths)} paths")
     for path in paths:
+        if path.is_dir():
+            raise ConfigError(f"{path}: a folder; {_WANTED}: one drive at a time")
         if not path.is_file():
-            raise InputError(path, "no such file")
+            raise InputError(path, f"no such file; {_WANTED}")
     nmea_like = [p for p in paths if ".nmea" in p.name.lower() or ".ubx" in p.name.lower()]
     can_like = [p for p in paths if p not in nmea_like and any(p.name.lower().endswith(s) for s in SUFFIXES)]
     if len(can_like) == 2:  # two logs by their names: the one with sentences is the receiver's

@@ -14,6 +14,8 @@ from itertools import pairwise
 
 LOST_PERIODS = 1.6
 """A gap from this many periods on is a loss (one missing frame makes it 2), unless jitter is larger."""
+LOST_SHARE, GAP_SHARE = 0.5, 0.125
+"""Frames missing per frame that came, and gaps per interval, from which on frames are bunched, not lost."""
 TIMEOUT_PERIODS = 10.0
 MIN_TIMEOUT_S = 0.2
 FIRST_TIMEOUT_S = 2.0
@@ -178,12 +180,28 @@ class MessageArrival:
         self._gap_frames = 0
         return Verdict.CLOCK_STEP
 
+    def _unbunched(self, ordered: list[float], near: list[float]) -> list[float]:
+        """Return the intervals that make the period: `near`, or all of them if frames come in bunches.
+
+        An adapter that hands frames over in bunches makes most intervals far shorter than the period. By their
+        mean more frames would be missing in the gaps than `LOST_SHARE` of those that came, and gaps would be
+        frequent; single outages are neither.
+        """
+        short_s = sum(near) / len(near)
+        gaps = [interval for interval in ordered[len(near) :] if interval <= self.timeout_s]
+        missing = sum(gaps) / short_s - len(gaps)
+        bunched = missing > LOST_SHARE * len(ordered) and len(gaps) >= GAP_SHARE * len(ordered)
+        return near + gaps if bunched else near
+
     def _learn(self) -> None:
         ordered = sorted(self._intervals)
         median = ordered[len(ordered) // 2]
         # The mean is right however skewed the jitter is; intervals with frames missing do not count in it.
         near = [interval for interval in ordered if interval <= 1.8 * median]
         self.period_s = sum(near) / len(near)
+        if len(near) < len(ordered):
+            near = self._unbunched(ordered, near)
+            self.period_s = sum(near) / len(near)
         self.timeout_s = timeout_of(self.period_s)
         usual_late = near[9 * len(near) // 10] + 0.5 * self.period_s
         self._lost_after_s = max(LOST_PERIODS * self.period_s, usual_late)
