@@ -113,8 +113,14 @@ def test_progress_on_a_terminal() -> None:
         progress.update(50.0)
     lines = terminal.getvalue().split("\r")
     assert lines[1] == f"replay [{'.' * 28}]   0%"
-    assert lines[2] == f"replay [{'#' * 14}{'.' * 14}]  50%  25x real time"
+    assert lines[2] == f"replay [{'#' * 14}{'.' * 14}]  50%  25x real time, 0:02 left"
     assert (lines[3].strip(), lines[4], len(lines)) == ("", "", 5)
+
+
+def test_progress_of_a_share_states_no_rate() -> None:
+    """Work that is no drive shows its share alone; a drive slower than real time shows no rate of zero."""
+    assert f"diagnose [{'#' * 14}{'.' * 14}]  50%" == Progress(1.0, "diagnose", rate=False).text(0.5, 40.0)
+    assert Progress(1000.0, "replay").text(10.0, 40.0).endswith("0.25x real time, 66:00 left")
 
 
 def test_progress_off_a_terminal() -> None:

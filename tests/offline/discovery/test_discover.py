@@ -170,7 +170,7 @@ def test_write_refuses_and_is_accepted(
 def test_what_was_written_stands_alone(
     recordings: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The configuration names the copied DBC beside it, and the command says both files and what comes next."""
+    """The configuration names the copied DBC beside it, and both files and the next step are said."""
     target = tmp_path / "vehicle.toml"
     drive = recordings / "van-oval"
     assert 0 == main(["discover", str(drive), "--write", str(target)])
@@ -194,7 +194,9 @@ def test_nothing_written_is_said(capsys: pytest.CaptureFixture[str], tmp_path: P
     body = "GPRMC,{:06d}.00,A,4807.0380,N,01131.0000,E,0.0,84.4,230394,,,A"
     sentences = [body.format(120000 + i) for i in range(60)]
     sums = [reduce(xor, sentence.encode()) for sentence in sentences]
-    stamped = [f"({1700000000 + i}.0) ${s}*{c:02X}" for i, (s, c) in enumerate(zip(sentences, sums, strict=True))]
+    stamped = [
+        f"({1700000000 + i}.0) ${s}*{c:02X}" for i, (s, c) in enumerate(zip(sentences, sums, strict=True))
+    ]
     (drive / "gnss.nmea").write_text("\n".join(stamped) + "\n")
     target = tmp_path / "vehicle.toml"
     assert 4 == main(["discover", str(drive), "--write", str(target)])

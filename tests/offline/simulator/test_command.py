@@ -12,9 +12,12 @@ from pathlib import Path
 import can
 import pytest
 
+from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import Config
 from tpmsd.car.physics.catalogue import make_effect
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.car.physics.model_file import save_model
+from tpmsd.foundation.errors import TpmsdError
 from tpmsd.interfaces.cli import simulate
 from tpmsd.interfaces.cli.main import main
 
@@ -152,6 +155,27 @@ def test_a_bus_that_cannot_be_opened(capsys: pytest.CaptureFixture[str]) -> None
     """An unknown interface is one line and exit code 1."""
     assert 1 == main(["simulate", "--live", "c", "--interface", "nope", "--duration", "10"])
     assert 'nope c: cannot be opened: Unknown interface type "nope"' in capsys.readouterr().err
+
+
+def test_live_writes_the_configuration_before_it_simulates(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A daemon can be started while the drive is simulated: its configuration stands by then, and is said."""
+    folder = tmp_path / "d"
+    found: list[Config] = []
+
+    def stopped(*_: object) -> None:
+        found.append(load_config(folder))
+        raise TpmsdError("stopped")
+
+    monkeypatch.setattr("tpmsd.offline.simulator.drive.simulate_drive", stopped)
+    command = ["simulate", str(folder), "--live", f"early-{next(_channels)}", "--interface", "virtual"]
+    assert 1 == main([*command, "--duration", "20"])
+    said = capsys.readouterr().err
+    assert [folder / "bus.dbc"] == [config.can.dbc for config in found]
+    assert said.index("vehicle.toml") < said.index("simulating 20 s of driving")
+    monkeypatch.undo()
+    assert 0 == main(["simulate", str(folder), "--duration", "20", "--force"]), "a cut-short run is replaced"
 
 
 def test_live_onto_a_bus_and_a_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import logging
 import math
 import struct
+from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -14,7 +16,7 @@ from tests.onboard.gnss.sentences import nmea
 from tpmsd.car.config.load import load_config
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.onboard.daemon.bus_link import BusLink
-from tpmsd.onboard.daemon.health import GNSS_FAULTS, Health, tyres_line
+from tpmsd.onboard.daemon.health import GNSS_FAULTS, Health, RecentFaults, tyres_line
 from tpmsd.onboard.daemon.input_queue import InputQueue
 from tpmsd.onboard.daemon.receiver_link import ReceiverLink, configured_receiver
 from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, MonitorReport, WheelReport, WheelState
@@ -178,3 +180,31 @@ def test_the_line_is_of_the_last_step(tmp_path: Path) -> None:
         health.stepped([first, last], pipeline, 1.0)
         assert health.line(pipeline, 1.0, 3).startswith(f"monitoring 4 wheels, no alarm;{words}")
     assert health.line(pipeline, 1.0, 3).endswith("; bus waiting; receiver off; 4 ticks, 3 late")
+
+
+def test_faults_of_the_last_minute_stand_apart() -> None:
+    """Of totals since the start only what came within the last minute counts as recent."""
+    recent = RecentFaults()
+    assert {} == recent.update(0.0, Counter(lost=7)), "what was there before the first look is not recent"
+    assert {"lost": 2} == recent.update(10.0, Counter(lost=9))
+    assert {"lost": 2, "jump": 1} == recent.update(59.0, Counter(lost=9, jump=1))
+    assert {"jump": 1} == recent.update(80.0, Counter(lost=9, jump=1))
+    assert {} == recent.update(200.0, Counter(lost=9, jump=1))
+
+
+def test_the_last_change_stays_with_its_age(tmp_path: Path) -> None:
+    """A wheel whose change is not known any more keeps its last one in the document, with its age."""
+    config, database = car(tmp_path, '[gnss]\ndevice = "none"\n')
+    bus = FakeBus()
+    link = BusLink(lambda: bus.opener()(config.can, None, "fake"), "CAN fake", LOG)
+    health = Health(config, link, None, InputQueue(), 0.0)
+    pipeline = Pipeline(config, database)
+    nan = math.nan
+    for time_s, change_m in ((100.0, -0.003), (140.0, nan)):
+        wheel = WheelReport("rl", WheelState.ALARM, nan, nan, change_m, 0.0002, nan, nan)
+        report = MonitorReport(time_s, (wheel,), (), (), 1.0)
+        health.stepped([SimpleNamespace(report=report, estimate=None)], pipeline, time_s)  # type: ignore[list-item]
+    shown = health.document(pipeline, 140.0, 0)["wheels"]["rl"]
+    assert (None, -3.0, 40.0) == tuple(
+        shown[key] for key in ("change_mm", "last_change_mm", "last_change_age_s")
+    )

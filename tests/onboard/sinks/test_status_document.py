@@ -77,9 +77,12 @@ ESTIMATE = RadiusEstimate(
     between_std_m=2.5e-4,
 )
 LOOP = LoopHealth(uptime_s=3725.0, ticks=37250, missed_deadlines=2)
-CAN = SourceHealth(SourceState.OK, "can0", 1234567, {"lost": 3, "checksum": 1}, 0.004)
+CAN = SourceHealth(SourceState.OK, "can0", 1234567, {"lost": 3, "checksum": 1}, 0.004, "", {"lost": 1})
 GNSS = SourceHealth(SourceState.DOWN, "/dev/ttyACM0", 3600, {"unplugged": 1}, 12.34, "no such device")
-DOCUMENT = build_status(REPORT, loop=LOOP, can=CAN, gnss=GNSS, estimate=ESTIMATE, method="mpf-pn")
+LAST_KNOWN = {"rr": (1120.0, REPORT.wheels[3]._replace(change_m=-0.0002, change_std_m=0.0003))}
+DOCUMENT = build_status(
+    REPORT, loop=LOOP, can=CAN, gnss=GNSS, estimate=ESTIMATE, method="mpf-pn", last_known=LAST_KNOWN
+)
 
 
 def test_the_wheels_that_are_not_watched_are_named_with_the_reason() -> None:
@@ -144,6 +147,7 @@ def test_the_document_holds_all_in_the_units_it_states() -> None:
             "channel": "can0",
             "frames": 1234567,
             "faults": {"lost": 3, "checksum": 1},
+            "faults_last_minute": {"lost": 1},
             "age_s": 0.004,
             "detail": "",
         },
@@ -152,6 +156,7 @@ def test_the_document_holds_all_in_the_units_it_states() -> None:
             "device": "/dev/ttyACM0",
             "fixes": 3600,
             "faults": {"unplugged": 1},
+            "faults_last_minute": {},
             "age_s": 12.34,
             "detail": "no such device",
         },
@@ -193,6 +198,9 @@ def test_the_document_holds_all_in_the_units_it_states() -> None:
         "deviation_probability": None,
         "pressure_loss_percent": None,
         "pressure_loss_std_percent": None,
+        "last_change_mm": -0.2,
+        "last_change_std_mm": 0.3,
+        "last_change_age_s": 70.0,
     } == DOCUMENT["wheels"]["rr"]
     assert DOCUMENT == json.loads(json.dumps(DOCUMENT, allow_nan=False))
 
@@ -215,13 +223,13 @@ def test_the_table_says_it_in_words() -> None:
         "front left    OK                +0.02 ± 0.11   +1.20 ± 0.13\n"
         "front right   soft?             -0.90 ± 0.11   +0.40 ± 0.13\n"
         "rear left     SOFT              -3.10 ± 0.10   -3.20 ± 0.10\n"
-        "rear right    learning 40 %                -   -1.00 ± 0.40\n"
+        "rear right    learning 40 %     -0.20 ± 0.30   -1.00 ± 0.40  (1 min ago)\n"
         "\n"
         "ALARM (for 3 min): Rear left tyre is losing air (lost 3.2 mm against the others)\n"
         "\n"
-        "bus       can0 OK, 1234567 frames; faults: checksum 1, lost 3\n"
+        "bus       can0 OK, 1234567 frames; faults in the last minute: lost 1; in all: checksum 1, lost 3\n"
         "receiver  /dev/ttyACM0 cannot be reached, 3600 fixes, the last 12.3 s ago (no such device);"
-        " faults: unplugged 1\n"
+        " faults in the last minute: none; in all: unplugged 1\n"
         "loop      37250 ticks, 2 late\n"
     ) == render_status(DOCUMENT)
 
@@ -285,7 +293,22 @@ def test_no_line_is_wider_than_the_terminal(width: int, colour: bool) -> None:
 
     assert [] == [line for line in plain.splitlines() if len(line) > width]
     assert render_status(DOCUMENT).split() == plain.split()
-    assert "rear right    learning 40 %                -   -1.00 ± 0.40" in plain.splitlines()
+    if width >= 60:
+        assert any(line.startswith("rear right    learning 40 %     -0.20") for line in plain.splitlines())
+    words = {word for line in render_status(DOCUMENT).splitlines() for word in line.split()}
+    assert [] == [word for line in plain.splitlines() for word in line.split() if word not in words], (
+        "no word is broken"
+    )
+
+
+def test_a_narrow_terminal_has_no_line_that_is_too_wide() -> None:
+    """At 40 columns the table leaves out the deviation from nominal, and no word is broken."""
+    lines = render_status(DOCUMENT, width=40).splitlines()
+    assert [] == [line for line in lines if len(line) > 40]
+    assert "rear left   SOFT           -3.10 ± 0.10" in lines
+    assert "    (1 min ago)" in lines
+    whole = set(render_status(DOCUMENT).split())
+    assert {word for line in lines for word in line.split()} <= whole
 
 
 def test_colours_change_nothing_but_the_colour() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from tests.onboard.sources_can.build import (
@@ -349,3 +350,37 @@ def test_wheels_rest_once_all_stand_and_none_has_turned_alone() -> None:
             assert not decoder.rests or k > 25
             decoder.decode(10.0 + 0.02 * k, 176, False, counts_frame(own, 700, 800, 900))
         assert expected == decoder.rests
+
+
+@pytest.mark.parametrize(("bunch", "inner_s"), [(3, 2e-5), (5, 2e-4), (8, 1e-3), (5, 1e-6)])
+def test_frames_in_bunches_of_one_sender_have_no_faults(bunch: int, inner_s: float) -> None:
+    """An adapter that hands frames over in bunches loses none, makes no reading jump and is one sender."""
+    decoder = counter_decoder()
+    for step in range(6000):
+        place = step % bunch
+        stamp_s = (step - place + bunch) / 100 + inner_s * place
+        decoder.decode(stamp_s, 0xB0, False, counts_frame(*[counts_at(20.0, step / 100)] * 4))
+    counts = {kind: count for kind, count in decoder.counts.items() if kind.startswith("fl.")}
+    assert {"fl.lost", "fl.jump"} >= counts.keys()
+    assert sum(counts.values()) <= 20, "of the first frames, before the period is known"
+
+
+def test_frames_that_jitter_are_not_many_lost_ones() -> None:
+    """Stamps in order that jitter by a whole period pass for fewer lost frames than a fifth."""
+    decoder = counter_decoder()
+    rng = np.random.default_rng(5)
+    stamps = np.sort(np.arange(20000) / 100 + rng.normal(0.0, 0.01, 20000)) + 1.0
+    for step, stamp_s in enumerate(stamps.tolist()):
+        decoder.decode(stamp_s, 0xB0, False, counts_frame(*[counts_at(20.0, step / 100)] * 4))
+    assert decoder.counts["fl.lost"] < 20000 / 5
+    assert 0 == decoder.counts["fl.spoofed"]
+
+
+def test_a_lost_frame_is_one_fault() -> None:
+    """A frame of four wheels that is lost counts at each of them, and once in all."""
+    decoder = counter_decoder()
+    drive(decoder, 0.0, 5.0)
+    drive(decoder, 5.02, 6.0)
+    assert [2] * 4 == [decoder.counts[f"{wheel}.lost"] for wheel in ("fl", "fr", "rl", "rr")]
+    total = sum(count for kind, count in decoder.counts.items() if kind.endswith(".lost"))
+    assert 2 == total - decoder.shared_faults["lost"]

@@ -162,7 +162,7 @@ def _run_rolling(args: argparse.Namespace) -> int:
         gc.freeze()  # modules and drives stay: the collector need not look through them again and again
         stack.callback(gc.unfreeze)
         replays = stack.enter_context(AlarmReplays(args.drives, args.config)) if args.alarms else None
-        with Progress(1.0, "diagnose") as progress:
+        with Progress(1.0, "diagnose", rate=False) as progress:
             if simulation is None:
                 certify = Certification(args.certify, np.random.default_rng(CERTIFY_SEED))
                 propose = args.propose is not None

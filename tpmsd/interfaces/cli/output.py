@@ -57,6 +57,7 @@ def write_json(obj: Any, target: str) -> None:
 class Progress:
     """A progress bar over `total_s` seconds of drive, on a terminal only.
 
+    With `rate=False` the total is a share of some work and no time of a drive: the bar alone is drawn.
     `update(done_s)` may be called as often as one likes: it redraws ten times a second at most.
     """
 
@@ -66,7 +67,10 @@ class Progress:
         label: str,
         stream: IO[str] | None = None,
         clock: Callable[[], float] = time.monotonic,
+        *,
+        rate: bool = True,
     ) -> None:
+        self._rate = rate
         self._total_s = total_s
         self._label = label
         self._stream = stream if stream is not None else sys.stderr
@@ -92,7 +96,15 @@ class Progress:
         share = min(max(done_s / self._total_s, 0.0), 1.0) if known else 0.0
         filled = round(share * _BAR_WIDTH)
         bar = "#" * filled + "." * (_BAR_WIDTH - filled)
-        speed = f"  {done_s / elapsed_s:.0f}x real time" if elapsed_s > 0.5 and known and done_s > 0 else ""
+        speed = ""
+        if self._rate and elapsed_s > 0.5 and known and done_s > 0:
+            left_s = elapsed_s * (1.0 / share - 1.0)
+            speed = (
+                f"  {done_s / elapsed_s:.2g}x"
+                if done_s < 10.0 * elapsed_s
+                else f"  {done_s / elapsed_s:.0f}x"
+            )
+            speed += f" real time, {int(left_s) // 60}:{int(left_s) % 60:02d} left"
         return f"{self._label} [{bar}] {share:4.0%}{speed}"
 
     def close(self) -> None:

@@ -77,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     if not library:
         raise ConfigError(f"--max-speed {args.max_speed:g}: no manoeuvre is as slow")
     equipment = _equipment(args)
-    with Progress(1.0, "plan") as progress:
+    with Progress(1.0, "plan", rate=False) as progress:
         plan = planned(effects, equipment, library, args.max_duration, progress.update)
     if not outputs.fill_stdout:
         print(summary(plan), flush=True)

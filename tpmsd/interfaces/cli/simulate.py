@@ -171,12 +171,12 @@ def run(args: argparse.Namespace) -> int:
         spec = dataclasses.replace(
             spec, route=args.route_file.name, duration_s=float(motion.time_s[-1]), flat=False
         )
-    drive = simulate_drive(spec, motion)
-    document = report(drive)
     if args.live is None:
+        drive = simulate_drive(spec, motion)
+        document = report(drive)
         _write(args.out, drive, None)
     else:
-        document["live"] = _play(args, drive)
+        document = _play(args, spec, motion)
     if args.out is not None:
         document["folder"] = str(args.out)
     if not outputs.fill_stdout:
@@ -279,9 +279,12 @@ def _write(out: Path, drive: SimulatedDrive, vehicle_toml: str | None) -> None:
         write_drive(out, drive, progress.update, vehicle_toml)
 
 
-def _play(args: argparse.Namespace, drive: SimulatedDrive) -> dict[str, Any]:
+def _play(args: argparse.Namespace, spec: DriveSpec, motion: Motion | None) -> dict[str, Any]:
+    """Write the configuration, then simulate and play; the report."""
     import can
 
+    from tpmsd.offline.simulator.drive import live_configuration, live_dbc, simulate_drive
+    from tpmsd.offline.simulator.drive_writer import write_start
     from tpmsd.offline.simulator.live import LivePlayer, PtyPort
 
     try:
@@ -291,15 +294,25 @@ def _play(args: argparse.Namespace, drive: SimulatedDrive) -> dict[str, Any]:
         raise TpmsdError(f"{args.interface} {args.live}: cannot be opened: {reason}") from None
     with bus, PtyPort(args.pty) as port:
         device = str(args.pty) if args.pty is not None else port.path
+        configuration = live_configuration(spec, args.interface, args.live, device)
         if args.out is not None:
-            _write(args.out, drive, drive.configuration(args.interface, args.live, device))
+            write_start(args.out, configuration, live_dbc(spec))
+            print(f"wrote {args.out / 'vehicle.toml'}", file=sys.stderr, flush=True)
+        print(
+            f"simulating {spec.duration_s:.0f} s of driving; playing begins after that",
+            file=sys.stderr,
+            flush=True,
+        )
+        drive = simulate_drive(spec, motion)
+        if args.out is not None:
+            _write(args.out, drive, configuration)
         print(f"receiver on {device}, bus on {args.interface} {args.live}", file=sys.stderr, flush=True)
         with Progress(drive.spec.duration_s, "playing") as progress:
             player = LivePlayer(
                 drive, bus, port, speedup=args.speed_up, progress=progress.update, newest_only=True
             )
             stats = player.play()
-        return {
+        live = {
             "device": device,
             "frames": stats.frames,
             "send_errors": stats.send_errors,
@@ -308,6 +321,7 @@ def _play(args: argparse.Namespace, drive: SimulatedDrive) -> dict[str, Any]:
             "dropped_bytes": port.dropped_bytes,
             "worst_lateness_s": stats.worst_lateness_s,
         }
+    return {**report(drive), "live": live}
 
 
 def _vehicle(path: Path | None) -> tuple[VehicleConfig, float, float]:

@@ -17,8 +17,10 @@ from tpmsd.offline.report.wording import WHEEL_NAMES, verdict_on, wheel_name
 from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind
 from tpmsd.onboard.sinks.status_client import printable
 
-WIDTH, NARROWEST = 80, 60
-_HANG = " " * 10
+WIDTH, NARROWEST = 80, 40
+_FULL_WIDTH = 60
+"""Columns that the table of wheels takes; on narrower terminals it leaves out the deviation from nominal."""
+_HANG, _NARROW_HANG = " " * 10, " " * 4
 _COLOURS = re.compile(r"\x1b\[[0-9;]*m")
 _GOOD, _BAD, _DIM, _BOLD = "32", "31;1", "2", "1"
 _SUSPECT = "33"
@@ -35,13 +37,13 @@ _SOURCE_WORDS = {
 
 
 def render_status(document: Mapping[str, Any], *, colour: bool = False, width: int | None = None) -> str:
-    """The whole table, ending with a line break; no line is longer than `width` characters (60 at least)."""
+    """The whole table, ending with a line break; no line is longer than `width` characters (40 at least)."""
     paint = _paint if colour else _plain
     alarms = [alarm for alarm in _list(document, "alarms") if isinstance(alarm, dict)]
     lines = [
         paint(_heading(document), _BOLD),
         "",
-        *_wheel_lines(document, alarms, paint),
+        *_wheel_lines(document, alarms, paint, narrow=width is not None and width < _FULL_WIDTH),
         "",
         *_resonance_lines(document, paint),
         *_alarm_lines(document, alarms, paint),
@@ -64,6 +66,7 @@ def _wrapped(line: str, width: int) -> list[str]:
     """
     if _visible(line) <= width:
         return [line]
+    hang = _HANG if width >= _FULL_WIDTH else _NARROW_HANG
     out, now = [], ""
     for word in line.split(" "):
         longer = f"{now} {word}" if now else word
@@ -71,10 +74,10 @@ def _wrapped(line: str, width: int) -> list[str]:
             now = longer
             continue
         out.append(now)
-        now = _HANG + word
+        now = hang + word
         while _visible(now) > width and "\x1b" not in now:
             out.append(now[:width])
-            now = _HANG + now[width:]
+            now = hang + now[width:]
     return [part for part in [*out, now] if part.strip()]
 
 
@@ -105,19 +108,38 @@ def _heading(document: Mapping[str, Any]) -> str:
     return f"tpmsd {_text(document, 'tpmsd')}{up}"
 
 
-def _wheel_lines(document: Mapping[str, Any], alarms: list[dict[str, Any]], paint: _Paint) -> list[str]:
+def _wheel_lines(
+    document: Mapping[str, Any], alarms: list[dict[str, Any]], paint: _Paint, narrow: bool
+) -> list[str]:
     wheels = _dict(document, "wheels")
     if not wheels:
         return ["No wheel has been heard of yet."]
-    lines = [paint(f"{'wheel':<13} {'tyre':<15} {'change in mm':>14} {'from nominal':>14}", _DIM)]
+    if narrow:
+        lines = [paint(f"{'wheel':<11} {'tyre':<13} {'change in mm':>13}", _DIM)]
+    else:
+        lines = [paint(f"{'wheel':<13} {'tyre':<15} {'change in mm':>14} {'from nominal':>14}", _DIM)]
     for name in [w for w in WHEELS if w in wheels] + sorted(w for w in wheels if w not in WHEEL_NAMES):
         wheel = _dict(wheels, name)
         word, style = _tyre(name, wheel, alarms, _number(document, "learning_fraction"))
-        change = _plus_minus(_number(wheel, "change_mm"), _number(wheel, "change_std_mm"))
+        change, aged = _change(wheel)
         deviation = _plus_minus(_number(wheel, "deviation_mm"), _number(wheel, "std_mm"))
         label = printable(wheel_name(name))
-        lines.append(f"{label:<13} {paint(f'{word:<15}', style)} {change:>14} {deviation:>14}")
+        if narrow:
+            lines.append(f"{label:<11} {paint(f'{word:<13}', style)} {change:>13}")
+            lines += [f"{_NARROW_HANG}({aged})"] if aged else []
+        else:
+            row = f"{label:<13} {paint(f'{word:<15}', style)} {change:>14} {deviation:>14}"
+            lines.append(row + (f"  ({aged})" if aged else ""))
     return lines
+
+
+def _change(wheel: Mapping[str, Any]) -> tuple[str, str]:
+    """The change of a radius; where none is known now, the last one and its age in words."""
+    now = _number(wheel, "change_mm")
+    last, age_s = _number(wheel, "last_change_mm"), _number(wheel, "last_change_age_s")
+    if now is not None or last is None or age_s is None:
+        return _plus_minus(now, _number(wheel, "change_std_mm")), ""
+    return _plus_minus(last, _number(wheel, "last_change_std_mm")), f"{_duration(age_s)} ago"
 
 
 def _resonance_lines(document: Mapping[str, Any], paint: _Paint) -> list[str]:
@@ -221,11 +243,20 @@ def _source_line(label: str, source: Mapping[str, Any], name_key: str, counted: 
     word = _SOURCE_WORDS.get(state, state or "unknown")
     style = _GOOD if state == "ok" else _DIM if state == "off" else _SUSPECT
     faults = _dict(source, "faults")
-    counts = [f"{kind} {count:.0f}" for kind in sorted(faults) if (count := _number(faults, kind))]
+    recent = source.get("faults_last_minute")
     name, detail = _text(source, name_key), _text(source, "detail")
     parts = f"{label:<9} {name + ' ' if name else ''}{paint(word, style)}{counted}"
     parts += f" ({detail})" if detail else ""
-    return parts + (printable(f"; faults: {', '.join(counts)}") if counts else "")
+    if not isinstance(recent, dict):  # of an older daemon
+        total = _counts(faults)
+        return parts + (printable(f"; faults: {total}") if total else "")
+    if total := _counts(faults):
+        parts += printable(f"; faults in the last minute: {_counts(recent) or 'none'}; in all: {total}")
+    return parts
+
+
+def _counts(faults: Mapping[str, Any]) -> str:
+    return ", ".join(f"{kind} {count:.0f}" for kind in sorted(faults) if (count := _number(faults, kind)))
 
 
 def _loop_line(document: Mapping[str, Any]) -> str:

@@ -47,10 +47,7 @@ def drive_files(paths: Sequence[Path]) -> tuple[Path, Path]:
     if len(paths) != 2:
         raise ConfigError(f"{_WANTED}, not {len(paths)} paths")
     for path in paths:
-        if path.is_dir():
-            raise ConfigError(f"{path}: a folder; {_WANTED}: one drive at a time")
-        if not path.is_file():
-            raise InputError(path, f"no such file; {_WANTED}")
+        _check_file(path)
     nmea_like = [p for p in paths if ".nmea" in p.name.lower() or ".ubx" in p.name.lower()]
     can_like = [p for p in paths if p not in nmea_like and any(p.name.lower().endswith(s) for s in SUFFIXES)]
     if len(can_like) == 2:  # two logs by their names: the one with sentences is the receiver's
@@ -59,6 +56,14 @@ def drive_files(paths: Sequence[Path]) -> tuple[Path, Path]:
     if len(nmea_like) != 1 or len(can_like) != 1:
         raise ConfigError("of the two files one must be a CAN log and one an NMEA log (gnss.nmea)")
     return can_like[0], nmea_like[0]
+
+
+def _check_file(path: Path) -> None:
+    """Raise the error that says what a drive is where one of two paths is no file."""
+    if path.is_dir():
+        raise ConfigError(f"{path}: a folder; {_WANTED}: one drive at a time")
+    if not path.is_file():
+        raise InputError(path, f"no such file; {_WANTED}")
 
 
 def _has_sentences(path: Path) -> bool:

@@ -82,17 +82,7 @@ class SimulatedDrive:
 
     def configuration(self, interface: str, channel: str, device: str) -> str:
         """The vehicle.toml with which a daemon listens to this drive while it is played live."""
-        spec = self.spec
-        return vehicle_toml(
-            spec.vehicle,
-            bus_layout(spec.bus.kind, spec.bus.wheels),
-            spec.receiver,
-            spec.antenna_forward_m,
-            spec.antenna_left_m,
-            interface=interface,
-            channel=channel,
-            device=device,
-        )
+        return live_configuration(self.spec, interface, channel, device)
 
     def truth(self) -> dict[str, Any]:
         """What an estimator should find, in JSON's types: radii once per second on the drive's host clock."""
@@ -128,6 +118,25 @@ def car_of(vehicle: VehicleConfig, antenna_forward_m: float = 0.0, antenna_left_
         antenna_forward_m=antenna_forward_m,
         antenna_left_m=antenna_left_m,
         steering_ratio=vehicle.steering_ratio or _STEERING_RATIO,
+    )
+
+
+def live_dbc(spec: DriveSpec) -> str:
+    """Return the DBC of the bus of a drive of this kind, simulated or not yet."""
+    return dbc_text(bus_layout(spec.bus.kind, spec.bus.wheels), with_periods=spec.bus.kind != "speeds")
+
+
+def live_configuration(spec: DriveSpec, interface: str, channel: str, device: str) -> str:
+    """Return the vehicle.toml with which a daemon listens to a drive of this kind, simulated or not yet."""
+    return vehicle_toml(
+        spec.vehicle,
+        bus_layout(spec.bus.kind, spec.bus.wheels),
+        spec.receiver,
+        spec.antenna_forward_m,
+        spec.antenna_left_m,
+        interface=interface,
+        channel=channel,
+        device=device,
     )
 
 

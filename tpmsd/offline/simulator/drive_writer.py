@@ -60,6 +60,22 @@ def _made_here(truth: Path) -> bool:
         return False
 
 
+def write_start(folder: str | Path, vehicle_toml: str, dbc: str) -> None:
+    """Write the configuration and the DBC of a drive that is yet to be simulated, for a daemon to start with.
+
+    TpmsdError if the disk does not take it.
+    """
+    path = Path(folder)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        # First of all, so that a run that was cut short leaves a folder that --force may replace.
+        (path / TRUTH).write_text(_one_line_per_key({"program": MAKER}), encoding="utf-8")
+        (path / "bus.dbc").write_text(dbc, encoding="utf-8")
+        (path / "vehicle.toml").write_text(vehicle_toml, encoding="utf-8")
+    except OSError as error:
+        raise TpmsdError(f"{error.filename or path}: cannot be written: {error.strerror}") from None
+
+
 def write_drive(
     folder: str | Path,
     drive: SimulatedDrive,

@@ -6,7 +6,7 @@ In: loop, links, pipeline and the last step. Out: the status document, and one l
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, deque
 from typing import Any
 
 from tpmsd.car.config.gnss_source import source_of
@@ -14,14 +14,32 @@ from tpmsd.car.config.model import Config
 from tpmsd.onboard.daemon.bus_link import BusLink
 from tpmsd.onboard.daemon.input_queue import InputQueue
 from tpmsd.onboard.daemon.receiver_link import ReceiverLink
-from tpmsd.onboard.monitor.records import MonitorReport, WheelState
+from tpmsd.onboard.monitor.records import MonitorReport, WheelReport, WheelState
 from tpmsd.onboard.pipeline import Pipeline, Step
 from tpmsd.onboard.sinks.status_document import LoopHealth, SourceHealth, SourceState, build_status
 
 BUS_SILENT_S = 2.0
 RECEIVER_SILENT_S = 3.0
+RATE_WINDOW_S, RATE_STEP_S = 60.0, 5.0
+"""Faults are counted over the last minute, to the next step."""
 _COUNTS_OF_DECODING = frozenset({"frames", "ignored"})
 GNSS_FAULTS = ("checksum", "garbage", "range", "no_fix", "frozen", "leap", "repeated", "week_rollover")
+
+
+class RecentFaults:
+    """Counts by kind over the last minute, from totals since the start."""
+
+    def __init__(self) -> None:
+        self._totals: deque[tuple[float, Counter[str]]] = deque()
+
+    def update(self, now_s: float, totals: Counter[str]) -> dict[str, int]:
+        """Take the totals at a time; those of each kind within `RATE_WINDOW_S`, no zeros."""
+        kept = self._totals
+        if not kept or now_s - kept[-1][0] >= RATE_STEP_S:
+            kept.append((now_s, totals.copy()))
+        while len(kept) > 1 and now_s - kept[1][0] >= RATE_WINDOW_S:
+            kept.popleft()
+        return dict(totals - kept[0][1])
 
 
 class Health:
@@ -38,6 +56,8 @@ class Health:
         self._start_s = start_s
         self._frame_s = self._fix_s = math.nan
         self._fixes = 0
+        self._can_recent, self._gnss_recent = RecentFaults(), RecentFaults()
+        self._last_known: dict[str, tuple[float, WheelReport]] = {}
         self.ticks = 0
         self.last: Step | None = None
 
@@ -50,6 +70,10 @@ class Health:
         if steps:
             self.ticks += len(steps)
             self.last = steps[-1]
+            report = self.last.report
+            for wheel in report.wheels:
+                if math.isfinite(wheel.change_m):
+                    self._last_known[wheel.wheel] = report.time_s, wheel
         fixes = pipeline.assembler.counts["fixes"]
         if fixes != self._fixes:
             self._fixes, self._fix_s = fixes, now_s
@@ -64,6 +88,7 @@ class Health:
             estimate=None if self.last is None else self.last.estimate,
             method=self._config.filter.method,
             resonance=None if pipeline.resonance is None else pipeline.resonance.status(),
+            last_known=self._last_known,
         )
 
     def line(self, pipeline: Pipeline, now_s: float, missed: int) -> str:
@@ -81,6 +106,7 @@ class Health:
         for name, count in pipeline.decoder.counts.items():
             if name not in _COUNTS_OF_DECODING and not name.startswith("decode."):
                 faults[name.rpartition(".")[2]] += count
+        faults -= pipeline.decoder.shared_faults  # a frame with four wheels that is lost is one
         bus = self._bus
         faults += bus.error_counts
         faults += Counter(
@@ -97,7 +123,13 @@ class Health:
         state = _state(bus.is_down, bus.counts["frames"] > 0, age_s, BUS_SILENT_S)
         detail = bus.reason or bus.hint
         return SourceHealth(
-            state, self._config.can.channel, bus.counts["frames"], dict(faults), age_s, detail
+            state,
+            self._config.can.channel,
+            bus.counts["frames"],
+            dict(faults),
+            age_s,
+            detail,
+            self._can_recent.update(now_s, faults),
         )
 
     def _gnss(self, pipeline: Pipeline, now_s: float) -> SourceHealth:
@@ -115,11 +147,15 @@ class Health:
         age_s = now_s - self._fix_s
         if receiver is None:  # its fixes come on the bus
             state = _state(self._bus.is_down, self._fixes > 0, age_s, RECEIVER_SILENT_S)
-            return SourceHealth(state, source.label, self._fixes, dict(faults), age_s)
+            recent = self._gnss_recent.update(now_s, faults)
+            return SourceHealth(
+                state, source.label, self._fixes, dict(faults), age_s, faults_last_minute=recent
+            )
         faults += Counter(unplugged=receiver.downs, overlong=receiver.overlong)
+        recent = self._gnss_recent.update(now_s, faults)
         state = _state(receiver.is_down, self._fixes > 0, age_s, RECEIVER_SILENT_S)
         detail = receiver.reason or receiver.hint
-        return SourceHealth(state, source.label, self._fixes, dict(faults), age_s, detail)
+        return SourceHealth(state, source.label, self._fixes, dict(faults), age_s, detail, recent)
 
 
 def tyres_line(report: MonitorReport) -> str:

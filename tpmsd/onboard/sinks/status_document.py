@@ -54,11 +54,12 @@ class SourceHealth:
     received: int = 0
     """Frames of the bus, fixes of the receiver."""
     faults: Mapping[str, int] = field(default_factory=dict)
-    """Count by kind (`SourceFault.kind`)."""
+    """Count by kind (`SourceFault.kind`), since the start."""
     age_s: float = math.nan
     """Time since the last frame or fix."""
     detail: str = ""
     """Why it is not well, in a few words."""
+    faults_last_minute: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,9 +80,11 @@ def build_status(
     estimate: RadiusEstimate | None = None,
     method: str = "",
     resonance: Sequence[ResonanceStatus] | None = None,
+    last_known: Mapping[str, tuple[float, WheelReport]] | None = None,
 ) -> dict[str, Any]:
     """The document; `report` and `estimate` are None until the first tick.
 
+    `last_known`: of each wheel its last report with a change, and the time of that.
     `resonance`: of each wheel in the order of WHEELS; None where nobody listens.
     """
     return {
@@ -95,7 +98,12 @@ def build_status(
         "baseline": None if report is None or report.learning is None else _baseline(report.learning),
         "can": {**_source(can, "channel"), "frames": can.received},
         "gnss": {**_source(gnss, "device"), "fixes": gnss.received},
-        "wheels": {} if report is None else {wheel.wheel: _wheel(wheel) for wheel in report.wheels},
+        "wheels": {}
+        if report is None
+        else {
+            wheel.wheel: _wheel(wheel) | _last(report.time_s, (last_known or {}).get(wheel.wheel))
+            for wheel in report.wheels
+        },
         "watch": None if report is None else _watch(report),
         "resonance": None if resonance is None else _resonance(report, resonance),
         "alarms": [] if report is None else [alarm_entry(alarm) for alarm in report.active],
@@ -108,6 +116,7 @@ def _source(source: SourceHealth, name_key: str) -> dict[str, Any]:
         "state": str(source.state),
         name_key: source.name,
         "faults": dict(source.faults),
+        "faults_last_minute": dict(source.faults_last_minute),
         "age_s": finite(source.age_s),
         "detail": source.detail,
     }
@@ -175,6 +184,17 @@ def _wheel(wheel: WheelReport) -> dict[str, Any]:
         "deviation_probability": finite(wheel.deviation_probability),
         "pressure_loss_percent": finite(100.0 * wheel.pressure_loss),
         "pressure_loss_std_percent": finite(100.0 * wheel.pressure_loss_std),
+    }
+
+
+def _last(time_s: float, last: tuple[float, WheelReport] | None) -> dict[str, Any]:
+    """The last known change with its age; nulls while there was none."""
+    if last is None:
+        return {"last_change_mm": None, "last_change_std_mm": None, "last_change_age_s": None}
+    return {
+        "last_change_mm": millimetres(last[1].change_m),
+        "last_change_std_mm": millimetres(last[1].change_std_m),
+        "last_change_age_s": finite(max(0.0, time_s - last[0])),
     }
 
 

@@ -183,9 +183,9 @@ class MessageArrival:
     def _unbunched(self, ordered: list[float], near: list[float]) -> list[float]:
         """Return the intervals that make the period: `near`, or all of them if frames come in bunches.
 
-        An adapter that hands frames over in bunches makes most intervals far shorter than the period. By their
-        mean more frames would be missing in the gaps than `LOST_SHARE` of those that came, and gaps would be
-        frequent; single outages are neither.
+        An adapter that hands frames over in bunches makes most intervals far shorter than the period. By
+        their mean more frames would be missing in the gaps than `LOST_SHARE` of those that came, and gaps
+        would be frequent; single outages are neither.
         """
         short_s = sum(near) / len(near)
         gaps = [interval for interval in ordered[len(near) :] if interval <= self.timeout_s]

@@ -223,6 +223,11 @@ class CanDecoder:
             and not any(tracker.is_a_way(other.travel_m - travel_m) for other, travel_m, _ in witness.others)
         )
 
+    @property
+    def shared_faults(self) -> Counter[str]:
+        """By how much `counts`, summed over places, exceed the number of faulty frames, by kind."""
+        return self._faults.shared
+
     def forget_calm(self) -> None:
         """Frames were taken without a poll: the next one looks at every message."""
         self._polled_s = self._calm_until_s = -math.inf
@@ -267,8 +272,7 @@ class CanDecoder:
             self._time_out(time_s, group, arrival, out)
         verdict = arrival.judge(time_s, data)
         if verdict is not _USE:
-            for place in group.places:
-                self._faults.note(out, time_s, verdict.name.lower(), place)
+            self._faults.note_message(out, time_s, verdict.name.lower(), group.places)
             if verdict is not Verdict.CLOCK_STEP:
                 return
             self._calm_until_s = -math.inf
@@ -276,8 +280,7 @@ class CanDecoder:
             for wheel_tracker in group.trackers:
                 wheel_tracker.restart()
         elif arrival.lost:
-            for place in group.places:
-                self._faults.note(out, time_s, "lost", place, group.plan.name, arrival.lost)
+            self._faults.note_message(out, time_s, "lost", group.places, group.plan.name, arrival.lost)
         self._is_back(arrival)
         watch = group.watch
         fast = watch.frame(time_s)
@@ -362,8 +365,7 @@ class CanDecoder:
     def _time_out(self, time_s: float, group: Group, arrival: MessageArrival, out: list[Event]) -> None:
         arrival.timed_out = True
         silent = f"silent for {time_s - arrival.last_s:.2f} s" if arrival.seen else "never seen"
-        for place in group.places:
-            self._faults.note(out, time_s, "timeout", place, f"{group.plan.name} {silent}")
+        self._faults.note_message(out, time_s, "timeout", group.places, f"{group.plan.name} {silent}")
 
     def _judge_still(self, time_s: float, tracker: Tracker, out: list[Event]) -> None:
         """A wheel's value does not change: does it stand with the car, or is it stuck?"""

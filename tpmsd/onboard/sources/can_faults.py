@@ -7,6 +7,7 @@ episode at once and then at most one a second per kind and place.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.onboard.sources.events import Event, SourceFault
@@ -20,9 +21,26 @@ class FaultLog:
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
+        self.shared: Counter[str] = Counter()
+        """By how much the sum over the places exceeds the number of faulty frames, by kind."""
         self.jumps = 0
         """Readings of all wheels that could not follow the ones before."""
         self._reported_s: dict[str, float] = {}
+
+    def note_message(
+        self,
+        out: list[Event],
+        time_s: float,
+        kind: str,
+        places: Sequence[int | str],
+        detail: str = "",
+        number: int = 1,
+    ) -> None:
+        """Count `number` faults of one message at each of its places."""
+        for place in places:
+            self.note(out, time_s, kind, place, detail, number)
+        if len(places) > 1:
+            self.shared[kind] += number * (len(places) - 1)
 
     def note(
         self,
