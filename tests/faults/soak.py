@@ -286,7 +286,7 @@ class DayBus:
 
     def __init__(self, day: Day) -> None:
         self._day = day
-        self.dropped = 0
+        self.dropped = self.malformed = 0
         self.sent: Counter[int] = Counter()
 
     def _is_down(self) -> bool:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from tests.offline.report.pages import Page
-from tpmsd.offline.fleet.report import report_document, report_text
+from tpmsd.offline.fleet.report import model_title, report_document, report_text
 from tpmsd.offline.fleet.report_page import report_page
 from tpmsd.offline.fleet.settings import FleetSettings
 from tpmsd.offline.fleet.tables import COLUMNS
@@ -95,6 +95,44 @@ def test_attention_is_what_stands(tables: dict[str, list[Row]]) -> None:
         ("soon", "van 2", "slow leak rear left: -0.05 ± 0.01 %/week of radius", None),
         ("look", "van 2", "/d/9: torn", None),
     ] == [(one["urgency"], one["car"], one["why"], one["since"]) for one in attention]
+
+
+def test_a_malfunction_has_its_reason_and_the_advice_for_it(tables: dict[str, list[Row]]) -> None:
+    """An encoder that loses counts is named as that, and the ring is to be checked, not the receiver."""
+    reason = "the encoder of wheel rl loses counts: 0.20 % of them"
+    alarm = {"kind": "malfunction", "reason": reason, "state": "raised"}
+    tables["alarms"] = [row("alarms", key="k0", car="van & co", time=1.7e9, wheel="rl", **alarm)]
+    (one,) = [one for one in report_document(tables)["attention"] if one["car"] == "van & co"]
+    assert f"malfunction rear left: {reason}" == one["why"]
+    assert one["what_to_do"].startswith("check this wheel's encoder ring")
+
+
+def test_one_tyre_has_one_row(tables: dict[str, list[Row]]) -> None:
+    """An alarm, a loss and a leak of one tyre are one row, as urgent as the worst of them."""
+    leak = dict(tables["findings"][0])
+    loss = leak | {
+        "car": "van & co",
+        "kind": "loss",
+        "effect": "radius",
+        "unit": "mm",
+        "value": -2.0,
+        "std": 0.2,
+    }
+    tables["findings"] += [leak | {"car": "van & co"}, loss]
+    mine = [one for one in report_document(tables)["attention"] if one["car"] == "van & co"]
+    (one,) = mine
+    assert ("now", 3) == (one["urgency"], len(one["why"].split("; ")))
+    assert "2023-11-14 22:13" == one["since"]
+
+
+def test_names_need_confidence_and_models_are_readable(tables: dict[str, list[Row]]) -> None:
+    """A finding of low confidence is not named; a derived name of a model is said in words."""
+    weak = row("findings", level="drive", model="m <1>", car="van 2", key="k3", effect="road_grade")
+    tables["findings"].append(weak | {"confidence": 0.31, "status": "finding"})
+    (model,) = report_document(tables)["models"]
+    assert ["gnss_latency"] == [one["effect"] for one in model["named_in_drives"]]
+    assert "wheelbase 2.63 m, driven front (f1f6)" == model_title("2.63m-front-f1f6")
+    assert "m <1>" == model_title("m <1>")
 
 
 def test_models_have_their_findings(tables: dict[str, list[Row]]) -> None:

@@ -7,6 +7,7 @@ import shutil
 import stat
 from pathlib import Path
 
+import pyarrow.parquet
 import pytest
 
 from tpmsd.interfaces.cli.main import main
@@ -165,6 +166,13 @@ def test_queries_open_nothing(van: Path, tmp_path: Path, capsys: pytest.CaptureF
     assert ["car    n  status", "van-7  2  missing"] == capsys.readouterr().out.splitlines()
     assert 0 == main([*ask, "select count(*) as n from findings", "--json"])
     assert [{"n": 0}] == json.loads(capsys.readouterr().out)["rows"]
+    start = "select repeat('0123456789', 4) as key, 1719820800.5 :: double as start"
+    files = {kind: tmp_path / f"answer.{kind}" for kind in ("csv", "parquet")}
+    assert 0 == main([*ask, start, "--csv", str(files["csv"]), "--parquet", str(files["parquet"])])
+    assert ["key         start", "0123456789  2024-07-01 08:00:00"] == capsys.readouterr().out.splitlines()
+    assert f"key,start\n{'0123456789' * 4},1719820800.5\n" == files["csv"].read_text()
+    table = pyarrow.parquet.read_table(files["parquet"])
+    assert {"key": ["0123456789" * 4], "start": [1719820800.5]} == table.to_pydict()
     for query in (f"select * from read_csv('{van}/drive-1/can.log')", "selekt 1"):
         assert 2 == main([*ask, query])
         assert 1 == len(capsys.readouterr().err.splitlines())

@@ -84,7 +84,7 @@ class FakeBus:
         self.sent: list[tuple[int, bytes]] = []
         self.opened = 0
         self.closed = 0
-        self.dropped = 0
+        self.dropped = self.malformed = 0
 
     def opener(self) -> OpenBus:
         def open_bus(config: CanConfig, filters: list[dict[str, Any]] | None, channel: str) -> FakeBus:

@@ -44,8 +44,10 @@ def test_the_demonstration_finds_the_wheel(tmp_path: Path, method: str) -> None:
     assert "Deflation_FR=alarm" in lines[alarm + 2] + lines[alarm + 3]
     assert any("  learning " in line for line in lines[:alarm])
     assert any("  monitoring " in line for line in lines[:alarm])
-    assert lines[-1].startswith("Found on the bus: front right, ")
-    assert lines[-1].endswith("No other wheel was announced.")
+    assert lines[-2].startswith("Found on the bus: front right, ")
+    assert lines[-2].endswith("No other wheel was announced.")
+    assert lines[-1].startswith("Next, ")
+    assert "at most 8 s" in lines[0]
 
 
 @pytest.fixture(scope="module")

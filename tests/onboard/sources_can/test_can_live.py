@@ -111,6 +111,36 @@ def test_a_bus_that_fails_is_down_with_the_reason(other: can.BusABC) -> None:
         live.send(1, b"")
 
 
+def test_a_bad_datagram_is_skipped_and_counted() -> None:
+    """A datagram that holds no frame takes no bus down; what comes after it is read."""
+
+    class Network:
+        """A udp_multicast bus that hears two strangers between its frames."""
+
+        def __init__(self) -> None:
+            bad = can.CanOperationError("could not unpack received message")
+            self.waiting: list[can.Message | can.CanOperationError] = [message(1), bad, bad, message(2)]
+
+        def recv(self, timeout: float | None = None) -> can.Message | None:
+            if not self.waiting:
+                return None
+            first = self.waiting.pop(0)
+            if isinstance(first, can.CanOperationError):
+                raise first
+            return first
+
+        def send(self, msg: can.Message, timeout: float | None = None) -> None: ...
+
+        def shutdown(self) -> None: ...
+
+        def fileno(self) -> int:
+            return -1
+
+    live = LiveCan(VIRTUAL, bus=Network())
+    assert [1, 2] == [frame.arbitration_id for frame in live.read()]
+    assert 2 == live.malformed
+
+
 @pytest.mark.parametrize(
     ("interface", "channel"), [("nonsense", "can0"), ("socketcan", "nocan9"), ("serial", "/dev/nothing-here")]
 )

@@ -44,6 +44,7 @@ AFTER_ALARM_S = 40.0
 """How much longer it goes on, so that a false alarm on another wheel would show."""
 SPEED_UP = 16.0
 CHANNEL = "demo"
+_NEXT = "Next, the same as a recorded drive: .venv/bin/tpmsd simulate drives/nail --puncture rl"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -71,8 +72,8 @@ def demonstrate(
     drive = simulate_drive(DriveSpec(duration_s=DURATION_S, seed=seed, faults=(fault,)))
     loss_mm = LOSS_PERCENT / 100.0 * drive.spec.vehicle.wheel_radius_m[WHEELS.index(wheel)] * 1e3
     introduction = (
-        f"A drive of {DURATION_S / 60:.0f} minutes at {speed_up:g} times real time, on a virtual CAN bus and "
-        "a pseudo terminal.",
+        f"A drive of {DURATION_S / 60:.0f} minutes at {speed_up:g} times real time, at most "
+        f"{DURATION_S / speed_up:.0f} s, on a virtual CAN bus and a pseudo terminal.",
         f"At {drive_time(PUNCTURE_AT_S)} the {WHEEL_NAMES[wheel]} tyre begins to lose "
         f"{loss_mm:.1f} mm of radius ({LOSS_PERCENT:g} %) over {PUNCTURE_OVER_S:g} s.",
         "This is what an instrument panel hears on the bus:",
@@ -162,6 +163,8 @@ class _Show:
             verdict += f" {panel.damaged} frames had a wrong checksum."
         print("\n\n" if self._out.isatty() else "\n", end="", file=self._out)
         print(panel.paint(_fitting(verdict, self._out), GREEN if good else RED), file=self._out, flush=True)
+        if good:
+            print(_fitting(_NEXT, self._out), file=self._out, flush=True)
         return 0 if good else 1
 
 

@@ -32,6 +32,15 @@ examples:
   tpmsd fleet report store --html fleet.html
   tpmsd fleet sql store "select car, count(*) from alarms where kind = 'deflation' group by car"
 """
+_SQL_EPILOG = """\
+examples:
+  tpmsd fleet sql store "select car, path, start, verdict from drives order by start"
+  tpmsd fleet sql store "select car, wheel, reason from alarms where state = 'raised'" --csv alarms.csv
+  tpmsd fleet sql store "select car, wheel, avg(deviation_mm) from wheels group by all" --parquet r.parquet
+  tpmsd fleet sql store "describe findings"
+
+On the screen times are UTC and keys are cut to ten letters; files hold seconds since 1970 and whole keys.
+"""
 _SIZE = re.compile(r"\d+(\.\d+)?\s*([kMGT]i?)?B?")
 STAGES = ("replay", "calibrate", "diagnose")
 
@@ -76,10 +85,18 @@ def add_parser(subparsers: Subparsers) -> None:
     report.add_argument("store", type=Path, metavar="STORE")
     report.add_argument("--html", type=Path, metavar="FILE", help="write a page that opens offline")
     _optional_json(report)
-    sql = parts.add_parser("sql", help="ask the tables: drives wheels alarms findings statistics")
+    sql = parts.add_parser(
+        "sql",
+        help="ask the tables: drives wheels alarms findings statistics",
+        description="Asks the store's tables in the SQL of DuckDB; 'describe drives' shows columns.",
+        epilog=_SQL_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     sql.add_argument("store", type=Path, metavar="STORE")
     sql.add_argument("query", metavar="QUERY")
     sql.set_defaults(free_text=("query",))
+    sql.add_argument("--csv", metavar="FILE", help="write it as CSV to FILE ('-': standard output)")
+    sql.add_argument("--parquet", metavar="FILE", type=Path, help="write it as Parquet to FILE")
     _optional_json(sql)
 
 
@@ -210,15 +227,23 @@ def _report(args: argparse.Namespace) -> int:
 
 
 def _sql(args: argparse.Namespace) -> int:
-    from tpmsd.offline.fleet.ask import as_text, ask
+    from tpmsd.offline.fleet.ask import as_csv, as_parquet, as_text, ask
     from tpmsd.offline.fleet.store import Store
 
-    outputs = Outputs(("--json", args.json))
+    outputs = Outputs(("--json", args.json), ("--csv", args.csv), ("--parquet", args.parquet))
+    if str(args.parquet) == "-":
+        raise ConfigError("--parquet -: the name of a file is wanted")
     names, rows = ask(Store.open(args.store), args.query)
     if not outputs.fill_stdout:
         print(as_text(names, rows))
     made = [dict(zip(names, row, strict=True)) for row in rows]
-    outputs.write({"--json": lambda: json_text({**_head("tpmsd.fleet.sql/1", args.store), "rows": made})})
+    outputs.write(
+        {
+            "--json": lambda: json_text({**_head("tpmsd.fleet.sql/1", args.store), "rows": made}),
+            "--csv": lambda: as_csv(names, rows),
+            "--parquet": lambda: as_parquet(names, rows),
+        }
+    )
     return 0
 
 

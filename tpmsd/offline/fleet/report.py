@@ -6,6 +6,7 @@ In: the tables as rows. Out: a document of plain values, and its text. Pure.
 from __future__ import annotations
 
 import datetime
+import re
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -28,11 +29,28 @@ _WHAT_TO_DO = {
     "set_aside": "look at the recording: working on it took the worker down",
 }
 
+_ADVICE = (
+    (
+        "loses counts",
+        "check this wheel's encoder ring and sensor: dirt, rust, a missing tooth, too wide a gap",
+    ),
+    ("no usable signal", "look at this wheel's sensor and at its signal on the bus"),
+    ("another node", "find out which control unit or tool sends the wheels' frames"),
+    ("contradicts the configuration", "hold the configuration against the drive: tpmsd check --drive"),
+    ("receiver", "look at the receiver, its antenna and its cable"),
+)
+"""Words in the reason of a malfunction, and what to do then; the first that fits."""
+_OF_ONE_TYRE = {"deflation", "radius_deviation", "loss", "slow_leak"}
+"""What stands in one row where it is of one wheel."""
+NAMED_CONFIDENCE = 0.5
+"""From this confidence on an effect is named: it is likelier than all its rivals together."""
+_DERIVED_MODEL = re.compile(r"(\d+(?:\.\d+)?)m-(\w+)-([0-9a-f]{4})")
+
 
 def report_document(tables: Tables) -> dict[str, Any]:
     """`attention`: a row per vehicle and reason, the most urgent first; `models`: findings and parameters."""
     drives = tables["drives"]
-    attention = [*_alarms(tables), *_joint(tables["findings"]), *_unusable(drives)]
+    attention = _one_per_wheel([*_alarms(tables), *_joint(tables["findings"]), *_unusable(drives)])
     attention.sort(key=lambda row: (_ORDER[row["urgency"]], row["car"], row["since"] or "", row["why"]))
     models = []
     for model in sorted({row["model"] for row in drives}):
@@ -82,7 +100,12 @@ def _alarms(tables: Tables) -> list[Row]:
     for (car, kind, wheel), alarm in standing.items():
         urgency = {"deflation": URGENT, "malfunction": LOOK}.get(kind, SOON)
         where = _WHEELS.get(wheel, "")
-        found.append(_attention(car, urgency, f"{kind} {where}".strip(), alarm["time"], kind, alarm["key"]))
+        why, reason = f"{kind} {where}".strip(), alarm.get("reason") or ""
+        why += f": {reason}" if reason and kind == "malfunction" else ""
+        one = _attention(car, urgency, why, alarm["time"], kind, alarm["key"], wheel)
+        if kind == "malfunction":
+            one["what_to_do"] = next((do for words, do in _ADVICE if words in reason), one["what_to_do"])
+        found.append(one)
     return found
 
 
@@ -104,7 +127,7 @@ def _joint(findings: Iterable[Row]) -> list[Row]:
         else:
             why, kind = f"unlike its model: {row['effect']} {row['parameter']} by {size}", "differs"
         urgency = {"loss": URGENT, "slow_leak": SOON}.get(kind, LOOK)
-        found.append(_attention(row["car"], urgency, why, row.get("since"), kind, None))
+        found.append(_attention(row["car"], urgency, why, row.get("since"), kind, None, row["parameter"]))
     return found
 
 
@@ -116,10 +139,53 @@ def _unusable(drives: Iterable[Row]) -> list[Row]:
     ]
 
 
-def _attention(car: str, urgency: str, why: str, time_s: float | None, kind: str, key: str | None) -> Row:
-    since = utc(time_s)
+def _one_per_wheel(rows: Iterable[Row]) -> list[Row]:
+    """Put what is of one tyre into one row, with the urgency and the advice of its most urgent part."""
+    rows = sorted(rows, key=lambda row: _ORDER[row["urgency"]])
+    found: list[Row] = []
+    by_tyre: dict[tuple[str, str], Row] = {}
+    for row in rows:
+        wheel, kind = row.pop("wheel"), row.pop("kind")
+        first = by_tyre.get((row["car"], wheel)) if kind in _OF_ONE_TYRE and wheel in _WHEELS else None
+        if first is None:
+            found.append(row)
+            if kind in _OF_ONE_TYRE and wheel in _WHEELS:
+                by_tyre[row["car"], wheel] = row
+            continue
+        first["why"] += f"; {row['why']}"
+        first["since"] = min(filter(None, (first["since"], row["since"])), default=None)
+        first["drive"] = first["drive"] or row["drive"]
+    return found
+
+
+def _attention(
+    car: str, urgency: str, why: str, time_s: float | None, kind: str, key: str | None, wheel: str = ""
+) -> Row:
+    """One row; `kind` and `wheel` are taken off again when rows of one tyre are put together."""
     what = _WHAT_TO_DO.get(kind, "look at it")
-    return {"car": car, "urgency": urgency, "why": why, "since": since, "what_to_do": what, "drive": key}
+    shown = {
+        "car": car,
+        "urgency": urgency,
+        "why": why,
+        "since": utc(time_s),
+        "what_to_do": what,
+        "drive": key,
+    }
+    return {**shown, "kind": kind, "wheel": wheel}
+
+
+def model_title(model: str) -> str:
+    """Return a model's name for people: of one that is derived from a configuration what it says."""
+    derived = _DERIVED_MODEL.fullmatch(model)
+    if derived is None:
+        return model
+    wheelbase, axle, tag = derived.groups()
+    return f"wheelbase {wheelbase} m, driven {axle} ({tag})"
+
+
+def _is_named(row: Row) -> bool:
+    confidence = row.get("confidence")
+    return row.get("status") != "suspicion" and (confidence is None or confidence >= NAMED_CONFIDENCE)
 
 
 def utc(time_s: float | None) -> str | None:
@@ -136,7 +202,7 @@ def _named(findings: Iterable[Row]) -> list[Row]:
     drives: dict[str, set[str]] = defaultdict(set)
     cars: dict[str, set[str]] = defaultdict(set)
     for row in findings:
-        if row["level"] == "drive":
+        if row["level"] == "drive" and _is_named(row):
             drives[row["effect"]].add(row["key"])
             cars[row["effect"]].add(row["car"])
     return [{"effect": name, "drives": len(drives[name]), "cars": len(cars[name])} for name in sorted(drives)]
@@ -160,7 +226,7 @@ def report_text(document: dict[str, Any]) -> str:
         since = f" (since {row['since']} UTC)" if row["since"] else ""
         lines.append(f"[{row['urgency']}] {row['car']}: {row['why']}{since}: {row['what_to_do']}")
     for model in document["models"]:
-        lines += ["", f"model {model['model']}: {drives_of_cars(model)}"]
+        lines += ["", f"model {model_title(model['model'])}: {drives_of_cars(model)}"]
         lines += [
             f"  {row['effect']} {row['parameter']}: {row['value']:+.3g} ± {row['std']:.2g} {row['unit']}"
             f" (p {row['p_value']:.1g})"

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from tpmsd.foundation.wheels import WHEELS
-from tpmsd.offline.fleet.report import drives_of_cars, utc
+from tpmsd.offline.fleet.report import drives_of_cars, model_title, utc
 from tpmsd.offline.fleet.settings import SETTINGS
 from tpmsd.offline.report.figures import Chart, Curve
 from tpmsd.offline.report.page import Cell, Drawn, Origin, Table, Tile, drawn, render
@@ -114,7 +114,7 @@ def _model(model: Row) -> ModelView:
     )
     interval = "95 % interval"
     return ModelView(
-        f"{model['model']}: {drives_of_cars(model)}",
+        f"{model_title(model['model'])}: {drives_of_cars(model)}",
         Table(("effect of the model", "parameter", "value", interval, "unit", "p-value"), findings),
         Table(
             ("vehicle", "what", "effect", "parameter", "difference or slope", interval, "unit", "p-value"),
@@ -148,7 +148,7 @@ def _cars(tables: Mapping[str, list[Row]], first: Sequence[str]) -> Iterable[Car
         anchor = _anchor(car)
         yield CarView(
             anchor,
-            f"{car} ({drives[0]['model']}), {len(drives)} drives",
+            f"{car} ({model_title(drives[0]['model'])}), {len(drives)} drive{'s' * (len(drives) != 1)}",
             f"The newest {len(shown)} of {len(drives)} drives." if len(shown) < len(drives) else "",
             None if chart is None else drawn(chart, f"{anchor}-radii", static=car in pictured),
             Table(heads, tuple(_drive(row, wheels[row["key"]], alarms[row["key"]]) for row in shown)),

@@ -35,6 +35,10 @@ class Bus(Protocol):
     def dropped(self) -> int:
         """Frames that the kernel dropped."""
 
+    @property
+    def malformed(self) -> int:
+        """Datagrams that were no frame."""
+
     def fileno(self) -> int | None:
         """Descriptor to wait on, if there is one."""
 
@@ -97,7 +101,7 @@ class BusLink(Link):
         self._open_bus = open_bus
         self._error_classes = error_classes
         self._bus: Bus | None = None
-        self._dropped_before = 0
+        self._dropped_before = self._malformed_before = 0
         self._full = False
         self._hint_told_s = -math.inf
         self.hint = ""
@@ -109,6 +113,11 @@ class BusLink(Link):
     def dropped(self) -> int:
         """Frames that the kernel dropped because nobody read, since the start."""
         return self._dropped_before + (self._bus.dropped if self._bus is not None else 0)
+
+    @property
+    def malformed(self) -> int:
+        """Datagrams of a network bus that were no frame and were skipped, since the start."""
+        return self._malformed_before + (self._bus.malformed if self._bus is not None else 0)
 
     def fileno(self) -> int | None:
         """Descriptor to wait on; None if it is down or has to be polled."""
@@ -195,6 +204,7 @@ class BusLink(Link):
         self.generation += 1
         if bus is not None:
             self._dropped_before += bus.dropped
+            self._malformed_before += bus.malformed
             bus.close()
 
     def _give_up(self, now_s: float, reason: str) -> None:

@@ -112,6 +112,7 @@ class Health:
         faults += Counter(
             down=bus.downs,
             dropped_by_kernel=bus.dropped,
+            malformed=bus.malformed,
             error_frames=bus.counts["error_frames"],
             not_sent=bus.counts["tx_full"] + bus.counts["tx_down"],
             queue_overflow=self._queue.counts["overflow"],

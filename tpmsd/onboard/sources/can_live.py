@@ -62,6 +62,12 @@ class _Bus(Protocol):
     def fileno(self) -> int: ...
 
 
+_NO_FRAME = "could not unpack received message"
+"""python-can's word for a datagram on its udp_multicast bus that holds no frame."""
+MOST_SKIPPED = 10_000
+"""Frames that nobody wants, and datagrams that are none, that are passed over in one look."""
+
+
 class LiveCan:
     """One open CAN interface."""
 
@@ -80,6 +86,8 @@ class LiveCan:
         self.channel = config.channel if channel is None else channel
         self.dropped = 0
         """Frames that the kernel dropped since the bus was opened, because nobody read in time."""
+        self.malformed = 0
+        """Datagrams of a network bus (udp_multicast) that were no frame; anybody can send those."""
         self._wanted: set[tuple[bool, int]] | None = None
         self._fd = config.fd
         if bus is None:
@@ -177,10 +185,13 @@ class LiveCan:
     def _read_bus(self) -> CanFrame | None:
         if self._bus is None:
             raise CanDown(self.channel, "is closed")
-        while True:
+        for _ in range(MOST_SKIPPED):
             try:
                 message = self._bus.recv(timeout=0.0)
             except Exception as error:
+                if isinstance(error, can.CanOperationError) and _NO_FRAME in str(error):
+                    self.malformed += 1
+                    continue
                 # As in `_open`: backends let their drivers' exceptions through.
                 raise CanDown(self.channel, _reason(error)) from None
             if message is None:
@@ -201,6 +212,7 @@ class LiveCan:
                     message.is_remote_frame,
                     bytes(message.data),
                 )
+        return None
 
     def send(self, arbitration_id: int, data: bytes, extended: bool = False) -> bool:
         """Send a frame (CAN FD beyond 8 bytes). False if the transmit queue is full: a bus on which nobody
