@@ -59,7 +59,7 @@ from tpmsd.foundation.lean import leave_out_mf4
 leave_out_mf4()
 import can
 assert can.io.mf4.asammdf is None
-from tpmsd.onboard.sources.can_log_others import bring_in_mf4
+from tpmsd.foundation.lean import bring_in_mf4
 bring_in_mf4()
 path = Path({str(tmp_path / "can.mf4")!r})
 with can.io.mf4.MF4Writer(path) as writer:

@@ -16,10 +16,13 @@ def need(module: str, extra: str, what: str) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError:
-        package = module.partition(".")[0]
-        raise ConfigError(
-            f"{what} need {package}, which is not installed: pip install 'tpmsd[{extra}]'"
-        ) from None
+        raise ConfigError(not_installed(module, extra, what)) from None
+
+
+def not_installed(module: str, extra: str, what: str) -> str:
+    """The line that names the extra."""
+    package = module.partition(".")[0]
+    return f"{what} need {package}, which is not installed: pip install 'tpmsd[{extra}]'"
 
 
 def need_pandas() -> Any:

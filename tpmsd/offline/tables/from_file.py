@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import tomllib
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +47,12 @@ def read_signals(path: Path, mapped: TableMap) -> FileSignals:
     if columns is not None:
         times = {one.time for one in columns.values()} | {mapped.time}
         wanted = {one.column for one in columns.values()} | {name for name in times if name}
-    table = read_table(path, wanted)
+    with closing(read_table(path, wanted)) as table:
+        return _signals_of(table, path, mapped)
+
+
+def _signals_of(table: Table, path: Path, mapped: TableMap) -> FileSignals:
+    columns = mapped.columns
     car = mapped.car
     if not car.get("vehicle") and mapped.config is None and table.vehicle_toml is not None:
         car = {**tomllib.loads(table.vehicle_toml), **car}

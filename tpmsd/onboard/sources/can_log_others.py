@@ -1,33 +1,32 @@
 """Logs in the formats of other tools, by python-can's readers: ASC, BLF, TRC and MF4.
 
-In: a path. Out: frames; what a reader cannot take is told to `note`. The text formats are read on after a bad
-line, which python-can's readers alone would not do; a binary file ends where it is damaged.
+In: a path. Out: frames (MF4 is read in a process of its own); what a reader cannot take is told to `note`.
+The text formats are read on after a bad line, which python-can's readers alone would not do; a binary file
+ends where it is damaged.
 """
 
 from __future__ import annotations
 
-import gc
 import math
-import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import TextIO, TypeVar, cast
+from typing import TextIO, cast
 
 import can
 
+from tpmsd.foundation.apart import ApartError, installed
 from tpmsd.foundation.errors import InputError
-from tpmsd.foundation.lean import bring_in_mf4
 from tpmsd.onboard.sources.can_frame import CanFrame
 from tpmsd.onboard.sources.can_log_lines import AscLines, LogLines
+from tpmsd.onboard.sources.can_log_mf4 import read_mf4
 from tpmsd.onboard.sources.candump_line import EXTENDED_MASK
-from tpmsd.onboard.sources.packed_bounds import check_blf, check_mf4
+from tpmsd.onboard.sources.packed_bounds import check_blf
 
 LONGEST_BYTES = 64
 """Data of a CAN FD frame."""
 
 Note = Callable[[int, str], None]
-Opened = TypeVar("Opened")
 
 
 def read_by_python_can(suffix: str, path: Path, note: Note) -> Iterator[CanFrame]:
@@ -53,7 +52,7 @@ def _read_text(
             before = lines.number
             try:
                 for message in reader:
-                    yield _frame(message, lines.number, lines.start_s)
+                    yield frame_of(message, lines.number, lines.start_s)
                 return
             except Exception as error:
                 # Whatever their parsing of a damaged line raises: ValueError, IndexError, KeyError, ...
@@ -72,7 +71,7 @@ def _read_blf(path: Path, note: Note) -> Iterator[CanFrame]:
             check_blf(file)
         with can.BLFReader(path) as reader:
             for message in reader:
-                yield _frame(message)
+                yield frame_of(message)
             if reader.file_size > size:
                 note(0, f"cut short: {size} of {reader.file_size} bytes")
     except Exception as error:
@@ -81,46 +80,16 @@ def _read_blf(path: Path, note: Note) -> Iterator[CanFrame]:
 
 
 def _read_mf4(path: Path, note: Note) -> Iterator[CanFrame]:
+    if not installed("asammdf"):
+        raise InputError(path, "MF4 needs the package asammdf: pip install 'tpmsd[mf4]'")
     try:
-        bring_in_mf4()
-    except ImportError:
-        raise InputError(path, "MF4 needs the package asammdf: pip install 'tpmsd[mf4]'") from None
-    try:
-        with path.open("rb") as file:
-            check_mf4(file)
-        with _open_mf4(path) as reader:
-            for message in reader:
-                yield _frame(message)
-    except Exception as error:
-        # asammdf raises dozens of types on damaged files.
-        note(0, f"cannot be read on as MF4: {_reason(error)}")
+        yield from read_mf4(path)
+    except ApartError as error:
+        note(0, f"cannot be read on as MF4: {error}")
 
 
-def _open_mf4(path: Path) -> can.io.generic.MessageReader:
-    from can.io.mf4 import MF4Reader
-
-    return opened_quietly(lambda: MF4Reader(path))
-
-
-def opened_quietly(open_file: Callable[[], Opened]) -> Opened:
-    """What `open_file` returns; where it fails, asammdf's half-made objects go without printing a traceback,
-    and a ValueError tells the reason."""
-    hook = sys.unraisablehook
-    sys.unraisablehook = lambda _: None
-    try:
-        return open_file()
-    except Exception as error:
-        # The traceback keeps the half-made object, whose destructor fails: let both go while nobody looks.
-        reason = _reason(error)
-        error.__traceback__ = None
-        del error
-        gc.collect()
-        raise ValueError(reason) from None
-    finally:
-        sys.unraisablehook = hook
-
-
-def _frame(message: can.Message, line: int = 0, start_s: float = 0.0) -> CanFrame:
+def frame_of(message: can.Message, line: int = 0, start_s: float = 0.0) -> CanFrame:
+    """python-can's message as a frame; ValueError for what cannot be one."""
     if not math.isfinite(message.timestamp):
         raise ValueError("no time stamp")
     if not 0 <= message.arbitration_id <= EXTENDED_MASK:

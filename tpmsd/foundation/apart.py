@@ -1,0 +1,176 @@
+"""A file for a native library, read in a process of its own with limits of memory and time.
+
+In: the name of a function that reads, and a path. Out: the messages that it sends. Libraries that parse in C
+(asammdf, HDF5, Arrow) may crash, hang or take memory without end on a damaged file: then the child ends, and
+the parent says so in one line. Messages are bytes with their length in front; nothing of them is executed.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import resource
+import signal
+import struct
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from importlib.machinery import PathFinder
+from pathlib import Path
+from typing import Any
+
+CPU_S = 20
+CPU_S_PER_MB = 4
+"""Beyond `CPU_S`, for each MB of the file: python-can takes 1 to 2 s per MB of packed MF4."""
+MEMORY_BYTES = 512 << 20
+MEMORY_PER_BYTE = 8
+"""Address space beyond what the imports took, and for each byte of the file."""
+MOST_MESSAGE_BYTES = 256 << 20
+_HEADER = struct.Struct("<cQ")
+_DATA, _END, _FAILED = b"D", b"E", b"X"
+_START = (
+    "import sys, json; sys.path[:] = json.loads(sys.argv[1]); "
+    "from tpmsd.foundation.apart import serve; serve(sys.argv[2], sys.argv[3])"
+)
+
+Send = Callable[[bytes], None]
+Worker = Callable[[Path, Iterator[str], Send], None]
+"""Reads the path, answers the requests (lines), sends messages. It calls `limit` once all is imported."""
+
+
+class ApartError(ValueError):
+    """Says in one line why the child did not read to the end."""
+
+
+class Apart:
+    """A child that reads one file."""
+
+    def __init__(self, worker: str, path: Path) -> None:
+        """`worker` is the function's name, as `package.module:function`."""
+        arguments = [json.dumps(sys.path), worker, str(path)]
+        threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+        self._child = subprocess.Popen(
+            [sys.executable, "-P", "-c", _START, *arguments],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, **threads},
+        )
+
+    def __enter__(self) -> Apart:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def ask(self, request: str) -> None:
+        """Send a request, one line."""
+        assert self._child.stdin is not None
+        try:
+            self._child.stdin.write(request.encode() + b"\n")
+            self._child.stdin.flush()
+        except OSError:
+            raise ApartError(self._ended()) from None
+
+    def receive(self) -> bytes | None:
+        """The next message, None after the last; ApartError where the child failed."""
+        assert self._child.stdout is not None
+        header = self._child.stdout.read(_HEADER.size)
+        if len(header) < _HEADER.size:
+            raise ApartError(self._ended())
+        kind, size = _HEADER.unpack(header)
+        if size > MOST_MESSAGE_BYTES:
+            raise ApartError(f"a message of {size} bytes of its reader")
+        body = self._child.stdout.read(size)
+        if len(body) < size:
+            raise ApartError(self._ended())
+        if kind == _FAILED:
+            raise ApartError(body.decode("utf-8", "replace"))
+        return body if kind == _DATA else None
+
+    def close(self) -> None:
+        """End the child, wherever it is."""
+        self._child.kill()
+        self._child.wait()
+        for pipe in (self._child.stdin, self._child.stdout):
+            if pipe is not None:
+                # What is still to be written to a child that is gone is of no use.
+                try:
+                    pipe.close()
+                except OSError:
+                    continue
+
+    def _ended(self) -> str:
+        code = self._child.wait()
+        if code == -signal.SIGXCPU:
+            return "takes more time than a file of its size may"
+        return f"its reader was ended by {signal.Signals(-code).name}" if code < 0 else "its reader ended"
+
+
+def installed(module: str) -> bool:
+    """True if a child will find this module."""
+    root = module.partition(".")[0]
+    if root in sys.modules:
+        return sys.modules[root] is not None
+    return PathFinder.find_spec(root) is not None
+
+
+def limit(path: Path) -> None:
+    """Bound time and address space of this process from now on, by the file's size."""
+    size = path.stat().st_size
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    cpu_s = int(used.ru_utime + used.ru_stime) + 1 + CPU_S + CPU_S_PER_MB * (size >> 20)
+    _lower(resource.RLIMIT_CPU, cpu_s)
+    _lower(resource.RLIMIT_CORE, 0)
+    statm = Path("/proc/self/statm")
+    if statm.is_file():  # Linux
+        pages = int(statm.read_text("ascii").split()[0])
+        _lower(resource.RLIMIT_AS, pages * resource.getpagesize() + MEMORY_BYTES + MEMORY_PER_BYTE * size)
+
+
+def _lower(what: int, value: int) -> None:
+    hard = resource.getrlimit(what)[1]
+    value = value if hard == resource.RLIM_INFINITY else min(value, hard)
+    resource.setrlimit(what, (value, hard))
+
+
+def serve(worker: str, path: str) -> None:
+    """Read as the child: all that the worker sends, then the end or what failed."""
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what a library prints is no message
+
+    def message(kind: bytes, body: bytes) -> None:
+        out.write(_HEADER.pack(kind, len(body)) + body)
+
+    def send(body: bytes) -> None:
+        message(_DATA, body)
+
+    def requests() -> Iterator[str]:
+        while True:
+            out.flush()
+            line = sys.stdin.readline()
+            if not line:
+                return
+            yield line.rstrip("\n")
+
+    try:
+        module, _, function = worker.partition(":")
+        work: Any = getattr(importlib.import_module(module), function)
+        work(Path(path), requests(), send)
+    except BrokenPipeError:
+        return
+    except Exception as error:
+        # The libraries raise dozens of types on damaged files.
+        message(_FAILED, _reason(error).encode())
+    else:
+        message(_END, b"")
+    out.flush()
+    os._exit(0)  # destructors of half-made objects may fail
+
+
+def _reason(error: Exception) -> str:
+    text = " ".join(str(error).split())
+    if isinstance(error, ValueError) and text:
+        return text[:300]
+    return f"{type(error).__name__}{f' ({text[:120]})' if text else ''}"
