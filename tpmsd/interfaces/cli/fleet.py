@@ -18,6 +18,7 @@ from tpmsd.interfaces.cli.outputs import Outputs
 
 if TYPE_CHECKING:
     from tpmsd.offline.fleet.run import Tally
+    from tpmsd.offline.fleet.store import Store
 
 _DESCRIPTION = """\
 Keeps the drives of a fleet in a store, replays, calibrates and diagnoses each on this machine's cores or on a
@@ -179,6 +180,7 @@ def _run(args: argparse.Namespace) -> int:
     tally = fleet_run.run(store, args.scheduler, args.jobs, args.memory, stages, args.recompute, shown.update)
     shown.close()
     rows = write_tables(store)
+    _say_damaged(store)
     document = {
         **_head("tpmsd.fleet.run/1", args.store),
         "worked_on": tally.done,
@@ -200,7 +202,9 @@ def _status(args: argparse.Namespace) -> int:
     from tpmsd.offline.fleet.store import Store
 
     outputs = Outputs(("--json", args.json))
-    document = {**_head("tpmsd.fleet.status/1", args.store), **status_document(Store.open(args.store))}
+    store = Store.open(args.store)
+    document = {**_head("tpmsd.fleet.status/1", args.store), **status_document(store)}
+    _say_damaged(store)
     if not outputs.fill_stdout:
         print(_summary(document))
     outputs.write({"--json": lambda: json_text(document)})
@@ -219,6 +223,7 @@ def _report(args: argparse.Namespace) -> int:
         check_report_packages()
     store = Store.open(args.store)
     tables = rows_of(store)
+    _say_damaged(store)
     document = {**_head("tpmsd.fleet.report/1", args.store), **report_document(tables)}
     if not outputs.fill_stdout:
         print(report_text(document))
@@ -245,6 +250,15 @@ def _sql(args: argparse.Namespace) -> int:
         }
     )
     return 0
+
+
+def _say_damaged(store: Store) -> None:
+    """A line for each file that was left out, of twenty at most."""
+    lines = [line for file, line in sorted(store.damaged.items()) if file.exists()]
+    for line in lines[:20]:
+        print(f"tpmsd: {line}", file=sys.stderr)
+    if len(lines) > 20:
+        print(f"tpmsd: and {len(lines) - 20} more damaged files", file=sys.stderr)
 
 
 def _head(schema: str, store: Path) -> dict[str, Any]:

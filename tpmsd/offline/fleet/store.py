@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import tempfile
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -20,10 +21,14 @@ from pathlib import Path
 from typing import Any
 
 from tpmsd.foundation.errors import ConfigError, TpmsdError
+from tpmsd.offline.fleet.result_check import check_result
 
 FORMAT = "tpmsd.fleet/1"
 _UMASK = os.umask(0)
 os.umask(_UMASK)
+_KEY = re.compile(r"[0-9a-f]{8,64}")
+MOST_BYTES = 64 << 20
+"""Of a result; those of an hour's drive have some 100 kB."""
 _PARTS = ("drives", "results", "tries", "tables")
 
 
@@ -44,6 +49,8 @@ class Store:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.damaged: dict[Path, str] = {}
+        """Files that were left out, with the reason."""
         self.drives, self.results, self.tries, self.tables = (path / part for part in _PARTS)
 
     @classmethod
@@ -77,16 +84,27 @@ class Store:
         return cls(path)
 
     def entries(self) -> list[DriveEntry]:
-        """All drives, by key."""
-        return [self.entry(path.stem) for path in sorted(self.drives.glob("*.json"))]
+        """All drives, by key; those whose files are damaged are left out, and noted in `damaged`."""
+        found = []
+        for path in sorted(self.drives.glob("*.json")):
+            try:
+                found.append(self.entry(path.stem))
+            except TpmsdError as error:
+                self.damaged[path] = str(error)
+        return found
 
     def entry(self, key: str) -> DriveEntry:
         """One drive; TpmsdError where its file is damaged."""
         file = self.drives / f"{key}.json"
         try:
-            return DriveEntry(**json.loads(file.read_text(encoding="utf-8")))
-        except (OSError, ValueError, TypeError) as error:
-            raise TpmsdError(f"{file}: damaged: {error}") from None
+            entry = DriveEntry(**_read(file))
+            if not _KEY.fullmatch(key) or entry.key != key:
+                raise ValueError("its key is not the file's name in hexadecimal")
+            if not all(isinstance(value, str) for value in asdict(entry).values()):
+                raise ValueError("a field is no text")
+        except (OSError, ValueError, TypeError, RecursionError) as error:
+            raise TpmsdError(f"{file}: damaged: {' '.join(str(error).split())[:200]}") from None
+        return entry
 
     def add(self, entry: DriveEntry) -> bool:
         """Add a drive; False if its content is there already."""
@@ -97,12 +115,16 @@ class Store:
         return True
 
     def result(self, key: str) -> dict[str, Any] | None:
-        """What was made of a drive; None if nothing was yet. A damaged file counts as nothing."""
+        """What was made of a drive; None if nothing was yet. A damaged file counts as nothing,
+        and is noted in `damaged`."""
+        file = self.results / f"{key}.json"
         try:
-            found = json.loads((self.results / f"{key}.json").read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+            return check_result(_read(file))
+        except FileNotFoundError:
             return None
-        return found if isinstance(found, dict) else None
+        except (OSError, ValueError, RecursionError) as error:
+            self.damaged[file] = f"{file}: damaged: {' '.join(str(error).split())[:200]}"
+            return None
 
     def write_result(self, key: str, result: dict[str, Any]) -> None:
         """Keep what was made of a drive."""
@@ -131,6 +153,23 @@ class Store:
     def bytes_per_result(self) -> Iterator[int]:
         """Sizes of the result files."""
         return (file.stat().st_size for file in sorted(self.results.glob("*.json")))
+
+
+def _read(file: Path) -> Any:
+    """A file's JSON; ValueError where it is none, has numbers that are none, or is too large."""
+    if not file.is_file() and file.exists():
+        raise ValueError("not a file")
+    with file.open("rb") as source:
+        content = source.read(MOST_BYTES + 1)
+    if len(content) > MOST_BYTES:
+        raise ValueError(f"more than {MOST_BYTES >> 20} MB")
+    found = json.loads(content.decode("utf-8"), parse_constant=_no_number)
+    json.dumps(found, ensure_ascii=False).encode("utf-8")  # a lone surrogate is a ValueError
+    return found
+
+
+def _no_number(name: str) -> None:
+    raise ValueError(f"{name} is no number")
 
 
 def write_atomic(file: Path, content: str | bytes) -> None:

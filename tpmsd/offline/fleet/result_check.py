@@ -1,0 +1,146 @@
+"""A drive's result as it comes back from the store, held against the form that the tables take.
+
+In: a JSON value. Out: nothing, or ValueError with the place that is damaged. Pure.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from tpmsd.foundation.wheels import WHEELS
+
+LARGEST = 1e30
+"""Information of a radius known to a micrometre is 1e12."""
+MOST_ROWS = 100_000
+MOST_NAMES = 200
+STATES = ("done", "failed", "set_aside")
+_INDEFINITE = 1e-6
+"""An eigenvalue of an information matrix scaled to unit diagonal may be so negative, per row, by rounding."""
+
+Check = Callable[[Any, str], None]
+
+
+def check_result(found: Any) -> dict[str, Any]:
+    """The result; ValueError where it is none."""
+    result = _table(found, "result")
+    if result.get("status") not in STATES:
+        raise ValueError("status is none")
+    _text(result.get("reason"), "reason")
+    _text(result.get("program"), "program")
+    for stage in _rows(result.get("stages"), "stages"):
+        _text(stage, "stages")
+    replay = _optional_table(result.get("replay"), "replay")
+    for name in ("start_time", "duration_s", "distance_m"):
+        _number(replay.get(name), name)
+    for wheel, one in _table(replay.get("wheels", {}), "wheels").items():
+        if wheel not in WHEELS:
+            raise ValueError(f"wheels: {wheel[:20]!r} is no wheel")
+        _cells(one, "wheels", ("state",))
+    for alarm in _rows(replay.get("alarms", []), "alarms"):
+        _cells(alarm, "alarms", ("kind", "wheel", "state", "reason"))
+    _check_calibration(_optional_table(result.get("calibrate"), "calibrate"))
+    diagnosis = _optional_table(result.get("diagnose"), "diagnose")
+    for name in ("verdict", "reason"):
+        _text_or_none(diagnosis.get(name), name)
+    for finding in _rows(diagnosis.get("findings", []), "findings"):
+        _check_finding(_table(finding, "findings"))
+    return result
+
+
+def _check_calibration(told: dict[str, Any]) -> None:
+    _text_or_none(told.get("reason"), "calibrate")
+    statistics = told.get("statistics")
+    if statistics is None:
+        return
+    statistics = _table(statistics, "statistics")
+    names = _rows(statistics.get("names"), "names")
+    for name in names:
+        _text(name, "names")
+    count = len(names)
+    if count > MOST_NAMES or len(set(names)) < count:
+        raise ValueError("names: too many, or one twice")
+    triangle = _rows(statistics.get("information"), "information")
+    vector = _rows(statistics.get("vector"), "vector")
+    if len(triangle) != count * (count + 1) // 2 or len(vector) != count:
+        raise ValueError("information: another shape than its names")
+    for value in (*triangle, *vector):
+        if value is None:
+            raise ValueError("information: no number")
+        _number(value, "information")
+    matrix = np.zeros((count, count))
+    matrix[np.tril_indices(count)] = triangle
+    std = np.sqrt(np.maximum(np.diag(matrix), 1e-30))
+    scaled = matrix / np.outer(std, std)
+    if count and np.linalg.eigvalsh(scaled)[0] < -_INDEFINITE * count:
+        raise ValueError("information: not that of any drive")
+
+
+def _check_finding(finding: dict[str, Any]) -> None:
+    if not {"effect", "confidence", "parameters"} <= finding.keys():
+        raise ValueError("findings: no effect, confidence and parameters")
+    _text(finding.get("effect"), "effect")
+    _number(finding.get("confidence"), "confidence")
+    _number(finding.get("p_value"), "p_value")
+    _text(finding.get("status", ""), "status")
+    for name, quantity in _optional_table(finding.get("parameters"), "parameters").items():
+        one = _table(quantity, name)
+        if not {"value", "std", "unit"} <= one.keys():
+            raise ValueError("parameters: no value, std and unit")
+        _number(one["std"], "std")
+        _text_or_none(one["unit"], "unit")
+        if isinstance(one["value"], int | float):
+            _number(one["value"], "value")
+        elif isinstance(one["value"], dict | list):
+            raise ValueError("value: no number and no text")
+
+
+def _cells(found: Any, what: str, texts: tuple[str, ...]) -> None:
+    """A table's row: named texts (or what is kept as JSON text), else numbers."""
+    from tpmsd.offline.fleet.tables import COLUMNS
+
+    for name, value in _table(found, what).items():
+        if name in texts:
+            if not isinstance(value, list):
+                _text_or_none(value, f"{what}.{name}")
+        elif COLUMNS[what].get(name) == "double":
+            _number(value, f"{what}.{name}")
+
+
+def _table(found: Any, what: str) -> dict[str, Any]:
+    if not isinstance(found, dict):
+        raise ValueError(f"{what}: no table")
+    return found
+
+
+def _optional_table(found: Any, what: str) -> dict[str, Any]:
+    return {} if found is None else _table(found, what)
+
+
+def _rows(found: Any, what: str) -> list[Any]:
+    if not isinstance(found, list) or len(found) > MOST_ROWS:
+        raise ValueError(f"{what}: no list")
+    return found
+
+
+def _text(found: Any, what: str) -> None:
+    if not isinstance(found, str):
+        raise ValueError(f"{what}: no text")
+
+
+def _text_or_none(found: Any, what: str) -> None:
+    if found is not None:
+        _text(found, what)
+
+
+def _number(found: Any, what: str) -> None:
+    """A finite number, or null."""
+    if found is None:
+        return
+    if isinstance(found, bool) or not isinstance(found, int | float):
+        raise ValueError(f"{what}: no number")
+    if not -LARGEST <= found <= LARGEST or not math.isfinite(found):
+        raise ValueError(f"{what}: beyond its bounds")
