@@ -1,7 +1,7 @@
 """Questions to a store in SQL, answered by DuckDB.
 
 In: a store with tables, a query. Out: column names and rows. The tables are read into memory first; the query
-itself may open no file and no network.
+itself may open no file and no network, change no setting, and has limits of memory, time and rows.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import datetime
 import io
+import threading
 from typing import Any
 
 from tpmsd.foundation.errors import ConfigError
@@ -22,30 +23,73 @@ _FIRST_DATE_S = 1e9
 """Host times before September 2001 are of a clock that was not set."""
 KEY_LETTERS = 10
 """Letters of a drive's key that are shown; `where key like '0123456789%'` finds the drive."""
+MOST_S = 30.0
+MOST_MEMORY = "512MB"
+MOST_ROWS = 100_000
+MOST_CELL_CHARS = 1000
+"""Of a cell on a terminal."""
+_SETTINGS = (
+    "set temp_directory = ''",
+    "set enable_external_access = false",
+    "set threads = 1",
+    f"set memory_limit = '{MOST_MEMORY}'",
+    "set lock_configuration = true",
+)
+_KINDS = ("SELECT", "EXPLAIN")
 
 
 def ask(store: Store, query: str) -> tuple[list[str], list[tuple[Any, ...]]]:
-    """The answer; ConfigError with one line where there are no tables yet or the query is wrong."""
+    """The answer; ConfigError with one line where there are no tables yet, or the query is wrong, or takes
+    more than it may. Columns of one name are told apart by a number."""
     duckdb = need("duckdb", "fleet", "questions in SQL")
     with duckdb.connect(":memory:") as database:
         for name in COLUMNS:
             file = store.tables / f"{name}.parquet"
             if not file.is_file():
                 raise ConfigError(f"{store.path}: no tables yet (tpmsd fleet run makes them)")
-            database.execute(f"create table {name} as select * from read_parquet(?)", [str(file)])
-        database.execute("set enable_external_access = false")
+            try:
+                database.execute(f"create table {name} as select * from read_parquet(?)", [str(file)])
+            except duckdb.Error as error:
+                raise ConfigError(f"{file}: damaged: {' '.join(str(error).split())[:200]}") from None
+        for setting in _SETTINGS:
+            database.execute(setting)
+        clock = threading.Timer(MOST_S, database.interrupt)
+        clock.daemon = True
+        clock.start()
         try:
-            answer = database.execute(query)
-            rows = answer.fetchall() if answer.description else []
+            statements = database.extract_statements(query)
+            if len(statements) != 1 or statements[0].type.name not in _KINDS:
+                raise ConfigError("query: one question (select, with, explain) is wanted")
+            answer = database.execute(statements[0])
+            rows = answer.fetchmany(MOST_ROWS + 1)
             names = [column[0] for column in answer.description or ()]
-        except duckdb.Error as error:
-            raise ConfigError(f"query: {' '.join(str(error).split())[:300]}") from None
-    return names, rows
+        except duckdb.InterruptException:
+            raise ConfigError(f"query: takes more than {MOST_S:.0f} s") from None
+        except (duckdb.Error, MemoryError) as error:
+            raise ConfigError(f"query: {printable(str(error))[:300]}") from None
+        finally:
+            clock.cancel()
+    if len(rows) > MOST_ROWS:
+        raise ConfigError(f"query: more than {MOST_ROWS} rows; add a limit")
+    return apart(names), rows
+
+
+def apart(names: list[str]) -> list[str]:
+    """The names, each once: `car`, `car_2`, `car_3`."""
+    found: list[str] = []
+    for name in names:
+        made, number = name, 1
+        while made in found:
+            number += 1
+            made = f"{name}_{number}"
+        found.append(made)
+    return found
 
 
 def as_text(names: list[str], rows: list[tuple[Any, ...]]) -> str:
     """The answer in columns, for people."""
     cells = [[_cell(value, name) for name, value in zip(names, row, strict=True)] for row in rows]
+    names = [printable(name) for name in names]
     widths = [max(len(name), *(len(row[k]) for row in cells), 1) for k, name in enumerate(names)]
     lines = ["  ".join(name.ljust(width) for name, width in zip(names, widths, strict=True)).rstrip()]
     lines += ["  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in cells]
@@ -80,4 +124,11 @@ def _cell(value: Any, name: str) -> str:
         return moment.strftime("%Y-%m-%d %H:%M:%S")
     if name == "key" and isinstance(value, str):
         return value[:KEY_LETTERS]
-    return f"{value:.6g}" if isinstance(value, float) else " ".join(str(value).split())
+    return f"{value:.6g}" if isinstance(value, float) else printable(str(value))[:MOST_CELL_CHARS]
+
+
+def printable(text: str) -> str:
+    """The text on one line, without marks that a terminal obeys."""
+    return "".join(
+        mark if mark.isprintable() else "\N{REPLACEMENT CHARACTER}" for mark in " ".join(text.split())
+    )
