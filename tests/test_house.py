@@ -160,7 +160,7 @@ BRANCHY = {
     "tpmsd.onboard.monitor.baseline.learn": 21,
     "tpmsd.onboard.monitor.signal_watch.update": 28,
     "tpmsd.onboard.monitor.tyre_sets._take": 19,
-    "tpmsd.onboard.sources.can_decoder._decode_group": 35,
+    "tpmsd.onboard.sources.can_decoder._decode_group": 33,
     "tpmsd.onboard.sources.nmea_epoch.merge_readings": 16,
     "tpmsd.onboard.sources.nmea_log._read_plain": 18,
     "tpmsd.onboard.sources.plain_nmea.clock_offset": 17,

@@ -13,32 +13,26 @@ import threading
 from typing import Any
 
 from tpmsd.foundation.errors import ConfigError
+from tpmsd.offline.fleet.settings import SETTINGS
 from tpmsd.offline.fleet.store import Store
 from tpmsd.offline.fleet.tables import COLUMNS
 from tpmsd.offline.tables.extras import need
 
 _TIMES = frozenset({"start", "time", "since"})
 """Columns that hold times of the host's clock."""
-_FIRST_DATE_S = 1e9
-"""Host times before September 2001 are of a clock that was not set."""
-KEY_LETTERS = 10
-"""Letters of a drive's key that are shown; `where key like '0123456789%'` finds the drive."""
-MOST_S = 30.0
-MOST_MEMORY = "512MB"
-MOST_ROWS = 100_000
-MOST_CELL_CHARS = 1000
-"""Of a cell on a terminal."""
 _SETTINGS = (
     "set temp_directory = ''",
     "set enable_external_access = false",
     "set threads = 1",
-    f"set memory_limit = '{MOST_MEMORY}'",
+    f"set memory_limit = '{SETTINGS.query_memory}'",
     "set lock_configuration = true",
 )
 _KINDS = ("SELECT", "EXPLAIN")
 
 
-def ask(store: Store, query: str) -> tuple[list[str], list[tuple[Any, ...]]]:
+def ask(
+    store: Store, query: str, most_s: float = SETTINGS.query_s
+) -> tuple[list[str], list[tuple[Any, ...]]]:
     """The answer; ConfigError with one line where there are no tables yet, or the query is wrong, or takes
     more than it may. Columns of one name are told apart by a number."""
     duckdb = need("duckdb", "fleet", "questions in SQL")
@@ -53,7 +47,7 @@ def ask(store: Store, query: str) -> tuple[list[str], list[tuple[Any, ...]]]:
                 raise ConfigError(f"{file}: damaged: {' '.join(str(error).split())[:200]}") from None
         for setting in _SETTINGS:
             database.execute(setting)
-        clock = threading.Timer(MOST_S, database.interrupt)
+        clock = threading.Timer(most_s, database.interrupt)
         clock.daemon = True
         clock.start()
         try:
@@ -61,16 +55,16 @@ def ask(store: Store, query: str) -> tuple[list[str], list[tuple[Any, ...]]]:
             if len(statements) != 1 or statements[0].type.name not in _KINDS:
                 raise ConfigError("query: one question (select, with, explain) is wanted")
             answer = database.execute(statements[0])
-            rows = answer.fetchmany(MOST_ROWS + 1)
+            rows = answer.fetchmany(SETTINGS.query_rows + 1)
             names = [column[0] for column in answer.description or ()]
         except duckdb.InterruptException:
-            raise ConfigError(f"query: takes more than {MOST_S:.0f} s") from None
+            raise ConfigError(f"query: takes more than {most_s:.0f} s") from None
         except (duckdb.Error, MemoryError) as error:
             raise ConfigError(f"query: {printable(str(error))[:300]}") from None
         finally:
             clock.cancel()
-    if len(rows) > MOST_ROWS:
-        raise ConfigError(f"query: more than {MOST_ROWS} rows; add a limit")
+    if len(rows) > SETTINGS.query_rows:
+        raise ConfigError(f"query: more than {SETTINGS.query_rows} rows; add a limit")
     return apart(names), rows
 
 
@@ -119,12 +113,12 @@ def _cell(value: Any, name: str) -> str:
     """One value for people: a host time as UTC, of a key its beginning."""
     if value is None:
         return ""
-    if name in _TIMES and isinstance(value, float) and value >= _FIRST_DATE_S:
+    if name in _TIMES and isinstance(value, float) and value >= SETTINGS.first_date_s:
         moment = datetime.datetime.fromtimestamp(value, tz=datetime.UTC)
         return moment.strftime("%Y-%m-%d %H:%M:%S")
     if name == "key" and isinstance(value, str):
-        return value[:KEY_LETTERS]
-    return f"{value:.6g}" if isinstance(value, float) else printable(str(value))[:MOST_CELL_CHARS]
+        return value[: SETTINGS.key_letters]
+    return f"{value:.6g}" if isinstance(value, float) else printable(str(value))[: SETTINGS.cell_chars]
 
 
 def printable(text: str) -> str:

@@ -11,6 +11,8 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from tpmsd.offline.fleet.settings import SETTINGS
+
 Row = dict[str, Any]
 Tables = dict[str, list[Row]]
 
@@ -42,8 +44,6 @@ _ADVICE = (
 """Words in the reason of a malfunction, and what to do then; the first that fits."""
 _OF_ONE_TYRE = {"deflation", "radius_deviation", "loss", "slow_leak"}
 """What stands in one row where it is of one wheel."""
-NAMED_CONFIDENCE = 0.5
-"""From this confidence on an effect is named: it is likelier than all its rivals together."""
 _DERIVED_MODEL = re.compile(r"(\d+(?:\.\d+)?)m-(\w+)-([0-9a-f]{4})")
 
 
@@ -185,7 +185,9 @@ def model_title(model: str) -> str:
 
 def _is_named(row: Row) -> bool:
     confidence = row.get("confidence")
-    return row.get("status") != "suspicion" and (confidence is None or confidence >= NAMED_CONFIDENCE)
+    return row.get("status") != "suspicion" and (
+        confidence is None or confidence >= SETTINGS.named_confidence
+    )
 
 
 def utc(time_s: float | None) -> str | None:

@@ -12,14 +12,9 @@ from typing import Any
 import numpy as np
 
 from tpmsd.foundation.wheels import WHEELS
+from tpmsd.offline.fleet.settings import SETTINGS
 
-LARGEST = 1e30
-"""Information of a radius known to a micrometre is 1e12."""
-MOST_ROWS = 100_000
-MOST_NAMES = 200
 STATES = ("done", "failed", "set_aside")
-_INDEFINITE = 1e-6
-"""An eigenvalue of an information matrix scaled to unit diagonal may be so negative, per row, by rounding."""
 
 Check = Callable[[Any, str], None]
 
@@ -61,7 +56,7 @@ def _check_calibration(told: dict[str, Any]) -> None:
     for name in names:
         _text(name, "names")
     count = len(names)
-    if count > MOST_NAMES or len(set(names)) < count:
+    if count > SETTINGS.result_names or len(set(names)) < count:
         raise ValueError("names: too many, or one twice")
     triangle = _rows(statistics.get("information"), "information")
     vector = _rows(statistics.get("vector"), "vector")
@@ -75,7 +70,7 @@ def _check_calibration(told: dict[str, Any]) -> None:
     matrix[np.tril_indices(count)] = triangle
     std = np.sqrt(np.maximum(np.diag(matrix), 1e-30))
     scaled = matrix / np.outer(std, std)
-    if count and np.linalg.eigvalsh(scaled)[0] < -_INDEFINITE * count:
+    if count and np.linalg.eigvalsh(scaled)[0] < -SETTINGS.indefinite * count:
         raise ValueError("information: not that of any drive")
 
 
@@ -121,7 +116,7 @@ def _optional_table(found: Any, what: str) -> dict[str, Any]:
 
 
 def _rows(found: Any, what: str) -> list[Any]:
-    if not isinstance(found, list) or len(found) > MOST_ROWS:
+    if not isinstance(found, list) or len(found) > SETTINGS.result_rows:
         raise ValueError(f"{what}: no list")
     return found
 
@@ -142,5 +137,5 @@ def _number(found: Any, what: str) -> None:
         return
     if isinstance(found, bool) or not isinstance(found, int | float):
         raise ValueError(f"{what}: no number")
-    if not -LARGEST <= found <= LARGEST or not math.isfinite(found):
+    if not -SETTINGS.largest_information <= found <= SETTINGS.largest_information or not math.isfinite(found):
         raise ValueError(f"{what}: beyond its bounds")

@@ -67,6 +67,30 @@ class FleetSettings:
     most_pictures: int = 20
     """Cars whose plot is a picture too, those that need attention first; each takes 0.1 s and 20 kB. The
     others' plots take JavaScript; their tables do not."""
+    first_date_s: float = 1e9
+    """Host times before September 2001 are of a clock that was not set."""
+    key_letters: int = 10
+    """Letters of a drive's key that are shown; `where key like '0123456789%'` finds the drive."""
+    query_s: float = 30.0
+    """Time that a question in SQL may take."""
+    query_memory: str = "512MB"
+    """Memory of a question in SQL: the tables of 100,000 drives take a fifth of it."""
+    query_rows: int = 100_000
+    """Rows of an answer, which is held in memory."""
+    cell_chars: int = 1000
+    """Characters of a cell on a terminal."""
+    named_confidence: float = 0.5
+    """Confidence from which an effect is named: below, something else is likelier."""
+    result_bytes: int = 64 << 20
+    """Size of a stored result that is read; a result of a drive takes some 100 kB."""
+    largest_information: float = 1e30
+    """Largest number that a stored result may hold; that of a radius known to a micrometre is 1e12."""
+    result_rows: int = 100_000
+    """Rows of a list in a stored result."""
+    result_names: int = 200
+    """Parameters of a drive's statistics."""
+    indefinite: float = 1e-6
+    """Negative eigenvalue of an information matrix of unit diagonal that is rounding, per row."""
 
 
 SETTINGS = FleetSettings()

@@ -22,13 +22,12 @@ from typing import Any
 
 from tpmsd.foundation.errors import ConfigError, TpmsdError
 from tpmsd.offline.fleet.result_check import check_result
+from tpmsd.offline.fleet.settings import SETTINGS
 
 FORMAT = "tpmsd.fleet/1"
 _UMASK = os.umask(0)
 os.umask(_UMASK)
 _KEY = re.compile(r"[0-9a-f]{8,64}")
-MOST_BYTES = 64 << 20
-"""Of a result; those of an hour's drive have some 100 kB."""
 _PARTS = ("drives", "results", "tries", "tables")
 
 
@@ -160,9 +159,9 @@ def _read(file: Path) -> Any:
     if not file.is_file() and file.exists():
         raise ValueError("not a file")
     with file.open("rb") as source:
-        content = source.read(MOST_BYTES + 1)
-    if len(content) > MOST_BYTES:
-        raise ValueError(f"more than {MOST_BYTES >> 20} MB")
+        content = source.read(SETTINGS.result_bytes + 1)
+    if len(content) > SETTINGS.result_bytes:
+        raise ValueError(f"more than {SETTINGS.result_bytes >> 20} MB")
     found = json.loads(content.decode("utf-8"), parse_constant=_no_number)
     json.dumps(found, ensure_ascii=False).encode("utf-8")  # a lone surrogate is a ValueError
     return found
