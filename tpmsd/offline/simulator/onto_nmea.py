@@ -74,7 +74,7 @@ class NmeaRewriter:
         stamped = bears_host_times(source)
         later_s = self.injection.fix_age_s
         if later_s != 0.0 and not stamped:
-            raise ConfigError(f"{source}: later fixes need the host's stamps in front of the lines")
+            raise ConfigError(f"{source}: what delays fixes needs the host's stamps in front of the lines")
         times = {number: time_s + self.offset_s for time_s, _, number in read_nmea_log(source)}
         numbers = sorted(times)
         host_s = np.array([times[number] for number in numbers])
