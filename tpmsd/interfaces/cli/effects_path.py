@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-import tomllib
 from pathlib import Path
 
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.foundation.text_file import read_text
+from tpmsd.foundation.toml_text import parse_toml
 from tpmsd.interfaces.cli.output import Subparsers
 
 COMMANDS = (
@@ -68,7 +68,7 @@ def _say_what_is_not_followed(args: argparse.Namespace) -> None:
 def _named_in(file: Path) -> Path | None:
     """The folder that a configuration names; None without one. What is wrong with it the command says."""
     try:
-        document = tomllib.loads(read_text(file, MAX_BYTES, "a configuration"))
+        document = parse_toml(read_text(file, MAX_BYTES, "a configuration"))
     except (ConfigError, ValueError, RecursionError):
         return None
     table = document.get("physics")
