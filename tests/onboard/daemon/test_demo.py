@@ -43,7 +43,8 @@ def test_the_demonstration_finds_the_wheel(tmp_path: Path, method: str) -> None:
     assert re.match(r" +frame +6F1#[0-9A-F]{16}$", lines[alarm + 1])
     assert "Deflation_FR=alarm" in lines[alarm + 2] + lines[alarm + 3]
     assert any("  learning " in line for line in lines[:alarm])
-    assert any("  monitoring " in line for line in lines[:alarm])
+    # MPF-PN knows the radii later, and may find the loss before all four wheels are learned.
+    assert any("  monitoring " in line for line in (lines[:alarm] if method == "gaussian-sum" else lines))
     assert lines[-2].startswith("Found on the bus: front right, ")
     assert lines[-2].endswith("No other wheel was announced.")
     assert lines[-1].startswith("Next, ")
