@@ -367,7 +367,6 @@ class CalibrationConfig:
     track_front_std_m: float | None = None
 
 
-@brief
 @dataclass(frozen=True, slots=True)
 class PhysicsConfig:
     """The catalogue of effects."""
@@ -376,6 +375,7 @@ class PhysicsConfig:
     """Folder of Python files with effects of one's own; not followed in a drive folder's own vehicle.toml."""
 
 
+@brief
 @dataclass(frozen=True, slots=True)
 class Config:
     """Everything the daemon knows before it starts."""
