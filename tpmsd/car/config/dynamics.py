@@ -48,7 +48,7 @@ NEEDED = (
 
 @dataclass(frozen=True, slots=True)
 class CarTables:
-    """What `[vehicle]` and `[dynamics]` say of a car, for the baselines of vehicle dynamics."""
+    """Masses, geometry and tyres of a car, from `[vehicle]` and `[dynamics]`, for the dynamics baselines."""
 
     file: Path
     dynamics: DynamicsConfig

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class DynamicsConfig:
-    """What is known of masses and tyres; None where it is not stated."""
+    """Masses and tyres of the car as configured; None where a value is not stated."""
 
     mass_kg: float | None = None
     yaw_inertia_kgm2: float | None = None

@@ -44,7 +44,7 @@ DEFAULT_METHOD = "gaussian-sum"
 FILTER_GATES = ("thresholds", "slip")
 FIX_WEIGHTS = ("square", "igg3")
 MEASUREMENTS = ("position", "speed", "course", "yaw_rate", "steering")
-"""What a filter may hear beside the rotation of the wheels."""
+"""Measurements that a filter may use beside the rotation of the wheels."""
 ROLES = WHEEL_COUNT_ROLES + WHEEL_SPEED_ROLES + OPTIONAL_ROLES + FLAG_ROLES + GNSS_ROLES
 
 

@@ -1,4 +1,4 @@
-"""What an effect of vehicle dynamics is: a piece of physics that a baseline model leaves out.
+"""Base class of an effect of vehicle dynamics: a piece of physics that a baseline model leaves out.
 
 In: nothing. Out: the base class `DynamicsEffect`. A concrete effect is a frozen dataclass in
 `tpmsd.car.physics.dynamics_effects` whose fields are its parameters; it overrides the one or two hooks
@@ -43,9 +43,9 @@ class DynamicsEffect:
     states: ClassVar[tuple[str, ...]] = ()
     """States that it adds once it belongs to a model."""
     needs_forces: ClassVar[bool] = False
-    """Whether it shows only where speed is an output."""
+    """True if the effect shows only where speed is an output."""
     positive: ClassVar[bool] = False
-    """Whether its first parameter has one possible sign."""
+    """True if only one sign of the first parameter is physically possible."""
     shows_in: ClassVar[Mapping[str, str]] = {}
     """Outputs by parameter, for parameters that show in one output alone."""
     twins: ClassVar[tuple[str, ...]] = ()

@@ -29,7 +29,7 @@ REQUEST_S = 10.0
 
 
 class StatusCollector:
-    """What prometheus-client asks at each scrape."""
+    """Return the metrics; prometheus-client calls this at each scrape."""
 
     def __init__(self, path: Path, log: logging.Logger) -> None:
         self._path, self._log = path, log

@@ -134,12 +134,12 @@ def write_files(found: Discovery, dbc: Path | None, target: Path) -> list[Path]:
 
 
 def _lies_elsewhere(dbc: Path, target: Path) -> bool:
-    """Whether the DBC lies in another folder than the configuration."""
+    """True if the DBC lies in another folder than the configuration."""
     return dbc.resolve().parent != target.absolute().parent.resolve()
 
 
 def _is_copied(dbc: Path, target: Path) -> bool:
-    """Whether a copy of the DBC is to be written; not if the file beside the configuration is that copy."""
+    """True if a copy of the DBC has to be written; False if the file beside it is that copy."""
     beside = target.with_suffix(".dbc")
     is_there = beside.is_file() and dbc.is_file() and beside.read_bytes() == dbc.read_bytes()
     return _lies_elsewhere(dbc, target) and not is_there

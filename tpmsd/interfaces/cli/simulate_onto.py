@@ -24,7 +24,7 @@ MOST_CONCEALED = 10
 """More effects than any drive shows side by side."""
 SALT_BYTES = 16
 _OWN = ("out", "force", "seed", "effect", "model", "json", "onto", "conceal", "help", "effects_path")
-"""What goes with a recording; all else is of a simulated drive."""
+"""Options that go with a recording; all others are for a simulated drive."""
 
 
 def add_onto_options(parser: Parser) -> None:

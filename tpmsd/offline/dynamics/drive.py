@@ -29,7 +29,7 @@ class DynamicsDrive:
     outputs: Mapping[str, FloatArray]
     """(n,) each, NaN where there is no value."""
     forces: bool = False
-    """Whether drive and brake forces are given."""
+    """True if drive and brake forces are given."""
     start_s: float = 0.0
     """Time of the drive's start on the recording's own clock."""
     key: str = ""

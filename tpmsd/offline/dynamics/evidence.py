@@ -118,7 +118,7 @@ class Statistics:
 
 @dataclass(frozen=True)
 class Addition:
-    """What a set of columns adds to a model."""
+    """Log-likelihood gain of a set of columns beside the model that stands."""
 
     information: FloatArray
     """(a, a) with the model's own columns eliminated."""

@@ -91,7 +91,7 @@ class Frame:
 
     @property
     def axles(self) -> bool:
-        """Whether the contacts are the two axles."""
+        """True if the contacts are the two axles, False if they are the four wheels."""
         return len(self.angle) == 2
 
 
