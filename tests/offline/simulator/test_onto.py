@@ -280,6 +280,16 @@ def test_folders_and_logs_that_cannot_be_are_one_line(
         assert 1 == sum(reason in line for line in said)
 
 
+def test_a_drive_too_short_to_conceal_in_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Unusable input, with the drive and the reason in one line, and nothing written."""
+    write_drive(tmp_path / "in", simulate_drive(replace(SPEC, duration_s=20.0)))
+
+    assert 3 == main(["simulate", str(tmp_path / "out"), "--onto", str(tmp_path / "in"), "--conceal", "1"])
+
+    assert capsys.readouterr().err.splitlines()[-1].endswith("in: the drive is shorter than 90 s")
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_drive_without_its_rear_wheels_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

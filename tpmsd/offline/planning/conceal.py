@@ -19,7 +19,7 @@ import numpy as np
 from tpmsd.car.physics.catalogue import EFFECTS, FAULT, Probe, make_effect, probes
 from tpmsd.car.physics.effect import Effect, Kind, Parameter
 from tpmsd.car.physics.reading_change import by_slopes
-from tpmsd.foundation.errors import ConfigError
+from tpmsd.foundation.errors import ConfigError, InputError
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.diagnosis.assessment.identifiability import Telling, tellings, usual_size
 from tpmsd.offline.diagnosis.hypotheses.terms import wheels_of
@@ -45,10 +45,10 @@ class Showing:
     """What a recording can show."""
 
     def __init__(self, recording: Recording, progress: Callable[[float], None]) -> None:
-        """ConfigError where the recording cannot be examined."""
+        """InputError where the recording cannot be examined."""
         readers, notes = admitted([recording])
         if not readers:
-            raise ConfigError("; ".join(notes))
+            raise InputError(recording.name, "; ".join(notes))
         found = examine(Study(readers), progress)
         self._drive = found.study.drives[0]
         self._recording = readers[0].recording
@@ -83,7 +83,10 @@ def draw(
     rng: np.random.Generator,
     progress: Callable[[float], None] = lambda share: None,
 ) -> tuple[Effect, ...]:
-    """`count` different effects that do not look alike; ConfigError where the drive cannot show as many."""
+    """`count` different effects that do not look alike.
+
+    ConfigError where the drive cannot show as many, InputError where it cannot be examined.
+    """
     showing = Showing(recording, progress)
     alike = {
         one.effect: {other for other, cosine in one.confounded_with if other != one.effect}
