@@ -17,3 +17,13 @@ def recordings() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real recordings at {folder} (set TPMSD_RECORDINGS)")
     return folder
+
+
+@pytest.fixture(scope="session")
+def recorded_dynamics() -> Path:
+    """The folder of real cars' signals, by TPMSD_DYNAMICS or beside that of the real drives; skips where absent."""
+    drives = Path(os.environ.get("TPMSD_RECORDINGS", REPO.parent / "shared" / "recordings"))
+    folder = Path(os.environ.get("TPMSD_DYNAMICS", drives.parent / "dynamics"))
+    if not folder.is_dir():
+        pytest.skip(f"no signals of real cars at {folder} (set TPMSD_DYNAMICS)")
+    return folder
