@@ -121,7 +121,8 @@ deb: $(RUNTIME)  ## a Debian package, to build/deb (EXTRAS=...)
 docs: $(DEV)  ## the site, with its links checked, to build/site: works offline
 	@NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --strict -q
 
-release: $(DEV)  ## wheel, sdist, Debian package and SBOM: built, checked, with their hashes; twice the same
+release: $(DEV)  ## wheels, sdist, Debian package and SBOM: built, checked, with their hashes; twice the same
+	@$(PY) -c 'import ziglang, auditwheel' 2>/dev/null || $(PIP) install -e '.[release]'
 	@PY="$(abspath $(PY))" sh tools/release.sh
 
 ##@ Measure

@@ -2,8 +2,9 @@
 gains of the diagnosis' whitening filter, and lines of candump.
 
 Everything else of the build is in pyproject.toml. Without a compiler or Python's headers the extensions are
-left out, and the same is done with NumPy arrays. TPMSD_NO_KERNEL=1 leaves it out on purpose: the
-published wheel fits every machine.
+left out, and the same is done with NumPy arrays. TPMSD_NO_KERNEL=1 leaves them out on purpose, for the wheel
+that fits every machine. TPMSD_WHEEL_PLATFORM names the platform of a wheel that is compiled for another
+machine than this one (`tools/make_wheels.py`): there a kernel that does not compile is an error.
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ from __future__ import annotations
 import os
 
 from setuptools import Extension, setup
+
+PLATFORM = os.environ.get("TPMSD_WHEEL_PLATFORM", "")
 
 KERNELS = [
     Extension(
@@ -22,7 +25,7 @@ KERNELS = [
         extra_link_args=["-Wl,-s"],
         libraries=["m"],
         py_limited_api=True,
-        optional=True,
+        optional=not PLATFORM,
     )
     for name in (
         "tpmsd.onboard.estimators._bank",
@@ -31,8 +34,9 @@ KERNELS = [
     )
 ]
 LEFT_OUT = os.environ.get("TPMSD_NO_KERNEL", "") not in ("", "0")
+WHEEL = {"py_limited_api": "cp311"} | ({"plat_name": PLATFORM} if PLATFORM else {})
 
 setup(
     ext_modules=[] if LEFT_OUT else KERNELS,
-    options={} if LEFT_OUT else {"bdist_wheel": {"py_limited_api": "cp311"}},
+    options={} if LEFT_OUT else {"bdist_wheel": WHEEL},
 )

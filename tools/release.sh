@@ -1,6 +1,6 @@
 #!/bin/sh
-# Builds all that is published, checks it and prints the hashes: `make release`. In: PY (a Python with the extras dev and docs), the sources as
-# committed. Out: build/release: wheel, sdist, Debian package, SBOM and SHA256SUMS. The same sources make the same bytes: time stamps
+# Builds all that is published, checks it and prints the hashes: `make release`. In: PY (a Python with the extras dev, docs and release), the sources as
+# committed. Out: build/release: wheels, sdist, Debian package, SBOM and SHA256SUMS. The same sources make the same bytes: time stamps
 # are those of the last commit (SOURCE_DATE_EPOCH).
 set -eu
 cd "$(dirname "$0")/.."
@@ -23,9 +23,9 @@ rm -rf "$out" build/release-src
 mkdir -p "$out" build/release-src
 git archive HEAD | tar -x -C build/release-src
 find build/release-src -exec touch -h -d "@$SOURCE_DATE_EPOCH" {} +
-# The wheel is without the compiled kernel: it fits every machine.
-(cd build/release-src && "$PY" -m build --no-isolation --sdist --outdir "$out" . &&
-    TPMSD_NO_KERNEL=1 "$PY" -m build --no-isolation --wheel --outdir "$out" .) >build/release.log 2>&1 || die "see build/release.log"
+(cd build/release-src && "$PY" -m build --no-isolation --sdist --outdir "$out" .) >build/release.log 2>&1 || die "see build/release.log"
+# Compiled wheels for x86_64 and aarch64, and one without kernels that fits every machine.
+"$PY" tools/make_wheels.py build/release-src "$out" || die "the wheels"
 "$PY" tools/repack_sdist.py "$out"/*.tar.gz
 "$PY" -m twine check --strict "$out"/*.whl "$out"/*.tar.gz >>build/release.log 2>&1 || die "twine: see build/release.log"
 
@@ -41,11 +41,20 @@ if command -v dpkg-buildpackage >/dev/null && [ -z "${RELEASE_NO_DEB:-}" ]; then
     ! command -v lintian >/dev/null || lintian --fail-on error,warning $own_address "$out"/*.deb || die "lintian"
 fi
 
-# The wheel as built, in an environment of its own.
-"$PY" -m venv --clear build/release-env
-build/release-env/bin/python -m pip install -q --disable-pip-version-check "$out"/*.whl
-(cd build/release-env && bin/tpmsd simulate drive --force --duration 60 >/dev/null 2>&1 && bin/tpmsd check drive >/dev/null &&
-    bin/tpmsd replay drive --json - >/dev/null 2>&1) || die "the wheel does not work in a clean environment"
-"$PY" tools/make_sbom.py build/release-env/bin/python >"$out/tpmsd-$version.sbom.json"
+# The wheels as built, each in an environment of its own: the compiled one says so, and both find the same radii and alarms.
+for kind in compiled numpy; do
+    case $kind in
+    compiled) wheel=$(ls "$out"/*-manylinux_*_"$(uname -m)".whl) ;;
+    numpy) wheel=$(ls "$out"/*-py3-none-any.whl) ;;
+    esac
+    env=build/release-env-$kind
+    "$PY" -m venv --clear "$env"
+    "$env"/bin/python -m pip install -q --disable-pip-version-check "$wheel"
+    (cd "$env" && bin/tpmsd --version | grep -q "(kernel: $kind)") || die "the wheel for $kind is not $kind"
+    (cd "$env" && bin/tpmsd simulate drive --force --duration 120 --puncture rl --at 60 --seed 1 >/dev/null 2>&1 && bin/tpmsd check drive >/dev/null &&
+        bin/tpmsd replay drive --json replay.json >/dev/null 2>&1) || die "the wheel for $kind does not work in a clean environment"
+done
+"$PY" tools/compare_replays.py build/release-env-compiled/replay.json build/release-env-numpy/replay.json || die "the kernels differ"
+"$PY" tools/make_sbom.py build/release-env-compiled/bin/python >"$out/tpmsd-$version.sbom.json"
 
 (cd "$out" && sha256sum ./* >SHA256SUMS && cat SHA256SUMS)

@@ -13,6 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from tpmsd.foundation.kernels import kernel
 from tpmsd.foundation.version import __version__
 
 VEHICLE_FILE = "vehicle.toml"
@@ -35,7 +36,7 @@ def provenance(
         file = file / VEHICLE_FILE
     return {
         "schema": schema,
-        "program": {"name": "tpmsd", "version": __version__, "commit": commit()},
+        "program": {"name": "tpmsd", "version": __version__, "commit": commit(), "kernel": kernel()},
         "input": {
             "paths": [str(path) for path in sources],
             "configuration": None if file is None else str(file),

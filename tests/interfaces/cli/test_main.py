@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from tpmsd import __version__
+from tpmsd.foundation.kernels import kernel
 from tpmsd.interfaces.cli import main as frame
 from tpmsd.interfaces.cli.main import main
 
@@ -121,9 +122,9 @@ def test_help_of_a_command(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
-    """The version is that of the package."""
+    """The version is that of the package, with the kernel in use."""
     assert main(["--version"]) == 0
-    assert f"tpmsd {__version__}\n" == capsys.readouterr().out
+    assert f"tpmsd {__version__} (kernel: {kernel()})\n" == capsys.readouterr().out
 
 
 def test_listed_commands_are_those_that_exist(capsys: pytest.CaptureFixture[str]) -> None:

@@ -20,6 +20,7 @@ from pathlib import Path
 
 from tpmsd.car.config.suggest import nearest
 from tpmsd.foundation.errors import ConfigError, TpmsdError
+from tpmsd.foundation.kernels import kernel
 from tpmsd.foundation.lean import import_on_demand, leave_out_mf4, no_collection
 from tpmsd.foundation.version import __version__
 from tpmsd.interfaces.cli.effects_path import add_effects_option, use_own_effects
@@ -188,7 +189,7 @@ def _top_parser() -> tuple[Parser, Subparsers]:
         "a GNSS receiver. 'tpmsd COMMAND --help' explains each command.",
         epilog=_EPILOG,
     )
-    parser.add_argument("--version", action="version", version=f"tpmsd {__version__}")
+    parser.add_argument("--version", action="version", version=f"tpmsd {__version__} (kernel: {kernel()})")
     return parser, parser.add_subparsers(title="commands", metavar="COMMAND", dest="command")
 
 

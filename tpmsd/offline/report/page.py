@@ -96,6 +96,8 @@ class Origin:
         version = f"{program.get('name', 'tpmsd')} {program.get('version', '')}".strip()
         if program.get("commit"):
             version += f" ({str(program['commit'])[:12]})"
+        if program.get("kernel"):
+            version += f", kernel: {program['kernel']}"
         entries = [
             ("Made", self.made_at.astimezone(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC")),
             ("Program", version),
