@@ -1,10 +1,10 @@
 """Build the published wheels: compiled for each processor, and a pure one for every other machine.
 
 In: a folder with the sources, a folder for the wheels. Out: `cp311-abi3-manylinux_2_17` wheels for x86_64
-and aarch64, and the wheel without kernels. The compiler is Zig's clang (package `ziglang`): it brings the headers
-and the symbol versions of glibc 2.17 for both processors, so that no image and no other machine is needed.
-auditwheel then checks that each compiled wheel keeps to its platform. The same sources make the same bytes
-(SOURCE_DATE_EPOCH).
+and aarch64, and the wheel without kernels. The compiler is Zig's clang (package `ziglang`): it brings the
+headers and the symbol versions of glibc 2.17 for both processors, so that no image and no other machine is
+needed. auditwheel then checks that each compiled wheel keeps to its platform. The same sources make the same
+bytes (SOURCE_DATE_EPOCH).
 """
 
 from __future__ import annotations
