@@ -1,7 +1,7 @@
 """The daemon's documents for as long as a bridge lives, also when the daemon is restarted.
 
-In: the path of the status socket. Out: documents, and None after each try that the daemon does not answer, so that
-a bridge answers those who ask it meanwhile. Never ends.
+In: the path of the status socket. Out: documents, and None after each try that meets no daemon, so that a bridge
+answers those who ask it meanwhile. Never ends.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from typing import Any
 from tpmsd.onboard.sinks.status_client import StatusError, watch_status
 
 FIRST_DELAY_S, LONGEST_DELAY_S = 0.2, 1.0
-"""A call to the bridge waits for no longer than the longest delay (`GetState` is answered within a second)."""
+"""A call to a bridge waits for the longest delay at most: `GetState` is answered within a second."""
 
 
 def documents(
     path: Path, log: logging.Logger, sleep: Callable[[float], None] = time.sleep
 ) -> Iterator[dict[str, Any] | None]:
-    """Yield documents as they come, and None after each try that meets no daemon; the log says once that it is gone."""
+    """Yield documents as they come, and None after each try that meets no daemon; the log says it once."""
     delay_s, said = FIRST_DELAY_S, ""
     while True:
         try:
