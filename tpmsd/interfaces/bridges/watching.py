@@ -1,7 +1,7 @@
 """The daemon's documents for as long as a bridge lives, also when the daemon is restarted.
 
-In: the path of the status socket. Out: documents, and None after each try that meets no daemon, so that a bridge
-answers those who ask it meanwhile. Never ends.
+In: the path of the status socket. Out: documents, and None after each try that meets no daemon, so that a
+bridge answers those who ask it meanwhile. Never ends.
 """
 
 from __future__ import annotations
