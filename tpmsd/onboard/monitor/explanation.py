@@ -109,7 +109,7 @@ class Explanation:
         if event.kind is AlarmKind.MALFUNCTION:
             return "the signals have been in order for a tenth of the time that raised it"
         if event.kind is AlarmKind.SLOW_LEAK:
-            return "a week of drives since then fits no leak better than this leak, or when other tyres are driven"
+            return "a week of drives fits no leak better than this leak, or when other tyres are driven"
         at, hold_s = self._settings.clear_probability, self._settings.clear_hold_s
         of = "that it differs from its fellow as no set does" if event.since else "of it"
         return (
