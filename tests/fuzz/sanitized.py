@@ -1,7 +1,8 @@
 """Runs the tests of the three compiled parts under AddressSanitizer and UndefinedBehaviorSanitizer.
 
 In: the C files of `setup.py`, gcc. Out: what pytest says; exit code 1 where a test or a sanitizer failed, 0
-with a line where gcc or its sanitizers are not installed. The parts are built into a copy below build/sanitized.
+with a line where gcc or its sanitizers are not installed. The parts are built into a copy,
+build/sanitized.
 
     python -m tests.fuzz.sanitized
 """
