@@ -97,8 +97,9 @@ test-qemu: $(DEV)  ## smoke tests, one drive and instruction counts on aarch64 (
 soak: $(DEV)  ## a day of driving with one fault after the other, in logical time (SOAK_ARGS="--hours 1")
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tests.faults.soak $(SOAK_ARGS)
 
-fuzz: $(DEV)  ## all that takes bytes, guided by coverage (FUZZ_ARGS="--seconds 600 nmea")
+fuzz: $(DEV)  ## C parts under sanitizers, then all that takes bytes, guided by coverage (FUZZ_ARGS="--seconds 600 nmea")
 	@$(PY) -c 'import atheris' 2>/dev/null || $(PIP) install -e '.[fuzz]'
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tests.fuzz.sanitized
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tests.fuzz.run $(FUZZ_ARGS)
 
 mutation: $(DEV)  ## are the tests tested: mutants of monitor, counters, epochs, state, health, links (MUTATION_ARGS=--named)

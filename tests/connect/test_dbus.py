@@ -89,6 +89,16 @@ def test_alarms_are_signals(tmp_path: Path) -> None:
         assert ("deflation", "rl", 1000.0) == heard(ear, "AlarmCleared")
 
 
+def test_the_state_is_answered_without_a_daemon(tmp_path: Path) -> None:
+    """Every GetState is answered while no daemon runs."""
+    with bus(tmp_path), listener(tmp_path) as ear, bridge(tmp_path):
+        assert ("no daemon",) == heard(ear, "HealthChanged")
+        for _ in range(3):
+            state = new_method_call(DBusAddress(PATH, NAME, NAME), "GetState")
+            (answer,) = unwrap_msg(ear.send_and_get_reply(state, timeout=5.0))
+            assert {} == json.loads(answer)
+
+
 def test_a_bus_that_is_restarted_loses_no_alarm(tmp_path: Path) -> None:
     """An alarm that comes while the bus is away is told once it is back."""
     with served(tmp_path / "s") as daemon, contextlib.ExitStack() as first:

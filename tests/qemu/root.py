@@ -15,8 +15,6 @@ from pathlib import Path
 
 SYSTEM = ("python3", "libstdc++6")
 BINARY = ("numpy", "scipy", "python-can", "cantools", "pyserial", "pytest", "hypothesis")
-SOURCE = ("pynmea2",)
-"""Has no wheel; pure Python, so that the one built here is right there."""
 
 
 class RootError(Exception):
@@ -28,7 +26,7 @@ def make(folder: Path, debian: str, machine: str, python: str) -> tuple[Path, Pa
 
     Raises RootError.
     """
-    wanted = {name: version(name) for name in (*BINARY, *SOURCE)}
+    wanted = {name: version(name) for name in BINARY}
     stamp = folder / "made"
     text = f"{debian} {python} {sorted(wanted.items())}\n"
     system, packages = folder / "system", folder / "packages"
@@ -53,7 +51,6 @@ def make(folder: Path, debian: str, machine: str, python: str) -> tuple[Path, Pa
     tags.append(f"--platform=manylinux2014_{machine}")
     exact = [f"{name}=={wanted[name]}" for name in BINARY]
     _run(*pip, "--only-binary=:all:", f"--python-version={python}", *tags, *exact)
-    _run(*pip, "--no-deps", *(f"{name}=={wanted[name]}" for name in SOURCE))
     stamp.write_text(text, "utf-8")
     return system, packages
 

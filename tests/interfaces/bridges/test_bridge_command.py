@@ -110,7 +110,7 @@ def test_secrets_come_from_files_and_credentials(tmp_path: Path) -> None:
 
 
 def test_a_bridge_outlives_its_daemon(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """Documents go on after the daemon was away; that it is away is said once, as None and in the log."""
+    """Documents go on after the daemon was away; the log says once that it is away."""
     caplog.set_level(logging.INFO)
     got = documents(tmp_path / "s", logging.getLogger("tests"), sleep=lambda _: None)
     assert next(got) is None
@@ -121,3 +121,21 @@ def test_a_bridge_outlives_its_daemon(tmp_path: Path, caplog: pytest.LogCaptureF
             pass
 
     assert 2 == caplog.messages.count("the daemon answers again")
+
+
+def test_each_try_without_a_daemon_gives_the_bridge_a_turn(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Every try that meets no daemon yields None within a second, so the bridge can answer; one log line."""
+    waits_s: list[float] = []
+
+    def sleep(duration_s: float) -> None:
+        waits_s.append(duration_s)
+        assert len(waits_s) < 12, "the bridge has had no turn"
+
+    got = documents(tmp_path / "s", logging.getLogger("tests"), sleep=sleep)
+
+    assert [None] * 12 == [next(got) for _ in range(12)]
+    assert 11 == len(waits_s)
+    assert max(waits_s) <= 1.0
+    assert 1 == len(caplog.messages)

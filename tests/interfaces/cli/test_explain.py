@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from datetime import timedelta, timezone
 from pathlib import Path
 
 import pytest
@@ -43,7 +44,7 @@ def test_an_alarm_states_what_was_believed_and_by_whom_it_was_seen() -> None:
     assert "at most 0.2 for 60 s" in alarm["clears_when"]
     text = explanation_text(document)
     assert "fr lost radius: the most probable" in text
-    assert "believed before: -0." in text
+    assert "The radius before: -0." in text
 
 
 def test_without_an_alarm_it_states_what_is_missing() -> None:
@@ -114,3 +115,27 @@ def test_the_socket_explains(tmp_path: Path) -> None:
             server.service(0.0)
             assert expected == json.loads(client.recv(65536))
         server.close()
+
+
+def test_times_are_for_people() -> None:
+    """A daemon's times are local, those of a drive count from its start; a cleared alarm clears no more."""
+    alarm = {
+        "time": 1795521273.2,
+        "kind": "malfunction",
+        "wheel": None,
+        "reason": "no fixes",
+        "state": "raised",
+    }
+    alarms = [
+        alarm | {"clears_when": "fixes come"},
+        alarm | {"clears_when": "it is cleared", "state": "cleared"},
+    ]
+    document = {"alarms": alarms, "wheels": {}, "why_no_alarm": [], "alternatives": []}
+    zone = timezone(timedelta(hours=2))
+
+    of_daemon = explanation_text(document, zone).splitlines()
+    assert "2026-11-24 13:54:33 malfunction raised: no fixes" == of_daemon[0]
+    assert "  It clears when fixes come." == of_daemon[1]
+    assert "cleared" not in "".join(of_daemon[4:])
+    of_drive = explanation_text(document | {"start_time": 1795521200.0}, zone).splitlines()
+    assert "1:13.2 malfunction raised: no fixes" == of_drive[0]

@@ -152,7 +152,7 @@ def test_bytes_are_counted_while_they_are_read(headers: list[tuple[bytes, bytes]
 
 @pytest.mark.parametrize("token", [False, True])
 def test_who_may_look_is_said(tmp_path: Path, token: bool) -> None:
-    """Without a token the command says that all of this machine may look and ask for a reset."""
+    """Without a token the command says that all of this machine may look, and that a reset takes one."""
     file = tmp_path / "token"
     file.write_text(TOKEN, encoding="ascii")
     asking = ("--token-file", file) if token else ()
@@ -164,7 +164,8 @@ def test_who_may_look_is_said(tmp_path: Path, token: bool) -> None:
         lines += list(said.queue)
 
     assert (not token) is any(
-        "whoever is on this machine may look and ask for a reset" in one for one in lines
+        "whoever is on this machine may look; --token-file asks them for a token and allows resets" in one
+        for one in lines
     )
 
 

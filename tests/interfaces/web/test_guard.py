@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import socket
 from pathlib import Path
 
 import pytest
 from starlette.testclient import TestClient
 
+from tpmsd.interfaces.cli.main import full_parser
+from tpmsd.interfaces.cli.web import settings_of
 from tpmsd.interfaces.web.app import live_app
 from tpmsd.interfaces.web.guard import host_name
 from tpmsd.interfaces.web.settings import WebSettings
@@ -77,6 +81,37 @@ def test_a_reset_takes_origin_and_secret(tmp_path: Path, headers: dict[str, str]
     if headers.get("X-CSRF-Token") == "right":
         headers = {**headers, "X-CSRF-Token": web.get("/api/session").json()["csrf"]}
     assert code == web.post("/api/reset", content=b"{}", headers=headers).status_code
+
+
+def test_a_page_of_every_local_user_asks_for_no_reset(tmp_path: Path) -> None:
+    """Without a token that visitors must know, the page's own script is refused a reset, with the way out."""
+    web = client(tmp_path, resets=False)
+    session = web.get("/api/session").json()
+    headers = {"Origin": "http://127.0.0.1:8377", "X-CSRF-Token": session["csrf"]}
+    answer = web.post("/api/reset", content=b"{}", headers=headers)
+
+    assert (False, 403) == (session["resets"], answer.status_code)
+    assert "--token-file" in answer.text
+
+
+@pytest.mark.parametrize(
+    ("options", "mode", "allowed"),
+    [([], 0o660, False), ([], 0o666, True), ([], None, False), (["--token-file", "TOKEN"], 0o660, True)],
+)
+def test_a_reset_over_the_page_follows_the_mode_of_the_socket(
+    tmp_path: Path, options: list[str], mode: int | None, allowed: bool
+) -> None:
+    """Resets are open to all of the machine only where `[status] mode` opens the socket to all of it."""
+    path, token = tmp_path / "s", tmp_path / "token"
+    token.write_text(TOKEN, encoding="ascii")
+    tmp_path.chmod(0o755)
+    with contextlib.ExitStack() as stack:
+        if mode is not None:
+            listener = stack.enter_context(socket.socket(socket.AF_UNIX))
+            listener.bind(str(path))
+            path.chmod(mode)
+        words = ["web", "--socket", str(path), *(str(token) if word == "TOKEN" else word for word in options)]
+        assert allowed is settings_of(full_parser().parse_args(words)).resets
 
 
 @pytest.mark.parametrize("body", [b"[" * 4000, b"nonsense", b'{"tyres": 7}', b"\xff"])

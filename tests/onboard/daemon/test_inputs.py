@@ -136,3 +136,36 @@ def test_stamps_of_the_hosts_own_clock_are_left_alone() -> None:
     reads_s = [s + (0.9 if 100 <= k < 190 else 0.003) for k, s in enumerate(stamps_s)]
 
     assert stamps_s == [adapter.host(s, read_s) for s, read_s in zip(stamps_s, reads_s, strict=True)]
+
+
+@pytest.mark.parametrize(("ahead_s", "bad"), [(60.0, 0), (-60.0, 0), (60.01, 1), (-60.01, 1)])
+def test_a_stamp_of_another_clock_is_a_minute_off(ahead_s: float, bad: int) -> None:
+    """A stamp up to 60 s from the host's clock is kept; one beyond is replaced and counted."""
+    queue = InputQueue()
+    queue.put_frame(wheels_frame(1000.0 + ahead_s), 1000.0 + ahead_s, 1000.0)
+
+    assert bad == queue.counts["bad_stamp"]
+    assert [1000.0 if bad else 1000.0 + ahead_s] == stamps(queue.release(math.inf))
+
+
+def test_after_a_backward_step_nothing_is_late() -> None:
+    """Inputs on the new time, far before those that were released, are released too."""
+    queue = InputQueue()
+    queue.put_sentence(b"$GNRMC", 1000.0)
+    assert [1000.0] == stamps(queue.release(1000.0))
+    queue.clock_stepped(10.0)
+    queue.put_sentence(b"$GNRMC", 10.1)
+
+    assert [10.1] == stamps(queue.release(11.0))
+    assert 0 == queue.counts["late"]
+
+
+def test_inputs_of_one_stamp_keep_the_order_in_which_they_were_read() -> None:
+    """Lines of one microsecond leave as they came, whatever their bytes."""
+    queue = InputQueue()
+    lines = [b"$C", b"$A", b"$D", b"$B"]
+    for line in lines:
+        queue.put_sentence(line, 5.0)
+
+    released = list(queue.release(5.0))
+    assert lines == [item.line for item in released if isinstance(item, Sentence)]

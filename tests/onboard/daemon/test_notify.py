@@ -143,3 +143,23 @@ def test_the_configuration_takes_a_list(tmp_path: Path) -> None:
     for bad in ('command = "logger tyre"', "command = [3]", 'kinds = ["soft"]', "min_interval_s = -1"):
         with pytest.raises(ConfigProblems, match=r"\[notify\]"):
             car(tmp_path, f"[notify]\n{bad}\n")
+
+
+def test_a_program_that_is_not_reaped_yet_is_killed_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A process that lingers after its kill is neither killed nor counted again."""
+    made = notices(*script(tmp_path, "sleep 60"), timeout_s=0.5)
+    made.take(DEFLATION)
+    made.service(100.0)
+    process = made._process
+    assert process is not None
+    kills: list[int] = []
+    monkeypatch.setattr("tpmsd.onboard.daemon.notify.os.killpg", lambda group, _: kills.append(group))
+    for now_s in (100.4, 100.6, 101.0, 200.0, 9000.0):
+        made.service(now_s)
+
+    assert [process.pid] == kills
+    assert 1 == made.counts["killed"]
+    process.kill()
+    process.wait(5.0)

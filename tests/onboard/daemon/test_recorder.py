@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import resource
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,7 +18,7 @@ from tests.onboard.daemon.fakes import car, wheels_frame
 from tpmsd.car.config.load import load_config
 from tpmsd.foundation.errors import ConfigError
 from tpmsd.onboard.daemon.config_toml import config_toml
-from tpmsd.onboard.daemon.recorder import DriveRecorder, candump_line
+from tpmsd.onboard.daemon.recorder import Appender, DriveRecorder, candump_line
 from tpmsd.onboard.sources.can_frame import CanFrame
 from tpmsd.onboard.sources.candump_line import parse_candump_line
 from tpmsd.onboard.sources.drive import Drive, Sentence
@@ -146,3 +148,25 @@ def test_a_full_disk_ends_the_recording_with_whole_lines(
     assert [f"recording to {tmp_path / 'drive'} ends here, the daemon goes on: File too large"] == [
         record.getMessage() for record in caplog.records
     ]
+
+
+def test_a_write_that_breaks_off_within_a_line_leaves_the_lines_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A failed flush leaves the file as the last whole flush did, also if part of a line was written."""
+    file = Appender(tmp_path / "log")
+    file.add(b"first line\n")
+    file.flush()
+    real = os.write
+
+    def write(descriptor: int, data: bytes) -> int:
+        if len(data) < 9:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return real(descriptor, bytes(data[:4]))
+
+    file.add(b"second line\n")
+    monkeypatch.setattr(os, "write", write)
+    with pytest.raises(OSError, match="No space"):
+        file.flush()
+    assert b"first line\n" == (tmp_path / "log").read_bytes()
+    file.close()

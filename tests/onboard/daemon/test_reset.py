@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import os
+import time
 from pathlib import Path
 
-from tests.onboard.daemon.fakes import DrivingBus, car, listening
+from tests.onboard.daemon.fakes import DrivingBus, FakeBus, car, listening
 from tpmsd.car.config.model import AlarmsConfig
 from tpmsd.onboard.daemon.bus_link import reset_filters
 from tpmsd.onboard.daemon.clock import Clock
@@ -97,3 +99,69 @@ def test_a_sentence_with_a_wrong_checksum_resets_nothing(tmp_path: Path) -> None
     assert 0 == pipeline.monitor.learning().resets
     pipeline.on_sentence(1000.0, right)
     assert 1 == pipeline.monitor.learning().resets
+
+
+class LyingReceiver:
+    """A receiver's line that carries the daemon's own kind of sentence again and again."""
+
+    def __init__(self) -> None:
+        self._ends = os.pipe()
+        os.write(self._ends[1], b"x")
+
+    def open(self) -> None:
+        """Nothing to open."""
+
+    def fileno(self) -> int:
+        return self._ends[0]
+
+    def read(self) -> bytes:
+        time.sleep(0.01)
+        return to_sentence(ResetRequest("winter")) + b"\r\n"
+
+    def close(self) -> None:
+        """Close both ends."""
+        for end in self._ends:
+            os.close(end)
+
+
+def test_a_receiver_cannot_ask_for_a_reset(tmp_path: Path) -> None:
+    """A sentence of the daemon's own kind of a receiver is left out; the request over the socket is taken."""
+    config, database = car(tmp_path, '[gnss]\nsource = "serial:/dev/lying"\n')
+    clock = Clock(SCALE)
+    resets: list[int] = []
+
+    def watch(step: Step) -> None:
+        assert step.report.learning is not None
+        resets.append(step.report.learning.resets)
+        if len(resets) == 100:
+            daemon.reset(None)
+
+    more = {"open_receiver": lambda _: LyingReceiver(), "grace_s": 0.05 * SCALE}
+    daemon = listening(config, database, clock, DrivingBus(clock.now).opener(), watch, **more)
+    daemon.run(30.0)
+
+    assert 0 == max(resets[:100])
+    assert 1 == resets[-1]
+
+
+class HandClock(Clock):
+    """A clock that stands until a test moves it."""
+
+    at_s = 1000.0
+
+    def monotonic(self) -> float:
+        return self.at_s
+
+
+def test_the_socket_may_ask_again_after_five_seconds(tmp_path: Path) -> None:
+    """A second request within 5 s is refused with the reason, one after them is taken."""
+    config, database = car(tmp_path)
+    clock = HandClock()
+    daemon = listening(config, database, clock, FakeBus().opener(), lambda _: None)
+    refused = []
+    for at_s in (1000.0, 1004.9, 1005.0, 1009.0, 1010.1):
+        clock.at_s = at_s
+        refused.append(daemon.reset(None))
+
+    moment = "a reset was asked for a moment ago"
+    assert ["", moment, "", moment, ""] == refused

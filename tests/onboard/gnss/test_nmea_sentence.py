@@ -4,12 +4,19 @@ import math
 from functools import reduce
 from operator import xor
 
+import pynmea2
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.onboard.gnss.sentences import gga, nmea, rmc, vtg
-from tpmsd.onboard.sources.nmea_sentence import NmeaReading, SentenceError, decode_sentence, exclusive_or
+from tpmsd.onboard.sources.nmea_sentence import (
+    COLUMNS,
+    NmeaReading,
+    SentenceError,
+    decode_sentence,
+    exclusive_or,
+)
 
 T = 1720716104.3
 
@@ -219,3 +226,35 @@ def test_any_bytes(line: bytes):
 def test_a_checksum_is_the_exclusive_or_of_all_bytes(data: bytes) -> None:
     """However many bytes there are, the folded number is what byte by byte would give."""
     assert reduce(xor, data, 0) == exclusive_or(data)
+
+
+PYNMEA2_NAMES = {
+    "satellites": "num_sats",
+    "quality": "gps_qual",
+    "altitude_m": "altitude",
+    "geoid_separation_m": "geo_sep",
+    "speed_kn": ("spd_over_grnd", "spd_over_grnd_kts"),
+    "speed_kmh": "spd_over_grnd_kmph",
+    "course_deg": ("true_course", "true_track"),
+    "date": "datestamp",
+    "mode": ("mode_indicator", "faa_mode"),
+    "hdop": ("horizontal_dil", "hdop"),
+    "latitude_std_m": "std_dev_latitude",
+    "longitude_std_m": "std_dev_longitude",
+    "major_std_m": "std_dev_major",
+    "minor_std_m": "std_dev_minor",
+}
+
+
+@pytest.mark.parametrize("kind", sorted(COLUMNS))
+def test_columns_are_those_of_another_library(kind: str) -> None:
+    """Each field that is read stands in the column in which pynmea2 has it."""
+    theirs = pynmea2.TalkerSentence.sentence_types[kind].name_to_idx
+    compared = 0
+    for name, column in COLUMNS[kind].items():
+        names = PYNMEA2_NAMES.get(name, name)
+        known = [one for one in ((names,) if isinstance(names, str) else names) if one in theirs]
+        if known:
+            assert theirs[known[0]] == column, name
+            compared += 1
+    assert compared >= 4

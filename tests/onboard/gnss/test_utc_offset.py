@@ -166,3 +166,16 @@ def test_a_clock_that_is_not_on_utc_is_noticed(offset_s: float):
         utc_s = T + 0.1 * k
         assert free.update(utc_s + offset_s, utc_s) == wrong.update(utc_s + offset_s, utc_s)
         assert wrong.off_utc
+
+
+def test_a_level_takes_exactly_four_fixes_that_agree():
+    """Three fixes a second off are outliers, the fourth is the step; four that differ by 0.2 s are none."""
+    for spread_s, last in ((0.0, "step"), (0.2, "outlier")):
+        tracker = UtcOffsetTracker()
+        for k in range(30):
+            tracker.update(T + k, T + k)
+        said = []
+        for k in range(30, 34):
+            tracker.update(T + k + 1.0 + spread_s * (k % 2), T + k)
+            said.append(tracker.status)
+        assert ["outlier"] * 3 + [last] == said

@@ -426,3 +426,17 @@ def test_each_reset_and_each_jump_is_one_segment_and_one_count(data: st.DataObje
         angles = [(truth[s.time_s], s.angle_rad) for s in samples if s.segment == segment]
         turned = round((angles[-1][1] - angles[0][1]) / wheel.counter.rad_per_bit, 6)
         assert angles[-1][0] - angles[0][0] == turned
+
+
+def test_a_reading_of_the_same_instant_is_late_and_changes_nothing() -> None:
+    """A second reading with the stamp of the first is `late`; the angle goes on as if it had not come."""
+    wheel, other = Wheel(), Wheel()
+    for one in (wheel, other):
+        one.drive(0.0, 1.0, 20.0)
+    time_s, total = wheel.counter._time_s, wheel.counter._raw
+    assert total is not None
+    before = wheel.faults.counts.copy()
+    assert [] == wheel.feed(time_s, total + 1)
+
+    assert 1 == sum(wheel.faults.counts.values()) - sum(before.values())
+    assert (time_s, total) == (wheel.counter._time_s, wheel.counter._raw)

@@ -1,6 +1,7 @@
 """The daemon's documents for as long as a bridge lives, also when the daemon is restarted.
 
-In: the path of the status socket. Out: documents, and None whenever the daemon stops answering. Never ends.
+In: the path of the status socket. Out: documents, and None after each try that meets no daemon, so that a
+bridge answers those who ask it meanwhile. Never ends.
 """
 
 from __future__ import annotations
@@ -14,13 +15,14 @@ from typing import Any
 
 from tpmsd.onboard.sinks.status_client import StatusError, watch_status
 
-FIRST_DELAY_S, LONGEST_DELAY_S = 0.2, 5.0
+FIRST_DELAY_S, LONGEST_DELAY_S = 0.2, 1.0
+"""A call to a bridge waits for the longest delay at most: `GetState` is answered within a second."""
 
 
 def documents(
     path: Path, log: logging.Logger, sleep: Callable[[float], None] = time.sleep
 ) -> Iterator[dict[str, Any] | None]:
-    """Documents as they come; None once each time the daemon is gone, and before it was ever there."""
+    """Yield documents as they come, and None after each try that meets no daemon; the log says it once."""
     delay_s, said = FIRST_DELAY_S, ""
     while True:
         try:
@@ -33,8 +35,7 @@ def documents(
         except StatusError as error:
             if str(error) != said:
                 log.warning("%s; trying again until it answers", error)
-            if not said:
-                yield None
             said = str(error)
+            yield None
         sleep(delay_s)
         delay_s = min(2.0 * delay_s, LONGEST_DELAY_S)

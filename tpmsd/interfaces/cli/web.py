@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import stat
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -71,9 +72,10 @@ def run(args: argparse.Namespace) -> int:
     scheme = "https" if settings.secure else "http"
     print(f"{scheme}://{settings.host}:{port_of(listener)}/  (Ctrl-C ends it)", file=sys.stderr, flush=True)
     if settings.token is None:
-        may = "look" if args.drive is not None else "look and ask for a reset, whatever [status] mode says"
+        may = "look and ask for a reset" if settings.resets else "look"
+        resets = "" if settings.resets or args.drive is not None else " and allows resets"
         print(
-            f"tpmsd: whoever is on this machine may {may}; --token-file asks them for a token",
+            f"tpmsd: whoever is on this machine may {may}; --token-file asks them for a token{resets}",
             file=sys.stderr,
         )
     os.nice(settings.niceness)
@@ -98,7 +100,19 @@ def settings_of(args: argparse.Namespace) -> WebSettings:
         raise ConfigError(
             f"--host {args.host}: others could look on; that takes --certificate, --key and --token-file"
         )
-    return WebSettings(host=args.host, port=args.port, token=token, secure=args.certificate is not None)
+    resets = token is not None or (args.drive is None and _writable_for_all(daemon_socket(args)))
+    return WebSettings(
+        host=args.host, port=args.port, token=token, resets=resets, secure=args.certificate is not None
+    )
+
+
+def _writable_for_all(path: Path) -> bool:
+    """Return True where every local user may connect to the socket, and ask for a reset without the page."""
+    try:
+        reachable = path.parent.stat().st_mode & stat.S_IXOTH
+        return bool(reachable and path.stat().st_mode & stat.S_IWOTH)
+    except OSError:
+        return False
 
 
 def _token(file: Path) -> str:

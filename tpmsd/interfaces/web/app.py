@@ -73,11 +73,13 @@ def live_app(socket: Path, settings: WebSettings) -> Starlette:
         return _Live(hub)
 
     async def session(_: Request) -> Response:
-        return JSONResponse({"version": __version__, "csrf": csrf})
+        return JSONResponse({"version": __version__, "csrf": csrf, "resets": settings.resets})
 
     async def reset(request: Request) -> Response:
         if not same(request.headers.get("x-csrf-token", ""), csrf):
             return PlainTextResponse("wrong CSRF token\n", 403)
+        if not settings.resets:
+            return PlainTextResponse("a reset over this page takes tpmsd web --token-file\n", 403)
         try:
             body = json.loads(await request.body() or b"{}")
             tyres = body.get("tyres") if isinstance(body, dict) else None

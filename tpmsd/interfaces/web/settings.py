@@ -15,6 +15,9 @@ class WebSettings:
     """No service of IANA's registry has it."""
     token: str | None = None
     """What a visitor must know; None: nothing, allowed on loopback alone."""
+    resets: bool = True
+    """The page may ask the daemon for a reset. The command line sets it to False without a token, unless the
+    status socket is open to all: such a page is open to every local user, whatever `[status] mode` says."""
     secure: bool = False
     """Served over TLS."""
     history_s: float = 4 * 3600.0

@@ -1,11 +1,13 @@
 """The document of `tpmsd explain` as lines for people.
 
-In: the document. Out: text. Numbers that nobody knows are shown as `-`.
+In: the document, a time zone. Out: text. Times of a drive count from its start, those of a daemon are local.
+Numbers that nobody knows are shown as `-`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from datetime import datetime, tzinfo
 from typing import Any
 
 _NAMES = {
@@ -18,13 +20,13 @@ SHOWN = 6
 """Moments of evidence that are shown; the JSON holds all."""
 
 
-def explanation_text(document: Mapping[str, Any]) -> str:
-    """The whole explanation, ending with a line break."""
+def explanation_text(document: Mapping[str, Any], zone: tzinfo | None = None) -> str:
+    """Return the whole explanation, ending with a line break; `zone` None: the time zone of this machine."""
     lines: list[str] = []
     start_s = document.get("start_time")
     raised = [alarm for alarm in document["alarms"] if alarm["state"] == "raised"]
     for alarm in document["alarms"]:
-        lines += _alarm(alarm, start_s)
+        lines += _alarm(alarm, start_s, zone)
     if not raised:
         lines += ["No alarm was raised.", ""]
     lines.append("Each wheel now:")
@@ -43,27 +45,29 @@ def explanation_text(document: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _alarm(alarm: Mapping[str, Any], start_s: float | None) -> list[str]:
-    when = _when(alarm["time"], start_s)
+def _alarm(alarm: Mapping[str, Any], start_s: float | None, zone: tzinfo | None) -> list[str]:
+    when = _when(alarm["time"], start_s, zone)
     wheel = f" {alarm['wheel']}" if alarm["wheel"] else ""
     since = f" (since {alarm['since']})" if alarm.get("since") else ""
     lines = [f"{when} {alarm['kind']}{wheel} {alarm['state']}{since}: {alarm['reason']}"]
-    if alarm["kind"] == "malfunction":
-        return [*lines, f"  clears when: {alarm['clears_when']}", ""]
-    if alarm["kind"] == "slow_leak":
-        return [*lines, f"  clears when: {alarm['clears_when']}", ""]
+    clears = [f"  It clears when {alarm['clears_when']}."] if alarm["state"] == "raised" else []
+    if alarm["kind"] in ("malfunction", "slow_leak"):
+        return [*lines, *clears, ""]
     if alarm["before_mm"] is not None:
-        lines.append(f"  believed before: {alarm['before_mm']:+.2f} mm from nominal")
-    lines.append("  evidence (change in mm now; log-likelihood that each witness adds for the best loss):")
+        lines.append(f"  The radius before: {alarm['before_mm']:+.2f} mm from nominal.")
+    lines.append("  Evidence (change in mm, and the log-likelihood gain of each witness for the best loss):")
     for moment in alarm["evidence"][-SHOWN:]:
         parts = [
             f"{_NAMES[name]} {_pair(witness)}"
             for name, witness in moment["witnesses"].items()
             if name in _NAMES and witness is not None
         ]
-        lines.append(f"    {_when(moment['time'], start_s)} {'; '.join(parts)}")
-    lines += ["  alternatives:", *(f"  {line}" for line in _alternatives(alarm["alternatives"]))]
-    return [*lines, f"  clears when: {alarm['clears_when']}", ""]
+        lines.append(f"    {_when(moment['time'], start_s, zone)} {'; '.join(parts)}")
+    lines += [
+        "  Alternatives, by probability:",
+        *(f"  {line}" for line in _alternatives(alarm["alternatives"])),
+    ]
+    return [*lines, *clears, ""]
 
 
 def _alternatives(entries: list[dict[str, Any]]) -> list[str]:
@@ -74,12 +78,14 @@ def _pair(witness: Mapping[str, Any]) -> str:
     if witness["change_mm"] is None or witness["std_mm"] is None:
         return "-"
     adds = f" ({witness['gain_nats']:+.1f} nats)" if witness.get("gain_nats") is not None else ""
-    return f"{witness['change_mm']:+.2f} +- {witness['std_mm']:.2f}{adds}"
+    return f"{witness['change_mm']:+.2f} ± {witness['std_mm']:.2f}{adds}"
 
 
-def _when(time_s: float | None, start_s: float | None) -> str:
+def _when(time_s: float | None, start_s: float | None, zone: tzinfo | None) -> str:
+    """Return minutes and seconds from the start of a drive, or date and time of day without a start."""
     if time_s is None:
         return "-"
     if start_s is None:
-        return f"{time_s:.1f}"
-    return f"{time_s - start_s:.1f} s"
+        return datetime.fromtimestamp(time_s, zone).strftime("%Y-%m-%d %H:%M:%S")
+    minutes, seconds = divmod(round(10.0 * (time_s - start_s)), 600)
+    return f"{minutes}:{seconds / 10.0:04.1f}"

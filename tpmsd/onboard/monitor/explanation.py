@@ -107,9 +107,9 @@ class Explanation:
 
     def _clears(self, event: AlarmEvent) -> str:
         if event.kind is AlarmKind.MALFUNCTION:
-            return "a tenth of the time that raised it in good order"
+            return "the signals have been in order for a tenth of the time that raised it"
         if event.kind is AlarmKind.SLOW_LEAK:
-            return "a week of drives after it fits no leak better than this one, or other tyres are driven"
+            return "a week of drives fits no leak better than this leak, or when other tyres are driven"
         at, hold_s = self._settings.clear_probability, self._settings.clear_hold_s
         of = "that it differs from its fellow as no set does" if event.since else "of it"
         return (

@@ -1,8 +1,7 @@
 """Decodes one NMEA 0183 sentence.
 
 In: one line of bytes from `$` on. Out: an `NmeaReading` in SI units, or `SentenceError` that says whether the
-checksum or the form is wrong. The fields have pynmea2's names; they are converted here, because pynmea2's own
-conversions refuse second 60, cut microseconds and turn odd numbers into strings.
+checksum or the form is wrong. Second 60 of a leap second and all decimals of a time are kept.
 """
 
 from __future__ import annotations
@@ -14,8 +13,6 @@ from functools import lru_cache
 from string import hexdigits
 from typing import NamedTuple
 
-import pynmea2
-
 NAN = math.nan
 KNOT_MPS = 1852.0 / 3600.0
 KMH_MPS = 1.0 / 3.6
@@ -24,10 +21,37 @@ _UNIX_DAY_0 = datetime.date(1970, 1, 1).toordinal()
 
 # Fields that a sentence without a checksum must have: a line cut short is then told from a complete one.
 _FULL_LENGTH = {"RMC": 11, "GGA": 14, "VTG": 8, "ZDA": 4, "GST": 8, "GNS": 12, "GLL": 6}
-_PLACES: dict[str, dict[str, int]] = {
-    kind: pynmea2.TalkerSentence.sentence_types[kind].name_to_idx for kind in _FULL_LENGTH
+COLUMNS: dict[str, dict[str, int]] = {
+    kind: {name: column for column, name in enumerate(names.split())}
+    for kind, names in (
+        (
+            "RMC",
+            "timestamp status lat lat_dir lon lon_dir speed_kn course_deg date "
+            "magnetic_variation_deg magnetic_variation_dir mode",
+        ),
+        (
+            "GGA",
+            "timestamp lat lat_dir lon lon_dir quality satellites hdop altitude_m "
+            "altitude_unit geoid_separation_m",
+        ),
+        (
+            "VTG",
+            "course_deg course_unit magnetic_course_deg magnetic_course_unit speed_kn "
+            "speed_kn_unit speed_kmh speed_kmh_unit mode",
+        ),
+        ("ZDA", "timestamp day month year"),
+        (
+            "GST",
+            "timestamp rms_m major_std_m minor_std_m orientation_deg latitude_std_m longitude_std_m",
+        ),
+        (
+            "GNS",
+            "timestamp lat lat_dir lon lon_dir mode satellites hdop altitude_m geoid_separation_m",
+        ),
+        ("GLL", "lat lat_dir lon lon_dir timestamp status mode"),
+    )
 }
-"""Per type of sentence, which field has which name."""
+"""Per type of sentence the column of each field that is read, counted after the address (NMEA 0183, 4.11)."""
 _KEPT = 4
 """Texts of which the value is kept."""
 _HEMISPHERES = {"N": 1.0, "E": 1.0, "S": -1.0, "W": -1.0}
@@ -116,7 +140,7 @@ def decode_sentence(line: bytes) -> NmeaReading:
     data = text[_HEAD:].partition("*")[0].split(",")
     if not checksummed and len(data) < _FULL_LENGTH[kind]:
         raise SentenceError("garbage", f"{kind} cut short: {len(data)} of {_FULL_LENGTH[kind]} fields")
-    return _DECODERS[kind](_Fields(_PLACES[kind], data), checksummed)
+    return _DECODERS[kind](_Fields(COLUMNS[kind], data), checksummed)
 
 
 def _accuracy(text: str) -> NmeaReading:
@@ -151,17 +175,17 @@ def exclusive_or(data: bytes) -> int:
 
 
 class _Fields:
-    """A sentence's fields by pynmea2's names, as text."""
+    """A sentence's fields by name, as text."""
 
-    __slots__ = ("_data", "_places")
+    __slots__ = ("_columns", "_data")
 
-    def __init__(self, places: dict[str, int], data: list[str]) -> None:
-        self._places = places
+    def __init__(self, columns: dict[str, int], data: list[str]) -> None:
+        self._columns = columns
         self._data = data
 
     def text(self, name: str) -> str:
-        place = self._places[name]
-        return self._data[place].strip() if place < len(self._data) else ""
+        column = self._columns[name]
+        return self._data[column].strip() if column < len(self._data) else ""
 
     def number(self, name: str) -> float:
         text = self.text(name)
@@ -178,7 +202,7 @@ class _Fields:
 
     def altitude(self) -> float:
         """Above the ellipsoid if the geoid's separation is given, else above mean sea level."""
-        height, separation = self.number("altitude"), self.number("geo_sep")
+        height, separation = self.number("altitude_m"), self.number("geoid_separation_m")
         return height if math.isnan(separation) else height + separation
 
     def course(self, name: str) -> float:
@@ -249,42 +273,40 @@ def _short_day(text: str) -> int | None:
 
 
 def _rmc(fields: _Fields, checksummed: bool) -> NmeaReading:
-    status, mode = fields.text("status").upper(), fields.text("mode_indicator").upper()
+    status, mode = fields.text("status").upper(), fields.text("mode").upper()
     quality = _MODE_QUALITY.get(mode[:1], 1) if status == "A" else 0
     latitude, longitude, wrong = fields.position()
-    speed, too_fast = _speed(fields.number("spd_over_grnd") * KNOT_MPS)
+    speed, too_fast = _speed(fields.number("speed_kn") * KNOT_MPS)
     return NmeaReading(
         "RMC",
         checksummed,
         time_of_day_s=fields.time_of_day(),
-        unix_day=_short_day(fields.text("datestamp")),
+        unix_day=_short_day(fields.text("date")),
         valid=quality in _MEASURED,
         latitude_deg=latitude,
         longitude_deg=longitude,
         quality=quality,
         speed_mps=speed,
-        course_rad=fields.course("true_course"),
+        course_rad=fields.course("course_deg"),
         out_of_range=wrong or too_fast,
     )
 
 
 def _gga(fields: _Fields, checksummed: bool) -> NmeaReading:
-    text = fields.text("gps_qual")
+    text = fields.text("quality")
     quality = int(text) if text.isascii() and text.isdigit() and len(text) == 1 else 0
-    return _position_with_height("GGA", fields, checksummed, quality, hdop="horizontal_dil")
+    return _position_with_height("GGA", fields, checksummed, quality)
 
 
 def _gns(fields: _Fields, checksummed: bool) -> NmeaReading:
     # One letter per satellite system; the best of them made the position.
-    qualities = [_MODE_QUALITY.get(letter, 0) for letter in fields.text("mode_indicator").upper()]
+    qualities = [_MODE_QUALITY.get(letter, 0) for letter in fields.text("mode").upper()]
     quality = next((q for q in (4, 5, 3, 2, 1, 6, 8) if q in qualities), 0)
-    return _position_with_height("GNS", fields, checksummed, quality, hdop="hdop")
+    return _position_with_height("GNS", fields, checksummed, quality)
 
 
-def _position_with_height(
-    kind: str, fields: _Fields, checksummed: bool, quality: int, hdop: str
-) -> NmeaReading:
-    """GGA and GNS differ in how they tell the quality and in the name of one field."""
+def _position_with_height(kind: str, fields: _Fields, checksummed: bool, quality: int) -> NmeaReading:
+    """Return the reading of GGA or GNS; they differ in how they state the quality."""
     latitude, longitude, wrong = fields.position()
     return NmeaReading(
         kind,
@@ -295,14 +317,14 @@ def _position_with_height(
         longitude_deg=longitude,
         altitude_m=fields.altitude(),
         quality=quality,
-        hdop=fields.number(hdop),
+        hdop=fields.number("hdop"),
         out_of_range=wrong,
     )
 
 
 def _gll(fields: _Fields, checksummed: bool) -> NmeaReading:
     # Status is missing before NMEA 2.0.
-    quality = _MODE_QUALITY.get(fields.text("faa_mode").upper()[:1], 1)
+    quality = _MODE_QUALITY.get(fields.text("mode").upper()[:1], 1)
     if fields.text("status").upper() == "V":
         quality = 0
     latitude, longitude, wrong = fields.position()
@@ -319,9 +341,9 @@ def _gll(fields: _Fields, checksummed: bool) -> NmeaReading:
 
 
 def _vtg(fields: _Fields, checksummed: bool) -> NmeaReading:
-    mode = fields.text("faa_mode").upper()[:1]
+    mode = fields.text("mode").upper()[:1]
     # km/h first: at the same number of decimals it is the finer unit.
-    kmh, knots = fields.number("spd_over_grnd_kmph"), fields.number("spd_over_grnd_kts")
+    kmh, knots = fields.number("speed_kmh"), fields.number("speed_kn")
     speed, too_fast = _speed(knots * KNOT_MPS if math.isnan(kmh) else kmh * KMH_MPS)
     quality = _MODE_QUALITY.get(mode)
     return NmeaReading(
@@ -331,7 +353,7 @@ def _vtg(fields: _Fields, checksummed: bool) -> NmeaReading:
         valid=None if quality is None else quality in _MEASURED,
         quality=quality,
         speed_mps=speed,
-        course_rad=fields.course("true_track"),
+        course_rad=fields.course("course_deg"),
         out_of_range=too_fast,
     )
 
@@ -348,9 +370,9 @@ def _zda(fields: _Fields, checksummed: bool) -> NmeaReading:
 
 
 def _gst(fields: _Fields, checksummed: bool) -> NmeaReading:
-    axes = [fields.number("std_dev_latitude"), fields.number("std_dev_longitude")]
+    axes = [fields.number("latitude_std_m"), fields.number("longitude_std_m")]
     if math.isnan(axes[0] + axes[1]):
-        axes = [fields.number("std_dev_major"), fields.number("std_dev_minor")]
+        axes = [fields.number("major_std_m"), fields.number("minor_std_m")]
     return NmeaReading(
         "GST",
         checksummed,
