@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from bench.campaigns.offline.diagnosis.draw import draw_case
 from bench.campaigns.offline.diagnosis.make import make
+from bench.campaigns.offline.diagnosis.score import match
 from bench.campaigns.offline.diagnosis.seal import Answer
 from bench.campaigns.offline.diagnosis.truth import Truth, truth_of
 from bench.campaigns.offline.proof.others import Said
 from bench.campaigns.offline.proof.page import page
-from bench.campaigns.offline.proof.run import Row, answered, drawn, scored
+from bench.campaigns.offline.proof.run import Row, answered, drawn, scored, whole_truth
 from bench.campaigns.offline.proof.seal import BrokenSealError, opened, seal
 from bench.worlds.folder import write_folder
 
@@ -46,6 +48,15 @@ def test_swapped_truths_change_the_score_and_not_the_report(tmp_path: Path) -> N
     assert [row.hit for row in rows] == [True, False]
     assert [row.wrong for row in rows] == [False, True]
     assert rows[0].named == rows[1].named
+
+
+def test_the_lag_of_a_drawn_receiver_is_sealed_and_not_asked_for(tmp_path: Path) -> None:
+    """A drawn velocity lag is part of the sealed truth, and finding it makes no wrong name."""
+    case = draw_case("nothing", 0.0, 7)
+    case = replace(case, spec=replace(case.spec, doppler_age_s=0.08))
+    truth = whole_truth(case, make(case, tmp_path))
+    assert [(each.effect, each.inherent) for each in truth.effects] == [("velocity_lag", True)]
+    assert match(truth, [{"effect": "velocity_lag", "parameters": {}}]) == [0]
 
 
 def test_a_seed_draws_the_same_cases_again() -> None:

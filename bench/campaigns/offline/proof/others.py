@@ -8,7 +8,8 @@ formula for the same error.
 Both get windows of a second from `independent_look`, which shares only the reading of the files with the
 diagnosis: four wheels against the receiver and the gyro against the course, each less its mean, with
 speed, accelerations, yaw rate and time. Both are fitted on every other block of 60 s and judged on the
-blocks left out; the threshold is chosen within the former. Neither has a catalogue: a covariate and a formula is all that it can say.
+blocks left out; the threshold is chosen within the former. Neither has a catalogue: a covariate and a
+formula is all that it can say.
 """
 
 from __future__ import annotations

@@ -14,7 +14,8 @@ STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;max-width:70em;margin:auto;padding:1em}
 article{
 border-left:.4em solid #888;padding:.2em 1em;margin:1em 0}article.hit{border-color:#2a8f5c}
-article.wrong{border-color:#c33}dl{display:grid;grid-template-columns:minmax(7em,max-content) 1fr;gap:.1em 1em}
+article.wrong{border-color:#c33}
+dl{display:grid;grid-template-columns:minmax(7em,max-content) 1fr;gap:.1em 1em}
 dt{opacity:.7}dd{margin:0;overflow-wrap:anywhere}h2{font-size:1.1em;margin:.3em 0}
 @media(max-width:30em){dl{grid-template-columns:1fr}}
 """
@@ -28,7 +29,8 @@ def page(rows: Sequence[Row], seed: int) -> str:
         '<meta name="viewport" content="width=device-width"><title>tpmsd: the proof</title>',
         f"<style>{STYLE}</style><h1>{hits} of {len(rows)} concealed effects found, {wrong} wrong names</h1>",
         "<p>Each drive of a world was made by programs that import nothing of the diagnosis. The truth was"
-        " sealed before the diagnosis began, and opened after it had ended. Of recordings, the name is known from"
+        " sealed before the diagnosis began, and opened after it had ended. Of"
+        " recordings, the name is known from"
         f" how the drive was made, or the effect was injected. <code>make proof SEED={seed}</code></p>",
     ]
     for number, row in enumerate(rows, 1):

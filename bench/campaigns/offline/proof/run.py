@@ -29,7 +29,7 @@ from bench.campaigns.offline.diagnosis.draw import EFFECTS, Case, draw_case
 from bench.campaigns.offline.diagnosis.make import Made, make
 from bench.campaigns.offline.diagnosis.score import match, score
 from bench.campaigns.offline.diagnosis.seal import Answer, asked
-from bench.campaigns.offline.diagnosis.truth import Truth, truth_of
+from bench.campaigns.offline.diagnosis.truth import Concealed, Truth, truth_of
 from bench.campaigns.offline.proof.others import Said, others
 from bench.campaigns.offline.proof.page import page
 from bench.campaigns.offline.proof.seal import opened, seal
@@ -85,6 +85,33 @@ def drawn(seed: int) -> list[Case]:
     return cases
 
 
+def whole_truth(case: Case, made: Made) -> Truth:
+    """Return what is sealed: the concealed effect, and a drawn receiver's velocity lag.
+
+    The lag is a true finding that is not asked for."""
+    truth = truth_of(case, made.windows)
+    lag_s = case.spec.doppler_age_s
+    if lag_s > 0.0:
+        spans = [[0.0, float(truth.driving_s)]]
+        channels = ["gnss_speed", "gnss_course"]
+        truth.effects.append(
+            Concealed(
+                "velocity_lag",
+                "velocity_lag",
+                {"lag_s": lag_s},
+                0.0,
+                0.0,
+                "",
+                [],
+                channels,
+                ["time"],
+                spans,
+                True,
+            )
+        )
+    return truth
+
+
 def numbers(findings: Sequence[dict[str, Any]]) -> str:
     """The fitted values of findings, with their standard deviations."""
     parts = []
@@ -131,8 +158,10 @@ def scored(case: Case, made: Made, truth: Truth, answer: Answer, said: dict[str,
     matched = match(truth, findings)
     row.named = ", ".join(f"{each['effect']} {each['confidence']:.2f}" for each in findings) or "nothing"
     row.located, row.value, row.residual = places(findings), numbers(findings), measured(answer.document)
+    inherent = {k for k, each in enumerate(truth.effects) if each.inherent}
+    own = [k for k in matched if k not in inherent]
     row.wrong = bool(joined["false"])
-    row.hit = not row.wrong and (not wanted or (bool(matched) and matched[0] is not None))
+    row.hit = not row.wrong and (not wanted or (bool(own) and own[0] is not None))
     row.tellable = all(each.told for each in wanted)
     for name, one in said.items():
         if one.error:
@@ -152,7 +181,7 @@ def worlds(seed: int, folder: Path, jobs: int, with_others: bool = True) -> list
         made.append(make(case, folder / "memory"))
         drives.append(folder / f"drive-{number}")
         write_folder(made[-1].drive, drives[-1])
-        truth = truth_of(case, made[-1].windows).plain()
+        truth = whole_truth(case, made[-1]).plain()
         sealed = folder / f"sealed-{number}.json"
         seals.append(seal(truth, nonce.bytes(16).hex(), sealed))
         print(f"drive {number} ({case.world}): truth sealed, SHA-256 {seals[-1].sha256}", flush=True)
