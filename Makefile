@@ -27,6 +27,7 @@ CORE_TESTS = tests/car/config tests/onboard/sources_can tests/onboard/gnss tests
 	tests/car/physics tests/offline/inference tests/onboard/resonance tests/car/vehicle_state tests/onboard/test_pipeline.py \
 	tests/onboard/test_two_buses.py tests/onboard/test_plain_nmea.py tests/interfaces/cli/test_explain.py
 DEMO_ARGS ?=
+SEED ?= 1
 BENCH_ARGS ?=
 SOAK_ARGS ?=
 FUZZ_ARGS ?=
@@ -45,7 +46,7 @@ DOCDIR ?= /usr/local/share/doc/tpmsd
 MANDIR ?= /usr/local/share/man
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-fast coverage test-from-nothing docs release lint format bench bench-live bench-calibrate bench-diagnose bench-origins bench-alarms test-hil test-connect test-web test-qemu install uninstall deb bench-vehicle-state bench-estimators bench-fleet soak fuzz mutation clean
+.PHONY: help demo proof test test-fast coverage test-from-nothing docs release lint format bench bench-live bench-calibrate bench-diagnose bench-origins bench-alarms test-hil test-connect test-web test-qemu install uninstall deb bench-vehicle-state bench-estimators bench-fleet soak fuzz mutation clean
 
 help:  ## this list
 	@sed -n -e 's/^##@ /\n/p' -e 's/^\([a-z-]*\):.*## /\1\t/p' $(firstword $(MAKEFILE_LIST)) | \
@@ -55,6 +56,9 @@ help:  ## this list
 
 demo: $(RUNTIME)  ## a simulated slow puncture, found and announced on a virtual CAN bus (DEMO_ARGS=...)
 	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m tpmsd.interfaces.cli.demo $(DEMO_ARGS)
+
+proof: $(RUNTIME)  ## concealed effects sealed, found, opened, scored; a page in build/proof (SEED=1)
+	@OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(PY) -m bench run proof --seed $(SEED) --page build/proof/index.html
 
 ##@ Work on it
 

@@ -132,6 +132,9 @@ CAMPAIGNS = {
         ),
         _campaign("offline", "lost-counts", "false lost or added counts of late counts, and true ones found"),
         _campaign("offline", "concealed", "effects concealed in real recordings, diagnosed, unsealed"),
+        _campaign(
+            "offline", "proof", "effects of other worlds sealed, diagnosed, opened, scored", "proof.run"
+        ),
         _campaign("offline", "dynamics", "baselines of vehicle dynamics: null drives, single effects, pairs"),
     )
 }

@@ -1,0 +1,307 @@
+"""Effects concealed by worlds that import nothing of the program: sealed, diagnosed, opened, scored.
+
+    make proof                             six drives, and recordings where they are at hand
+    python -m bench run proof --seed 7     other effects, other cars, other roads
+
+Out: a table in the terminal and PAGE. Exit code 1 where a name is wrong. The truth of every drive is written
+first and its SHA-256 printed; a process of its own then diagnoses the drive's folder, and only then is the
+truth read. PySINDy and gplearn are given the same folders (`pip install -e '.[proof]'`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import concurrent.futures
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.campaigns.offline.diagnosis.draw import EFFECTS, Case, draw_case
+from bench.campaigns.offline.diagnosis.make import Made, make
+from bench.campaigns.offline.diagnosis.score import match, score
+from bench.campaigns.offline.diagnosis.seal import Answer, asked
+from bench.campaigns.offline.diagnosis.truth import Concealed, Truth, truth_of
+from bench.campaigns.offline.proof.others import Said, others
+from bench.campaigns.offline.proof.page import page
+from bench.campaigns.offline.proof.seal import opened, seal
+from bench.places import OUT, RECORDINGS, REPO
+from bench.worlds import real_drives
+from bench.worlds.folder import write_folder
+
+ORIGINS = ("kinematic", "receiver", "mems", "latched")
+"""Worlds that need no package beyond the program's own."""
+DRIVES = 6
+TYRES = frozenset(
+    {"cornering_stiffness_error", "tyre_relaxation", "tyre_saturation", "load_dependent_stiffness"}
+)
+
+
+@dataclass
+class Row:
+    """A line of the table."""
+
+    drive: str
+    concealed: str
+    truth: str = ""
+    located: str = ""
+    named: str = ""
+    value: str = ""
+    residual: str = ""
+    hit: bool = False
+    wrong: bool = False
+    tellable: bool = True
+    sha256: str = ""
+    others: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def verdict(self) -> str:
+        """Hit, miss, wrong name, or what the drive cannot tell."""
+        if self.wrong:
+            return "WRONG NAME"
+        if self.hit:
+            return "hit"
+        return "miss" if self.tellable else "miss (this drive cannot tell it)"
+
+
+def drawn(seed: int) -> list[Case]:
+    """Return the cases: distinct effects of the public table at strength 1, and a null drive."""
+    rng = np.random.default_rng([seed, 45])
+    effects = rng.choice(EFFECTS, DRIVES - 1, replace=False)
+    kinds = rng.permutation(["nothing", *effects])
+    worlds = rng.choice(ORIGINS, DRIVES)
+    cases = []
+    for kind, world, at in zip(kinds, worlds, rng.integers(1, 50_000, DRIVES), strict=True):
+        name = str(kind) if world == "kinematic" else f"{world}/{kind}"
+        cases.append(draw_case(name, 0.0 if kind == "nothing" else 1.0, int(at)))
+    return cases
+
+
+def whole_truth(case: Case, made: Made) -> Truth:
+    """Return what is sealed: the concealed effect, and a drawn receiver's velocity lag.
+
+    The lag is a true finding that is not asked for."""
+    truth = truth_of(case, made.windows)
+    lag_s = case.spec.doppler_age_s
+    if lag_s > 0.0:
+        spans = [[0.0, float(truth.driving_s)]]
+        channels = ["gnss_speed", "gnss_course"]
+        truth.effects.append(
+            Concealed(
+                "velocity_lag",
+                "velocity_lag",
+                {"lag_s": lag_s},
+                0.0,
+                0.0,
+                "",
+                [],
+                channels,
+                ["time"],
+                spans,
+                True,
+            )
+        )
+    return truth
+
+
+def numbers(findings: Sequence[dict[str, Any]]) -> str:
+    """The fitted values of findings, with their standard deviations."""
+    parts = []
+    for finding in findings:
+        for name, each in finding["parameters"].items():
+            value, std = each["value"], each["std"]
+            if isinstance(value, float) and std is not None:
+                parts.append(f"{name} {value:.4g} +- {1.96 * std:.1g}")
+            else:
+                parts.append(f"{name} {value}")
+    return ", ".join(parts)
+
+
+def measured(document: dict[str, Any]) -> str:
+    """Held-out residual before and after, in expected sizes."""
+    before, after = document["baseline"]["heldout_rms"], document["model"]["heldout_rms"]
+    return f"{before:.3f} to {after:.3f}"
+
+
+def places(findings: Sequence[dict[str, Any]]) -> str:
+    """Where findings lie."""
+    return "; ".join(
+        f"{' '.join(each['where'].get('wheels') or []) or each['where']['channel']} over"
+        f" {each['where']['covariate']}"
+        for each in findings
+    )
+
+
+def scored(case: Case, made: Made, truth: Truth, answer: Answer, said: dict[str, Said], sha256: str) -> Row:
+    """Return the row of a drive whose truth was opened."""
+    wanted = [each for each in truth.effects if not each.inherent]
+    row = Row(case.world, ", ".join(each.effect for each in wanted) or "nothing", sha256=sha256)
+    row.truth = ", ".join(
+        f"{name} {value:.4g}" if isinstance(value, float) else f"{name} {value}"
+        for each in wanted
+        for name, value in each.parameters.items()
+    )
+    if answer.error or answer.document.get("reason"):
+        row.named = answer.error or str(answer.document["reason"])
+        row.tellable = all(each.told for each in wanted)
+        return row
+    joined = score(case, truth, answer.document, answer.model, made.windows)
+    findings = answer.document["findings"]
+    matched = match(truth, findings)
+    row.named = ", ".join(f"{each['effect']} {each['confidence']:.2f}" for each in findings) or "nothing"
+    row.located, row.value, row.residual = places(findings), numbers(findings), measured(answer.document)
+    inherent = {k for k, each in enumerate(truth.effects) if each.inherent}
+    own = [k for k in matched if k not in inherent]
+    row.wrong = bool(joined["false"])
+    row.hit = not row.wrong and (not wanted or (bool(own) and own[0] is not None))
+    row.tellable = all(each.told for each in wanted)
+    for name, one in said.items():
+        if one.error:
+            row.others[name] = one.error
+            continue
+        found = any(one.locates(each.channels, each.wheels, each.covariates) for each in wanted)
+        judged = "located" if found else "not located"
+        row.others[name] = f"{judged}: {one.residual} = {one.formula} ({100 * one.explained:.0f} % explained)"
+    return row
+
+
+def worlds(seed: int, folder: Path, jobs: int, with_others: bool = True) -> list[Row]:
+    """Seal all truths, diagnose all drives, then open and score."""
+    cases, made, seals, drives = drawn(seed), [], [], []
+    nonce = np.random.default_rng([seed, 46])
+    for number, case in enumerate(cases, 1):
+        made.append(make(case, folder / "memory"))
+        drives.append(folder / f"drive-{number}")
+        write_folder(made[-1].drive, drives[-1])
+        truth = whole_truth(case, made[-1]).plain()
+        sealed = folder / f"sealed-{number}.json"
+        seals.append(seal(truth, nonce.bytes(16).hex(), sealed))
+        print(f"drive {number} ({case.world}): truth sealed, SHA-256 {seals[-1].sha256}", flush=True)
+    reports = both(drives, seed, jobs, with_others)
+    return [
+        scored(case, drive, Truth.of(opened(sealed)), answer, said, sealed.sha256)
+        for case, drive, sealed, (answer, said) in zip(cases, made, seals, reports, strict=True)
+    ]
+
+
+def answered(drive: Path, seed: int, with_others: bool) -> tuple[Answer, dict[str, Said]]:
+    """Return what the diagnosis and the other methods say of a folder; they are given nothing else."""
+    answer = asked(drive, REPO, "--certify", "0")
+    return answer, others(drive, seed) if with_others else {}
+
+
+def both(
+    drives: Sequence[Path], seed: int, jobs: int, with_others: bool
+) -> list[tuple[Answer, dict[str, Said]]]:
+    """Return the answers of all drives, in order."""
+    with concurrent.futures.ProcessPoolExecutor(jobs) as pool:
+        work = [pool.submit(answered, drive, seed, with_others) for drive in drives]
+        return [one.result() for one in work]
+
+
+def recorded(seed: int, folder: Path) -> list[Row]:
+    """Return the rows of recordings that are at hand: what is known of them, or an effect injected."""
+    rows: list[Row] = []
+    for name in ("van-mountain-a", "van-mountain-b"):
+        drive = RECORDINGS / name
+        if drive.is_dir():
+            rows.append(known(name, "road_grade (a mountain road)", drive, lambda n: n == "road_grade"))
+    signals = RECORDINGS.parent / "dynamics" / "ferrari-250lm"
+    if signals.is_dir():
+        passed = ("--baseline", "single-track")
+        rows.append(known("ferrari-250lm", "tyres on the limit", signals, TYRES.__contains__, *passed))
+    source = RECORDINGS / "van-motorway-a"
+    if source.is_dir():
+        rng = np.random.default_rng([seed, 47])
+        effect = str(rng.choice(("centrifugal_growth", "gnss_latency", "radius_change")))
+        target = folder / "injected"
+        real_drives.cut(source, target, rng)
+        sealed = seal(real_drives.inject(target, effect, rng), rng.bytes(16).hex(), folder / "sealed-i.json")
+        print(f"van-motorway-a: an effect injected and sealed, SHA-256 {sealed.sha256}", flush=True)
+        row = known("van-motorway-a", f"{effect} (injected)", target, lambda n: n == effect)
+        row.sha256 = sealed.sha256
+        row.truth = ", ".join(
+            f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in opened(sealed).items()
+        )
+        rows.append(row)
+    return rows
+
+
+def known(name: str, concealed: str, drive: Path, right: Callable[[str], bool], *passed: str) -> Row:
+    """Return the row of a recording of which a name is known; other findings are not judged."""
+    with tempfile.TemporaryDirectory() as made:
+        out = Path(made) / "report.json"
+        command = [sys.executable, "-m", "tpmsd", "diagnose", str(drive), "--json", str(out), *passed]
+        command += [] if passed else ["--certify", "0"]
+        environment = os.environ | {"PYTHONPATH": str(REPO)}
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            return Row(name, concealed, named=done.stderr.strip().splitlines()[-1])
+        document = json.loads(out.read_text(encoding="utf-8"))
+    findings = document["findings"]
+    row = Row(name, concealed, truth="not known in number")
+    row.named = ", ".join(f"{each['effect']} {each['confidence']:.2f}" for each in findings) or "nothing"
+    row.hit = any(right(each["effect"]) for each in findings)
+    of_interest = [each for each in findings if right(each["effect"])]
+    row.located, row.value = places(of_interest), numbers(of_interest)
+    if "heldout_rms" in document.get("baseline", {}) and "heldout_rms" in document.get("model", {}):
+        row.residual = measured(document)
+    return row
+
+
+def printed(rows: Sequence[Row]) -> str:
+    """The table for the terminal."""
+    lines = []
+    for number, row in enumerate(rows, 1):
+        lines.append(f"\n{number}. {row.drive}: {row.concealed} -> {row.verdict}")
+        for title, text in (
+            ("truth", row.truth),
+            ("named", row.named),
+            ("located", row.located),
+            ("value", row.value),
+            ("held-out residual", row.residual),
+            *row.others.items(),
+        ):
+            if text:
+                lines.append(f"   {title + ':':20}{text}")
+    hits = sum(row.hit for row in rows)
+    wrong = sum(row.wrong for row in rows)
+    lines.append(f"\n{hits} of {len(rows)} drives right, {wrong} with a wrong name.")
+    for method in dict.fromkeys(name for row in rows for name in row.others):
+        told = [row for row in rows if method in row.others and row.concealed != "nothing"]
+        located = sum(row.others[method].startswith("located") for row in told)
+        lines.append(f"{method}: {located} of {len(told)} located; it has no names.")
+    return "\n".join(lines)
+
+
+def options(parser: argparse.ArgumentParser) -> None:
+    """Its options."""
+    parser.add_argument("--seed", type=int, default=1, help="draws effects, cars, roads and receivers (1)")
+    parser.add_argument("--jobs", type=int, default=2, help="processes (2)")
+    parser.add_argument("--no-recordings", action="store_true", help="worlds alone")
+    parser.add_argument("--no-others", action="store_true", help="leave the other methods out")
+    parser.add_argument("--page", type=Path, default=OUT / "proof" / "index.html")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Run and print; 1 where a name is wrong."""
+    folder = Path(tempfile.mkdtemp(prefix="proof-"))
+    try:
+        rows = worlds(args.seed, folder, args.jobs, not args.no_others)
+        if not args.no_recordings:
+            rows += recorded(args.seed, folder)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    print(printed(rows))
+    args.page.parent.mkdir(parents=True, exist_ok=True)
+    args.page.write_text(page(rows, args.seed), encoding="utf-8")
+    print(f"Page: {args.page}")
+    return 1 if any(row.wrong for row in rows) else 0

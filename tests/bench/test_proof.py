@@ -1,0 +1,85 @@
+"""The proof: what is sealed stays sealed, and the truth reaches the score alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from bench.campaigns.offline.diagnosis.draw import draw_case
+from bench.campaigns.offline.diagnosis.make import make
+from bench.campaigns.offline.diagnosis.score import match
+from bench.campaigns.offline.diagnosis.seal import Answer
+from bench.campaigns.offline.diagnosis.truth import Truth, truth_of
+from bench.campaigns.offline.proof.others import Said
+from bench.campaigns.offline.proof.page import page
+from bench.campaigns.offline.proof.run import Row, answered, drawn, scored, whole_truth
+from bench.campaigns.offline.proof.seal import BrokenSealError, opened, seal
+from bench.worlds.folder import write_folder
+
+
+def test_a_changed_truth_breaks_the_seal(tmp_path: Path) -> None:
+    """A truth that was changed after it was sealed is not opened."""
+    sealed = seal({"effect": "gnss_latency"}, "00", tmp_path / "sealed.json")
+    assert opened(sealed) == {"effect": "gnss_latency"}
+    sealed.file.write_text(sealed.file.read_text(encoding="utf-8").replace("latency", "lateness"))
+    with pytest.raises(BrokenSealError):
+        opened(sealed)
+
+
+def test_swapped_truths_change_the_score_and_not_the_report(tmp_path: Path) -> None:
+    """With another drive's truth beside it the report is the same, and the score is not."""
+    case, other = draw_case("centrifugal_growth", 1.0, 7), draw_case("gnss_latency", 1.0, 7)
+    made = make(case, tmp_path)
+    drive, sealed = tmp_path / "drive", tmp_path / "sealed-1.json"
+    write_folder(made.drive, drive)
+    right = truth_of(case, made.windows)
+    swapped = truth_of(other, make(other, tmp_path).windows)
+    documents: list[Answer] = []
+    rows: list[Row] = []
+    for truth in (right, swapped):
+        kept = seal(truth.plain(), "00", sealed)
+        answer, _ = answered(drive, 1, False)
+        documents.append(answer)
+        rows.append(scored(case, made, Truth.of(opened(kept)), answer, {}, kept.sha256))
+    assert documents[0].document["findings"] == documents[1].document["findings"]
+    assert documents[0].model == documents[1].model
+    assert [row.hit for row in rows] == [True, False]
+    assert [row.wrong for row in rows] == [False, True]
+    assert rows[0].named == rows[1].named
+
+
+def test_the_lag_of_a_drawn_receiver_is_sealed_and_not_asked_for(tmp_path: Path) -> None:
+    """A drawn velocity lag is part of the sealed truth, and finding it makes no wrong name."""
+    case = draw_case("nothing", 0.0, 7)
+    case = replace(case, spec=replace(case.spec, doppler_age_s=0.08))
+    truth = whole_truth(case, make(case, tmp_path))
+    assert [(each.effect, each.inherent) for each in truth.effects] == [("velocity_lag", True)]
+    assert match(truth, [{"effect": "velocity_lag", "parameters": {}}]) == [0]
+
+
+def test_a_seed_draws_the_same_cases_again() -> None:
+    """A seed draws distinct effects and one null drive, and the same ones every time."""
+    kinds = [case.kind.rpartition("/")[2] for case in drawn(3)]
+    assert [case.key for case in drawn(3)] == [case.key for case in drawn(3)]
+    assert len(set(kinds)) == len(kinds) and "nothing" in kinds
+    assert [case.key for case in drawn(3)] != [case.key for case in drawn(4)]
+
+
+def test_another_method_is_right_where_residual_and_covariate_are() -> None:
+    """A formula locates an effect only by a residual and a covariate in which the effect acts."""
+    said = Said("rl", "speed", "+0.4 speed", 0.2)
+    assert said.locates(["wheel"], ["rl", "rr"], ["speed"])
+    assert not said.locates(["wheel"], ["fl"], ["speed"])
+    assert not said.locates(["wheel"], ["rl"], ["time"])
+    assert said.locates(["gnss_course"], [], ["speed"])
+    assert not Said("gyro", "time", "", 0.2).locates(["gnss_course"], ["rl"], ["time"])
+
+
+def test_misses_stand_on_the_page_beside_hits() -> None:
+    """The page says of every drive if it was a hit, a miss or a wrong name, with markup escaped."""
+    rows = [Row("a", "x", hit=True), Row("b", "y<z"), Row("c", "z", wrong=True)]
+    text = page(rows, 5)
+    assert "1 of 3 concealed effects found, 1 wrong names" in text and "y&lt;z" in text
+    assert all(f"{row.drive}: {row.verdict}" in text for row in rows) and "SEED=5" in text
