@@ -1,4 +1,4 @@
-"""Unknown variances of the receiver's position, estimated per particle: [Lundquist 2013], eq. (32f) of MPF-MN.
+"""Unknown variances of the receiver's position, one set per particle: [Lundquist 2013], eq. (32f), MPF-MN.
 
 In: realised position errors of each particle (35). Out: log-likelihoods (34), updated statistics. The mean of
 these errors is known, zero (32e), and their covariance diagonal (32f), so each axis has an inverse-Wishart of

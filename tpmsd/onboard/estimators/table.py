@@ -9,7 +9,7 @@ likelihood, motion or radius model is a piece with the same functions, and a row
 | `mpf-pn-paper` | samples | wheels in | NIW, no floors | Gaussian | systematic, none; no gates |
 | `mpf-pn` | Kalman filters | wheels in | states, beside nuisances | robust, Student-t | systematic, drawn |
 | `mpf-pn-niw` | samples | wheels in | NIW with floors | Student-t | systematic, Poisson |
-| `mpf-mn` | samples | walk, wheels measured | NIW with floors | Student-t, variances learned | systematic, none |
+| `mpf-mn` | samples | walk, wheels measured | NIW with floors | Student-t, learned | systematic, none |
 | `aug-pf` | samples | wheels in | mu and Sigma walk | Student-t | systematic, none |
 | `aug-ekf`, `aug-ukf` | Gaussian | wheels in | mu and Sigma are states | robust scalar | none |
 
