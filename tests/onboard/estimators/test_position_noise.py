@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from tests.onboard.estimators.world import Receiver, World, estimator, run, straight
+from tests.onboard.estimators.world import World, estimator, run
 from tpmsd.onboard.estimators.position_noise import PositionNoise
 from tpmsd.onboard.estimators.samples import SampledBelief
 from tpmsd.onboard.estimators.settings import SETTINGS
@@ -61,23 +60,21 @@ def test_a_variance_never_falls_below_the_floor() -> None:
     assert np.all(np.sqrt(state.scale / (state.nu - 2.0)) >= SETTINGS.position_floor_m * (1 - 1e-9))
 
 
-def test_mpf_mn_estimates_what_the_receiver_does() -> None:
-    """The receiver states 2 m and errs by 0.5 m, new with every fix, on a straight road to the east: MPF-MN
-    comes below 1 m along the way. Across it the heading walks, and what it walks off is taken for noise."""
-    world = World(
-        duration_s=120.0,
-        yaw_radps=straight,
-        receiver=Receiver(position_std_m=1e-3, white_std_m=0.5, period_s=0.5),
-    )
-    ticks = [
-        replace(tick, fixes=tuple(replace(fix, position_std_m=2.0) for fix in tick.fixes))
-        for tick in world.drive().ticks
-    ]
-    filter_ = estimator("mpf-mn", world, front=False, particles=1000)
-    run(filter_, ticks)
-    belief = filter_.belief
-    assert isinstance(belief, SampledBelief)
-    held = belief.particles.position_noise
+def test_mpf_mn_holds_statistics_of_its_own_per_particle() -> None:
+    """After a drive they have the window's nu, a variance for each particle and axis, and are no longer what
+    the receiver states; a filter of another row has none."""
+    world = World(duration_s=40.0)
+    ticks = world.drive().ticks
+    mn, pf = (estimator(name, world, front=False, particles=200) for name in ("mpf-mn", "aug-pf"))
+    run(mn, ticks)
+    run(pf, ticks)
+    assert isinstance(mn.belief, SampledBelief)
+    assert isinstance(pf.belief, SampledBelief)
+    assert pf.belief.particles.position_noise is None
+    held = mn.belief.particles.position_noise
     assert held is not None
-    found = np.sqrt(held.scale @ belief.particles.weights / (held.nu - 2.0))
-    assert 0.3 < found[0] < 1.0
+    assert held.scale.shape == (2, 200)
+    assert np.all(held.scale > 0.0)
+    assert 5.0 < held.nu < 5.0 + sum(len(tick.fixes) for tick in ticks)
+    stated = next(tick.fixes[0].position_std_m for tick in ticks if tick.fixes)
+    assert np.all(np.abs(np.sqrt(held.scale.mean(axis=1) / (held.nu - 2.0)) / stated - 1.0) > 0.05)

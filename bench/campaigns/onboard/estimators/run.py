@@ -175,7 +175,7 @@ def main(args: argparse.Namespace) -> int:
         result["rows"] = play_all(
             [task for task in plan(args.runs) if task.method in args.methods], args, state_of_code()
         )
-    return finish(args.out, result, "results", begun)
+    return finish(args.out, result, "results", begun, args.images)
 
 
 def earlier(path: Path, state: str) -> dict[str, Any]:
@@ -187,19 +187,21 @@ def earlier(path: Path, state: str) -> dict[str, Any]:
     return found if isinstance(found, dict) and found.get("commit") == state else {}
 
 
-def finish(out: Path, result: dict[str, Any], name: str, begun: float) -> int:
+def finish(out: Path, result: dict[str, Any], name: str, begun: float, images: Path | None = None) -> int:
     """Write JSON, Markdown and figures; print the Markdown."""
-    result["elapsed_s"] = time.monotonic() - begun
-    result = earlier(out / f"{name}.json", result["commit"]) | result
+    before = earlier(out / f"{name}.json", result["commit"])
+    result["elapsed_s"] = time.monotonic() - begun + before.get("elapsed_s", 0.0)
+    result = before | result
     (out / f"{name}.json").write_text(json.dumps(result, default=float), encoding="utf-8")
     text = markdown(result)
     (out / f"{name}.md").write_text(text, encoding="utf-8")
     print(text)
     try:
-        from bench.campaigns.onboard.estimators.figures import draw_all  # matplotlib is an extra
+        from bench.campaigns.onboard.estimators.figures import draw_all, draw_paper  # matplotlib is an extra
     except ImportError:
         print("No figures: they take the extra `plot`", file=sys.stderr)
     else:
-        for path in draw_all(result, out):
+        paper = draw_paper(result, images) if images is not None and result.get("rows") else []
+        for path in [*draw_all(result, out), *paper]:
             print(f"Wrote {path}", file=sys.stderr)
     return 0
