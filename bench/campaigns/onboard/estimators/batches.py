@@ -99,8 +99,8 @@ def play_batch(
     likelihood: PositionLog = student_t_log,
     gated: bool = True,
 ) -> list[Played]:
-    """Play the wheels of ticks[0] with the fixes of every ticks[m]; not `gated`: as printed, with heading psi_k
-    and without a floor of the position error."""
+    """Play the wheels of ticks[0] with the fixes of every ticks[m]; not `gated`: as printed, with heading
+    psi_k and without a floor of the position error."""
     runs = len(ticks)
     total = runs * count
     pose = np.zeros((3, total))

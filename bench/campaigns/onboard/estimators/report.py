@@ -48,7 +48,7 @@ def number(value: float, digits: int = 3) -> str:
 
 def markdown(result: dict[str, Any]) -> str:
     """All tables of what was done."""
-    lines = ["# Estimators", ""]
+    lines = []
     lines.append(
         f"Commit {result['commit']}; {result['machine']}; {result['elapsed_s'] / 60:.1f} min. "
         "Figures are means over drives and half the width of their 95 % intervals (Student's t)."
@@ -117,7 +117,12 @@ def _fig9(rows: list[Row], receiver: str) -> list[str]:
 
 
 def _fig10(rows: list[Row]) -> list[str]:
-    lines = ["## Runs that diverged (Fig 10), of the puncture", ""]
+    lines = [
+        "## Runs that diverged (Fig 10), of the puncture",
+        "",
+        "Runs of 100 particles include the batches.",
+        "",
+    ]
     body = []
     for receiver in RECEIVERS:
         some = pick(rows, scenario="puncture", receiver=receiver, front=False, inputs=POSITIONS)
@@ -136,7 +141,14 @@ def _fig10(rows: list[Row]) -> list[str]:
 def _scenarios(rows: list[Row], receiver: str, inputs: str) -> list[str]:
     heard = "positions alone" if inputs == POSITIONS else "positions, speed and course"
     lines = [f"## All scenarios at N={USUAL}, {receiver} position errors, {heard}", ""]
-    head = ("scenario", "method", "drives", "RMSE diff. mm", "RMSE radius mm", "cover diff. %")
+    head: tuple[str, ...] = (
+        "scenario",
+        "method",
+        "drives",
+        "RMSE diff. mm",
+        "RMSE radius mm",
+        "cover diff. %",
+    )
     head += ("cover radius %", "NEES diff.", "NEES pair / 2", "NEES four / 4", "diverged")
     body = []
     for scenario in SCENARIOS:
@@ -219,7 +231,7 @@ def _batches(rows: list[Row]) -> list[str]:
                 key[0],
                 str(key[1]),
                 f"{bad}/{of}",
-                number(1e3 * mean(some, "rmse_difference_m")),
+                within(interval(some, "rmse_difference_m", 1e3)),
                 number(mean(some, "cpu_ms")),
             )
         )
