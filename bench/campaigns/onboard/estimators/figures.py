@@ -327,16 +327,22 @@ def draw_survival(result: dict[str, Any], out: Path) -> Path | None:
 
 PAPER = ("mpf-pn-paper", "mpf-pn", "gaussian-sum", "aug-pf", "aug-ekf", "mpf-mn")
 """In Figs 4 to 8: the paper's four filters, and both of the product's."""
+THINNED = 3
+"""Figs 3 to 8 draw every third value of a series, so that the files stay small."""
 
 
 def _series(result: dict[str, Any], scenario: str) -> dict[str, dict[str, list[float]]]:
     """Method -> what it estimated on the first drive of a scenario, white errors as the paper has them."""
     some = pick(result.get("rows", []), scenario=scenario, receiver="white", front=False, inputs=POSITIONS)
-    return {row["method"]: row["series"] for row in some if "series" in row}
+    return {
+        row["method"]: {key: values[::THINNED] for key, values in row["series"].items()}
+        for row in some
+        if "series" in row
+    }
 
 
 def _minutes(values: list[float]) -> list[float]:
-    return [k * SERIES_EVERY * TICK_S / 60 for k in range(len(values))]
+    return [k * THINNED * SERIES_EVERY * TICK_S / 60 for k in range(len(values))]
 
 
 def _svg(figure: Figure, out: Path, name: str) -> Path:

@@ -221,21 +221,22 @@ def _ratios(rows: list[Row]) -> list[str]:
 
 
 def _batches(rows: list[Row]) -> list[str]:
-    lines = ["## Many runs of MPF-PN at once", ""]
+    lines = ["## Many runs at once, slow puncture, positions alone", ""]
     body = []
-    for key in sorted({(r["receiver"], r["particles"]) for r in rows}):
-        some = pick(rows, receiver=key[0], particles=key[1])
+    for key in sorted({(r["method"], r["receiver"], r["particles"]) for r in rows}):
+        some = pick(rows, method=key[0], receiver=key[1], particles=key[2])
         bad, of = diverged(some)
         body.append(
             (
-                key[0],
-                str(key[1]),
+                *(str(part) for part in key),
                 f"{bad}/{of}",
                 within(interval(some, "rmse_difference_m", 1e3)),
                 number(mean(some, "cpu_ms")),
             )
         )
-    return lines + table(("receiver", "N", "diverged", "RMSE diff. mm", "ms per tick and run"), body)
+    return lines + table(
+        ("method", "receiver", "N", "diverged", "RMSE diff. mm", "ms per tick and run"), body
+    )
 
 
 def _speed(speed: dict[str, Any]) -> list[str]:
