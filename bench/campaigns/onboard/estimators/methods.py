@@ -1,6 +1,6 @@
 """The estimators that are compared, and how each is set.
 
-In: a method's name, a number of particles, what it hears. Out: an `Estimator`, built the way the daemon builds it
+In: a method's name, a number of particles, what it hears. Out: an `Estimator`, built as the daemon builds it
 from a configuration that names method, particles and measurements: every other setting is the product's
 default, the same for all, and no method hears what another does not (`INPUTS`). MPF-PN as published takes
 positions alone whatever it is given.
