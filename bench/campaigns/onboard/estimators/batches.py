@@ -107,6 +107,7 @@ def play_batch(
     log_weights = np.zeros((runs, count))
     weights = np.full((runs, count), 1.0 / count)
     gate = MotionGate(config_of(TEXTBOOK).filter) if gated else None
+    heading_after, floor_m = 0.5 * gated, SETTINGS.position_floor_m * gated
     located = False
     length = len(ticks[0])
     rear, place = np.empty((runs, length, 2)), np.full((runs, length, 2), math.nan)
@@ -123,7 +124,7 @@ def play_batch(
             noise = radii.draw(informative)
             roll = turned * (RADIUS_M + noise)
             way, turn = (roll[:, 0] + roll[:, 1]) / 2, (roll[:, 1] - roll[:, 0]) / TRACK_M
-            middle = pose[2] + turn / 2 if gated else pose[2]
+            middle = pose[2] + turn * heading_after
             pose[0] += way * np.cos(middle)
             pose[1] += way * np.sin(middle)
             pose[2] += turn
@@ -133,8 +134,7 @@ def play_batch(
                 np.array([getattr(fix, name) for fix in fixes])[:, None]
                 for name in ("east_m", "north_m", "position_std_m", "heading_rad")
             )
-            if gated:
-                std = np.maximum(std, SETTINGS.position_floor_m)
+            std = np.maximum(std, floor_m)
             shape = (runs, count)
             if located:
                 squared = (

@@ -107,11 +107,7 @@ def _over_time(result: dict[str, Any], out: Path, file: str, error: bool) -> Pat
     for i, scenario in enumerate(names):
         for j, receiver in enumerate(RECEIVERS):
             here = axes[i, j]
-            some = [
-                r
-                for r in pick(rows, scenario=scenario, receiver=receiver)
-                if "series" in r and not r["front"]
-            ]
+            some = pick(rows, scenario=scenario, receiver=receiver)
             for row in sorted(some, key=lambda r: -WANTED.index(r["method"])):
                 truth = row["series"]["truth_mm"]
                 less = truth if error else [0.0] * len(truth)

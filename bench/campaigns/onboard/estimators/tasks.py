@@ -79,34 +79,34 @@ def numbers_of(method: str, scenario: str, inputs: str) -> tuple[int, ...]:
     return NUMBERS if scenario == "puncture" and inputs == POSITIONS else (USUAL,)
 
 
+def cell(scenario: str, receiver: str, seed: int, inputs: str, most: bool) -> list[Task]:
+    """The runs of all methods on one drive by some inputs; `most`: also those of the most particles."""
+    out = [
+        Task(scenario, receiver, seed, method, number, False, inputs)
+        for method in available()[0]
+        if inputs == POSITIONS or method != TEXTBOOK
+        for number in numbers_of(method, scenario, inputs)
+        if number < NUMBERS[-1] or (method in COSTLY and most)
+    ]
+    if inputs == ALL:
+        numbers = {method: USUAL if method in SAMPLED else 0 for method in FOUR}
+        out += [Task(scenario, receiver, seed, method, n, True, ALL) for method, n in numbers.items()]
+    return out
+
+
 def plan(runs: int, receivers: tuple[str, ...] = RECEIVERS) -> list[Task]:
     """All runs, seed by seed: every scenario by positions, and with correlated errors by all there is; the
     puncture with each measurement added; both of the product's filters on four wheels too."""
-    have, _ = available()
     out = []
     for seed in range(runs):
         for receiver in receivers:
             for scenario in SCENARIOS:
                 out.append(Task(scenario, receiver, seed, LIMIT, 0))
                 for inputs in INPUTS:
-                    more = inputs != POSITIONS
-                    if more and (receiver == "white" or (inputs != ALL and scenario != "puncture")):
-                        continue
-                    for method in have:
-                        if more and method == TEXTBOOK:
-                            continue
-                        out += [
-                            Task(scenario, receiver, seed, method, number, False, inputs)
-                            for number in numbers_of(method, scenario, inputs)
-                            if number < NUMBERS[-1] or (method in COSTLY and seed < runs // 4 + 1)
-                        ]
-                    if inputs == ALL:
-                        out += [
-                            Task(
-                                scenario, receiver, seed, method, USUAL if method in SAMPLED else 0, True, ALL
-                            )
-                            for method in FOUR
-                        ]
+                    if inputs == POSITIONS or (
+                        receiver != "white" and (inputs == ALL or scenario == "puncture")
+                    ):
+                        out += cell(scenario, receiver, seed, inputs, seed < runs // 4 + 1)
     return sorted(out, key=lambda t: (t.seed, t.particles >= NUMBERS[-1]))
 
 
