@@ -57,10 +57,10 @@ def last_state(file: Path, any_state: bool = False) -> list[Any]:
 
 
 def code_state(*roots: Path) -> str:
-    """Checksum of the Python sources below some folders."""
+    """Checksum of some Python sources, and of those below some folders."""
     digest = hashlib.sha256()
     for root in roots:
-        for path in sorted(root.rglob("*.py")):
+        for path in [root] if root.is_file() else sorted(root.rglob("*.py")):
             digest.update(path.relative_to(root).as_posix().encode())
             digest.update(path.read_bytes())
     return digest.hexdigest()[:12]

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from bench.campaigns.onboard.estimators.methods import DEFAULT, Setting, config_of
+from bench.campaigns.onboard.estimators.methods import ALL, DEFAULT, config_of
 from bench.campaigns.onboard.estimators.play import EVERY, LEVEL, SETTLE_S
 from bench.campaigns.onboard.estimators.tasks import driven
 from bench.worlds.paper_drive import RL, TICK_S
@@ -61,7 +61,7 @@ def one(task: tuple[str, bool, str, int]) -> tuple[Array, Array, Array]:
     """Errors of left against right at all settled ticks; those at every `EVERY`th, with three variances."""
     scenario, front, name, seed = task
     drive = driven(scenario, "correlated", seed)
-    config = config_of(DEFAULT, Setting(), None, front)
+    config = config_of(DEFAULT, None, front, ALL)
     row = TABLE[DEFAULT]
     assert isinstance(row.pieces, MixturePieces)
     row = replace(row, pieces=replace(row.pieces, changes=VARIANTS[name]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bench.campaigns.onboard.drift_levels import variances
-from bench.campaigns.onboard.estimators.methods import DEFAULT, Setting, build
+from bench.campaigns.onboard.estimators.methods import DEFAULT, build
 from bench.campaigns.onboard.estimators.tasks import driven
 from tpmsd.onboard.estimators.mixture import MixtureBelief
 from tpmsd.onboard.estimators.radius_filter import RadiusFilter
@@ -13,7 +13,7 @@ from tpmsd.onboard.estimators.radius_filter import RadiusFilter
 
 def test_the_stated_variance_is_the_filters() -> None:
     """Of left against right, of all hypotheses together."""
-    estimator = build(DEFAULT, Setting(), None, 1)
+    estimator = build(DEFAULT, None, 1)
     assert isinstance(estimator, RadiusFilter)
     assert isinstance(estimator.belief, MixtureBelief)
     for tick in driven("lively", "correlated", 300).ticks[:1500]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, astuple
+from dataclasses import asdict, astuple, replace
 from itertools import islice, pairwise
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from bench.campaigns.onboard.estimators.batches import Radii, play_batch
 from bench.campaigns.onboard.estimators.kernel import Kernel, compile_kernel
 from bench.campaigns.onboard.estimators.library import LibraryAugPf
 from bench.campaigns.onboard.estimators.limit import limit
-from bench.campaigns.onboard.estimators.methods import TEXTBOOK, Setting, build, config_of, heard
+from bench.campaigns.onboard.estimators.methods import INPUTS, SAMPLED, TEXTBOOK, WANTED, build, config_of
 from bench.campaigns.onboard.estimators.play import difference, play
 from bench.campaigns.onboard.estimators.recordings import dropped, own_difference_m
 from bench.campaigns.onboard.estimators.run import earlier, play_all
@@ -23,6 +23,7 @@ from bench.campaigns.onboard.estimators.tasks import Task
 from bench.cli import main, parse
 from bench.worlds.paper_drive import PUNCTURE_M, RADIUS_M, RL, RR, SCENARIOS, Driven, drive
 from tests.bench.estimators.drives import RURAL, piece
+from tpmsd.car.config.model import FilterConfig
 from tpmsd.onboard.estimators.radius_models import NiwRadii
 
 UNBALANCED_MM = -1.5
@@ -68,7 +69,7 @@ def test_the_librarys_filter_finds_the_difference(rural: Driven) -> None:
 
 def test_batches_and_kernel_and_the_programs_filter_agree(rural: Driven) -> None:
     """Three codes of the textbook MPF-PN on the same drive: each to 0.3 mm of the truth."""
-    ours = play(build(TEXTBOOK, Setting(), 500, 1), rural.ticks)
+    ours = play(build(TEXTBOOK, 500, 1), rural.ticks)
     assert pytest.approx(UNBALANCED_MM, abs=0.3) == mean_mm(difference(ours.rear_m))
     rng = np.random.default_rng(4)
     runs = play_batch(Radii(NiwRadii(1.0 - 1.0 / 600), 4 * 200, rng), [rural.ticks] * 4, 200, rng)
@@ -112,7 +113,7 @@ def test_without_a_compiler_a_line_says_so() -> None:
 
 def test_chords_find_the_tyres_own_difference(rural: Driven) -> None:
     """Without any filter; the standard error is truthful within a factor of three."""
-    config = config_of("gaussian-sum", Setting(), None)
+    config = config_of("gaussian-sum")
     found, std = own_difference_m(rural.ticks, config)
     assert abs(1e3 * found - UNBALANCED_MM) < 3 * 1e3 * std
     assert std < 2e-3
@@ -127,11 +128,15 @@ def test_an_injected_drop_is_what_another_radius_would_have_turned(rural: Driven
     assert before[RL] == after[RL]
 
 
-def test_a_receiver_factor_touches_only_the_stated_error(rural: Driven) -> None:
-    """Positions stay."""
-    fix, scaled = rural.ticks[1].fixes[0], heard(rural.ticks, Setting(60.0, 3.0))[1].fixes[0]
-    assert 3.0 * fix.position_std_m == scaled.position_std_m
-    assert fix.east_m == scaled.east_m
+@pytest.mark.parametrize("inputs", INPUTS)
+def test_every_method_has_the_products_settings_and_equal_inputs(inputs: str) -> None:
+    """But for method, rate and particles the configuration is the default one, and all methods hear the
+    same."""
+    for method in WANTED:
+        config = config_of(method, 500 if method in SAMPLED else None, inputs=inputs).filter
+        usual = FilterConfig(method=method, rate_hz=10.0, particles=config.particles)
+        assert replace(config, measurements=usual.measurements) == usual
+        assert config.measurements == INPUTS[inputs]
 
 
 def test_hours_of_driving_join_without_a_jump() -> None:
@@ -162,7 +167,7 @@ def test_the_bench_writes_its_tables(tmp_path: Path, capsys: pytest.CaptureFixtu
     """Without recordings nothing but the head is left to say, and nothing fails."""
     arguments = ["--only", "recordings", "--jobs", "1", "--recordings", str(tmp_path), "--out", str(tmp_path)]
     assert main(["run", "estimators", *arguments]) == 0
-    assert "# Estimators" in capsys.readouterr().out
+    assert "Commit " in capsys.readouterr().out
     assert (tmp_path / "results.md").exists()
 
 

@@ -393,7 +393,9 @@ def test_trouble_passes(method: str, name: str) -> None:
     # A bootstrap filter that drove for a minute without weighing its particles has lost some of the prior.
     sampled = method in ("mpf-pn-niw", "aug-pf", "mpf-mn")
     slow_start = sampled and name in ("no fix for long at the start", "outage of a minute")
-    assert np.all(np.abs(error[known]) < (3.0e-3 if slow_start else 1.0e-3))
+    # A Gaussian likelihood without gates follows multipath: the published filter has nothing against it.
+    follows = not TABLE[method].gates.fixes and "multipath" in name
+    assert np.all(np.abs(error[known]) < (3.0e-3 if slow_start or follows else 1.0e-3))
     assert math.dist((last.east_m, last.north_m), drive.pose[-1, :2]) < (15.0 if slow_start else 6.0)
     assert abs(math.remainder(last.heading_rad - drive.pose[-1, 2], 2 * math.pi)) < 0.12
     assert last.gnss_age_s < 1.0
@@ -490,8 +492,6 @@ def test_the_gaussian_sum_draws_nothing() -> None:
 def test_at_low_speed_the_steering_tells_the_turn(method: str) -> None:
     """Eq. (38c): at 4 m/s with a wrong rear radius, a left turn without fixes keeps its heading by the
     steering; without the signal the wheels' error turns the car."""
-    if not TABLE[method].gates.ticks:
-        pytest.skip("without gates all ticks are informative, and the wheels tell the turn")
 
     def turning(t: FloatArray) -> FloatArray:
         return np.where(t < 12.0, 0.0, 0.12)

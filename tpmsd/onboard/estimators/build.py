@@ -98,6 +98,11 @@ def begin_belief(row: Row, car: Car, settings: FilterConfig, rng: np.random.Gene
     if isinstance(pieces, GaussianPieces):
         rear = GaussianBelief(car, pieces)
     else:
-        sampled = replace(pieces, radii=pieces.radii.remembering(forgetting))
+        noise = pieces.position_noise
+        sampled = replace(
+            pieces,
+            radii=pieces.radii.remembering(forgetting),
+            position_noise=None if noise is None else noise.remembering(settings.window_s),
+        )
         rear = SampledBelief(car, sampled, settings.particles or SETTINGS.particles, rng)
     return FrontBeside(rear, car, forgetting) if len(car.order) == 4 else rear

@@ -40,9 +40,9 @@ def gaussian_log(squared: FloatArray, dimension: int) -> FloatArray:
     return -0.5 * squared
 
 
-def position_variance(fix: Fix) -> float:
-    """Variance per axis of a position, m2."""
-    return max(fix.position_std_m, SETTINGS.position_floor_m) ** 2
+def position_variance(fix: Fix, floor_m: float = SETTINGS.position_floor_m) -> float:
+    """Variance per axis of a position, m2, not below the floor's."""
+    return max(fix.position_std_m, floor_m) ** 2
 
 
 class SeenCourse(NamedTuple):

@@ -48,6 +48,9 @@ class Gates:
     """Whether fixes far off or at a standstill are left out; else every fix is used."""
     fix_interval_s: float = 0.0
     """Least time between two fixes that are used."""
+    printed_steering: bool = False
+    """Whether (38c) is taken as printed: below the speed limit by the tick's own speed the steering tells the
+    turn, in every tick and by delta_F in place of its tangent."""
 
 
 GATED = Gates()
@@ -129,7 +132,7 @@ class RadiusFilter:
             self.belief.predict(Standing())
             return self._moment(tick, False)
         judged = self._located and tick.time_s - self._last_fix_s < SETTINGS.changes_judged_s
-        curvature = None if moment.informative else self._steered_curvature(tick)
+        curvature = self._steered_curvature(tick, way, moment.informative)
         way, turn = self.belief.predict(Rolling(moment, angle, way, turn, curvature, judged))
         self._speed, self._yaw_rate = way / tick.dt_s, turn / tick.dt_s
         share = 1.0 - math.exp(-tick.dt_s / SETTINGS.steady_s)
@@ -143,14 +146,18 @@ class RadiusFilter:
         gate = self._gate
         return Moment(tick, informative, gate.speed_mps, gate.accel_mps2, gate.gyro_trusted)
 
-    def _steered_curvature(self, tick: Tick) -> float | None:
+    def _steered_curvature(self, tick: Tick, way_m: float, informative: bool) -> float | None:
         """Curvature by the steering at low speed [Lundquist 2013, eq. 38c]; None where the wheels tell the
         turn."""
-        steering = tick.steering_wheel_angle_rad
-        slow = self._gate.speed_mps < self._settings.min_speed_mps
-        if not slow or self._steering_ratio is None or not math.isfinite(steering):
+        steering, printed = tick.steering_wheel_angle_rad, self._gates.printed_steering
+        if self._steering_ratio is None or not math.isfinite(steering) or (informative and not printed):
             return None
-        return math.tan(steering / self._steering_ratio) / self._car.geometry.wheelbase_m
+        speed_mps = way_m / tick.dt_s if printed else self._gate.speed_mps
+        if not speed_mps < self._settings.min_speed_mps:
+            return None
+        front_rad = steering / self._steering_ratio
+        bend = front_rad if printed else math.tan(front_rad)
+        return bend / self._car.geometry.wheelbase_m
 
     def _stop(self) -> None:
         """Take that the wheels do not turn."""

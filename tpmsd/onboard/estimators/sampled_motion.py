@@ -6,8 +6,10 @@ radius errors of a particle:
 
     way     = (a_rl (r_rl + w_rl) + a_rr (r_rr + w_rr)) / 2          (6a)
     turn    = (a_rr (r_rr + w_rr) - a_rl (r_rl + w_rl)) / track      (6b)
-    east   += way cos(heading + turn/2), north likewise              (7), heading at mid-step
+    east   += way cos(heading), north likewise                       (7)
     heading += turn                                                  (7)
+
+`go` takes the heading at mid-step, heading + turn/2, or as printed, at the tick's start.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.estimators.belief import Car, Rolling
+from tpmsd.onboard.estimators.position_noise import PositionStatistics
 from tpmsd.onboard.estimators.radius_models import RadiusModel
 from tpmsd.onboard.estimators.settings import SETTINGS
 
@@ -40,6 +43,8 @@ class Particles:
     """State of the radius model."""
     motion: FloatArray | None = None
     """(2, N) yaw rate and speed, where they are states that go on from the tick before."""
+    position_noise: PositionStatistics | None = None
+    """What is held of the variances of positions, where these are unknown and a fix has been taken."""
 
     @classmethod
     def even(cls, count: int, radii: Any) -> Particles:
@@ -69,12 +74,21 @@ class Particles:
         self.pose, self.moved = self.pose[:, index], self.moved[:, index]
         if self.motion is not None:
             self.motion = self.motion[:, index]
+        if self.position_noise is not None:
+            self.position_noise = self.position_noise.select(index)
         self.level()
 
 
-def go(particles: Particles, way: FloatArray, turn: FloatArray) -> tuple[float, float]:
-    """Move the poses by way and turn (N,) of each (7); mean way and turn."""
-    middle = turn * 0.5
+MID_STEP = 0.5
+"""Share of a tick's turn after which the heading is taken: exact to second order in the turn."""
+
+
+def go(
+    particles: Particles, way: FloatArray, turn: FloatArray, heading_after: float = MID_STEP
+) -> tuple[float, float]:
+    """Move the poses by way and turn (N,) of each (7), with the heading after this share of the turn; mean
+    way and turn."""
+    middle = turn * heading_after
     middle += particles.pose[2]
     particles.moved[0] = way * np.cos(middle)
     particles.moved[1] = way * np.sin(middle)
@@ -108,7 +122,7 @@ class WheelsIn:
         way, turn = (left + right) * 0.5, (right - left) * (1.0 / car.geometry.track_rear_m)
         if rolling.moment.informative:
             particles.radii = radii.learn(particles.radii, noise)
-        elif rolling.curvature is not None:
+        if rolling.curvature is not None:
             turn = way * rolling.curvature
         return way, turn, None
 

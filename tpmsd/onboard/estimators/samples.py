@@ -44,9 +44,10 @@ from tpmsd.onboard.estimators.gnss_likelihood import (
 )
 from tpmsd.onboard.estimators.odometry_block import Block
 from tpmsd.onboard.estimators.pose_start import PoseStart
+from tpmsd.onboard.estimators.position_noise import PositionNoise
 from tpmsd.onboard.estimators.radius_models import NIW, RadiusModel
 from tpmsd.onboard.estimators.resampling import SYSTEMATIC, Lineage, Systematic, between_std, effective_number
-from tpmsd.onboard.estimators.sampled_motion import WHEELS_IN, Particles, SampledMotion, go
+from tpmsd.onboard.estimators.sampled_motion import MID_STEP, WHEELS_IN, Particles, SampledMotion, go
 from tpmsd.onboard.estimators.settings import SETTINGS
 from tpmsd.onboard.timeline.tick import Fix
 
@@ -62,6 +63,13 @@ class SampledPieces:
     changes: ChangeModel | None = None
     positions_alone: bool = False
     """Whether courses, Doppler speeds and the gyro are no measurements, as in the paper."""
+    heading_after: float = MID_STEP
+    """Share of a tick's turn after which its heading is taken; 0 is psi_k, as (3) and (7) are printed."""
+    position_floor_m: float = SETTINGS.position_floor_m
+    """Least position error; at the resolution of a position the receiver's word is taken, the known R of
+    (10d)."""
+    position_noise: PositionNoise | None = None
+    """Unknown variances of positions (32f); None: the receiver's word, and `likelihood`."""
 
 
 class SampledBelief:
@@ -86,7 +94,7 @@ class SampledBelief:
             way, turn, log = pieces.motion.advance(particles, pieces.radii, movement, self._car, rng)
             if log is not None:
                 particles.multiply(log)
-            return go(particles, way, turn)
+            return go(particles, way, turn, pieces.heading_after)
         particles.motion = None
         if isinstance(movement, Coasting):
             dt_s = movement.dt_s
@@ -105,6 +113,9 @@ class SampledBelief:
             east, north = east + forward * cos - left * sin, north + forward * sin + left * cos
         return fix.east_m - east, fix.north_m - north
 
+    def _variance(self, fix: Fix) -> float:
+        return position_variance(fix, self._pieces.position_floor_m)
+
     def distance(self, sight: Sight) -> tuple[float, float]:
         """Distance of the mean; the spread of the particles is in the variance, and a share for what the
         receiver's slow errors have made of it."""
@@ -112,7 +123,7 @@ class SampledBelief:
         weights = self.particles.weights
         mean = off @ weights
         spread = float(np.square(off - mean[:, None]).sum(axis=0) @ weights)
-        slow = position_variance(sight.fix) / 9.0
+        slow = self._variance(sight.fix) / 9.0
         return math.hypot(*mean.tolist()), sight.fix.position_std_m**2 + slow + spread
 
     def update(self, sight: Sight) -> None:
@@ -120,12 +131,22 @@ class SampledBelief:
         particles, pieces = self.particles, self._pieces
         if sight.by_position:
             east, north = self._off(sight.fix)
-            squared = (east * east + north * north) / position_variance(sight.fix)
-            particles.multiply(pieces.likelihood(squared, 2))
+            particles.multiply(self._position_log(sight, east, north))
         if not pieces.positions_alone and (seen := seen_course(sight, self._car.antenna_m)) is not None:
             off = np.remainder(seen.heading_rad - particles.pose[2] + math.pi, 2 * math.pi) - math.pi
             variance = max(seen.variance_rad2, SETTINGS.course_floor_sampled_rad**2)
             particles.multiply(pieces.likelihood(off * off / variance, 1))
+
+    def _position_log(self, sight: Sight, east: FloatArray, north: FloatArray) -> FloatArray:
+        """Log-likelihood (N,) of a position so far off: (22), or (34) where its variances are unknown."""
+        particles, pieces = self.particles, self._pieces
+        if pieces.position_noise is None:
+            return pieces.likelihood((east * east + north * north) / self._variance(sight.fix), 2)
+        if particles.position_noise is None:
+            stated_m = sight.fix.position_std_m
+            particles.position_noise = pieces.position_noise.begin(particles.count, stated_m)
+        error_m = np.stack([east, north])
+        return pieces.position_noise.weigh(particles.position_noise, error_m, sight.interval_s)
 
     def hold(self, block: Block, bias_rad2: float) -> None:
         """Multiply the weights by the likelihoods of Doppler way and turn, given the radii that each particle
@@ -178,7 +199,7 @@ class SampledBelief:
         forward, left = self._car.antenna_m
         ahead = (1.0 - fix.fraction) * sight.tick.dt_s * sight.speed_mps - forward
         cos, sin = np.cos(heading), np.sin(heading)
-        std = math.sqrt(position_variance(fix))
+        std = math.sqrt(self._variance(fix))
         particles.pose[0] = fix.east_m + std * rng.standard_normal(count) + ahead * cos + left * sin
         particles.pose[1] = fix.north_m + std * rng.standard_normal(count) + ahead * sin - left * cos
         particles.pose[2] = heading

@@ -7,8 +7,9 @@ likelihood, motion or radius model is a piece with the same functions, and a row
 | --- | --- | --- | --- | --- | --- |
 | `gaussian-sum` | mixture | wheels in | states, beside nuisances | robust, Student-t | enumerate, prune |
 | `mpf-pn-paper` | samples | wheels in | NIW, no floors | Gaussian | systematic, none; no gates |
-| `mpf-pn` | samples | wheels in | NIW with floors | Student-t | systematic, Poisson |
-| `mpf-mn` | samples | walk, wheels measured | NIW with floors | Student-t | systematic, none |
+| `mpf-pn` | Kalman filters | wheels in | states, beside nuisances | robust, Student-t | systematic, drawn |
+| `mpf-pn-niw` | samples | wheels in | NIW with floors | Student-t | systematic, Poisson |
+| `mpf-mn` | samples | walk, wheels measured | NIW with floors | Student-t, learned | systematic, none |
 | `aug-pf` | samples | wheels in | mu and Sigma walk | Student-t | systematic, none |
 | `aug-ekf`, `aug-ukf` | Gaussian | wheels in | mu and Sigma are states | robust scalar | none |
 
@@ -26,6 +27,7 @@ from tpmsd.onboard.estimators.gaussian import GaussianPieces, linearised, unscen
 from tpmsd.onboard.estimators.gnss_likelihood import gaussian_log
 from tpmsd.onboard.estimators.marginal import MarginalPieces
 from tpmsd.onboard.estimators.mixture import MixturePieces
+from tpmsd.onboard.estimators.position_noise import PositionNoise
 from tpmsd.onboard.estimators.radius_filter import GATED, Gates
 from tpmsd.onboard.estimators.radius_models import Floors, NiwRadii, WalkingRadii
 from tpmsd.onboard.estimators.sampled_motion import WheelsMeasured
@@ -41,14 +43,20 @@ class Row:
     gates: Gates = GATED
 
 
-_PAPER = SampledPieces(radii=NiwRadii(floors=None), likelihood=gaussian_log, positions_alone=True)
+_PAPER = SampledPieces(
+    radii=NiwRadii(floors=None),
+    likelihood=gaussian_log,
+    positions_alone=True,
+    heading_after=0.0,
+    position_floor_m=SETTINGS.resolution_m,
+)
 TABLE: MappingProxyType[str, Row] = MappingProxyType(
     {
         "gaussian-sum": Row(MixturePieces(), Gates(fix_interval_s=SETTINGS.fix_interval_s)),
-        "mpf-pn-paper": Row(_PAPER, Gates(ticks=False, fixes=False)),
+        "mpf-pn-paper": Row(_PAPER, Gates(ticks=False, fixes=False, printed_steering=True)),
         "mpf-pn": Row(MarginalPieces(), Gates(fix_interval_s=SETTINGS.fix_interval_s)),
         "mpf-pn-niw": Row(SampledPieces(radii=NiwRadii(floors=Floors(apart=True)), changes=PoissonChanges())),
-        "mpf-mn": Row(SampledPieces(motion=WheelsMeasured())),
+        "mpf-mn": Row(SampledPieces(motion=WheelsMeasured(), position_noise=PositionNoise())),
         "aug-pf": Row(SampledPieces(radii=WalkingRadii())),
         "aug-ekf": Row(GaussianPieces(linearised)),
         "aug-ukf": Row(GaussianPieces(unscented)),

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.campaigns.onboard.estimators.methods import TEXTBOOK, config_of, heard, setting_of
+from bench.campaigns.onboard.estimators.methods import POSITIONS, TEXTBOOK, config_of
 from bench.campaigns.onboard.estimators.play import Played, score
 from bench.worlds.paper_drive import RADIUS_M, RL, SCENARIOS, TICK_S, drive
 from bench.worlds.paper_route import TRACK_M
@@ -81,8 +81,8 @@ class Batch:
 
 
 def plan(full: bool) -> list[Batch]:
-    """100 runs where few particles make that cheap; the rest with --full."""
-    sizes = {100: 100, 500: 100 if full else 10}
+    """Many runs where few particles make that cheap; more with --full."""
+    sizes = {100: 100 if full else 40} | ({500: 100} if full else {})
     return [
         Batch(method, receiver, count, runs)
         for receiver in ("white", "correlated")
@@ -99,13 +99,15 @@ def play_batch(
     likelihood: PositionLog = student_t_log,
     gated: bool = True,
 ) -> list[Played]:
-    """Play the wheels of ticks[0] with the fixes of every ticks[m]."""
+    """Play the wheels of ticks[0] with the fixes of every ticks[m]; not `gated`: as printed, with heading
+    psi_k and without a floor of the position error."""
     runs = len(ticks)
     total = runs * count
     pose = np.zeros((3, total))
     log_weights = np.zeros((runs, count))
     weights = np.full((runs, count), 1.0 / count)
-    gate = MotionGate(config_of(TEXTBOOK, setting_of(TEXTBOOK, "white"), count).filter) if gated else None
+    gate = MotionGate(config_of(TEXTBOOK).filter) if gated else None
+    heading_after, floor_m = 0.5 * gated, SETTINGS.position_floor_m * gated
     located = False
     length = len(ticks[0])
     rear, place = np.empty((runs, length, 2)), np.full((runs, length, 2), math.nan)
@@ -122,7 +124,7 @@ def play_batch(
             noise = radii.draw(informative)
             roll = turned * (RADIUS_M + noise)
             way, turn = (roll[:, 0] + roll[:, 1]) / 2, (roll[:, 1] - roll[:, 0]) / TRACK_M
-            middle = pose[2] + turn / 2
+            middle = pose[2] + turn * heading_after
             pose[0] += way * np.cos(middle)
             pose[1] += way * np.sin(middle)
             pose[2] += turn
@@ -132,7 +134,7 @@ def play_batch(
                 np.array([getattr(fix, name) for fix in fixes])[:, None]
                 for name in ("east_m", "north_m", "position_std_m", "heading_rad")
             )
-            std = np.maximum(std, SETTINGS.position_floor_m)
+            std = np.maximum(std, floor_m)
             shape = (runs, count)
             if located:
                 squared = (
@@ -183,21 +185,22 @@ def _resample(
 def perform(batch: Batch) -> list[dict[str, Any]]:
     """A row per run."""
     rng = np.random.default_rng([batch.particles, 13])
-    setting = setting_of(batch.method, batch.receiver)
+    settings = config_of(batch.method).filter
     drives = [drive(SCENARIOS[SCENARIO], batch.receiver, seed) for seed in range(1000, 1000 + batch.runs)]
     total = batch.runs * batch.particles
     model: RadiusModel
     if batch.method == TEXTBOOK:
-        model = NiwRadii(1.0 - TICK_S / setting.window_s, floors=None)
+        model = NiwRadii(1.0 - TICK_S / settings.window_s, floors=None)
     else:
-        model = WalkingRadii(dict(setting.options).get("drift_std_m", WalkingRadii().drift_std_m))
+        model = WalkingRadii()
     paper = batch.method == TEXTBOOK
     likelihood = gaussian_log if paper else student_t_log
-    ticks = [heard(d.ticks, setting) for d in drives]
+    ticks = [d.ticks for d in drives]
     played = play_batch(Radii(model, total, rng), ticks, batch.particles, rng, likelihood, gated=not paper)
     first = drives[0]
     truth, place = first.offsets_m[:, RL:], first.pose[1:, :2]
     what = {"scenario": SCENARIO, "receiver": batch.receiver, "method": batch.method, "front": False}
+    what |= {"inputs": POSITIONS}
     return [
         what | {"particles": batch.particles, "seed": 1000 + m} | score(run, truth, place, TICK_S).row()
         for m, run in enumerate(played)

@@ -18,8 +18,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocator, ScalarFormatter
 
-from bench.campaigns.onboard.estimators.methods import SAMPLED, WANTED
-from bench.campaigns.onboard.estimators.summary import diverged, fig9, mean, pick
+from bench.campaigns.onboard.estimators.methods import POSITIONS, SAMPLED, WANTED
+from bench.campaigns.onboard.estimators.summary import diverged, fig9, interval, mean, pick
 from bench.campaigns.onboard.estimators.tasks import NUMBERS, RECEIVERS, SERIES_EVERY, USUAL
 from bench.worlds.paper_drive import SCENARIOS, TICK_S
 from bench.worlds.paper_route import paper_route
@@ -28,11 +28,11 @@ Row = dict[str, Any]
 COLOURS = dict(
     zip(
         WANTED,
-        ("tab:red", "black", "tab:gray", "tab:blue", "tab:green", "tab:olive", "tab:purple", "tab:cyan"),
+        ("tab:red", "tab:blue", "black", "tab:green", "tab:olive", "tab:purple", "tab:cyan"),
         strict=True,
     )
 )
-MARKERS = dict(zip(WANTED, "*os^vDPX", strict=True))
+MARKERS = dict(zip(WANTED, "*os^vDP", strict=True))
 
 
 def _save(figure: Figure, out: Path, name: str) -> Path:
@@ -135,7 +135,7 @@ def draw_fig9(result: dict[str, Any], out: Path) -> Path | None:
         return None
     figure, axes = plt.subplots(1, len(RECEIVERS), figsize=(12, 4.8), sharey=True, layout="constrained")
     for here, receiver in zip(axes, RECEIVERS, strict=True):
-        some = pick(rows, scenario="puncture", receiver=receiver, front=False)
+        some = pick(rows, scenario="puncture", receiver=receiver, front=False, inputs=POSITIONS)
         for method, numbers in fig9(rows, receiver).items():
             if method in SAMPLED:
                 here.plot(
@@ -176,7 +176,9 @@ def draw_fig10(result: dict[str, Any], out: Path) -> Path | None:
     figure, axes = plt.subplots(1, len(RECEIVERS), figsize=(12, 4.3), sharey=True, layout="constrained")
     for here, receiver in zip(axes, RECEIVERS, strict=True):
         for k, method in enumerate(m for m in WANTED if m in SAMPLED):
-            some = pick(rows, scenario="puncture", receiver=receiver, front=False, method=method)
+            some = pick(
+                rows, scenario="puncture", receiver=receiver, front=False, inputs=POSITIONS, method=method
+            )
             counts = [(n, *diverged(pick(some, particles=n))) for n in NUMBERS]
             if not any(of for _, _, of in counts):
                 continue
@@ -209,7 +211,17 @@ def draw_truthfulness(result: dict[str, Any], out: Path) -> Path | None:
                 number = USUAL if method in SAMPLED else 0
                 values.append(
                     100
-                    * mean(pick(rows, method=method, receiver=receiver, particles=number, front=False), key)
+                    * mean(
+                        pick(
+                            rows,
+                            method=method,
+                            receiver=receiver,
+                            particles=number,
+                            front=False,
+                            inputs=POSITIONS,
+                        ),
+                        key,
+                    )
                 )
             at = [i + 0.4 * k - 0.2 for i in range(len(methods))]
             bars = here.bar(at, values, width=0.4, label=receiver, color=("0.7", "tab:blue")[k])
@@ -307,6 +319,141 @@ def draw_survival(result: dict[str, Any], out: Path) -> Path | None:
         here.grid(alpha=0.3)
     _legend_below(figure, axes)
     return _save(figure, out, "survival.png")
+
+
+PAPER = ("mpf-pn-paper", "mpf-pn", "gaussian-sum", "aug-pf", "aug-ekf", "mpf-mn")
+"""In Figs 4 to 8: the paper's four filters, and both of the product's."""
+THINNED = 3
+"""Figs 3 to 8 draw every third value of a series, so that the files stay small."""
+
+
+def _series(result: dict[str, Any], scenario: str) -> dict[str, dict[str, list[float]]]:
+    """Method -> what it estimated on the first drive of a scenario, white errors as the paper has them."""
+    some = pick(result.get("rows", []), scenario=scenario, receiver="white", front=False, inputs=POSITIONS)
+    return {
+        row["method"]: {key: values[::THINNED] for key, values in row["series"].items()}
+        for row in some
+        if "series" in row
+    }
+
+
+def _minutes(values: list[float]) -> list[float]:
+    return [k * THINNED * SERIES_EVERY * TICK_S / 60 for k in range(len(values))]
+
+
+def _svg(figure: Figure, out: Path, name: str) -> Path:
+    path = out / name
+    figure.savefig(path, metadata={"Date": None})
+    plt.close(figure)
+    return path
+
+
+def _fig3(result: dict[str, Any], out: Path) -> Path:
+    """Estimated trajectory on the true one."""
+    route, series = paper_route(), _series(result, "balanced")
+    figure, axes = plt.subplots(figsize=(4.5, 4.5), layout="constrained")
+    every = slice(None, None, 100)
+    axes.plot(route.east_m[every] / 1e3, route.north_m[every] / 1e3, color="tab:red", lw=3, label="true")
+    found = series["mpf-pn-paper"]
+    east, north = ([v / 1e3 for v in found[key]] for key in ("east_m", "north_m"))
+    axes.plot(east, north, "k--", lw=1, label="mpf-pn-paper")
+    axes.set(xlabel="east, km", ylabel="north, km", aspect="equal", title="Fig 3: trajectory")
+    _legend(axes)
+    return _svg(figure, out, "paper-fig3.svg")
+
+
+def _wheels(result: dict[str, Any], out: Path, scenario: str, number: int) -> Path:
+    """Means and square roots of Sigma of both rear wheels."""
+    series = _series(result, scenario)
+    figure, axes = plt.subplots(2, 2, figsize=(9, 5), sharex=True, sharey="row", layout="constrained")
+    for j, side in enumerate(("left", "right")):
+        for i, key in enumerate((f"{side}_mm", f"{side}_noise_mm")):
+            for name in PAPER:
+                if name in series:
+                    values = series[name][key]
+                    axes[i, j].plot(_minutes(values), values, color=COLOURS[name], lw=0.8, label=name)
+            axes[i, j].grid(alpha=0.3)
+        axes[0, j].set(title=f"Fig {number}: {scenario}, rear {side}")
+        axes[1, j].set(xlabel="time, min", yscale="log")
+    axes[0, 0].set(ylabel="mu, mm", ylim=(-6.0, 6.0))
+    axes[1, 0].set(ylabel="root of Sigma, mm")
+    _legend_below(figure, axes.flat)
+    return _svg(figure, out, f"paper-fig{number}.svg")
+
+
+def _difference(result: dict[str, Any], out: Path, scenario: str, number: int) -> Path:
+    """mu3 - mu4 over time."""
+    series = _series(result, scenario)
+    figure, axes = plt.subplots(figsize=(8, 3.5), layout="constrained")
+    for name in PAPER:
+        if name in series:
+            values = series[name]["difference_mm"]
+            axes.plot(_minutes(values), values, color=COLOURS[name], lw=0.8, label=name)
+    truth = next(iter(series.values()))["truth_mm"]
+    axes.plot(_minutes(truth), truth, "k--", lw=1.4, label="truth")
+    axes.set(xlabel="time, min", ylabel="mu3 - mu4, mm", title=f"Fig {number}: {scenario}")
+    axes.set_ylim(min(truth) - 1.0, max(truth) + 1.0)
+    axes.grid(alpha=0.3)
+    _legend(axes, ncols=2)
+    return _svg(figure, out, f"paper-fig{number}.svg")
+
+
+def _over_numbers(result: dict[str, Any], out: Path) -> Iterable[Path]:
+    """Figs 9 and 10: RMSE with its interval, and the share of diverged runs, over N; white errors."""
+    rows = result["rows"]
+    first, rmse = plt.subplots(figsize=(6, 4), layout="constrained")
+    second, share = plt.subplots(figsize=(6, 3.5), layout="constrained")
+    cell = {"scenario": "puncture", "receiver": "white", "front": False, "inputs": POSITIONS}
+    for k, method in enumerate(WANTED):
+        found = [
+            (n, interval(some, "rmse_difference_m", 1e3))
+            for n in (NUMBERS if method in SAMPLED else (0,))
+            if (some := pick(rows, **cell, method=method, particles=n))
+        ]
+        if method not in SAMPLED:
+            for _, (middle, _half) in found:
+                rmse.axhline(middle, color=COLOURS[method], ls="--", lw=1, label=method)
+            continue
+        at = [n * 1.04 ** (k - 2) for n, _ in found]
+        middles, halves = ([pair[i] for _, pair in found] for i in (0, 1))
+        rmse.errorbar(
+            at, middles, halves, color=COLOURS[method], marker=MARKERS[method], capsize=3, label=method
+        )
+        both = rows + result.get("batches", [])
+        lost = [(n, *diverged(pick(both, **cell, method=method, particles=n))) for n in NUMBERS]
+        lost = [(n, bad, of) for n, bad, of in lost if of]
+        share.plot(
+            [n for n, _, _ in lost],
+            [100 * bad / of for _, bad, of in lost],
+            color=COLOURS[method],
+            marker=MARKERS[method],
+            label=method,
+        )
+    rmse.set(yscale="log", ylabel="RMSE of mu3 - mu4, mm", title="Fig 9: slow puncture")
+    share.set(ylabel="diverged runs, %", ylim=(-3, 103), title="Fig 10: slow puncture")
+    for axes in (rmse, share):
+        axes.set(xscale="log", xlabel="particles N")
+        axes.set_xticks(NUMBERS, [str(n) for n in NUMBERS])
+        axes.xaxis.set_minor_locator(NullLocator())
+        axes.grid(alpha=0.3)
+        _legend(axes)
+    _plain_log(rmse)
+    return _svg(first, out, "paper-fig9.svg"), _svg(second, out, "paper-fig10.svg")
+
+
+def draw_paper(result: dict[str, Any], out: Path) -> list[Path]:
+    """Figs 3 to 10 as SVG; needs the Monte-Carlo runs."""
+    out.mkdir(parents=True, exist_ok=True)
+    matplotlib.rcParams["svg.hashsalt"] = "tpmsd"
+    return [
+        _fig3(result, out),
+        _wheels(result, out, "balanced", 4),
+        _difference(result, out, "balanced", 5),
+        _wheels(result, out, "unbalanced", 6),
+        _difference(result, out, "unbalanced", 7),
+        _difference(result, out, "puncture", 8),
+        *_over_numbers(result, out),
+    ]
 
 
 DRAWERS: tuple[Callable[[dict[str, Any], Path], Path | None], ...] = (

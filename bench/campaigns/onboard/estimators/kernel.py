@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.campaigns.onboard.estimators.methods import TEXTBOOK, VEHICLE, config_of, setting_of
+from bench.campaigns.onboard.estimators.methods import TEXTBOOK, VEHICLE, config_of
 from tpmsd.foundation.wheels import RL, RR
 from tpmsd.onboard.estimators.gnss_likelihood import position_variance
 from tpmsd.onboard.estimators.motion_gate import MotionGate
@@ -76,7 +76,7 @@ class Kernel:
     """MPF-PN for the rear pair in C: with gates, floors and Student-t likelihood, without changes."""
 
     def __init__(self, library: ctypes.CDLL, count: int, seed: int) -> None:
-        config = config_of(TEXTBOOK, setting_of(TEXTBOOK, "correlated"), count)
+        config = config_of(TEXTBOOK, count)
         settings = config.filter
         self._library = library
         self._forgetting = 1.0 - 1.0 / (settings.window_s * settings.rate_hz)

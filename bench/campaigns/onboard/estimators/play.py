@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -53,6 +53,12 @@ class Played:
     lost: int
     """How often the pose was given up."""
     cpu_s: float
+    noise_m: Array = field(default_factory=lambda: np.full((0, 2), math.nan))
+    """(n, 2) square roots of the rear wheels' Sigma."""
+    all_m: Array | None = None
+    """(n, 4) all wheels, where all are estimated, ..."""
+    all_covariance_m2: Array | None = None
+    """(n, 4, 4) ... and their covariance; every `EVERY`th tick of the settled ones is looked at."""
 
 
 def play(estimator: Estimator, ticks: list[Tick]) -> Played:
@@ -60,15 +66,22 @@ def play(estimator: Estimator, ticks: list[Tick]) -> Played:
     count = len(ticks)
     rear, place = np.empty((count, 2)), np.empty((count, 2))
     covariance = np.empty((count, 2, 2))
+    noise = np.empty((count, 2))
+    four, four_cov = np.empty((count, 4)), np.empty((count, 4, 4))
     begun = time.process_time()
     for k, tick in enumerate(ticks):
         estimate = estimator.step(tick)
         rear[k] = estimate.deviation_m[RL:]
         covariance[k] = estimate.covariance_m2[RL:, RL:]
+        noise[k] = estimate.noise_std_m[RL:]
+        four[k], four_cov[k] = estimate.deviation_m, estimate.covariance_m2
         place[k] = estimate.east_m, estimate.north_m
     cpu_s = time.process_time() - begun
     counts: dict[str, int] = getattr(estimator, "counts", {})
-    return Played(rear, covariance, place, counts.get("lost_pose", 0), cpu_s)
+    lost = counts.get("lost_pose", 0)
+    if not np.all(np.isfinite(four_cov[-1])):
+        return Played(rear, covariance, place, lost, cpu_s, noise)
+    return Played(rear, covariance, place, lost, cpu_s, noise, four, four_cov)
 
 
 @dataclass(frozen=True)
@@ -122,6 +135,17 @@ def divergence(played: Played, truth_m: Array, place: Array | None, tick_s: floa
 def difference(rear_m: Array) -> Array:
     """mu3 - mu4: left minus right."""
     return np.asarray(rear_m[..., 0] - rear_m[..., 1])
+
+
+def nees_four(played: Played, truth_m: Array, tick_s: float) -> float:
+    """Mean over the looked-at ticks of e' P^-1 e over all wheels, truth (n, 4); 4 if the filter knows its
+    error. NaN where not all are estimated."""
+    if played.all_m is None or played.all_covariance_m2 is None:
+        return math.nan
+    some = slice(round(SETTLE_S / tick_s), None, EVERY)
+    error = (played.all_m - truth_m)[some]
+    solved = np.linalg.solve(played.all_covariance_m2[some], error[:, :, None])[:, :, 0]
+    return float(np.einsum("ki,ki->k", error, solved).mean())
 
 
 def score(

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.campaigns.onboard.estimators.methods import DEFAULT, SAMPLED, available, build, heard, setting_of
+from bench.campaigns.onboard.estimators.methods import DEFAULT, INPUTS, POSITIONS, SAMPLED, available, build
 from bench.campaigns.onboard.estimators.play import Played, difference, play
 from bench.worlds.paper_drive import K2, PUNCTURE_M, RL, RR
 from tpmsd.car.config.load import load_config
@@ -31,7 +31,7 @@ from tpmsd.onboard.timeline.tick import Tick
 Array = NDArray[np.float64]
 RATE_HZ = 10.0
 PAPER_TICKS = 10_800
-USUAL = 1000
+USUAL = 500
 WINDOW_S = 15.0
 CHORD_S = 1.0
 MIN_SPEED_MPS = 6.0
@@ -133,21 +133,19 @@ def dropped(ticks: tuple[Tick, ...], radius_m: float) -> tuple[list[Tick], Array
 def perform(item: Recorded) -> dict[str, Any]:
     """Play a recording twice."""
     config, ticks, own, own_std = ticks_of(item.folder)
-    setting = setting_of(item.method, "correlated")
     config = replace(
         config,
         filter=replace(
             config.filter,
             method=item.method,
             particles=item.particles or None,
-            window_s=setting.window_s,
             rate_hz=RATE_HZ,
+            measurements=INPUTS[POSITIONS],
         ),
     )
 
     def run(some: list[Tick]) -> Played:
-        estimator = build(item.method, setting, item.particles or None, 0, config=config)
-        return play(estimator, heard(some, setting))
+        return play(build(item.method, item.particles or None, 0, config=config), some)
 
     plain = run(list(ticks))
     with_drop, delta = dropped(ticks, config.vehicle.wheel_radius_m[RR])

@@ -10,18 +10,26 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.campaigns.onboard.estimators.methods import DEFAULT, SAMPLED, WANTED
+from bench.campaigns.onboard.estimators.methods import (
+    ALL,
+    DEFAULT,
+    INPUTS,
+    POSITIONS,
+    SAMPLED,
+    TEXTBOOK,
+    WANTED,
+)
 from bench.campaigns.onboard.estimators.summary import (
     Claim,
     bars,
     diverged,
-    fig9,
+    interval,
     mean,
+    paired,
     paper_claims,
     pick,
-    ratios,
 )
-from bench.campaigns.onboard.estimators.tasks import NUMBERS, RECEIVERS, USUAL
+from bench.campaigns.onboard.estimators.tasks import FOUR, NUMBERS, RECEIVERS, USUAL
 from bench.worlds.paper_drive import SCENARIOS
 
 Row = dict[str, Any]
@@ -40,10 +48,10 @@ def number(value: float, digits: int = 3) -> str:
 
 def markdown(result: dict[str, Any]) -> str:
     """All tables of what was done."""
-    lines = ["# Estimators", ""]
+    lines = []
     lines.append(
-        f"Commit {result['commit']}; {result['machine']}; {result['runs']} Monte-Carlo runs (half of them "
-        f"with N={NUMBERS[-1]}); {result['elapsed_s'] / 60:.1f} min."
+        f"Commit {result['commit']}; {result['machine']}; {result['elapsed_s'] / 60:.1f} min. "
+        "Figures are means over drives and half the width of their 95 % intervals (Student's t)."
     )
     if result["missing"]:
         lines.append(f"Not among this program's methods: {', '.join(result['missing'])}.")
@@ -52,13 +60,15 @@ def markdown(result: dict[str, Any]) -> str:
     speed = result.get("speed")
     batches: list[Row] = result.get("batches", [])
     if rows:
-        lines += _claims("The paper's claims", paper_claims(rows, speed, batches))
+        lines += _claims("The paper's claims, by positions alone", paper_claims(rows, speed, batches))
         lines += _claims("Beyond the paper", bars(rows, speed))
         for receiver in RECEIVERS:
             lines += _fig9(rows, receiver)
         lines += _fig10(rows + batches)
         for receiver in RECEIVERS:
-            lines += _scenarios(rows, receiver)
+            lines += _scenarios(rows, receiver, POSITIONS)
+        lines += _scenarios(rows, "correlated", ALL)
+        lines += _inputs(rows)
         lines += _ratios(rows)
     if batches:
         lines += _batches(batches)
@@ -69,6 +79,14 @@ def markdown(result: dict[str, Any]) -> str:
     if result.get("survival"):
         lines += _survival(result["survival"])
     return "\n".join(lines).rstrip() + "\n"
+
+
+def within(pair: tuple[float, float], digits: int = 3) -> str:
+    """A mean and half the width of its interval."""
+    middle, half = pair
+    if not math.isfinite(half):
+        return number(middle, digits)
+    return f"{middle:.{digits}f} +- {half:.{digits}f}"
 
 
 def _claims(title: str, claims: list[Claim]) -> list[str]:
@@ -85,126 +103,140 @@ def _order(methods: Iterable[str]) -> list[str]:
 
 
 def _fig9(rows: list[Row], receiver: str) -> list[str]:
-    found = fig9(rows, receiver)
+    some = pick(rows, scenario="puncture", receiver=receiver, front=False, inputs=POSITIONS)
     lines = [f"## RMSE of mu3 - mu4 on the slow puncture, mm (Fig 9), {receiver} position errors", ""]
     body = []
-    for method in _order(found):
-        if method in SAMPLED:
-            body.append((method, *(number(found[method].get(n, math.nan)) for n in NUMBERS)))
-        else:
-            body.append((method, number(found[method].get(0, math.nan)), *[""] * (len(NUMBERS) - 1)))
-    return lines + table(("method", *(f"N={n}" for n in NUMBERS)), body)
+    for method in _order({row["method"] for row in some} - {"limit"}):
+        cells = []
+        for count in NUMBERS if method in SAMPLED else (0,):
+            these = pick(some, method=method, particles=count)
+            found = within(interval(these, "rmse_difference_m", 1e3))
+            cells.append(f"{found} ({len(these)})" if these else "")
+        body.append((method, *cells, *[""] * (len(NUMBERS) - len(cells))))
+    return lines + table(("method (drives)", *(f"N={n}" for n in NUMBERS)), body)
 
 
 def _fig10(rows: list[Row]) -> list[str]:
-    lines = ["## Runs that diverged (Fig 10), of the puncture", ""]
+    lines = [
+        "## Runs that diverged (Fig 10), of the puncture",
+        "",
+        "Runs of 100 particles include the batches.",
+        "",
+    ]
     body = []
     for receiver in RECEIVERS:
-        some = pick(rows, scenario="puncture", receiver=receiver, front=False)
+        some = pick(rows, scenario="puncture", receiver=receiver, front=False, inputs=POSITIONS)
         for method in _order({row["method"] for row in some} - {"limit"}):
             cells = []
             for count in NUMBERS if method in SAMPLED else (0,):
                 these = pick(some, method=method, particles=count)
                 bad, of = diverged(these)
                 why = ", ".join(sorted({row["diverged"] for row in these if row["diverged"]}))
-                cells.append(f"{bad}/{of}" + (f" ({why})" if why else ""))
+                cells.append((f"{bad}/{of}" + (f" ({why})" if why else "")) if of else "")
             cells += [""] * (len(NUMBERS) - len(cells))
             body.append((method, receiver, *cells))
     return lines + table(("method", "receiver", *(f"N={n}" for n in NUMBERS)), body)
 
 
-def _scenarios(rows: list[Row], receiver: str) -> list[str]:
-    lines = [f"## All scenarios at N={USUAL}, {receiver} position errors", ""]
+def _scenarios(rows: list[Row], receiver: str, inputs: str) -> list[str]:
+    heard = "positions alone" if inputs == POSITIONS else "positions, speed and course"
+    lines = [f"## All scenarios at N={USUAL}, {receiver} position errors, {heard}", ""]
     head: tuple[str, ...] = (
         "scenario",
         "method",
+        "drives",
         "RMSE diff. mm",
         "RMSE radius mm",
         "cover diff. %",
-        "cover radius %",
     )
-    head += ("NEES diff. (1)", "NEES pair (2)", "diverged")
+    head += ("cover radius %", "NEES diff.", "NEES pair / 2", "NEES four / 4", "diverged")
     body = []
     for scenario in SCENARIOS:
-        for method in (*WANTED, f"{DEFAULT} 4"):
-            front = method.endswith(" 4")
-            name = method.removesuffix(" 4")
-            count = USUAL if name in SAMPLED else 0
-            some = pick(rows, scenario=scenario, receiver=receiver, method=name, particles=count, front=front)
+        for method, front in [(m, False) for m in WANTED] + [(m, True) for m in FOUR]:
+            count = USUAL if method in SAMPLED else 0
+            cell = {"scenario": scenario, "receiver": receiver, "inputs": inputs, "front": front}
+            some = pick(rows, **cell, method=method, particles=count)
             if not some:
                 continue
-            bad, of = diverged(some)
             body.append(
                 (
                     scenario,
-                    f"{name}, four wheels" if front else name,
-                    number(1e3 * mean(some, "rmse_difference_m")),
-                    number(1e3 * mean(some, "rmse_radius_m")),
-                    number(100 * mean(some, "cover_difference"), 0),
-                    number(100 * mean(some, "cover_radius"), 0),
-                    number(mean(some, "nees_difference"), 2),
-                    number(mean(some, "nees_pair"), 2),
-                    f"{bad}/{of}",
+                    f"{method}, four wheels" if front else method,
+                    str(len(some)),
+                    within(interval(some, "rmse_difference_m", 1e3)),
+                    within(interval(some, "rmse_radius_m", 1e3)),
+                    within(interval(some, "cover_difference", 100.0), 0),
+                    within(interval(some, "cover_radius", 100.0), 0),
+                    within(interval(some, "nees_difference"), 2),
+                    within(interval(some, "nees_pair", 0.5), 2),
+                    within(interval(some, "nees_four", 0.25), 2) if front else "",
+                    "{}/{}".format(*diverged(some)),
                 )
             )
     return lines + table(head, body)
+
+
+def _inputs(rows: list[Row]) -> list[str]:
+    lines = ["## Each measurement added: slow puncture, correlated errors", ""]
+    lines += [
+        f"RMSE of mu3 - mu4 / of the radius, mm, N={USUAL}, rear pair; MPF-PN as published takes no more.",
+        "",
+    ]
+    body = []
+    for method in WANTED:
+        cells = []
+        for inputs in INPUTS:
+            cell = {"scenario": "puncture", "receiver": "correlated", "front": False, "inputs": inputs}
+            some = pick(rows, **cell, method=method, particles=USUAL if method in SAMPLED else 0)
+            pair = [within(interval(some, f"rmse_{name}_m", 1e3)) for name in ("difference", "radius")]
+            cells.append(" / ".join(pair) if some else "")
+        body.append((method, *cells))
+    return lines + table(("method", *INPUTS), body)
 
 
 def _ratios(rows: list[Row]) -> list[str]:
     lines = [
-        f"## {DEFAULT} against the textbook MPF-PN of {NUMBERS[-1]} particles and what the data hold",
+        "## Ratios by positions alone, rear pair",
         "",
-        "Causal and smoother know the noise of this very receiver and hear the rear pair only.",
+        f"Of RMSEs on the same drives, all scenarios, N={USUAL}; geometric mean and 95 % interval. "
+        "Causal and smoother know the noise of this very receiver.",
         "",
     ]
-    head: tuple[str, ...] = (
-        "receiver",
-        "scenario",
-        "wheels",
-        "error of",
-        f"{DEFAULT} mm",
-        "textbook mm",
-        "ratio",
-    )
-    head += ("causal limit mm", "ratio", "smoother mm", "ratio")
     body = []
     for receiver in RECEIVERS:
-        for line in ratios(rows, receiver):
-            for name in ("difference", "radius"):
-                body.append(
-                    (
-                        receiver,
-                        line["scenario"],
-                        "four" if line["front"] else "rear",
-                        name,
-                        number(line[f"{name}_mm"]),
-                        number(line[f"{name}_book_mm"]),
-                        number(line[f"{name}_to_book"], 2),
-                        number(line[f"{name}_causal_mm"]),
-                        number(line[f"{name}_to_causal"], 1),
-                        number(line[f"{name}_smoother_mm"]),
-                        number(line[f"{name}_to_smoother"], 1),
-                    )
-                )
-    return lines + table(head, body)
+        cell = {"receiver": receiver, "inputs": POSITIONS, "front": False}
+        limits = pick(rows, **cell, method="limit")
+        for method in (DEFAULT, "mpf-pn"):
+            ours = pick(rows, **cell, method=method)
+            ours = [r for r in ours if r["particles"] in (0, USUAL)]
+            rivals = {TEXTBOOK: pick(rows, **cell, method=TEXTBOOK, particles=USUAL)}
+            rivals |= {kind: [r | r[kind] for r in limits] for kind in ("causal", "smoother")}
+            for name, theirs in rivals.items():
+                cells = []
+                for what in ("difference", "radius"):
+                    ratio, low, high = paired(ours, theirs, f"rmse_{what}_m")
+                    cells.append(f"{ratio:.2f} ({low:.2f} to {high:.2f})")
+                body.append((receiver, method, name, *cells))
+    return lines + table(("receiver", "method", "against", "difference", "radius"), body)
 
 
 def _batches(rows: list[Row]) -> list[str]:
-    lines = ["## Many runs of MPF-PN at once", ""]
+    lines = ["## Many runs at once, slow puncture, positions alone", ""]
     body = []
-    for key in sorted({(r["receiver"], r["particles"]) for r in rows}):
-        some = pick(rows, receiver=key[0], particles=key[1])
+    for key in sorted({(r["method"], r["receiver"], r["particles"]) for r in rows}):
+        some = pick(rows, method=key[0], receiver=key[1], particles=key[2])
         bad, of = diverged(some)
         body.append(
             (
-                key[0],
-                str(key[1]),
+                *(str(part) for part in key),
                 f"{bad}/{of}",
-                number(1e3 * mean(some, "rmse_difference_m")),
+                within(interval(some, "rmse_difference_m", 1e3)),
                 number(mean(some, "cpu_ms")),
             )
         )
-    return lines + table(("receiver", "N", "diverged", "RMSE diff. mm", "ms per tick and run"), body)
+    return lines + table(
+        ("method", "receiver", "N", "diverged", "RMSE diff. mm", "ms per tick and run"), body
+    )
 
 
 def _speed(speed: dict[str, Any]) -> list[str]:

@@ -1,9 +1,9 @@
 """Lundquist et al.'s (2013) comparison of estimators, and what goes beyond it.
 
-    make bench-estimators                            a few minutes on two cores
+    make bench-estimators                            a quarter of an hour on two cores
     make bench-estimators BENCH_ARGS="--full"        100 Monte-Carlo runs of everything: hours
     make bench-estimators BENCH_ARGS="--survive 10"  10 h of driving with stops, outages and resets
-    make bench-estimators BENCH_ARGS="--tune"        the grid from which each method's setting was taken
+    make bench-estimators BENCH_ARGS="--only figures --images docs/images"  Figs 3 to 10 of what stands in OUT
 
 Writes results.json, results.md and the figures to OUT (bench-out/estimators). Progress goes to standard
 error.
@@ -25,7 +25,7 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from bench.campaigns.onboard.estimators import batches, recordings, speed, survive, tune
+from bench.campaigns.onboard.estimators import batches, recordings, speed, survive
 from bench.campaigns.onboard.estimators.methods import available
 from bench.campaigns.onboard.estimators.report import markdown
 from bench.campaigns.onboard.estimators.tasks import LIMIT, Task, perform, plan
@@ -33,13 +33,13 @@ from bench.places import OUT, RECORDINGS, REPO
 from bench.registry import UsageError
 from bench.runner import code_state, each, resume
 
-DEFAULT_RUNS = 2
+DEFAULT_RUNS = 6
 FULL_RUNS = 100
 MEASURED = (
     "tpmsd/onboard/estimators",
     "tpmsd/car/physics",
     "tpmsd/onboard/timeline",
-    "bench/campaigns/onboard/estimators",
+    *(f"bench/campaigns/onboard/estimators/{name}.py" for name in ("methods", "play", "tasks", "limit")),
 )
 
 
@@ -60,11 +60,9 @@ def options(parser: argparse.ArgumentParser) -> None:
         "--only",
         metavar="PARTS",
         default="runs,batches,speed,recordings",
-        help="of runs,batches,speed,recordings (all); what stands in OUT of the same commit is kept",
+        help="of runs,batches,speed,recordings,figures (all); what stands in OUT of the same commit is kept",
     )
-    parser.add_argument(
-        "--tune", action="store_true", help="play the tuning grid and print the best settings"
-    )
+    parser.add_argument("--images", type=Path, metavar="FOLDER", help="also draw Figs 3 to 10 there, as SVG")
     parser.add_argument("--survive", type=float, metavar="HOURS", help="long drives, and nothing else")
     parser.add_argument("--seed", type=int, metavar="N", default=1, help="of the drives of --survive (1)")
     parser.add_argument("--recordings", type=Path, metavar="FOLDER", default=RECORDINGS,
@@ -76,7 +74,7 @@ def options(parser: argparse.ArgumentParser) -> None:
 def checked(args: argparse.Namespace) -> argparse.Namespace:
     """The options with lists taken apart; UsageError where they make no sense."""
     args.parts = set(args.only.split(","))
-    unknown = args.parts - {"runs", "batches", "speed", "recordings"}
+    unknown = args.parts - {"runs", "batches", "speed", "recordings", "figures"}
     if unknown:
         raise UsageError(f"--only: unknown part {', '.join(sorted(unknown))}")
     args.methods = args.methods.split(",")
@@ -129,11 +127,8 @@ def commit() -> str:
         done = subprocess.run(["git", *words], cwd=REPO, capture_output=True, text=True, check=False)
         return done.stdout.strip()
 
-    shown = [f":(exclude)bench/campaigns/onboard/estimators/{name}.py" for name in ("figures", "report")]
-    changed = git("status", "--porcelain", "--", *MEASURED, *shown)
-    return (git("log", "-1", "--format=%h", "--", *MEASURED, *shown) or "unknown") + (
-        "-dirty" if changed else ""
-    )
+    changed = git("status", "--porcelain", "--", *MEASURED)
+    return (git("log", "-1", "--format=%h", "--", *MEASURED) or "unknown") + ("-dirty" if changed else "")
 
 
 def report(out: Path) -> str:
@@ -159,13 +154,6 @@ def main(args: argparse.Namespace) -> int:
     if missing:
         print(f"Not among this program's methods, so left out: {', '.join(missing)}", file=sys.stderr)
     args.out.mkdir(parents=True, exist_ok=True)
-    if args.tune:
-        rows = spread(tune.tasks(), perform, lambda t: f"{t.label} {t.setting}", args.jobs)
-        settings, lines = tune.best(rows)
-        print("\n".join(lines))
-        print("\n".join(f"{key!r}: {setting!r}," for key, setting in sorted(settings.items())))
-        (args.out / "tuning.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-        return 0
     if args.survive is not None:
         plans = [(method, args.survive, args.seed) for method in have if method in args.methods]
         result["survival"] = spread(plans, survive.survive, lambda p: f"{p[0]}: {p[1]:g} h", args.jobs)
@@ -187,7 +175,7 @@ def main(args: argparse.Namespace) -> int:
         result["rows"] = play_all(
             [task for task in plan(args.runs) if task.method in args.methods], args, state_of_code()
         )
-    return finish(args.out, result, "results", begun)
+    return finish(args.out, result, "results", begun, args.images)
 
 
 def earlier(path: Path, state: str) -> dict[str, Any]:
@@ -199,19 +187,21 @@ def earlier(path: Path, state: str) -> dict[str, Any]:
     return found if isinstance(found, dict) and found.get("commit") == state else {}
 
 
-def finish(out: Path, result: dict[str, Any], name: str, begun: float) -> int:
+def finish(out: Path, result: dict[str, Any], name: str, begun: float, images: Path | None = None) -> int:
     """Write JSON, Markdown and figures; print the Markdown."""
-    result["elapsed_s"] = time.monotonic() - begun
-    result = earlier(out / f"{name}.json", result["commit"]) | result
+    before = earlier(out / f"{name}.json", result["commit"])
+    result["elapsed_s"] = time.monotonic() - begun + before.get("elapsed_s", 0.0)
+    result = before | result
     (out / f"{name}.json").write_text(json.dumps(result, default=float), encoding="utf-8")
     text = markdown(result)
     (out / f"{name}.md").write_text(text, encoding="utf-8")
     print(text)
     try:
-        from bench.campaigns.onboard.estimators.figures import draw_all  # matplotlib is an extra
+        from bench.campaigns.onboard.estimators.figures import draw_all, draw_paper  # matplotlib is an extra
     except ImportError:
         print("No figures: they take the extra `plot`", file=sys.stderr)
     else:
-        for path in draw_all(result, out):
+        paper = draw_paper(result, images) if images is not None and result.get("rows") else []
+        for path in [*draw_all(result, out), *paper]:
             print(f"Wrote {path}", file=sys.stderr)
     return 0

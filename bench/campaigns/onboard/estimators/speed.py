@@ -25,7 +25,6 @@ from bench.campaigns.onboard.estimators.methods import (
     TEXTBOOK,
     available,
     build,
-    setting_of,
 )
 from bench.campaigns.onboard.estimators.tasks import NUMBERS, USUAL, driven
 from tpmsd.onboard.estimators.base import Estimator
@@ -67,7 +66,7 @@ def time_methods(quick: bool, say: Callable[[str], None]) -> dict[str, dict[str,
         name = f"{method}, four wheels" if front else method
         out[name] = {}
         for number in LONG_NUMBERS if method in SAMPLED else (0,):
-            estimator = build(method, setting_of(method, "correlated"), number or None, 1, front)
+            estimator = build(method, number or None, 1, front)
             for tick in ticks[WARM_TICKS - (300 if number >= 5000 else 600) : WARM_TICKS]:
                 estimator.step(tick)
             filters.append((name, number, estimator))
@@ -130,7 +129,7 @@ def where_the_time_goes(number: int = USUAL) -> dict[str, float]:
     nothing, are measured apart and taken out of the share of `niw`, which draws them.
     """
     ticks = driven("puncture", "correlated", 0).ticks
-    estimator: Estimator = build(TEXTBOOK, setting_of(TEXTBOOK, "correlated"), number, 1)
+    estimator: Estimator = build(TEXTBOOK, number, 1)
     for tick in ticks[WARM_TICKS - 600 : WARM_TICKS]:
         estimator.step(tick)
     profile = cProfile.Profile(time.process_time)

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.campaigns.onboard.estimators.methods import build, heard, setting_of
+from bench.campaigns.onboard.estimators.methods import ALL, build
 from bench.campaigns.onboard.estimators.play import play
 from bench.worlds.paper_drive import GROWTH_S2PM, RL, SCENARIOS, START_S, TICK_S, UNBALANCED_M, drive
 from bench.worlds.paper_route import DURATION_S, Route, paper_route
@@ -114,8 +114,7 @@ def _spoiled(ticks: list[Tick], begin_s: float, rng: np.random.Generator) -> tup
 def survive(plan: tuple[str, float, int]) -> dict[str, Any]:
     """One method for that many hours, by that seed."""
     method, hours, seed = plan
-    setting = setting_of(method, "correlated")
-    estimator = build(method, setting, None, seed)
+    estimator = build(method, None, seed, inputs=ALL)
     hourly: list[dict[str, float]] = []
     errors: list[Array] = []
     stds: list[Array] = []
@@ -123,7 +122,7 @@ def survive(plan: tuple[str, float, int]) -> dict[str, Any]:
     lost_before = ticks_done = 0
     begun = time.process_time()
     for ticks, truth in legs(seed):
-        played = play(estimator, heard(ticks, setting))
+        played = play(estimator, ticks)
         ticks_done += len(ticks)
         finite = finite and bool(
             np.all(np.isfinite(played.rear_m)) and np.all(np.isfinite(played.covariance_m2))

@@ -16,24 +16,29 @@ import numpy as np
 
 from bench.campaigns.onboard.estimators.limit import limit
 from bench.campaigns.onboard.estimators.methods import (
+    ALL,
     DEFAULT,
+    INPUTS,
+    POSITIONS,
     SAMPLED,
     TEXTBOOK,
-    Setting,
     available,
     build,
-    heard,
-    setting_of,
 )
-from bench.campaigns.onboard.estimators.play import Played, play, score
+from bench.campaigns.onboard.estimators.play import Played, nees_four, play, score
 from bench.worlds.paper_drive import RL, SCENARIOS, TICK_S, Driven, drive
 
 NUMBERS = (100, 500, 1000, 5000)
 """Particles, as in Figs 9 and 10."""
-USUAL = 1000
+USUAL = 500
+"""Of tables with one number of particles; half of what AUG-PF needs in the paper's Fig 9."""
 RECEIVERS = ("white", "correlated")
 LIMIT = "limit"
 """The method name of the smoother and filter that know the noise."""
+COSTLY = (TEXTBOOK, "aug-pf")
+"""Methods that are run with the most particles, on a quarter of the seeds."""
+FOUR = (DEFAULT, "mpf-pn")
+"""Methods that are run on four wheels too."""
 SERIES_EVERY = 20
 """Figures draw every 20th tick."""
 
@@ -49,15 +54,16 @@ class Task:
     particles: int
     """0: the method's own number, or none."""
     front: bool = False
-    setting: Setting | None = None
-    """None: as tuned."""
+    inputs: str = POSITIONS
+    """Of `INPUTS`."""
 
     @property
     def label(self) -> str:
         """For the progress line."""
         number = f" N={self.particles}" if self.particles else ""
         wheels = ", four wheels" if self.front else ""
-        return f"{self.method}{number}{wheels}: {self.scenario}, {self.receiver}, seed {self.seed}"
+        what = f"{self.scenario}, {self.receiver}, {self.inputs}"
+        return f"{self.method}{number}{wheels}: {what}, seed {self.seed}"
 
 
 @lru_cache(maxsize=2)
@@ -66,34 +72,42 @@ def driven(scenario: str, receiver: str, seed: int) -> Driven:
     return drive(SCENARIOS[scenario], receiver, seed)
 
 
-def runs_of(particles: int, runs: int) -> int:
-    """5000 particles take half of the time of all: they get half of the runs."""
-    return max(1, runs // 2) if particles >= 5000 else runs
+def numbers_of(method: str, scenario: str, inputs: str) -> tuple[int, ...]:
+    """Particles of a method's runs in a cell: Figs 9 and 10 are of the puncture by positions."""
+    if method not in SAMPLED:
+        return (0,)
+    return NUMBERS if scenario == "puncture" and inputs == POSITIONS else (USUAL,)
+
+
+def cell(scenario: str, receiver: str, seed: int, inputs: str, most: bool) -> list[Task]:
+    """The runs of all methods on one drive by some inputs; `most`: also those of the most particles."""
+    out = [
+        Task(scenario, receiver, seed, method, number, False, inputs)
+        for method in available()[0]
+        if inputs == POSITIONS or method != TEXTBOOK
+        for number in numbers_of(method, scenario, inputs)
+        if number < NUMBERS[-1] or (method in COSTLY and most)
+    ]
+    if inputs == ALL:
+        numbers = {method: USUAL if method in SAMPLED else 0 for method in FOUR}
+        out += [Task(scenario, receiver, seed, method, n, True, ALL) for method, n in numbers.items()]
+    return out
 
 
 def plan(runs: int, receivers: tuple[str, ...] = RECEIVERS) -> list[Task]:
-    """All runs: Figs 9 and 10 on the puncture, one number of particles elsewhere."""
-    have, _ = available()
+    """All runs, seed by seed: every scenario by positions, and with correlated errors by all there is; the
+    puncture with each measurement added; both of the product's filters on four wheels too."""
     out = []
-    for receiver in receivers:
-        for scenario in SCENARIOS:
-            for method in have:
-                numbers: tuple[int, ...] = (0,)
-                if method in SAMPLED:
-                    numbers = NUMBERS if scenario == "puncture" else (USUAL,)
-                    if method == TEXTBOOK and scenario != "puncture" and receiver == "correlated":
-                        numbers = (USUAL, NUMBERS[-1])
-                for number in numbers:
-                    out += [Task(scenario, receiver, s, method, number) for s in range(runs_of(number, runs))]
-            out += [Task(scenario, receiver, s, DEFAULT, 0, True) for s in range(runs)]
-            out += [Task(scenario, receiver, s, LIMIT, 0) for s in range(runs_of(NUMBERS[-1], runs))]
-
-    def order(t: Task) -> tuple[Any, ...]:
-        """Seed by seed, so that a run cut short has seen all; what takes longest and is in no ratio last."""
-        dear = t.particles >= NUMBERS[-1] and t.method != TEXTBOOK
-        return t.seed, dear, t.scenario, t.receiver, t.method, t.front, t.particles
-
-    return sorted(out, key=order)
+    for seed in range(runs):
+        for receiver in receivers:
+            for scenario in SCENARIOS:
+                out.append(Task(scenario, receiver, seed, LIMIT, 0))
+                for inputs in INPUTS:
+                    if inputs == POSITIONS or (
+                        receiver != "white" and (inputs == ALL or scenario == "puncture")
+                    ):
+                        out += cell(scenario, receiver, seed, inputs, seed < runs // 4 + 1)
+    return sorted(out, key=lambda t: (t.seed, t.particles >= NUMBERS[-1]))
 
 
 def perform(task: Task) -> dict[str, Any]:
@@ -112,18 +126,22 @@ def perform(task: Task) -> dict[str, Any]:
         ):
             row[name] = score(Played(rear, cov, place, 0, cpu), truth, place, TICK_S).row()
         return row
-    setting = task.setting or setting_of(task.method, task.receiver)
-    estimator = build(task.method, setting, task.particles or None, task.seed, task.front)
-    played = play(estimator, heard(d.ticks, setting))
+    estimator = build(task.method, task.particles or None, task.seed, task.front, task.inputs)
+    played = play(estimator, d.ticks)
     row |= score(played, truth, place, TICK_S).row()
+    row["nees_four"] = nees_four(played, d.offsets_m, TICK_S)
     row["elapsed_s"] = time.monotonic() - begun
-    if task.seed == 0 and task.particles in (0, USUAL):
+    if task.seed == 0 and task.particles in (0, USUAL) and task.inputs == POSITIONS:
         some = slice(None, None, SERIES_EVERY)
         row["series"] = {
             "difference_mm": _mm(played.rear_m[some, 0] - played.rear_m[some, 1]),
             "truth_mm": _mm(truth[some, 0] - truth[some, 1]),
             "left_mm": _mm(played.rear_m[some, 0]),
             "right_mm": _mm(played.rear_m[some, 1]),
+            "left_noise_mm": _mm(played.noise_m[some, 0]),
+            "right_noise_mm": _mm(played.noise_m[some, 1]),
+            "east_m": np.round(played.place[some, 0], 1).tolist(),
+            "north_m": np.round(played.place[some, 1], 1).tolist(),
         }
     return row
 
