@@ -42,20 +42,6 @@ def test_slip_lasts_and_scatter_falls_with_the_number_of_samples() -> None:
     assert chance == pytest.approx([(1.0 - loose.event_share) ** 4, 1.0 - (1.0 - loose.event_share) ** 4])
 
 
-def test_what_only_a_slope_tells_weighs_nothing_before_one_is_known() -> None:
-    """Before the drive can tell, 0.96 do not slip, 0.02 do at low grip and 0.01 on loose ground: evenly low
-    grip is left out. A drive that has shown it has it."""
-    grip = Grip(VEHICLE, WHEELS, RADIUS)
-    total, log_weight = grip.pulling(np.zeros((4, 4)), {})
-    assert np.exp(log_weight) == pytest.approx([0.96, 0.02, 0.01])
-    loose = MODELS["loose ground"]
-    assert total[-1][0, 0] == pytest.approx(
-        (loose.pull_std**2 + loose.axle_scatter**2 + loose.own_scatter**2) * RADIUS_M**2
-    )
-    even = dict.fromkeys(MODELS, 0.0) | {"evenly low grip": 0.9, "as learned": 0.1}
-    assert np.exp(grip.pulling(np.zeros((4, 4)), even)[1]) == pytest.approx([0.1, 0.9])
-
-
 def test_a_change_weighs_the_models_by_their_likelihood() -> None:
     """Beforehand both are as probable; after a change of 3 mm of one wheel that does not slip on a usual road
     the odds are those of two normal densities."""

@@ -255,6 +255,8 @@ class Monitor:
                 reason += "; all wheels alike: this rests on the receiver's speed alone"
         else:
             reason = f"radius changed by {1e3 * change:+.1f} +- {1e3 * std:.1f} mm since learned"
+            if judged.all_larger > JUDGE.undecided and turned == "raised":
+                reason += "; all wheels alike: other tyres (then: tpmsd reset --tyres NAME), or the receiver"
         event = AlarmEvent(
             time_s=tick.host_time_s,
             kind=kind,
