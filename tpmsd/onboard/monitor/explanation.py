@@ -298,7 +298,7 @@ class Explanation:
         """Wheels of another size; beside it a tyre may have lost air all the same."""
         sizes = sizes_of(tuple(self._wheels))
         out = []
-        for row in range(1, len(sizes.mean)):
+        for row in range(1, len(verdict.sizes)):  # none while a set is learned beside another
             names = [WHEELS[self._wheels[k]] for k in np.flatnonzero(sizes.pattern[row])]
             larger = sizes.mean[row] > 0.0
             out.append(
