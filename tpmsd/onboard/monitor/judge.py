@@ -274,7 +274,7 @@ class Judge:
         self, now: Verdict, mean: Verdict, samples: int, drive: Finding | None, models: dict[str, float]
     ) -> FloatArray:
         """(d,) the same of a deviation."""
-        at_once = now.off @ self._apart
+        at_once = np.minimum(now.off @ self._apart, 1.0)
         if drive is not None:
             return np.maximum(at_once, self._by_drive(drive.verdict.off, models))
         whole = mean.off @ (self._apart + self._together)
