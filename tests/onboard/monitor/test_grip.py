@@ -17,6 +17,7 @@ from tpmsd.onboard.monitor.judge import Judge
 from tpmsd.onboard.monitor.nuisance import log_normal
 from tpmsd.onboard.monitor.reference import Reference
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE
+from tpmsd.onboard.timeline.tick import Tick
 
 MODELS = {model.name: model for model in DRIVE_EVIDENCE.models}
 FELLOWS = np.array([[1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]])
@@ -122,6 +123,19 @@ def test_an_estimate_that_no_tyre_explains_is_no_change() -> None:
     assert found[0.03] is not None and found[0.03][0].change_m[1] == pytest.approx(
         0.03 * RADIUS_M, abs=1e-3
     )  # warmth of a cold start is taken off
+
+
+def test_to_ask_for_the_change_takes_nothing_up() -> None:
+    """Of twenty seconds of driving the change is asked ten times, and each answer is the first one; once
+    they are observed, the mean holds one sample more."""
+    baseline, harmless_m2, seen = Baseline(VEHICLE, WHEELS, 180.0), np.eye(4) * 1e-8, estimate(0.0)
+    tick = Tick(0, 0.0, 21.0, np.full(4, 21.0 * 20.0 / RADIUS_M), np.full(4, 0.05))
+    baseline.update(tick, seen)
+    asked = [baseline.changes(seen, harmless_m2) for _ in range(10)]
+    assert [1] * 10 == [one[1].samples for one in asked if one is not None]
+    baseline.observe(seen, harmless_m2)
+    after = baseline.changes(seen, harmless_m2)
+    assert after is not None and after[1].samples == 2
 
 
 def estimate(larger_m: float) -> RadiusEstimate:

@@ -171,6 +171,7 @@ class Monitor:
             changes = judging.changes(estimate, self._judge.harmless_m2)
             if changes is None:
                 return []
+            judging.observe(estimate, self._judge.harmless_m2)
             drive = judging.accounts(alarm_stands=bool(self._standing))
             self._judged = self._judge.judge(*changes, self._resonance, self._sets.other_tyres, drive)
             self._since_seen_s = 0.0 if self._judged.contrast_std_m <= self._seen_m else math.inf
