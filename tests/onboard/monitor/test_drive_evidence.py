@@ -15,6 +15,7 @@ from tpmsd.onboard.monitor.baseline import Change
 from tpmsd.onboard.monitor.change_bank import ChangeBank
 from tpmsd.onboard.monitor.conditions import Conditions
 from tpmsd.onboard.monitor.drive_evidence import DriveEvidence
+from tpmsd.onboard.monitor.evidence.sizes import no_sizes
 from tpmsd.onboard.monitor.judge import Judge, Judgement
 from tpmsd.onboard.monitor.reference import CAR, DRAG, GROWTH, HILL, SIZE, Reference
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
@@ -22,6 +23,7 @@ from tpmsd.onboard.monitor.slip_sums import Slope
 
 WHEELS = [0, 1, 2, 3]
 RADIUS = np.full(4, RADIUS_M)
+USUAL = no_sizes(4)
 NOISE_M = 1.5e-4
 """Of an estimate, each wheel."""
 KNOWN_SHARE = 0.1
@@ -75,14 +77,15 @@ def test_changes_are_those_of_generalised_least_squares() -> None:
     noise = np.eye(4) * 4e-4**2
     seen = [row @ mean + rng.normal(0.0, 1e-3, 4) for row in rows]
     for row, sample in zip(rows, seen, strict=True):
-        bank.take(sample, noise, row, 0.0)
+        bank.take(sample, noise, row, 0.0, USUAL)
     h, y = np.vstack(rows), np.concatenate(seen)
     whole = h @ prior @ h.T + np.kron(np.eye(12), noise)
     precision, off = np.linalg.inv(whole), y - h @ mean
     likelihood = -0.5 * off @ precision @ off - 0.5 * np.linalg.slogdet(whole)[1]
     assert likelihood == pytest.approx(bank.log_likelihood, rel=1e-9)
-    change, covariance, weight = bank.changes()
-    assert 1.0 == pytest.approx(float(np.exp(weight).sum()))
+    found = bank.changes(USUAL)
+    change, covariance = found.change[0], found.covariance[0]
+    assert 1.0 == pytest.approx(float(np.exp(found.log_weight).sum()))
     old = np.flatnonzero(12 - bank._onset >= JUDGE.full_samples)
     assert {False, True} == set(bank._ramp[old].tolist())
     for index, place in enumerate(old):
@@ -115,7 +118,7 @@ def test_changes_beside_slip_slopes_are_those_of_generalised_least_squares(drive
     seen = [row @ mean + rng.normal(0.0, 1e-3, 4) for row in rows]
     slopes = rng.normal(9e-3, slope_std, 12)
     for row, sample, slope in zip(rows, seen, slopes, strict=True):
-        bank.take(sample, noise, row, 0.0)
+        bank.take(sample, noise, row, 0.0, USUAL)
         bank.take_slip(Slope(float(slope), slope_std**2))
     h = np.vstack([*rows, *[axles] * 12])
     own = np.zeros((60, 60))
@@ -124,7 +127,8 @@ def test_changes_beside_slip_slopes_are_those_of_generalised_least_squares(drive
     precision, off = np.linalg.inv(whole), np.concatenate([*seen, slopes]) - h @ mean
     likelihood = -0.5 * off @ precision @ off - 0.5 * np.linalg.slogdet(whole)[1]
     assert likelihood == pytest.approx(bank.log_likelihood, rel=1e-9)
-    change, covariance, _ = bank.changes()
+    found = bank.changes(USUAL)
+    change, covariance = found.change[0], found.covariance[0]
     old = np.flatnonzero(12 - bank._onset >= JUDGE.full_samples)
     for index, place in enumerate(old):
         since = np.arange(12.0) - int(bank._onset[place])
@@ -163,7 +167,7 @@ def test_the_car_beside_a_change_is_that_of_generalised_least_squares() -> None:
     noise = np.eye(4) * 4e-4**2
     seen = [row @ mean + rng.normal(0.0, 4e-4, 4) + (k >= 3) * step for k, row in enumerate(rows)]
     for row, sample in zip(rows, seen, strict=True):
-        bank.take(sample, noise, row, 0.0)
+        bank.take(sample, noise, row, 0.0, USUAL)
     design = np.hstack([np.vstack(rows), np.kron((np.arange(12) >= 3)[:, None], np.eye(4))])
     flat = np.diag(np.r_[np.zeros(SIZE), np.zeros(4)])
     flat[:SIZE, :SIZE] = np.linalg.pinv(prior, hermitian=True)
@@ -171,8 +175,8 @@ def test_the_car_beside_a_change_is_that_of_generalised_least_squares() -> None:
     whole = np.linalg.pinv(design.T @ weight @ design + flat, hermitian=True)
     start = np.r_[mean, np.zeros(4)]
     best = start + whole @ design.T @ weight @ (np.concatenate(seen) - design @ start)
-    place = int(np.argmin(np.abs(bank.changes()[0] / 1.0 - best[SIZE:]).sum(axis=1)))
-    found = bank.reference_beside(place)
+    place = int(np.argmin(np.abs(bank.changes(USUAL).change[0] - best[SIZE:]).sum(axis=1)))
+    found = bank.reference_beside(0, place, USUAL)
     assert best[:SIZE] == pytest.approx(found.mean, abs=2e-6)
     assert np.diag(whole)[:SIZE] == pytest.approx(np.diag(found.covariance), rel=1e-3, abs=1e-12)
 

@@ -17,6 +17,7 @@ from tpmsd.onboard.monitor.judge import Judge
 from tpmsd.onboard.monitor.nuisance import log_normal
 from tpmsd.onboard.monitor.reference import Reference
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE
+from tpmsd.onboard.timeline.tick import Tick
 
 MODELS = {model.name: model for model in DRIVE_EVIDENCE.models}
 FELLOWS = np.array([[1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 1.0, -1.0]])
@@ -40,20 +41,6 @@ def test_slip_lasts_and_scatter_falls_with_the_number_of_samples() -> None:
     densities = log_normal(np.zeros(4), found.covariance_m2)
     chance = np.exp(found.log_weight[-2:] - densities[-2:])
     assert chance == pytest.approx([(1.0 - loose.event_share) ** 4, 1.0 - (1.0 - loose.event_share) ** 4])
-
-
-def test_what_only_a_slope_tells_weighs_nothing_before_one_is_known() -> None:
-    """Before the drive can tell, 0.96 do not slip, 0.02 do at low grip and 0.01 on loose ground: evenly low
-    grip is left out. A drive that has shown it has it."""
-    grip = Grip(VEHICLE, WHEELS, RADIUS)
-    total, log_weight = grip.pulling(np.zeros((4, 4)), {})
-    assert np.exp(log_weight) == pytest.approx([0.96, 0.02, 0.01])
-    loose = MODELS["loose ground"]
-    assert total[-1][0, 0] == pytest.approx(
-        (loose.pull_std**2 + loose.axle_scatter**2 + loose.own_scatter**2) * RADIUS_M**2
-    )
-    even = dict.fromkeys(MODELS, 0.0) | {"evenly low grip": 0.9, "as learned": 0.1}
-    assert np.exp(grip.pulling(np.zeros((4, 4)), even)[1]) == pytest.approx([0.1, 0.9])
 
 
 def test_a_change_weighs_the_models_by_their_likelihood() -> None:
@@ -136,6 +123,19 @@ def test_an_estimate_that_no_tyre_explains_is_no_change() -> None:
     assert found[0.03] is not None and found[0.03][0].change_m[1] == pytest.approx(
         0.03 * RADIUS_M, abs=1e-3
     )  # warmth of a cold start is taken off
+
+
+def test_to_ask_for_the_change_takes_nothing_up() -> None:
+    """Of twenty seconds of driving the change is asked ten times, and each answer is the first one; once
+    they are observed, the mean holds one sample more."""
+    baseline, harmless_m2, seen = Baseline(VEHICLE, WHEELS, 180.0), np.eye(4) * 1e-8, estimate(0.0)
+    tick = Tick(0, 0.0, 21.0, np.full(4, 21.0 * 20.0 / RADIUS_M), np.full(4, 0.05))
+    baseline.update(tick, seen)
+    asked = [baseline.changes(seen, harmless_m2) for _ in range(10)]
+    assert [1] * 10 == [one[1].samples for one in asked if one is not None]
+    baseline.observe(seen, harmless_m2)
+    after = baseline.changes(seen, harmless_m2)
+    assert after is not None and after[1].samples == 2
 
 
 def estimate(larger_m: float) -> RadiusEstimate:

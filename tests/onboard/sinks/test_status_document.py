@@ -112,12 +112,14 @@ def test_the_watch_names_the_losses_that_would_not_be_seen() -> None:
     off = SourceHealth(SourceState.OFF)
     said = {}
     for least in (0.19, 0.31, 1.0):
-        report = REPORT._replace(sight=Sight(one_tyre=0.12, all_tyres=least))
+        report = REPORT._replace(sight=Sight(one_tyre=0.12, all_tyres=least, one_axle=0.15))
         document = build_status(report, loop=LOOP, can=off, gnss=off)
         said[least] = document["watch"]["cannot_see"]
-        assert {"one_tyre": 12.0, "all_tyres_alike": 100 * least} == document["watch"][
-            "smallest_loss_percent"
-        ]
+        assert {
+            "one_tyre": 12.0,
+            "both_tyres_of_an_axle": 15.0,
+            "all_tyres_alike": 100 * least,
+        } == document["watch"]["smallest_loss_percent"]
         assert bool(said[least]) == ("cannot see now" in render_status(document))
     of_all = "a loss of 20 % of the pressure of all tyres alike"
     assert {0.19: [], 0.31: [f"{of_all} (seen from 31 % on)"], 1.0: [of_all]} == said

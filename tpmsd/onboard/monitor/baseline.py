@@ -176,39 +176,50 @@ class Baseline:
         self._doubt = 0.0
 
     def changes(self, estimate: RadiusEstimate, harmless_m2: FloatArray) -> tuple[Change, Change] | None:
-        """The change now, and its mean over the last minutes; None where it is not known, or none of a tyre.
+        """Return the change now, and its mean over the last minutes; None where it is not known, or none of a
+        tyre. Nothing is taken up by asking: that is `observe`.
 
         `harmless_m2` (d, d): what is not the baseline's. What is slow (a leak of two or four tyres) shows
         better in the mean, for an estimate of the radius common to all wheels is known less well than
         differences between them.
         """
-        found = self._known(estimate)
-        if found is None:
+        now = self._sample(estimate)
+        if now is None:
             return None
-        now = (*found, self._unsettled(), self.reference.features(self._conditions.now)[self._wheels])
-        larger_m = found[0] - now[3] @ self.reference.mean * self._radius
-        if np.any(larger_m > JUDGE.most_larger * self._radius):
-            return None
+        one = self._change(now, 1, harmless_m2)
+        if not self._recent or self._jumped(now, harmless_m2):
+            return one, one
+        return one, self._change(_added(self._sum(), now), len(self._recent) + 1, harmless_m2)
+
+    def observe(self, estimate: RadiusEstimate, harmless_m2: FloatArray) -> None:
+        """Take a second of driving into what the last minutes and the drive as a whole say; `harmless_m2` as
+        in `changes`."""
+        now = self._sample(estimate)
+        if now is None:
+            return
         if self._recent and self._jumped(now, harmless_m2):
             self._recent.clear()
         if self._evidence is None and not self._closed:
             self._evidence = DriveEvidence(self.reference, self._wheels, self._radius)
             self._first_drive = not self.settled
-        one = self._change(now, 1, harmless_m2)
-        both = (
-            self._change(_added(self._sum(), now), len(self._recent) + 1, harmless_m2)
-            if self._recent
-            else one
-        )
         self._moments.append(now)
-        if self._recent_s >= BASELINE.sample_every_s:
-            sample = typical(self._moments, self.reference.mean, self._radius, self._fellows)
-            self._recent.append(sample)
-            if self._evidence is not None:
-                self._evidence.take(*sample, self._recent_s, self._slip_seen.slope())
-            self._recent_s, self._slip_seen = 0.0, SlopeSums()
-            self._moments.clear()
-        return one, both
+        if self._recent_s < BASELINE.sample_every_s:
+            return
+        sample = typical(self._moments, self.reference.mean, self._radius, self._fellows)
+        self._recent.append(sample)
+        if self._evidence is not None:
+            self._evidence.take(*sample, self._recent_s, self._slip_seen.slope())
+        self._recent_s, self._slip_seen = 0.0, SlopeSums()
+        self._moments.clear()
+
+    def _sample(self, estimate: RadiusEstimate) -> _Sample | None:
+        """Return what this moment shows; None where it is not known, or nothing that a tyre does."""
+        found = self._known(estimate)
+        if found is None:
+            return None
+        now = (*found, self._unsettled(), self.reference.features(self._conditions.now)[self._wheels])
+        larger_m = found[0] - now[3] @ self.reference.mean * self._radius
+        return None if np.any(larger_m > JUDGE.most_larger * self._radius) else now
 
     def alarm_turned(self, account: int | None) -> None:
         """An alarm was raised or cleared; `account`: the one by which the drive as a whole raised it, and

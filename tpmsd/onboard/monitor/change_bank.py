@@ -12,18 +12,56 @@ filter, a change d of the radii by the share g of the moment adds to what the fi
 and its information and estimate are sums of J' S^-1 J and J' S^-1 v. So growth, slip and load that this drive
 shows are no change, and what they leave open widens its covariance. A step is g = 1 from its onset on, a ramp
 the number of samples since (the leak of half an hour); a ramp's change is that of the last sample.
+
+Wheels may be of another size since before the drive (`sizes`) and a tyre lose air on it. With the step at the
+first sample as J_0, a change x p of the radii since then, x normal with mean m and variance s^2, adds
+
+    b = p' sum J_0' S^-1 v + m / s^2,    i = p' (sum J_0' S^-1 J_0) p + 1 / s^2,    c = p' sum J_0' S^-1 J
+
+and x integrated out leaves of the change its information less c c' / i and its sum less c b / i.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
+from tpmsd.onboard.monitor.evidence.sizes import Sizes
 from tpmsd.onboard.monitor.reference import SIZE, Innovation, Reference
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
 from tpmsd.onboard.monitor.slip_sums import Slope
+
+
+@dataclass(frozen=True, slots=True)
+class Changes:
+    """Under r rows of sizes, of n hypotheses."""
+
+    change: FloatArray
+    """(r, n, d) by now."""
+    covariance: FloatArray
+    """(r, n, d, d)"""
+    log_weight: FloatArray
+    """(r, n) log of the prior weight of row and onset, and of what the row adds to the likelihood of the
+    drive if no tyre has lost air."""
+    size: FloatArray
+    """(r,) of each row, if no tyre has lost air, and ..."""
+    size_variance: FloatArray
+    """(r,)"""
+
+
+class _Beside(NamedTuple):
+    """As in `Changes`, before the changes are solved for."""
+
+    information: FloatArray
+    vector: FloatArray
+    log_gain: FloatArray
+    size: FloatArray
+    variance: FloatArray
 
 
 class ChangeBank:
@@ -41,37 +79,38 @@ class ChangeBank:
         self._sensitivity = np.empty((0, SIZE, d))
         self._information = np.empty((0, d, d))
         self._vector = np.empty((0, d))
+        self._beside_first = np.empty((0, d, d))
+        """Of each hypothesis beside the step at the first sample."""
 
-    def take(self, deviation: FloatArray, noise: FloatArray, h: FloatArray, elapsed_s: float) -> None:
+    def take(
+        self, deviation: FloatArray, noise: FloatArray, h: FloatArray, elapsed_s: float, sizes: Sizes
+    ) -> None:
         """Take a sample: (d,), its covariance (d, d) and features (d, SIZE); `elapsed_s` of driving since the
         one before."""
         left = self._reference.wander(elapsed_s)
         self._sensitivity *= left[:, None]
         self._add_hypotheses(len(deviation))
         found = self._reference.correct(deviation, noise + self._scatter, h)
-        precision = np.linalg.inv(found.spread)
         share = np.where(self._ramp, self.samples - self._onset, 1.0)
         seen = share[:, None, None] * np.eye(len(deviation)) - h @ self._sensitivity
-        weighted = seen.transpose(0, 2, 1) @ precision
-        self._information += weighted @ seen
-        self._vector += weighted @ found.value
-        self._sensitivity += found.gain @ seen
-        self._weigh(found)
+        self._inform(seen, found)
         self.samples += 1
-        self._prune()
+        self._prune(sizes)
 
     def take_slip(self, slope: Slope) -> None:
         """Take a slip slope: no change of radii is in it, but what it says of slip tells slip from change in
         the samples."""
         found, h = self._reference.learn_slip(slope)
         seen = -(h @ self._sensitivity)
-        weighted = seen.transpose(0, 2, 1) / found.spread[0, 0]
+        self._inform(seen, found)
+
+    def _inform(self, seen: FloatArray, found: Innovation) -> None:
+        """What a measurement says, of which a change adds `seen` (n, m, d) to the filter's innovation."""
+        weighted = seen.transpose(0, 2, 1) @ np.linalg.inv(found.spread)
         self._information += weighted @ seen
+        self._beside_first += weighted[0] @ seen
         self._vector += weighted @ found.value
         self._sensitivity += found.gain @ seen
-        self._weigh(found)
-
-    def _weigh(self, found: Innovation) -> None:
         _, log_volume = np.linalg.slogdet(found.spread)
         squares = found.value @ np.linalg.solve(found.spread, found.value)
         self.log_likelihood -= 0.5 * float(squares + log_volume)
@@ -83,52 +122,96 @@ class ChangeBank:
         self._sensitivity = np.concatenate([self._sensitivity, np.zeros((2, SIZE, d))])
         self._information = np.concatenate([self._information, np.zeros((2, d, d))])
         self._vector = np.concatenate([self._vector, np.zeros((2, d))])
+        self._beside_first = np.concatenate([self._beside_first, np.zeros((2, d, d))])
 
-    def _solved(self) -> FloatArray:
-        """(n, d, d) covariance of each change."""
-        d = self._vector.shape[1]
-        largest = np.trace(self._information, axis1=1, axis2=2)[:, None, None]
-        return np.linalg.inv(self._information + DRIVE_EVIDENCE.least_std * largest * np.eye(d))
-
-    def _prune(self) -> None:
-        """Keep the start, what is too young to be judged, and the likeliest of the others."""
+    def _prune(self, sizes: Sizes) -> None:
+        """Keep the start, what is too young to be judged, and the likeliest of the others, each beside the
+        size that suits it best."""
         age = self.samples - self._onset
         keep = (self._onset <= 0) | (age <= JUDGE.full_samples)
-        gain = np.einsum("nd,nde,ne->n", self._vector, self._solved(), self._vector)
+        if bool(keep.all()):
+            return
+        rest = self._beside(sizes, np.ones_like(keep))
+        gains = 0.5 * np.einsum("rnd,rnde,rne->rn", rest.vector, _inverse(rest.information), rest.vector)
+        gain = np.max(gains + (sizes.log_prior + rest.log_gain)[:, None], axis=0)
         for of_shape in (self._ramp, ~self._ramp):
             others = np.flatnonzero(~keep & of_shape)
             keep[others[np.argsort(-gain[others])][: DRIVE_EVIDENCE.kept]] = True
         self._onset, self._ramp = self._onset[keep], self._ramp[keep]
         self._sensitivity, self._information = self._sensitivity[keep], self._information[keep]
-        self._vector = self._vector[keep]
+        self._vector, self._beside_first = self._vector[keep], self._beside_first[keep]
 
-    def changes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Of the hypotheses that are old enough: the change by now (n, d), its covariance (n, d, d) and
-        the log of its prior weight among them (n,)."""
+    def changes(self, sizes: Sizes) -> Changes:
+        """Of the hypotheses that are old enough, under each of the rows of sizes."""
         age = self.samples - self._onset
         old = age >= JUDGE.full_samples
-        size = np.where(self._ramp, age - 1.0, 1.0)[old]
-        covariance = self._solved()[old]
-        change = np.einsum("nde,ne->nd", covariance, self._vector[old])
+        rest = self._beside(sizes, old)
+        scale = np.where(self._ramp, age - 1.0, 1.0)[old]
+        covariance = _inverse(rest.information)
+        change = np.einsum("rnde,rne->rnd", covariance, rest.vector)
         first = self._onset[old] <= 0
         share = np.where(
             first,
             DRIVE_EVIDENCE.start_prior / max(int(first.sum()), 1),
             (1.0 - DRIVE_EVIDENCE.start_prior) / max(int((~first).sum()), 1),
         )
-        log_weight = np.log(share) - math.log(float(share.sum()) if share.size else 1.0)
-        return change * size[:, None], covariance * size[:, None, None] ** 2, log_weight
+        log_share = np.log(share) - math.log(float(share.sum()) if share.size else 1.0)
+        return Changes(
+            change * scale[:, None],
+            covariance * scale[:, None, None] ** 2,
+            sizes.log_prior[:, None] + rest.log_gain[:, None] + log_share,
+            rest.size,
+            rest.variance,
+        )
 
-    def reference_beside(self, place: int) -> Reference:
-        """What the drive says of the car beside the change at this place of `changes`.
+    def _beside(self, sizes: Sizes, chosen: NDArray[np.bool_]) -> _Beside:
+        """What is left of these hypotheses where the sizes are integrated out; r rows, n hypotheses."""
+        with np.errstate(divide="ignore"):
+            own = np.where(sizes.variance > 0.0, 1.0 / sizes.variance, np.inf)
+        information, vector = self._information[chosen], self._vector[chosen]
+        if not self._onset.size:
+            return _Beside(information[None], vector[None], np.zeros(1), np.zeros(1), np.zeros(1))
+        pattern = sizes.pattern
+        seen = np.einsum("rd,de,re->r", pattern, self._information[0], pattern)
+        variance = 1.0 / (seen + own)
+        own_mean = np.where(np.isfinite(own), own, 0.0) * sizes.mean
+        size = variance * (pattern @ self._vector[0] + own_mean)
+        log_gain = 0.5 * (size**2 / np.maximum(variance, 1e-300) - sizes.mean * own_mean)
+        log_gain -= 0.5 * np.log1p(seen * sizes.variance)
+        shared = np.einsum("rd,nde->rne", pattern, self._beside_first[chosen])
+        return _Beside(
+            information - variance[:, None, None, None] * shared[..., None] * shared[..., None, :],
+            vector - shared * size[:, None, None],
+            log_gain,
+            size,
+            variance,
+        )
+
+    def reference_beside(self, row: int, place: int, sizes: Sizes) -> Reference:
+        """What the drive says of the car beside the change at this row and place of `changes`.
 
         The filter without a change is off by F d; d is known with the covariance C:  x - F d,  P + F C F'.
+        A size since the first sample is a second one, known beside d.
         """
+        chosen = np.zeros(self._onset.size, dtype=np.bool_)
         k = int(np.flatnonzero(self.samples - self._onset >= JUDGE.full_samples)[place])
-        covariance = self._solved()[k]
-        sensitivity = self._sensitivity[k]
+        chosen[k] = True
+        rest = self._beside(sizes, chosen)
+        covariance = _inverse(rest.information[row])[0]
+        change = covariance @ rest.vector[row, 0]
+        of_size = self._sensitivity[0] @ sizes.pattern[row]
+        size, variance = float(rest.size[row]), float(rest.variance[row])
+        shared = sizes.pattern[row] @ self._beside_first[k]
+        sensitivity = self._sensitivity[k] - variance * np.outer(of_size, shared)
         out = self._reference.copy()
-        out.mean = out.mean - sensitivity @ covariance @ self._vector[k]
+        out.mean = out.mean - size * of_size - sensitivity @ change
         spread = out.covariance + sensitivity @ covariance @ sensitivity.T
+        spread = spread + variance * np.outer(of_size, of_size)
         out.covariance = (spread + spread.T) / 2
         return out
+
+
+def _inverse(information: FloatArray) -> FloatArray:
+    """(..., d, d) covariances of changes; an onset that is hardly known is no failure."""
+    largest = np.trace(information, axis1=-2, axis2=-1)[..., None, None]
+    return np.linalg.inv(information + DRIVE_EVIDENCE.least_std * largest * np.eye(information.shape[-1]))

@@ -12,10 +12,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.change_bank import ChangeBank
 from tpmsd.onboard.monitor.drive_settings import DriveModel
+from tpmsd.onboard.monitor.evidence.sizes import sizes_of
 from tpmsd.onboard.monitor.level_noise import LevelNoise
 from tpmsd.onboard.monitor.nuisance import Nuisance, log_normal
 from tpmsd.onboard.monitor.reference import Reference
@@ -25,7 +27,7 @@ from tpmsd.onboard.monitor.slip_sums import Slope
 
 @dataclass(frozen=True, slots=True)
 class Accounts:
-    """Change hypotheses of a drive, n of them over all drive models."""
+    """Change hypotheses of a drive, n of them over all drive models and rows of sizes."""
 
     change_m: FloatArray
     """(n, d)"""
@@ -33,8 +35,16 @@ class Accounts:
     """(n, d, d) without what is harmless."""
     log_weight: FloatArray
     """(n,) log of prior probability times likelihood of the drive, had no tyre changed."""
-    model: FloatArray
+    model: NDArray[np.intp]
     """(n,) index of the drive model."""
+    row: NDArray[np.intp]
+    """(n,) index of the row of sizes, and ..."""
+    place: NDArray[np.intp]
+    """(n,) ... of the hypothesis among those of its model."""
+    size: FloatArray
+    """(n,) of that row, relative, if no tyre has lost air, and ..."""
+    size_std: FloatArray
+    """(n,)"""
 
     def allowing(self, harmless_m2: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Where radii may also have changed by something harmless of covariance (d, d): covariance of each
@@ -46,6 +56,13 @@ class Accounts:
         total_m2 = self.covariance_m2 + harmless_m2
         log_density = log_normal(self.change_m, total_m2) - log_normal(self.change_m, self.covariance_m2)
         return total_m2, self.log_weight + log_density
+
+    def likely(self, log_weight: FloatArray) -> NDArray[np.intp]:
+        """Indices of the accounts that count: under the others even the change that fits best is less likely
+        than the best account of `log_weight` (n,) without any loss."""
+        solved = np.linalg.solve(self.covariance_m2, self.change_m[:, :, None])[:, :, 0]
+        most = self.log_weight + 0.5 * np.einsum("nd,nd->n", self.change_m, solved)
+        return np.flatnonzero(most > log_weight.max() - DRIVE_EVIDENCE.negligible_nats)
 
     def model_probabilities(self, chances: FloatArray) -> dict[str, float]:
         """Of each drive model by the posterior probabilities (n,) of the accounts."""
@@ -61,6 +78,7 @@ class DriveEvidence:
         """`radius_m` (d,) nominal, of the monitored wheels."""
         index = np.ix_(wheels, wheels)
         self._radius = radius_m
+        self._sizes = sizes_of(tuple(wheels))
         self._banks = [
             ChangeBank(reference.widened(model), reference.scatter(model)[index])
             for model in DRIVE_EVIDENCE.models
@@ -93,21 +111,31 @@ class DriveEvidence:
         noise = noise + self._level.take(deviation_m / self._radius, own, features)
         self._slopes += slip is not None
         for bank in self._banks:
-            bank.take(deviation_m / self._radius, noise, features, elapsed_s)
+            bank.take(deviation_m / self._radius, noise, features, elapsed_s, self._sizes)
             if slip is not None:
                 bank.take_slip(slip)
-        found = [bank.changes() for bank in self._banks]
-        if not found[0][0].size:
+        found = [bank.changes(self._sizes) for bank in self._banks]
+        if not found[0].log_weight.size:
             return
-        log_weights = [
-            self._log_prior(model) + bank.log_likelihood + log_weight
-            for model, bank, (_, _, log_weight) in zip(DRIVE_EVIDENCE.models, self._banks, found, strict=True)
-        ]
+        log_weight = np.stack(
+            [
+                self._log_prior(model) + bank.log_likelihood + one.log_weight
+                for model, bank, one in zip(DRIVE_EVIDENCE.models, self._banks, found, strict=True)
+            ]
+        )
+        model, row, place = (index.ravel() for index in np.indices(log_weight.shape))
+        size, variance = (
+            np.stack([getattr(one, name) for one in found])[model, row] for name in ("size", "size_variance")
+        )
         self.accounts = Accounts(
-            change_m=np.concatenate([change for change, _, _ in found]) * self._radius,
-            covariance_m2=np.concatenate([covariance for _, covariance, _ in found]) * scale,
-            log_weight=np.concatenate(log_weights),
-            model=np.repeat(np.arange(len(found)), [len(change) for change, _, _ in found]),
+            change_m=np.stack([one.change for one in found]).reshape(-1, self._radius.size) * self._radius,
+            covariance_m2=np.stack([one.covariance for one in found]).reshape(-1, *scale.shape) * scale,
+            log_weight=log_weight.ravel(),
+            model=model,
+            row=row,
+            place=place,
+            size=size,
+            size_std=np.sqrt(variance),
         )
 
     def _log_prior(self, model: DriveModel) -> float:
@@ -117,6 +145,6 @@ class DriveEvidence:
     def reference_beside(self, account: int) -> Reference:
         """What the drive says of the car beside the change of this one of `accounts`."""
         assert self.accounts is not None
-        model = int(self.accounts.model[account])
-        first = int(np.searchsorted(self.accounts.model, model))
-        return self._banks[model].reference_beside(account - first)
+        kept = self.accounts
+        bank = self._banks[int(kept.model[account])]
+        return bank.reference_beside(int(kept.row[account]), int(kept.place[account]), self._sizes)

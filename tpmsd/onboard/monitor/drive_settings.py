@@ -30,8 +30,6 @@ class DriveModel:
     """... the same of the slip by drag."""
     slip_std: float = 0.0
     """Slip of the driven axle, all drive long; of two each takes half of the force."""
-    pull_std: float = 0.0
-    """Slip of each driven axle at a moment of which it is not known how hard the car pulls."""
     axle_scatter: float = 0.0
     """Slip of the driven axles that comes and goes between samples, and shows on either axle, ..."""
     own_scatter: float = 0.0
@@ -70,7 +68,6 @@ class DriveEvidenceSettings:
             hill_times=(2.4, 0.4),
             drag_times=(2.4, 0.4),
             slip_std=2.5e-3,
-            pull_std=2.5e-2,
             event_share=0.02,
             event_std=2e-2,
         ),
@@ -82,7 +79,6 @@ class DriveEvidenceSettings:
             hill_times=(3.0, 1.5),
             drag_times=(3.0, 1.5),
             slip_std=5e-3,
-            pull_std=2.5e-2,
             axle_scatter=3e-3,
             own_scatter=1e-3,
             event_share=0.1,
@@ -96,7 +92,6 @@ class DriveEvidenceSettings:
             hill_times=(2.5, 1.0),
             drag_times=(2.5, 1.0),
             slip_std=5e-3,
-            pull_std=2.5e-2,
             axle_scatter=5e-3,
             own_scatter=5e-3,
             event_share=0.2,
@@ -106,8 +101,7 @@ class DriveEvidenceSettings:
     """A full van lowers its rear tyres by 0.9 mm (3 kN a wheel, 0.25 mm per 500 N of a tyre of 1.6 times the
     stiffness), a full compact by 0.8 mm; of loads drawn evenly from none to full the root mean square is 0.58
     of that, 0.54 mm. A trailer's drag area of 1.2 m2 doubles or trebles the drag slip of `physics.priors`,
-    and its mass of half to one car the slip on slopes. A front axle that carries half of a car slips by 2.5 %
-    at 1 m/s2 with 0.4 of the dry stiffness (21 per unit of force over load: `longitudinal_slip`). On ice and
+    and its mass of half to one car the slip on slopes. On ice and
     gravel driven wheels slip by 2 to 3 mm; 1.4 times more of what rolling and drag take at 60 km/h is
     0.9 mm. A full car has a quarter more mass on driven wheels that carry less of it. The slip slope of one
     car varies by a tenth with load, warmth and tread; on snow and gravel it is two to three times that of a
@@ -128,6 +122,8 @@ class DriveEvidenceSettings:
     """Onsets in doubt of each shape, besides the start and the last ones; the likeliest are kept."""
     start_prior: float = 0.5
     """That a tyre which lost air had lost it when the drive began; else any onset is as likely."""
+    negligible_nats: float = 12.0
+    """Behind the best, from which an account is left out: 6e-6 of it at most."""
     least_std: float = 1e-9
     """Keeps the information of an onset from being singular, relative to its largest part."""
 

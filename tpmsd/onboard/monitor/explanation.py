@@ -12,12 +12,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from tpmsd.car.config.model import MonitorConfig
 from tpmsd.foundation.wheels import WHEELS, FloatArray
 from tpmsd.onboard.estimators.agreement import Agreement
 from tpmsd.onboard.estimators.base import RadiusEstimate
 from tpmsd.onboard.monitor.baseline import Change
-from tpmsd.onboard.monitor.hypotheses import hypotheses_of
+from tpmsd.onboard.monitor.evidence.sizes import Sizes, sizes_of
+from tpmsd.onboard.monitor.hypotheses import Verdict, hypotheses_of
 from tpmsd.onboard.monitor.judge import Finding, Judgement
 from tpmsd.onboard.monitor.records import AlarmEvent, AlarmKind, MonitorReport
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, EXPLANATION, JUDGE
@@ -277,6 +280,7 @@ class Explanation:
                     "prior": prior,
                 }
             )
+        entries += self._resized(verdict)
         entries.sort(key=lambda entry: -float(entry["probability"]))
         best = entries[0]
         for entry in entries:
@@ -289,6 +293,32 @@ class Explanation:
             else:
                 entry["why"] = "fits as well, and is less probable beforehand"
         return entries[: EXPLANATION.best]
+
+    def _resized(self, verdict: Verdict) -> list[dict[str, Any]]:
+        """Wheels of another size; beside it a tyre may have lost air all the same."""
+        sizes = sizes_of(tuple(self._wheels))
+        out = []
+        for row in range(1, len(verdict.sizes)):  # none while a set is learned beside another
+            names = [WHEELS[self._wheels[k]] for k in np.flatnonzero(sizes.pattern[row])]
+            larger = sizes.mean[row] > 0.0
+            out.append(
+                {
+                    "what": f"{' '.join(names)} of another size"
+                    if larger
+                    else "wheels changed front to rear",
+                    "wheels": names,
+                    "probability": float(verdict.sizes[row]),
+                    "gain_nats": round(_bayes_factor(verdict, sizes, row), 3),
+                    "prior": JUDGE.prior_resized,
+                }
+            )
+        return out
+
+
+def _bayes_factor(verdict: Verdict, sizes: Sizes, row: int) -> float:
+    """Logarithm of the evidence for a row of sizes against all wheels of the size that was learned."""
+    chances = np.maximum(verdict.sizes, 1e-300)
+    return float(np.log(chances[row] / chances[0]) - sizes.log_prior[row] + sizes.log_prior[0])
 
 
 def _std(row: FloatArray, covariance: FloatArray) -> float:

@@ -44,20 +44,6 @@ class Grip:
         self._slipping = np.array([model.name in DRIVE_EVIDENCE.slipping for model in models])
         self._event = np.stack([np.diag((model.event_std * radius_m) ** 2) for model in models])
         self._event_share = np.array([model.event_share for model in models])
-        self._pulling = np.stack([reference.pull(model)[grid] for model in models]) * scale
-
-    def pulling(self, covariance_m2: FloatArray, models: dict[str, float]) -> tuple[FloatArray, FloatArray]:
-        """Covariance (m, d, d) of a change at this moment, that without slip given, where it is not known how
-        hard the car pulls; and the log weight (m,) of each model. Where `models` is empty it is the prior,
-        less what only a slip slope tells."""
-        chances = np.array([models.get(model.name, 0.0) for model in DRIVE_EVIDENCE.models])
-        if not models:
-            untold = DRIVE_EVIDENCE.by_slope
-            chances = np.array([model.prior * (model.name not in untold) for model in DRIVE_EVIDENCE.models])
-        keep = self._slipping & (chances > 0.0)
-        total = np.concatenate([covariance_m2[None], covariance_m2 + (self._pulling + self._scatter)[keep]])
-        with np.errstate(divide="ignore"):  # a model that is impossible weighs nothing
-            return total, np.log(np.append(chances[~self._slipping].sum(), chances[keep]))
 
     @staticmethod
     def low(models: dict[str, float]) -> float:

@@ -10,21 +10,26 @@ against side (camber, cross-load), and each wheel's own. A hypothesis is a subse
 averaged over a grid of losses, so larger subsets and freer losses pay for their freedom. Because all wheels
 are judged together, a common growth is not taken for a loss and the right wheel is named. A single wheel may
 also have become larger: else the one beside it would seem to have shrunk.
+
+Beside any of these wheels may be of another size (`evidence.sizes`), which hides no loss.
 """
 
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.onboard.monitor.settings import JUDGE
+from tpmsd.onboard.monitor.evidence.sizes import Sized, Sizes, no_sizes, subsets
+from tpmsd.onboard.monitor.probability import normal_cdf
+from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
 
 LOSS_GRID = np.geomspace(*JUDGE.losses)
+NEGLIGIBLE = math.exp(-DRIVE_EVIDENCE.negligible_nats)
+"""Probability below which a hypothesis adds nothing to a deviation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +45,10 @@ class Verdict:
     """(d,) expected loss of each wheel, m."""
     beyond: FloatArray
     """(s,) the same that the wheels of each of `subsets`, and no other, are."""
+    off: FloatArray
+    """(s,) probability that these wheels are larger or smaller by more than the limit."""
+    sizes: FloatArray
+    """(r,) posterior probability of each row of sizes."""
     larger: FloatArray
     """(d,) probability that the wheel, and no other, is larger than was learned."""
     suspicion: float
@@ -69,77 +78,113 @@ class Comparison:
     one_alone: bool = False
     """Whether only losses of one wheel are considered: where an axle may be of any size, others cannot be
     told from them."""
+    sizes: Sizes | None = None
+    """What wheels may be of another size beside a loss; None: none of them."""
+    limit: float = math.inf
+    """Change, relative, from which a wheel deviates."""
 
     def of(self, change_m: FloatArray, covariance_m2: FloatArray) -> Verdict:
         """Posterior over all subsets and losses by one account of the change: change_m (d,), covariance_m2
         (d, d) of change including nuisance."""
-        return self.of_each(change_m[None], covariance_m2[None])[0]
+        return self.of_accounts(Sized.plain(change_m[None], covariance_m2[None], np.zeros(1)))
 
-    def of_each(self, change_m: FloatArray, covariance_m2: FloatArray) -> list[Verdict]:
-        """The same of k changes, each by itself: (k, d), (k, d, d)."""
-        return self._verdicts(change_m[:, None], covariance_m2[:, None], np.zeros(1))
-
-    def of_accounts(self, change_m: FloatArray, covariance_m2: FloatArray, log_weight: FloatArray) -> Verdict:
-        """Posterior over n accounts of one change as well: change_m (n, d), covariance_m2 (n, d, d) including
-        nuisance, log_weight (n,) of each account if nothing is lost."""
-        return self._verdicts(change_m[None], covariance_m2[None], log_weight)[0]
-
-    def _verdicts(
-        self, change_m: FloatArray, covariance_m2: FloatArray, log_weight: FloatArray
-    ) -> list[Verdict]:
-        """Of k changes by n accounts each: (k, n, d), (k, n, d, d), (n,)."""
+    def of_accounts(self, accounts: Sized) -> Verdict:
+        """Posterior over n accounts of one change as well, covariances including nuisance."""
         d = self.radius_m.size
         _, weights, log_shares = _hypotheses(d)
-        fit = self._fit(change_m.reshape(-1, d), covariance_m2.reshape(-1, d, d))
-        fit = fit.reshape(*change_m.shape[:2], *fit.shape[1:])
-        logs = log_weight[:, None, None] + fit + log_shares[:, None]
+        parabola = self._parabola(accounts.change_m, accounts.covariance_m2)
+        slope, curvature = (one[:, :, None] for one in parabola)
+        fit = np.asarray(LOSS_GRID * (slope - 0.5 * LOSS_GRID * curvature))
+        logs = accounts.log_weight[:, None, None] + fit + log_shares[:, None]
+        logs[accounts.row > 0, 2**d - 1 :] = -np.inf  # what is larger is a row of sizes there
         if self.log_ratios is not None:
-            logs[:, :, : 2**d - 1] += self.log_ratios[:, None]
+            logs[:, : 2**d - 1] += self.log_ratios[:, None]
         if self.one_alone:
-            logs[:, :, d:] = -np.inf  # subsets come by size
-        log_none = log_weight + math.log1p(-float(weights.sum()))
-        top = np.maximum(np.maximum.reduce(logs, axis=(1, 2, 3)), np.maximum.reduce(log_none))
-        posterior, none = np.exp(logs - top[:, None, None, None]), np.exp(log_none - top[:, None])
-        total = np.add.reduce(none, axis=1) + np.add.reduce(posterior, axis=(1, 2, 3))
-        posterior, none = posterior / total[:, None, None, None], none / total[:, None]
-        return [self._verdict(*one) for one in zip(fit, posterior, none, strict=True)]
+            logs[:, d:] = -np.inf  # subsets come by size
+        log_none = accounts.log_weight + math.log1p(-float(weights.sum()))
+        top = max(np.maximum.reduce(logs, axis=None), np.maximum.reduce(log_none))
+        posterior, none = np.exp(logs - top), np.exp(log_none - top)
+        total = np.add.reduce(none) + np.add.reduce(posterior, axis=None)
+        return self._verdict(accounts, fit, parabola, posterior / total, none / total)
 
-    def _fit(self, change_m: FloatArray, covariance_m2: FloatArray) -> FloatArray:
-        """(m, h, losses) log-likelihood of a loss less that of none, a parabola over the size of the loss, by
-        m accounts (m, d), (m, d, d)."""
+    def _parabola(self, change_m: FloatArray, covariance_m2: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log-likelihood of a loss less that of none, a parabola over the size of the loss, by m accounts
+        (m, d), (m, d, d): its slope at no loss and its curvature, (m, h) each."""
         whitener = np.linalg.inv(np.linalg.cholesky(covariance_m2))
         seen = np.einsum("nij,nj->ni", whitener, change_m)
         white = (_hypotheses(self.radius_m.size)[0] * self.radius_m) @ whitener.transpose(0, 2, 1)
-        slope = -np.einsum("ni,nsi->ns", seen, white)[:, :, None]
-        curvature = np.einsum("nsi,nsi->ns", white, white)[:, :, None]
-        return np.asarray(LOSS_GRID * (slope - 0.5 * LOSS_GRID * curvature))
+        return -np.einsum("ni,nsi->ns", seen, white), np.einsum("nsi,nsi->ns", white, white)
 
-    def _verdict(self, fit: FloatArray, posterior: FloatArray, none: FloatArray) -> Verdict:
-        """Of one change: log-likelihoods and posterior (n, h, losses), and that of nothing lost (n,)."""
+    def _verdict(
+        self,
+        given: Sized,
+        fit: FloatArray,
+        parabola: tuple[FloatArray, FloatArray],
+        posterior: FloatArray,
+        none: FloatArray,
+    ) -> Verdict:
+        """Of accounts: log-likelihoods and posterior (n, h, losses), and that of nothing lost (n,)."""
         d = self.radius_m.size
         lost, members = slice(2**d - 1), _hypotheses(d)[0][: 2**d - 1]
         accounts = none + np.add.reduce(posterior, axis=(1, 2))
         best = int(accounts.argmax())
         likeliest = fit[best]
-        of_best, size = divmod(int(posterior[best, lost].argmax()), LOSS_GRID.size)
+        # Whether anything is lost is asked of tyres of the size that was learned.
+        usual = fit[int(np.where(given.row == 0, accounts, -1.0).argmax())]
         found = np.add.reduce(posterior)
         of_losses = found[lost]
         beyond = int(LOSS_GRID.searchsorted(self.threshold))
         chances = np.add.reduce(found, axis=1)
         large = of_losses @ severity(self.threshold)
+        of_best, size = divmod(int(of_losses.argmax()), LOSS_GRID.size)
         # Sums of rounded shares may exceed 1 by the last bit; a saved probability may not.
         return Verdict(
             deflated=np.minimum(large @ members, 1.0),
-            none=float(np.add.reduce(none) + found[lost.stop :].sum()),
+            none=float(np.add.reduce(none[given.row == 0]) + found[lost.stop :].sum()),
             loss_m=(of_losses @ LOSS_GRID) @ members * self.radius_m,
             beyond=large,
+            off=self._off(given, parabola, posterior, accounts),
+            sizes=self._of_rows(given, accounts),
             larger=chances[lost.stop :] if d > 2 else np.zeros(d),
-            suspicion=float(np.maximum.reduce(likeliest[lost, beyond:], axis=None)),
+            suspicion=float(np.maximum.reduce(usual[lost, beyond:], axis=None)),
             chances=chances,
             gains=np.maximum.reduce(likeliest, axis=1),
             best_loss_m=members[of_best] * LOSS_GRID[size] * self.radius_m,
             accounts=accounts,
         )
+
+    def _of_rows(self, given: Sized, accounts: FloatArray) -> FloatArray:
+        """(r,) probability of each row of sizes by that of each account (n,)."""
+        out = np.zeros(len((self.sizes or no_sizes(self.radius_m.size)).mean))
+        np.add.at(out, given.row, accounts)
+        return out
+
+    def _off(
+        self,
+        given: Sized,
+        parabola: tuple[FloatArray, FloatArray],
+        posterior: FloatArray,
+        accounts: FloatArray,
+    ) -> FloatArray:
+        """(s,) probability that wheels are off by more than the limit: by what they lost or gained, of which
+        (n, h, losses) is the posterior, or by their size."""
+        lost = 2**self.radius_m.size - 1
+        out = np.zeros(lost)
+        if not math.isfinite(self.limit):
+            return out
+        chances = np.add.reduce(posterior, axis=2)
+        slope, curvature = parabola
+        for account, found in np.argwhere(chances > NEGLIGIBLE).tolist():
+            std = 1.0 / math.sqrt(float(curvature[account, found]))
+            beyond = float(slope[account, found]) * std - self.limit / std
+            # Subsets come by size: what is larger is one wheel.
+            out[found % lost] += float(chances[account, found]) * normal_cdf(beyond)
+        subset = (self.sizes or no_sizes(self.radius_m.size)).subset
+        for account in np.flatnonzero((given.row > 0) & (accounts > NEGLIGIBLE)).tolist():
+            size, std = float(given.size[account]), max(float(given.size_std[account]), 1e-12)
+            over = normal_cdf((size - self.limit) / std) + normal_cdf((-size - self.limit) / std)
+            out[subset[int(given.row[account])]] += float(accounts[account]) * over
+        return out
 
 
 @functools.cache
@@ -151,11 +196,6 @@ def severity(threshold: float) -> FloatArray:
     hardly one. So what is not known of the size of a certain loss weighs less than whether there is one.
     """
     return np.minimum(LOSS_GRID / threshold, 1.0)
-
-
-def subsets(d: int) -> list[tuple[int, ...]]:
-    """All subsets of d wheels but the empty one, in the order in which they are compared."""
-    return [c for size in range(1, d + 1) for c in itertools.combinations(range(d), size)]
 
 
 def hypotheses_of(d: int) -> list[tuple[tuple[int, ...], str]]:

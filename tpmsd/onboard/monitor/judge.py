@@ -15,12 +15,12 @@ import numpy as np
 from tpmsd.car.config.model import MonitorConfig, TyreConfig, VehicleConfig
 from tpmsd.car.physics.motion import driven_mask
 from tpmsd.car.physics.tyre import tyre_model
-from tpmsd.foundation.wheels import FloatArray
+from tpmsd.foundation.wheels import IS_FRONT, FloatArray
 from tpmsd.onboard.monitor.baseline import Change
-from tpmsd.onboard.monitor.deviation import Deviation
 from tpmsd.onboard.monitor.drive_evidence import Accounts
+from tpmsd.onboard.monitor.evidence.sizes import Sized, beside, no_sizes, sizes_of, subsets
 from tpmsd.onboard.monitor.grip import Grip
-from tpmsd.onboard.monitor.hypotheses import Comparison, Verdict, subsets
+from tpmsd.onboard.monitor.hypotheses import Comparison, Verdict
 from tpmsd.onboard.monitor.nuisance import Nuisance, mean_share
 from tpmsd.onboard.monitor.settings import BASELINE, DRIVE_EVIDENCE, JUDGE
 from tpmsd.onboard.monitor.sight import Alike, Sight, sight
@@ -71,6 +71,8 @@ class Judgement:
     """Which losses would be seen; None before anything was judged."""
     drive_models: dict[str, float] = field(default_factory=dict)
     """Posterior probability of each drive model; empty while the drive is too short."""
+    all_larger: float = 0.0
+    """Probability that all wheels are larger alike."""
 
     @property
     def all_alike(self) -> bool:
@@ -130,7 +132,6 @@ class Judge:
         self.harmless_m2 = harmless.covariance(wheels, self._radius)
         self._of_mean_m2: dict[int, FloatArray] = {}
         """What comes and goes in a mean of so many samples (d, d)."""
-        self._unexplained_m2 = JUDGE.unexplained.covariance(wheels, self._radius)
         self._tyres = [tyre_model(tyre, float(radius)) for radius in self._radius]
         self._threshold = settings.deflation_percent / 100.0
         if settings.deflation_pressure_percent is not None:
@@ -139,8 +140,8 @@ class Judge:
             self._threshold = float(np.mean(np.array(losses) / self._radius))
         self._asked = settings.raise_probability
         self._grip = Grip(vehicle, wheels, self._radius)
-        limit_m = settings.deviation_percent / 100.0 * self._radius
-        self._deviation = Deviation(wheels, self._radius, limit_m, self._grip)
+        self._limit = settings.deviation_percent / 100.0
+        self._sizes = sizes_of(tuple(wheels))
         self._apart = _apart(wheels)
         members = [
             [float(place in subset) for place in range(len(wheels))] for subset in subsets(len(wheels))
@@ -151,7 +152,10 @@ class Judge:
         """(s,) whether these are all driven."""
         self._fellow = np.array([[float(wheel == other ^ 1) for other in wheels] for wheel in wheels])
         """(d, d) 1 for the other wheel of the axle."""
-        self._told: tuple[Accounts, bool, Finding, dict[str, float], Alike] | None = None
+        front = IS_FRONT[wheels]
+        self._axles = [mask * self._radius for mask in (front, ~front) if np.count_nonzero(mask) == 2]
+        """(d,) each: radii of an axle both of whose wheels are monitored, 0 for the others."""
+        self._told: tuple[Accounts, bool, Finding, dict[str, float], tuple[Alike, ...]] | None = None
         """The last comparison of a drive: it changes with every sample, and is asked for every second."""
 
     def judge(
@@ -174,10 +178,10 @@ class Judge:
             sets = subsets(len(self._wheels))
             ratios = np.array([resonance.log_ratio([self._wheels[i] for i in one]) for one in sets])
         averaged_m2 = harmless_m2 - self.harmless_m2 + self._harmless_of_mean_m2(mean.samples)
-        against = Comparison(self._radius, self._threshold, ratios, other_tyres)
+        against = self._against(ratios, other_tyres)
         of_drive: Finding | None = None
         models: dict[str, float] = {}
-        alike: Alike | None = None
+        alike: tuple[Alike, ...] = ()
         if accounts is not None:
             of_drive, models, alike = self._of_drive(accounts, ratios, other_tyres)
         now_m2, mean_m2 = now.covariance_m2 + harmless_m2, mean.covariance_m2 + averaged_m2
@@ -195,20 +199,17 @@ class Judge:
             for tyre, x, s in zip(self._tyres, steady, np.sqrt(np.diag(steady_m2)), strict=True)
         ]
         fits = now.fits and mean.fits
-        wide_m2 = now.covariance_m2 + self._unexplained_m2 + harmless_m2 - self.harmless_m2
-        by_drive = None
-        if of_drive is not None:
-            by_drive = self._by_drive(of_drive.verdict, models)
-        deflated = self._deflated(at_once.verdict, lately.verdict, mean.samples, by_drive)
+        deflated = self._deflated(at_once.verdict, lately.verdict, mean.samples, of_drive, models)
+        deviates = self._deviates(at_once.verdict, lately.verdict, mean.samples, of_drive, models)
         account = None
         if of_drive is not None:
-            else_ = self._deflated(at_once.verdict, lately.verdict, mean.samples, None)
+            else_ = self._deflated(at_once.verdict, lately.verdict, mean.samples, None, models)
             account = of_drive.account if else_.max() <= JUDGE.undecided < deflated.max() else None
         return Judgement(
             change_m=self._on_all(now.change_m),
             change_std_m=self._on_all(std),
             deflated=self._on_all(deflated),
-            deviates=self._on_all(self._deviation.probabilities(now.change_m, wide_m2, models)),
+            deviates=self._on_all(deviates),
             loss_m=self._on_all(finding.verdict.loss_m),
             pressure_loss=self._on_all(np.array([loss for loss, _ in pressure])),
             pressure_loss_std=self._on_all(np.array([own for _, own in pressure])),
@@ -219,6 +220,7 @@ class Judge:
             account=account,
             sight=self._sight(mean, mean_m2, alike),
             drive_models=models,
+            all_larger=self._all_larger((of_drive or lately).verdict),
         )
 
     def _look(
@@ -232,13 +234,27 @@ class Judge:
         """What a change of covariance (d, d) says where the drive may slip as its `models` have it."""
         slipping = self._grip.accounts(change.change_m, covariance_m2, change.samples, models)
         each_m2 = slipping.covariance_m2
-        verdict = against.of_accounts(
-            np.broadcast_to(change.change_m, each_m2.shape[:2]), each_m2, slipping.log_weight
-        )
-        return Finding(over, verdict, change.change_m, each_m2[int(verdict.accounts.argmax())])
+        change_m = np.broadcast_to(change.change_m, each_m2.shape[:2])
+        sizes = against.sizes or no_sizes(len(self._wheels))
+        accounts = beside(change_m, each_m2, slipping.log_weight, self._radius, sizes)
+        verdict = against.of_accounts(accounts)
+        best = int(verdict.accounts.argmax())
+        return Finding(over, verdict, accounts.change_m[best], accounts.covariance_m2[best])
 
-    def _deflated(self, now: Verdict, mean: Verdict, samples: int, by_drive: FloatArray | None) -> FloatArray:
-        """(d,) probability of a deflation by what all say; `by_drive` (d,): by the drive as a whole.
+    def _all_larger(self, verdict: Verdict) -> float:
+        """Probability that all wheels are larger; 0 where no sizes were compared."""
+        of_all = self._sizes.of_all
+        return float(verdict.sizes @ of_all) if verdict.sizes.size == of_all.size else 0.0
+
+    def _against(self, ratios: FloatArray | None, other_tyres: bool) -> Comparison:
+        # Of other tyres the covariance holds what they may be larger already.
+        sizes = None if other_tyres else self._sizes
+        return Comparison(self._radius, self._threshold, ratios, other_tyres, sizes, self._limit)
+
+    def _deflated(
+        self, now: Verdict, mean: Verdict, samples: int, drive: Finding | None, models: dict[str, float]
+    ) -> FloatArray:
+        """(d,) probability of a deflation by what all say; `drive`: the drive as a whole.
 
         A tyre that has lost what the other one of its axle has not stands out at once, or once what comes and
         goes is averaged out, whatever else is soft or loaded. Both tyres of an axle look like slip, slopes or
@@ -250,12 +266,23 @@ class Judge:
         now_apart = (now.beyond @ self._apart) * (1.0 - self._fellow @ mean.larger)
         apart = np.minimum(np.maximum(now_apart, mean.beyond @ self._apart), 1.0)
         at_once = np.maximum(apart, np.minimum(now.deflated, JUDGE.undecided))
-        if by_drive is not None:
-            return np.maximum(at_once, by_drive)
+        if drive is not None:
+            return np.maximum(at_once, self._by_drive(drive.verdict.beyond, models))
         return np.maximum(at_once, mean.deflated) if samples >= JUDGE.full_samples else at_once
 
-    def _by_drive(self, verdict: Verdict, models: dict[str, float]) -> FloatArray:
-        """(d,) probability of a deflation by the drive as a whole, where grip allows to say so.
+    def _deviates(
+        self, now: Verdict, mean: Verdict, samples: int, drive: Finding | None, models: dict[str, float]
+    ) -> FloatArray:
+        """(d,) the same of a deviation."""
+        at_once = np.minimum(now.off @ self._apart, 1.0)
+        if drive is not None:
+            return np.maximum(at_once, self._by_drive(drive.verdict.off, models))
+        whole = mean.off @ (self._apart + self._together)
+        return np.minimum(np.maximum(at_once, whole) if samples >= JUDGE.full_samples else at_once, 1.0)
+
+    def _by_drive(self, chances: FloatArray, models: dict[str, float]) -> FloatArray:
+        """(d,) probability of each wheel by that of each of `subsets` (s,) by the drive as a whole, where
+        grip allows to say so.
 
         Where grip comes and goes, axles and the level of all wheels do far more than the models have; on any
         slippery road what driven axles do is slip. One that stands out beside its fellow over many samples
@@ -263,34 +290,57 @@ class Judge:
         """
         slippery, uneven = self._grip.low(models), self._grip.uneven(models)
         trusted = np.where(self._of_driven, 1.0 - slippery, 1.0 - uneven)
-        return np.minimum(verdict.beyond @ self._apart + (verdict.beyond * trusted) @ self._together, 1.0)
+        return np.minimum(chances @ self._apart + (chances * trusted) @ self._together, 1.0)
 
-    def _sight(self, mean: Change, mean_m2: FloatArray, alike: Alike | None) -> Sight:
-        """One tyre is seen by the mean over minutes, all alike by the drive as a whole, or if there is none
-        by a mean that is long enough."""
-        if alike is None and mean.samples >= JUDGE.full_samples:
-            alike = Alike.of(mean.change_m[None], mean_m2[None], np.zeros(1), self._radius)
-        return sight(mean_m2, alike, self._radius, self._tyres, self._threshold, self._asked)
+    def _sight(self, mean: Change, mean_m2: FloatArray, alike: tuple[Alike, ...]) -> Sight:
+        """One tyre is seen by the mean over minutes, all alike and axles by the drive as a whole, or if there
+        is none by a mean that is long enough."""
+        if not alike and mean.samples >= JUDGE.full_samples:
+            alike = self._alike(mean.change_m[None], mean_m2[None], np.zeros(1))
+        whole, axles = (alike[0], alike[1:]) if alike else (None, ())
+        return sight(mean_m2, whole, self._radius, self._tyres, self._threshold, self._asked, axles)
+
+    def _alike(
+        self, change_m: FloatArray, covariance_m2: FloatArray, log_weight: FloatArray
+    ) -> tuple[Alike, ...]:
+        """How a loss of all wheels is known, and one of each axle; as `Alike.of`."""
+        return tuple(
+            Alike.of(change_m, covariance_m2, log_weight, lost) for lost in (self._radius, *self._axles)
+        )
 
     def _of_drive(
         self, accounts: Accounts, log_ratios: FloatArray | None, other_tyres: bool
-    ) -> tuple[Finding, dict[str, float], Alike]:
-        """What the drive as a whole says, of the drive models, and how it knows a loss of all tyres; computed
-        once for each of its samples."""
+    ) -> tuple[Finding, dict[str, float], tuple[Alike, ...]]:
+        """What the drive as a whole says, of the drive models, and how it knows a loss of all tyres and of
+        axles; computed once for each of its samples."""
         told = self._told
         if told is not None and told[0] is accounts and told[1] == other_tyres and log_ratios is None:
             return told[2:]
         lasting = self._harmless.averaged(DRIVE_EVIDENCE.lasting_share)
         harmless_m2 = lasting.covariance(self._wheels, self._radius) + self._tolerance_m2(other_tyres)
         covariance_m2, log_weight = accounts.allowing(harmless_m2)
-        against = Comparison(self._radius, self._threshold, log_ratios, other_tyres)
-        verdict = against.of_accounts(accounts.change_m, covariance_m2, log_weight)
-        best = int(verdict.accounts.argmax())
+        against = self._against(log_ratios, other_tyres)
+        kept = accounts.likely(log_weight)
+        if other_tyres:
+            kept = kept[accounts.row[kept] == 0]
+        verdict = against.of_accounts(
+            Sized(
+                accounts.change_m[kept],
+                covariance_m2[kept],
+                log_weight[kept],
+                accounts.row[kept],
+                accounts.size[kept],
+                accounts.size_std[kept],
+            )
+        )
+        chances = np.zeros(log_weight.size)
+        chances[kept] = verdict.accounts
+        best = int(chances.argmax())
         finding = Finding("drive", verdict, accounts.change_m[best], covariance_m2[best], best)
-        models = accounts.model_probabilities(verdict.accounts)
-        first = np.unique(accounts.model, return_index=True)[1]  # of each model a change before the drive
-        change_m, each_m2 = accounts.change_m[first], covariance_m2[first]
-        alike = Alike.of(change_m, each_m2, log_weight[first], self._radius)
+        models = accounts.model_probabilities(chances)
+        # Of each model a change before the drive, with no wheel of another size.
+        first = np.unique(accounts.model, return_index=True)[1]
+        alike = self._alike(accounts.change_m[first], covariance_m2[first], log_weight[first])
         self._told = (accounts, other_tyres, finding, models, alike)
         return finding, models, alike
 
@@ -310,8 +360,12 @@ class Judge:
         by axle; a soft one among them still stands out.
         """
         harmless_m2 = self.harmless_m2 + self._tolerance_m2(other_tyres)
-        against = Comparison(self._radius, self._threshold)
-        return self._on_all(against.of(change.change_m, change.covariance_m2 + harmless_m2).deflated)
+        covariance_m2 = change.covariance_m2 + harmless_m2
+        if other_tyres:
+            against = Comparison(self._radius, self._threshold)
+            return self._on_all(against.of(change.change_m, covariance_m2).deflated)
+        found = self._look("now", change, covariance_m2, self._against(None, False), {})
+        return self._on_all(found.verdict.deflated)
 
     def _harmless_of_mean_m2(self, samples: int) -> FloatArray:
         """(d, d) of what comes and goes in a mean of so many samples."""

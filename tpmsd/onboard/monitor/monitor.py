@@ -171,6 +171,7 @@ class Monitor:
             changes = judging.changes(estimate, self._judge.harmless_m2)
             if changes is None:
                 return []
+            judging.observe(estimate, self._judge.harmless_m2)
             drive = judging.accounts(alarm_stands=bool(self._standing))
             self._judged = self._judge.judge(*changes, self._resonance, self._sets.other_tyres, drive)
             self._since_seen_s = 0.0 if self._judged.contrast_std_m <= self._seen_m else math.inf
@@ -207,19 +208,8 @@ class Monitor:
             if turned.kind is AlarmKind.DEFLATION and turned.state == "raised":
                 std = math.sqrt(float(estimate.covariance_m2[turned.wheel, turned.wheel]))
                 pressure, pressure_std = self._judge.pressure_loss(turned.wheel, -turned.loss_m, std)
-            event = AlarmEvent(
-                time_s=tick.host_time_s,
-                kind=turned.kind,
-                wheel=WHEELS[turned.wheel],
-                state=turned.state,
-                deviation_m=float(estimate.deviation_m[turned.wheel]),
-                std_m=_std(float(estimate.covariance_m2[turned.wheel, turned.wheel])),
-                probability=turned.probability,
-                reason=turned.reason,
-                pressure_loss=pressure,
-                pressure_loss_std=pressure_std,
-                since=BEFORE,
-            )
+            about = (turned.kind, turned.wheel, turned.state, turned.probability, turned.reason)
+            event = _event(tick, estimate, *about, (pressure, pressure_std), BEFORE)
             if turned.state == "raised":
                 self._standing[(turned.kind, turned.wheel)] = event
             else:
@@ -255,18 +245,10 @@ class Monitor:
                 reason += "; all wheels alike: this rests on the receiver's speed alone"
         else:
             reason = f"radius changed by {1e3 * change:+.1f} +- {1e3 * std:.1f} mm since learned"
-        event = AlarmEvent(
-            time_s=tick.host_time_s,
-            kind=kind,
-            wheel=WHEELS[wheel],
-            state=turned,
-            deviation_m=float(estimate.deviation_m[wheel]),
-            std_m=math.sqrt(float(estimate.covariance_m2[wheel, wheel])),
-            probability=probability,
-            reason=f"no longer so: {reason}" if turned == "cleared" else reason,
-            pressure_loss=pressure,
-            pressure_loss_std=pressure_std,
-        )
+            if judged.all_larger > JUDGE.undecided and turned == "raised":
+                reason += "; all wheels alike: other tyres (then: tpmsd reset --tyres NAME), or the receiver"
+        reason = f"no longer so: {reason}" if turned == "cleared" else reason
+        event = _event(tick, estimate, kind, wheel, turned, probability, reason, (pressure, pressure_std))
         if turned == "raised":
             self._standing[(kind, wheel)] = event
         else:
@@ -306,18 +288,8 @@ class Monitor:
         for kind, wheel in self._taken_back:
             if self._standing.pop((kind, wheel), None) is None:
                 continue
-            events.append(
-                AlarmEvent(
-                    time_s=tick.host_time_s,
-                    kind=kind,
-                    wheel=WHEELS[wheel],
-                    state="cleared",
-                    deviation_m=float(estimate.deviation_m[wheel]),
-                    std_m=_std(float(estimate.covariance_m2[wheel, wheel])),
-                    probability=0.0,
-                    reason=f"taken back by a reset: {self._sets.reason}",
-                )
-            )
+            reason = f"taken back by a reset: {self._sets.reason}"
+            events.append(_event(tick, estimate, kind, wheel, "cleared", 0.0, reason))
         self._taken_back.clear()
         return events
 
@@ -394,6 +366,33 @@ class Monitor:
             self._standing[key] = event
         self._first.stand(key for key, event in self._standing.items() if event.since)
         self._learning = self.learning()
+
+
+def _event(
+    tick: Tick,
+    estimate: RadiusEstimate,
+    kind: AlarmKind,
+    wheel: int,
+    state: Literal["raised", "cleared"],
+    probability: float,
+    reason: str,
+    pressure_loss: tuple[float, float] = (math.nan, math.nan),
+    since: str = "",
+) -> AlarmEvent:
+    """Return the alarm of a wheel at this moment; `pressure_loss`: share and its standard deviation."""
+    return AlarmEvent(
+        time_s=tick.host_time_s,
+        kind=kind,
+        wheel=WHEELS[wheel],
+        state=state,
+        deviation_m=float(estimate.deviation_m[wheel]),
+        std_m=_std(float(estimate.covariance_m2[wheel, wheel])),
+        probability=probability,
+        reason=reason,
+        pressure_loss=pressure_loss[0],
+        pressure_loss_std=pressure_loss[1],
+        since=since,
+    )
 
 
 def _std(variance: float) -> float:

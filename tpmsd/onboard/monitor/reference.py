@@ -213,11 +213,6 @@ class Reference:
         """(4, 4) relative covariance of what driven axles slip by `model` all drive long."""
         return self._of_driven(self._share * model.slip_std)
 
-    def pull(self, model: DriveModel) -> FloatArray:
-        """(4, 4) the same of what they slip at a moment, however hard they pull. The estimate tells the axles
-        apart by positions, which takes a while: until then either axle may show it."""
-        return self._of_axles(model.pull_std)
-
     def _of_driven(self, std: float) -> FloatArray:
         driven = np.where(IS_FRONT, self._driven[0], self._driven[1])
         return np.asarray(np.where(driven[:, None], self._of_axles(std), 0.0))

@@ -127,10 +127,11 @@ class JudgeSettings:
     as rare as three tyres that lose air at once.
     Of a pair alone nothing tells which wheel has changed: there it is the one that lost."""
     prior_resized: float = 1e-3
-    """Prior probability of each wheel, each axle and all that they are of another size than was learned:
-    spares, chains, other tyres; a few drives in a thousand (assumed)."""
-    resized_std: float = 0.02
-    """By how much, relative: a temporary spare 1 to 3 %, chains 2 to 3 %."""
+    """Prior probability of each axle and all wheels that they are larger than was learned, and of wheels that
+    were changed front to rear: chains, other tyres, a receiver that scales; a few drives in a thousand
+    (assumed)."""
+    resized: tuple[float, float] = (0.02, 0.006)
+    """By how much, relative, mean and standard deviation: a temporary spare 1 to 3 %, chains 2 to 3 %."""
     most_larger: float = 0.05
     """A wheel that seems larger than was learned by more, relative, has an estimate that is lost: snow chains
     add 2 to 3 %, no tyre more."""
@@ -139,9 +140,6 @@ class JudgeSettings:
     harmless_s: float = 30.0
     """Correlation time of what of it acts by side and by wheel. Left against right strays by 0.28 mm on a
     recorded motorway (van-motorway-a), as `harmless` and the baseline have it, for some 30 s at a time."""
-    unexplained: Nuisance = Nuisance(common=0.0025, axle=0.0012, side=0.0003, own=0.0003)
-    """What speed, warmth, load and slip can do where they are not compensated: a radius that is off by this
-    is no wrong tyre."""
     other_tyres: Nuisance = Nuisance(common=0.02, axle=0.01, side=0.0, own=5e-4)
     """How tyres of another set differ: by size and wear of all and of an axle, and little among
     themselves."""

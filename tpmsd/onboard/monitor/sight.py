@@ -32,11 +32,13 @@ class Sight:
     one_tyre: float
     """Of the wheel that is known worst."""
     all_tyres: float
+    one_axle: float = 1.0
+    """Of both tyres of the axle that is known worse."""
 
 
 @dataclass(frozen=True, slots=True)
 class Alike:
-    """How a relative loss of all wheels alike is known, by m drive models."""
+    """How a relative loss of several wheels alike is known, by m drive models."""
 
     information: FloatArray
     """(m,)"""
@@ -48,7 +50,7 @@ class Alike:
         cls, change_m: FloatArray, covariance_m2: FloatArray, log_weight: FloatArray, radius_m: FloatArray
     ) -> Alike:
         """By changes (m, d), their covariances (m, d, d) and the log weights (m,) of the models if none has
-        changed; radius_m (d,)."""
+        changed; radius_m (d,), 0 for the wheels that lose nothing."""
         of_all = np.broadcast_to(radius_m, change_m.shape)[:, :, None]
         solved = np.linalg.solve(covariance_m2, of_all)[:, :, 0]
         information = solved @ radius_m
@@ -64,9 +66,11 @@ def sight(
     tyres: list[TyreModel],
     threshold: float,
     probability: float,
+    axles: tuple[Alike, ...] = (),
 ) -> Sight:
     """`one_m2` (d, d): covariance by which one tyre is judged; `alike`: how all alike are, None where they
-    are not; radius_m (d,); `threshold` relative; `probability` asked for."""
+    are not; radius_m (d,); `threshold` relative; `probability` asked for; `axles`: how both tyres of each are
+    judged, none where they are not."""
     priors = JUDGE.prior_by_size
     # The information of a loss of one wheel alone is an element of the diagonal.
     of_each = radius_m**2 * np.linalg.inv(one_m2).diagonal()
@@ -75,7 +79,9 @@ def sight(
     if alike is None:
         return Sight(single, 1.0)
     all_alike = _smallest(alike, threshold, probability, priors[radius_m.size - 1])
-    return Sight(single, _pressure(all_alike, radius_m, tyres))
+    pairs = [_smallest(axle, threshold, probability, priors[1]) for axle in axles]
+    worst = _pressure(max(pairs), radius_m, tyres) if pairs else 1.0
+    return Sight(single, _pressure(all_alike, radius_m, tyres), worst)
 
 
 def _smallest(known: Alike, threshold: float, probability: float, prior: float) -> float:

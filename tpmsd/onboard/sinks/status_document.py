@@ -156,7 +156,11 @@ def _sight(sight: Sight | None) -> dict[str, Any]:
     """The smallest losses that would be seen now, and whose 20 % would not be."""
     if sight is None:
         return {"smallest_loss_percent": None, "cannot_see": []}
-    losses = {"one tyre": sight.one_tyre, "all tyres alike": sight.all_tyres}
+    losses = {
+        "one tyre": sight.one_tyre,
+        "both tyres of an axle": sight.one_axle,
+        "all tyres alike": sight.all_tyres,
+    }
     cannot_see = [
         f"a loss of 20 % of the pressure of {what}"
         + ("" if least >= 1.0 else f" (seen from {100.0 * least:.0f} % on)")

@@ -1,0 +1,148 @@
+"""Wheels of another size than was learned: a change that stands beside any loss, and hides none.
+
+In: the monitored wheels. Out: `Sizes`, the rows of that change; and `beside`, accounts of one change under
+each of them.
+
+Other tyres, chains, or a receiver that scales make the radii of one wheel, an axle or all larger by the share
+x; after wheels were changed front to rear x has one sign in front and the other behind. x is normal with mean
+and variance of its row. So a row adds x's covariance to that of the change and takes its mean off; what is
+left is held against the losses. A row and a loss are no rivals: both can be true at once.
+"""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tpmsd.foundation.wheels import IS_FRONT, FloatArray
+from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
+
+
+@dataclass(frozen=True, slots=True)
+class Sizes:
+    """r rows, the first of them with no change of size. Relative to the radius."""
+
+    pattern: FloatArray
+    """(r, d) 1 or -1 for the wheels whose size has changed."""
+    mean: FloatArray
+    """(r,)"""
+    variance: FloatArray
+    """(r,)"""
+    log_prior: FloatArray
+    """(r,)"""
+    subset: list[int]
+    """(r) which of `subsets` the wheels of each row are; 0 for none of them."""
+
+    @property
+    def of_all(self) -> FloatArray:
+        """(r,) 1 for the row of all wheels."""
+        return np.array([float(row.min() > 0.0) for row in self.pattern])
+
+    @classmethod
+    def of(
+        cls, pattern: list[FloatArray], mean: list[float], variance: list[float], prior: list[float]
+    ) -> Sizes:
+        """`prior` of all rows but the first."""
+        places = {members: place for place, members in enumerate(subsets(pattern[0].size))}
+        wheels = [tuple(np.flatnonzero(row).tolist()) for row in pattern]
+        return cls(
+            np.array(pattern),
+            np.array(mean),
+            np.array(variance),
+            np.log([1.0 - sum(prior), *prior]),
+            [places.get(members, 0) for members in wheels],
+        )
+
+
+def subsets(d: int) -> list[tuple[int, ...]]:
+    """All subsets of d wheels but the empty one, in the order in which they are compared."""
+    return [c for size in range(1, d + 1) for c in itertools.combinations(range(d), size)]
+
+
+@functools.cache
+def sizes_of(wheels: tuple[int, ...]) -> Sizes:
+    """Rows of a car of which these wheels are monitored: none; one wheel, an axle or all larger; wheels
+    changed front to rear. What is smaller has no row: nothing tells it from a loss, and nothing should."""
+    front = IS_FRONT[list(wheels)]
+    # Of a pair alone nothing tells which wheel has changed: there it is the one that lost.
+    alone = np.eye(len(wheels)) if len(wheels) > 2 else np.empty((0, len(wheels)))
+    axles = {tuple(mask.tolist()) for mask in (front, ~front, front | ~front) if np.count_nonzero(mask) > 1}
+    larger = [*alone, *(np.array(axle, dtype=np.float64) for axle in sorted(axles))]
+    changed = [np.where(front, 1.0, -1.0)] if front.any() and not front.all() else []
+    mean, std = JUDGE.resized
+    rows, several = len(larger) + len(changed), len(axles) + len(changed)
+    return Sizes.of(
+        [np.zeros(len(wheels)), *larger, *changed],
+        [0.0, *[mean] * len(larger), *[0.0] * len(changed)],
+        [0.0, *[std**2] * rows],
+        [*[JUDGE.prior_larger] * len(alone), *[JUDGE.prior_resized] * several],
+    )
+
+
+@functools.cache
+def no_sizes(d: int) -> Sizes:
+    """All d wheels are of the size that was learned."""
+    return Sizes.of([np.zeros(d)], [0.0], [0.0], [])
+
+
+@dataclass(frozen=True, slots=True)
+class Sized:
+    """Accounts of a change with and without another size of some wheels, n of them."""
+
+    change_m: FloatArray
+    """(n, d) without the mean of that size."""
+    covariance_m2: FloatArray
+    """(n, d, d) with its variance."""
+    log_weight: FloatArray
+    """(n,) if no tyre has lost air."""
+    row: NDArray[np.intp]
+    """(n,) index of the row."""
+    size: FloatArray
+    """(n,) of the row, relative, if no tyre has lost air, and ..."""
+    size_std: FloatArray
+    """(n,)"""
+
+    @classmethod
+    def plain(cls, change_m: FloatArray, covariance_m2: FloatArray, log_weight: FloatArray) -> Sized:
+        """Where all wheels are of the size that was learned."""
+        zeros = np.zeros(log_weight.size)
+        return cls(change_m, covariance_m2, log_weight, zeros.astype(np.intp), zeros, zeros)
+
+
+def beside(
+    change_m: FloatArray,
+    covariance_m2: FloatArray,
+    log_weight: FloatArray,
+    radius_m: FloatArray,
+    sizes: Sizes,
+) -> Sized:
+    """Return m accounts of a change, (m, d), (m, d, d) and (m,), under each row that counts.
+
+    radius_m: (d,)"""
+    pattern = sizes.pattern * radius_m
+    rest = change_m - (sizes.mean[:, None] * pattern)[:, None]  # (r, m, d)
+    spread = sizes.variance[:, None, None] * pattern[:, :, None] * pattern[:, None, :]
+    total = covariance_m2 + spread[:, None]
+    solved = np.linalg.solve(total, rest[..., None])[..., 0]
+    squares = np.einsum("rmd,rmd->rm", rest, solved)
+    own = np.linalg.solve(covariance_m2, change_m[..., None])[..., 0]
+    _, volume = np.linalg.slogdet(covariance_m2)
+    _, volumes = np.linalg.slogdet(total)
+    gain = 0.5 * (np.einsum("md,md->m", change_m, own) + volume - squares - volumes)
+    logs = sizes.log_prior[:, None] + log_weight + gain
+    row, account = np.nonzero(logs + 0.5 * squares > logs.max() - DRIVE_EVIDENCE.negligible_nats)
+    left, patterns, variance = solved[row, account], pattern[row], sizes.variance[row]
+    weighed = np.linalg.solve(total[row, account], patterns[..., None])[..., 0]
+    known = variance - variance**2 * np.einsum("nd,nd->n", patterns, weighed)
+    return Sized(
+        rest[row, account],
+        total[row, account],
+        logs[row, account],
+        row,
+        sizes.mean[row] + variance * np.einsum("nd,nd->n", patterns, left),
+        np.sqrt(np.maximum(known, 0.0)),
+    )
