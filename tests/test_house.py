@@ -143,7 +143,6 @@ BRANCHY = {
     "tpmsd.offline.diagnosis.proposal.search.proposals": 16,
     "tpmsd.offline.diagnosis.reporting.findings.report": 31,
     "tpmsd.offline.diagnosis.reporting.where.place_of": 23,
-    "tpmsd.offline.diagnosis.robustness.certify.certified": 16,
     "tpmsd.offline.diagnosis.selection.selector._best_addition": 16,
     "tpmsd.offline.diagnosis.selection.selector._exchanged_patterns": 16,
     "tpmsd.offline.diagnosis.selection.selector._judge": 29,

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from tpmsd.car.physics.catalogue import FAULT, make_effect, parameters_of
-from tpmsd.car.physics.effect import Effect, Kind, Parameter, Std
+from tpmsd.car.physics.effect import Effect, Parameter, Std
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.diagnosis.assessment.explanatory import explanatory
@@ -20,10 +20,6 @@ from tpmsd.offline.diagnosis.assessment.identifiability import advice
 from tpmsd.offline.diagnosis.assessment.lost_counts import lost, lost_singly, missed
 from tpmsd.offline.diagnosis.assessment.reach import Seen, reach
 from tpmsd.offline.diagnosis.assessment.result import (
-    CONSISTENT,
-    FINDING,
-    MISMATCH,
-    SUSPICION,
     Diagnosis,
     Finding,
     Inner,
@@ -35,13 +31,13 @@ from tpmsd.offline.diagnosis.assessment.simulated import compared, simulated_eff
 from tpmsd.offline.diagnosis.assessment.tangent import nonlinear_stds
 from tpmsd.offline.diagnosis.assessment.teeth import teeth, usual_ring
 from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
-from tpmsd.offline.diagnosis.hypotheses.terms import Term, wheels_acted_on
+from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.reporting.down_weighted import down_weighted
 from tpmsd.offline.diagnosis.reporting.information import speed_ranges
 from tpmsd.offline.diagnosis.reporting.traces import ground, traces
 from tpmsd.offline.diagnosis.reporting.where import where_of, whole_range
-from tpmsd.offline.diagnosis.robustness.certify import without
+from tpmsd.offline.diagnosis.robustness.verdict import status_of, verdict_of, without
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.selection.described import neutral_of, nonlinear_of, usual, words_of
 from tpmsd.offline.diagnosis.selection.empirical import empirical_effect, shape_of
@@ -81,7 +77,8 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
         if note := usual(one, study.speeds):
             notes = (*notes, note)
             continue
-        if one.admitted_by <= 0.0 and one.confidence < SETTINGS.report.suspected_from:
+        status = status_of(one, selection)
+        if not status:
             continue
         rest = terms[:k] + terms[k + 1 :]
         left_out = float(evidence.heldout(selector.design(rest))[blocks].sum())
@@ -102,8 +99,7 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
                 drives=_drives(study, terms, one.term),
                 held_by=versus[k].by if versus else "",
                 simulated=_quantities(versus[k].simulated, {}) if versus else {},
-                # With the variance from block to block it does not pay for what was tried.
-                status=FINDING if one.admitted_by > 0.0 and not outweighed(one, selection) else SUSPICION,
+                status=status,
             )
         )
         if one.term.drive is None:  # the model is the car's, not that of one day
@@ -134,7 +130,7 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
     log_variance = sum(drive.log_variance for drive in study.examined)
     constant = -0.5 * log_variance - 0.5 * rows * math.log(2 * math.pi)
     return Diagnosis(
-        verdict=MISMATCH if any(one.status == FINDING for one in findings) else CONSISTENT,
+        verdict=verdict_of(findings),
         reason="",
         findings=tuple(sorted(findings, key=lambda finding: -finding.gain)),
         driving_s=seconds,
@@ -170,27 +166,6 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
             ground(study, selection, evidence),
         ),
     )
-
-
-def outweighed(one: Chosen, selection: Selection) -> bool:
-    """Whether an instrument's effect on differences between wheels gains less than a spline on these wheels.
-
-    No formula holds there what is stronger than it; of what the spline's form leaves, an effect over another
-    covariate may take up a part without acting itself.
-    """
-    effect = one.term.kind_of
-    if effect.kind is not Kind.INSTRUMENT or effect.shows_in[0] != "wheel_ratio":
-        return False
-    shapes = (
-        each for each in selection.chosen if each.term.free and each.term.on_radii and not each.term.pulse
-    )
-    wheels = _wheels(one.term)
-    return any(each.heldout_gain > one.heldout_gain and wheels & _wheels(each.term) for each in shapes)
-
-
-def _wheels(term: Term) -> set[str]:
-    """On which wheels a term acts; all where it does not say."""
-    return set(term.wheel.split()) if term.wheel else set(wheels_acted_on(term.place))
 
 
 def _drives(study: Study, terms: list[Term], term: Term) -> tuple[str, ...]:
