@@ -22,7 +22,6 @@ from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.reporting.findings import report
 from tpmsd.offline.diagnosis.robustness.certify import certified
 from tpmsd.offline.diagnosis.robustness.chance import chance, discoveries, tail_probability
-from tpmsd.offline.diagnosis.robustness.found import Found
 from tpmsd.offline.diagnosis.robustness.negative_control import negative_control
 from tpmsd.offline.diagnosis.robustness.verdict import without
 from tpmsd.offline.diagnosis.selection.candidates import Candidates
@@ -97,32 +96,6 @@ def test_a_spline_beyond_the_linear_is_certified() -> None:
     assert ("unknown", "finding") == (again.effect, again.status)
     assert again.p_value == pytest.approx(1.0 / 8.0)
     assert again.p_value_is_bound
-
-
-@pytest.fixture(scope="module")
-def two() -> Found:
-    """Front tyres as in the test before, and fixes 0.3 s old."""
-    physics: dict[str, dict[str, object]] = {"gnss_latency": {"latency_s": 0.3}}
-    made = drive(Spec(duration_s=420.0, road="rural", receiver_hz=10.0, teeth=96, physics=physics), 12)
-    plain = recording_of(made)
-    ticks = slice(0, PER_TICK * len(plain.rotation_rad), PER_TICK)
-    change = 1.2e-4 * made.speed[ticks] ** 2 * made.yaw_rate[ticks] / plain.car.radius_m[0]
-    rotation = plain.rotation_rad.copy()
-    rotation[:, :2] *= 1.0 - change[:, None]
-    readers, _ = admitted([dataclasses.replace(plain, rotation_rad=rotation)])
-    return examine(Study(readers), lambda share: None)
-
-
-def test_an_effect_beside_a_spline_is_certified(two: Found) -> None:
-    """What the spline does beyond its linear response is in all replicates: it is not the effect's chance."""
-    study, selection, evidence = two
-    diagnosis = report(study, selection, evidence)
-    out = certified(study, selection, evidence, diagnosis, 7, np.random.default_rng(1))
-    found = {one.effect: one for one in out.findings}
-
-    assert {"unknown", "gnss_latency"} <= set(found)
-    assert "finding" == found["gnss_latency"].status
-    assert found["gnss_latency"].p_value_is_bound
 
 
 def test_without_a_certificate_there_is_no_p_value(plain: Diagnosis) -> None:

@@ -9,21 +9,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from tpmsd.car.physics.catalogue import FREE, RADIUS
+from tpmsd.car.physics.catalogue import RADIUS
 from tpmsd.car.physics.effect import Effect
 from tpmsd.car.physics.model import ExtendedModel
-from tpmsd.foundation.wheels import WHEELS, FloatArray
+from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.diagnosis.prepared.study import Study
-from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
+from tpmsd.offline.diagnosis.selection.chosen import Selection
 from tpmsd.offline.diagnosis.selection.described import effect_of
-from tpmsd.offline.diagnosis.selection.empirical import empirical_effect, place_of, shape_of
 from tpmsd.offline.diagnosis.settings import SETTINGS
 
 
-def relinearised(study: Study, selection: Selection, splines: bool = False) -> Study:
-    """With the calibrated radii and the chosen effects of the catalogue as the new origin of each drive;
-    with `splines` the chosen spline terms, too.
-    """
+def relinearised(study: Study, selection: Selection) -> Study:
+    """With the calibrated radii and the chosen effects of the catalogue as the new origin of each drive."""
     fitted = selection.fit.design @ selection.fit.values
     drives = []
     for number, drive in enumerate(study.drives):
@@ -31,7 +28,7 @@ def relinearised(study: Study, selection: Selection, splines: bool = False) -> S
         origin = np.zeros(len(fitted))
         for one in selection.chosen:
             if number in study.acting(one.term):
-                added = _shape(study, one) if splines and one.term.free else effect_of(one.term, one.values)
+                added = effect_of(one.term, one.values)
                 if added is not None:
                     effects.append(added[0])
                     origin += one.term.design @ added[1]
@@ -46,15 +43,3 @@ def relinearised(study: Study, selection: Selection, splines: bool = False) -> S
         values = drive.own(origin[:, None])[1:, 0]
         drives.append(drive.relinearised(ExtendedModel(tuple(effects)), radii, values, own[1:]))
     return study.trial(drives)
-
-
-def _shape(study: Study, one: Chosen) -> tuple[Effect, FloatArray] | None:
-    """A spline term as an effect, and its values (k,); None of an event, and of heights beyond the bounds of
-    the effect, which would not be the term's.
-    """
-    if one.term.pulse:
-        return None
-    knots = study.knots(one.term)
-    heights = [height for _, height, _ in shape_of(one, knots)]
-    effect, _ = empirical_effect(one, knots)
-    return (effect, one.values) if max(map(abs, heights)) <= FREE.largest(place_of(one.term.place)) else None

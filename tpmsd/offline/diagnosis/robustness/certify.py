@@ -22,9 +22,8 @@ is searched for them as the recording was. What replicates do not draw, a sensor
 probability of its own test.
 
 The model is linear about the effects of the catalogue, and not about spline terms: what a plain spline does
-beyond its linear response is hundreds of nats. Where replicates that hold it reach a finding, the finding is
-tested again in replicates without spline terms, and with its gain about the fitted splines, where what they
-do beyond the linear is no part of it.
+beyond its linear response is hundreds of nats. Where replicates that hold it reach a spline term, the term is
+tested again in replicates without spline terms.
 
 Drawing stops early (Besag and Clifford, Biometrika 78, 1991) once every finding was exceeded several times,
 or is beyond doubt. `chance` makes p-values and decisions of the replicates; `verdict` decides: findings are
@@ -53,7 +52,6 @@ from tpmsd.offline.diagnosis.counters.tone_ring import ripples
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
 from tpmsd.offline.diagnosis.prepared.study import Study
-from tpmsd.offline.diagnosis.refinement.relinearise import relinearised
 from tpmsd.offline.diagnosis.robustness.chance import Chance, beyond, chance, enough
 from tpmsd.offline.diagnosis.robustness.negative_control import negative_control
 from tpmsd.offline.diagnosis.robustness.verdict import decided
@@ -108,7 +106,9 @@ def certified(
         chance(one.value, values, one.own) for one, values in zip(statistics, drawn, strict=True)
     ]
     rest = statistics.pop()
-    again = _about_splines(study, selection, diagnosis.findings, chances, dispersion, replicates, rng)
+    again = _without_splines(
+        study, selection, evidence, diagnosis.findings, chances, dispersion, replicates, rng
+    )
     control = negative_control(study, selection)
     return replace(
         decided(
@@ -142,47 +142,32 @@ def _drawn(
     return drawn
 
 
-def _about_splines(
+def _without_splines(
     study: Study,
     selection: Selection,
+    evidence: Evidence,
     findings: Sequence[Finding],
     chances: Sequence[Chance],
     dispersion: float,
     replicates: int,
     rng: np.random.Generator,
 ) -> dict[int, Chance]:
-    """By number of the finding, its chance in replicates without spline terms.
-
-    Of the findings that replicates with spline terms reach. The gain of one that is no spline term is that
-    about the fitted splines: an effect that takes up what they do beyond the linear has none of it there.
-    """
-    if not any(_is_shape(one) for one in selection.chosen):
-        return {}
+    """By number of the finding, the chance of a spline term in replicates without spline terms, where
+    replicates with them reach it."""
     asked: list[tuple[int, int]] = []
     for k, (finding, one) in enumerate(zip(findings, chances, strict=True)):
         which = _of(selection, finding)
         reached = one.tail > SETTINGS.robustness.false_discovery_rate and finding.status == FINDING
-        if which is not None and reached:
+        if which is not None and reached and selection.chosen[which].term.free:
             asked.append((k, which))
     if not asked:
         return {}
-    linear, about = study.evidence(), relinearised(study, selection, splines=True).evidence()
-    statistics = [
-        _of_term(study, selection, linear, which, dispersion, acts=False)
-        if _is_shape(selection.chosen[which])
-        else _of_term(study, selection, about, which, dispersion, about=True)
-        for _, which in asked
-    ]
+    statistics = [_of_term(study, selection, evidence, which, dispersion, acts=False) for _, which in asked]
     models = [_model(study, selection, number, splines=False) for number in range(len(study.drives))]
     drawn = _drawn(study, models, statistics, replicates, rng)
     return {
         k: chance(one.value, values) for (k, _), one, values in zip(asked, statistics, drawn, strict=True)
     }
-
-
-def _is_shape(one: Chosen) -> bool:
-    """Whether a chosen term is a spline term, and no event."""
-    return one.term.free and not one.term.pulse
 
 
 def _of(selection: Selection, finding: Finding) -> int | None:
@@ -208,7 +193,7 @@ def _model(study: Study, selection: Selection, drive: int, splines: bool = True)
     """All that was chosen, as it acts in one drive; `splines`: with the spline terms."""
     effects: list[Effect] = []
     for one in selection.chosen:
-        if drive not in study.acting(one.term) or one.term.calibrates or (_is_shape(one) and not splines):
+        if drive not in study.acting(one.term) or one.term.calibrates or (one.term.free and not splines):
             continue
         if one.term.free:
             effects.append(empirical_effect(one, study.knots(one.term))[0])
@@ -286,16 +271,13 @@ def _of_term(
     which: int,
     dispersion: float,
     acts: bool = True,
-    about: bool = False,
 ) -> Statistic:
-    """Of a chosen term; `acts`: whether replicates hold it, so that it has to be taken out of them; `about`:
-    whether its gain is that of this evidence, and not the one that it was chosen by."""
+    """Of a chosen term; `acts`: whether replicates hold it, so that it has to be taken out of them."""
     terms = [one.term for one in selection.chosen]
     rest = terms[:which] + terms[which + 1 :]
     one = selection.chosen[which]
     search = Candidates(evidence, study.hypotheses)
-    gain = search.gain(terms) - search.gain(rest) if about else one.gain
-    net = search.net(one.term, gain, float(one.values[0]))
+    net = search.net(one.term, one.gain, float(one.values[0]))
     value = min(
         search.studentised(rest, one.term, net), (net + one.term.penalty) / dispersion - one.term.penalty
     )
