@@ -20,8 +20,10 @@ from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.drive_study import first_noise
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.reporting.findings import report
-from tpmsd.offline.diagnosis.robustness.certify import certified, discoveries, p_value, without
+from tpmsd.offline.diagnosis.robustness.certify import certified
+from tpmsd.offline.diagnosis.robustness.chance import chance, discoveries, tail_probability
 from tpmsd.offline.diagnosis.robustness.negative_control import negative_control
+from tpmsd.offline.diagnosis.robustness.verdict import without
 from tpmsd.offline.diagnosis.selection.candidates import Candidates
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Evidence, part
@@ -51,7 +53,7 @@ def plain(recording: Recording) -> Diagnosis:
 
 
 def test_a_strong_effect_is_certified(diagnosis: Diagnosis) -> None:
-    """Its p-value is small, it is a finding, and drawing stops before the most that was allowed."""
+    """No replicate reaches it, it is a finding, and drawing stops before the most that was allowed."""
     finding = diagnosis.findings[0]
 
     assert ("load_transfer_lateral", "finding", "mismatch") == (
@@ -59,8 +61,8 @@ def test_a_strong_effect_is_certified(diagnosis: Diagnosis) -> None:
         finding.status,
         diagnosis.verdict,
     )
-    assert finding.p_value is not None
-    assert finding.p_value < 1e-6
+    assert finding.p_value == pytest.approx(1.0 / (diagnosis.replicates + 1))
+    assert finding.p_value_is_bound
     assert diagnosis.replicates < 9
 
 
@@ -71,8 +73,7 @@ def test_an_effect_without_a_parameter_is_certified() -> None:
     found = diagnose([hilly], certify=Certification(9, np.random.default_rng(1))).findings
 
     assert [("road_grade", "finding")] == [(one.effect, one.status) for one in found]
-    assert found[0].p_value is not None
-    assert found[0].p_value < 0.01
+    assert found[0].p_value_is_bound
 
 
 def test_a_spline_beyond_the_linear_is_certified() -> None:
@@ -93,8 +94,8 @@ def test_a_spline_beyond_the_linear_is_certified() -> None:
     again = certified(study, selection, evidence, noisy, 7, np.random.default_rng(1)).findings[0]
 
     assert ("unknown", "finding") == (again.effect, again.status)
-    assert again.p_value is not None
-    assert again.p_value < 1e-4
+    assert again.p_value == pytest.approx(1.0 / 8.0)
+    assert again.p_value_is_bound
 
 
 def test_without_a_certificate_there_is_no_p_value(plain: Diagnosis) -> None:
@@ -151,22 +152,46 @@ def test_a_replicate_of_a_car_far_off_holds_chance_alone(recording: Recording) -
     assert best < SETTINGS.selection.admit_nats
 
 
-def test_p_values_are_uniform_where_nothing_is_to_find() -> None:
+def test_tails_are_uniform_where_nothing_is_to_find() -> None:
     """Of values from the maxima's own distribution; never too small by more than the doubt of few draws."""
     rng = np.random.default_rng(3)
     drawn = gumbel_r.rvs(size=(400, 20), random_state=rng)
-    values = [p_value(float(row[0]), [float(x) for x in row[1:]]) for row in drawn]
+    values = [tail_probability(float(row[0]), [float(x) for x in row[1:]]) for row in drawn]
 
     assert kstest(values, "uniform").statistic < 0.1
     assert np.mean(np.array(values) < 0.01) <= 0.01
 
 
+def test_p_values_are_no_smaller_than_replicates_support() -> None:
+    """Whatever the maxima's distribution: at most a share a of null values has a p-value of a or less."""
+    rng = np.random.default_rng(4)
+    drawn = rng.standard_cauchy(size=(2000, 10))
+    values = np.array([chance(float(row[0]), list(row[1:])).p_value for row in drawn])
+
+    assert values.min() == pytest.approx(0.1)
+    for level in (0.1, 0.2, 0.3):
+        assert np.mean(values <= level + 1e-9) < level + 0.02
+
+
 def test_a_value_that_chance_often_reaches_is_no_discovery() -> None:
     """Counted where replicates reach it; beyond all of them by the tail, the wider the fewer there are."""
-    assert p_value(1.0, [0.0, 2.0, 2.0, 2.0]) == pytest.approx(0.75)
-    assert p_value(1.0, [0.0, 0.0, 2.0]) == pytest.approx(0.5)
-    assert p_value(12.0, [0.0]) > p_value(12.0, [0.0] * 3) > p_value(12.0, [0.0] * 9)
-    assert p_value(50.0, [0.0, 1.0] * 4) < 1e-6
+    often, once, never = (
+        chance(1.0, maxima) for maxima in ([0.0, 2.0, 2.0, 2.0], [0.0, 0.0, 2.0], [0.0] * 7)
+    )
+
+    assert (0.75, False, 0.75) == (often.p_value, often.is_bound, often.tail)
+    assert (0.5, False, 0.5) == (once.p_value, once.is_bound, once.tail)
+    assert (0.125, True) == (never.p_value, never.is_bound)
+    tails = [tail_probability(12.0, [0.0] * count) for count in (1, 3, 9)]
+    assert tails[0] > tails[1] > tails[2]
+    assert tail_probability(50.0, [0.0, 1.0] * 4) < 1e-6
+
+
+def test_a_test_of_its_own_bounds_its_chance() -> None:
+    """No decision and no p-value is below the probability of the test's own distribution."""
+    one = chance(1000.0, [0.0] * 9, own=0.3)
+
+    assert (0.3, False, 0.3) == (one.p_value, one.is_bound, one.tail)
 
 
 def test_false_discoveries_are_held_as_benjamini_and_hochberg_do() -> None:

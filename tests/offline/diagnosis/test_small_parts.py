@@ -16,7 +16,7 @@ from tpmsd.offline.diagnosis.counters.miscount import all_recounted, one_recount
 from tpmsd.offline.diagnosis.hypotheses.joint_terms import is_copied, is_own
 from tpmsd.offline.diagnosis.hypotheses.plausible import completions_of, with_completions
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
-from tpmsd.offline.diagnosis.reporting.findings import outweighed
+from tpmsd.offline.diagnosis.robustness.verdict import outweighed
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.selection.described import effect_of, neutral_of, nonlinear_of, usual, words_of
 from tpmsd.offline.inference.least_squares import Fit

@@ -75,4 +75,5 @@ def test_a_gain_is_held_against_what_the_model_leaves(spin: Examined) -> None:
     assert ("finding", "suspicion") == (found.status, doubted.status)
     assert found.p_value is not None
     assert doubted.p_value is not None
-    assert found.p_value < 1e-6 < 0.01 < doubted.p_value
+    assert found.p_value == pytest.approx(1.0 / 6.0)
+    assert (True, False) == (found.p_value_is_bound, doubted.p_value_is_bound)

@@ -13,7 +13,8 @@ from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.diagnosis.hypotheses.terms import Term, patterns, wheels_acted_on
 from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.study import Study
-from tpmsd.offline.diagnosis.reporting.findings import outweighed, report
+from tpmsd.offline.diagnosis.reporting.findings import report
+from tpmsd.offline.diagnosis.robustness.verdict import outweighed
 from tpmsd.offline.diagnosis.selection.chosen import Chosen
 from tpmsd.offline.diagnosis.selection.selector import Selector
 

@@ -193,17 +193,17 @@ def test_the_page_says_how_certain_a_finding_is() -> None:
     assert "A suspicion, which noise may make as well (p 0.2)" in page.text
 
 
-def test_the_least_p_value_is_printed_as_a_bound() -> None:
-    """A fitted tail tells no probability below 1e-9: that value is `<=`, one above it is itself."""
-    least, above = replace(LATENCY, p_value=1e-9), replace(LATENCY, p_value=2e-9)
-    found = replace(FOUND, findings=(least, above))
+def test_a_p_value_that_no_replicate_reached_is_printed_as_a_bound() -> None:
+    """`<=` where no replicate showed as much; a counted one is itself."""
+    least, counted = replace(LATENCY, p_value=0.125, p_value_is_bound=True), replace(LATENCY, p_value=0.25)
+    found = replace(FOUND, findings=(least, counted))
     text = diagnosis_summary(found, None)
     page = Page(diagnosis_page(found, ["monday"], ORIGIN))
 
-    assert [", p <= 1e-09)", ", p 2e-09)"] == re.findall(r", p .*?\)", text)
-    assert "GNSS latency|finding|<= 1e-09|" in page.text
-    assert "GNSS latency|finding|2e-09|" in page.text
-    assert [" (p <= 1e-09)", " (p 2e-09)"] == re.findall(r" \(p .*?\)", page.text)
+    assert [", p <= 0.1)", ", p 0.2)"] == re.findall(r", p .*?\)", text)
+    assert "GNSS latency|finding|<= 0.1|" in page.text
+    assert "GNSS latency|finding|0.2|" in page.text
+    assert [" (p <= 0.1)", " (p 0.2)"] == re.findall(r" \(p .*?\)", page.text)
 
 
 def test_small_lengths_are_in_millimetres_on_the_page() -> None:

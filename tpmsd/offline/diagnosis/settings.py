@@ -243,8 +243,6 @@ class RobustnessSettings:
     beyond_doubt: float = 1e-4
     """Probability below which no further replicate changes the answer: a hundredth of the discovery
     rate."""
-    least_p: float = 1e-9
-    """A tail that was fitted to a few replicates tells no smaller probability."""
     least_scale_nats: float = 1.0
     """Of the maxima's distribution: half a chi-square falls off by e per nat, whatever its degrees of
     freedom (Wilks 1938). Scatter of a few maxima may look narrower than that; it is not."""

@@ -105,6 +105,7 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "status": finding.status,
         "confidence": finding.confidence,
         "p_value": finding.p_value,
+        **({"p_value_is_bound": True} if finding.p_value_is_bound else {}),
         "parameters": {
             name: {"value": quantity.value, "std": quantity.std, "unit": quantity.unit}
             for name, quantity in finding.parameters.items()

@@ -165,7 +165,11 @@ def _overview(diagnosis: Diagnosis) -> Table:
         (
             Cell(finding_name(finding), link=f"finding-{number}"),
             Cell(finding.status),
-            Cell("–" if finding.p_value is None else p_text(finding.p_value), finding.p_value, number=True),
+            Cell(
+                "–" if finding.p_value is None else p_text(finding.p_value, finding.p_value_is_bound),
+                finding.p_value,
+                number=True,
+            ),
             Cell(f"{finding.confidence:.3f}", number=True),
             Cell(_nats(finding.gain), finding.gain, number=True),
             Cell(f"{finding.rms_before:.3f} → {finding.rms_after:.3f}", number=True),
@@ -200,7 +204,7 @@ def _sentences(finding: Finding) -> tuple[str, ...]:
     if finding.p_value is None:
         certainty += " (without a p-value: no certificate was asked for)"
     else:
-        certainty += f" (p {p_text(finding.p_value)})"
+        certainty += f" (p {p_text(finding.p_value, finding.p_value_is_bound)})"
     out = [
         f"{_capital(sentence_of(finding.effect))}.",
         f"{certainty}. Located in {place(finding.where)}.",

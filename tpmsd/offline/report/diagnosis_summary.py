@@ -20,7 +20,6 @@ from tpmsd.offline.diagnosis.assessment.result import (
     Quantity,
     Where,
 )
-from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.report.alarms_compared import AlarmsCompared, alarms_summary
 from tpmsd.offline.report.simulation_text import agreement, baseline_name, held_lines
 from tpmsd.offline.report.wording import covariate_name
@@ -122,7 +121,7 @@ def reached(reach: Reach) -> str:
 def _paragraph(number: int, finding: Finding) -> list[str]:
     sure = f"confidence {finding.confidence:.2f}"
     if finding.p_value is not None:
-        sure += f", p {p_text(finding.p_value)}"
+        sure += f", p {p_text(finding.p_value, finding.p_value_is_bound)}"
     if finding.status != FINDING:
         sure = f"a suspicion, {sure}"
     lines = [f"{number}. {finding.effect} ({sure}): {sentence_of(finding.effect)}."]
@@ -157,10 +156,9 @@ def explained(one: Explanatory) -> str:
     return text + "."
 
 
-def p_text(p_value: float) -> str:
-    """A probability in one digit; at the least that a fitted tail tells, a bound and no measured value."""
-    least = SETTINGS.robustness.least_p
-    return f"{p_value:.1g}" if p_value > least else f"<= {least:.0e}"
+def p_text(p_value: float, is_bound: bool) -> str:
+    """A probability in one digit; as a bound where no replicate showed as much."""
+    return f"<= {p_value:.1g}" if is_bound else f"{p_value:.1g}"
 
 
 def quantity_text(quantity: Quantity) -> str:

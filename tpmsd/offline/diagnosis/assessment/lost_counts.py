@@ -8,6 +8,7 @@ by the scatter of its way (`counters.single_losses`).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -17,19 +18,25 @@ from tpmsd.offline.diagnosis.assessment.result import Finding, Quantity, Where
 from tpmsd.offline.diagnosis.counters.low_speed import Lost, lost_counts
 from tpmsd.offline.diagnosis.counters.missed import Missed, missed_counts
 from tpmsd.offline.diagnosis.counters.single_losses import SingleLosses, single_losses
+from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Fit
 
+LOW_SPEED, RHYTHM, SINGLY = "low speed", "rhythm of the ring", "single counts"
+"""The searches of this module, as `Finding.found_by` names them."""
+
 
 def lost(study: Study, seconds: float) -> list[Finding]:
     """The counts that some drive's wheels lose at low speed, by the drive that tells it best."""
-    found = [
-        one
-        for drive in study.examined
-        if (one := lost_counts(drive.reader.recording, drive.reader.reference.car.radius_m)) is not None
-    ]
+    found = lost_in(study.examined)
     return [] if not found else [_lost_finding(max(found, key=lambda one: one.gain), seconds)]
+
+
+def lost_in(drives: Sequence[DriveStudy]) -> list[Lost]:
+    """The counts lost at low speed, of each drive that shows it."""
+    found = (lost_counts(drive.reader.recording, drive.reader.reference.car.radius_m) for drive in drives)
+    return [one for one in found if one is not None]
 
 
 def _lost_finding(one: Lost, seconds: float) -> Finding:
@@ -48,6 +55,7 @@ def _lost_finding(one: Lost, seconds: float) -> Finding:
         loglik_gain_per_s=one.gain / seconds,
         gain=one.gain,
         indistinguishable_from=(),
+        found_by=LOW_SPEED,
     )
 
 
@@ -83,7 +91,8 @@ def _missed_finding(one: Missed, drives: tuple[str, ...], seconds: float) -> Fin
         ),
         # The probability that a likelihood ratio of this size favours the wrong account is less than its
         # inverse; so many wheels were looked at.
-        p_value=min(1.0, len(WHEELS) * math.exp(-one.gain)),
+        own_chance=min(1.0, len(WHEELS) * math.exp(-one.gain)),
+        found_by=RHYTHM,
     )
 
 
@@ -91,15 +100,20 @@ def lost_singly(study: Study, fit: Fit, seconds: float) -> list[Finding]:
     """The wheels that lose or add counts one by one beside the fitted model, in each drive that shows it."""
     out = []
     for drive in study.examined:
-        recording, car = drive.reader.recording, drive.reader.reference.car
-        per_rev = [one or car.teeth_per_rev for one in recording.counts_per_rev]
-        count_m = np.where(recording.quantum_rad > 0.0, 2.0 * np.pi * car.radius_m / np.array(per_rev), 0.0)
-        left = drive.left(fit.design, fit.values)
-        one = single_losses(drive.reader.windows, left, count_m, drive.noise.gyro_radps)
+        one = single_of(drive, fit)
         if one is not None:
-            name = (recording.name,) if len(study.examined) > 1 else ()
+            name = (drive.reader.recording.name,) if len(study.examined) > 1 else ()
             out.append(_single_finding(one, name, seconds))
     return out
+
+
+def single_of(drive: DriveStudy, fit: Fit) -> SingleLosses | None:
+    """The wheel of a drive that loses or adds counts one by one beside a fit; None where none does."""
+    recording, car = drive.reader.recording, drive.reader.reference.car
+    per_rev = [one or car.teeth_per_rev for one in recording.counts_per_rev]
+    count_m = np.where(recording.quantum_rad > 0.0, 2.0 * np.pi * car.radius_m / np.array(per_rev), 0.0)
+    left = drive.left(fit.design, fit.values)
+    return single_losses(drive.reader.windows, left, count_m, drive.noise.gyro_radps)
 
 
 def _single_finding(one: SingleLosses, drives: tuple[str, ...], seconds: float) -> Finding:
@@ -124,5 +138,6 @@ def _single_finding(one: SingleLosses, drives: tuple[str, ...], seconds: float) 
             f"its way {'falls back' if kind is MISSED else 'leaps ahead'} at random in steps of a count"
             f" (standard deviation {one.std:.2g} counts in a second); a radius makes no steps"
         ),
-        p_value=one.p_value,
+        own_chance=one.p_value,
+        found_by=SINGLY,
     )

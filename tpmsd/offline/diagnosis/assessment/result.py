@@ -122,7 +122,15 @@ class Finding:
     simulated: dict[str, Quantity] = field(default_factory=dict)
     """The simulation's own values; `parameters` are the recording's less these."""
     p_value: float | None = None
-    """How often a drive without it would show as much; None where no certificate was asked for."""
+    """How often a drive without it would show as much, counted in replicates; None where no certificate was
+    asked for."""
+    p_value_is_bound: bool = False
+    """No replicate showed as much: the p-value is 1 / (n + 1) of n replicates."""
+    own_chance: float | None = None
+    """Probability by the test's own distribution, of what has a statistic of its own; a certificate decides
+    by no smaller one, and it is not reported."""
+    found_by: str = ""
+    """The search that found it, of what is looked for apart from the terms; else empty."""
     status: str = FINDING
     """finding | suspicion; a suspicion does not make a mismatch."""
 

@@ -24,6 +24,8 @@ from tpmsd.offline.inference.least_squares import Fit
 
 ALL = ""
 """Name of all wheels together."""
+RING = "ripple of the ring"
+"""The search of this module, as `Finding.found_by` names it."""
 CHANNEL, COVARIATE = TEETH.shows_in
 
 
@@ -106,6 +108,7 @@ def _uneven(found: list[Ripple], seconds: float) -> Finding:
         loglik_gain_per_s=gain / seconds,
         gain=gain,
         indistinguishable_from=(),
+        found_by=RING,
     )
 
 
@@ -148,5 +151,6 @@ def _miscounted(name: str, teeth: float, configured: float) -> Finding:
         loglik_gain_per_s=0.0,
         gain=gain,
         indistinguishable_from=(),
+        found_by=RING,
         advice="count the ring's teeth: a tyre of another size looks the same on the bus",
     )

@@ -6,13 +6,13 @@ In: a `Study` and its `Selection`. Out: `Diagnosis`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from tpmsd.car.physics.catalogue import FAULT, make_effect, parameters_of
-from tpmsd.car.physics.effect import Effect, Kind, Parameter, Std
+from tpmsd.car.physics.effect import Effect, Parameter, Std
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.offline.diagnosis.assessment.explanatory import explanatory
@@ -20,10 +20,6 @@ from tpmsd.offline.diagnosis.assessment.identifiability import advice
 from tpmsd.offline.diagnosis.assessment.lost_counts import lost, lost_singly, missed
 from tpmsd.offline.diagnosis.assessment.reach import Seen, reach
 from tpmsd.offline.diagnosis.assessment.result import (
-    CONSISTENT,
-    FINDING,
-    MISMATCH,
-    SUSPICION,
     Diagnosis,
     Finding,
     Inner,
@@ -31,17 +27,17 @@ from tpmsd.offline.diagnosis.assessment.result import (
     RadiusDrift,
     Where,
 )
-from tpmsd.offline.diagnosis.assessment.simulated import compared, simulated_effects, whole_model
+from tpmsd.offline.diagnosis.assessment.simulated import Held, compared, simulated_effects, whole_model
 from tpmsd.offline.diagnosis.assessment.tangent import nonlinear_stds
 from tpmsd.offline.diagnosis.assessment.teeth import teeth, usual_ring
 from tpmsd.offline.diagnosis.hypotheses.group_gain import group_gain
-from tpmsd.offline.diagnosis.hypotheses.terms import Term, wheels_acted_on
+from tpmsd.offline.diagnosis.hypotheses.terms import Term
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.reporting.down_weighted import down_weighted
 from tpmsd.offline.diagnosis.reporting.information import speed_ranges
 from tpmsd.offline.diagnosis.reporting.traces import ground, traces
 from tpmsd.offline.diagnosis.reporting.where import where_of, whole_range
-from tpmsd.offline.diagnosis.robustness.certify import without
+from tpmsd.offline.diagnosis.robustness.verdict import status_of, verdict_of, without
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.selection.described import neutral_of, nonlinear_of, usual, words_of
 from tpmsd.offline.diagnosis.selection.empirical import empirical_effect, shape_of
@@ -58,83 +54,32 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
     seconds = study.driving_s
     rows = sum(int(np.isfinite(drive.reader.windows.measured).sum()) for drive in study.examined)
     blocks = slice(0, sum(part.blocks for part in evidence.parts[: len(study.examined)]))
-    versus = compared(study, selection)
-    stds = nonlinear_stds(study, selection)
     terms = [one.term for one in selection.chosen]
     selector = Selector(evidence, study.hypotheses)
     whole = float(selection.heldout[blocks].sum())
-    findings = []
-    effects: list[Effect] = []
-    effect_stds: list[Mapping[str, Std]] = []
-
-    def add(one: Chosen, quantities: dict[str, Quantity]) -> None:
-        if one.term.free:
-            free, heights = empirical_effect(one, study.knots(one.term))
-            effects.append(free)
-            effect_stds.append(heights)
-        else:
-            effect, known = _effect(one, quantities)
-            effects.append(effect)
-            effect_stds.append(known)
-
+    written = _Written(list(notes), nonlinear_stds(study, selection), compared(study, selection))
     for k, one in enumerate(selection.chosen):
         if note := usual(one, study.speeds):
-            notes = (*notes, note)
-            continue
-        if one.admitted_by <= 0.0 and one.confidence < SETTINGS.report.suspected_from:
-            continue
-        rest = terms[:k] + terms[k + 1 :]
-        left_out = float(evidence.heldout(selector.design(rest))[blocks].sum())
-        quantities = _quantities(_in_full(study, selection, k), stds.get(k, {}))
-        findings.append(
-            Finding(
-                effect=one.term.effect,
-                confidence=one.confidence,
-                parameters=_reported(quantities),
-                where=where_of(study, one),
-                rms_before=_rms(left_out, rows),
-                rms_after=_rms(whole, rows),
-                loglik_gain_per_s=one.heldout_gain / seconds,
-                gain=one.heldout_gain,
-                indistinguishable_from=one.rivals,
-                advice=advice(one.term.effect, one.rivals),
-                shape=shape_of(one, study.knots(one.term)) if one.term.free else (),
-                drives=_drives(study, terms, one.term),
-                held_by=versus[k].by if versus else "",
-                simulated=_quantities(versus[k].simulated, {}) if versus else {},
-                # With the variance from block to block it does not pay for what was tried.
-                status=FINDING if one.admitted_by > 0.0 and not outweighed(one, selection) else SUSPICION,
-            )
-        )
-        if one.term.drive is None:  # the model is the car's, not that of one day
-            add(one, quantities)
+            written.notes.append(note)
+        elif status := status_of(one, selection):
+            rest = terms[:k] + terms[k + 1 :]
+            left_out = float(evidence.heldout(selector.design(rest))[blocks].sum())
+            written.term(study, selection, k, status, (_rms(left_out, rows), _rms(whole, rows)))
     for one in whole_model(study, selection):
-        add(one, _quantities(one, {}))
-    apart: list[Finding] = []
-    if not study.simulation:
-        readers = [drive.reader for drive in study.examined]
-        apart = lost(study, seconds) + missed(study, seconds) + unusual(readers, seconds, study.speeds)
-        met = {one.effect for one in findings + apart}
-        apart += [one for one in lost_singly(study, selection.fit, seconds) if one.effect not in met]
+        written.model(study, one, _quantities(one, {}))
     # Beside the events: chains on an axle for half of a drive look like a tooth less on the other.
     rings = evidence.fit(selector.design([term for term in terms if term.pulse]))
-    for finding in [*apart, *teeth(study, rings, seconds)]:
+    for finding in [*_apart(study, selection, written.findings), *teeth(study, rings, seconds)]:
         if note := usual_ring(finding, study.speeds):
-            notes = (*notes, note)
-            continue
-        findings.append(finding)
-        if finding.drives:  # the model is the car's
-            continue
-        values = {name: quantity.value for name, quantity in finding.parameters.items()}
-        effects.append(make_effect(finding.effect, **values))
-        effect_stds.append(
-            {name: q.std for name, q in finding.parameters.items() if q.std is not None and q.std > 0.0}
-        )
+            written.notes.append(note)
+        else:
+            written.apart(finding)
+    findings = written.findings
     baseline = float(selection.baseline_heldout[blocks].sum())
     log_variance = sum(drive.log_variance for drive in study.examined)
     constant = -0.5 * log_variance - 0.5 * rows * math.log(2 * math.pi)
     return Diagnosis(
-        verdict=MISMATCH if any(one.status == FINDING for one in findings) else CONSISTENT,
+        verdict=verdict_of(findings),
         reason="",
         findings=tuple(sorted(findings, key=lambda finding: -finding.gain)),
         driving_s=seconds,
@@ -143,11 +88,11 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
         model_rms=_rms(whole, rows),
         unexplained=_unexplained(study, selector, terms),
         drift=_drift(study),
-        model=without(ExtendedModel(tuple(effects), tuple(effect_stds)), findings),
+        model=without(ExtendedModel(tuple(written.effects), tuple(written.stds)), findings),
         evidence=_alone(study, selector),
         baseline=("simulation",) if study.simulation else ("rolling",),
         simulation=simulated_effects(study, selection),
-        notes=notes,
+        notes=tuple(written.notes),
         down_weighted=down_weighted(study.examined),
         information=speed_ranges(study.examined),
         explanatory=explanatory(study, terms, evidence),
@@ -172,25 +117,79 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
     )
 
 
-def outweighed(one: Chosen, selection: Selection) -> bool:
-    """Whether an instrument's effect on differences between wheels gains less than a spline on these wheels.
+@dataclass
+class _Written:
+    """What is written down so far."""
 
-    No formula holds there what is stronger than it; of what the spline's form leaves, an effect over another
-    covariate may take up a part without acting itself.
+    notes: list[str]
+    nonlinear: dict[int, dict[str, float]]
+    """By term, standard deviations of what enters nonlinearly."""
+    versus: list[Held]
+    """Each term against the user's simulation; empty without one."""
+    findings: list[Finding] = field(default_factory=list)
+    effects: list[Effect] = field(default_factory=list)
+    stds: list[Mapping[str, Std]] = field(default_factory=list)
+
+    def term(
+        self, study: Study, selection: Selection, which: int, status: str, rms: tuple[float, float]
+    ) -> None:
+        """Write a chosen term down as a finding, with the held-out residual without it and with it."""
+        one, seconds = selection.chosen[which], study.driving_s
+        quantities = _quantities(_in_full(study, selection, which), self.nonlinear.get(which, {}))
+        versus = self.versus
+        self.findings.append(
+            Finding(
+                effect=one.term.effect,
+                confidence=one.confidence,
+                parameters=_reported(quantities),
+                where=where_of(study, one),
+                rms_before=rms[0],
+                rms_after=rms[1],
+                loglik_gain_per_s=one.heldout_gain / seconds,
+                gain=one.heldout_gain,
+                indistinguishable_from=one.rivals,
+                advice=advice(one.term.effect, one.rivals),
+                shape=shape_of(one, study.knots(one.term)) if one.term.free else (),
+                drives=_drives(study, [each.term for each in selection.chosen], one.term),
+                held_by=versus[which].by if versus else "",
+                simulated=_quantities(versus[which].simulated, {}) if versus else {},
+                status=status,
+            )
+        )
+        if one.term.drive is None:  # the model is the car's, not that of one day
+            self.model(study, one, quantities)
+
+    def model(self, study: Study, one: Chosen, quantities: dict[str, Quantity]) -> None:
+        """Write a term down for the model file."""
+        effect, stds = (
+            empirical_effect(one, study.knots(one.term)) if one.term.free else _effect(one, quantities)
+        )
+        self.effects.append(effect)
+        self.stds.append(stds)
+
+    def apart(self, finding: Finding) -> None:
+        """Write down what was looked for apart from the terms."""
+        self.findings.append(finding)
+        if finding.drives:  # the model is the car's
+            return
+        values = {name: quantity.value for name, quantity in finding.parameters.items()}
+        self.effects.append(make_effect(finding.effect, **values))
+        self.stds.append(
+            {name: q.std for name, q in finding.parameters.items() if q.std is not None and q.std > 0.0}
+        )
+
+
+def _apart(study: Study, selection: Selection, findings: Sequence[Finding]) -> list[Finding]:
+    """Lost counts and sensors, which are looked for apart from the terms; not of a simulation.
+
+    Counts that are lost one by one are not asked for where something else of that name was found.
     """
-    effect = one.term.kind_of
-    if effect.kind is not Kind.INSTRUMENT or effect.shows_in[0] != "wheel_ratio":
-        return False
-    shapes = (
-        each for each in selection.chosen if each.term.free and each.term.on_radii and not each.term.pulse
-    )
-    wheels = _wheels(one.term)
-    return any(each.heldout_gain > one.heldout_gain and wheels & _wheels(each.term) for each in shapes)
-
-
-def _wheels(term: Term) -> set[str]:
-    """On which wheels a term acts; all where it does not say."""
-    return set(term.wheel.split()) if term.wheel else set(wheels_acted_on(term.place))
+    if study.simulation:
+        return []
+    seconds, readers = study.driving_s, [drive.reader for drive in study.examined]
+    out = lost(study, seconds) + missed(study, seconds) + unusual(readers, seconds, study.speeds)
+    met = {one.effect for one in [*findings, *out]}
+    return out + [one for one in lost_singly(study, selection.fit, seconds) if one.effect not in met]
 
 
 def _drives(study: Study, terms: list[Term], term: Term) -> tuple[str, ...]:

@@ -17,11 +17,18 @@ variance ratio of the term, which hardly depends on such noise (Hall and Wilson,
 finding's own gain is also divided by the dispersion that the model leaves on held-out stretches, as in a
 quasi-likelihood (McCullagh and Nelder, Generalized Linear Models, 1989, chapter 9), where that is larger.
 
+Counters, rings and events at low speed have statistics of their own, and the same replicates: each replicate
+is searched for them as the recording was. What replicates do not draw, a sensor's reading, keeps the
+probability of its own test.
+
+The model is linear about the effects of the catalogue, and not about spline terms: what a plain spline does
+beyond its linear response is hundreds of nats. Where replicates that hold it reach a spline term, the term is
+tested again in replicates without spline terms.
+
 Drawing stops early (Besag and Clifford, Biometrika 78, 1991) once every finding was exceeded several times,
-or is beyond doubt. Where no replicate reaches a finding, its p-value is that of the Gumbel distribution of
-the replicates' maxima (as Knijnenburg et al., Bioinformatics 25, 2009, extend the tail of permutations).
-Findings are those that stand at a false discovery rate of 1 % (Benjamini and Hochberg, Journal of the Royal
-Statistical Society B 57, 1995) and gain more than the negative control. A suspicion stays one: a term whose
+or is beyond doubt. `chance` makes p-values and decisions of the replicates; `verdict` decides: findings are
+those that stand at a false discovery rate of 1 % (Benjamini and Hochberg, Journal of the Royal Statistical
+Society B 57, 1995) and gain more than the negative control. A suspicion stays one: a term whose
 log-likelihood gain, divided by the block-wise (sandwich) variance ratio, falls below the penalty.
 """
 
@@ -37,26 +44,23 @@ from tpmsd.car.physics.catalogue import make_effect
 from tpmsd.car.physics.effect import Effect
 from tpmsd.car.physics.model import ExtendedModel
 from tpmsd.foundation.wheels import FloatArray
-from tpmsd.offline.diagnosis.assessment.result import (
-    CONSISTENT,
-    FINDING,
-    MISMATCH,
-    SUSPICION,
-    Diagnosis,
-    Finding,
-    Remaining,
-)
+from tpmsd.offline.diagnosis.assessment.lost_counts import LOW_SPEED, RHYTHM, SINGLY, lost_in, single_of
+from tpmsd.offline.diagnosis.assessment.result import FINDING, Diagnosis, Finding, Remaining
+from tpmsd.offline.diagnosis.assessment.teeth import RING
+from tpmsd.offline.diagnosis.counters.missed import missed_counts
 from tpmsd.offline.diagnosis.counters.tone_ring import ripples
 from tpmsd.offline.diagnosis.hypotheses.terms import Term
+from tpmsd.offline.diagnosis.prepared.drive_study import DriveStudy
 from tpmsd.offline.diagnosis.prepared.study import Study
+from tpmsd.offline.diagnosis.robustness.chance import Chance, beyond, chance, enough
 from tpmsd.offline.diagnosis.robustness.negative_control import negative_control
+from tpmsd.offline.diagnosis.robustness.verdict import decided
 from tpmsd.offline.diagnosis.selection.candidates import Candidates
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.selection.described import effect_of
 from tpmsd.offline.diagnosis.selection.empirical import empirical_effect
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Evidence
-from tpmsd.offline.inference.recording import Recording
 from tpmsd.offline.inference.replicate import replicate
 from tpmsd.offline.inference.trajectory import reference
 
@@ -69,6 +73,8 @@ class Statistic:
     """Its penalised gain, nats."""
     largest: Callable[[Replicate], float]
     """Of one replicate, the largest penalised gain of all alternatives."""
+    own: float = 0.0
+    """Probability by the test's own distribution; 0 without one."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +82,7 @@ class Replicate:
     """All drives, drawn again."""
 
     evidence: Evidence
-    recordings: tuple[Recording, ...]
+    drives: tuple[DriveStudy, ...]
 
 
 def certified(
@@ -96,36 +102,22 @@ def certified(
     statistics.append(_of_the_rest(study, selection, evidence))
     models = [_model(study, selection, number) for number in range(len(study.drives))]
     drawn = _drawn(study, models, statistics, replicates, rng, progress)
-    *p_values, of_the_rest = [
-        p_value(one.value, values) for one, values in zip(statistics, drawn, strict=True)
+    *chances, of_the_rest = [
+        chance(one.value, values, one.own) for one, values in zip(statistics, drawn, strict=True)
     ]
     rest = statistics.pop()
-    for k, finding in enumerate(diagnosis.findings):
-        if p_values[k] > SETTINGS.robustness.false_discovery_rate and finding.status == FINDING:
-            p_values[k] = _without_it(
-                study, selection, evidence, finding, dispersion, replicates, rng, p_values[k]
-            )
-    p_values = [
-        drawn_p if finding.p_value is None else finding.p_value
-        for finding, drawn_p in zip(diagnosis.findings, p_values, strict=True)
-    ]
-    control = negative_control(study, selection)
-    certain = discoveries(p_values, SETTINGS.robustness.false_discovery_rate)
-    stand = [
-        sure and one.value > control and finding.status == FINDING
-        for sure, one, finding in zip(certain, statistics, diagnosis.findings, strict=True)
-    ]
-    findings = tuple(
-        replace(finding, p_value=p, status=FINDING if stands else SUSPICION)
-        for finding, p, stands in zip(diagnosis.findings, p_values, stand, strict=True)
+    again = _without_splines(
+        study, selection, evidence, diagnosis.findings, chances, dispersion, replicates, rng
     )
+    control = negative_control(study, selection)
     return replace(
-        diagnosis,
-        findings=findings,
-        verdict=MISMATCH if any(stand) else CONSISTENT,
-        model=without(diagnosis.model, findings),
+        decided(
+            diagnosis,
+            [again.get(k, one) for k, one in enumerate(chances)],
+            [one.value > control for one in statistics],
+        ),
         replicates=len(drawn[0]),
-        remaining=Remaining(rest.value, of_the_rest, beyond(rest.value, drawn[-1]), len(drawn[-1])),
+        remaining=Remaining(rest.value, of_the_rest.p_value, beyond(rest.value, drawn[-1]), len(drawn[-1])),
         control=control if math.isfinite(control) else None,
     )
 
@@ -145,59 +137,37 @@ def _drawn(
         for values, one in zip(drawn, statistics, strict=True):
             values.append(one.largest(again))
         progress((number + 1) / replicates)
-        if all(_decided(one.value, values) for one, values in zip(statistics, drawn, strict=True)):
+        if all(enough(one.value, values) for one, values in zip(statistics, drawn, strict=True)):
             break
     return drawn
 
 
-def _without_it(
+def _without_splines(
     study: Study,
     selection: Selection,
     evidence: Evidence,
-    finding: Finding,
+    findings: Sequence[Finding],
+    chances: Sequence[Chance],
     dispersion: float,
     replicates: int,
     rng: np.random.Generator,
-    p_value_so_far: float,
-) -> float:
-    """The p-value of a spline term by replicates in which it does not act.
-
-    The model is linear about the effects of the catalogue, and not about spline terms. So taking a spline's
-    linear response out of a replicate leaves the rest of what it does, hundreds of nats of a plain one. What
-    is left passes for chance; a drawing without the term has none of it.
-    """
-    which = _of(selection, finding)
-    if which is None or not selection.chosen[which].term.free:
-        return p_value_so_far
-    one = _of_term(study, selection, evidence, which, dispersion, acts=False)
-    models = [_model(study, selection, number, but=which) for number in range(len(study.drives))]
-    (values,) = _drawn(study, models, [one], replicates, rng)
-    return p_value(one.value, values)
-
-
-def without(model: ExtendedModel, findings: Sequence[Finding]) -> ExtendedModel:
-    """The model less the effects of which suspicions tell."""
-    doubtful = [finding for finding in findings if finding.status != FINDING]
-    stay = [
-        k for k, effect in enumerate(model.effects) if not any(_tells_of(one, effect) for one in doubtful)
-    ]
-    return ExtendedModel(tuple(model.effects[k] for k in stay), tuple(model.stds[k] for k in stay))
-
-
-def _tells_of(finding: Finding, effect: Effect) -> bool:
-    """Whether a finding and an effect are of one name, with the same values (of a spline term, knots)."""
-    if effect.name != finding.effect:
-        return False
-    if finding.shape:
-        return tuple(at for at, _, _ in finding.shape) == tuple(getattr(effect, "knots", ()))
-    for name, quantity in finding.parameters.items():
-        value = getattr(effect, name)
-        if isinstance(quantity.value, str) or isinstance(value, str):
-            if str(value) != str(quantity.value):
-                return False
-        elif not math.isclose(float(value), quantity.value, rel_tol=1e-6, abs_tol=1e-12):
-            return False
-    return True
+) -> dict[int, Chance]:
+    """By number of the finding, the chance of a spline term in replicates without spline terms, where
+    replicates with them reach it."""
+    asked: list[tuple[int, int]] = []
+    for k, (finding, one) in enumerate(zip(findings, chances, strict=True)):
+        which = _of(selection, finding)
+        reached = one.tail > SETTINGS.robustness.false_discovery_rate and finding.status == FINDING
+        if which is not None and reached and selection.chosen[which].term.free:
+            asked.append((k, which))
+    if not asked:
+        return {}
+    statistics = [_of_term(study, selection, evidence, which, dispersion, acts=False) for _, which in asked]
+    models = [_model(study, selection, number, splines=False) for number in range(len(study.drives))]
+    drawn = _drawn(study, models, statistics, replicates, rng)
+    return {
+        k: chance(one.value, values) for (k, _), one, values in zip(asked, statistics, drawn, strict=True)
+    }
 
 
 def _of(selection: Selection, finding: Finding) -> int | None:
@@ -208,51 +178,6 @@ def _of(selection: Selection, finding: Finding) -> int | None:
     return None
 
 
-def p_value(value: float, maxima: Sequence[float]) -> float:
-    """Probability that chance makes as much, from the maxima of replicates.
-
-    By counting where some of them reach the value; else by the tail of their Gumbel distribution, whose scale
-    is raised by the doubt of so few.
-    """
-    count = len(maxima)
-    exceeded = beyond(value, maxima)
-    if exceeded:
-        return exceeded / count if exceeded >= SETTINGS.robustness.exceeded else (exceeded + 1) / (count + 1)
-    spread = float(np.std(maxima, ddof=1)) if count > 1 else 0.0
-    scale = max(math.sqrt(6.0) / math.pi * spread, SETTINGS.robustness.least_scale_nats) * (
-        1.0 + 2.0 / math.sqrt(count)
-    )
-    middle = float(np.mean(maxima)) - np.euler_gamma * scale
-    tail = -math.expm1(-math.exp(-(value - middle) / scale))
-    return min(max(tail, SETTINGS.robustness.least_p), 1.0 / (count + 1))
-
-
-def beyond(value: float, maxima: Sequence[float]) -> int:
-    """How many of the maxima reach the value."""
-    return sum(one >= value for one in maxima)
-
-
-def discoveries(p_values: Sequence[float], rate: float) -> list[bool]:
-    """Which hypotheses are rejected at a false discovery rate: all up to the largest p-value that is no more
-    than its rank's share of the rate (Benjamini and Hochberg 1995)."""
-    order = sorted(range(len(p_values)), key=lambda k: p_values[k])
-    last = 0
-    for rank, k in enumerate(order, 1):
-        if p_values[k] <= rate * rank / len(p_values):
-            last = rank
-    kept = set(order[:last])
-    return [k in kept for k in range(len(p_values))]
-
-
-def _decided(value: float, maxima: Sequence[float]) -> bool:
-    if beyond(value, maxima) >= SETTINGS.robustness.exceeded:
-        return True
-    return (
-        len(maxima) >= SETTINGS.robustness.fewest_replicates
-        and p_value(value, maxima) < SETTINGS.robustness.beyond_doubt
-    )
-
-
 def _again(study: Study, models: Sequence[ExtendedModel], rng: np.random.Generator) -> Replicate:
     recordings = [
         replicate(drive.reader, model, drive.noise, rng)
@@ -261,14 +186,14 @@ def _again(study: Study, models: Sequence[ExtendedModel], rng: np.random.Generat
     drives = [
         drive.repeated(one, model) for drive, one, model in zip(study.drives, recordings, models, strict=True)
     ]
-    return Replicate(Evidence([drive.part() for drive in drives], study.width), tuple(recordings))
+    return Replicate(Evidence([drive.part() for drive in drives], study.width), tuple(drives))
 
 
-def _model(study: Study, selection: Selection, drive: int, but: int | None = None) -> ExtendedModel:
-    """All that was chosen, as it acts in one drive; without number `but` of them."""
+def _model(study: Study, selection: Selection, drive: int, splines: bool = True) -> ExtendedModel:
+    """All that was chosen, as it acts in one drive; `splines`: with the spline terms."""
     effects: list[Effect] = []
-    for number, one in enumerate(selection.chosen):
-        if number == but or drive not in study.acting(one.term) or one.term.calibrates:
+    for one in selection.chosen:
+        if drive not in study.acting(one.term) or one.term.calibrates or (one.term.free and not splines):
             continue
         if one.term.free:
             effects.append(empirical_effect(one, study.knots(one.term))[0])
@@ -289,12 +214,44 @@ def _acting(one: Chosen) -> tuple[Effect, FloatArray]:
 def _statistic(
     study: Study, selection: Selection, evidence: Evidence, finding: Finding, dispersion: float
 ) -> Statistic:
-    if finding.p_value is not None:  # what it was found in is not drawn again
-        return Statistic(finding.gain, lambda again: 0.0)
+    own = finding.own_chance or 0.0
+    largest = _searches(selection).get(finding.found_by)
+    if largest is not None:
+        return Statistic(finding.gain, largest, own)
     which = _of(selection, finding)
-    if which is None:
-        return Statistic(finding.gain, _largest_ripple)
+    if which is None:  # a sensor's reading, which replicates do not draw
+        return Statistic(finding.gain, lambda again: 0.0, own)
     return _of_term(study, selection, evidence, which, dispersion)
+
+
+def _searches(selection: Selection) -> dict[str, Callable[[Replicate], float]]:
+    """By the search that found it, the largest gain of it in a replicate; 0 where it finds nothing there."""
+
+    def singly(again: Replicate) -> float:
+        fit = again.evidence.fit(selection.fit.design)
+        found = [single_of(drive, fit) for drive in again.drives]
+        return max((one.gain + one.unlike for one in found if one is not None), default=0.0)
+
+    return {
+        LOW_SPEED: lambda again: max((one.gain for one in lost_in(again.drives)), default=0.0),
+        RHYTHM: lambda again: max(
+            (
+                one.gain
+                for drive in again.drives
+                for one in missed_counts(drive.reader.recording, drive.reader.reference)
+            ),
+            default=0.0,
+        ),
+        SINGLY: singly,
+        RING: lambda again: max(
+            (
+                one.gain
+                for drive in again.drives
+                for one in ripples(drive.reader.recording, reference(drive.reader.recording))
+            ),
+            default=0.0,
+        ),
+    }
 
 
 def _of_the_rest(study: Study, selection: Selection, evidence: Evidence) -> Statistic:
@@ -305,12 +262,6 @@ def _of_the_rest(study: Study, selection: Selection, evidence: Evidence) -> Stat
         return _largest_gain(Candidates(of, study.hypotheses), terms)
 
     return Statistic(largest(evidence), lambda again: largest(again.evidence))
-
-
-def _largest_ripple(again: Replicate) -> float:
-    """Of uneven teeth, whose evidence is not among the columns."""
-    gains = [one.gain for drive in again.recordings for one in ripples(drive, reference(drive))]
-    return max(gains, default=0.0)
 
 
 def _of_term(

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from tpmsd.offline.diagnosis.hypotheses.plausible import (
 from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Term
 from tpmsd.offline.diagnosis.selection.candidates import Candidates, handicap, resting
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
+from tpmsd.offline.diagnosis.selection.rivals import Rival, confidence, confounded, same_statement
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Evidence
 
@@ -338,6 +340,7 @@ class Selector(Candidates):
         return self.heldout(terms) - self.heldout(terms[:which] + terms[which + 1 :])
 
     def _judge(self, chosen: list[Term], which: int) -> Chosen:
+        """The verdict on one of the chosen terms."""
         term = chosen[which]
         rest = chosen[:which] + chosen[which + 1 :]
         fit = self.evidence.fit(self.design(chosen))
@@ -347,59 +350,77 @@ class Selector(Candidates):
         ratios = np.clip(self.evidence.sandwich(beside)[at], 1.0, SETTINGS.selection.most_overdispersion)
         gain = fit.gain - self.gain(rest)
         sure = gain / float(ratios.max()) - term.penalty
-        rivals: dict[str, float] = {}
-        alike = max(SETTINGS.selection.confounded_nats, SETTINGS.selection.confounded_share * gain)
-        # Both of two values are needed: where one does alone, no rival takes the other one's place.
-        alone = self.gains_of_parts(rest, term) if term.design.shape[1] == 2 else np.zeros(0)
-        divided = len(alone) == 2 and float(alone.max()) <= gain - alike
-        weights = {term.effect: 1.0, "": math.exp(-min(max(sure, -50.0), 50.0))}
-        for net, (rival, *_) in self.candidates(rest):
-            raw = net + rival.penalty
-            same = (rival.wheel, rival.place) == (term.wheel, term.place)
-            if same and (rival.effect == term.effect or (rival.pulse and term.pulse)):
-                continue
-            if same and (rival.kind_of.mirror_of or rival.effect) == (term.kind_of.mirror_of or term.effect):
-                continue  # the sign tells the two apart
-            if rival.kind_of.limit == term.effect and term.kind_of.goes_before(float(fit.values[start])):
-                continue  # the simpler of two that explain as much
-            if raw > SETTINGS.selection.independent_share * gain and self._independent(
-                [*rest, rival], term, gain
-            ):
-                continue
-            name = f"{FAULT.name}:{rival.wheel}" if rival.ramp else rival.effect
-            better = net - self.net(term, gain, float(fit.values[start]))
-            if not self._possible([*rest, rival]):
-                continue
-            doubt = float(ratios.max()) + SETTINGS.selection.confounded_share * gain
-            weight = math.exp(min(better / doubt, 0.0))
-            if weight > SETTINGS.selection.rival_weight and not self._within_limits([*rest, rival], rival):
-                continue
-            if name not in weights and name != term.effect:
-                weights[name] = weight
-            if rival.free or rival.effect == term.effect or rival.calibrates:
-                continue
-            if divided and raw < gain - alike:
-                # Part of the term may stay beside the rival, and its name hold for that alone.
-                parts = self.gains_of_parts([*rest, rival], term)
-                raw = float(parts.max()) + self.gain([*rest, rival]) - self.gain(rest)
-                if raw > gain - alike:
-                    rests = resting(gain, float(alone[np.argmax(parts)]))
-                    better += raw - net - rival.penalty - term.penalty / term.design.shape[1]
-                    weights[name] = max(weights.get(name, 0.0), rests * math.exp(min(better / doubt, 0.0)))
-                    raw = raw if rests >= SETTINGS.selection.independent_share else 0.0
-            if raw > gain - alike:
-                rivals.setdefault(rival.effect, raw)
-        confidence = 1.0 / sum(weights.values())
+        rivals = self._rivals(rest, term, gain, float(fit.values[start]), float(ratios.max()))
         return Chosen(
             term=term,
             gain=gain,
             admitted_by=sure,
             heldout_gain=self._heldout_gain(chosen, which),
-            confidence=confidence,
-            rivals=tuple(sorted(rivals, key=lambda name: -rivals[name])),
+            confidence=confidence(term.effect, sure, rivals),
+            rivals=confounded(rivals),
             values=beside.values[at],
             stds=np.sqrt(
                 np.diag(beside.covariance)[at] * ratios
                 + (SETTINGS.selection.model_error * beside.values[at]) ** 2
             ),
+        )
+
+    def _rivals(self, rest: list[Term], term: Term, gain: float, first: float, ratio: float) -> list[Rival]:
+        """The rivals of a term that gains so much beside the rest, with its first value and its variance
+        ratio, the best first."""
+        alike = max(SETTINGS.selection.confounded_nats, SETTINGS.selection.confounded_share * gain)
+        # Both of two values are needed: where one does alone, no rival takes the other one's place.
+        alone = self.gains_of_parts(rest, term) if term.design.shape[1] == 2 else np.zeros(0)
+        divided = len(alone) == 2 and float(alone.max()) <= gain - alike
+        doubt = ratio + SETTINGS.selection.confounded_share * gain
+        own = self.net(term, gain, first)
+        out = []
+        for net, (other, *_) in self.candidates(rest):
+            raw, better = net + other.penalty, net - own
+            weight = math.exp(min(better / doubt, 0.0))
+            if same_statement(other, term, first) or not self._in_place_of(rest, other, term, gain, raw):
+                continue
+            if weight > SETTINGS.selection.rival_weight and not self._within_limits([*rest, other], other):
+                continue
+            one = Rival(f"{FAULT.name}:{other.wheel}" if other.ramp else other.effect, other.effect, weight)
+            if not (other.free or other.effect == term.effect or other.calibrates):
+                if divided and raw < gain - alike:
+                    one = self._of_part(rest, other, term, gain, alone, better - raw, doubt, one)
+                elif raw > gain - alike:
+                    one = replace(one, replaces_by=raw)
+            out.append(one)
+        return out
+
+    def _in_place_of(self, rest: list[Term], rival: Term, term: Term, gain: float, raw: float) -> bool:
+        """Whether a rival explains what a term does, and not something else, with possible values."""
+        elsewhere = raw > SETTINGS.selection.independent_share * gain and self._independent(
+            [*rest, rival], term, gain
+        )
+        return not elsewhere and self._possible([*rest, rival])
+
+    def _of_part(
+        self,
+        rest: list[Term],
+        rival: Term,
+        term: Term,
+        gain: float,
+        alone: FloatArray,
+        penalties: float,
+        doubt: float,
+        one: Rival,
+    ) -> Rival:
+        """The rival of one of a term's two values: the other one may stay beside it, and the name hold for
+        that alone. `penalties` (nats) are the difference of both penalties and handicaps."""
+        alike = max(SETTINGS.selection.confounded_nats, SETTINGS.selection.confounded_share * gain)
+        parts = self.gains_of_parts([*rest, rival], term)
+        both = float(parts.max()) + self.gain([*rest, rival]) - self.gain(rest)
+        if both <= gain - alike:
+            return one
+        rests = resting(gain, float(alone[np.argmax(parts)]))
+        better = penalties + both - term.penalty / term.design.shape[1]
+        whole = both if rests >= SETTINGS.selection.independent_share else 0.0
+        return replace(
+            one,
+            part_weight=rests * math.exp(min(better / doubt, 0.0)),
+            replaces_by=whole if whole > gain - alike else None,
         )

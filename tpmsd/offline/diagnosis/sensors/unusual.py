@@ -72,7 +72,7 @@ def _finding(
             name for name in effect.confounded if not EFFECTS[name].reads or shown & set(EFFECTS[name].reads)
         ),
         advice=effect.telling_drive,
-        p_value=chance,
+        own_chance=chance,
     )
 
 

@@ -1,0 +1,109 @@
+"""The verdict: which candidates are findings, which are suspicions, and which are neither.
+
+In: chosen terms, and of a certificate the chance of each finding. Out: a status for each, the verdict of the
+drive and the model less the effects of suspicions. It decides, and writes nothing down; `reporting` writes
+down, and decides nothing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from tpmsd.car.physics.effect import Effect, Kind
+from tpmsd.car.physics.model import ExtendedModel
+from tpmsd.offline.diagnosis.assessment.result import (
+    CONSISTENT,
+    FINDING,
+    MISMATCH,
+    SUSPICION,
+    Diagnosis,
+    Finding,
+)
+from tpmsd.offline.diagnosis.hypotheses.terms import Term, wheels_acted_on
+from tpmsd.offline.diagnosis.robustness.chance import Chance, discoveries
+from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
+from tpmsd.offline.diagnosis.settings import SETTINGS
+
+
+def status_of(one: Chosen, selection: Selection) -> str:
+    """Status of a chosen term before any certificate; empty of one that is not reported.
+
+    With the variance from block to block a suspicion does not pay for what was tried.
+    """
+    if one.admitted_by > 0.0:
+        return SUSPICION if outweighed(one, selection) else FINDING
+    return SUSPICION if one.confidence >= SETTINGS.report.suspected_from else ""
+
+
+def verdict_of(findings: Sequence[Finding]) -> str:
+    """A mismatch where any of them is a finding and no suspicion."""
+    return MISMATCH if any(one.status == FINDING for one in findings) else CONSISTENT
+
+
+def decided(diagnosis: Diagnosis, chances: Sequence[Chance], above_control: Sequence[bool]) -> Diagnosis:
+    """The diagnosis with the p-value of each finding, and its status by its chance.
+
+    A finding stands at the false discovery rate, above the negative control; a suspicion stays one.
+    """
+    certain = discoveries([one.tail for one in chances], SETTINGS.robustness.false_discovery_rate)
+    findings = tuple(
+        replace(
+            finding,
+            p_value=one.p_value,
+            p_value_is_bound=one.is_bound,
+            status=FINDING if sure and above and finding.status == FINDING else SUSPICION,
+        )
+        for finding, one, sure, above in zip(diagnosis.findings, chances, certain, above_control, strict=True)
+    )
+    return replace(
+        diagnosis,
+        findings=findings,
+        verdict=verdict_of(findings),
+        model=without(diagnosis.model, findings),
+    )
+
+
+def without(model: ExtendedModel, findings: Sequence[Finding]) -> ExtendedModel:
+    """The model less the effects of which suspicions tell."""
+    doubtful = [finding for finding in findings if finding.status != FINDING]
+    stay = [k for k, effect in enumerate(model.effects) if not any(_is_of(one, effect) for one in doubtful)]
+    return ExtendedModel(tuple(model.effects[k] for k in stay), tuple(model.stds[k] for k in stay))
+
+
+def _is_of(finding: Finding, effect: Effect) -> bool:
+    """Whether a finding and an effect are of one name, with the same values (of a spline term, knots)."""
+    if effect.name != finding.effect:
+        return False
+    if finding.shape:
+        return tuple(at for at, _, _ in finding.shape) == tuple(getattr(effect, "knots", ()))
+    for name, quantity in finding.parameters.items():
+        value = getattr(effect, name)
+        if isinstance(quantity.value, str) or isinstance(value, str):
+            if str(value) != str(quantity.value):
+                return False
+        elif not math.isclose(float(value), quantity.value, rel_tol=1e-6, abs_tol=1e-12):
+            return False
+    return True
+
+
+def outweighed(one: Chosen, selection: Selection) -> bool:
+    """Whether an instrument's effect on differences between wheels gains less than a spline on these wheels.
+
+    No formula holds there what is stronger than it; of what the spline's form leaves, an effect over another
+    covariate may take up a part without acting itself.
+    """
+    effect = one.term.kind_of
+    if effect.kind is not Kind.INSTRUMENT or effect.shows_in[0] != "wheel_ratio":
+        return False
+    shapes = (
+        each for each in selection.chosen if each.term.free and each.term.on_radii and not each.term.pulse
+    )
+    wheels = _wheels(one.term)
+    return any(each.heldout_gain > one.heldout_gain and wheels & _wheels(each.term) for each in shapes)
+
+
+def _wheels(term: Term) -> set[str]:
+    """On which wheels a term acts; all where it does not say."""
+    return set(term.wheel.split()) if term.wheel else set(wheels_acted_on(term.place))

@@ -1,0 +1,64 @@
+"""Rivals of a chosen term, and the confidence that they leave it.
+
+In: what each alternative would bring in the term's place. Out: a probability, and the effects that would do
+as well. Pure: the rivals are gathered by `selector`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from tpmsd.offline.diagnosis.hypotheses.terms import Term
+
+
+@dataclass(frozen=True)
+class Rival:
+    """An alternative to a chosen term beside the other chosen ones."""
+
+    name: str
+    effect: str
+    weight: float
+    """Likelihood ratio (0 to 1) of the rival in the term's place over the term."""
+    part_weight: float = 0.0
+    """The same where the rival takes the place of one of the term's two values; 0 where it does not."""
+    replaces_by: float | None = None
+    """Log-likelihood gain by which it would do as well in the term's place; None where it would not."""
+
+
+def confidence(effect: str, penalised_gain: float, rivals: Sequence[Rival]) -> float:
+    """Probability of an effect among its rivals and nothing at all, 1 / (sum of likelihood ratios).
+
+    Of several rivals of one name the first, the best, counts, or a later one that replaces a part and weighs
+    more. `penalised_gain` (nats) is that of the effect over nothing.
+    """
+    weights = {effect: 1.0, "": math.exp(-min(max(penalised_gain, -50.0), 50.0))}
+    for one in rivals:
+        weights.setdefault(one.name, one.weight)
+        if one.part_weight:
+            weights[one.name] = max(weights[one.name], one.part_weight)
+    return 1.0 / sum(weights.values())
+
+
+def confounded(rivals: Sequence[Rival]) -> tuple[str, ...]:
+    """Names of the effects that would do as well, the best first."""
+    gains: dict[str, float] = {}
+    for one in rivals:
+        if one.replaces_by is not None:
+            gains.setdefault(one.effect, one.replaces_by)
+    return tuple(sorted(gains, key=lambda name: -gains[name]))
+
+
+def same_statement(rival: Term, term: Term, first: float) -> bool:
+    """Whether a rival says the same as a term: of one effect on the same wheels, an event in its place, an
+    effect that only the sign tells from it, or one whose simpler limit the term is. `first` is the term's
+    first value.
+    """
+    if rival.kind_of.limit == term.effect and term.kind_of.goes_before(first):
+        return True
+    if (rival.wheel, rival.place) != (term.wheel, term.place):
+        return False
+    if rival.effect == term.effect or (rival.pulse and term.pulse):
+        return True
+    return (rival.kind_of.mirror_of or rival.effect) == (term.kind_of.mirror_of or term.effect)
