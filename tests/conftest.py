@@ -21,7 +21,7 @@ def recordings() -> Path:
 
 @pytest.fixture(scope="session")
 def recorded_dynamics() -> Path:
-    """The folder of real cars' signals: TPMSD_DYNAMICS, or beside the real drives; skips where there is none."""
+    """The folder of real cars' signals (TPMSD_DYNAMICS, or beside the real drives); skips where absent."""
     drives = Path(os.environ.get("TPMSD_RECORDINGS", REPO.parent / "shared" / "recordings"))
     folder = Path(os.environ.get("TPMSD_DYNAMICS", drives.parent / "dynamics"))
     if not folder.is_dir():
