@@ -137,7 +137,6 @@ BRANCHY = {
     "bench.campaigns.offline.diagnosis.score.score": 25,
     "bench.campaigns.offline.discover._judge": 19,
     "bench.campaigns.offline.goldens.differences": 16,
-    "bench.campaigns.offline.proof.run.scored": 22,
     "bench.campaigns.onboard.alarms.figures.false_alarms": 18,
     "bench.campaigns.onboard.alarms.figures.figures": 20,
     "bench.campaigns.onboard.alarms.score.judge": 16,

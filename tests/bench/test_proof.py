@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from bench.campaigns.offline import independent_look
 from bench.campaigns.offline.diagnosis.draw import draw_case
 from bench.campaigns.offline.diagnosis.make import make
 from bench.campaigns.offline.diagnosis.score import match
 from bench.campaigns.offline.diagnosis.seal import Answer
 from bench.campaigns.offline.diagnosis.truth import Truth, truth_of
-from bench.campaigns.offline.proof.others import Said
+from bench.campaigns.offline.proof import others as other_methods
+from bench.campaigns.offline.proof.others import Said, others
 from bench.campaigns.offline.proof.page import page
 from bench.campaigns.offline.proof.run import Row, answered, drawn, scored, whole_truth
 from bench.campaigns.offline.proof.seal import BrokenSealError, opened, seal
 from bench.worlds.folder import write_folder
+from tpmsd.car.config.load import load_config
 
 
 def test_a_changed_truth_breaks_the_seal(tmp_path: Path) -> None:
@@ -77,9 +82,44 @@ def test_another_method_is_right_where_residual_and_covariate_are() -> None:
     assert not Said("gyro", "time", "", 0.2).locates(["gnss_course"], ["rl"], ["time"])
 
 
+def test_a_drive_without_course_is_no_end_of_the_proof(tmp_path: Path) -> None:
+    """Without a reported course the other methods get the remaining windows, or say that they fail."""
+    case = draw_case("nothing", 0.0, 7)
+    drive = tmp_path / "drive"
+    write_folder(make(case, tmp_path).drive, drive)
+    file = drive / "gnss.nmea"
+    file.write_text("\n".join(map(without_course, file.read_text("ascii").splitlines())) + "\n", "ascii")
+    said = others(drive, 1)
+    assert set(said) == {"PySINDy", "gplearn"}
+    assert np.isfinite(independent_look.read(drive, load_config(drive / "vehicle.toml")).speed).any()
+
+
+def without_course(line: str) -> str:
+    """A logged sentence less the course over ground of RMC."""
+    head, found, body = line.partition("$")
+    fields = body.partition("*")[0].split(",")
+    if not found or not fields[0].endswith("RMC"):
+        return line
+    fields[8] = ""
+    text = ",".join(fields)
+    return f"{head}${text}*{functools.reduce(lambda sum_, each: sum_ ^ ord(each), text, 0):02X}"
+
+
+def test_a_method_that_fails_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An error of another method stands in its row, and ends nothing."""
+
+    def failing(folder: Path) -> None:
+        raise np.linalg.LinAlgError("singular")
+
+    monkeypatch.setattr(other_methods, "table", failing)
+    monkeypatch.setattr(other_methods, "find_spec", lambda name: name)
+    assert {"failed: singular"} == {one.error for one in others(tmp_path, 1).values()}
+
+
 def test_misses_stand_on_the_page_beside_hits() -> None:
     """The page says of every drive if it was a hit, a miss or a wrong name, with markup escaped."""
     rows = [Row("a", "x", hit=True), Row("b", "y<z"), Row("c", "z", wrong=True)]
+    rows += [Row("d", "nothing", hit=True), Row("e", "slope", hit=True, known=True)]
     text = page(rows, 5)
-    assert "1 of 3 concealed effects found, 1 wrong names" in text and "y&lt;z" in text
+    assert "1 of 3 concealed effects found, 1 drive with a wrong name" in text and "y&lt;z" in text
     assert all(f"{row.drive}: {row.verdict}" in text for row in rows) and "SEED=5" in text

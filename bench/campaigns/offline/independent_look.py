@@ -97,7 +97,7 @@ def read(folder: Path, config: Config) -> Seconds:
     course = _unwrapped(np.where(numbers[:, 4] > 0, np.arctan2(turns[:, 1], turns[:, 0]), np.nan))
     yaw = _central(_unwrapped(way_course))
     course = course - yaw * late
-    if np.isfinite(gyro).mean() > 0.5:
+    if np.isfinite(gyro).mean() > 0.5 and np.isfinite(course).sum() > BLOCK:
         bias, _, _ = regress(np.nancumsum(gyro) - course, [np.arange(count, dtype=np.float64)], draws=2)
         yaw = gyro - bias[0]
     return Seconds(

@@ -162,7 +162,7 @@ def symbolic(of: Table, seed: int) -> Said:
 
 
 def others(folder: Path, seed: int) -> dict[str, Said]:
-    """Return the answers of both; what is not installed says so."""
+    """Return the answers of both; what is not installed, or fails on a drive, says so."""
     said: dict[str, Said] = {}
     methods = {"PySINDy": ("pysindy", sparse), "gplearn": ("gplearn", lambda of: symbolic(of, seed))}
     windows: Table | None = None
@@ -172,6 +172,9 @@ def others(folder: Path, seed: int) -> dict[str, Said]:
             continue
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            windows = windows or table(folder)
-            said[name] = method(windows)
+            try:
+                windows = windows or table(folder)
+                said[name] = method(windows)
+            except (np.linalg.LinAlgError, ValueError) as error:
+                said[name] = Said(error=f"failed: {error}")
     return said

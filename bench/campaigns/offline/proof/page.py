@@ -21,13 +21,20 @@ dt{opacity:.7}dd{margin:0;overflow-wrap:anywhere}h2{font-size:1.1em;margin:.3em 
 """
 
 
+def headline(rows: Sequence[Row]) -> str:
+    """Return the count of concealed effects found; null drives and recordings of known name do not count."""
+    concealed = [row for row in rows if row.concealed != "nothing" and not row.known]
+    hits, wrong = sum(row.hit for row in concealed), sum(row.wrong for row in rows)
+    names = "1 drive with a wrong name" if wrong == 1 else f"{wrong} drives with a wrong name"
+    return f"{hits} of {len(concealed)} concealed effects found, {names}"
+
+
 def page(rows: Sequence[Row], seed: int) -> str:
     """HTML of the rows, hits and misses in the order of the drives."""
-    hits, wrong = sum(row.hit for row in rows), sum(row.wrong for row in rows)
     parts = [
         '<!doctype html><html lang="en"><meta charset="utf-8">',
         '<meta name="viewport" content="width=device-width"><title>tpmsd: the proof</title>',
-        f"<style>{STYLE}</style><h1>{hits} of {len(rows)} concealed effects found, {wrong} wrong names</h1>",
+        f"<style>{STYLE}</style><h1>{headline(rows)}</h1>",
         "<p>Each drive of a world was made by programs that import nothing of the diagnosis. The truth was"
         " sealed before the diagnosis began, and opened after it had ended. Of"
         " recordings, the name is known from"

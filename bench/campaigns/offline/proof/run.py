@@ -18,7 +18,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ from bench.campaigns.offline.diagnosis.score import match, score
 from bench.campaigns.offline.diagnosis.seal import Answer, asked
 from bench.campaigns.offline.diagnosis.truth import Concealed, Truth, truth_of
 from bench.campaigns.offline.proof.others import Said, others
-from bench.campaigns.offline.proof.page import page
+from bench.campaigns.offline.proof.page import headline, page
 from bench.campaigns.offline.proof.seal import opened, seal
 from bench.places import OUT, RECORDINGS, REPO
 from bench.worlds import real_drives
@@ -58,6 +58,8 @@ class Row:
     residual: str = ""
     hit: bool = False
     wrong: bool = False
+    known: bool = False
+    """A recording of which the name is known: nothing was concealed in it."""
     tellable: bool = True
     sha256: str = ""
     others: dict[str, str] = field(default_factory=dict)
@@ -140,37 +142,48 @@ def places(findings: Sequence[dict[str, Any]]) -> str:
     )
 
 
+def names_of(findings: Sequence[dict[str, Any]]) -> str:
+    """Names and confidences of the findings."""
+    return ", ".join(f"{each['effect']} {each['confidence']:.2f}" for each in findings) or "nothing"
+
+
+def listed(parameters: Mapping[str, Any]) -> str:
+    """Names and values of a truth's parameters."""
+    return ", ".join(
+        f"{name} {value:.4g}" if isinstance(value, float) else f"{name} {value}"
+        for name, value in parameters.items()
+    )
+
+
 def scored(case: Case, made: Made, truth: Truth, answer: Answer, said: dict[str, Said], sha256: str) -> Row:
     """Return the row of a drive whose truth was opened."""
     wanted = [each for each in truth.effects if not each.inherent]
     row = Row(case.world, ", ".join(each.effect for each in wanted) or "nothing", sha256=sha256)
-    row.truth = ", ".join(
-        f"{name} {value:.4g}" if isinstance(value, float) else f"{name} {value}"
-        for each in wanted
-        for name, value in each.parameters.items()
-    )
+    row.truth = listed({name: value for each in wanted for name, value in each.parameters.items()})
+    row.tellable = all(each.told for each in wanted)
     if answer.error or answer.document.get("reason"):
         row.named = answer.error or str(answer.document["reason"])
-        row.tellable = all(each.told for each in wanted)
         return row
     joined = score(case, truth, answer.document, answer.model, made.windows)
     findings = answer.document["findings"]
     matched = match(truth, findings)
-    row.named = ", ".join(f"{each['effect']} {each['confidence']:.2f}" for each in findings) or "nothing"
+    row.named = names_of(findings)
     row.located, row.value, row.residual = places(findings), numbers(findings), measured(answer.document)
     inherent = {k for k, each in enumerate(truth.effects) if each.inherent}
     own = [k for k in matched if k not in inherent]
     row.wrong = bool(joined["false"])
     row.hit = not row.wrong and (not wanted or (bool(own) and own[0] is not None))
-    row.tellable = all(each.told for each in wanted)
-    for name, one in said.items():
-        if one.error:
-            row.others[name] = one.error
-            continue
-        found = any(one.locates(each.channels, each.wheels, each.covariates) for each in wanted)
-        judged = "located" if found else "not located"
-        row.others[name] = f"{judged}: {one.residual} = {one.formula} ({100 * one.explained:.0f} % explained)"
+    row.others = {name: compared(one, wanted) for name, one in said.items()}
     return row
+
+
+def compared(said: Said, wanted: Sequence[Concealed]) -> str:
+    """Return the answer of another method, and whether it is where an effect acts."""
+    if said.error:
+        return said.error
+    found = any(said.locates(each.channels, each.wheels, each.covariates) for each in wanted)
+    judged = "located" if found else "not located"
+    return f"{judged}: {said.residual} = {said.formula} ({100 * said.explained:.0f} % explained)"
 
 
 def worlds(seed: int, folder: Path, jobs: int, with_others: bool = True) -> list[Row]:
@@ -228,9 +241,8 @@ def recorded(seed: int, folder: Path) -> list[Row]:
         print(f"van-motorway-a: an effect injected and sealed, SHA-256 {sealed.sha256}", flush=True)
         row = known("van-motorway-a", f"{effect} (injected)", target, lambda n: n == effect)
         row.sha256 = sealed.sha256
-        row.truth = ", ".join(
-            f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in opened(sealed).items()
-        )
+        row.truth = listed(opened(sealed))
+        row.known = False
         rows.append(row)
     return rows
 
@@ -244,11 +256,11 @@ def known(name: str, concealed: str, drive: Path, right: Callable[[str], bool], 
         environment = os.environ | {"PYTHONPATH": str(REPO)}
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
         if done.returncode != 0:
-            return Row(name, concealed, named=done.stderr.strip().splitlines()[-1])
+            return Row(name, concealed, known=True, named=done.stderr.strip().splitlines()[-1])
         document = json.loads(out.read_text(encoding="utf-8"))
     findings = document["findings"]
-    row = Row(name, concealed, truth="not known in number")
-    row.named = ", ".join(f"{each['effect']} {each['confidence']:.2f}" for each in findings) or "nothing"
+    row = Row(name, concealed, truth="not known in number", known=True)
+    row.named = names_of(findings)
     row.hit = any(right(each["effect"]) for each in findings)
     of_interest = [each for each in findings if right(each["effect"])]
     row.located, row.value = places(of_interest), numbers(of_interest)
@@ -272,13 +284,11 @@ def printed(rows: Sequence[Row]) -> str:
         ):
             if text:
                 lines.append(f"   {title + ':':20}{text}")
-    hits = sum(row.hit for row in rows)
-    wrong = sum(row.wrong for row in rows)
-    lines.append(f"\n{hits} of {len(rows)} drives right, {wrong} with a wrong name.")
+    lines.append(f"\n{headline(rows)}.")
     for method in dict.fromkeys(name for row in rows for name in row.others):
-        told = [row for row in rows if method in row.others and row.concealed != "nothing"]
-        located = sum(row.others[method].startswith("located") for row in told)
-        lines.append(f"{method}: {located} of {len(told)} located; it has no names.")
+        asked_of = [row for row in rows if method in row.others and row.concealed != "nothing"]
+        located = sum(row.others[method].startswith("located") for row in asked_of)
+        lines.append(f"{method}: {located} of {len(asked_of)} located; it has no names.")
     return "\n".join(lines)
 
 
