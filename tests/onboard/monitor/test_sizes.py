@@ -12,7 +12,7 @@ from tests.onboard.monitor.test_hypotheses import THRESHOLD
 from tpmsd.car.config.model import MonitorConfig
 from tpmsd.foundation.wheels import FloatArray
 from tpmsd.onboard.monitor.change_bank import ChangeBank
-from tpmsd.onboard.monitor.evidence.sizes import Sized, beside, no_sizes, sizes_of, subsets
+from tpmsd.onboard.monitor.evidence.sizes import Sized, no_sizes, sizes_of, subsets, with_sizes
 from tpmsd.onboard.monitor.hypotheses import LOSS_GRID, Comparison, Verdict, severity
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
 
@@ -25,7 +25,7 @@ CHANGES_MM = [(0.0, 0.0, 4.2, 0.2), (5.0, 5.5, 0.0, 0.0), (3.6, 5.0, 5.0, 5.1), 
 
 
 def verdict_of(change_m: FloatArray, covariance_m2: FloatArray = COVARIANCE_M2) -> Verdict:
-    accounts = beside(change_m[None], covariance_m2[None], np.zeros(1), RADIUS, SIZES)
+    accounts = with_sizes(change_m[None], covariance_m2[None], np.zeros(1), RADIUS, SIZES)
     return Comparison(RADIUS, THRESHOLD, sizes=SIZES, limit=LIMIT).of_accounts(accounts)
 
 
@@ -35,7 +35,7 @@ def test_a_row_is_the_integral_over_its_size(row: int) -> None:
     trapezium rule."""
     mean, std, pattern = SIZES.mean[row], SIZES.variance[row] ** 0.5, SIZES.pattern[row]
     change = 0.9 * (mean + std) * pattern * RADIUS + 2e-4
-    found = beside(change[None], COVARIANCE_M2[None], np.zeros(1), RADIUS, SIZES)
+    found = with_sizes(change[None], COVARIANCE_M2[None], np.zeros(1), RADIUS, SIZES)
     size = mean + std * GRID
     around = multivariate_normal(np.zeros(4), COVARIANCE_M2)
     density = around.pdf(change - np.outer(size, pattern) * RADIUS) * norm.pdf(GRID) * (GRID[1] - GRID[0])

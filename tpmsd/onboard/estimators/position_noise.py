@@ -22,7 +22,7 @@ from tpmsd.onboard.estimators.settings import SETTINGS
 
 @dataclass(slots=True)
 class PositionStatistics:
-    """What N particles hold of both variances; nu follows the same path in every particle."""
+    """Inverse-gamma beliefs of N particles about both variances; nu is the same in every particle."""
 
     nu: float
     scale: FloatArray

@@ -49,8 +49,8 @@ class Gates:
     fix_interval_s: float = 0.0
     """Least time between two fixes that are used."""
     printed_steering: bool = False
-    """Whether (38c) is taken as printed: below the speed limit by the tick's own speed the steering tells the
-    turn, in every tick and by delta_F in place of its tangent."""
+    """True where (38c) is taken as printed: below the speed limit by the tick's own speed the steering
+    determines the turn, in every tick and by delta_F in place of its tangent."""
 
 
 GATED = Gates()

@@ -44,7 +44,7 @@ class Particles:
     motion: FloatArray | None = None
     """(2, N) yaw rate and speed, where they are states that go on from the tick before."""
     position_noise: PositionStatistics | None = None
-    """What is held of the variances of positions, where these are unknown and a fix has been taken."""
+    """Belief about the variances of positions, where these are unknown and a fix has been taken."""
 
     @classmethod
     def even(cls, count: int, radii: Any) -> Particles:

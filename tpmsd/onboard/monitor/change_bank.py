@@ -79,8 +79,8 @@ class ChangeBank:
         self._sensitivity = np.empty((0, SIZE, d))
         self._information = np.empty((0, d, d))
         self._vector = np.empty((0, d))
-        self._beside_first = np.empty((0, d, d))
-        """Of each hypothesis beside the step at the first sample."""
+        self._shared_with_first = np.empty((0, d, d))
+        """Information that each hypothesis shares with the step at the first sample."""
 
     def take(
         self, deviation: FloatArray, noise: FloatArray, h: FloatArray, elapsed_s: float, sizes: Sizes
@@ -105,10 +105,10 @@ class ChangeBank:
         self._inform(seen, found)
 
     def _inform(self, seen: FloatArray, found: Innovation) -> None:
-        """What a measurement says, of which a change adds `seen` (n, m, d) to the filter's innovation."""
+        """Update by a measurement, of which a change adds `seen` (n, m, d) to the filter's innovation."""
         weighted = seen.transpose(0, 2, 1) @ np.linalg.inv(found.spread)
         self._information += weighted @ seen
-        self._beside_first += weighted[0] @ seen
+        self._shared_with_first += weighted[0] @ seen
         self._vector += weighted @ found.value
         self._sensitivity += found.gain @ seen
         _, log_volume = np.linalg.slogdet(found.spread)
@@ -122,7 +122,7 @@ class ChangeBank:
         self._sensitivity = np.concatenate([self._sensitivity, np.zeros((2, SIZE, d))])
         self._information = np.concatenate([self._information, np.zeros((2, d, d))])
         self._vector = np.concatenate([self._vector, np.zeros((2, d))])
-        self._beside_first = np.concatenate([self._beside_first, np.zeros((2, d, d))])
+        self._shared_with_first = np.concatenate([self._shared_with_first, np.zeros((2, d, d))])
 
     def _prune(self, sizes: Sizes) -> None:
         """Keep the start, what is too young to be judged, and the likeliest of the others, each beside the
@@ -139,10 +139,10 @@ class ChangeBank:
             keep[others[np.argsort(-gain[others])][: DRIVE_EVIDENCE.kept]] = True
         self._onset, self._ramp = self._onset[keep], self._ramp[keep]
         self._sensitivity, self._information = self._sensitivity[keep], self._information[keep]
-        self._vector, self._beside_first = self._vector[keep], self._beside_first[keep]
+        self._vector, self._shared_with_first = self._vector[keep], self._shared_with_first[keep]
 
     def changes(self, sizes: Sizes) -> Changes:
-        """Of the hypotheses that are old enough, under each of the rows of sizes."""
+        """Hypotheses that are old enough, under each of the rows of sizes."""
         age = self.samples - self._onset
         old = age >= JUDGE.full_samples
         rest = self._beside(sizes, old)
@@ -165,7 +165,7 @@ class ChangeBank:
         )
 
     def _beside(self, sizes: Sizes, chosen: NDArray[np.bool_]) -> _Beside:
-        """What is left of these hypotheses where the sizes are integrated out; r rows, n hypotheses."""
+        """Moments of these hypotheses where the sizes are integrated out; r rows, n hypotheses."""
         with np.errstate(divide="ignore"):
             own = np.where(sizes.variance > 0.0, 1.0 / sizes.variance, np.inf)
         information, vector = self._information[chosen], self._vector[chosen]
@@ -178,7 +178,7 @@ class ChangeBank:
         size = variance * (pattern @ self._vector[0] + own_mean)
         log_gain = 0.5 * (size**2 / np.maximum(variance, 1e-300) - sizes.mean * own_mean)
         log_gain -= 0.5 * np.log1p(seen * sizes.variance)
-        shared = np.einsum("rd,nde->rne", pattern, self._beside_first[chosen])
+        shared = np.einsum("rd,nde->rne", pattern, self._shared_with_first[chosen])
         return _Beside(
             information - variance[:, None, None, None] * shared[..., None] * shared[..., None, :],
             vector - shared * size[:, None, None],
@@ -188,7 +188,7 @@ class ChangeBank:
         )
 
     def reference_beside(self, row: int, place: int, sizes: Sizes) -> Reference:
-        """What the drive says of the car beside the change at this row and place of `changes`.
+        """Moments of the car's reference beside the change at this row and place of `changes`.
 
         The filter without a change is off by F d; d is known with the covariance C:  x - F d,  P + F C F'.
         A size since the first sample is a second one, known beside d.
@@ -201,7 +201,7 @@ class ChangeBank:
         change = covariance @ rest.vector[row, 0]
         of_size = self._sensitivity[0] @ sizes.pattern[row]
         size, variance = float(rest.size[row]), float(rest.variance[row])
-        shared = sizes.pattern[row] @ self._beside_first[k]
+        shared = sizes.pattern[row] @ self._shared_with_first[k]
         sensitivity = self._sensitivity[k] - variance * np.outer(of_size, shared)
         out = self._reference.copy()
         out.mean = out.mean - size * of_size - sensitivity @ change

@@ -53,7 +53,7 @@ class Explanation:
         self._moments: deque[dict[str, Any]] = deque(maxlen=EXPLANATION.kept)
         self._alarms: deque[dict[str, Any]] = deque(maxlen=EXPLANATION.kept_alarms)
         self._judged: _Judged | None = None
-        self._told: tuple[_Judged, dict[str, Any]] | None = None
+        self._cached: tuple[_Judged, dict[str, Any]] | None = None
         """The last judgement that was put into words."""
         self._kept_s = -math.inf
         self._time_s = math.nan
@@ -209,9 +209,9 @@ class Explanation:
 
     def _in_words(self, judged: _Judged) -> dict[str, Any]:
         """One moment of the evidence."""
-        if self._told is None or self._told[0] is not judged:
-            self._told = (judged, self._moment(judged))
-        return self._told[1]
+        if self._cached is None or self._cached[0] is not judged:
+            self._cached = (judged, self._moment(judged))
+        return self._cached[1]
 
     def _moment(self, judged: _Judged) -> dict[str, Any]:
         estimate, judgement, change, resonance = (

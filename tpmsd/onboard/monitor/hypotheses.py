@@ -79,7 +79,7 @@ class Comparison:
     """Whether only losses of one wheel are considered: where an axle may be of any size, others cannot be
     told from them."""
     sizes: Sizes | None = None
-    """What wheels may be of another size beside a loss; None: none of them."""
+    """Wheels that may be of another size beside a loss; None: none of them."""
     limit: float = math.inf
     """Change, relative, from which a wheel deviates."""
 
@@ -123,7 +123,7 @@ class Comparison:
         posterior: FloatArray,
         none: FloatArray,
     ) -> Verdict:
-        """Of accounts: log-likelihoods and posterior (n, h, losses), and that of nothing lost (n,)."""
+        """Log-likelihoods and posterior (n, h, losses), and that of nothing lost (n,)."""
         d = self.radius_m.size
         lost, members = slice(2**d - 1), _hypotheses(d)[0][: 2**d - 1]
         accounts = none + np.add.reduce(posterior, axis=(1, 2))

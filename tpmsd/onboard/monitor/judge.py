@@ -18,7 +18,7 @@ from tpmsd.car.physics.tyre import tyre_model
 from tpmsd.foundation.wheels import IS_FRONT, FloatArray
 from tpmsd.onboard.monitor.baseline import Change
 from tpmsd.onboard.monitor.drive_evidence import Accounts
-from tpmsd.onboard.monitor.evidence.sizes import Sized, beside, no_sizes, sizes_of, subsets
+from tpmsd.onboard.monitor.evidence.sizes import Sized, no_sizes, sizes_of, subsets, with_sizes
 from tpmsd.onboard.monitor.grip import Grip
 from tpmsd.onboard.monitor.hypotheses import Comparison, Verdict
 from tpmsd.onboard.monitor.nuisance import Nuisance, mean_share
@@ -155,7 +155,7 @@ class Judge:
         front = IS_FRONT[wheels]
         self._axles = [mask * self._radius for mask in (front, ~front) if np.count_nonzero(mask) == 2]
         """(d,) each: radii of an axle both of whose wheels are monitored, 0 for the others."""
-        self._told: tuple[Accounts, bool, Finding, dict[str, float], tuple[Alike, ...]] | None = None
+        self._cached: tuple[Accounts, bool, Finding, dict[str, float], tuple[Alike, ...]] | None = None
         """The last comparison of a drive: it changes with every sample, and is asked for every second."""
 
     def judge(
@@ -236,7 +236,7 @@ class Judge:
         each_m2 = slipping.covariance_m2
         change_m = np.broadcast_to(change.change_m, each_m2.shape[:2])
         sizes = against.sizes or no_sizes(len(self._wheels))
-        accounts = beside(change_m, each_m2, slipping.log_weight, self._radius, sizes)
+        accounts = with_sizes(change_m, each_m2, slipping.log_weight, self._radius, sizes)
         verdict = against.of_accounts(accounts)
         best = int(verdict.accounts.argmax())
         return Finding(over, verdict, accounts.change_m[best], accounts.covariance_m2[best])
@@ -303,7 +303,7 @@ class Judge:
     def _alike(
         self, change_m: FloatArray, covariance_m2: FloatArray, log_weight: FloatArray
     ) -> tuple[Alike, ...]:
-        """How a loss of all wheels is known, and one of each axle; as `Alike.of`."""
+        """Knowledge of a loss of all wheels, and one of each axle; as `Alike.of`."""
         return tuple(
             Alike.of(change_m, covariance_m2, log_weight, lost) for lost in (self._radius, *self._axles)
         )
@@ -311,9 +311,9 @@ class Judge:
     def _of_drive(
         self, accounts: Accounts, log_ratios: FloatArray | None, other_tyres: bool
     ) -> tuple[Finding, dict[str, float], tuple[Alike, ...]]:
-        """What the drive as a whole says, of the drive models, and how it knows a loss of all tyres and of
+        """Evidence of the whole drive on the drive models, and how it knows a loss of all tyres and of
         axles; computed once for each of its samples."""
-        told = self._told
+        told = self._cached
         if told is not None and told[0] is accounts and told[1] == other_tyres and log_ratios is None:
             return told[2:]
         lasting = self._harmless.averaged(DRIVE_EVIDENCE.lasting_share)
@@ -341,7 +341,7 @@ class Judge:
         # Of each model a change before the drive, with no wheel of another size.
         first = np.unique(accounts.model, return_index=True)[1]
         alike = self._alike(accounts.change_m[first], covariance_m2[first], log_weight[first])
-        self._told = (accounts, other_tyres, finding, models, alike)
+        self._cached = (accounts, other_tyres, finding, models, alike)
         return finding, models, alike
 
     @property

@@ -60,7 +60,7 @@ class Monitor:
         self._grid = np.ix_(self._wheels, self._wheels)
         self._since_judged_s = 0.0
         self._judged = Judgement.unknown()
-        self._told = (self._judged, self._judged.by_wheel())
+        self._cached = (self._judged, self._judged.by_wheel())
         """What was judged, and the same as plain numbers."""
         self._trusted, self._restored = True, False
         self._since_seen_s = math.inf
@@ -300,8 +300,8 @@ class Monitor:
     # -- reports ---------------------------------------------------------------------------------------------
 
     def _wheel_reports(self, tick: Tick, estimate: RadiusEstimate) -> tuple[WheelReport, ...]:
-        if self._told[0] is not self._judged:
-            self._told = (self._judged, self._judged.by_wheel())
+        if self._cached[0] is not self._judged:
+            self._cached = (self._judged, self._judged.by_wheel())
         watched = () if self._signals.unusable else self._signals.heard(tick.time_s)
         sound = WheelState.LEARNING
         if self.baseline.ready and not self._sets.undecided:
@@ -319,7 +319,7 @@ class Monitor:
         std = [_std(one) for one in variance]
         if not self._trusted:
             deviation = std = [math.nan] * 4
-        make, rows = WheelReport._make, zip(WHEELS, states, deviation, std, self._told[1], strict=True)
+        make, rows = WheelReport._make, zip(WHEELS, states, deviation, std, self._cached[1], strict=True)
         return tuple([make((name, state, off_m, std_m, *told)) for name, state, off_m, std_m, told in rows])
 
     # -- what survives a restart -----------------------------------------------------------------------------

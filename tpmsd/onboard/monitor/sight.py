@@ -33,12 +33,12 @@ class Sight:
     """Of the wheel that is known worst."""
     all_tyres: float
     one_axle: float = 1.0
-    """Of both tyres of the axle that is known worse."""
+    """Smallest loss on both tyres of the axle that is known worse."""
 
 
 @dataclass(frozen=True, slots=True)
 class Alike:
-    """How a relative loss of several wheels alike is known, by m drive models."""
+    """Moments of a relative loss of several wheels alike, by m drive models."""
 
     information: FloatArray
     """(m,)"""

@@ -32,7 +32,7 @@ COVARIATES = ("speed", "accel_long", "accel_lat", "yaw_rate", "time")
 RESIDUALS = ("fl", "fr", "rl", "rr", "gyro")
 BLOCK_S = 60
 THRESHOLDS = (0.02, 0.05, 0.1, 0.2, 0.4)
-"""Of the standardised coefficients, in standard deviations of the residual."""
+"""Trial thresholds of the standardised coefficients, in standard deviations of the residual."""
 
 
 @dataclass(frozen=True)

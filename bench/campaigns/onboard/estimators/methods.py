@@ -44,7 +44,7 @@ INPUTS: dict[str, tuple[str, ...]] = {
     "and course": ("position", "course"),
     ALL: ("position", "speed", "course"),
 }
-"""What is heard beside the wheels, as [filter] measurements names it; the drive has neither gyro nor
+"""Measurements used beside the wheels, as [filter] measurements names it; the drive has neither gyro nor
 steering, so the last is all there is."""
 
 

@@ -17,7 +17,7 @@ from bench.campaigns.onboard.estimators.tasks import FOUR, LIMIT, NUMBERS, RECEI
 
 Row = dict[str, Any]
 NEES_BAND = (0.7, 1.4)
-"""Of the mean of e' P^-1 e over its dimension."""
+"""Bounds of the mean of e' P^-1 e over its dimension."""
 COVER = (0.90, 0.98)
 LIBRARY_BAR = 5.0
 COST_MS, COST_RATIO = 0.15, 2.5
@@ -199,7 +199,7 @@ def _slowest(cost: dict[str, dict[str, float]]) -> Claim:
 
 
 def bars(rows: list[Row], speed: dict[str, Any] | None) -> list[Claim]:
-    """What is asked of both of the product's filters, with all there is to hear and correlated errors."""
+    """The bars of both of the product's filters, with all measurements and correlated errors."""
     out = []
     for method in FOUR:
         some = pick(rows, method=method, receiver="correlated", inputs=ALL, front=False)

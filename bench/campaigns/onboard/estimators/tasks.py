@@ -31,7 +31,7 @@ from bench.worlds.paper_drive import RL, SCENARIOS, TICK_S, Driven, drive
 NUMBERS = (100, 500, 1000, 5000)
 """Particles, as in Figs 9 and 10."""
 USUAL = 500
-"""Of tables with one number of particles; half of what AUG-PF needs in the paper's Fig 9."""
+"""Number of particles in tables with one such number; half of what AUG-PF needs in the paper's Fig 9."""
 RECEIVERS = ("white", "correlated")
 LIMIT = "limit"
 """The method name of the smoother and filter that know the noise."""
@@ -55,7 +55,7 @@ class Task:
     """0: the method's own number, or none."""
     front: bool = False
     inputs: str = POSITIONS
-    """Of `INPUTS`."""
+    """A key of `INPUTS`."""
 
     @property
     def label(self) -> str:

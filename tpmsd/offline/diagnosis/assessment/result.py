@@ -122,8 +122,8 @@ class Finding:
     simulated: dict[str, Quantity] = field(default_factory=dict)
     """The simulation's own values; `parameters` are the recording's less these."""
     p_value: float | None = None
-    """How often a drive without it would show as much, counted in replicates; None where no certificate was
-    asked for."""
+    """Share of drives without it that would show as much, counted in replicates; None where no certificate
+    was asked for."""
     p_value_is_bound: bool = False
     """No replicate showed as much: the p-value is 1 / (n + 1) of n replicates."""
     own_chance: float | None = None

@@ -119,7 +119,7 @@ def report(study: Study, selection: Selection, evidence: Evidence, notes: tuple[
 
 @dataclass
 class _Written:
-    """What is written down so far."""
+    """The parts of the report that are written so far."""
 
     notes: list[str]
     nonlinear: dict[int, dict[str, float]]

@@ -1,4 +1,4 @@
-"""What chance makes: from a finding's statistic and its replicates' maxima to a p-value and a decision.
+"""From a finding's statistic and its replicates' maxima to a p-value and a decision.
 
 In: the penalised gain of a finding and the maxima of replicates drawn without it. Out: `Chance`.
 
@@ -22,7 +22,7 @@ from tpmsd.offline.diagnosis.settings import SETTINGS
 
 @dataclass(frozen=True)
 class Chance:
-    """How often a drive without a finding shows as much."""
+    """Probability that a drive without the effect shows as much."""
 
     p_value: float
     """Counted in replicates."""
@@ -65,13 +65,13 @@ def tail_probability(value: float, maxima: Sequence[float]) -> float:
 
 
 def beyond(value: float, maxima: Sequence[float]) -> int:
-    """How many of the maxima reach the value."""
+    """Return the number of maxima that reach the value."""
     return sum(one >= value for one in maxima)
 
 
 def discoveries(probabilities: Sequence[float], rate: float) -> list[bool]:
-    """Which hypotheses are rejected at a false discovery rate: all up to the largest probability that is no
-    more than its rank's share of the rate (Benjamini and Hochberg 1995)."""
+    """Return which hypotheses are rejected at a false discovery rate: all up to the largest probability that
+    is no more than its rank's share of the rate (Benjamini and Hochberg 1995)."""
     order = sorted(range(len(probabilities)), key=lambda k: probabilities[k])
     last = 0
     for rank, k in enumerate(order, 1):
@@ -82,7 +82,7 @@ def discoveries(probabilities: Sequence[float], rate: float) -> list[bool]:
 
 
 def enough(value: float, maxima: Sequence[float]) -> bool:
-    """Whether further replicates would change no decision (Besag and Clifford, Biometrika 78, 1991)."""
+    """Return whether no further replicate would change a decision (Besag and Clifford, Biometrika 1991)."""
     if beyond(value, maxima) >= SETTINGS.robustness.exceeded:
         return True
     return (

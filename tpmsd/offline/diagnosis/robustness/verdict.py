@@ -73,7 +73,7 @@ def without(model: ExtendedModel, findings: Sequence[Finding]) -> ExtendedModel:
 
 
 def _is_of(finding: Finding, effect: Effect) -> bool:
-    """Whether a finding and an effect are of one name, with the same values (of a spline term, knots)."""
+    """Return whether finding and effect are of one name, with the same values (of a spline term, knots)."""
     if effect.name != finding.effect:
         return False
     if finding.shape:
@@ -89,7 +89,7 @@ def _is_of(finding: Finding, effect: Effect) -> bool:
 
 
 def outweighed(one: Chosen, selection: Selection) -> bool:
-    """Whether an instrument's effect on differences between wheels gains less than a spline on these wheels.
+    """Return whether an instrument's effect on wheel differences gains less than a spline on these wheels.
 
     No formula holds there what is stronger than it; of what the spline's form leaves, an effect over another
     covariate may take up a part without acting itself.

@@ -392,7 +392,7 @@ class Selector(Candidates):
         return out
 
     def _in_place_of(self, rest: list[Term], rival: Term, term: Term, gain: float, raw: float) -> bool:
-        """Whether a rival explains what a term does, and not something else, with possible values."""
+        """Return whether a rival explains what a term does, and not something else, with possible values."""
         elsewhere = raw > SETTINGS.selection.independent_share * gain and self._independent(
             [*rest, rival], term, gain
         )

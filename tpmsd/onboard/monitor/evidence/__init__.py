@@ -1,1 +1,1 @@
-"""What the radii are held against: hypotheses, and the one posterior over them."""
+"""Hypotheses about the radii, and the one posterior over them."""

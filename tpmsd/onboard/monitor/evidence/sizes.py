@@ -1,7 +1,7 @@
 """Wheels of another size than was learned: a change that stands beside any loss, and hides none.
 
-In: the monitored wheels. Out: `Sizes`, the rows of that change; and `beside`, accounts of one change under
-each of them.
+In: the monitored wheels. Out: `Sizes`, the rows of that change; and `with_sizes`, hypotheses of one
+change under each of them.
 
 Other tyres, chains, or a receiver that scales make the radii of one wheel, an axle or all larger by the share
 x; after wheels were changed front to rear x has one sign in front and the other behind. x is normal with mean
@@ -91,7 +91,7 @@ def no_sizes(d: int) -> Sizes:
 
 @dataclass(frozen=True, slots=True)
 class Sized:
-    """Accounts of a change with and without another size of some wheels, n of them."""
+    """Hypotheses of a change with and without another size of some wheels, n of them."""
 
     change_m: FloatArray
     """(n, d) without the mean of that size."""
@@ -113,14 +113,14 @@ class Sized:
         return cls(change_m, covariance_m2, log_weight, zeros.astype(np.intp), zeros, zeros)
 
 
-def beside(
+def with_sizes(
     change_m: FloatArray,
     covariance_m2: FloatArray,
     log_weight: FloatArray,
     radius_m: FloatArray,
     sizes: Sizes,
 ) -> Sized:
-    """Return m accounts of a change, (m, d), (m, d, d) and (m,), under each row that counts.
+    """Return m hypotheses of a change, (m, d), (m, d, d) and (m,), under each row that counts.
 
     radius_m: (d,)"""
     pattern = sizes.pattern * radius_m
@@ -134,14 +134,14 @@ def beside(
     _, volumes = np.linalg.slogdet(total)
     gain = 0.5 * (np.einsum("md,md->m", change_m, own) + volume - squares - volumes)
     logs = sizes.log_prior[:, None] + log_weight + gain
-    row, account = np.nonzero(logs + 0.5 * squares > logs.max() - DRIVE_EVIDENCE.negligible_nats)
-    left, patterns, variance = solved[row, account], pattern[row], sizes.variance[row]
-    weighed = np.linalg.solve(total[row, account], patterns[..., None])[..., 0]
+    row, index = np.nonzero(logs + 0.5 * squares > logs.max() - DRIVE_EVIDENCE.negligible_nats)
+    left, patterns, variance = solved[row, index], pattern[row], sizes.variance[row]
+    weighed = np.linalg.solve(total[row, index], patterns[..., None])[..., 0]
     known = variance - variance**2 * np.einsum("nd,nd->n", patterns, weighed)
     return Sized(
-        rest[row, account],
-        total[row, account],
-        logs[row, account],
+        rest[row, index],
+        total[row, index],
+        logs[row, index],
         row,
         sizes.mean[row] + variance * np.einsum("nd,nd->n", patterns, left),
         np.sqrt(np.maximum(known, 0.0)),
