@@ -51,9 +51,9 @@ def confounded(rivals: Sequence[Rival]) -> tuple[str, ...]:
 
 
 def same_statement(rival: Term, term: Term, first: float) -> bool:
-    """Return whether a rival says the same as a term: of one effect on the same wheels, an event in its place,
-    an effect that only the sign tells from it, or one whose simpler limit the term is. `first` is the term's
-    first value.
+    """Return whether a rival says the same as a term: it is of one effect on the same wheels, an event in its
+    place, an effect that differs by sign alone, or one whose simpler limit the term is. `first` is the
+    term's first value.
     """
     if rival.kind_of.limit == term.effect and term.kind_of.goes_before(first):
         return True
