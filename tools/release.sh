@@ -3,6 +3,7 @@
 # committed. Out: build/release: wheels, sdist, Debian package, SBOM and SHA256SUMS. The same sources make the same bytes: time stamps
 # are those of the last commit (SOURCE_DATE_EPOCH).
 set -eu
+unset PYTHONPATH
 cd "$(dirname "$0")/.."
 SOURCE_DATE_EPOCH=${SOURCE_DATE_EPOCH:-$(git log -1 --format=%ct)}
 export SOURCE_DATE_EPOCH
