@@ -115,7 +115,7 @@ def whole_truth(case: Case, made: Made) -> Truth:
 
 
 def numbers(findings: Sequence[dict[str, Any]]) -> str:
-    """The fitted values of findings, with their standard deviations."""
+    """The fitted values of findings, with half of their 95 % intervals."""
     parts = []
     for finding in findings:
         for name, each in finding["parameters"].items():
@@ -278,7 +278,7 @@ def printed(rows: Sequence[Row]) -> str:
             ("truth", row.truth),
             ("named", row.named),
             ("located", row.located),
-            ("value", row.value),
+            ("value, 95 %", row.value),
             ("held-out residual", row.residual),
             *row.others.items(),
         ):
