@@ -55,6 +55,19 @@ def test_a_link_keeps_its_name(van: Path, tmp_path: Path) -> None:
     assert ("van-8", str(tmp_path / "van-8" / "monday")) == (entry.car, entry.path)
 
 
+def test_links_that_lead_upwards_end(van: Path, tmp_path: Path) -> None:
+    """A pattern over folders with links to one another finds each drive once, and ends."""
+    cars = tmp_path / "cars"
+    for car in ("a", "b"):
+        shutil.copytree(van / "drive-1", cars / car / "drive")
+        (cars / car / "up").symlink_to("..")
+    (cars / "here").symlink_to(".")
+
+    found = [entry.path for entry in find_drives([str(cars / "**")])]
+
+    assert [str(cars / "a" / "drive"), str(cars / "b" / "drive")] == sorted(found)
+
+
 def test_another_byte_is_another_drive(van: Path, tmp_path: Path) -> None:
     """A drive in which a byte differs has another key."""
     copy = shutil.copytree(van / "drive-1", tmp_path / "copy")

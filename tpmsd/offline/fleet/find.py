@@ -53,13 +53,27 @@ def _folders(name: str) -> Iterator[str]:
         return
     matches = [name]
     if glob.has_magic(name) and not Path(name).exists():
-        matches = sorted(glob.glob(name, recursive=True))  # noqa: PTH207 - absolute patterns, too
+        matches = _matches(name)
+    met: set[str] = set()
     for match in matches:
         for here, below, files in os.walk(match):
             below.sort()
             if VEHICLE in files:
                 below.clear()  # a drive holds no drives
-                yield os.path.abspath(here)  # noqa: PTH100 - a link keeps its name: the folder names the car
+                folder = os.path.abspath(here)  # noqa: PTH100 - a link keeps its name: the folder names the car
+                if folder not in met:
+                    met.add(folder)
+                    yield folder
+
+
+def _matches(pattern: str) -> list[str]:
+    """Return what a pattern matches, in order.
+
+    `**` follows no link (pathlib's way, unlike glob's): links that lead upwards would be followed in every
+    order, without end.
+    """
+    whole = Path(pattern)
+    return sorted(map(str, Path(whole.anchor).glob(str(whole.relative_to(whole.anchor)))))
 
 
 def _remote_folders(url: str) -> Iterator[str]:
