@@ -6,9 +6,12 @@ import re
 import tomllib
 from typing import Any
 
+import pytest
 import yaml
+from packaging.requirements import Requirement
 
 from tests.conftest import REPO
+from tools import make_lock
 from tpmsd.interfaces.cli.main import full_parser
 
 FOLDER = REPO / "contrib" / "container"
@@ -50,12 +53,44 @@ def test_the_image_runs_as_nobody_special() -> None:
         assert re.search(rf"-o {user.split(':')[0]} -g {user.split(':')[1]} -m 0\d+ {folder}", run)
 
 
-def test_what_is_installed_and_run_exists() -> None:
-    """The extras are those of pyproject.toml, copied files are here, and the commands are ours."""
+def locked() -> dict[str, tuple[str, int]]:
+    """Version and number of hashes of each package of the lock file."""
+    text = (FOLDER / "requirements.txt").read_text("utf-8").replace("\\\n", " ")
+    lines = [line.split() for line in text.splitlines() if line and not line.startswith("#")]
+    assert all(re.fullmatch(r"--hash=sha256:[0-9a-f]{64}", each) for line in lines for each in line[1:])
+    return {line[0].split("==")[0]: (line[0].split("==")[1], len(line) - 1) for line in lines}
+
+
+def test_each_package_is_installed_by_its_hash() -> None:
+    """All that is fetched has a version and a hash; the program itself is installed without a network."""
+    fetched, own = (part for argument in of("RUN") for part in argument.split("&&") if "pip install" in part)
     project = tomllib.loads((REPO / "pyproject.toml").read_text("utf-8"))["project"]
-    extras = re.search(r"'\.\[([a-z,]+)\]'", " ".join(of("RUN")))
-    assert extras is not None
-    assert set(extras[1].split(",")) <= set(project["optional-dependencies"])
+    wanted = [Requirement(each) for each in project["dependencies"]]
+    wanted += [
+        Requirement(each) for extra in make_lock.EXTRAS for each in project["optional-dependencies"][extra]
+    ]
+
+    assert "--require-hashes" in fetched and "requirements.txt" in fetched
+    assert {"--no-deps", "--no-index", "--no-build-isolation"} <= set(own.split())
+    for each in wanted:
+        version, hashes = locked()[each.name]
+        assert version in each.specifier and hashes >= 1, each
+
+
+def test_a_lock_of_two_processors_has_the_hashes_of_both() -> None:
+    """A pure wheel has one hash, a compiled one has two; two versions of one package are refused."""
+    one, other = (
+        {"a": ("1.0", "0" * 64), "b": ("2.0", "1" * 64)},
+        {"a": ("1.0", "0" * 64), "b": ("2.0", "2" * 64)},
+    )
+    assert ["a==1.0", "b==2.0"] == [w for w in make_lock.lock([one, other]).split() if "==" in w]
+    assert 3 == make_lock.lock([one, other]).count("--hash=sha256:")
+    with pytest.raises(ValueError, match=r"b: 2\.0 and 2\.1"):
+        make_lock.lock([one, {"b": ("2.1", "2" * 64)}])
+
+
+def test_what_is_installed_and_run_exists() -> None:
+    """Copied files are here, and the commands are ours."""
     sources = [path for argument in of("COPY") if "--from" not in argument for path in argument.split()[:-1]]
     assert [] == [path for path in sources if not (REPO / path).exists()]
     command = re.findall(r'"([^"]+)"', of("CMD")[0])
