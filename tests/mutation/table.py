@@ -72,6 +72,7 @@ _SIGNALS, _LEARNS = (
     "tests/onboard/monitor/test_signal_watch.py",
     "tests/onboard/monitor/test_learns_in_order.py",
 )
+_OFFSET, _OFFSET_TEST = "tpmsd/onboard/timeline/utc_offset.py", "tests/onboard/gnss/test_utc_offset.py"
 _SETTINGS = "tpmsd/onboard/monitor/settings.py"
 _LATE, _BACK = "time_s > self.deadline_s", "time_s < burst.last_s - self._interval.gap_s"
 _BURST_ENDS = f"({_LATE} or {_BACK})"
@@ -114,6 +115,18 @@ NAMED = (
         "        self._saved = self._writing",
         (_KEEPER,),
     ),
+    # An alarm that the disk refused stays urgent.
+    Named(
+        "tpmsd/onboard/daemon/state_keeper.py",
+        "self._urgent |= self._was_urgent",
+        "self._urgent &= self._was_urgent",
+        (_KEEPER,),
+    ),
+    # Warm-up and greatest drift of the receiver's clock; a reading of the same instant.
+    Named(_OFFSET, "_WARM_FIXES = 10", "_WARM_FIXES = 9", (_OFFSET_TEST,)),
+    Named(_OFFSET, "QUANTILE = 0.15", "QUANTILE = 0.2", (_OFFSET_TEST,)),
+    Named(_OFFSET, "MAX_DRIFT = 2e-3", "MAX_DRIFT = 4e-3", (_OFFSET_TEST,)),
+    Named("tpmsd/onboard/sources/wheel_counter.py", "if interval <= 0.0:", "if interval < 0.0:", (_COUNTER,)),
     Named("tpmsd/onboard/daemon/health.py", "BUS_SILENT_S = 2.0", "BUS_SILENT_S = 3.0", (_HEALTH,)),
     Named("tpmsd/onboard/daemon/health.py", "RECEIVER_SILENT_S = 3.0", "RECEIVER_SILENT_S = 2.0", (_HEALTH,)),
     Named("tpmsd/onboard/daemon/health.py", 'counts["late"],\n', 'counts["lost"],\n', (_HEALTH,)),

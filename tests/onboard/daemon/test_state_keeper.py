@@ -153,6 +153,22 @@ def test_a_disk_that_fails_is_tried_again(tmp_path: Path, caplog: pytest.LogCapt
     assert caplog.messages[1].endswith("saved again")
 
 
+def test_an_alarm_that_could_not_be_saved_is_tried_again_soon(tmp_path: Path) -> None:
+    """What is urgent stays urgent over a failure: it is written five seconds later, not after a minute."""
+    config, _ = car(tmp_path / "car")
+    config = replace(config, state=replace(config.state, file=tmp_path / "gone" / "state.json"))
+    (tmp_path / "gone").write_text("a file where a folder should be")
+    state = StateKeeper(config, LOG, PromptWriter())
+    state.service(0.0, lambda: {"n": 0})
+    state.alarm_changed()
+    state.service(10.0, lambda: {"n": 1})
+    (tmp_path / "gone").unlink()
+    for now_s in np.arange(10.1, 16.0, 0.1):
+        state.service(float(now_s), lambda: {"n": 1})
+
+    assert {"n": 1} == saved(config)
+
+
 def test_each_failure_of_the_disk_is_said_once(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """A disk that fails, works and fails again is reported both times."""
     caplog.set_level(logging.INFO)

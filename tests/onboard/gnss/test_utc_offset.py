@@ -98,6 +98,28 @@ def test_known_latency():
     assert pytest.approx(0.12, abs=1e-6) == tracker.lag_s
 
 
+def test_the_first_ten_fixes_are_taken_at_their_low_quantile():
+    """Until ten fixes are there, the offset is the 15 % quantile of theirs, interpolated between two."""
+    tracker, late = UtcOffsetTracker(), np.random.default_rng(3).exponential(0.02, 10)
+    for i in range(10):
+        tracker.update(T + 0.1 * i + 17.3 + late[i], T + 0.1 * i)
+        assert pytest.approx(17.3 + np.quantile(late[: i + 1], 0.15), abs=1e-6) == tracker.offset_s
+
+
+def test_a_drift_is_followed_as_far_as_clocks_drift():
+    """A drift of 2 ms/s is followed to 5 ms; one of 4 ms/s, which no clock has, stays behind by 10 ms."""
+    lags = []
+    for drift in (2e-3, 4e-3):
+        utc = T + np.arange(0, 60, 0.1)
+        tracker = UtcOffsetTracker()
+        valid = [
+            tracker.update(float(a), float(u)) for a, u in zip(utc + drift * (utc - T), utc, strict=True)
+        ]
+        lags.append(float(np.mean((np.array(valid) - utc - drift * (utc - T))[utc > T + 40])))
+    assert abs(lags[0]) < 0.005
+    assert lags[1] < -0.010
+
+
 def test_no_utc():
     """A fix without UTC is placed by its arrival and the usual lag."""
     tracker = UtcOffsetTracker(latency_s=0.1)
