@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import subprocess
 import sys
 import tempfile
@@ -44,7 +45,7 @@ def resolved(requirements: list[str], processor: str) -> dict[str, tuple[str, st
         done = subprocess.run([*command, *requirements], capture_output=True, text=True, check=True)
     found = {}
     for one in json.loads(done.stdout)["install"]:
-        name = one["metadata"]["name"].lower().replace("_", "-").replace(".", "-")
+        name = re.sub(r"[-_.]+", "-", one["metadata"]["name"]).lower()
         found[name] = (one["metadata"]["version"], one["download_info"]["archive_info"]["hashes"]["sha256"])
     return found
 
@@ -69,7 +70,7 @@ def main() -> int:
     try:
         print(lock([resolved(requirements, processor) for processor in PROCESSORS]), end="")
     except subprocess.CalledProcessError as error:
-        print(error.stderr.strip().splitlines()[-1], file=sys.stderr)
+        print((error.stderr.strip().splitlines() or [str(error)])[-1], file=sys.stderr)
         return 1
     except ValueError as error:
         print(error, file=sys.stderr)

@@ -11,6 +11,7 @@ import glob
 import hashlib
 import json
 import os
+import re
 import tempfile
 import tomllib
 from collections.abc import Iterable, Iterator
@@ -69,11 +70,15 @@ def _folders(name: str) -> Iterator[str]:
 def _matches(pattern: str) -> list[str]:
     """Return what a pattern matches, in order.
 
-    `**` follows no link (pathlib's way, unlike glob's): links that lead upwards would be followed in every
-    order, without end.
+    A part `**` follows no link (pathlib's way, unlike glob's): links that lead upwards would be followed in
+    every order, without end. Within a longer part it is one asterisk, as it is for glob.
     """
     whole = Path(pattern)
-    return sorted(map(str, Path(whole.anchor).glob(str(whole.relative_to(whole.anchor)))))
+    if "**" not in whole.parts:
+        return sorted(glob.glob(pattern))  # noqa: PTH207 - absolute patterns, too
+    parts = whole.relative_to(whole.anchor).parts
+    single = [part if part == "**" else re.sub(r"\*+", "*", part) for part in parts]
+    return sorted(map(str, Path(whole.anchor).glob("/".join(single))))
 
 
 def _remote_folders(url: str) -> Iterator[str]:
