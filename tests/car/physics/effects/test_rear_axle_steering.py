@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -44,3 +45,18 @@ def test_few_cars_have_it_and_none_the_other_sign() -> None:
 
     assert (cls.against(0.1), cls.against(-0.1)) == (4.0, 8.0)
     assert not np.any(make_effect("rear_axle_steering", gain=0.2).axle_course_rad(steady(20.0)))
+
+
+def test_it_takes_slow_and_fast_bends() -> None:
+    """Bends at 5 and at 25 m/s show the change of sign; at one speed there is none, nor on a straight."""
+    cls, slow, fast = EFFECTS["rear_axle_steering"], steady(5.0, 0.1), steady(25.0, 0.1)
+    both = {
+        name: np.concatenate([getattr(slow, name), getattr(fast, name)])
+        for name in ("speed_mps", "yaw_rate_radps")
+    }
+    mixed = SimpleNamespace(**both)
+
+    assert cls.observable(mixed, car())  # type: ignore[arg-type]
+    assert not cls.observable(slow, car())
+    assert not cls.observable(fast, car())
+    assert not cls.observable(steady(20.0), car())

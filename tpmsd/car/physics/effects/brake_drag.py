@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.effect import ODD_SIGN, Effect, Grid, Look, Parameter, Prior, WheelParameter
+from tpmsd.car.physics.effect import Effect, Grid, Look, Parameter, Prior, WheelParameter
 from tpmsd.car.physics.first_order import accumulated
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.car.physics.spans import wheel_mask
@@ -38,6 +38,7 @@ class BrakeDrag(Effect):
     telling_drive = "roll fast for ten minutes and slowly for ten, without braking, twice"
     shows_in = ("wheel_ratio", "time")
     one_sign = True
+    rare = True
     own_per_drive = True
     looks = Look.WHEEL
     places = ("fl", "fr", "rl", "rr")
@@ -87,11 +88,6 @@ class BrakeDrag(Effect):
     slip: float
     cooling_s: float = 240.0
     growth_m: float = 0.5
-
-    @classmethod
-    def against(cls, value: float) -> float:
-        """Few brakes drag, and none pushes."""
-        return ODD_SIGN + super().against(value)
 
     def wheel_slip(self, motion: Motion, car: Car) -> FloatArray:
         """(n, 4) -slip * (1 + h) on its wheel."""

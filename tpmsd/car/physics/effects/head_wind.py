@@ -38,6 +38,7 @@ class HeadWind(Effect):
     needs = ("gnss", "both_axles")
     looks = Look.WHEEL
     own_per_drive = True
+    rare = True
     stays = "it belongs to the drive on which it was found"
     parameters = (
         Parameter(

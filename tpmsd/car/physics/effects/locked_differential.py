@@ -33,6 +33,7 @@ class LockedDifferential(Effect):
     telling_drive = "drive full circles slowly, to both sides: load transfer is small there"
     shows_in = ("wheel_ratio", "yaw_rate")
     one_sign = True
+    rare = True
     limit = "track_width_error"
     parameters = (
         Parameter(

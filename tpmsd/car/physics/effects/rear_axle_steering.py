@@ -7,9 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmsd.car.physics.effect import ODD_SIGN, Effect, Grid, Parameter, Prior
+from tpmsd.car.physics.effect import Effect, Grid, Parameter, Prior
 from tpmsd.car.physics.motion import Car, Motion
 from tpmsd.foundation.wheels import IS_FRONT, FloatArray
+
+BEND_RADPS = 0.03
+"""Yaw rate of a bend."""
+SLOW_MPS, FAST_MPS = 10.0, 18.0
+"""Below the one and above the other speed some bends must be driven."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +41,7 @@ class RearAxleSteering(Effect):
     telling_drive = "drive the same bends slowly and fast, to both sides"
     shows_in = ("gnss_course", "accel_lat")
     one_sign = True
+    rare = True
     grid = Grid(
         "crossover_mps",
         values=(10.0, 16.0),
@@ -71,9 +77,14 @@ class RearAxleSteering(Effect):
     crossover_mps: float = 15.0
 
     @classmethod
-    def against(cls, value: float) -> float:
-        """Few cars have it, and none the other sign."""
-        return ODD_SIGN + super().against(value)
+    def observable(cls, motion: Motion, car: Car) -> bool:
+        """Where bends are driven below and above the crossover: on one side alone it is an antenna's place or
+        a side slip."""
+        bends = motion.speed_mps[np.abs(motion.yaw_rate_radps) > BEND_RADPS]
+        if not bends.size:
+            return False
+        slow, fast = np.quantile(bends, [0.05, 0.95])
+        return bool(slow < SLOW_MPS and fast > FAST_MPS)
 
     def axle_course_rad(self, motion: Motion) -> FloatArray:
         """(n,) the angle of the rear wheels."""

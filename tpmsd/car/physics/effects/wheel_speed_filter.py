@@ -39,6 +39,7 @@ class WheelSpeedFilter(Effect):
     needs = ("speeds", "gnss")
     beside = ("velocity_lag", "gnss_latency")
     one_sign = True
+    rare = True
     stays = "what a low-pass took away cannot be given back"
     parameters = (
         Parameter(
@@ -58,7 +59,7 @@ class WheelSpeedFilter(Effect):
     @classmethod
     def against(cls, value: float) -> float:
         """A short one is a lag, which has the better known name."""
-        return OWN if value < USUAL_S else 0.0
+        return super().against(value) + (OWN if value < USUAL_S else 0.0)
 
     @classmethod
     def usual(cls, value: float, std: float, speeds: bool) -> str:
