@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import gumbel_r, kstest
 
+from bench.worlds.instruments import Drive
 from bench.worlds.kinematic import Spec, drive
 from tests.offline.diagnosis.recorded import PER_TICK, recording_of
 from tpmsd.car.physics.catalogue import make_effect
@@ -84,11 +85,7 @@ def test_a_spline_beyond_the_linear_is_certified() -> None:
     """
     made = drive(Spec(duration_s=420.0, road="rural", receiver_hz=10.0, teeth=96), 12)
     plain = recording_of(made)
-    ticks = slice(0, PER_TICK * len(plain.rotation_rad), PER_TICK)
-    change = 1.2e-4 * made.speed[ticks] ** 2 * made.yaw_rate[ticks] / plain.car.radius_m[0]
-    rotation = plain.rotation_rad.copy()
-    rotation[:, :2] *= 1.0 - change[:, None]
-    readers, notes = admitted([dataclasses.replace(plain, rotation_rad=rotation)])
+    readers, notes = admitted([_of_strange_tyres(made, plain)])
     study, selection, evidence = examine(Study(readers), lambda share: None)
     noisy = dataclasses.replace(report(study, selection, evidence, notes), model_rms=10.0)
     again = certified(study, selection, evidence, noisy, 7, np.random.default_rng(1)).findings[0]
@@ -96,6 +93,36 @@ def test_a_spline_beyond_the_linear_is_certified() -> None:
     assert ("unknown", "finding") == (again.effect, again.status)
     assert again.p_value == pytest.approx(1.0 / 8.0)
     assert again.p_value_is_bound
+
+
+def _of_strange_tyres(made: Drive, plain: Recording) -> Recording:
+    """The recording with front tyres that change by 1.2e-4 s3/m * v * a_y."""
+    ticks = slice(0, PER_TICK * len(plain.rotation_rad), PER_TICK)
+    change = 1.2e-4 * made.speed[ticks] ** 2 * made.yaw_rate[ticks] / plain.car.radius_m[0]
+    rotation = plain.rotation_rad.copy()
+    rotation[:, :2] *= 1.0 - change[:, None]
+    return dataclasses.replace(plain, rotation_rad=rotation)
+
+
+def test_a_true_effect_beside_a_spline_is_certified() -> None:
+    """A fix that is 0.2 s old beside those tyres is a finding of its size: what the spline does beyond its
+    linear response in the replicates says nothing against the latency."""
+    physics: dict[str, dict[str, object]] = {"gnss_latency": {"latency_s": 0.2}}
+    spec = Spec(duration_s=420.0, road="rural", receiver_hz=10.0, teeth=96, physics=physics)
+    made = drive(spec, 12)
+    late = _of_strange_tyres(made, recording_of(made))
+    found = {
+        one.effect: one
+        for one in diagnose([late], certify=Certification(7, np.random.default_rng(1))).findings
+    }
+
+    assert {"unknown", "gnss_latency"} <= set(found)
+    latency = found["gnss_latency"]
+    assert "finding" == latency.status
+    assert latency.p_value == pytest.approx(1.0 / 8.0)
+    value = latency.parameters["latency_s"]
+    assert value.std is not None
+    assert value.value == pytest.approx(0.2, abs=4.0 * value.std)
 
 
 def test_without_a_certificate_there_is_no_p_value(plain: Diagnosis) -> None:

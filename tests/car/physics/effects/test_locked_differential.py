@@ -34,11 +34,11 @@ def test_the_other_axle_and_straights_know_nothing_of_it() -> None:
 
 
 def test_what_a_track_can_be_is_no_lock() -> None:
-    """A fit takes up to 0.25 m for a track error; locks begin at 0.15 of 1.5 m, and are no other sign."""
-    cls = EFFECTS["locked_differential"]
-    low, high = cls.limits(car())["coefficient"]
+    """It costs odds of fifty more than a track error, which no fit takes beyond 0.25 m, c = 0.15."""
+    cls, track = EFFECTS["locked_differential"], EFFECTS["track_width_error"]
 
-    assert low * 1.52 < EFFECTS["track_width_error"].limits(car())["rear_m"][1]
-    assert (low, high) == (0.15, 1.2)
+    assert cls.against(0.1) == track.against(-0.15) + 4.0
+    assert cls.limit == track.name
+    assert track.limits(car())["rear_m"] == (-0.25, 0.25)
     with pytest.raises(ConfigError, match="coefficient = 9 is outside"):
         make_effect("locked_differential", coefficient=9)

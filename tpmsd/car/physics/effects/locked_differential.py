@@ -21,8 +21,7 @@ class LockedDifferential(Effect):
     axle's two: c = 0 is an open differential, c = 1 an axle whose wheels turn alike.
 
     In a bend the inner driven wheel turns faster than it rolls and the outer one slower. It reads like a
-    track that is narrower by c; a track error is no more than 0.25 m, c = 0.15, and less than that is no
-    lock. Source: kinematics of an axle; limited-slip differentials lock by a quarter to three quarters,
+    track that is narrower by c: what a track error may be, 0.25 m or c = 0.15, goes by that name. Source: kinematics of an axle; limited-slip differentials lock by a quarter to three quarters,
     viscous couplings by a tenth to a half (Milliken, Race Car Vehicle Dynamics, 1995, chapter 20).
     """
 
@@ -45,7 +44,7 @@ class LockedDifferential(Effect):
             "c, 1 is a locked axle",
             probe=1e-3,
             prior=Prior(0.0, 0.3, "a quarter to three quarters: makers"),
-            fitted=(0.15, 1.2),
+            fitted=(0.0, 1.2),
         ),
     )
     coefficient: float
