@@ -49,7 +49,7 @@ class WheelSpeedFilter(Effect):
             0.0,
             10.0,
             "of the low-pass",
-            probe=0.1,
+            probe=0.2,
             prior=Prior(0.0, 0.1, "0.1 to 0.5 s for a dashboard, next to none for a controller"),
             fitted=(0.0, 3.0),
         ),
