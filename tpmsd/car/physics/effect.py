@@ -132,6 +132,8 @@ class Effect:
     """What it does, in one line of plain text, for the reference."""
     one_sign: ClassVar[bool] = False
     """Whether only one sign is physically possible (positive) of its first parameter."""
+    common: ClassVar[bool] = False
+    """Whether every car has some of it, so that it is expected beside others of the kind."""
     rare: ClassVar[bool] = False
     """Whether few drives show it: it costs odds of fifty, and no noise is estimated beside it."""
     needs: ClassVar[tuple[str, ...]] = ()

@@ -30,6 +30,7 @@ from tpmsd.offline.diagnosis.hypotheses.terms import Hypotheses, Term
 from tpmsd.offline.diagnosis.selection.candidates import Candidates, handicap, resting
 from tpmsd.offline.diagnosis.selection.chosen import Chosen, Selection
 from tpmsd.offline.diagnosis.selection.rivals import Rival, confidence, confounded, same_statement
+from tpmsd.offline.diagnosis.selection.sets import best_set
 from tpmsd.offline.diagnosis.settings import SETTINGS
 from tpmsd.offline.inference.least_squares import Evidence
 
@@ -305,7 +306,7 @@ class Selector(Candidates):
 
     def _named(self, chosen: list[Term]) -> list[Term]:
         """Replace a shape, and effects over the same covariate, by two effects that explain more than it does
-        less its handicap.
+        less its handicap, or by a set of effects that every car has.
 
         Neither alone need explain it: driven wheels slip under power, all wheels under braking.
         """
@@ -318,7 +319,27 @@ class Selector(Candidates):
                     named = self._prune([*rest, *terms])
                     if self._worth(named) > must and self._sane(named):
                         return self._named(named)
+            usual = self._usual_set(others, shape, self._worth(chosen) - ahead)
+            if usual:
+                return self._named(usual)
         return chosen
+
+    def _usual_set(self, others: list[Term], shape: Term, worth: float) -> list[Term]:
+        """Effects that every car has, as one model in the place of a shape and of those of them that stand
+        beside it among the `others`; empty where the model with the shape is `worth` more (nats)."""
+        if shape.covariate in ("time", "distance") or shape.drive is not None:
+            return []
+        rest = [term for term in others if not term.kind_of.common]
+        limits = {term.kind_of.limit for term in rest}
+        usual = [
+            term
+            for term in self.hypotheses.catalogue
+            if term.kind_of.common and term.drive is None and term.effect not in limits
+        ]
+        found = best_set(usual, *self.evidence.projected(self.design(rest)))
+        named = [*rest, *found.terms]
+        better = self._worth(rest) + found.log_bayes > worth + SETTINGS.selection.exchange_nats
+        return named if found.terms and better and self._sane(named) else []
 
     def _independent(self, terms: list[Term], term: Term, gain: float) -> bool:
         """Whether a term brings most of its gain beside its rival too: then they explain different things."""
