@@ -401,5 +401,5 @@ CASES: dict[str, Callable[[np.random.Generator], Drawn]] = {
     "yaw_rate_bias": _simple("yaw_rate_bias", {"bias": ("bias", 3e-3)}, **GYRO),
     "yaw_rate_scale": _scaled("yaw_rate_scale", "scale", "scale", 0.025, **GYRO),
 }
-"""By the catalogue's names. Not here: `spare_or_mixed_tyre`, which calibration takes up, and `wear`, which
-acts between drives."""
+"""By the catalogue's names. Not here: `spare_or_mixed_tyre`, which calibration takes up, `wear`, which acts
+between drives, and `torque_slip`, for no world of these tells a torque."""

@@ -139,7 +139,7 @@ class Effect:
     needs: ClassVar[tuple[str, ...]] = ()
     """Readings without which no drive shows it: `yaw_rate`, `gnss` (any), `gnss_speed`, `gnss_position`,
     `slopes`, `heights` or `accelerometer` (slopes by these), `speeds` (no counts), `temperature`,
-    `both_axles` (wheels of both)."""
+    `torque`, `both_axles` (wheels of both)."""
     looks: ClassVar[Look] = Look.OTHER
     beside: ClassVar[tuple[str, ...]] = ()
     """Effects beside which it must be needed, where shapes act that no formula holds."""

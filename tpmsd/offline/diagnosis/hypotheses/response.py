@@ -101,6 +101,7 @@ def available(reader: Reader) -> frozenset[str]:
         "accelerometer": by == "accelerometer",
         "speeds": bool((reader.recording.quantum_rad == 0.0).all()),
         "temperature": "temperature" in reader.windows.covariates,
+        "torque": "torque" in reader.windows.covariates,
         "both_axles": len({bool(IS_FRONT[wheel]) for wheel in reader.recording.wheels}) == 2,
     }
     return frozenset(name for name, there in here.items() if there)
