@@ -118,8 +118,10 @@ class Selector(Candidates):
         return None if best is None else best[1]
 
     def _sure(self, chosen: list[Term], terms: list[Term], net: float, threshold: float) -> float:
-        """Penalised gain (nats) of one or two terms beside the chosen ones by their block-wise variance; `net`
-        is the one without it. Minus infinity where they cannot stand there."""
+        """Penalised gain (nats) of one or two terms beside the chosen ones by their block-wise variance.
+
+        `net` is the one without it. Minus infinity where the terms cannot stand there.
+        """
         now = [*chosen, *terms]
         at = range(len(chosen), len(now))
         if not self._sane(now):
