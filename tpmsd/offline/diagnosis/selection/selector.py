@@ -12,7 +12,7 @@ blocks that were held out.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -41,10 +41,20 @@ SPLITS = (("front", "rear"), ("left", "right"))
 class Selector(Candidates):
     """Searches."""
 
-    def __init__(self, evidence: Evidence, hypotheses: Hypotheses, last: bool = False) -> None:
-        """With `last` it is the verdict that is asked for, and not what the noise is estimated beside."""
+    def __init__(
+        self,
+        evidence: Evidence,
+        hypotheses: Hypotheses,
+        last: bool = False,
+        beyond: Callable[[Sequence[Term]], float] = lambda terms: 0.0,
+    ) -> None:
+        """With `last` it is the verdict that is asked for, and not what the noise is estimated beside.
+
+        `beyond` tells what terms bring beyond their linear responses, nats: rivals are compared with it.
+        """
         super().__init__(evidence, hypotheses)
         self.last = last
+        self.beyond = beyond
         self._bounds = hypotheses.car.bounds
         self._shares: dict[tuple[int, str, str], float] = {}
 
@@ -423,9 +433,12 @@ class Selector(Candidates):
             weight = math.exp(min(better / doubt, 0.0))
             if same_statement(other, term, first) or not self._in_place_of(rest, other, term, gain, raw):
                 continue
-            matters = weight > SETTINGS.selection.rival_weight or raw > gain - alike
-            if matters and not self._within_limits([*rest, other], other):
-                continue
+            if weight > SETTINGS.selection.rival_weight or raw > gain - alike:
+                if not self._within_limits([*rest, other], other):
+                    continue
+                more = self._beyond_of(rest, other, term)
+                raw, better = raw + more, better + more
+                weight = math.exp(min(better / doubt, 0.0))
             one = Rival(f"{FAULT.name}:{other.wheel}" if other.ramp else other.effect, other.effect, weight)
             if not (other.free or other.effect == term.effect or other.calibrates):
                 if divided and raw < gain - alike:
@@ -434,6 +447,13 @@ class Selector(Candidates):
                     one = replace(one, replaces_by=raw)
             out.append(one)
         return out
+
+    def _beyond_of(self, rest: list[Term], rival: Term, term: Term) -> float:
+        """What the exact response of a rival in a term's place brings more than that of the term, beyond what
+        their linear responses bring, nats; nothing of a description, which is as linear as it is told."""
+        if rival.free or term.free:
+            return 0.0
+        return self.beyond([*rest, rival]) - self.beyond([*rest, term])
 
     def _in_place_of(self, rest: list[Term], rival: Term, term: Term, gain: float, raw: float) -> bool:
         """Return whether a rival explains what a term does, and not something else, with possible values."""
