@@ -6,12 +6,14 @@ import heapq
 import json
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tpmsd.car.config.load import load_config
+from tpmsd.car.config.model import DEFAULT_METHOD, Config
 from tpmsd.foundation.wheels import WHEELS
 from tpmsd.interfaces.cli.replay import replay
 from tpmsd.offline.report.replay_result import ReplayResult
@@ -40,16 +42,28 @@ def drive(bus: str, wheel: str | None, duration_s: float = 180.0, route: str = "
     )
 
 
-def replayed(folder: Path, simulated: SimulatedDrive) -> ReplayResult:
+BOTH = pytest.mark.parametrize("method", ["gaussian-sum", "mpf-pn"])
+"""The filters that are held to the same bars."""
+
+
+def configured(folder: Path, method: str) -> Config:
+    """The configuration of a drive with one of the filters."""
+    config = load_config(folder)
+    return replace(config, filter=replace(config.filter, method=method))
+
+
+def replayed(folder: Path, simulated: SimulatedDrive, method: str = DEFAULT_METHOD) -> ReplayResult:
     write_drive(folder, simulated)
-    return replay(folder, load_config(folder))
+    return replay(folder, configured(folder, method))
 
 
 @pytest.mark.parametrize("wheel", WHEELS)
-@pytest.mark.parametrize("bus", BUSES)
-def test_a_puncture_is_announced_on_its_wheel(tmp_path: Path, bus: str, wheel: str) -> None:
+@pytest.mark.parametrize(
+    ("bus", "method"), [*((bus, "gaussian-sum") for bus in BUSES), ("counts16", "mpf-pn")]
+)
+def test_a_puncture_is_announced_on_its_wheel(tmp_path: Path, bus: str, wheel: str, method: str) -> None:
     """-2 % within 30 s: deflation of that very wheel within 60 s of the onset, and no alarm of another."""
-    result = replayed(tmp_path, drive(bus, wheel))
+    result = replayed(tmp_path, drive(bus, wheel), method)
     assert {wheel} == {alarm.wheel for alarm in result.alarms}
     assert {"raised"} == {alarm.state for alarm in result.alarms}
     deflations = [alarm for alarm in result.alarms if alarm.kind == "deflation"]
@@ -104,8 +118,8 @@ def inputs(simulated: SimulatedDrive) -> Iterator[Input]:
     return heapq.merge(frames, lines, key=lambda item: item[0])
 
 
-def pipeline(folder: Path) -> Pipeline:
-    config = load_config(folder)
+def pipeline(folder: Path, method: str = DEFAULT_METHOD) -> Pipeline:
+    config = configured(folder, method)
     return Pipeline(config, load_database(config.can.dbc))
 
 
@@ -141,15 +155,16 @@ def test_a_timer_changes_nothing(tmp_path: Path) -> None:
     assert essence(a) == essence(b)
 
 
-def test_a_restart_goes_on_where_it_was(tmp_path: Path) -> None:
+@BOTH
+def test_a_restart_goes_on_where_it_was(tmp_path: Path, method: str) -> None:
     """A pipeline that took up another's snapshot monitors at once, and finds a puncture on the next drive."""
     learn = drive("counts16", None, duration_s=120.0)
     write_drive(tmp_path, learn)
-    first = pipeline(tmp_path)
+    first = pipeline(tmp_path, method)
     for item in inputs(learn):
         feed(first, item)
     saved = json.loads(json.dumps(first.snapshot(), allow_nan=False))
-    second = pipeline(tmp_path)
+    second = pipeline(tmp_path, method)
     second.restore(saved)
     assert saved["monitor"] == second.snapshot()["monitor"]
     steps = [

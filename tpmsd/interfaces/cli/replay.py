@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from tpmsd.car.config.load import load_config
-from tpmsd.car.config.model import FILTER_METHODS, Config
+from tpmsd.car.config.model import Config
 from tpmsd.car.physics.model import ExtendedModel
-from tpmsd.car.physics.model_file import load_model
-from tpmsd.foundation.errors import ConfigError, InputError
+from tpmsd.foundation.errors import InputError
 from tpmsd.foundation.lean import keep_freed_memory
 from tpmsd.foundation.provenance import provenance
 from tpmsd.interfaces.api.results import REPLAY_SCHEMA
 from tpmsd.interfaces.cli.drive_reading import say, span_s
+from tpmsd.interfaces.cli.filter_options import add_filter_options, model_of, with_filter
 from tpmsd.interfaces.cli.output import Progress, Subparsers, add_json_option, json_text
 from tpmsd.interfaces.cli.outputs import Outputs
 from tpmsd.offline.drives import playing
@@ -32,7 +32,6 @@ from tpmsd.offline.tables.car_file import toml_text
 from tpmsd.offline.tables.tick_table import TickTable
 from tpmsd.offline.tables.write import check_packages, csv_text, parquet_bytes
 from tpmsd.offline.tables.write_mcap import mcap_bytes
-from tpmsd.onboard.timeline.compensation import left_alone
 
 _DESCRIPTION = """\
 Runs a recorded drive through the same core as the daemon, at full speed, and says what the daemon would
@@ -71,12 +70,7 @@ def add_parser(subparsers: Subparsers) -> None:
     parser.add_argument("--html", type=Path, metavar="FILE", help="write a page with plots and the track")
     for kind, what in _TABLES.items():
         parser.add_argument(f"--{kind}", type=Path, metavar="FILE", help=f"write the tick table {what}")
-    parser.add_argument(
-        "--model", type=Path, metavar="FILE", help="physics of a model.toml to be compensated"
-    )
-    known = ", ".join(FILTER_METHODS)
-    parser.add_argument("--method", help=f"estimator instead of the configured one: {known}")
-    parser.add_argument("--seed", type=int, help="seed of the estimator instead of the configured one")
+    add_filter_options(parser)
     add_json_option(parser)
 
 
@@ -97,13 +91,8 @@ def run(args: argparse.Namespace) -> int:
         if outputs.asked(f"--{kind}"):
             check_packages(kind)
     config = load_config(args.config if args.config is not None else _vehicle_of(args.drive))
-    config = _overridden(config, args)
-    model = None
-    model_file = args.model or config.filter.model
-    if model_file is not None:
-        model = load_model(model_file)
-        for note in left_alone(config, model):
-            print(f"tpmsd: {model_file}: {note}", file=sys.stderr)
+    config = with_filter(config, args)
+    model = model_of(config, args, say)
     wanted = args.html is not None or any(outputs.asked(option) for option, _ in asked)
     car = toml_text(settings_of(config))
     keep_freed_memory()
@@ -137,19 +126,6 @@ def _vehicle_of(drive: Path) -> Path:
     if not drive.is_dir():
         raise InputError(drive, "not a folder" if drive.exists() else "no such drive folder")
     return drive
-
-
-def _overridden(config: Config, args: argparse.Namespace) -> Config:
-    from dataclasses import replace as changed
-
-    filter_config = config.filter
-    if args.method is not None:
-        filter_config = changed(filter_config, method=args.method)
-    if args.seed is not None:
-        if args.seed < 0:
-            raise ConfigError(f"--seed {args.seed}: a seed is 0 or more")
-        filter_config = changed(filter_config, seed=args.seed)
-    return changed(config, filter=filter_config)
 
 
 def replay(folder: Path, config: Config, model: ExtendedModel | None = None) -> ReplayResult:
