@@ -219,3 +219,23 @@ def test_any_bytes_pass_through_the_core(tmp_path: Path) -> None:
     assert len(steps) > 280
     assert all(math.isfinite(x) for step in steps for x in step.estimate.deviation_m)
     assert [] == [event for step in steps for event in step.report.events]
+
+
+def test_what_is_stated_holds_a_receivers_scale(tmp_path: Path) -> None:
+    """A standard deviation of a radius is that of the estimate and 0.1 % of the radius, in quadrature, for a
+    wheel, an alarm that stands and one that is raised; that of a change is the monitor's."""
+    made = drive("counts16", "rl", duration_s=160.0)
+    write_drive(tmp_path, made)
+    steps = [step for core in [pipeline(tmp_path)] for item in inputs(made) for step in feed(core, item)]
+    radius_m = load_config(tmp_path).vehicle.wheel_radius_m
+    for step in steps:
+        known_m2 = np.diag(step.estimate.covariance_m2) + (1e-3 * np.array(radius_m)) ** 2
+        told = [wheel.std_m for wheel in step.report.wheels if np.isfinite(wheel.std_m)]
+        assert len(told) in (0, 4)
+        np.testing.assert_allclose(told, np.sqrt(known_m2)[: len(told)], rtol=1e-12)
+        for event in step.report.events:
+            assert event.wheel is not None
+            assert event.std_m == step.report.wheels[WHEELS.index(event.wheel)].std_m
+            assert event in step.report.active
+    assert any(step.report.events for step in steps)
+    assert steps[-1].report.wheels[2].change_std_m < steps[-1].report.wheels[2].std_m
