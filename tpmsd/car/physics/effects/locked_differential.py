@@ -21,9 +21,9 @@ class LockedDifferential(Effect):
     axle's two: c = 0 is an open differential, c = 1 an axle whose wheels turn alike.
 
     In a bend the inner driven wheel turns faster than it rolls and the outer one slower. It reads like a
-    track that is narrower by c: what a track error may be, 0.25 m or c = 0.15, goes by that name. Source:
-    kinematics of an axle; limited-slip differentials lock by a quarter to three quarters, viscous couplings
-    by a tenth to a half (Milliken, Race Car Vehicle Dynamics, 1995, chapter 20).
+    track that is narrower by c: what a track error may be, 0.25 m or c = 0.15, goes by that name.
+    Source: kinematics of an axle; limited-slip differentials lock by a quarter to three quarters, viscous
+    couplings by a tenth to a half (Milliken, Race Car Vehicle Dynamics, 1995, chapter 20).
     """
 
     name = "locked_differential"

@@ -27,12 +27,9 @@ from tpmsd.offline.diagnosis.hypotheses.terms import Term
 class EffectSet:
     """Terms as one model."""
 
-    terms: tuple[Term, ...]
-    log_bayes: float
+    terms: tuple[Term, ...] = ()
+    log_bayes: float = 0.0
     """Log Bayes factor over none of them, nats."""
-
-
-NONE = EffectSet((), 0.0)
 
 
 def priors_of(term: Term) -> tuple[FloatArray, FloatArray]:
@@ -75,7 +72,7 @@ def best_set(terms: Sequence[Term], gram: FloatArray, b: FloatArray) -> EffectSe
     for term in terms:
         by_effect.setdefault(term.effect, []).append(term)
     if not by_effect:
-        return NONE
+        return EffectSet()
 
     def scored(chosen: Sequence[Term]) -> EffectSet:
         return EffectSet(tuple(chosen), log_bayes(chosen, gram, b))
@@ -87,7 +84,7 @@ def best_set(terms: Sequence[Term], gram: FloatArray, b: FloatArray) -> EffectSe
             rest = (*best.terms[:k], *best.terms[k + 1 :])
             trials.append(scored(rest))
             trials += [scored((*rest, other)) for other in by_effect[term.effect] if other is not term]
-        better = max(trials, key=lambda one: one.log_bayes, default=NONE)
+        better = max(trials, key=lambda one: one.log_bayes, default=EffectSet())
         if better.log_bayes <= best.log_bayes + math.ulp(best.log_bayes):
             return best
         best = better
