@@ -70,7 +70,7 @@ def fitted(minutes: float) -> Fitted:
 def refit(one: Fitted, count: int, rng: np.random.Generator) -> FloatArray:
     """(count,) values of the effect, design fixed."""
     many = redrawn(one.drive, one.design, one.fit.values[:, 0], one.noise, rng, count)
-    return fit([many], [one.design], [one.noise]).values[one.fit.keys.index(EFFECT)]
+    return np.asarray(fit([many], [one.design], [one.noise]).values[one.fit.keys.index(EFFECT)])
 
 
 def rerun(one: Fitted, count: int, rng: np.random.Generator) -> FloatArray:

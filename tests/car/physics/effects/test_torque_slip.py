@@ -9,6 +9,7 @@ import pytest
 
 from tests.car.physics.motions import accelerating, car, steady
 from tpmsd.car.physics.catalogue import EFFECTS, make_effect
+from tpmsd.car.physics.effect import Parameter
 from tpmsd.car.physics.motion import Motion
 
 
@@ -33,8 +34,10 @@ def test_one_car_has_one_size_of_either_slip() -> None:
     by_force = make_effect("longitudinal_slip", slip_per_accel=4e-3).wheel_slip(told, car())
 
     assert by_torque == pytest.approx(by_force)
-    prior = EFFECTS["torque_slip"].parameters[0].prior  # type: ignore[union-attr]
-    assert prior.mean == pytest.approx(4e-3 / (1500.0 * 0.316), rel=0.1)
+    (known, _) = EFFECTS["torque_slip"].parameters
+    assert isinstance(known, Parameter)
+    assert known.prior is not None
+    assert known.prior.mean == pytest.approx(4e-3 / (1500.0 * 0.316), rel=0.1)
 
 
 def test_without_a_torque_there_is_none() -> None:
