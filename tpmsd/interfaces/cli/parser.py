@@ -23,7 +23,6 @@ exit codes:
   2  wrong usage or configuration
   3  unusable input (the message names file, line and reason)
 """
-EXIT_UNUSABLE = 3
 _LONGEST_CHOICES = 24
 _HANG = 4
 

@@ -159,11 +159,15 @@ def _wheel(one: Spelled) -> str | None:
             of_wheel = (len(words) == 1 and word == wheel) or _WHEEL_WORDS & (set(words) - {word})
             if any(stem in _WHEEL_WORDS or (not stem and of_wheel) for stem in stems):
                 return wheel
-    pairs = [pair for pair in itertools.pairwise(words) if max(map(len, pair)) > 1]
-    for first, second in pairs:
-        for front, side in ((first, second), (second, first)):
-            axle = "f" if front in _FRONT else "r" if front in _REAR else None
-            where = "l" if side in _LEFT else "r" if side in _RIGHT else None
+    return _by_words(words)
+
+
+def _by_words(words: Sequence[str]) -> str | None:
+    """The wheel of two neighbouring words, such as `front left` or `links vorn`."""
+    for pair in itertools.pairwise(words):
+        for front, side in (pair, pair[::-1]) if max(map(len, pair)) > 1 else ():
+            axle = "f" if front in _FRONT else "r" if front in _REAR else ""
+            where = "l" if side in _LEFT else "r" if side in _RIGHT else ""
             if axle and where and front != side:
                 return axle + where
     return None
