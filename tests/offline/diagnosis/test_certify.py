@@ -21,6 +21,7 @@ from tpmsd.offline.diagnosis.prepared.admission import admitted
 from tpmsd.offline.diagnosis.prepared.drive_study import first_noise
 from tpmsd.offline.diagnosis.prepared.study import Study
 from tpmsd.offline.diagnosis.reporting.findings import report
+from tpmsd.offline.diagnosis.robustness import certify
 from tpmsd.offline.diagnosis.robustness.certify import certified
 from tpmsd.offline.diagnosis.robustness.chance import chance, discoveries, tail_probability
 from tpmsd.offline.diagnosis.robustness.negative_control import negative_control
@@ -104,25 +105,32 @@ def _of_strange_tyres(made: Drive, plain: Recording) -> Recording:
     return dataclasses.replace(plain, rotation_rad=rotation)
 
 
-def test_a_true_effect_beside_a_spline_is_certified() -> None:
-    """A fix that is 0.2 s old beside those tyres is a finding, also where the dispersion leaves 70 nats of
-    it: what the spline does beyond its linear response in replicates that hold it is more, and none of
-    chance's."""
+def test_a_true_effect_beside_a_spline_is_certified(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fix that is 0.2 s old beside those tyres is a finding; where replicates that hold the tyres' spline
+    reach it, it is tested again in replicates without, which hold the latency alone."""
     physics: dict[str, dict[str, object]] = {"gnss_latency": {"latency_s": 0.2}}
     spec = Spec(duration_s=420.0, road="rural", receiver_hz=10.0, teeth=96, physics=physics)
     made = drive(spec, 12)
     readers, notes = admitted([_of_strange_tyres(made, recording_of(made))])
     study, selection, evidence = examine(Study(readers), lambda share: None)
-    (gain,) = (one.gain for one in selection.chosen if one.term.effect == "gnss_latency")
-    noisy = dataclasses.replace(
-        report(study, selection, evidence, notes), model_rms=float(np.sqrt(gain / 70.0))
-    )
-    again = certified(study, selection, evidence, noisy, 7, np.random.default_rng(1)).findings
-    (latency,) = (one for one in again if one.effect == "gnss_latency")
+    before = report(study, selection, evidence, notes)
+    sure = certified(study, selection, evidence, before, 1, np.random.default_rng(1)).findings
+    models: list[ExtendedModel] = []
 
-    assert gain > 400.0
-    assert "finding" == latency.status
-    assert latency.p_value == pytest.approx(1.0 / 8.0)
+    def seven(study: Study, drawn: list[ExtendedModel], statistics: list[object], *rest: object) -> object:
+        models.extend(drawn)
+        return [[0.0] * 7 for _ in statistics]
+
+    monkeypatch.setattr(certify, "_drawn", seven)
+    often = [chance(0.0, [1.0] * 7) for _ in before.findings]
+    again = certify._without_splines(
+        study, selection, evidence, before.findings, often, 1.0, 7, np.random.default_rng(1)
+    )
+    (late,) = (k for k, one in enumerate(before.findings) if one.effect == "gnss_latency")
+
+    assert ("finding", 0.5) == (sure[late].status, sure[late].p_value)
+    assert again[late].p_value == pytest.approx(1.0 / 8.0)
+    assert ["gnss_latency"] == [effect.name for effect in models[0]]
 
 
 def test_without_a_certificate_there_is_no_p_value(plain: Diagnosis) -> None:
