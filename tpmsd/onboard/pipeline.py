@@ -91,7 +91,7 @@ class Pipeline:
         self.resonance: ResonanceWatch | None = None
         if config.monitor.resonance:
             self.resonance = ResonanceWatch(config.vehicle.wheel_radius_m)
-            self.timeline.observe, self.timeline.observe_run = self.resonance.add, self.resonance.extend
+            self.timeline.observe_rotations(self.resonance)
 
     def on_frame(
         self, time_s: float, arbitration_id: int, is_extended: bool, data: bytes, bus: int = 0

@@ -56,12 +56,11 @@ def replayed(
     begun = time.perf_counter()
     pipeline = Pipeline(config, database, model)
     if ticks is not None:
-        pipeline.timeline.observe_fix = ticks.observe_fix
+        pipeline.timeline.observe_fixes(ticks.observe_fix)
     watch = pipeline.resonance
     if watch is None:  # a report all the same
         watch = ResonanceWatch(config.vehicle.wheel_radius_m)
-        pipeline.timeline.observe, pipeline.timeline.observe_run = watch.add, watch.extend
-        pipeline.timeline.observe_late_s = REPORTED_LATE_S
+        pipeline.timeline.observe_rotations(watch, REPORTED_LATE_S)
     for step in play(stream, pipeline, progress, note):
         recorder.add(step.tick, step.estimate, step.report)
         if states is not None:
