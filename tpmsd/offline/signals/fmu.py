@@ -17,6 +17,7 @@ import threading
 import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 import numpy as np
 
@@ -47,9 +48,10 @@ def fmu_table(file: Path, recording: Path, drive: DynamicsDrive, wall_s: float =
     with tempfile.TemporaryDirectory(prefix="tpmsd-fmu-") as where:
         folder = Path(where) / "fmu"
         unpack(file, folder)
-        given = Path(where) / "inputs.npz"
-        np.savez(given, **inputs)
-        names, values = _simulated(file, {"folder": str(folder), "inputs": str(given)}, wall_s)
+        given = Path(where) / "inputs.npy"
+        np.save(given, np.stack(list(inputs.values())))
+        request = {"folder": str(folder), "inputs": str(given), "names": list(inputs)}
+        names, values = _simulated(file, request, wall_s)
     time_s = drive.time_s + drive.start_s
     columns: dict[str, FloatArray] = {TIME: time_s}
     for k, name in enumerate(names[1:], start=1):
@@ -104,7 +106,7 @@ def _check_members(file: Path, members: list[zipfile.ZipInfo]) -> None:
         raise InputError(file, f"{DESCRIPTION} is larger than {MOST_DESCRIPTION_BYTES >> 20} MB")
 
 
-def _simulated(file: Path, request: Mapping[str, str], wall_s: float) -> tuple[list[str], FloatArray]:
+def _simulated(file: Path, request: Mapping[str, Any], wall_s: float) -> tuple[list[str], FloatArray]:
     """Run the child; names of the outputs, time first, and their values (k, n)."""
     late = threading.Event()
     with Apart("tpmsd.offline.signals.fmu:run_fmu", file) as child:
@@ -139,8 +141,7 @@ def run_fmu(path: Path, requests: Iterator[str], send: Send) -> None:
 
     limit(path)
     request = json.loads(next(requests))
-    given = np.load(request["inputs"])
-    inputs = {name: given[name] for name in given.files}
+    inputs = dict(zip(request["names"], np.load(request["inputs"]), strict=True))
     description = fmpy.read_model_description(request["folder"], validate=False)
     if not str(description.fmiVersion).startswith(("2", "3")):
         raise ValueError(f"FMI {description.fmiVersion}: FMI 2 and 3 can be run")
