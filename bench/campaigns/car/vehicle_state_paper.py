@@ -44,6 +44,13 @@ TRACK_FRONT_M, TRACK_REAR_M, WHEEL_RADIUS_M = 1.51, 1.55, 0.32
 SHARES = (0.0, 0.02, 0.1)
 """Shares of samples that are outliers."""
 SHOWN = ("UPF", "ARUPF")
+GRADES = {
+    "with biases": Sensors(),
+    "without biases": Sensors(
+        gyro_bias_radps=0.0, accel_bias_mps2=0.0, steer_bias_rad=0.0, start_speed_mps=0.05
+    ),
+}
+"""Sensors of production, and the same without what an integral makes metres per second of."""
 
 
 def paper_car() -> Any:
@@ -72,18 +79,22 @@ def manoeuvres(p: Any) -> dict[str, Run]:
     }
 
 
-def compare(truth: Run, car: CarDynamics, seeds: int, particles: int) -> list[dict[str, Any]]:
-    """All filters on the lane change, a row for each and each share of outliers."""
+def compare(
+    truth: Run, car: CarDynamics, seeds: int, particles: int, grade: str, labels: tuple[str, ...]
+) -> list[dict[str, Any]]:
+    """Filters on the lane change, a row for each and each share of outliers."""
     rows = []
     for share in SHARES:
-        print(f"\ndouble lane change at 60 km/h, {share:.0%} outliers: RMSE (spread over seeds), MAE")
-        for label, make in filters(particles).items():
+        print(f"\ndouble lane change at 60 km/h, sensors {grade}, {share:.0%} outliers: RMSE (spread), MAE")
+        for label in labels:
             scores = []
             for seed in range(1, seeds + 1):
-                drive = sensed(truth, replace(Sensors(), outliers=share), np.random.default_rng(1000 + seed))
-                scores.append(score(make, car, drive, seed))
+                sensors = replace(GRADES[grade], outliers=share)
+                drive = sensed(truth, sensors, np.random.default_rng(1000 + seed))
+                scores.append(score(filters(particles)[label], car, drive, seed))
             rmse, mae = np.array([s.rmse for s in scores]), np.array([s.mae for s in scores])
             row = {
+                "sensors": grade,
                 "outliers": share,
                 "filter": label,
                 "rmse": rmse.mean(axis=0).tolist(),
@@ -99,14 +110,13 @@ def compare(truth: Run, car: CarDynamics, seeds: int, particles: int) -> list[di
 def print_ratios(rows: list[dict[str, Any]]) -> None:
     """ARUPF over UPF, of each state, beside Table 2's."""
     print("\nARUPF over UPF, RMSE of v, u, r")
-    for share in SHARES:
-        upf, arupf = (
-            np.array(next(row["rmse"] for row in rows if (row["filter"], row["outliers"]) == (name, share)))
-            for name in SHOWN
-        )
-        print(f"  {share:4.0%} outliers  " + "  ".join(f"{ratio:.2f}" for ratio in arupf / upf))
+    of = {(row["sensors"], row["outliers"], row["filter"]): np.array(row["rmse"]) for row in rows}
+    for grade in GRADES:
+        for share in SHARES:
+            ratios = of[grade, share, "ARUPF"] / of[grade, share, "UPF"]
+            print(f"  {grade}, {share:4.0%}  " + "  ".join(f"{ratio:.2f}" for ratio in ratios))
     published = np.array(PAPER["ARUPF"]["rmse"]) / np.array(PAPER["UPF"]["rmse"])
-    print("  Table 2        " + "  ".join(f"{ratio:.2f}" for ratio in published))
+    print("  Table 2  " + "  ".join(f"{ratio:.2f}" for ratio in published))
 
 
 def series_of(label: str, car: CarDynamics, drive: Drive, particles: int) -> FloatArray:
@@ -165,11 +175,11 @@ def main(args: argparse.Namespace) -> dict[str, Any]:
     runs, car = manoeuvres(p), replace(workshop(p), drive_front_share=1.0)
     print(f"the filters' car: {car}")
     for name, truth in runs.items():
-        largest = np.abs(truth.accel_lat_mps2).max()
-        print(
-            f"{name} km/h: up to {largest:.1f} m/s2, lateral speed up to {np.abs(truth.left_mps).max():.2f} m/s"
-        )
-    rows = compare(runs["double lane change 60"], car, args.seeds, args.particles)
+        lateral, left = (np.abs(values).max() for values in (truth.accel_lat_mps2, truth.left_mps))
+        print(f"{name} km/h: up to {lateral:.1f} m/s2, lateral speed up to {left:.2f} m/s")
+    change, rows = runs["double lane change 60"], []
+    for grade, labels in zip(GRADES, (tuple(filters(1)), SHOWN), strict=True):
+        rows += compare(change, car, args.seeds, args.particles, grade, labels)
     print_ratios(rows)
     for label in SHOWN:
         cells = zip(PAPER[label]["mae"], PAPER[label]["rmse"], strict=True)
