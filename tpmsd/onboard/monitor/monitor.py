@@ -25,6 +25,7 @@ from tpmsd.onboard.monitor.encoder_watch import EncoderWatch
 from tpmsd.onboard.monitor.explanation import Explanation
 from tpmsd.onboard.monitor.first_start import BEFORE, FirstStart
 from tpmsd.onboard.monitor.judge import Judge, Judgement
+from tpmsd.onboard.monitor.questions import Question, Questions
 from tpmsd.onboard.monitor.records import (
     AlarmEvent,
     AlarmKind,
@@ -90,6 +91,7 @@ class Monitor:
         self._configuration = ConfigurationWatch(vehicle, self._wheels)
         self._encoders = EncoderWatch(vehicle, self._wheels)
         self._leaks = SlowLeakWatch(vehicle, self._tyre, self._wheels)
+        self._questions = Questions(settings, self._wheels)
         self._resonance: ResonanceEvidence | None = None
         self._learning = self.learning()
 
@@ -97,6 +99,11 @@ class Monitor:
     def baseline(self) -> Baseline:
         """The baseline that counts."""
         return self._sets.baseline
+
+    @property
+    def questions(self) -> tuple[Question, ...]:
+        """What has probably changed and cannot be told apart."""
+        return self._questions.standing
 
     def learning(self) -> LearningReport:
         """What is learned, of which tyres."""
@@ -146,6 +153,7 @@ class Monitor:
             learning_fraction=self.baseline.fraction,
             learning=self._learning,
             sight=self._judged.sight,
+            questions=self.questions,
         )
 
     def car_states(self, kmh: int) -> None:
@@ -183,10 +191,14 @@ class Monitor:
                     alarm.held_s = 0.0
                     continue  # its baseline is that of a tyre that was soft already
                 probability = self._probability(kind, wheel)
-                turned = alarm.update(probability, elapsed_s, least_hold_s)
+                possible = float(self._judged.possible[wheel]) if kind is AlarmKind.DEFLATION else None
+                turned = alarm.update(probability, elapsed_s, least_hold_s, possible)
                 if turned is not None:
                     events.append(self._tyre_event(kind, wheel, turned, probability, tick, estimate))
                     judging.alarm_turned(self._judged.account if turned == "raised" else None)
+            found = None if self._sets.other_tyres else self._judged.posterior
+            models, said = self._judged.drive_models, bool(self._standing)
+            self._questions.update(found, models, elapsed_s, tick.host_time_s, said=said)
         events += self._judge_first(tick, estimate, elapsed_s)
         sound = trusted and not self._encoders.losing  # lost counts look like a larger tyre
         self.baseline.learn(estimate, self._judge.harmless_m2, sound, elapsed_s)
@@ -276,6 +288,7 @@ class Monitor:
     def _take_back(self) -> None:
         """Other radii are normal now: alarms that stood against the old ones are to be taken back."""
         self._judged = Judgement.unknown()
+        self._questions.forget()
         self._first.stand(())
         for key, alarm in self._alarms.items():
             alarm.active, alarm.held_s = False, 0.0

@@ -51,6 +51,10 @@ def figures(rows: Sequence[Row]) -> Figures:
             }
             for title, of in GROUPINGS.items()
         },
+        "malfunction": {
+            name: count(row[name] for row in rows if row["what"] == "malfunction")
+            for name in ("by_law", "stands")
+        },
         "one": detection([c for c in cases if c["standard"] == "r141-puncture"]),
         "one_at_once": detection(
             [c for c in cases if c["standard"] == "r141-puncture" and c["onset"] != "slow"]
@@ -93,6 +97,8 @@ def detection(cases: Sequence[Row]) -> Figures:
     named = [c for c in cases if c["named"]]
     return {
         "detected": count(c["detected"] for c in cases),
+        "by_law": count(c["by_law"] for c in cases if "by_law" in c),
+        "stands": count(c["stands"] for c in cases if "stands" in c),
         "median_s": _order(ranked, 0.5),
         "p95_s": _order(ranked, 0.95),
         "longest_s": max(times, default=None),

@@ -1,0 +1,114 @@
+"""What the monitor asks: a tyre has probably changed, and nothing tells which cause it is.
+
+In: every judgement. Out: the `Question`s that stand. An alarm says what is known, a question what is not, so
+that nothing is kept silent.
+
+A tyre is in order while its probability of a change is at most `clear_probability`; an alarm is raised from
+`raise_probability` on. What stays between the two for as long as an alarm of all wheels has to
+(`alike_hold_s`) is asked. A question goes once the evidence no longer speaks for a change at all, the
+posterior being back at the prior, or once an alarm says it. Sound drives that ask are few, whatever the
+drive: of probabilities that are calibrated, those whose prior is q exceed p at most q / p times (Markov's
+inequality).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmsd.car.config.model import MonitorConfig
+from tpmsd.foundation.wheels import WHEELS
+from tpmsd.onboard.monitor.alarm_state import Hysteresis
+from tpmsd.onboard.monitor.evidence.posterior import Posterior
+from tpmsd.onboard.monitor.evidence.sizes import sizes_of, subsets
+from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
+
+CAUSES = 3
+"""That a question names, the likeliest first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """Something that the radii do not tell."""
+
+    wheels: tuple[str, ...]
+    """That are asked about: the most probable change."""
+    question: str
+    """One sentence for the driver."""
+    probability: float
+    """That a tyre has lost air or is of another size."""
+    since_s: float
+    """Host time at which it was first asked."""
+
+    def entry(self) -> dict[str, object]:
+        """The question as every JSON document shows it."""
+        return {
+            "wheels": list(self.wheels),
+            "question": self.question,
+            "probability": round(self.probability, 4),
+            "since": self.since_s,
+        }
+
+
+class Questions:
+    """The question of one car; there is one at a time, about the most probable change."""
+
+    def __init__(self, settings: MonitorConfig, wheels: list[int]) -> None:
+        """`wheels`: indices of the monitored wheels."""
+        self._wheels = wheels
+        self._subsets = subsets(len(wheels))
+        self._sizes = sizes_of(tuple(wheels))
+        prior = sum(JUDGE.prior_by_size[len(one) - 1] for one in self._subsets)
+        prior += float(np.exp(self._sizes.log_prior[1:]).sum())
+        self._asked = Hysteresis(settings.clear_probability, prior, JUDGE.alike_hold_s, settings.clear_hold_s)
+        self.standing: tuple[Question, ...] = ()
+
+    def update(
+        self,
+        found: Posterior | None,
+        models: dict[str, float],
+        elapsed_s: float,
+        time_s: float,
+        *,
+        said: bool,
+    ) -> None:
+        """Take a judgement that stands for `elapsed_s` of driving. `models`: probability of each drive model;
+        `said`: whether an alarm of a tyre stands."""
+        if found is None or said:
+            self.forget()
+            return
+        probability = found.changed
+        self._asked.update(probability, elapsed_s)
+        if not self._asked.active:
+            self.standing = ()
+            return
+        since_s = self.standing[0].since_s if self.standing else time_s
+        wheels, question = self._words(found, models)
+        self.standing = (Question(wheels, question, probability, since_s),)
+
+    def forget(self) -> None:
+        """Nothing is asked: an alarm says it, or other tyres are on the car."""
+        self._asked.active, self._asked.held_s = False, 0.0
+        self.standing = ()
+
+    def _words(self, found: Posterior, models: dict[str, float]) -> tuple[tuple[str, ...], str]:
+        """The wheels of the likeliest change, and the question with the causes in their order."""
+        causes: list[tuple[float, tuple[str, ...], str]] = []
+        for members, chance in zip(self._subsets, found.subsets.tolist(), strict=True):
+            names = self._names(members)
+            causes.append((chance, names, f"{' '.join(names)} soft"))
+        for row in range(1, found.sizes.size):
+            names = self._names(tuple(np.flatnonzero(self._sizes.pattern[row]).tolist()))
+            other = "other tyres" if self._sizes.mean[row] > 0.0 else "wheels changed front to rear"
+            causes.append((float(found.sizes[row]), names, f"{other} ({' '.join(names)} larger)"))
+        best = max(causes, key=lambda cause: cause[0])
+        usual = DRIVE_EVIDENCE.models[0].name
+        rivals = [(chance, (), name) for name, chance in models.items() if name != usual]
+        named = sorted([*causes, *rivals], key=lambda cause: -cause[0])[:CAUSES]
+        told = " or ".join(f"{what} ({chance:.2f})" for chance, _, what in named)
+        return best[1], f"{told}? Look at the tyres; if they are other ones: tpmsd reset --tyres NAME"
+
+    def _names(self, members: Sequence[int]) -> tuple[str, ...]:
+        return tuple(WHEELS[self._wheels[place]] for place in members)
