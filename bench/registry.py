@@ -95,6 +95,9 @@ CAMPAIGNS = {
             "alarms.run",
             "alarms.md",
         ),
+        _campaign(
+            "onboard", "realistic", "sixteen realistic cases, for any system on a CAN bus", "realistic.run"
+        ),
         _campaign("onboard", "first-start", "tyres that were soft before the first start"),
         _campaign(
             "onboard",

@@ -87,3 +87,15 @@ def test_a_sound_car_asks_nothing() -> None:
     drives = learned(21)
     drives.drive(900.0, (0.0,) * 4)
     assert () == drives.monitor.questions
+
+
+def test_a_load_that_is_certain_is_asked_and_names_the_axle_that_it_may_hide() -> None:
+    """Another load and a trailer together are 0.995: a question, naming the axle whose loss would look the
+    same; at 0.97 none."""
+    for of_trailer, wheels in ((0.095, ("fl", "fr")), (0.07, ())):
+        questions = Questions(SETTINGS, [0, 1, 2, 3])
+        models = {"as learned": 0.1 - of_trailer, "another load": 0.9, "a trailer": of_trailer}
+        for second in range(200):
+            questions.update(found(0.01), models, 1.0, float(second), said=False)
+        assert wheels == (questions.standing[0].wheels if questions.standing else ())
+        assert all("trailer" in one.question for one in questions.standing)

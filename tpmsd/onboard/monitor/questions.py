@@ -9,6 +9,9 @@ A tyre is in order while its probability of a change is at most `clear_probabili
 posterior being back at the prior, or once an alarm says it. Sound drives that ask are few, whatever the
 drive: of probabilities that are calibrated, those whose prior is q exceed p at most q / p times (Markov's
 inequality).
+
+Another load or a trailer looks like both tyres of an axle that were soft when the drive began, and is far
+more frequent. Where one of them is as certain as an alarm has to be, the driver is asked whether it is so.
 """
 
 from __future__ import annotations
@@ -38,7 +41,7 @@ class Question:
     question: str
     """One sentence for the driver."""
     probability: float
-    """That a tyre has lost air or is of another size."""
+    """That a tyre has lost air or is of another size; of a question about the load, that it is another."""
     since_s: float
     """Host time at which it was first asked."""
 
@@ -53,7 +56,7 @@ class Question:
 
 
 class Questions:
-    """The question of one car; there is one at a time, about the most probable change."""
+    """The question of one car: about tyres, or else about the load."""
 
     def __init__(self, settings: MonitorConfig, wheels: list[int]) -> None:
         """`wheels`: indices of the monitored wheels."""
@@ -62,7 +65,19 @@ class Questions:
         self._sizes = sizes_of(tuple(wheels))
         prior = sum(JUDGE.prior_by_size[len(one) - 1] for one in self._subsets)
         prior += float(np.exp(self._sizes.log_prior[1:]).sum())
-        self._asked = Hysteresis(settings.clear_probability, prior, JUDGE.alike_hold_s, settings.clear_hold_s)
+        clear, hold_s = settings.clear_probability, JUDGE.alike_hold_s
+        self._of_tyres = Hysteresis(clear, prior, hold_s, settings.clear_hold_s)
+        self._of_load = Hysteresis(settings.raise_probability, clear, hold_s, settings.clear_hold_s)
+        self._loads = [
+            model.name
+            for model in DRIVE_EVIDENCE.models
+            if model.hides and model.name not in DRIVE_EVIDENCE.slipping
+        ]
+        self._axles = [
+            place
+            for place, one in enumerate(self._subsets)
+            if len(one) == 2 and wheels[one[0]] ^ 1 == wheels[one[1]]
+        ]
         self.standing: tuple[Question, ...] = ()
 
     def update(
@@ -79,19 +94,34 @@ class Questions:
         if found is None or said:
             self.forget()
             return
-        probability = found.changed
-        self._asked.update(probability, elapsed_s)
-        if not self._asked.active:
-            self.standing = ()
-            return
-        since_s = self.standing[0].since_s if self.standing else time_s
-        wheels, question = self._words(found, models)
-        self.standing = (Question(wheels, question, probability, since_s),)
+        loaded = sum(models.get(name, 0.0) for name in self._loads)
+        self._of_tyres.update(found.changed, elapsed_s)
+        self._of_load.update(loaded, elapsed_s)
+        asked = []
+        if self._of_tyres.active:
+            asked.append((*self._words(found, models), found.changed))
+        elif self._of_load.active and self._axles:
+            asked.append((*self._of_axle(found), loaded))
+        since = {one.wheels: one.since_s for one in self.standing}
+        self.standing = tuple(
+            Question(wheels, question, chance, since.get(wheels, time_s))
+            for wheels, question, chance in asked
+        )
 
     def forget(self) -> None:
         """Nothing is asked: an alarm says it, or other tyres are on the car."""
-        self._asked.active, self._asked.held_s = False, 0.0
+        for asked in (self._of_tyres, self._of_load):
+            asked.active, asked.held_s = False, 0.0
         self.standing = ()
+
+    def _of_axle(self, found: Posterior) -> tuple[tuple[str, ...], str]:
+        """The axle of which a loss would look the same, and the question."""
+        place = max(self._axles, key=lambda one: float(found.subsets[one]))
+        names = self._names(self._subsets[place])
+        return names, (
+            f"another load than usual, or a trailer? If not, look at {' '.join(names)}: both tyres soft "
+            "since the drive began look the same"
+        )
 
     def _words(self, found: Posterior, models: dict[str, float]) -> tuple[tuple[str, ...], str]:
         """The wheels of the likeliest change, and the question with the causes in their order."""

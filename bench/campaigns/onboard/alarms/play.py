@@ -104,7 +104,7 @@ def hear(
             config = with_method(config_of(driven, folder), method)
             drive, database = open_drive(folder, config)
         else:
-            short = _beginning(driven)
+            short = beginning(driven)
             config = with_method(config_of(short, folder), method)
             drive, database = None, load_database(config.can.dbc)
         pipeline = Pipeline(config, database)
@@ -137,7 +137,7 @@ def _without(tick: Tick, wheel: int, from_s: float) -> Tick:
     return replace(tick, rotation_rad=rotation, rotation_std_rad=std)
 
 
-def _beginning(driven: Driven) -> Driven:
+def beginning(driven: Driven) -> Driven:
     """Just enough of a leg to write a configuration."""
     drive = driven.drive
     few, none = slice(0, 50), slice(0, 0)
