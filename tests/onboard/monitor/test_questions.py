@@ -99,3 +99,18 @@ def test_a_load_that_is_certain_is_asked_and_names_the_axle_that_it_may_hide() -
             questions.update(found(0.01), models, 1.0, float(second), said=False)
         assert wheels == (questions.standing[0].wheels if questions.standing else ())
         assert all("trailer" in one.question for one in questions.standing)
+
+
+def test_a_tyre_that_may_have_been_soft_before_the_first_start_is_asked_about() -> None:
+    """Too little for an alarm and too much for a set of tyres: asked, also after the first minutes, until an
+    alarm of a tyre or a reset; what a set has is not."""
+    for chance, wheels in ((0.6, ("fr",)), (0.1, ())):
+        questions = Questions(SETTINGS, [0, 1, 2, 3])
+        for second in range(200):
+            questions.at_first((1, chance, "2.1 mm smaller"), 1.0)
+            questions.update(None, {}, 1.0, float(second), said=False)
+        questions.update(found(0.0), {}, 1.0, 999.0, said=False)
+        assert wheels == (questions.standing[0].wheels if questions.standing else ())
+        assert all("fr is 2.1 mm smaller?" == one.question for one in questions.standing)
+    questions.forget()
+    assert () == questions.standing

@@ -105,7 +105,7 @@ class Verdict:
     """Log-likelihood ratio of the best loss beyond the threshold to none at all, whatever its prior, by the
     likeliest account."""
     chances: FloatArray
-    """(h,) posterior probability of each of `hypotheses_of`."""
+    """(h,) posterior probability of a loss of each of `subsets`, then of each single wheel that is larger."""
     gains: FloatArray
     """(h,) log-likelihood of each at its best loss, less that of none, by the likeliest account."""
     best_loss_m: FloatArray
@@ -255,13 +255,6 @@ def severity(threshold: float) -> FloatArray:
     hardly one. So what is not known of the size of a certain loss weighs less than whether there is one.
     """
     return np.minimum(LOSS_GRID / threshold, 1.0)
-
-
-def hypotheses_of(d: int) -> list[tuple[tuple[int, ...], str]]:
-    """What may have happened to d wheels, in the order of `Verdict.chances`: which wheels, `loss` or
-    `larger`."""
-    larger = [((wheel,), "larger") for wheel in range(d)] if d > 2 else []
-    return [(members, "loss") for members in subsets(d)] + larger
 
 
 @functools.cache

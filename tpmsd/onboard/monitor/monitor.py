@@ -55,7 +55,7 @@ class Monitor:
     ) -> None:
         """`wheels`: indices of the wheels whose signals the bus has."""
         self._wheels = list(wheels)
-        self._vehicle, self._tyre = vehicle, tyre or TyreConfig()
+        self._vehicle, self._settings, self._tyre = vehicle, settings, tyre or TyreConfig()
         self._judge = Judge(vehicle, settings, self._tyre, self._wheels)
         self._sets = TyreSets(vehicle, self._wheels, settings.learn_s, self._judge)
         self._grid = np.ix_(self._wheels, self._wheels)
@@ -196,10 +196,8 @@ class Monitor:
                 if turned is not None:
                     events.append(self._tyre_event(kind, wheel, turned, probability, tick, estimate))
                     judging.alarm_turned(self._judged.account if turned == "raised" else None)
-            found = None if self._sets.other_tyres else self._judged.posterior
-            models, said = self._judged.drive_models, bool(self._standing)
-            self._questions.update(found, models, elapsed_s, tick.host_time_s, said=said)
         events += self._judge_first(tick, estimate, elapsed_s)
+        self._ask(elapsed_s, tick.host_time_s)
         sound = trusted and not self._encoders.losing  # lost counts look like a larger tyre
         self.baseline.learn(estimate, self._judge.harmless_m2, sound, elapsed_s)
         if self._sets.decide(estimate) == "accepted":
@@ -230,6 +228,13 @@ class Monitor:
                     self._sets.begin_anew()  # what was learned was the soft tyre's radius
             events.append(event)
         return events
+
+    def _ask(self, elapsed_s: float, time_s: float) -> None:
+        """What is asked after this second of driving; nothing of tyres that may be others."""
+        if self._sets.is_first(bool(self._first.standing)):
+            self._questions.at_first(self._first.suspected, elapsed_s)
+        found = None if self._sets.other_tyres else self._judged.posterior
+        self._questions.update(found, self._judged.drive_models, elapsed_s, time_s, said=bool(self._standing))
 
     def _probability(self, kind: AlarmKind, wheel: int) -> float:
         judged = self._judged
@@ -338,12 +343,13 @@ class Monitor:
     # -- what survives a restart -----------------------------------------------------------------------------
 
     def snapshot(self) -> dict[str, Any]:
-        """Baselines and standing tyre alarms as plain numbers."""
+        """Baselines, standing tyre alarms and malfunctions of missing signals as plain numbers."""
         return {
             "sets": self._sets.to_json(),
             "wheels": [WHEELS[i] for i in self._wheels],
             "alarms": [alarm_to_json(e) for key, e in self._standing.items() if key not in self._taken_back],
             "leaks": self._leaks.to_json(),
+            "malfunctions": self._signals.to_json(),
         }
 
     def restore(self, saved: dict[str, Any]) -> None:
@@ -363,10 +369,12 @@ class Monitor:
             leaks = SlowLeakWatch(self._vehicle, self._tyre, self._wheels)
             if "leaks" in saved:  # states of before have none
                 leaks.take_up(saved["leaks"])
+            signals = SignalWatch(self._settings, self._wheels)
+            signals.take_up(saved.get("malfunctions", []))  # states of before have none
             self._sets.take_up(sets)
         except (KeyError, TypeError, AttributeError, OverflowError) as error:
             raise ValueError(f"the saved monitor is not one: {type(error).__name__}: {error}") from error
-        self._leaks, self._restored = leaks, True
+        self._leaks, self._signals, self._restored = leaks, signals, True
         self._since_judged_s = 0.0
         self._judged = Judgement.unknown()
         self._standing.clear()

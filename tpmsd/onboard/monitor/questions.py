@@ -26,7 +26,7 @@ from tpmsd.foundation.wheels import WHEELS
 from tpmsd.onboard.monitor.alarm_state import Hysteresis
 from tpmsd.onboard.monitor.evidence.posterior import Posterior
 from tpmsd.onboard.monitor.evidence.sizes import sizes_of, subsets
-from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, JUDGE
+from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, FIRST_START, JUDGE
 
 CAUSES = 3
 """That a question names, the likeliest first."""
@@ -68,11 +68,9 @@ class Questions:
         clear, hold_s = settings.clear_probability, JUDGE.alike_hold_s
         self._of_tyres = Hysteresis(clear, prior, hold_s, settings.clear_hold_s)
         self._of_load = Hysteresis(settings.raise_probability, clear, hold_s, settings.clear_hold_s)
-        self._loads = [
-            model.name
-            for model in DRIVE_EVIDENCE.models
-            if model.hides and model.name not in DRIVE_EVIDENCE.slipping
-        ]
+        soft = len(wheels) * (FIRST_START.soft_prior + FIRST_START.larger_prior)
+        self._of_first = Hysteresis(clear, soft, hold_s, settings.clear_hold_s)
+        self._first: tuple[int, float, str] | None = None
         self._axles = [
             place
             for place, one in enumerate(self._subsets)
@@ -91,26 +89,44 @@ class Questions:
     ) -> None:
         """Take a judgement that stands for `elapsed_s` of driving. `models`: probability of each drive model;
         `said`: whether an alarm of a tyre stands."""
-        if found is None or said:
+        if said:
             self.forget()
             return
-        loaded = sum(models.get(name, 0.0) for name in self._loads)
-        self._of_tyres.update(found.changed, elapsed_s)
-        self._of_load.update(loaded, elapsed_s)
-        asked = []
-        if self._of_tyres.active:
-            asked.append((*self._words(found, models), found.changed))
-        elif self._of_load.active and self._axles:
-            asked.append((*self._of_axle(found), loaded))
+        asked: list[tuple[tuple[str, ...], str, float]] = []
+        if found is not None:
+            asked = self._of_judgement(found, models, elapsed_s)
+        if self._of_first.active and self._first is not None:
+            wheel, chance, words = self._first
+            asked = [((WHEELS[wheel],), f"{WHEELS[wheel]} is {words}?", chance)]
         since = {one.wheels: one.since_s for one in self.standing}
         self.standing = tuple(
             Question(wheels, question, chance, since.get(wheels, time_s))
             for wheels, question, chance in asked
         )
 
+    def _of_judgement(
+        self, found: Posterior, models: dict[str, float], elapsed_s: float
+    ) -> list[tuple[tuple[str, ...], str, float]]:
+        """What the bank leaves open: the wheels, the question, the probability."""
+        loaded = sum(models.get(name, 0.0) for name in DRIVE_EVIDENCE.loads)
+        self._of_tyres.update(found.changed, elapsed_s)
+        self._of_load.update(loaded, elapsed_s)
+        if self._of_tyres.active:
+            return [(*self._words(found, models), found.changed)]
+        if self._of_load.active and self._axles:
+            return [(*self._of_axle(found), loaded)]
+        return []
+
+    def at_first(self, suspected: tuple[int, float, str] | None, elapsed_s: float) -> None:
+        """Take what the first minutes of a car say of a tyre that was soft before: the wheel, its probability
+        and the words for it. What they left open stays open."""
+        if suspected is not None:
+            self._first = suspected
+            self._of_first.update(suspected[1], elapsed_s)
+
     def forget(self) -> None:
         """Nothing is asked: an alarm says it, or other tyres are on the car."""
-        for asked in (self._of_tyres, self._of_load):
+        for asked in (self._of_tyres, self._of_load, self._of_first):
             asked.active, asked.held_s = False, 0.0
         self.standing = ()
 

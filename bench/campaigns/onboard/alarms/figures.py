@@ -14,6 +14,7 @@ import numpy as np
 
 from bench import statistics
 from bench.campaigns.onboard.alarms.lives import is_resized
+from bench.campaigns.onboard.alarms.reliability import reliability
 from bench.statistics import count, percent
 from bench.worlds.surfaces import TAGS
 
@@ -69,6 +70,7 @@ def figures(rows: Sequence[Row]) -> Figures:
             if c["named"] and not c["right_wheel"]
         ],
         "false": false_alarms(rows, legs, cases),
+        "reliability": reliability(row for row in [*cases, *legs] if not is_resized(row.get("tags", ()))),
         "recordings": recorded,
         "cpu_s": sum(row.get("cpu_s", 0.0) for row in rows),
     }

@@ -31,6 +31,7 @@ from tpmsd.onboard.pipeline import Pipeline, Step
 from tpmsd.onboard.sources.can_decoder import load_database
 from tpmsd.onboard.timeline.tick import Tick
 
+TOLD_EVERY_S = 10.0
 FAST_MPS = 40.0 / 3.6
 """From here driving counts for the time to detect."""
 State = dict[str, Any]
@@ -62,6 +63,8 @@ class Heard:
     played_s: float = 0.0
     change: dict[str, tuple[float, float]] = field(default_factory=dict)
     """Change against the baseline and its standard deviation in m at the end, by wheel."""
+    told: list[tuple[float, tuple[float, ...]]] = field(default_factory=list)
+    """Every `TOLD_EVERY_S` of judged driving: seconds since the start, P(deflation) of each wheel."""
     standing: list[str] = field(default_factory=list)
     """`kind wheel` of the alarms that stand at the end."""
 
@@ -163,6 +166,8 @@ def _listen(
         if report.learning_fraction >= 1.0 and not learned:
             learned = True
             heard.learned_at_s = now
+        if report.sight is not None and (not heard.told or now - heard.told[-1][0] >= TOLD_EVERY_S):
+            heard.told.append((now, tuple(wheel.deflation_probability for wheel in report.wheels)))
         if report.events:
             heard.said += [_plain(event, now) for event in report.events]
             if stop is not None:

@@ -17,6 +17,7 @@ import numpy as np
 from bench.campaigns.onboard.alarms.cases import LAWS, Case, Group
 from bench.campaigns.onboard.alarms.lives import LEARNING, Life
 from bench.campaigns.onboard.alarms.play import Heard, Said, State, fast_seconds, hear, law_seconds
+from bench.campaigns.onboard.alarms.reliability import counts
 from bench.worlds.magic_tyre import Array
 from bench.worlds.trip_cars import Car
 from bench.worlds.trips import Driven, drive_leg
@@ -199,6 +200,7 @@ def judge(case: Case, driven: Driven, heard: Heard) -> Row:
         "other": [_short(said) for said in heard.said if said.kind != "deflation"],
         "lost_mm": _per_wheel(1e3 * driven.lost_m[min(round(heard.played_s / 0.02), len(driven.lost_m) - 1)]),
         "told_mm": {name: [_number(1e3 * x), _number(1e3 * s)] for name, (x, s) in heard.change.items()},
+        "reliability": counts(driven, heard),
         "reason": "" if detected else why_missed(case, driven, heard, before, first),
     }
 
@@ -272,6 +274,7 @@ def judge_leg(driven: Driven, heard: Heard) -> Row:
         "km": float(driven.way_m[end]) / 1000.0,
         "hours": heard.played_s / 3600.0,
         "learned": heard.learned,
+        "reliability": counts(driven, heard),
         "resized_mm": _per_wheel(1e3 * np.array(driven.leg.resized_m)),
         "told_mm": {name: [_number(1e3 * x), _number(1e3 * s)] for name, (x, s) in heard.change.items()},
         **incidents,

@@ -19,7 +19,26 @@ MOST = 40
 
 def markdown(found: Figures) -> str:
     """The whole report."""
-    return "\n".join([*_bars(found), *_detections(found), *_missed(found), *_false(found), ""])
+    return "\n".join(
+        [*_bars(found), *_detections(found), *_missed(found), *_reliability(found), *_false(found), ""]
+    )
+
+
+def _reliability(found: Figures) -> list[str]:
+    """What was told against what was so."""
+    out = [
+        "",
+        "P(deflation) of each wheel every 10 s, on cases and on drives without a fault, against the loss "
+        "over its threshold (at most 1):",
+        "",
+        "| told | drives | instants | mean told | mean truth |",
+        "| --- | --- | --- | --- | --- |",
+    ]
+    for row in found["reliability"]:
+        means = ["-" if row[name] is None else f"{row[name]:.4f}" for name in ("told", "true")]
+        told = f"| {row['from']:g} to {row['to']:g} | {row['drives']} | {row['instants']} |"
+        out.append(f"{told} {means[0]} | {means[1]} |")
+    return out
 
 
 def _bars(found: Figures) -> list[str]:

@@ -94,7 +94,7 @@ def cases_of(pool: str, seed: int) -> tuple[RealCase, ...]:
     made: list[tuple[str, tuple[Act, ...], int, tuple[int, ...]]] = [
         ("one-motorway", (*learned, drive(motorway, (0,))), 2, (0,)),
         ("one-town", (*learned, drive(town, (3,))), 2, (3,)),
-        ("one-low-speed", (*learned, drive("parking", (2,))), 2, (2,)),
+        ("one-low-speed", (*learned, drive("zone", (2,))), 2, (2,)),
         ("one-worn", (*worn, drive(country, (1,), resized_m=WORN_M)), 2, (1,)),
         ("one-loaded", (*learned, drive(country, (2,), load=1.0)), 2, (2,)),
         ("front-country", (*learned, drive(country, FRONT)), 2, FRONT),

@@ -106,6 +106,8 @@ def system_of(args: argparse.Namespace) -> Any:
 
     try:
         database = cantools.database.load_file(args.dbc)
+        if not isinstance(database, cantools.database.can.Database):
+            raise ValueError(f"{args.dbc} describes no CAN frames")
         message, signal = args.lamp.split(".", 1)
         if signal not in [one.name for one in database.get_message_by_name(message).signals]:
             raise KeyError(signal)

@@ -143,5 +143,5 @@ class OnBus:
             same = (frame.arbitration_id, frame.is_extended_id) == (wanted.frame_id, wanted.is_extended_frame)
             if same and not frame.is_error_frame:
                 told = wanted.decode(bytes(frame.data), decode_choices=False, allow_truncated=True)
-                lit = lit or bool(told.get(signal, 0))
+                lit = lit or bool(isinstance(told, dict) and told.get(signal, 0))
         return lit

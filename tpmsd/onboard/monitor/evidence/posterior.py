@@ -173,7 +173,8 @@ def _resized(window: Window, nothing: FloatArray, at_rest: float, windows: int) 
         return np.empty(0)
     d = table.larger.size
     alone = table.none[1 : d + 1] if d > 2 else np.empty(0)
-    return np.concatenate([table.larger, alone]) + (at_rest - float(nothing[0]) - np.log(windows))
+    young = np.concatenate([table.larger, alone])
+    return np.asarray(young + (at_rest - float(nothing[0]) - np.log(windows)))
 
 
 def _passing(window: Window, nothing: FloatArray) -> FloatArray:
