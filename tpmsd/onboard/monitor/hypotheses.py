@@ -64,22 +64,13 @@ class Table:
         scaled = np.exp(logs - shift[:, None, None])
         top = np.full(r, -1e300)
         np.maximum.at(top, row, shift)
-        share = np.exp(shift - top[row])[:, None]
-
-        def by_row(of_accounts: FloatArray) -> FloatArray:
-            out = np.zeros((r, of_accounts.shape[1]))
-            np.add.at(out, row, share * of_accounts)
-            with np.errstate(divide="ignore"):
-                return np.where(out > 0.0, np.log(out) + top[:, None], -np.inf)
-
         plain = np.add.reduce(scaled, axis=2)
-        larger = by_row(plain[:, s:])
-        return cls(
-            none=by_row(np.exp(none - shift)[:, None])[:, 0],
-            larger=np.max(larger, axis=0),
-            lost=by_row(plain[:, :s]),
-            large=by_row(scaled[:, :s] @ severity(threshold)),
-        )
+        large = scaled[:, :s] @ severity(threshold)
+        parts = np.concatenate([np.exp(none - shift)[:, None], plain, large], axis=1)
+        of_row = (row == np.arange(r)[:, None]) * np.exp(shift - top[row])
+        with np.errstate(divide="ignore"):
+            found = np.log(of_row @ parts) + top[:, None]
+        return cls(found[:, 0], np.max(found[:, 1 + s : -s], axis=0), found[:, 1 : 1 + s], found[:, -s:])
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,7 @@ nothing.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -180,12 +181,16 @@ def _resized(window: Window, nothing: FloatArray, at_rest: float, windows: int) 
 def _passing(window: Window, nothing: FloatArray) -> FloatArray:
     """(r, d) of nothing lost, share of what passes and looks like a loss of the wheel."""
     table = window.verdict.table
-    d = window.believed.shape[1]
-    members = np.array([[float(wheel in one) for wheel in range(d)] for one in subsets(d)])
     known = np.isfinite(nothing)
     passing = table.large + _log(1.0 - _any(window.believed))
     share = np.exp(np.where(known[:, None], passing - np.where(known, nothing, 0.0)[:, None], -np.inf))
-    return np.asarray(share @ members)
+    return np.asarray(share @ _members(window.believed.shape[1]))
+
+
+@functools.cache
+def _members(d: int) -> FloatArray:
+    """(s, d) 1 for the wheels of each subset."""
+    return np.array([[float(wheel in one) for wheel in range(d)] for one in subsets(d)])
 
 
 def _deviates(windows: Sequence[Window]) -> FloatArray:
