@@ -103,6 +103,8 @@ class Verdict:
     """(d,) loss of each wheel in the most probable hypothesis with a loss, by the likeliest account."""
     accounts: FloatArray
     """(n,) posterior probability of each account of the change."""
+    intact: FloatArray
+    """(n,) the same with nothing lost."""
     table: Table
     """The same joint posterior by rows of sizes, for `evidence.posterior`."""
 
@@ -200,6 +202,7 @@ class Comparison:
             gains=np.maximum.reduce(likeliest, axis=1),
             best_loss_m=members[of_best] * LOSS_GRID[size] * self.radius_m,
             accounts=accounts,
+            intact=none,
             table=table,
         )
 

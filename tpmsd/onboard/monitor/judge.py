@@ -41,6 +41,8 @@ class Finding:
     """(d, d) with what is harmless."""
     account: int | None = None
     """Of a change over a drive: which of its `Accounts`."""
+    usual: float = 1.0
+    """Of a drive: probability that it is as learned, no tyre has lost air and none is of another size."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +76,8 @@ class Judgement:
     """Which losses would be seen; None before anything was judged."""
     drive_models: dict[str, float] = field(default_factory=dict)
     """Posterior probability of each drive model; empty while the drive is too short."""
+    unusual: float = 0.0
+    """Probability that this drive is not as learned or a tyre has changed, and that no wheel slips."""
     all_larger: float = 0.0
     """Probability that all wheels are larger alike."""
     posterior: Posterior | None = None
@@ -223,6 +227,7 @@ class Judge:
             account=account,
             sight=self._sight(mean, mean_m2, alike),
             drive_models=models,
+            unusual=0.0 if of_drive is None else max(1.0 - of_drive.usual - self._grip.low(models), 0.0),
             all_larger=self._all_larger(bank.sizes),
             posterior=bank,
         )
@@ -333,7 +338,9 @@ class Judge:
         chances = np.zeros(log_weight.size)
         chances[kept] = verdict.accounts
         best = int(chances.argmax())
-        finding = Finding("drive", verdict, accounts.change_m[best], covariance_m2[best], best)
+        as_learned = (accounts.model[kept] == 0) & (accounts.row[kept] == 0)
+        usual = float(verdict.intact[as_learned].sum())
+        finding = Finding("drive", verdict, accounts.change_m[best], covariance_m2[best], best, usual)
         models = accounts.model_probabilities(chances)
         # Of each model a change before the drive, with no wheel of another size.
         first = np.unique(accounts.model, return_index=True)[1]

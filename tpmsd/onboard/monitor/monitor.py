@@ -233,8 +233,8 @@ class Monitor:
         """What is asked after this second of driving; nothing of tyres that may be others."""
         if self._sets.is_first(bool(self._first.standing)):
             self._questions.at_first(self._first.suspected, elapsed_s)
-        found = None if self._sets.other_tyres else self._judged.posterior
-        self._questions.update(found, self._judged.drive_models, elapsed_s, time_s, said=bool(self._standing))
+        found = None if self._sets.other_tyres else self._judged
+        self._questions.update(found, elapsed_s, time_s, said=bool(self._standing))
 
     def _probability(self, kind: AlarmKind, wheel: int) -> float:
         judged = self._judged

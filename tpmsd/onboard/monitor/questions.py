@@ -11,7 +11,8 @@ drive: of probabilities that are calibrated, those whose prior is q exceed p at 
 inequality).
 
 Another load or a trailer looks like both tyres of an axle that were soft when the drive began, and is far
-more frequent. Where one of them is as certain as an alarm has to be, the driver is asked whether it is so.
+more frequent. Where it is as certain as an alarm has to be that something is other than learned, and no wheel
+slips, the driver is asked whether it is the load.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from tpmsd.foundation.wheels import WHEELS
 from tpmsd.onboard.monitor.alarm_state import Hysteresis
 from tpmsd.onboard.monitor.evidence.posterior import Posterior
 from tpmsd.onboard.monitor.evidence.sizes import sizes_of, subsets
+from tpmsd.onboard.monitor.judge import Judgement
 from tpmsd.onboard.monitor.settings import DRIVE_EVIDENCE, FIRST_START, JUDGE
 
 CAUSES = 3
@@ -80,21 +82,20 @@ class Questions:
 
     def update(
         self,
-        found: Posterior | None,
-        models: dict[str, float],
+        found: Judgement | None,
         elapsed_s: float,
         time_s: float,
         *,
         said: bool,
     ) -> None:
-        """Take a judgement that stands for `elapsed_s` of driving. `models`: probability of each drive model;
-        `said`: whether an alarm of a tyre stands."""
+        """Take a judgement that stands for `elapsed_s` of driving; None: of tyres that may be others. `said`:
+        whether an alarm of a tyre stands."""
         if said:
             self.forget()
             return
         asked: list[tuple[tuple[str, ...], str, float]] = []
-        if found is not None:
-            asked = self._of_judgement(found, models, elapsed_s)
+        if found is not None and found.posterior is not None:
+            asked = self._of_bank(found.posterior, found, elapsed_s)
         if self._of_first.active and self._first is not None:
             wheel, chance, words = self._first
             asked = [((WHEELS[wheel],), f"{WHEELS[wheel]} is {words}?", chance)]
@@ -104,17 +105,16 @@ class Questions:
             for wheels, question, chance in asked
         )
 
-    def _of_judgement(
-        self, found: Posterior, models: dict[str, float], elapsed_s: float
+    def _of_bank(
+        self, bank: Posterior, found: Judgement, elapsed_s: float
     ) -> list[tuple[tuple[str, ...], str, float]]:
         """What the bank leaves open: the wheels, the question, the probability."""
-        loaded = sum(models.get(name, 0.0) for name in DRIVE_EVIDENCE.loads)
-        self._of_tyres.update(found.changed, elapsed_s)
-        self._of_load.update(loaded, elapsed_s)
+        self._of_tyres.update(bank.changed, elapsed_s)
+        self._of_load.update(found.unusual, elapsed_s)
         if self._of_tyres.active:
-            return [(*self._words(found, models), found.changed)]
+            return [(*self._words(bank, found.drive_models), bank.changed)]
         if self._of_load.active and self._axles:
-            return [(*self._of_axle(found), loaded)]
+            return [(*self._of_axle(bank), found.unusual)]
         return []
 
     def at_first(self, suspected: tuple[int, float, str] | None, elapsed_s: float) -> None:
