@@ -180,10 +180,7 @@ class Judge:
         then no loss, but one wheel that stands out is.
         """
         harmless_m2 = self.harmless_m2 + self._tolerance_m2(other_tyres)
-        ratios = None
-        if resonance is not None and resonance.wheels:
-            sets = subsets(len(self._wheels))
-            ratios = np.array([resonance.log_ratio([self._wheels[i] for i in one]) for one in sets])
+        ratios = self._ratios(resonance)
         averaged_m2 = harmless_m2 - self.harmless_m2 + self._harmless_of_mean_m2(mean.samples)
         against = self._against(ratios, other_tyres)
         of_drive: Finding | None = None
@@ -231,6 +228,13 @@ class Judge:
             all_larger=self._all_larger(bank.sizes),
             posterior=bank,
         )
+
+    def _ratios(self, resonance: ResonanceEvidence | None) -> FloatArray | None:
+        """(s,) log likelihood ratio of each of `subsets` to none lost by the resonances; None of none."""
+        if resonance is None or not resonance.wheels:
+            return None
+        sets = subsets(len(self._wheels))
+        return np.array([resonance.log_ratio([self._wheels[i] for i in one]) for one in sets])
 
     def _look(
         self,

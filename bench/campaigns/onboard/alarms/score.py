@@ -176,8 +176,6 @@ def judge(case: Case, driven: Driven, heard: Heard) -> Row:
     if first is not None:
         fast, wait = fast_seconds(driven, done, first.time_s), max(first.time_s - done, 0.0)
     detected = first is not None and fast <= case.limit_s
-    law = LAWS[case.standard]
-    counted = law_seconds(driven, law, done, heard.played_s if first is None else first.time_s)
     named = {said.wheel for said in real}
     return {
         "standard": case.standard,
@@ -189,8 +187,7 @@ def judge(case: Case, driven: Driven, heard: Heard) -> Row:
         "trailer": case.leg.trailer_kg > 0.0,
         "detected": detected,
         "fast_s": _number(fast),
-        "by_law": first is not None and counted <= law.limit_s,
-        "law_s": _number(counted),
+        **_by_law(case, driven, heard, first),
         "wait_s": _number(wait),
         "early": first is not None and first.time_s < done,
         "driven_fast_s": fast_seconds(driven, done, heard.played_s),
@@ -203,6 +200,13 @@ def judge(case: Case, driven: Driven, heard: Heard) -> Row:
         "reliability": counts(driven, heard),
         "reason": "" if detected else why_missed(case, driven, heard, before, first),
     }
+
+
+def _by_law(case: Case, driven: Driven, heard: Heard, first: Said | None) -> Row:
+    """Driving that the law counts until the first alarm, or the end; and whether that is in time."""
+    law = LAWS[case.standard]
+    counted = law_seconds(driven, law, case.done_s, heard.played_s if first is None else first.time_s)
+    return {"by_law": first is not None and counted <= law.limit_s, "law_s": _number(counted)}
 
 
 def why_missed(case: Case, driven: Driven, heard: Heard, before: list[Said], late: Said | None) -> str:
