@@ -99,7 +99,10 @@ CAMPAIGNS = {
             "onboard",
             "realistic",
             "sixteen realistic cases, for any system on a CAN bus",
-            "realistic.runonboard",
+            "realistic.run",
+        ),
+        _campaign(
+            "onboard",
             "filters",
             "alarms of both filters on the very same drives, and real losses",
             page="filters.md",
