@@ -95,8 +95,8 @@ NEVER = Lit(math.nan)
 def test_driving_counts_from_the_loss_on_over_all_trips(
     answers: list[Lit], found: bool, found_s: float | None, false: list[int]
 ) -> None:
-    """Two drives that teach, then six trips of ten seconds after the loss; 15 s are allowed. An alarm on a
-    drive that teaches is a false one."""
+    """Two drives of learning, then six trips of ten seconds after the loss; 15 s are allowed. An alarm on a
+    drive of learning is a false one."""
     trips = next(case for case in cases_of("development", 1) if case.name == "short-trips-one")
     row = play(car_of("development", 1), short(trips), Told(list(answers)))
     assert (found, found_s, false) == (row["found"], row["found_s"], row["false_before"])

@@ -299,7 +299,7 @@ class Baseline:
         first = self._drive_samples < BASELINE.drive_samples
         if not car and not first:
             return
-        self._teach(found[0], found[1] + self._unsettled() + harmless_m2, at, car=car, first=first)
+        self._learn_sample(found[0], found[1] + self._unsettled() + harmless_m2, at, car=car, first=first)
         if self.ready:
             self._learned_s += self._since_s
         self.ready = True
@@ -307,7 +307,7 @@ class Baseline:
         self._since_s = 0.0
 
     def _note_doubt(self, trusted: bool, elapsed_s: float) -> None:
-        """Keep the share of driving in which something is suspected; what slipped then teaches nothing."""
+        """Keep the share of driving in which something is suspected; what slipped then is not learned."""
         if not self.ready:
             return
         self._doubt += (float(not trusted) - self._doubt) * min(elapsed_s / BASELINE.doubt_s, 1.0)
@@ -320,11 +320,11 @@ class Baseline:
             return self._may_begin(covariance_m2)
         return trusted and abs(at.unsettled) <= BASELINE.unsettled_speed2
 
-    def _teach(
+    def _learn_sample(
         self, deviation_m: FloatArray, noise_m2: FloatArray, at: Conditions, *, car: bool, first: bool
     ) -> None:
         """Learn a sample (d,) with its noise (d, d). `car`: what belongs to the car as well; `first`: it is
-        one of the first of this drive, which teach the drive to what counts now."""
+        one of the first of this drive, from which what counts now learns the drive."""
         taught = self._shadow or self.reference
         taught.wander(self._since_s)
         taught.learn(deviation_m, noise_m2, self._wheels, at, car=car)

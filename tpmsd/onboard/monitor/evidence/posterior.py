@@ -15,7 +15,7 @@ so a size hides no loss, and minutes that say which of two tyres has changed are
 A wheel may also have become larger in a young window, a rival of losses of its fellow.
 
 What both tyres of an axle or all four do looks for a while like slip, slopes and load, of which young windows
-have no model. There it is not believed: it *passes*, and belongs to "nothing". An alarm that stands is not
+have no model. There it counts as no loss: it *passes*, and belongs to "nothing". An alarm that stands is not
 cleared while such a thing is seen of its tyre (`possible`).
 
 A change of either sign is asked alike: of it a window knows P_w(S off), and P_w(none off) takes the place of
