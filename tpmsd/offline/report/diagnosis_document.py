@@ -10,8 +10,9 @@ from dataclasses import asdict
 from typing import Any
 
 from tpmsd.offline.diagnosis.assessment.reach import Reach
-from tpmsd.offline.diagnosis.assessment.result import Diagnosis, Finding, RadiusDrift, Where
+from tpmsd.offline.diagnosis.assessment.result import INSUFFICIENT, Diagnosis, Finding, RadiusDrift, Where
 from tpmsd.offline.report.alarms_compared import AlarmsCompared, alarms_document
+from tpmsd.offline.report.diagnosis_sentences import summary_sentences
 
 
 def diagnosis_document(
@@ -21,6 +22,7 @@ def diagnosis_document(
     drift = diagnosis.drift
     unexplained = diagnosis.unexplained or (None if drift is None else drift.where)
     document: dict[str, Any] = {
+        "summary": " ".join(summary_sentences(diagnosis)),
         "verdict": diagnosis.verdict,
         "reason": diagnosis.reason or None,
         "baseline": {
@@ -41,6 +43,16 @@ def diagnosis_document(
         "evidence": [{"effect": name, "gain": gain} for name, gain in diagnosis.evidence],
         "reach": None if diagnosis.reach is None else _reach(diagnosis.reach),
     }
+    if diagnosis.verdict != INSUFFICIENT:
+        document["not_detectable"] = [
+            {
+                "effect": one.effect,
+                "smallest": {
+                    name: {"value": value, "unit": unit} for name, (value, unit) in one.smallest.items()
+                },
+            }
+            for one in diagnosis.not_detectable
+        ]
     if diagnosis.information:
         document["information"] = [
             {

@@ -20,6 +20,10 @@ class AmbientPressure(Effect):
     """
 
     name = "ambient_pressure"
+    noun = "growth with height"
+    answers = (
+        "the tyres {per_m:grow|shrink} with the height above the sea, by {per_m} of the radius per metre",
+    )
     formula = "delta_r = per_m * (height - height at the start) on all wheels"
     sentence = "the tyres grow with the height above the sea"
     telling_drive = "drive up and down a mountain of 500 m"

@@ -22,6 +22,11 @@ class AntennaLeverArm(Effect):
     """
 
     name = "antenna_lever_arm"
+    noun = "an antenna out of place"
+    answers = (
+        "the antenna is {forward_m:size m} further {forward_m:ahead|back} than configured",
+        "the antenna is {left_m:size m} further to the {left_m:left|right} than configured",
+    )
     kind = Kind.INSTRUMENT
     formula = "antenna at (forward_m, left_m) from its configured place"
     needs = ("gnss",)

@@ -28,6 +28,8 @@ class BrakeHeat(Effect):
     """
 
     name = "brake_heat"
+    noun = "heat of the brakes"
+    answers = ("brakes warm the wheels {wheels}, which grow by {growth} of braking work per mass",)
     formula = (
         "delta_r = k * h on its wheels, dh/dt = q / soak_s - h / cooling_s, "
         "dq/dt = max(-a_x, 0) * v - q / soak_s"

@@ -21,6 +21,8 @@ class CentrifugalGrowth(Effect):
     """
 
     name = "centrifugal_growth"
+    noun = "growth with speed"
+    answers = ("the tyres {coefficient:grow|shrink} with speed, by {coefficient:size} times its square",)
     formula = "delta_r = k * v^2 on all wheels"
     looks = Look.COMMON
     in_calibration = (("growth", "coefficient", "s2/m"),)

@@ -20,6 +20,8 @@ class Chains(SlipEvent):
     """
 
     name = "chains"
+    noun = "chains"
+    answers = ("{wheels} rolled on chains for {duration_s:min}",)
     kind = Kind.EVENT
     formula = "omega * r = v * (1 + slip) on its wheels, onset_s <= t < onset_s + duration_s"
     sentence = "an axle rolls on chains for a while"

@@ -25,6 +25,8 @@ class ClockDrift(Effect):
     """
 
     name = "clock_drift"
+    noun = "drift of the host's clock"
+    answers = ("the host's clock runs {rate:size ppm} {rate:fast|slow}",)
     kind = Kind.INSTRUMENT
     formula = "host clock - UTC = constant + rate * t + step_s * (t >= at_s)"
     sentence = "the host's clock drifts against UTC"

@@ -22,6 +22,8 @@ class CounterLostLowSpeed(Effect):
     """
 
     name = "counter_lost_low_speed"
+    noun = "counts lost at walking pace"
+    answers = ("the counters of {wheels} lose {lost:%} of their counts below {below_mps}",)
     kind = Kind.INSTRUMENT
     formula = "omega shown = omega * (1 - lost) where v < below_mps"
     sentence = "counts are lost below a speed"

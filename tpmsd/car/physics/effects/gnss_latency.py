@@ -21,6 +21,8 @@ class GnssLatency(Effect):
     """
 
     name = "gnss_latency"
+    noun = "age of the fixes"
+    answers = ("the fixes are {latency_s:size ms} {latency_s:older|younger} than configured",)
     kind = Kind.INSTRUMENT
     formula = "position, speed and course of t arrive at t + latency_s"
     needs = ("gnss",)

@@ -27,6 +27,8 @@ class GnssSmoothing(Effect):
     """
 
     name = "gnss_smoothing"
+    noun = "smoothing in the receiver"
+    answers = ("the receiver smooths its speed and course over {time_constant_s}",)
     kind = Kind.INSTRUMENT
     formula = "speed and course shown = first-order low-pass of time_constant_s"
     sentence = "the receiver smooths its speed and course"

@@ -19,6 +19,8 @@ class GyroDelay(Effect):
     """
 
     name = "gyro_delay"
+    noun = "age of the gyro's readings"
+    answers = ("the gyro's readings are {delay_s:size ms} old",)
     kind = Kind.NUISANCE
     formula = "reading = truth - delay_s * d truth / dt"
     sentence = "the gyro's readings are old"

@@ -20,6 +20,8 @@ class GyroDrift(Effect):
     """
 
     name = "gyro_drift"
+    noun = "drift of the gyro's zero"
+    answers = ("the gyro's zero drifts by {rate:deg/h/s} each second",)
     kind = Kind.INSTRUMENT
     formula = "reading = truth + rate * t"
     sentence = "the gyro's zero drifts through the drive"

@@ -23,6 +23,8 @@ class GyroTemperature(Effect):
     """
 
     name = "gyro_temperature"
+    noun = "warmth in the gyro's zero"
+    answers = ("the gyro's zero goes with the temperature, by {per_kelvin}",)
     kind = Kind.INSTRUMENT
     formula = "reading = truth + per_kelvin * (T - 293 K)"
     sentence = "the gyro's zero goes with the temperature"

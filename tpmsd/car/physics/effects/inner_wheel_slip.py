@@ -30,6 +30,12 @@ class InnerWheelSlip(Effect):
     """
 
     name = "inner_wheel_slip"
+    noun = "slip of the inner wheels"
+    answers = (
+        "in bends the inner driven wheels slip more, by {driven}",
+        "the inner driven wheels slip under the brakes, by {braked}",
+        "the other inner wheels slip under the brakes, by {free}",
+    )
     formula = (
         "omega * r = v * (1 +- q * f * a_y), + left, - right, f = a_x + 2.7e-4 /m * v^2 + 0.1 m/s2, "
         "q = driven (f > 0), braked, free"

@@ -19,6 +19,8 @@ class LateralSlip(Effect):
     """
 
     name = "lateral_slip"
+    noun = "drift of the rear axle in bends"
+    answers = ("in bends the rear axle drifts {coefficient:outwards|inwards}, by {coefficient:size}",)
     formula = "beta = -c * a_y at the rear axle"
     needs = ("gnss",)
     in_calibration = (("slip_lateral", "coefficient", "rad.s2/m"),)

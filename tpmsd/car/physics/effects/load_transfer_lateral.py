@@ -22,6 +22,8 @@ class LoadTransferLateral(Effect):
     """
 
     name = "load_transfer_lateral"
+    noun = "load shifted by bends"
+    answers = ("bends shift load between the sides and change the radii, by {coefficient}",)
     formula = "delta_r = +c * a_y left, -c * a_y right"
     contrast = True
     in_calibration = (("load_lateral", "coefficient", "s2"),)

@@ -27,6 +27,8 @@ class LoadTransferLongitudinal(Effect):
     """
 
     name = "load_transfer_longitudinal"
+    noun = "load shifted by driving and braking"
+    answers = ("driving and braking shift load between the axles and change the radii, by {coefficient}",)
     formula = "delta_r = +c * a_x front, -c * a_x rear"
     contrast = True
     sentence = "driving and braking shift load between the axles and change the radii"

@@ -22,6 +22,8 @@ class MessageDelay(Effect):
     """
 
     name = "message_delay"
+    noun = "wheels of unequal age"
+    answers = ("the front wheels' readings are {front_s:size ms} {front_s:older|younger} than the rear ones",)
     kind = Kind.INSTRUMENT
     formula = "front wheels show v(t - front_s)"
     sentence = "the wheels of one message are older than those of another"

@@ -29,6 +29,11 @@ class RadiusChange(Effect):
     """
 
     name = "radius_change"
+    noun = "a radius that changes"
+    answers = (
+        "the radius of {wheel} changed by {deviation_m:mm} during the drive: the fault itself",
+        "the radius of {wheels} changed by {deviation_m:mm} during the drive: the fault itself",
+    )
     kind = Kind.FAULT
     formula = (
         "delta_r = deviation_m * clip((t - onset_s) / duration_s, 0, 1) on one or several wheels; "

@@ -28,6 +28,11 @@ class RoadBank(Effect):
     """
 
     name = "road_bank"
+    noun = "bank of the road"
+    answers = (
+        "the road is banked: gravity bears {bank_share:%} of the force in bends",
+        "the road leans by {crown_rad:size deg} to the {crown_rad:right|left}",
+    )
     formula = "a_y read = a_y * (1 - bank_share) + g * sin(crown_rad)"
     sentence = "the road is banked: gravity bears a share of the force in bends"
     telling_drive = "drive the same bends at two speeds, and flat ones"

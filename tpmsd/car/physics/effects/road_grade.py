@@ -20,6 +20,8 @@ class RoadGrade(Effect):
     """
 
     name = "road_grade"
+    noun = "slopes"
+    answers = ("wheels roll along slopes, of which the receiver reports the horizontal",)
     formula = "horizontal way = cos(grade) * way rolled"
     needs = ("gnss", "slopes")
     looks = Look.COMMON

@@ -23,6 +23,11 @@ class SunSide(Effect):
     """
 
     name = "sun_side"
+    noun = "a sunny side"
+    answers = (
+        "the sunny side is warmer: with the sun in the east its radii differ by {east_m:mm} in half",
+        "with the sun in the north the sides differ by {north_m:mm} in half",
+    )
     formula = (
         "delta_r = +-s, + left, - right, lag_s * ds/dt = -east_m * sin(heading) + north_m * cos(heading) - s"
     )

@@ -23,6 +23,10 @@ class ThermalGrowth(Effect):
     """
 
     name = "thermal_growth"
+    noun = "growth by warmth"
+    answers = (
+        "the tyres {amplitude_m:grow|shrink} by {amplitude_m:size mm} in warming up ({time_constant_s:min})",
+    )
     formula = "delta_r = A * (1 - exp(-t / tau)) on all wheels"
     looks = Look.COMMON
     grid = Grid(

@@ -28,6 +28,11 @@ class ToneRingError(Effect):
     """
 
     name = "tone_ring_error"
+    noun = "an uneven ring"
+    answers = (
+        "the ring of {wheel} is uneven by {amplitude_rad:deg}",
+        "the ring of {wheel} has {teeth_per_rev} teeth",
+    )
     kind = Kind.INSTRUMENT
     formula = "counts = (theta + a * sin(theta + phase)) * teeth / (2 * pi)"
     by_teeth = True

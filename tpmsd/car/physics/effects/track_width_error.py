@@ -19,6 +19,11 @@ class TrackWidthError(Effect):
     """
 
     name = "track_width_error"
+    noun = "an error of the track"
+    answers = (
+        "the rear track is {rear_m:size mm} {rear_m:wider|narrower} than configured",
+        "the front track is {front_m:size mm} {front_m:wider|narrower} than configured",
+    )
     kind = Kind.INSTRUMENT
     formula = "hub speeds = v -+ yaw rate * (track + error) / 2"
     contrast = True

@@ -35,6 +35,7 @@ class Unknown(Effect):
     """
 
     name = "unknown"
+    noun = "something without a name"
     kind = Kind.FREE
     formula = "delta_r, or a reading's error, = f(covariate), piecewise linear"
     sentence = "something that no effect of the catalogue explains"

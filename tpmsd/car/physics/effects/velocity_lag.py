@@ -25,6 +25,8 @@ class VelocityLag(Effect):
     """
 
     name = "velocity_lag"
+    noun = "a lag of the receiver's speed"
+    answers = ("the receiver's speed and course are {lag_s:size ms} {lag_s:older|younger} than its position",)
     kind = Kind.INSTRUMENT
     formula = "speed and course of t - lag_s stand beside the position of t"
     in_calibration = (("doppler_lag", "lag_s", "s"),)

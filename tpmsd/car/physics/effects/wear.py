@@ -27,6 +27,8 @@ class Wear(Effect):
     """
 
     name = "wear"
+    noun = "wear of the treads"
+    answers = ("the treads of all tyres wear off, by {rate:mm/km}",)
     formula = "delta_r = -rate * distance on all wheels"
     sentence = "the treads of all tyres wear off"
     telling_drive = "compare the radii of drives that lie thousands of kilometres apart"

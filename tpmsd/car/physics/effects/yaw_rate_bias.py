@@ -21,6 +21,8 @@ class YawRateBias(Effect):
     """
 
     name = "yaw_rate_bias"
+    noun = "an offset of the gyro"
+    answers = ("the gyro reads {bias:deg/s} on the straight",)
     kind = Kind.INSTRUMENT
     formula = "reading = truth + bias"
     needs = ("yaw_rate",)

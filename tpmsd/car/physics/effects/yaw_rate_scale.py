@@ -17,6 +17,8 @@ class YawRateScale(Effect):
     """
 
     name = "yaw_rate_scale"
+    noun = "an error of the gyro's scale"
+    answers = ("your gyro reads {scale:just %} {scale:high|low} ({scale})",)
     kind = Kind.INSTRUMENT
     formula = "reading = scale * truth"
     needs = ("yaw_rate",)
