@@ -56,9 +56,9 @@ def errors_m(one: Recording) -> FloatArray:
     return np.asarray(off - np.convolve(off, np.ones(51) / 51.0, mode="same"))[50:-50]
 
 
-@pytest.mark.parametrize("period_s", [0.0165, 0.0191])
+@pytest.mark.parametrize("period_s", [0.0173, 0.0191])
 def test_a_latched_age_is_told_and_taken_out(period_s: float) -> None:
-    """A rhythm of uniform ages has the standard deviation P / sqrt(12); of the error at most 0.4 is left."""
+    """Ages uniform over a period P have the deviation P / sqrt(12); of the error at most 0.4 is left."""
     drive = recording(latched(period_s))
     age = common_age(drive)
     assert age is not None

@@ -15,6 +15,7 @@ smoothed by penalised least squares (Whittaker, Proceedings of the Edinburgh Mat
     sum (S - D)^2 / (r^2 + (s v)^2) + sum (third difference of S)^2 / (j dt^3)^2 -> min,
 
 and (S - D) / v is the age, less its mean: a constant age is one of the fixes, and is left to the diagnosis.
+A slow sweep of the age (seconds) looks like a speed and stays, but for its jumps.
 """
 
 from __future__ import annotations
