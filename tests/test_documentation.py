@@ -3,9 +3,9 @@ parser takes.
 
 A block of commands is `console`, each command after `$ `, what it prints below it. Without a language it
 needs a comment `<!-- not run: REASON -->` before it. `<!-- run with: --option value -->` takes the place of
-options of the same name, so that the run is shorter than what is printed. `<!-- output: compared -->` says that
-what stands below a command is what it prints: words must be the same, numbers the same within 5 %, for other
-processors round otherwise; lines may be broken elsewhere, and `...` leaves some out.
+options of the same name, so that the run is shorter than what is printed. `<!-- output: compared -->` says
+that what stands below a command is what it prints: words must be the same, numbers the same within 5 %, for
+other processors round otherwise; lines may be broken elsewhere, and `...` leaves some out.
 """
 
 from __future__ import annotations
