@@ -21,12 +21,12 @@ class CentrifugalGrowth(Effect):
     """
 
     name = "centrifugal_growth"
-    noun = "growth with speed"
-    answers = ("the tyres {coefficient:grow|shrink} with speed, by {coefficient:size} times its square",)
     formula = "delta_r = k * v^2 on all wheels"
     looks = Look.COMMON
     in_calibration = (("growth", "coefficient", "s2/m"),)
     sentence = "the tyres grow with speed"
+    noun = "growth with speed"
+    answers = ("the tyres {coefficient:grow|shrink} with speed, by {coefficient:size} times its square",)
     telling_drive = "hold 30 m/s for two minutes, then coast to 15 m/s, twice"
     shows_in = ("wheel", "speed")
     one_sign = True

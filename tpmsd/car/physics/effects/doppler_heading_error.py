@@ -23,14 +23,14 @@ class DopplerHeadingError(Effect):
     """
 
     name = "doppler_heading_error"
+    kind = Kind.INSTRUMENT
+    formula = "speed shown = speed + east_mps * cos(heading) + north_mps * sin(heading); course by the rest"
+    sentence = "the receiver's velocity has a constant error"
     noun = "a constant error of the receiver's velocity"
     answers = (
         "the receiver's velocity is {east_mps:size cm/s} too much to the {east_mps:east|west}",
         "the receiver's velocity is {north_mps:size cm/s} too much to the {north_mps:north|south}",
     )
-    kind = Kind.INSTRUMENT
-    formula = "speed shown = speed + east_mps * cos(heading) + north_mps * sin(heading); course by the rest"
-    sentence = "the receiver's velocity has a constant error"
     telling_drive = "drive the same road there and back"
     shows_in = ("gnss_speed", "time")
     needs = ("gnss_speed",)

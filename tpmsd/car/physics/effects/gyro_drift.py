@@ -20,11 +20,11 @@ class GyroDrift(Effect):
     """
 
     name = "gyro_drift"
-    noun = "drift of the gyro's zero"
-    answers = ("the gyro's zero drifts by {rate:deg/h/s} each second",)
     kind = Kind.INSTRUMENT
     formula = "reading = truth + rate * t"
     sentence = "the gyro's zero drifts through the drive"
+    noun = "drift of the gyro's zero"
+    answers = ("the gyro's zero drifts by {rate:deg/h/s} each second",)
     telling_drive = "stand still for a minute at the beginning and at the end"
     shows_in = ("yaw_rate", "time")
     needs = ("yaw_rate",)

@@ -30,18 +30,18 @@ class InnerWheelSlip(Effect):
     """
 
     name = "inner_wheel_slip"
-    noun = "slip of the inner wheels"
-    answers = (
-        "in bends the inner driven wheels slip more, by {driven}",
-        "the inner driven wheels slip under the brakes, by {braked}",
-        "the other inner wheels slip under the brakes, by {free}",
-    )
     formula = (
         "omega * r = v * (1 +- q * f * a_y), + left, - right, f = a_x + 2.7e-4 /m * v^2 + 0.1 m/s2, "
         "q = driven (f > 0), braked, free"
     )
     contrast = True
     sentence = "the inner wheels, which carry less load, slip more in bends"
+    noun = "slip of the inner wheels"
+    answers = (
+        "in bends the inner driven wheels slip more, by {driven}",
+        "the inner driven wheels slip under the brakes, by {braked}",
+        "the other inner wheels slip under the brakes, by {free}",
+    )
     telling_drive = "speed up and brake in bends to both sides, ten times each"
     shows_in = ("wheel_ratio", "accel_lat")
     one_sign = True

@@ -22,12 +22,12 @@ class LoadTransferLateral(Effect):
     """
 
     name = "load_transfer_lateral"
-    noun = "load shifted by bends"
-    answers = ("bends shift load between the sides and change the radii, by {coefficient}",)
     formula = "delta_r = +c * a_y left, -c * a_y right"
     contrast = True
     in_calibration = (("load_lateral", "coefficient", "s2"),)
     sentence = "bends shift load between the sides and change the radii"
+    noun = "load shifted by bends"
+    answers = ("bends shift load between the sides and change the radii, by {coefficient}",)
     telling_drive = "drive the same bend slowly and fast, to both sides"
     shows_in = ("wheel_ratio", "accel_lat")
     one_sign = True

@@ -29,11 +29,6 @@ class RadiusChange(Effect):
     """
 
     name = "radius_change"
-    noun = "a radius that changes"
-    answers = (
-        "the radius of {wheel} changed by {deviation_m:mm} during the drive: the fault itself",
-        "the radius of {wheels} changed by {deviation_m:mm} during the drive: the fault itself",
-    )
     kind = Kind.FAULT
     formula = (
         "delta_r = deviation_m * clip((t - onset_s) / duration_s, 0, 1) on one or several wheels; "
@@ -44,6 +39,11 @@ class RadiusChange(Effect):
     ramp = True
     courses = (RAMP, EXPONENTIAL)
     sentence = "the radius of a tyre changed during the drive: the fault itself"
+    noun = "a radius that changes"
+    answers = (
+        "the radius of {wheel} changed by {deviation_m:mm} during the drive: the fault itself",
+        "the radius of {wheels} changed by {deviation_m:mm} during the drive: the fault itself",
+    )
     telling_drive = "repeat the drive: a tyre that lost air stays small, warm-up starts anew"
     shows_in = ("wheel_ratio", "time")
     parameters = (

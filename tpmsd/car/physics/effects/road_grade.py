@@ -20,14 +20,14 @@ class RoadGrade(Effect):
     """
 
     name = "road_grade"
-    noun = "slopes"
-    answers = ("wheels roll along slopes, of which the receiver reports the horizontal",)
     formula = "horizontal way = cos(grade) * way rolled"
     needs = ("gnss", "slopes")
     looks = Look.COMMON
     alike_on_every_drive = True
     shortens = True
     sentence = "wheels roll along slopes, the receiver reports the horizontal"
+    noun = "slopes"
+    answers = ("wheels roll along slopes, of which the receiver reports the horizontal",)
     telling_drive = "drive up and down a long slope of 5 % or more at constant speed"
     shows_in = ("wheel", "grade")
     one_sign = True

@@ -28,15 +28,15 @@ class ToneRingError(Effect):
     """
 
     name = "tone_ring_error"
+    kind = Kind.INSTRUMENT
+    formula = "counts = (theta + a * sin(theta + phase)) * teeth / (2 * pi)"
+    by_teeth = True
+    sentence = "a wheel's teeth are unevenly spaced or their number is wrong"
     noun = "an uneven ring"
     answers = (
         "the ring of {wheel} is uneven by {amplitude_rad:deg}",
         "the ring of {wheel} has {teeth_per_rev} teeth",
     )
-    kind = Kind.INSTRUMENT
-    formula = "counts = (theta + a * sin(theta + phase)) * teeth / (2 * pi)"
-    by_teeth = True
-    sentence = "a wheel's teeth are unevenly spaced or their number is wrong"
     telling_drive = "roll at walking pace on a smooth straight for a minute"
     shows_in = ("wheel_ratio", "wheel_angle")
     parameters = (

@@ -17,14 +17,14 @@ class YawRateScale(Effect):
     """
 
     name = "yaw_rate_scale"
-    noun = "an error of the gyro's scale"
-    answers = ("your gyro reads {scale:just %} {scale:high|low} ({scale})",)
     kind = Kind.INSTRUMENT
     formula = "reading = scale * truth"
     needs = ("yaw_rate",)
     beside_value = ("track_width_error",)
     in_calibration = (("gyro_gain", "scale_minus_one", "1"),)
     sentence = "the gyro's scale is off"
+    noun = "an error of the gyro's scale"
+    answers = ("your gyro reads {scale:just %} {scale:high|low} ({scale})",)
     telling_drive = "drive ten full circles to each side"
     shows_in = ("yaw_rate", "yaw_rate")
     parameters = (
