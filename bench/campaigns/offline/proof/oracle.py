@@ -2,8 +2,8 @@
 
 In: a concealed effect with what `diagnosis.truth` computes of it. Out: yes or no. The oracle knows the true
 motion, the size of all noise, the form of the concealed effect and of every rival, and fits only these: the
-log-likelihood that the effect brings once calibration is fitted (`gain`), and what it brings beyond its best
-rival of the catalogue (`margin`). A diagnosis knows none of this. It estimates motion and noise from the same
+log-likelihood gain of the effect beside calibration (`gain`), and its gain beyond that of its best rival of
+the catalogue (`margin`). A diagnosis knows none of this. It estimates motion and noise from the same
 data, and chooses among some fifty effects and hundreds of shapes; so four times the gain is asked for from
 which the oracle itself is sure.
 """
