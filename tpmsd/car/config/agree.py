@@ -1,4 +1,4 @@
-"""What settings must agree with each other, beyond each value's own rule.
+"""Agreement of settings with each other, beyond each value's own rule.
 
 In: the values that passed their rules. Out: problems, handed to a `Reporter`, and the vehicle's record.
 """
@@ -36,7 +36,7 @@ class Reporter(Protocol):
 
 
 def monitored_wheels(roles: Collection[str], report: Reporter) -> tuple[str, ...]:
-    """The wheels that have a signal; reports where they are neither all four nor the rear pair."""
+    """Return the wheels that have a signal; reports where they are neither all four nor the rear pair."""
     table = "can.signals"
     sources: dict[str, list[str]] = {
         wheel: [role for role in (f"wheel_count_{wheel}", f"wheel_speed_{wheel}") if role in roles]
@@ -70,7 +70,7 @@ def vehicle(
     steered: bool,
     report: Reporter,
 ) -> VehicleConfig | None:
-    """The vehicle's record; None if something was reported.
+    """Return the vehicle's record; None if something was reported.
 
     `good` are the values that passed their rules, `given` the keys that are there at all, `wheels` those that
     have a signal and `steered` tells that the steering wheel's angle has one.
@@ -165,7 +165,7 @@ _PLACE = ("gnss_latitude", "gnss_longitude")
 
 
 def receiver(settings: GnssConfig, roles: Collection[str]) -> GnssConfig:
-    """Where no source is named, and the bus has the position, it is the source."""
+    """Make the position on the bus the source of fixes where no source is named."""
     named = settings.source is not None or settings.device is not None
     return settings if named or not set(_PLACE) <= set(roles) else replace(settings, source="can")
 
@@ -184,7 +184,7 @@ def gnss(settings: GnssConfig, roles: Collection[str], report: Reporter) -> None
 
 
 def obd(settings: ObdConfig, allowed_ids: Collection[int], buses: Collection[str], report: Reporter) -> None:
-    """What asks the car must be on the list of what may be sent."""
+    """Check that the identifier of the request is on the list of what may be sent."""
     if settings.bus is not None and settings.bus not in buses:
         known = " ".join(buses) or "an entry of [can.buses]"
         report(BadValueError("no such bus", show(settings.bus), known), "obd", "bus")

@@ -108,7 +108,8 @@ class _Checker:
             )
 
     def _load(self, dbc: Path) -> dict[str | None, Database]:
-        """The database of each bus by its name, None for that of [can]; without those that have problems."""
+        """Return the database of each bus by its name, None for that of [can]; without those that have
+        problems."""
         paths: dict[str | None, Path] = {None: dbc}
         paths.update({name: bus.dbc for name, bus in self._parsed.buses.items()})
         read: dict[Path, Database | None] = {}
@@ -207,7 +208,7 @@ class _Checker:
                 self._problem(bad, "alarms", key)
 
     def _check_usefulness(self) -> None:
-        """What is allowed but was hardly meant."""
+        """Report settings that are allowed and hardly meant."""
         signals = self._parsed.signals
         config = self._parsed.config
         if config is not None and config.gnss.source != "can":
@@ -243,14 +244,14 @@ class _Checker:
             self._warn(f"{coarsest.source.signal}: {what}", "can.signals", coarsest.source.role)
 
     def _check_obd(self, config: Config) -> None:
-        """Who asks the car writes on its bus."""
+        """Warn of the requests that tpmsd sends on the car's bus."""
         if config.obd.speed:
             every = f"every {config.obd.period_s:g} s while the car moves"
             self._warn(f"tpmsd sends 0x{config.obd.request_id:X} on the car's bus {every}", "obd", "speed")
 
 
 def _noted(path: Path, database: NotedDatabase) -> list[Problem]:
-    """What of a DBC could not be used, the first of it line by line."""
+    """Report what could not be used of a DBC, the first entries line by line."""
     shown = [Problem(str(path), note.line, "", note.what) for note in database.notes[:_MOST_NOTES]]
     if more := database.noted - len(shown):
         shown.append(Problem(str(path), None, "", f"and {more} more statements that were left out or mended"))
