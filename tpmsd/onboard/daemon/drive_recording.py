@@ -36,7 +36,7 @@ class RecordingError(TpmsdError):
 
 @dataclass(slots=True)
 class Seen:
-    """What was recorded so far."""
+    """Data recorded so far."""
 
     frames: int = 0
     identifiers: set[int] = field(default_factory=set)
@@ -46,7 +46,7 @@ class Seen:
     quality: int = 0
     frames_per_s: float = 0.0
     why: str = ""
-    """Why it ended by itself; empty where it was asked to."""
+    """Reason for which it ended by itself; empty where it was asked to."""
 
 
 class DriveRecording:

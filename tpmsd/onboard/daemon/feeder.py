@@ -75,7 +75,7 @@ class Feeder:
         return steps
 
     def finish(self) -> list[Step]:
-        """The end: hand over everything, and complete the ticks that can be."""
+        """Return the end: hand over everything, and complete the ticks that can be."""
         steps: list[Step] = []
         for item in self._queue.release(math.inf):
             steps += self._hand(item)

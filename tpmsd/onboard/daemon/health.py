@@ -1,4 +1,4 @@
-"""How the daemon is: for the status socket and for `systemctl status`.
+"""Health of the daemon: for the status socket and for `systemctl status`.
 
 In: loop, links, pipeline and the last step. Out: the status document, and one line of it.
 """
@@ -79,7 +79,7 @@ class Health:
             self._fixes, self._fix_s = fixes, now_s
 
     def document(self, pipeline: Pipeline, now_s: float, missed: int) -> dict[str, Any]:
-        """The status document."""
+        """Return the status document."""
         return build_status(
             None if self.last is None else self.last.report,
             loop=LoopHealth(now_s - self._start_s, self.ticks, missed),
@@ -92,7 +92,7 @@ class Health:
         )
 
     def line(self, pipeline: Pipeline, now_s: float, missed: int) -> str:
-        """The most important in one line."""
+        """Return the most important in one line."""
         bus, gnss = self._can(pipeline, now_s), self._gnss(pipeline, now_s)
         parts = ["starting" if self.last is None else tyres_line(self.last.report)]
         if self.last is not None and math.isfinite(self.last.estimate.speed_mps):
@@ -160,7 +160,7 @@ class Health:
 
 
 def tyres_line(report: MonitorReport) -> str:
-    """The tyres in a few words."""
+    """Return the tyres in a few words."""
     if report.active:
         alarms = sorted(
             {f"{alarm.kind}{f' {alarm.wheel}' if alarm.wheel else ''}" for alarm in report.active}

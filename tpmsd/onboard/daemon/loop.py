@@ -60,9 +60,9 @@ from tpmsd.onboard.sources.events import SourceFault
 
 SCHEMA = "tpmsd.status/2"
 GRACE_S = 0.06
-"""How long an input may take from its stamp to this process."""
+"""Time that an input may take from its stamp to this process, s."""
 POLL_S = 0.004
-"""How often a bus without a descriptor is looked at."""
+"""Period at which a bus without a descriptor is polled, s."""
 SECOND_S = 1.0
 VERBOSE_S = 5.0
 RESET_PAUSE_S = 5.0
@@ -176,17 +176,17 @@ class Daemon:
 
     @property
     def stopped_by(self) -> str:
-        """Why it stopped: the name of a signal, or what `stop` was given; empty while it runs."""
+        """Reason of the stop: the name of a signal, or the argument of `stop`; empty while it runs."""
         return self._stopping
 
     def document(self) -> dict[str, Any]:
-        """The status document as it is now."""
+        """Return the status document as it is now."""
         document = self._health.document(self._pipeline, self._clock.monotonic(), self._deadlines.missed)
         own = self._own.status(self._pipeline.monitor.car_speed())
         return {**self._provenance, **document, **own}
 
     def explain(self) -> dict[str, Any]:
-        """Why alarms stand, or why none does."""
+        """Return the reasons for which alarms stand, or for which none does."""
         last = self._health.last
         explained = self._pipeline.monitor.explain(None if last is None else last.report)
         return {"version": DOCUMENT_VERSION, **explained}
@@ -331,7 +331,7 @@ class Daemon:
             (self._bus, *self._others)[number].send(of_bus, monotonic_s)
 
     def _faults(self, time_s: float) -> list[SourceFault]:
-        """For as long as an input is down, the monitor is told so with every tick."""
+        """Report every input that is down to the monitor with every tick."""
         faults = []
         for bus in (self._bus, *self._others):
             if bus.is_down:

@@ -21,7 +21,8 @@ from tpmsd.onboard.monitor.records import AlarmEvent
 MOST_WAITING = 32
 """Events that wait for their turn; of more the oldest are left out, for the newest say how it is."""
 PASSED_ON = ("PATH", "HOME", "LANG", "LC_ALL", "TZ")
-"""What the program sees of the daemon's own environment; secrets of the service are not its business."""
+"""Variables of the daemon's own environment that the program is given; secrets of the service are left
+out."""
 
 
 class Notices:
@@ -105,7 +106,7 @@ class Notices:
 
 
 def variables(event: AlarmEvent) -> dict[str, str]:
-    """What the program is told; a number that nobody knows is an empty text."""
+    """Return the variables that the program is given; a number that is not known is an empty text."""
     return {
         "TPMSD_KIND": str(event.kind),
         "TPMSD_STATE": event.state,

@@ -1,4 +1,4 @@
-"""When to tell the service manager what: READY, STATUS, WATCHDOG, STOPPING.
+"""Messages to the service manager and their times: READY, STATUS, WATCHDOG, STOPPING.
 
 In: the number of ticks so far, monotonic time. Out: sd_notify messages. Ready is a daemon that makes
 ticks, and the watchdog is fed only while there are new ones: a loop that turns without an estimate is as

@@ -30,7 +30,7 @@ class SignalPipe:
         return self._reader.fileno()
 
     def read(self) -> list[signal.Signals]:
-        """The signals that have come since."""
+        """Return the signals that have come since."""
         numbers = b""
         with contextlib.suppress(BlockingIOError):
             numbers = self._reader.recv(4096)
